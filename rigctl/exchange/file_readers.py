@@ -14,12 +14,12 @@ from rigctl.errors import WrongUse
 from rigctl.exchange.column_map import ImportMap
 from rigctl.exchange.column_names import format_names, range_ends
 from rigctl.exchange.matlab.matlab_reader import read_mat
+from rigctl.exchange.recording_files import SUFFIXES
 from rigctl.exchange.text_table import read_text_table
 from rigctl.exchange.trial_tables import FileTrials, Floats, LabelColumn, TrialTable, split_trials
 from rigctl.session.files.numpy_file import read_numpy
 
 DELIMITERS = {".csv": ",", ".tsv": "\t", ".txt": "\t"}
-SUFFIXES = (*DELIMITERS, ".mat", ".npy", ".npz")
 KEPT_BYTES = 512 << 20
 TRUNCATED = "its last row is incomplete: left out"
 

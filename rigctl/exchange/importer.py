@@ -87,7 +87,7 @@ def import_files(
 def _header(
     mapping: ImportMap, scaling: TaxelScaling, trials: Sequence[PlannedTrial], start_utc: str
 ) -> SessionHeader:
-    text = "\n".join(map(repr, trials))
+    text = "\n".join(f"{trial!r}, mount {trial.mount}" for trial in trials)
     return SessionHeader(
         plan_hash=hashlib.sha256(text.encode()).hexdigest()[:32],
         seed=0,

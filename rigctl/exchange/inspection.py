@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -18,6 +17,7 @@ from rigctl.exchange.column_map import ImportMap
 from rigctl.exchange.column_names import format_names, range_ends
 from rigctl.exchange.file_readers import DELIMITERS, RecordingReader
 from rigctl.exchange.labels import TrialLabel, number_repeats, parse_label, refuse_collisions
+from rigctl.exchange.recording_files import common_folder
 from rigctl.exchange.resampling import (
     Floats,
     ResampledSeries,
@@ -127,11 +127,6 @@ def inspect_files(
     scaling = inspector.scaling()
     remarks = (*inspector.remarks, *_rate_remarks(trials, mapping), *_force_remarks(mapping))
     return Inspection(tuple(trials), scaling, remarks)
-
-
-def common_folder(paths: Sequence[Path]) -> Path:
-    """Return the innermost folder that contains every path, absolute."""
-    return Path(os.path.commonpath([path.absolute().parent for path in paths]))
 
 
 class _Inspector:

@@ -74,6 +74,7 @@ class TrialLabel:
             force_mode="position" if self.depth else "hold",
             direction=self.direction,
             depth_mm=self.force_g if self.depth else 0.0,
+            mount=self.mount,
         )
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 from array import array
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from io import TextIOWrapper
-from itertools import chain, repeat
+from itertools import chain, islice, repeat
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
@@ -46,18 +47,32 @@ def read_text_table(
     ``numbers``: the columns that must be numbers, None for all; others are NaN where they are
     texts. ``labels``: columns that may be texts. Raises WrongUse naming file, row and column.
     """
+    with open_text(path) as file:
+        rows = _numbered_rows(csv.reader(_lines(path, file), delimiter=delimiter))
+        return _read_rows(path, rows, numbers, labels)
+
+
+def read_first_lines(path: Path, count: int) -> list[str]:
+    """Return up to ``count`` lines with any content. Raises WrongUse as :func:`read_text_table`."""
+    with open_text(path) as file:
+        lines = (line.rstrip("\r\n") for line in _lines(path, file))
+        return list(islice((line for line in lines if line.strip()), count))
+
+
+@contextmanager
+def open_text(path: Path) -> Iterator[TextIO]:
+    """Open a text table. Raises WrongUse for a file that is too large or is no text in UTF-8."""
     with open_file(path) as binary:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise WrongUse(f"{path} has more than {MAX_FILE_BYTES:,} bytes: split it")
         with TextIOWrapper(binary, encoding="utf-8-sig", newline="") as file:
-            rows = _numbered_rows(csv.reader(text_lines(path, file), delimiter=delimiter))
             try:
-                return _read_rows(path, rows, numbers, labels)
+                yield file
             except (UnicodeDecodeError, csv.Error) as error:
                 raise WrongUse(f"{path} is not a text table in UTF-8: {error}") from error
 
 
-def text_lines(path: Path, file: TextIO) -> Iterator[str]:
+def _lines(path: Path, file: TextIO) -> Iterator[str]:
     """Yield the lines. Raises WrongUse for one without an end in sight."""
     number = 0
     while line := file.readline(MAX_LINE_LETTERS + 1):
@@ -107,8 +122,7 @@ def has_names(first: Sequence[str], second: Sequence[str]) -> bool:
     """Return whether a first row has names: a text where the second has a number, or no cell."""
     below = (*second, *repeat("", len(first) - len(second)))
     return any(
-        not _is_number(cell) and _is_number(under)
-        for cell, under in zip(first, below, strict=False)
+        not is_number(cell) and is_number(under) for cell, under in zip(first, below, strict=False)
     )
 
 
@@ -174,7 +188,7 @@ class _RowParser:
         return {column: tuple(places) for column, places in self._texts.items()}
 
     def _cell(self, number: int, column: int, cell: str) -> float:
-        if _is_number(cell):
+        if is_number(cell):
             return float(cell or "nan")
         if column in self._numbers:
             raise WrongUse(
@@ -184,7 +198,8 @@ class _RowParser:
         return float("nan")
 
 
-def _is_number(cell: str) -> bool:
+def is_number(cell: str) -> bool:
+    """Return whether a cell is a number, or empty."""
     try:
         float(cell or "nan")
     except ValueError:

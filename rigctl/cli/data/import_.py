@@ -1,7 +1,8 @@
 """Import recordings from elsewhere into a session.
 
-Each file becomes a trial of 1 kHz samples, labelled by its name. The map names the columns.
-Reads .csv, .tsv, .txt, .mat, .npy and .npz.
+Each trial of the files becomes a trial of 1 kHz samples. The map names the columns and says where
+the labels are; --guess looks at the files and writes such a map. Reads .csv, .tsv, .txt, .mat, .npy
+and .npz, and all of these in a folder.
 """
 
 from __future__ import annotations
@@ -10,29 +11,71 @@ import argparse
 import json
 import sys
 from datetime import UTC, datetime
+from pathlib import Path
 
 from rigctl.cli import INTERRUPTED
 from rigctl.cli.data.closing import print_session
 from rigctl.cli.options.arguments import a_path
 from rigctl.cli.options.progress import ProgressLine
 from rigctl.cli.options.terminal import Interrupts
+from rigctl.errors import WrongUse
 
 LINES_SHOWN = 30
+GUESSED = Path("map.toml")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("files", nargs="+", type=a_path("FILE"), metavar="FILE")
     parser.add_argument(
-        "--map", required=True, type=a_path("--map"), metavar="MAP", help="a TOML file"
+        "files", nargs="+", type=a_path("FILE"), metavar="FILE", help="a recording, or a folder"
     )
     parser.add_argument(
-        "--out", required=True, type=a_path("--out"), metavar="DIR", help="the new session"
+        "--guess", action="store_true", help="write a map for these files; import nothing"
     )
+    parser.add_argument(
+        "--map",
+        type=a_path("--map"),
+        metavar="MAP",
+        help=f"a TOML file; with --guess the new one (default: {GUESSED})",
+    )
+    parser.add_argument("--out", type=a_path("--out"), metavar="DIR", help="the new session")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:
+    """Import the files, or guess their map; return 0 when all went well."""
+    from rigctl.exchange.recording_files import find_recordings
+
+    if not args.guess and (args.map is None or args.out is None):
+        raise WrongUse("an import needs --map and --out; --guess writes a map")
+    files, left_out = find_recordings(args.files)
+    if left_out:
+        names = f"{left_out[0].name}{' and more' if len(left_out) > 1 else ''}"
+        print(
+            f"note: {len(left_out)} files of the folder are of another kind than {files[0].name}: "
+            f"left out ({names})",
+            file=sys.stderr,
+        )
+    return _guess(args, files) if args.guess else _import(args, files)
+
+
+def _guess(args: argparse.Namespace, files: list[Path]) -> int:
+    """Write the guessed map; return 1 if it does not work yet."""
+    from rigctl.cli.data.guessed_map import print_guess, write_guess
+    from rigctl.exchange.guess.guess import guess_map
+
+    if args.out is not None:
+        raise WrongUse("--guess imports nothing: leave out --out")
+    path = args.map or GUESSED
+    if path.exists():
+        raise WrongUse(f"{path} exists already: name another file with --map, or delete it")
+    guessed = guess_map(files)
+    write_guess(path, guessed)
+    print_guess(path, files, guessed, as_json=args.json)
+    return 1 if guessed.problem else 0
+
+
+def _import(args: argparse.Namespace, files: list[Path]) -> int:
     """Import the files and return 0 when all are in the session; check all before writing any."""
     from rigctl.exchange.column_map import load_map
     from rigctl.exchange.importer import import_files
@@ -40,12 +83,12 @@ def run(args: argparse.Namespace) -> int:
     line = ProgressLine(sys.stderr, quiet=args.json)
 
     def show(stage: str, done: int) -> None:
-        line.show_stage(f"{stage} files", done, len(args.files))
+        line.show_stage(f"{stage} files", done, len(files))
 
     stamp = datetime.now(UTC).isoformat(timespec="seconds")
     with Interrupts(limit=1) as interrupts:
         surveyed, whole = import_files(
-            args.files, load_map(args.map), args.out, stamp, show, interrupts.requested
+            files, load_map(args.map), args.out, stamp, show, interrupts.requested
         )
     if args.json:
         answer = {"session": str(args.out), "trials": len(surveyed.trials), "whole": whole}

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.io import savemat
 
 from rigctl.exchange.column_map import load_map
+from rigctl.exchange.guess.guess import guess_map
 from rigctl.exchange.importer import import_files
 from tests.fuzz.kind import Kind, Mutation, Place
 from tests.fuzz.mutations.bytes import BYTES
@@ -85,7 +86,10 @@ def import_kind(
         inspection, _ = import_files(paths, load_map(folder / "map.toml"), out, UTC)
         return inspection.remarks
 
-    return Kind(name, build, (Place(f"{STEM}{suffix}", mutations),), (import_file,))
+    def guess_file(folder: Path) -> object:
+        return guess_map(sorted(folder.glob(f"*{suffix}"))).text
+
+    return Kind(name, build, (Place(f"{STEM}{suffix}", mutations),), (import_file, guess_file))
 
 
 IMPORT_KINDS = (

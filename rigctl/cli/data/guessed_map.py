@@ -1,0 +1,63 @@
+"""A guessed map: written to a new file, with ten rows and what each column seems to be."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from rigctl.config.names import shorten
+from rigctl.errors import DiskFault, WrongUse
+from rigctl.exchange.guess.guess import GuessedMap
+
+WIDTH = 100
+CELL = 16
+
+
+def write_guess(path: Path, guessed: GuessedMap) -> None:
+    """Write the map. Raises WrongUse for a file that exists, and DiskFault."""
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(guessed.text)
+    except FileExistsError as error:
+        raise WrongUse(f"{path} exists already: name another file with --map") from error
+    except OSError as error:
+        raise DiskFault(f"{path} cannot be written ({error.strerror})") from error
+
+
+def print_guess(path: Path, files: Sequence[Path], guessed: GuessedMap, *, as_json: bool) -> None:
+    """Print rows, columns and labels, and why the map does not work yet."""
+    if as_json:
+        answer = {
+            "map": str(path),
+            "files": len(files),
+            "columns": [dict(zip(("name", "role"), pair, strict=True)) for pair in guessed.columns],
+            "labels": dict(guessed.labels),
+            "problem": guessed.problem,
+        }
+        print(json.dumps(answer, ensure_ascii=False))
+        return
+    count = "1 file" if len(files) == 1 else f"{len(files)} files"
+    print(f"{count}; the first rows of {files[0]}:\n")
+    print_table([guessed.header, *guessed.rows])
+    print("\nEach column seems to be:\n")
+    print_table([*guessed.columns, *((f"({label})", words) for label, words in guessed.labels)])
+    print(f"\nmap: {path}")
+    if guessed.problem:
+        print(f"note: the map does not work yet: {guessed.problem}", file=sys.stderr)
+
+
+def print_table(rows: Sequence[Sequence[str]]) -> None:
+    """Print rows in columns, as many as fit into 100 letters."""
+    longest = 2 * CELL if len(rows[0]) == 2 else CELL
+    widths = [max(min(len(row[k]), longest) for row in rows) + 2 for k in range(len(rows[0]))]
+    shown = next((k for k in range(len(widths)) if sum(widths[: k + 1]) > WIDTH), len(widths))
+    if len(widths) == 2:
+        shown = 2
+    for row in rows:
+        cells = [
+            shorten(row[k], widths[k] - 2 if shown > 2 or k == 0 else WIDTH).ljust(widths[k])
+            for k in range(shown)
+        ]
+        print("  " + "".join(cells).rstrip() + (" …" if shown < len(widths) else ""))

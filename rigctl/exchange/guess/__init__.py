@@ -1,0 +1,1 @@
+"""A map for unknown recordings, guessed from their names, columns and values."""

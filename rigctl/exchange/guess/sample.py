@@ -1,0 +1,218 @@
+"""One file of unknown recordings: its columns, and the texts and scalars beside them."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rigctl.errors import WrongUse
+from rigctl.exchange.file_readers import (
+    DELIMITERS,
+    label_text,
+    read_variables,
+    split_columns,
+    split_elements,
+)
+from rigctl.exchange.recording_files import SUFFIXES
+from rigctl.exchange.text_table import has_names, is_number, read_first_lines, read_text_table
+from rigctl.exchange.trial_tables import Floats
+
+FIRST_LINES = 30
+_LETTERS = (",", ";", "\t", "|", " ")
+_ELEMENT = re.compile(r"^(?P<array>.+?)\.(?P<number>\d+)(?:\.(?P<field>.*))?$")
+MOST_TRANSPOSED = 64
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingSample:
+    """The first file of unknown recordings: ``values`` float64 (n, m), NaN for texts.
+
+    ``texts``: the different texts of each text column by its index, whose values are their places.
+    ``fields``: texts and scalars of every element by name. ``named``: whether columns have names
+    of their own. ``elements``: the array whose elements are trials; values are those of the first.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    values: Floats
+    named: bool
+    texts: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
+    fields: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    delimiter: str = ""
+    elements: str = ""
+    transpose: bool = False
+
+    def cell(self, row: int, column: int) -> str:
+        """Return one cell as text."""
+        value = self.values[row, column]
+        if not np.isfinite(value):
+            return ""
+        return self.texts[column][int(value)] if column in self.texts else f"{value:.10g}"
+
+
+def read_sample(paths: Sequence[Path]) -> RecordingSample:
+    """Return the first file's columns. Raises WrongUse where another has a different layout."""
+    first = paths[0]
+    other = next((path for path in paths if path.suffix.lower() != first.suffix.lower()), None)
+    if other is not None:
+        raise WrongUse(
+            f"{first.name} and {other.name} are of two kinds: guess a map for each kind of file"
+        )
+    if first.suffix.lower() in DELIMITERS:
+        return _read_text(paths)
+    if first.suffix.lower() not in SUFFIXES:
+        raise WrongUse(f"{first}: files that can be imported end in {', '.join(SUFFIXES)}")
+    return _read_arrays(paths)
+
+
+def _read_text(paths: Sequence[Path]) -> RecordingSample:
+    lines = read_first_lines(paths[0], FIRST_LINES)
+    delimiter = _find_delimiter(lines) or DELIMITERS[paths[0].suffix.lower()]
+    head = _head(paths[0], delimiter)
+    for path in paths[1:]:
+        if (other := _head(path, delimiter)) != head:
+            raise WrongUse(
+                f"{path} has {_describe(other)}, but {paths[0].name} has {_describe(head)}: guess "
+                "a map for each layout"
+            )
+    rows = [_cells(line, delimiter) for line in lines]
+    names, n_columns = head
+    columns = [
+        [row[k].strip() for row in rows[bool(names) :] if k < len(row)] for k in range(n_columns)
+    ]
+    labels = [str(k + 1) for k, cells in enumerate(columns) if _are_labels(cells)]
+    table = read_text_table(paths[0], delimiter, (), labels)
+    own = "" if delimiter == DELIMITERS[paths[0].suffix.lower()] else delimiter
+    return RecordingSample(
+        paths[0], table.names, table.values, bool(names), table.texts, delimiter=own
+    )
+
+
+def _find_delimiter(lines: Sequence[str]) -> str:
+    """Return the letter that divides most lines into the same number of cells, at least two."""
+    best, most = "", 1
+    for letter in _LETTERS:
+        width, count = Counter(len(_cells(line, letter)) for line in lines).most_common(1)[0]
+        if width > most and count >= len(lines) - 1:
+            best, most = letter, width
+    return best
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    return next(csv.reader([line], delimiter=delimiter), [])
+
+
+def _head(path: Path, delimiter: str) -> tuple[tuple[str, ...], int]:
+    """Return the names in a table's header, none without one, and its number of columns."""
+    rows = [
+        [cell.strip() for cell in _cells(line, delimiter)] for line in read_first_lines(path, 2)
+    ]
+    if not rows:
+        raise WrongUse(f"{path} is empty")
+    named = has_names(rows[0], rows[1] if len(rows) > 1 else ())
+    return tuple(rows[0]) if named else (), len(rows[0])
+
+
+def _describe(head: tuple[tuple[str, ...], int]) -> str:
+    names, count = head
+    shown = ", ".join(names[:6]) + (", …" if len(names) > 6 else "")
+    return f"the columns {shown} ({count})" if names else f"{count} columns without names"
+
+
+def _are_labels(cells: Sequence[str]) -> bool:
+    """Return whether a column has texts that repeat, so that they may be labels."""
+    is_text = any(not is_number(cell) for cell in cells)
+    return is_text and (len(cells) < 4 or len(set(cells)) <= len(cells) / 2)
+
+
+def _read_arrays(paths: Sequence[Path]) -> RecordingSample:
+    variables = read_variables(paths[0])
+    if len(paths) > 1:
+        _refuse_other_variables(paths, variables)
+    elements = _find_elements(paths[0], variables)
+    trials = split_elements(paths[0], variables, elements) if elements else {"": dict(variables)}
+    full = [trial for trial in trials.values() if any(np.size(value) for value in trial.values())]
+    fields: dict[str, list[str]] = defaultdict(list)
+    for trial in full:
+        for name, value in trial.items():
+            if np.size(value) == 1 and np.asarray(value).dtype.kind in "biufUS":
+                fields[name].append(label_text(value))
+    names, values, transpose = _table(paths[0], full[0] if full else {}, fields)
+    texts = {name: tuple(found) for name, found in fields.items()}
+    named = not all(name.isdigit() for name in names)
+    return RecordingSample(
+        paths[0], names, values, named, fields=texts, elements=elements, transpose=transpose
+    )
+
+
+def _refuse_other_variables(paths: Sequence[Path], variables: Mapping[str, Any]) -> None:
+    """Raise WrongUse where the last file has other names than the first."""
+    last = read_variables(paths[-1])
+    ours, theirs = (
+        {re.sub(r"\.\d+\b", ".n", name) for name in found} for found in (variables, last)
+    )
+    if ours != theirs:
+        other = sorted(theirs ^ ours)[0]
+        raise WrongUse(
+            f"{paths[0].name} and {paths[-1].name} have different variables, such as {other}: "
+            "guess a map for each layout"
+        )
+
+
+def _find_elements(path: Path, variables: Mapping[str, Any]) -> str:
+    """Return the array of structures or cells whose elements look alike, the largest of these."""
+    sizes: Counter[str] = Counter()
+    for name, value in variables.items():
+        if match := _ELEMENT.match(name):
+            sizes[match["array"]] += np.size(value)
+    for array, _ in sizes.most_common():
+        elements = [e for e in split_elements(path, variables, array).values() if _size(e)]
+        if len(elements) > 1 and len({_signature(element) for element in elements}) == 1:
+            return array
+    return ""
+
+
+def _size(element: Mapping[str, Any]) -> int:
+    return sum(int(np.size(value)) for value in element.values())
+
+
+def _signature(element: Mapping[str, Any]) -> frozenset[tuple[str, int]]:
+    """Return the names of the fields with the smaller size of each: the number of columns."""
+    return frozenset(
+        (name, min(np.shape(value)) if np.ndim(value) == 2 else 0)
+        for name, value in element.items()
+    )
+
+
+def _table(
+    path: Path, trial: Mapping[str, Any], fields: Mapping[str, Sequence[str]]
+) -> tuple[tuple[str, ...], Floats, bool]:
+    """Return names and values of the columns of the most common length, and whether transposed."""
+    arrays = {
+        name: np.asarray(value)
+        for name, value in trial.items()
+        if name not in fields
+        and np.ndim(value) in (1, 2)
+        and np.asarray(value).dtype.kind in "biufV"
+    }
+    transpose = any(
+        array.ndim == 2 and 1 < array.shape[0] <= MOST_TRANSPOSED < array.shape[1]
+        for array in arrays.values()
+    )
+    columns = [
+        pair
+        for name, array in arrays.items()
+        for pair in split_columns(str(path), name, array, transpose)
+    ]
+    if not columns:
+        raise WrongUse(f"{path}: no variable is a table of numbers, with samples along rows")
+    length = Counter(len(column) for _, column in columns).most_common(1)[0][0]
+    chosen = [(name, column) for name, column in columns if len(column) == length]
+    return tuple(name for name, _ in chosen), np.stack([c for _, c in chosen], axis=1), transpose
