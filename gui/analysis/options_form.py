@@ -64,6 +64,14 @@ class AnalysisOptionsForm(QWidget):
         self.c = QLineEdit(placeholderText="found by a search")
         self.c.setToolTip("Model file that C is taken from; the analysis measures its rate error")
         self.c_button = browse_button(requested, PathKind.MODEL, self.c.setText)
+        self.settings = QLineEdit(placeholderText="the paper's")
+        self.settings.setToolTip(
+            "Analysis file with other conditions, groups, shares, windows and reference force"
+        )
+        self.settings_button = browse_button(
+            requested, PathKind.ANALYSIS_FILE, self.settings.setText
+        )
+        self.settings.textChanged.connect(self._show_reference)
         self._experiment = DRUM
         self._open_session = ""
         self._added: list[str] = []
@@ -110,6 +118,7 @@ class AnalysisOptionsForm(QWidget):
             sensitivity=self.sensitivity.isChecked(),
             representation=self.model.currentData(),
             c=self.c.text().strip(),
+            settings=self.settings.text().strip(),
         )
 
     def _show_sessions(self) -> None:
@@ -117,6 +126,10 @@ class AnalysisOptionsForm(QWidget):
         show_text(self.session_names, names or "–")
         self.session_names.setToolTip(plain_tooltip("\n".join(self.sessions)))
         self.remove_button.setEnabled(bool(self._added))
+
+    def _show_reference(self, settings: str) -> None:
+        """Let the reference force be chosen only where no analysis file says it."""
+        self.reference.setEnabled(not settings.strip())
 
     def _remove_added(self) -> None:
         self._added.clear()
@@ -127,6 +140,7 @@ class AnalysisOptionsForm(QWidget):
         self.setLayout(form)
         form.addRow("Sessions", hbox(self.session_names, self.add_button, self.remove_button))
         form.addRow("Tasks", self.task)
+        form.addRow("Constants", hbox(self.settings, self.settings_button))
         form.addRow("Draws", self.draws)
         form.addRow("Components", self.components)
         form.addRow("Encoder", self.preset)

@@ -64,7 +64,8 @@ class AnalysisRequest(NamedTuple):
     """The options of ``rigctl analyse``.
 
     ``task``: empty for all. ``representation``: that of a model to save beside the report, empty
-    for none. ``c``: a model file that C is taken from, empty for a search.
+    for none. ``c``: a model file that C is taken from, empty for a search. ``settings``: an
+    analysis file, empty for the paper's constants; with one, its reference force holds.
     """
 
     sessions: tuple[str, ...]
@@ -79,6 +80,7 @@ class AnalysisRequest(NamedTuple):
     sensitivity: bool
     representation: str
     c: str
+    settings: str
 
 
 def model_path(report: Path) -> Path:

@@ -27,6 +27,7 @@ class PathKind(Enum):
     PROTOCOL = ("Protocol (*.toml)", _TOML, "Open a protocol file")
     OUTPUT = ("Folder for new sessions", "", "Choose a folder")
     SESSION = ("Session folder", "", "Choose a session folder")
+    ANALYSIS_FILE = ("Analysis file (*.toml)", _TOML, "Choose an analysis file")
     MODEL = ("Model file (*.h5)", _MODEL, "Choose a model file")
     FINGER_MODEL = (
         "Session folder of the training or calibration",

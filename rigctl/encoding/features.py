@@ -7,7 +7,7 @@ texture.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,19 +84,25 @@ class FeatureLayout:
 
     @classmethod
     def covering(
-        cls, n_samples: Sequence[int], speeds_mm_s: Sequence[float], *, scaled: bool
+        cls,
+        n_samples: Sequence[int],
+        speeds_mm_s: Sequence[float],
+        *,
+        scaled: bool,
+        window_ms: int = WINDOW_MS,
+        reference_mm_s: float = REFERENCE_SPEED_MM_S,
     ) -> FeatureLayout:
         """Return a layout with as many windows as the longest trial of a set fills.
 
         Less than half a window at the end counts as clock error: 6,001 samples, both ends of 6 s
         included, fill the paper's 60 windows.
         """
-        one = cls(1, scaled)
+        one = cls(1, scaled, window_ms, reference_mm_s)
         ends = [0.0]
         for n, speed in zip(n_samples, speeds_mm_s, strict=True):
             factor = speed / one.reference_mm_s if scaled else 1.0
             ends.append(n * factor * 1000 / (SAMPLE_RATE_HZ * one.window_ms))
-        return cls(max(1, int(max(ends) + 0.5)), scaled)
+        return replace(one, n_windows=max(1, int(max(ends) + 0.5)))
 
 
 # The paper's two: 720 and 2160 features with 18 taxels.

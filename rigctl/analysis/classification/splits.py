@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rigctl.analysis.classification.component_sweep import Labels, Rows
 from rigctl.analysis.data.trial_set import TrialSet
 from rigctl.analysis.paper import published
+from rigctl.analysis.settings.analysis_settings import AnalysisSettings
 from rigctl.errors import WrongUse
 
 Fold = tuple[Rows, Rows]
@@ -23,6 +24,8 @@ EXTRAPOLATIONS = {
     (False, False): "untrained-both",
 }
 """Task that tests a condition, by whether its speed and its force are trained."""
+LEAST_TRIALS = {"folds": 2, "extrapolation": 1}
+"""Trials without which a family leaves a texture out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,15 +33,17 @@ class Design:
     """Labels and conditions of a set's trials, an element for each trial.
 
     ``texture``: int64 index into ``textures``; ``speed_mm_s``, ``force_g``: float64.
+    ``settings``: the groups, trained conditions and shares.
     """
 
     textures: tuple[str, ...]
     texture: NDArray[np.int64]
     speed_mm_s: NDArray[np.float64]
     force_g: NDArray[np.float64]
+    settings: AnalysisSettings = field(default_factory=AnalysisSettings)
 
     @classmethod
-    def from_trials(cls, trials: TrialSet) -> Design:
+    def from_trials(cls, trials: TrialSet, settings: AnalysisSettings | None = None) -> Design:
         """Return the design of a set of trials."""
         names = trials.textures
         return cls(
@@ -46,25 +51,34 @@ class Design:
             np.array([names.index(t.texture) for t in trials.trials], np.int64),
             np.array([t.speed_mm_s for t in trials.trials]),
             np.array([t.force_g for t in trials.trials]),
+            settings or AnalysisSettings(),
         )
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """The paper's texture groups in the set; empty where a texture has none."""
-        if not all(name in published.GROUPS for name in self.textures):
-            return ()
-        return tuple(dict.fromkeys(published.GROUPS[name] for name in self.textures))
+        """The texture groups in the set."""
+        return self.settings.groups.present(self.textures)
+
+    @property
+    def ungrouped(self) -> tuple[str, ...]:
+        """Textures without a group."""
+        group_of = self.settings.groups.group_of
+        return tuple(name for name in self.textures if name not in group_of)
 
     def classes(self, task: published.Task) -> tuple[str, ...]:
         """Return the class names of a task."""
         return self.groups if task.grouped else self.textures
 
     def labels(self, task: published.Task) -> NDArray[np.int64]:
-        """Return the index of each trial's class in :meth:`classes`, int64."""
-        if not task.grouped:
-            return self.texture
-        group = [self.groups.index(published.GROUPS[name]) for name in self.textures]
-        return np.array(group, np.int64)[self.texture]
+        """Return the index of each trial's class in :meth:`classes`, int64; −1 for none."""
+        return self.group_labels if task.grouped else self.texture
+
+    @property
+    def group_labels(self) -> NDArray[np.int64]:
+        """Index of each trial's texture group, int64; −1 for a texture without one."""
+        groups, group_of = self.groups, self.settings.groups.group_of
+        index = [groups.index(group_of[n]) if n in group_of else -1 for n in self.textures]
+        return np.array(index, np.int64)[self.texture]
 
     def conditions(self) -> list[Rows]:
         """Return the rows of each texture × speed × force in the set, in a fixed order."""
@@ -97,33 +111,62 @@ def make_splits(design: Design, family: str, seed: int, iteration: int) -> list[
 
 
 def extrapolation_fits(design: Design) -> bool:
-    """Return whether the set has the paper's trained speeds and forces, and others to test."""
-    speeds, forces = set(design.speed_mm_s.tolist()), set(design.force_g.tolist())
-    trained = np.isin(design.speed_mm_s, published.TRAINED_SPEEDS_MM_S)
-    trained &= np.isin(design.force_g, published.TRAINED_FORCES_G)
+    """Return whether the set has the trained speeds and forces, and others to test."""
+    conditions = design.settings.conditions
+    taken = [
+        (speed_mm_s, force_g)
+        for speed_mm_s, force_g in zip(
+            design.speed_mm_s.tolist(), design.force_g.tolist(), strict=True
+        )
+        if conditions.takes(speed_mm_s, force_g)
+    ]
     return (
-        set(published.TRAINED_SPEEDS_MM_S) < speeds
-        and set(published.TRAINED_FORCES_G) < forces
-        and len(np.unique(design.texture[trained])) == len(design.textures)
+        set(conditions.trained_speeds_mm_s) < {speed_mm_s for speed_mm_s, _ in taken}
+        and set(conditions.trained_forces_g) < {force_g for _, force_g in taken}
+        and len(design.textures) - len(textures_left_out(design, "extrapolation")) > 1
     )
+
+
+def textures_left_out(design: Design, family: str) -> tuple[str, ...]:
+    """Return the textures that a family cannot use: those with nothing to train on or to test.
+
+    The folds need two trials of a texture, the extrapolation one of a trained condition.
+    """
+    counted = np.ones(len(design.texture), bool)
+    if family == "extrapolation":
+        counted = _is_trained(design)
+    counts = np.bincount(design.texture[counted], minlength=len(design.textures))
+    least = LEAST_TRIALS.get(family, 0)
+    return tuple(name for name, n in zip(design.textures, counts, strict=True) if n < least)
+
+
+def _is_trained(design: Design) -> NDArray[np.bool_]:
+    conditions = design.settings.conditions
+    trained = np.isin(design.speed_mm_s, conditions.trained_speeds_mm_s)
+    return np.asarray(trained & np.isin(design.force_g, conditions.trained_forces_g))
 
 
 def _folds(design: Design, random: np.random.Generator) -> list[Split]:
     """Return the folds over a random third of each texture's trials."""
+    settings = design.settings.folds
     counts = np.bincount(design.texture, minlength=len(design.textures))
-    n_folds = int(min(published.N_FOLDS, counts.min()))
-    if len(design.textures) < 2 or n_folds < 2:
+    used = np.flatnonzero(counts >= LEAST_TRIALS["folds"])
+    if len(used) < 2:
         raise WrongUse("it needs two textures or more, with two trials or more of each")
+    n_folds = int(min(settings.count, counts[used].min()))
     # A third, but at least one trial for each fold.
-    sizes = [max(round(n * published.DRAWN_SHARE), n_folds) for n in counts.tolist()]
-    rows = [random.permutation(np.flatnonzero(design.texture == t)) for t in range(len(counts))]
+    sizes = [max(round(n * settings.drawn_share), n_folds) for n in counts[used].tolist()]
+    rows = [random.permutation(np.flatnonzero(design.texture == t)) for t in used]
     drawn = np.concatenate([one[:size] for one, size in zip(rows, sizes, strict=True)])
-    labels = design.texture[drawn]
+    labels = np.searchsorted(used, design.texture[drawn])
     folds = stratified_folds(labels, n_folds, int(random.integers(2**63)))
-    return [
-        Split(drawn[train], {"textures": drawn[test], "groups": drawn[test]})
-        for train, test in folds
-    ]
+    grouped = design.group_labels >= 0
+    splits = []
+    for train, test in folds:
+        tested = drawn[test]
+        tests = {"textures": tested, "groups": tested[grouped[tested]]}
+        splits.append(Split(drawn[train], {key: rows for key, rows in tests.items() if len(rows)}))
+    return splits
 
 
 def stratified_folds(labels: Labels, n_folds: int, seed: int) -> list[Fold]:
@@ -146,23 +189,28 @@ def stratified_folds(labels: Labels, n_folds: int, seed: int) -> list[Fold]:
 
 
 def _extrapolation(design: Design, random: np.random.Generator) -> Split:
+    settings, conditions = design.settings.extrapolation, design.settings.conditions
     if not extrapolation_fits(design):
         raise WrongUse(
-            "it needs 40, 60, 80 mm/s and 250, 500 g of every texture, and another speed and force"
+            f"it needs {conditions.training_text} of two textures or more, and another speed and "
+            "force"
         )
+    left_out = {design.textures.index(n) for n in textures_left_out(design, "extrapolation")}
     train: list[Rows] = []
     tests: dict[str, list[Rows]] = {}
     for rows in design.conditions():
+        speed_mm_s, force_g = float(design.speed_mm_s[rows[0]]), float(design.force_g[rows[0]])
+        if design.texture[rows[0]] in left_out or not conditions.takes(speed_mm_s, force_g):
+            continue
         shuffled, n = random.permutation(rows), len(rows)
-        speed_is_trained = design.speed_mm_s[rows[0]] in published.TRAINED_SPEEDS_MM_S
-        force_is_trained = design.force_g[rows[0]] in published.TRAINED_FORCES_G
-        if speed_is_trained and force_is_trained:
-            n_train = min(max(1, round(n * published.TRAINED_SHARE)), max(1, n - 1))
+        trained = conditions.trains_speed(speed_mm_s), conditions.trains_force(force_g)
+        if all(trained):
+            n_train = min(max(1, round(n * settings.trained_share)), max(1, n - 1))
             train.append(shuffled[:n_train])
             tested = shuffled[n_train:]
         else:
-            tested = shuffled[: max(1, round(n * published.TESTED_SHARE))]
-        tests.setdefault(EXTRAPOLATIONS[speed_is_trained, force_is_trained], []).append(tested)
+            tested = shuffled[: max(1, round(n * settings.tested_share))]
+        tests.setdefault(EXTRAPOLATIONS[trained], []).append(tested)
     joined = {key: np.concatenate(rows) for key, rows in tests.items() if rows}
     return Split(np.concatenate(train), {key: rows for key, rows in joined.items() if len(rows)})
 
@@ -175,9 +223,10 @@ def _leave_one_out(
         raise WrongUse("it needs two levels or more, one to leave out and one to train on")
     if len(design.textures) < 2:
         raise WrongUse("it needs two textures or more")
+    share = design.settings.extrapolation.trained_share
     drawn = np.concatenate(
         [
-            random.permutation(rows)[: max(1, round(len(rows) * published.TRAINED_SHARE))]
+            random.permutation(rows)[: max(1, round(len(rows) * share))]
             for rows in design.conditions()
         ]
     )

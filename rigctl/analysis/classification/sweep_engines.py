@@ -49,7 +49,10 @@ def predict_splits(
     k_max: int,
     engine: SweepEngine,
 ) -> list[SweepPredictions]:
-    """Fit each split and predict its tests; ``labels``: of all feature rows, by task key."""
+    """Fit each split and predict its tests; ``labels``: of all feature rows, by task key.
+
+    Rows with a label of −1 take part in the principal components of that task, not in its LDA.
+    """
     rows = np.unique(np.concatenate([row for s in splits for row in (s.train, *s.tests.values())]))
     dense = np.ascontiguousarray(features[rows])
     position = np.full(len(features), -1, np.intp)
@@ -85,7 +88,10 @@ def _predict_split(
     train_scores = _scores(pca, features[split.train], rank)
     predictions, dropped = {}, 0
     for key, test in tests.items():
-        lda = fit_nested_lda(train_scores, labels[key][split.train])
+        truth = labels[key][split.train]
+        known = truth >= 0
+        every = bool(known.all())
+        lda = fit_nested_lda(train_scores if every else train_scores[known], truth[known])
         predictions[key] = lda.predict(_scores(pca, features[test], rank))
         dropped = max(dropped, len(lda.dropped) - (k_max - rank))
     return SweepPredictions(predictions, dropped, k_max - rank)
@@ -112,13 +118,14 @@ def _predict_with_sklearn(
     from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
     tall = features.shape[1] <= len(train)
-    n, n_classes = len(train), len(np.unique(labels[train]))
+    known = train[labels[train] >= 0]
+    n, n_classes = len(known), len(np.unique(labels[known]))
     pooled = ScaledCovariance(n / (n - n_classes))
     rows = []
     for k in range(1, rank + 1):
         pca = PCA(k, svd_solver="covariance_eigh" if tall else "full").fit(features[train])
         lda = LinearDiscriminantAnalysis(solver="lsqr", covariance_estimator=pooled)
-        lda.fit(pca.transform(features[train]), labels[train])
+        lda.fit(pca.transform(features[known]), labels[known])
         rows.append(lda.predict(pca.transform(features[test])))
     rows += [rows[-1]] * (k_max - rank)
     return np.array(rows, np.int64)

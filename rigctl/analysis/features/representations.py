@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -37,9 +37,11 @@ from rigctl.analysis.features.transferred_c import (
     pool_rate_errors,
     sa_rates_by_force,
 )
+from rigctl.analysis.settings.analysis_settings import AnalysisSettings
+from rigctl.analysis.settings.settings_file import check_reference_force
 from rigctl.encoding.batch import features_from_counts
 from rigctl.encoding.features import FeatureLayout
-from rigctl.encoding.force_matrix import REFERENCE_FORCE_G, ForceMatrix
+from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
 
@@ -75,6 +77,7 @@ class RepresentationSet:
     """Feature files of a set, a row for each of ``trials``; ``files`` by representation key.
 
     ``transferred_c``: the origin of ``force`` if it was not searched on these trials.
+    ``settings``: windows and conditions that they were made with.
     """
 
     trials: TrialSet
@@ -86,6 +89,7 @@ class RepresentationSet:
     files: dict[str, Path]
     remarks: tuple[str, ...]
     transferred_c: TransferredC | None = None
+    settings: AnalysisSettings = field(default_factory=AnalysisSettings)
 
     @property
     def present(self) -> tuple[Representation, ...]:
@@ -107,19 +111,24 @@ def represent(
     parameters: EncoderParameters,
     folder: Path,
     *,
-    reference_g: float = REFERENCE_FORCE_G,
+    settings: AnalysisSettings | None = None,
     source: ForceMatrixSource | None = None,
     ranges: RangesOver | Normalisation = RangesOver.ALL,
     resources: Resources = SERIAL_RESOURCES,
 ) -> RepresentationSet:
     """Encode a set in every representation that it allows; write feature files into ``folder``.
 
-    ``reference_g``: the force whose SA rates the others are scaled to. ``source``: a C that is
-    used as it is, without a search. ``ranges``: the taxel ranges, over all trials used as in the
-    paper, over those that it trains on, or given. The set leaves out trials with gaps and lists
-    them in a remark. Raises SessionError where no complete trial is left.
+    ``settings``: windows, reference force and trained conditions, by default the paper's.
+    ``source``: a C that is used as it is, without a search. ``ranges``: the taxel ranges, over all
+    trials used as in the paper, over those that it trains on, or given. The set leaves out trials
+    with gaps and lists them in a remark. Raises SessionError where no complete trial is left,
+    WrongUse where no trial has the reference force that an analysis file names.
     """
-    prepared = prepare_trials(trials, resources, ranges)
+    settings = settings or AnalysisSettings()
+    reference_g = settings.conditions.reference_force_g
+    if source is None:
+        check_reference_force(settings, trials.forces_g)
+    prepared = prepare_trials(trials, resources, ranges, settings)
     trials = prepared.trials
     remarks = list(trials.remarks)
     obstacle = "" if source else force_scaling_obstacle(trials, reference_g)
@@ -139,6 +148,7 @@ def represent(
         files.paths,
         (*remarks, *([transferred.sentence] if transferred else []), *resources.cache.remarks),
         transferred,
+        settings,
     )
 
 

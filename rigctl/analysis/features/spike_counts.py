@@ -23,7 +23,7 @@ from rigctl.analysis.data.condition_tasks import (
     select_c,
 )
 from rigctl.analysis.data.trial_set import TrialRef, TrialSet
-from rigctl.analysis.paper import published
+from rigctl.analysis.settings.analysis_settings import AnalysisSettings, ConditionSettings
 from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
@@ -52,15 +52,19 @@ class PreparedTrials(NamedTuple):
 
 
 def prepare_trials(
-    trials: TrialSet, resources: Resources, ranges: RangesOver | Normalisation = RangesOver.ALL
+    trials: TrialSet,
+    resources: Resources,
+    ranges: RangesOver | Normalisation = RangesOver.ALL,
+    settings: AnalysisSettings | None = None,
 ) -> PreparedTrials:
     """Leave out trials with gaps; compute hashes, taxel ranges and layouts of the others.
 
     Raises SessionError where no complete trial is left, WrongUse where ``ranges`` do not fit.
     """
+    settings = settings or AnalysisSettings()
     trials = trials.without_gaps()
     hashes, low, high = _fingerprints(trials, resources)
-    normalisation = _ranges(trials, low, high, ranges)
+    normalisation = _ranges(trials, low, high, ranges, settings.conditions)
     outside = np.any((low < normalisation.low) | (high > normalisation.high), axis=1)
     remarks = list(trials.remarks)
     if np.any(outside):
@@ -71,13 +75,26 @@ def prepare_trials(
     if normalisation.constant_taxels:
         listed = ", ".join(map(str, normalisation.constant_taxels))
         remarks.append(f"constant taxels, which read 0 and never spike: {listed}")
+    layouts = _layouts(trials, settings)
+    return PreparedTrials(replace(trials, remarks=tuple(remarks)), hashes, normalisation, layouts)
+
+
+def _layouts(trials: TrialSet, settings: AnalysisSettings) -> tuple[FeatureLayout, FeatureLayout]:
+    """Return the unscaled and the speed-scaled windows."""
+    windows = settings.windows
     lengths = [trial.n_planned for trial in trials.trials]
     speeds = [trial.speed_mm_s for trial in trials.trials]
-    layouts = (
-        FeatureLayout.covering(lengths, speeds, scaled=False),
-        FeatureLayout.covering(lengths, speeds, scaled=True),
-    )
-    return PreparedTrials(replace(trials, remarks=tuple(remarks)), hashes, normalisation, layouts)
+    layouts = []
+    for scaled, n_windows in ((False, windows.unscaled), (True, windows.speed_scaled)):
+        layout = FeatureLayout.covering(
+            lengths,
+            speeds,
+            scaled=scaled,
+            window_ms=windows.length_ms,
+            reference_mm_s=windows.reference_speed_mm_s,
+        )
+        layouts.append(replace(layout, n_windows=n_windows) if n_windows else layout)
+    return layouts[0], layouts[1]
 
 
 def group_by_condition(
@@ -214,6 +231,7 @@ def _ranges(
     low: NDArray[np.uint16],
     high: NDArray[np.uint16],
     over: RangesOver | Normalisation,
+    conditions: ConditionSettings,
 ) -> Normalisation:
     if isinstance(over, Normalisation):
         if over.n_taxels != trials.n_taxels:
@@ -227,13 +245,12 @@ def _ranges(
     trained = [
         i
         for i, trial in enumerate(trials.trials)
-        if trial.speed_mm_s in published.TRAINED_SPEEDS_MM_S
-        and trial.force_g in published.TRAINED_FORCES_G
+        if conditions.trains_speed(trial.speed_mm_s) and conditions.trains_force(trial.force_g)
     ]
     if not trained:
         raise WrongUse(
-            "no trial has a training speed and force of the paper (40, 60, 80 mm/s and "
-            "250, 500 g): use --ranges all"
+            f"no trial has a training speed and force ({conditions.training_text}): use "
+            "--ranges all, or name others in an analysis file"
         )
-    source = "minimum and maximum over the trials at 40, 60, 80 mm/s and 250, 500 g"
+    source = f"minimum and maximum over the trials at {conditions.training_text}"
     return Normalisation.from_samples([low[trained], high[trained]], source)

@@ -87,7 +87,7 @@ def measure_ablations(
     results = [result for result in results if result.task.key in published.TABLE_1]
     if not results:
         return None
-    design = Design.from_trials(representations.trials)
+    design = Design.from_trials(representations.trials, representations.settings)
     jobs = [
         _VarianceJob(representations.files[r.key], design, representations.layout(r).n_windows)
         for r in representations.present

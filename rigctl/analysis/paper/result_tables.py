@@ -35,6 +35,7 @@ from rigctl.analysis.paper.curve_tests import (
 from rigctl.analysis.paper.explanations import explain
 from rigctl.analysis.paper.statistics import Difference, standard_error
 from rigctl.analysis.paper.tasks import Curve, SweepSettings, TaskResult
+from rigctl.analysis.settings.settings_file import as_plain
 
 DECIMALS = 4
 
@@ -112,6 +113,8 @@ def as_dict(
             "seed": settings.seed,
             "engine": settings.engine.value,
             "encoder": representations.parameters.as_dict(),
+            "analysis": as_plain(representations.settings),
+            "analysis_file": representations.settings.file or None,
         },
         "trials": {
             "used": len(trials.trials),

@@ -10,7 +10,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.classification.splits import Design, Split, extrapolation_fits, make_splits
+from rigctl.analysis.classification.splits import (
+    Design,
+    Split,
+    extrapolation_fits,
+    make_splits,
+    textures_left_out,
+)
 from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
 from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.features.representations import Representation, RepresentationSet
@@ -137,7 +143,7 @@ def run_tasks(
 
     Raises :class:`WrongUse` where no task is left.
     """
-    design = Design.from_trials(representations.trials)
+    design = Design.from_trials(representations.trials, representations.settings)
     plans, remarks = _plan_families(design, representations, settings)
     runs = [(plan, representation) for plan in plans for representation in representations.present]
     jobs = [
@@ -172,6 +178,11 @@ def _plan_families(
             remarks.append(f"{_join_titles(tasks)}: left out, {reason}")
             continue
         plans.append(plan)
+        if textures := textures_left_out(design, family):
+            remarks.append(
+                f"{_join_titles(plan.tasks)}: textures left out for too few trials to train and "
+                f"test with: {', '.join(textures)}"
+            )
         absent = [task for task in tasks if task not in plan.tasks]
         if absent:
             remarks.append(f"{_join_titles(absent)}: left out, no trial is left to test")
@@ -201,9 +212,13 @@ def _tasks_by_family(
             continue
         if task.grouped and len(design.groups) < 2:
             remarks.append(
-                "texture groups: left out, they need plates A to P of two groups or more"
+                "texture groups: left out, they need plates A to P of two groups or more, or "
+                "groups in an analysis file (--settings)"
             )
             continue
+        if task.grouped and design.ungrouped:
+            listed = ", ".join(design.ungrouped)
+            remarks.append(f"texture groups: textures left out for having no group: {listed}")
         families[task.family] = (*families.get(task.family, ()), task)
     return families
 
@@ -212,8 +227,9 @@ def _default_names(design: Design, remarks: list[str]) -> tuple[str, ...]:
     if extrapolation_fits(design):
         return ("textures", "groups", "extrapolation")
     remarks.append(
-        "the paper's extrapolation (trained on 40, 60, 80 mm/s and 250, 500 g, tested on other "
-        "speeds and forces) does not fit this set: each speed and each force is left out in turn"
+        f"the extrapolation (trained on {design.settings.conditions.training_text}, tested on "
+        "other speeds and forces) does not fit this set: each speed and each force is left out in "
+        "turn"
     )
     left_out = [
         name

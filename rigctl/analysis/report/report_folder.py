@@ -26,7 +26,8 @@ from rigctl.analysis.report.charts.small_multiples import small_multiples
 from rigctl.analysis.report.example_taxel import check_selection, load_taxel, trials_origin
 from rigctl.analysis.report.html_report import html_report
 from rigctl.analysis.report.paper_figures import draw_confusion, draw_curves, draw_taxel
-from rigctl.encoding.force_matrix import REFERENCE_FORCE_G
+from rigctl.analysis.settings.analysis_settings import AnalysisSettings
+from rigctl.analysis.settings.settings_file import differences_from_paper, to_toml
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
 from rigctl.session.files.analysis_file import check_output_path
@@ -35,6 +36,8 @@ from rigctl.session.format.header import IMPORTED
 from rigctl.session.read.session import Session
 
 FEATURES = "features"
+SETTINGS_FILE = "analysis.toml"
+"""Every constant of the report, as a file for another analysis."""
 IMPORT_EVENT = "import"
 """Kind of the events in which an import records its remarks."""
 WHOLE_IMPORT = ("sampled too slowly", "forces are levels", "rows a second: taken at 1 kHz")
@@ -48,19 +51,20 @@ class ReportRequest:
 
     ``model``: to train and save beside the report. ``c``: a file with C, in place of a search.
     ``sensitivity``: whether to compare the other encoder presets. ``ranges``: of the taxels.
+    ``analysis``: the constants of an analysis file, by default the paper's.
     """
 
     sessions: tuple[Path, ...]
     out: Path
     settings: SweepSettings = field(default_factory=SweepSettings)
     parameters: EncoderParameters = DEFAULT
-    reference_g: float = REFERENCE_FORCE_G
     trial: int | None = None
     taxel: int | None = None
     model: ModelRequest | None = None
     c: Path | None = None
     sensitivity: bool = False
     ranges: RangesOver | Normalisation = RangesOver.ALL
+    analysis: AnalysisSettings = field(default_factory=AnalysisSettings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,12 +129,13 @@ def _analyse(
     folder.mkdir()
     settings = request.settings
     encode = partial(
-        represent, trials, reference_g=request.reference_g, source=source, ranges=request.ranges
+        represent, trials, settings=request.analysis, source=source, ranges=request.ranges
     )
     representations = encode(request.parameters, folder, resources=resources)
     results, remarks = run_tasks(representations, settings, resources)
     ablations = measure_ablations(representations, results, settings, resources)
     remarks = (
+        *differences_from_paper(request.analysis),
         *_import_remarks(trials),
         *representations.remarks,
         *remarks,
@@ -174,6 +179,7 @@ def _write(folder: Path, request: ReportRequest, analysis: _Analysis, made_utc: 
     # JSON has no NaN.
     text = json.dumps(values, indent=1, allow_nan=False, ensure_ascii=False)
     (folder / "results.json").write_text(text + "\n", encoding="utf-8")
+    (folder / SETTINGS_FILE).write_text(to_toml(request.analysis), encoding="utf-8")
     (folder / "table1.csv").write_text(to_csv(values["table1"]), encoding="utf-8")
     multiples = small_multiples(trials, ranges, representations.parameters)
     page = html_report(values, figures, multiples, origin)

@@ -22,8 +22,6 @@ from rigctl.cli.options.encoder import (
 )
 from rigctl.errors import WrongUse
 
-DRUM_ITERATIONS, DRUM_K_MAX = 20, 50
-FINGER_ITERATIONS = 100
 DRUM_OPTIONS = (
     "k_max", "task", "c", "sensitivity", "trial", "taxel", "save_model", "representation",
     "components", "preset", "set", "ranges", "reference_force", "dask",
@@ -35,6 +33,7 @@ if TYPE_CHECKING:
     from rigctl.analysis.classification.training import ModelRequest
     from rigctl.analysis.paper.tasks import SweepSettings
     from rigctl.analysis.report.report_folder import ReportResult
+    from rigctl.analysis.settings.analysis_settings import AnalysisSettings
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -51,6 +50,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="drum",
         help="realtime: sessions of the moving finger, training sessions and new ones in pairs, "
         "for Figures 4B, 4C and S5 (default: drum)",
+    )
+    parser.add_argument(
+        "--settings",
+        type=a_path("--settings"),
+        metavar="FILE",
+        help="analysis file (TOML) with conditions, groups, shares, windows and thresholds that "
+        "differ from the paper's; every report holds one, analysis.toml",
     )
     _add_sweep(parser)
     parser.add_argument(
@@ -83,13 +89,13 @@ def _add_sweep(parser: argparse.ArgumentParser) -> None:
         "--iterations",
         type=whole_number("--iterations", 1, MAX_DRAWS),
         metavar="N",
-        help=f"random draws ({DRUM_ITERATIONS}; realtime: {FINGER_ITERATIONS} of each data set)",
+        help="random draws (20; realtime: 100 of each data set)",
     )
     parser.add_argument(
         "--k-max",
         type=whole_number("--k-max", 1),
         metavar="K",
-        help=f"principal components, at most ({DRUM_K_MAX})",
+        help="principal components, at most (50)",
     )
     parser.add_argument(
         "--engine",
@@ -135,19 +141,19 @@ def run(args: argparse.Namespace) -> int:
     from rigctl.analysis.classification.sweep_engines import SweepEngine
     from rigctl.analysis.report.report_folder import ReportRequest, make_report
 
-    engine = SweepEngine(args.engine)
+    engine, analysis = SweepEngine(args.engine), _analysis_of(args)
     request = ReportRequest(
         tuple(Path(name) for name in args.sessions),
         Path(args.out),
-        _sweep_of(args, engine),
+        _sweep_of(args, engine, analysis),
         parameters_of(args),
-        reference_g=args.reference_force,
         trial=args.trial,
         taxel=args.taxel,
         model=_model_of(args),
         c=args.c,
         sensitivity=args.sensitivity,
         ranges=ranges_of(args),
+        analysis=analysis,
     )
     with resources_of(args) as resources:
         report = make_report(request, _now(), resources)
@@ -163,7 +169,8 @@ def _run_realtime(args: argparse.Namespace) -> int:
 
     _refuse_drum_options(args)
     out = Path(args.out)
-    iterations = FINGER_ITERATIONS if args.iterations is None else args.iterations
+    analysis = _analysis_of(args)
+    iterations = analysis.finger.draws if args.iterations is None else args.iterations
     settings = DrawSettings(iterations, args.seed, SweepEngine(args.engine))
     sessions = [Path(name) for name in args.sessions]
     with resources_of(args) as resources:
@@ -186,12 +193,26 @@ def _now() -> str:
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-def _sweep_of(args: argparse.Namespace, engine: SweepEngine) -> SweepSettings:
+def _analysis_of(args: argparse.Namespace) -> AnalysisSettings:
+    """Return the constants of the analysis file, or the paper's; options come before both."""
+    from rigctl.analysis.settings.analysis_settings import AnalysisSettings
+    from rigctl.analysis.settings.settings_file import load_settings
+
+    settings = AnalysisSettings() if args.settings is None else load_settings(args.settings)
+    if args.reference_force is None:
+        return settings
+    return settings.with_reference_force(args.reference_force)
+
+
+def _sweep_of(
+    args: argparse.Namespace, engine: SweepEngine, analysis: AnalysisSettings
+) -> SweepSettings:
     """Return the sweep of the drum's analysis."""
     from rigctl.analysis.paper.tasks import SweepSettings
 
-    iterations = DRUM_ITERATIONS if args.iterations is None else args.iterations
-    k_max = DRUM_K_MAX if args.k_max is None else args.k_max
+    draws = analysis.draws
+    iterations = draws.count if args.iterations is None else args.iterations
+    k_max = draws.components if args.k_max is None else args.k_max
     return SweepSettings(iterations, k_max, args.seed, engine, tuple(args.task))
 
 

@@ -18,6 +18,7 @@ from rigctl.cli.options.encoder import (
     add_resources,
     parameters_of,
     ranges_of,
+    reference_force_of,
     resources_of,
 )
 
@@ -62,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
         tuple(Path(name) for name in args.sessions),
         Path(args.out),
         parameters_of(args),
-        reference_g=args.reference_force,
+        reference_g=reference_force_of(args),
         ranges=ranges_of(args),
         scaled_by=ScaledBy(args.scaled_by),
         trial=args.trial,

@@ -49,7 +49,6 @@ def add_encoder(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--reference-force",
         type=number("--reference-force", 1, 100_000),
-        default=500.0,
         metavar="G",
         help="force to which the SA rates of the other forces are scaled (500)",
     )
@@ -90,6 +89,13 @@ def parameters_of(args: argparse.Namespace) -> EncoderParameters:
 
     base = preset(args.preset)
     return override(base, args.set) if args.set else base
+
+
+def reference_force_of(args: argparse.Namespace) -> float:
+    """Return the chosen reference force in g, or the paper's."""
+    from rigctl.encoding.force_matrix import REFERENCE_FORCE_G
+
+    return REFERENCE_FORCE_G if args.reference_force is None else float(args.reference_force)
 
 
 def ranges_of(args: argparse.Namespace) -> RangesOver | Normalisation:

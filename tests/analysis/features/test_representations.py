@@ -16,6 +16,7 @@ from rigctl.analysis.features.representations import (
     represent,
 )
 from rigctl.analysis.features.transferred_c import ForceMatrixSource
+from rigctl.analysis.settings.analysis_settings import AnalysisSettings
 from rigctl.encoding.features import feature_matrices
 from rigctl.encoding.parameters import DEFAULT
 from rigctl.errors import SessionError
@@ -23,6 +24,8 @@ from rigctl.session.write.recorder import Recorder
 from rigctl.values import Verdict
 from tests.analysis.recordings import record
 from tests.session.building import PROTOCOL, RIG, SyntheticRig, header, plan
+
+AT_250_G = AnalysisSettings().with_reference_force(250.0)
 
 
 def test_two_days_make_one_set(tmp_path: Path) -> None:
@@ -85,14 +88,14 @@ def test_without_the_reference_force_c_is_left_out_with_a_remark(tmp_path: Path)
     made = represent(join_sessions([session]), DEFAULT, tmp_path)
     assert [r.key for r in made.present] == ["original", "speed"]
     assert any("reference force of 500 g" in remark for remark in made.remarks)
-    other = represent(join_sessions([session]), DEFAULT, tmp_path, reference_g=250.0)
+    other = represent(join_sessions([session]), DEFAULT, tmp_path, settings=AT_250_G)
     assert len(other.present) == 6 and other.force is not None
     assert (other.force.c[..., 0] == 1).all() and (other.force.c[..., 1] < 1).all()
 
 
 def test_the_rate_error_of_a_given_c_has_the_reference_of_that_c(tmp_path: Path) -> None:
     trials = join_sessions([record(tmp_path / "session", "AB", travel_mm=12.0)])
-    made = represent(trials, DEFAULT, tmp_path, reference_g=250.0)
+    made = represent(trials, DEFAULT, tmp_path, settings=AT_250_G)
     assert made.force is not None
     source = ForceMatrixSource(tmp_path / "c.h5", made.force, ())
     found = represent(trials, DEFAULT, tmp_path, source=source).transferred_c
