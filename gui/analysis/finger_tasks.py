@@ -15,6 +15,7 @@ from gui.analysis.task_values import (
     FingerSessionInfo,
     ScanPicture,
     SessionTable,
+    analysis_settings,
 )
 from rigctl.errors import WrongUse
 
@@ -95,7 +96,8 @@ def make_report(request: AnalysisRequest, resources: Resources) -> FingerReport:
     from rigctl.analysis.finger.report import make_finger_report
     from rigctl.analysis.finger.tasks import DrawSettings
 
-    settings = DrawSettings(request.draws, request.seed, SweepEngine(request.engine))
+    engine = SweepEngine(request.engine)
+    settings = DrawSettings(request.draws, request.seed, engine, analysis_settings(request))
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     paths = tuple(map(Path, request.sessions))
     return make_finger_report(paths, Path(request.folder), settings, now, resources)

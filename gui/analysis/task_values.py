@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from rigctl.analysis.settings.analysis_settings import AnalysisSettings
 
 PLAN_ROWS = ("Trials", "Plate changes", "Duration", "Disk space")
 DRUM, FINGER = "drum", "finger"
@@ -81,6 +84,16 @@ class AnalysisRequest(NamedTuple):
     representation: str
     c: str
     settings: str
+
+
+def analysis_settings(request: AnalysisRequest) -> AnalysisSettings:
+    """Return the constants of the request's analysis file, or the paper's."""
+    from rigctl.analysis.settings.analysis_settings import AnalysisSettings
+    from rigctl.analysis.settings.settings_file import load_settings
+
+    if request.settings:
+        return load_settings(Path(request.settings).expanduser())
+    return AnalysisSettings().with_reference_force(request.reference_g)
 
 
 def model_path(report: Path) -> Path:

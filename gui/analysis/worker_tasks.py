@@ -30,6 +30,7 @@ from gui.analysis.task_values import (
     ScanPicture,
     SessionTable,
     TrialData,
+    analysis_settings,
     model_path,
 )
 from gui.widgets.formatting import duration, size
@@ -38,7 +39,6 @@ from rigctl.errors import RigctlError
 if TYPE_CHECKING:
     from rigctl.analysis.execution.executor import Progress
     from rigctl.analysis.report.report_folder import ReportRequest
-    from rigctl.analysis.settings.analysis_settings import AnalysisSettings
     from rigctl.encoding.normalisation import Normalisation
     from rigctl.session.read.session import Session
 
@@ -209,17 +209,8 @@ def _report_request(request: AnalysisRequest) -> ReportRequest:
         model=model,
         c=Path(request.c).expanduser() if request.c else None,
         sensitivity=request.sensitivity,
-        analysis=_analysis_settings(request),
+        analysis=analysis_settings(request),
     )
-
-
-def _analysis_settings(request: AnalysisRequest) -> AnalysisSettings:
-    from rigctl.analysis.settings.analysis_settings import AnalysisSettings
-    from rigctl.analysis.settings.settings_file import load_settings
-
-    if request.settings:
-        return load_settings(Path(request.settings).expanduser())
-    return AnalysisSettings().with_reference_force(request.reference_g)
 
 
 def _trial_texts(row: Any) -> tuple[str, ...]:

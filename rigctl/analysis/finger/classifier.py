@@ -22,7 +22,7 @@ from rigctl.analysis.finger.published import COMPONENTS
 from rigctl.analysis.finger.scans import ScanKind, ScanSet
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
-from rigctl.encoding.scaled_time import N_WINDOWS, REFERENCE_UM_PER_S, feature_vector
+from rigctl.encoding.scaled_time import REFERENCE_UM_PER_S, feature_vector
 from rigctl.errors import WrongUse
 from rigctl.session.files.finger_model_file import (
     FingerCalibration,
@@ -75,7 +75,7 @@ def train_stages(
     if components < 1:
         raise WrongUse("a model needs one component or more")
     labels = scans.labels(textures)
-    features = [stage_features(scans, kind, n) for n in range(1, N_WINDOWS + 1)]
+    features = [stage_features(scans, kind, n) for n in range(1, scans.n_windows + 1)]
     return tuple(_fit(rows, labels, components) for rows in features)
 
 
@@ -84,7 +84,7 @@ def stage_features(scans: ScanSet, kind: ScanKind, n_windows: int) -> Floats:
 
     That of all windows takes whole scans: for Original their last 20 windows.
     """
-    if n_windows == N_WINDOWS:
+    if n_windows == scans.n_windows:
         return scans.features(kind)
     return feature_vector(scans.evidence(kind, n_windows)[:, :n_windows])
 

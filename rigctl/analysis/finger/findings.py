@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rigctl.analysis.finger.published import COMPONENTS
 from rigctl.analysis.finger.results import FingerAnalysis
 from rigctl.analysis.finger.scans import KINDS, ScanKind
 from rigctl.analysis.finger.tasks import FingerResult
@@ -66,14 +65,14 @@ def _held(claimed: range, holds: np.ndarray) -> HeldClaim:
 
 
 def _comparison(analysis: FingerAnalysis) -> str:
-    pairs, better = [], 0
+    pairs, better, components = [], 0, analysis.settings.finger.components
     for result in analysis.tasks:
-        k = min(COMPONENTS, result.k_max)
+        k = min(components, result.k_max)
         original, scaled = (float(result.mean(kind)[k - 1]) for kind in KINDS)
         better += scaled > original
         pairs.append(f"{result.task.title.lower()} {scaled:.1%} against {original:.1%}")
     return (
-        f"With {COMPONENTS} components, or as many as there are, Speed Scaled is more accurate "
+        f"With {components} components, or as many as there are, Speed Scaled is more accurate "
         f"than Original in {better} of {len(pairs)} tasks: {', '.join(pairs)}."
     )
 

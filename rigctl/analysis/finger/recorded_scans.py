@@ -18,9 +18,10 @@ from rigctl.analysis.finger.evaluation.force_invariance import (
     scale_to_population,
 )
 from rigctl.analysis.finger.scans import ScanRecording, ScanSet, encode_readings, scan_set
+from rigctl.analysis.settings.analysis_settings import FingerAnalysisSettings
 from rigctl.config.resources import source_commit
 from rigctl.encoding.parameters import preset
-from rigctl.encoding.scaled_time import BATCH_SAMPLES
+from rigctl.encoding.scaled_time import BATCH_SAMPLES, N_WINDOWS
 from rigctl.errors import WrongUse
 from rigctl.protocol.finger import Stage
 from rigctl.session.files.analysis_file import content_digest
@@ -50,6 +51,7 @@ class RecordedScans:
     simulated: bool
     latencies: dict[str, Floats]
     remarks: tuple[str, ...]
+    n_windows: int = N_WINDOWS
 
     @property
     def stages(self) -> frozenset[str]:
@@ -81,7 +83,16 @@ class RecordedScans:
             self.encoding.normalisation,
             simulated=self.simulated,
             reference_um_per_s=self.encoding.reference_um_per_s,
+            n_windows=self.n_windows,
         )
+
+    def with_settings(self, settings: FingerAnalysisSettings) -> RecordedScans:
+        """Return the scans with the windows of an analysis file."""
+        encoding = self.encoding
+        if settings.reference_speed_mm_s:
+            speed_um_per_s = round(1000 * settings.reference_speed_mm_s)
+            encoding = encoding._replace(reference_um_per_s=speed_um_per_s)
+        return replace(self, encoding=encoding, n_windows=settings.windows)
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +152,9 @@ def training_info(scans: RecordedScans, made_utc: str) -> TrainingInfo:
 
 
 def read_data_sets(
-    paths: Sequence[Path], resources: Resources = SERIAL_RESOURCES
+    paths: Sequence[Path],
+    resources: Resources = SERIAL_RESOURCES,
+    settings: FingerAnalysisSettings | None = None,
 ) -> RecordedDataSets:
     """Return the data sets of sessions: each training session with a new one, in their order.
 
@@ -152,7 +165,7 @@ def read_data_sets(
     read = []
     for number, path in enumerate(paths):
         resources.progress(READING_STAGE, number, len(paths))
-        read.append(read_scans(path))
+        read.append(read_scans(path).with_settings(settings or FingerAnalysisSettings()))
     resources.progress(READING_STAGE, len(paths), len(paths))
     pairs, remarks = _pair(read)
     data_sets, currents = [], []

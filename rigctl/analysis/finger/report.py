@@ -17,7 +17,6 @@ from rigctl.analysis.finger.figures import (
     draw_promises,
 )
 from rigctl.analysis.finger.findings import findings, held_above, held_double
-from rigctl.analysis.finger.published import COMPONENTS
 from rigctl.analysis.finger.recorded_scans import read_data_sets
 from rigctl.analysis.finger.result_values import as_dict
 from rigctl.analysis.finger.results import FingerAnalysis, analyse_finger
@@ -60,7 +59,7 @@ def make_finger_report(
     """
     if out.exists():
         raise WrongUse(f"{out} already exists: name another folder, or remove it")
-    recorded = read_data_sets(sessions, resources)
+    recorded = read_data_sets(sessions, resources, settings.finger)
     analysis = analyse_finger(
         recorded.data_sets,
         settings,
@@ -112,7 +111,7 @@ def summary_lines(analysis: FingerAnalysis) -> list[str]:
     start = "Simulated: " if analysis.simulated else ""
     lines = [f"note: {remark}" for remark in analysis.remarks]
     for result in analysis.tasks:
-        shown = min(COMPONENTS, result.k_max)
+        shown = min(analysis.settings.finger.components, result.k_max)
         accuracies = ", ".join(
             f"{kind.value} {result.mean(kind)[shown - 1]:.1%} "
             f"(peak {result.mean(kind).max():.1%} at {int(result.mean(kind).argmax()) + 1})"
@@ -147,7 +146,8 @@ def _draw(analysis: FingerAnalysis, folder: Path) -> dict[str, Path]:
     figures = {}
     for figure, key in _FIGURE_OF.items():
         results = [one for one in analysis.tasks if one.task.figure == figure]
-        figures[key] = draw_accuracies(results, CAPTIONS[key], origin, folder / key)
+        if results:
+            figures[key] = draw_accuracies(results, CAPTIONS[key], origin, folder / key)
     chance = analysis.tasks[0].chance
     figures["evidence"] = draw_evidence(analysis.evidence, chance, origin, folder / "evidence")
     figures["promises"] = draw_promises(

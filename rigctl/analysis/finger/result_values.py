@@ -17,6 +17,7 @@ from rigctl.analysis.finger.results import FingerAnalysis
 from rigctl.analysis.finger.scans import KINDS, ScanKind
 from rigctl.analysis.finger.tasks import FingerResult
 from rigctl.analysis.paper.curve_tests import curve_test_dict
+from rigctl.analysis.settings.settings_file import as_plain
 
 Floats = NDArray[np.float64]
 
@@ -98,6 +99,8 @@ def as_dict(analysis: FingerAnalysis, made_utc: str) -> dict[str, Any]:
             "draws": analysis.settings.draws,
             "seed": analysis.settings.seed,
             "engine": analysis.settings.engine.value,
+            "analysis": as_plain(analysis.settings.analysis),
+            "analysis_file": analysis.settings.analysis.file or None,
         },
         "data_sets": [_data_set_dict(one) for one in analysis.data_sets],
         "remarks": list(analysis.remarks),

@@ -34,6 +34,7 @@ from rigctl.analysis.finger.evaluation.profile_differences import (
 )
 from rigctl.analysis.finger.scans import KINDS, ScanKind
 from rigctl.analysis.finger.tasks import DrawSettings, FingerResult, run_finger_tasks
+from rigctl.analysis.settings.settings_file import differences_from_paper
 from rigctl.errors import WrongUse
 
 Floats = NDArray[np.float64]
@@ -88,12 +89,13 @@ def analyse_finger(
         raise WrongUse("the analysis needs a data set: a training session and a later one")
     if len({one.textures for one in data_sets}) > 1:
         raise WrongUse("the data sets have different textures: analyse sets of one protocol")
-    tasks = run_finger_tasks(data_sets, settings, resources)
+    tasks, omissions = run_finger_tasks(data_sets, settings, resources)
+    components = settings.finger.components
     tested = [one.tested for one in data_sets]
     evidence, coverage, sequential = [], [], []
     for number, kind in enumerate(KINDS):
         resources.progress(BEYOND_STAGE, number, len(KINDS))
-        classifiers = [train_classifier(one, kind) for one in data_sets]
+        classifiers = [train_classifier(one, kind, components) for one in data_sets]
         evidence.append(evidence_curve(classifiers, tested))
         coverage.append(measure_coverage(classifiers, tested))
         sequential += [measure_sequential(classifiers, tested, asked) for asked in ERROR_RATES]
@@ -104,21 +106,26 @@ def analyse_finger(
         tuple(tasks),
         tuple(evidence),
         tuple(coverage),
-        _novelty(data_sets, resources),
+        _novelty(data_sets, components, resources),
         tuple(sequential),
-        tuple(compare_force_scalings(data_sets, scaled_currents, settings.engine)),
+        tuple(compare_force_scalings(data_sets, scaled_currents, settings)),
         tuple(_profiles(data_sets, kind) for kind in KINDS),
         latencies or {},
-        tuple(remarks),
+        (*differences_from_paper(settings.analysis), *remarks, *omissions),
     )
 
 
-def _novelty(data_sets: Sequence[FingerDataSet], resources: Resources) -> tuple[NoveltyResult, ...]:
+def _novelty(
+    data_sets: Sequence[FingerDataSet], components: int, resources: Resources
+) -> tuple[NoveltyResult, ...]:
     textures = data_sets[0].textures
     if len(textures) < MIN_TEXTURES_TO_LEAVE_OUT:
         return ()
     tasks = [
-        LeftOutTask(one, kind, name) for one in data_sets for kind in KINDS for name in textures
+        LeftOutTask(one, kind, name, components)
+        for one in data_sets
+        for kind in KINDS
+        for name in textures
     ]
     found = list(resources.map(leave_texture_out, tasks, NOVELTY_STAGE))
     return tuple(measure_novelty([one for one in found if one.kind is kind]) for kind in KINDS)

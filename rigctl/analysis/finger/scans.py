@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.encoding.encoder import Encoder
+from rigctl.encoding.features import WINDOW_MS
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
 from rigctl.encoding.scaled_time import (
@@ -79,6 +80,7 @@ class ScanSet:
     time_rates: Floats
     n_time_windows: Integers
     reading: Floats
+    reference_um_per_s: int = REFERENCE_UM_PER_S
 
     def __len__(self) -> int:
         return len(self.trial_id)
@@ -87,6 +89,16 @@ class ScanSet:
     def textures(self) -> tuple[str, ...]:
         """Names of the textures, sorted."""
         return tuple(sorted(set(self.texture.tolist())))
+
+    @property
+    def n_windows(self) -> int:
+        """Windows of a feature vector: the paper's 20."""
+        return int(self.windows.shape[1])
+
+    @property
+    def window_mm(self) -> float:
+        """Way of a window of scaled time: the paper's 10 mm."""
+        return WINDOW_MS * self.reference_um_per_s / 1e6
 
     def labels(self, textures: Sequence[str]) -> Integers:
         """Return the index of each scan's texture in ``textures``, int64 (n,); −1 for another."""
@@ -106,7 +118,9 @@ class ScanSet:
         """
         seen = np.broadcast_to(np.asarray(n_windows, np.int64), (len(self),))
         if kind is ScanKind.SPEED_SCALED:
-            return np.where((np.arange(N_WINDOWS) < seen[:, None])[..., None], self.windows, 0.0)
+            return np.where(
+                (np.arange(self.n_windows) < seen[:, None])[..., None], self.windows, 0.0
+            )
         return self._time_windows_until(np.minimum(seen, self.n_time_windows))
 
     def select(self, rows: Rows | NDArray[np.bool_]) -> ScanSet:
@@ -134,10 +148,11 @@ class ScanSet:
 
     def _time_windows_until(self, ends: Integers) -> Floats:
         """Return the last 20 windows of 100 ms before window ``ends``, float64 (n, 20, 9)."""
-        columns = np.maximum(ends - N_WINDOWS, 0)[:, None] + np.arange(N_WINDOWS)
+        n = self.n_windows
+        columns = np.maximum(ends - n, 0)[:, None] + np.arange(n)
         inside = columns < ends[:, None]
         if not self.time_rates.shape[1]:
-            return np.zeros((len(self), N_WINDOWS, self.windows.shape[2]))
+            return np.zeros((len(self), n, self.windows.shape[2]))
         reachable = np.where(inside, columns, 0)
         rates = self.time_rates[np.arange(len(self))[:, None], reachable]
         return np.where(inside[..., None], rates, 0.0)
@@ -150,6 +165,7 @@ def scan_set(
     *,
     simulated: bool,
     reference_um_per_s: int = REFERENCE_UM_PER_S,
+    n_windows: int = N_WINDOWS,
 ) -> ScanSet:
     """Return the scans of recorded trials. ``normalisation``: of the readings.
 
@@ -171,11 +187,12 @@ def scan_set(
         np.array([str(one.profile) for one in recordings]),
         np.array([str(one.stage) for one in recordings]),
         np.array([one.trial_id for one in recordings], np.int64),
-        np.stack([first_windows(windows) for windows in scaled]),
-        np.stack([_first_durations(windows) for windows in scaled]),
+        np.stack([first_windows(windows, n_windows) for windows in scaled]),
+        np.stack([_first_durations(windows, n_windows) for windows in scaled]),
         np.stack([first_windows(windows, longest) for windows in timed]),
         np.array([len(windows.counts) for windows in timed], np.int64),
         np.stack([mean_reading(one.readings, normalisation) for one in recordings]),
+        reference_um_per_s,
     )
 
 
@@ -195,9 +212,9 @@ def mean_reading(readings: NDArray[np.uint16], normalisation: Normalisation) -> 
     return mean
 
 
-def _first_durations(windows: ScaledWindows) -> Integers:
-    first = windows.real_ms[:N_WINDOWS]
-    return np.pad(first, (0, N_WINDOWS - len(first)))
+def _first_durations(windows: ScaledWindows, n_windows: int) -> Integers:
+    first = windows.real_ms[:n_windows]
+    return np.pad(first, (0, n_windows - len(first)))
 
 
 def _check(session: str, one: ScanRecording) -> None:

@@ -7,7 +7,7 @@ centred by the mean of its calibration, in place of the training trials' mean.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -36,10 +36,12 @@ from rigctl.analysis.paper.statistics import (
     two_proportions,
     welch_each,
 )
+from rigctl.analysis.settings.analysis_settings import AnalysisSettings, FingerAnalysisSettings
 from rigctl.errors import WrongUse
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 STAGE = "classifying draws"
 CHUNK = 5
@@ -48,11 +50,17 @@ CHUNK = 5
 
 @dataclass(frozen=True, slots=True)
 class DrawSettings:
-    """``draws``: of each data set; ``seed``: of the draws."""
+    """``draws``: of each data set; ``analysis``: shares, profiles, sizes."""
 
     draws: int = published.DRAWS
     seed: int = 0
     engine: SweepEngine = SweepEngine.OWN
+    analysis: AnalysisSettings = field(default_factory=AnalysisSettings)
+
+    @property
+    def finger(self) -> FingerAnalysisSettings:
+        """The constants of the real-time experiment."""
+        return self.analysis.finger
 
     def __post_init__(self) -> None:
         if self.draws < 1:
@@ -123,10 +131,14 @@ def run_finger_tasks(
     data_sets: Sequence[FingerDataSet],
     settings: DrawSettings,
     resources: Resources = SERIAL_RESOURCES,
-) -> list[FingerResult]:
-    """Return the results of every task. Raises :class:`WrongUse` where trials are too few."""
-    for data_set in data_sets:
-        _require_scans(data_set)
+) -> tuple[list[FingerResult], tuple[str, ...]]:
+    """Return the results of the tasks that the scans allow, and remarks on the others.
+
+    Raises :class:`WrongUse` where trials are too few.
+    """
+    obstacle = next(
+        filter(None, (_profile_obstacle(one, settings.finger) for one in data_sets)), ""
+    )
     tasks = [
         _DrawTask(data_set, number, range(at, min(at + CHUNK, settings.draws)), settings)
         for number, data_set in enumerate(data_sets)
@@ -136,54 +148,70 @@ def run_finger_tasks(
     for drawn in resources.map(_draw_accuracies, tasks, STAGE):
         for key, rows in drawn.items():
             found.setdefault(key, []).extend(rows)
-    return [_join(task, data_sets, found) for task in FINGER_TASKS]
+    run = [task for task in FINGER_TASKS if not (obstacle and task in (TRAINED, UNTRAINED))]
+    results = [_join(task, data_sets, found, settings.finger) for task in run]
+    return results, (obstacle,) if obstacle else ()
 
 
-def _require_scans(data_set: FingerDataSet) -> None:
-    """Raise :class:`WrongUse` where a task has nothing to train with or to test."""
-    trained, training = ", ".join(published.TRAINED_PROFILES), data_set.training
-    if not len(training.of_profiles(published.TRAINED_PROFILES)):
-        raise WrongUse(
-            f"Figure 4C trains with the velocity profiles {trained}, and {training.session} has no "
-            "such scans: record the paper's profiles"
+def _profile_obstacle(data_set: FingerDataSet, settings: FingerAnalysisSettings) -> str:
+    """Return a sentence where Figure 4C has nothing to train with or to test, else ""."""
+    trained, training = ", ".join(settings.trained_profiles), data_set.training
+    start = "Figure 4C is left out: it "
+    if not len(training.of_profiles(settings.trained_profiles)):
+        return (
+            f"{start}trains with the velocity profiles {trained}, and {training.session} has no "
+            "such scans"
         )
-    for task, profiles in ((TRAINED, trained), (UNTRAINED, f"others than {trained}")):
-        if not len(_tested(task, data_set)):
-            raise WrongUse(
-                f"Figure 4C tests the velocity profiles {profiles}, and {data_set.tested.session} "
-                "has no such scans: record the paper's profiles"
+    others = ", ".join(settings.untrained_profiles) or f"others than {trained}"
+    for task, profiles in ((TRAINED, trained), (UNTRAINED, others)):
+        if not len(_tested(task, data_set, settings)):
+            return (
+                f"{start}tests the velocity profiles {profiles}, and {data_set.tested.session} has "
+                "no such scans"
             )
+    return ""
 
 
 def _join(
-    task: FingerTask, data_sets: Sequence[FingerDataSet], found: DrawnAccuracies
+    task: FingerTask,
+    data_sets: Sequence[FingerDataSet],
+    found: DrawnAccuracies,
+    settings: FingerAnalysisSettings,
 ) -> FingerResult:
     rows = {kind: found[task.key, kind] for kind in KINDS}
     # Sets of other sizes may allow other numbers of components: the common ones are compared.
     k_max = min(len(row) for kind in KINDS for row in rows[kind])
     accuracy = {kind: np.array([row[:k_max] for row in rows[kind]]) for kind in KINDS}
-    tested = min(len(_tested(task, data_set)) for data_set in data_sets)
-    n_train = min(_n_train(task, data_set) for data_set in data_sets)
+    tested = min(len(_tested(task, data_set, settings)) for data_set in data_sets)
+    n_train = min(_n_train(task, data_set, settings) for data_set in data_sets)
     chance = 1.0 / len(data_sets[0].textures)
     return FingerResult(task, accuracy, tested, n_train, chance)
 
 
-def _tested(task: FingerTask, data_set: FingerDataSet) -> ScanSet:
+def _tested(task: FingerTask, data_set: FingerDataSet, settings: FingerAnalysisSettings) -> ScanSet:
     if task is SAME_SESSION:
         return data_set.training
     if task not in (TRAINED, UNTRAINED):
         return data_set.tested
-    trained = np.isin(data_set.tested.profile, published.TRAINED_PROFILES)
-    return data_set.tested.select(trained if task is TRAINED else ~trained)
+    trained, untrained = _profile_masks(data_set.tested, settings)
+    return data_set.tested.select(trained if task is TRAINED else untrained)
 
 
-def _n_train(task: FingerTask, data_set: FingerDataSet) -> int:
+def _profile_masks(scans: ScanSet, settings: FingerAnalysisSettings) -> tuple[Mask, Mask]:
+    """Return which scans have a trained and which an untrained velocity profile, bool (n,)."""
+    trained = np.isin(scans.profile, settings.trained_profiles)
+    if not settings.untrained_profiles:
+        return trained, ~trained
+    return trained, np.isin(scans.profile, settings.untrained_profiles)
+
+
+def _n_train(task: FingerTask, data_set: FingerDataSet, settings: FingerAnalysisSettings) -> int:
     training = data_set.training
     if task in (TRAINED, UNTRAINED):
-        training = training.of_profiles(published.TRAINED_PROFILES)
+        training = training.of_profiles(settings.trained_profiles)
     if task is DEPLOYED:
         return len(training)
-    return len(training) - round(len(training) * (1.0 - published.TRAINED_SHARE))
+    return len(training) - round(len(training) * (1.0 - settings.trained_share))
 
 
 def _draw_accuracies(task: _DrawTask) -> DrawnAccuracies:
@@ -192,46 +220,50 @@ def _draw_accuracies(task: _DrawTask) -> DrawnAccuracies:
     for draw in task.draws:
         seed = [task.settings.seed, task.number, draw]
         for kind in KINDS:
-            for key, row in draw_accuracies(task.data_set, kind, seed, task.settings.engine):
+            for key, row in draw_accuracies(task.data_set, kind, seed, task.settings):
                 found.setdefault((key, kind), []).append(row)
     if 0 in task.draws:
         for kind in KINDS:
-            accuracy = deployed_accuracy(task.data_set, kind, task.settings.engine)
+            accuracy = deployed_accuracy(task.data_set, kind, task.settings)
             found[DEPLOYED.key, kind] = [accuracy]
     return found
 
 
 def draw_accuracies(
-    data_set: FingerDataSet, kind: ScanKind, seed: Sequence[int], engine: SweepEngine
+    data_set: FingerDataSet, kind: ScanKind, seed: Sequence[int], settings: DrawSettings
 ) -> list[tuple[str, Floats]]:
-    """Return the accuracies of one draw of Figures 4B and 4C, float64 (k_max,), by task key."""
+    """Return the accuracies of one draw of Figures 4B and 4C, float64 (k_max,), by task key.
+
+    Figure 4C is absent where the scans lack its velocity profiles.
+    """
     random = np.random.default_rng(seed)
-    training = data_set.training
-    same = _same_session(data_set, kind, random, engine)
+    training, finger, engine = data_set.training, settings.finger, settings.engine
+    same = _same_session(data_set, kind, random, settings)
     everything = np.arange(len(training))
-    train = _draw(everything, random)
+    train = _draw(everything, random, finger)
     tests = {NEW_SESSION.key: np.arange(len(data_set.tested))}
-    new = _new_session(data_set, kind, train, tests, NEW_SESSION.k_max, engine)
-    profiles = np.isin(training.profile, published.TRAINED_PROFILES)
-    if not profiles.any():
-        raise WrongUse(f"{training.session} has no training trials of the profiles slow and medium")
-    train = _draw(everything[profiles], random)
-    trained = np.isin(data_set.tested.profile, published.TRAINED_PROFILES)
-    tests = {TRAINED.key: np.flatnonzero(trained), UNTRAINED.key: np.flatnonzero(~trained)}
-    other = _new_session(data_set, kind, train, tests, TRAINED.k_max, engine)
+    new = _new_session(data_set, kind, train, tests, finger.k_max(NEW_SESSION), engine)
+    if _profile_obstacle(data_set, finger):
+        return [(SAME_SESSION.key, same), *new.items()]
+    profiles, _ = _profile_masks(training, finger)
+    train = _draw(everything[profiles], random, finger)
+    tested = map(np.flatnonzero, _profile_masks(data_set.tested, finger))
+    tests = dict(zip((TRAINED.key, UNTRAINED.key), tested, strict=True))
+    other = _new_session(data_set, kind, train, tests, finger.k_max(TRAINED), engine)
     return [(SAME_SESSION.key, same), *new.items(), *other.items()]
 
 
-def deployed_accuracy(data_set: FingerDataSet, kind: ScanKind, engine: SweepEngine) -> Floats:
+def deployed_accuracy(data_set: FingerDataSet, kind: ScanKind, settings: DrawSettings) -> Floats:
     """Return the accuracy of Figure S5 in one data set: all training trials, float64 (k_max,)."""
     rows = np.arange(len(data_set.training))
     tests = {DEPLOYED.key: np.arange(len(data_set.tested))}
-    return _new_session(data_set, kind, rows, tests, DEPLOYED.k_max, engine)[DEPLOYED.key]
+    k_max = settings.finger.k_max(DEPLOYED)
+    return _new_session(data_set, kind, rows, tests, k_max, settings.engine)[DEPLOYED.key]
 
 
-def _draw(rows: Rows, random: np.random.Generator) -> Rows:
+def _draw(rows: Rows, random: np.random.Generator, settings: FingerAnalysisSettings) -> Rows:
     """Return three quarters of the rows, whatever their texture, as the paper draws them."""
-    return np.sort(random.permutation(rows)[: round(len(rows) * published.TRAINED_SHARE)])
+    return np.sort(random.permutation(rows)[: round(len(rows) * settings.trained_share)])
 
 
 def _new_session(
@@ -273,16 +305,16 @@ def predict_new_session(
 
 
 def _same_session(
-    data_set: FingerDataSet, kind: ScanKind, random: np.random.Generator, engine: SweepEngine
+    data_set: FingerDataSet, kind: ScanKind, random: np.random.Generator, settings: DrawSettings
 ) -> Floats:
     """Return the accuracy over four folds of the training trials, float64 (k_max,)."""
     labels = data_set.training.labels(data_set.textures)
-    folds = stratified_folds(labels, published.N_FOLDS, int(random.integers(2**63)))
+    folds = stratified_folds(labels, settings.finger.folds, int(random.integers(2**63)))
     key = SAME_SESSION.key
     splits = [Split(train, {key: test}) for train, test in folds]
-    k_max = _allowed(SAME_SESSION.k_max, labels, splits)
+    k_max = _allowed(settings.finger.k_max(SAME_SESSION), labels, splits)
     features = data_set.training.features(kind)
-    found = predict_splits(features, {key: labels}, splits, k_max, engine)
+    found = predict_splits(features, {key: labels}, splits, k_max, settings.engine)
     right = [
         one.predictions[key] == labels[test] for one, (_, test) in zip(found, folds, strict=True)
     ]

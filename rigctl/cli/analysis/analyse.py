@@ -171,7 +171,7 @@ def _run_realtime(args: argparse.Namespace) -> int:
     out = Path(args.out)
     analysis = _analysis_of(args)
     iterations = analysis.finger.draws if args.iterations is None else args.iterations
-    settings = DrawSettings(iterations, args.seed, SweepEngine(args.engine))
+    settings = DrawSettings(iterations, args.seed, SweepEngine(args.engine), analysis)
     sessions = [Path(name) for name in args.sessions]
     with resources_of(args) as resources:
         report = make_finger_report(sessions, out, settings, _now(), resources)

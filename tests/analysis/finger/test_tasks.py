@@ -27,11 +27,13 @@ from rigctl.analysis.finger.tasks import (
     run_finger_tasks,
 )
 from rigctl.analysis.paper.statistics import two_proportions, welch
+from rigctl.analysis.settings.analysis_settings import AnalysisSettings, FingerAnalysisSettings
 from rigctl.errors import WrongUse
 from tests.analysis.finger.made_scans import made_data_set
 
+EXACT = DrawSettings(engine=SweepEngine.SKLEARN)
 SETS = [made_data_set(seed, contrast=0.01) for seed in (1, 2)]
-RESULTS = {one.task.key: one for one in run_finger_tasks(SETS, DrawSettings(3))}
+RESULTS = {one.task.key: one for one in run_finger_tasks(SETS, DrawSettings(3))[0]}
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -59,8 +61,8 @@ def test_predictions_equal_exact_scikit_learns_trial_for_trial(kind: ScanKind) -
 
 def test_both_engines_draw_the_same_accuracies() -> None:
     for kind in KINDS:
-        own = draw_accuracies(SETS[0], kind, [0, 1], SweepEngine.OWN)
-        sklearn = draw_accuracies(SETS[0], kind, [0, 1], SweepEngine.SKLEARN)
+        own = draw_accuracies(SETS[0], kind, [0, 1], DrawSettings())
+        sklearn = draw_accuracies(SETS[0], kind, [0, 1], EXACT)
         for (name, one), (other_name, other) in zip(own, sklearn, strict=True):
             assert name == other_name and np.array_equal(one, other)
 
@@ -115,14 +117,14 @@ def test_labels_that_mean_nothing_are_at_chance() -> None:
     shuffled = np.random.default_rng(1).permutation(training.texture)
     blind = replace(SETS[0], training=replace(training, texture=shuffled))
     (result,) = (
-        one for one in run_finger_tasks([blind], DrawSettings(4)) if one.task is NEW_SESSION
+        one for one in run_finger_tasks([blind], DrawSettings(4))[0] if one.task is NEW_SESSION
     )
     assert abs(result.mean(ScanKind.SPEED_SCALED)[:15].mean() - 0.2) < 0.1
 
 
 def test_equal_seeds_draw_equal_trials_and_others_do_not() -> None:
     def accuracy(seed: int) -> FingerResult:
-        return run_finger_tasks(SETS[:1], DrawSettings(2, seed))[1]
+        return run_finger_tasks(SETS[:1], DrawSettings(2, seed))[0][1]
 
     kind = ScanKind.SPEED_SCALED
     assert np.array_equal(accuracy(4).accuracy[kind], accuracy(4).accuracy[kind])
@@ -145,6 +147,29 @@ def test_the_calibrations_mean_undoes_a_shift_of_the_new_session() -> None:
     wrong = predict_new_session(uncalibrated, kind, train, rows, 20)["new"]
     truth = one.tested.labels(one.textures)
     assert (wrong[19] == truth).mean() < (plain[19] == truth).mean() - 0.2
+
+
+def test_profiles_that_were_not_recorded_cost_figure_4c_only() -> None:
+    one = SETS[0]
+    slow_only = replace(one, tested=one.tested.of_profiles(["slow", "medium"]))
+    results, (remark,) = run_finger_tasks([slow_only], DrawSettings(1))
+    assert [result.task.figure for result in results] == ["Fig. 4B", "Fig. 4B", "Fig. S5"]
+    assert (
+        "Figure 4C is left out: it tests the velocity profiles others than slow, medium" in remark
+    )
+
+
+def test_an_analysis_file_changes_profiles_shares_and_components() -> None:
+    finger = FingerAnalysisSettings(
+        trained_share=0.5, session_components=7, trained_profiles=("fast",)
+    )
+    settings = DrawSettings(1, analysis=AnalysisSettings(finger=finger))
+    results, remarks = run_finger_tasks(SETS[:1], settings)
+    found = {one.task.key: one for one in results}
+    assert not remarks and found[SAME_SESSION.key].k_max == found[NEW_SESSION.key].k_max == 7
+    # Two scans of each of five textures and five profiles: ten fast ones, half of them drawn.
+    assert (found[TRAINED.key].n_train, found[TRAINED.key].n_tested) == (5, 10)
+    assert found[UNTRAINED.key].n_tested == 40
 
 
 def test_too_few_trials_are_refused() -> None:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from rigctl.analysis.finger.answers import FingerClassifier
 from rigctl.analysis.finger.scans import ScanKind, ScanSet
 from rigctl.encoding.features import WINDOW_MS
-from rigctl.encoding.scaled_time import N_WINDOWS
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -37,19 +36,19 @@ def evidence_curve(
 ) -> EvidenceCurve:
     """Return the curve of one representation: each classifier with the scans that it tests."""
     kind = ScanKind(classifiers[0].model.representation)
-    window_mm = WINDOW_MS * classifiers[0].model.reference_um_per_s / 1e6
+    window_mm, n_windows = tested[0].window_mm, tested[0].n_windows
     longest = max(int(_durations_ms(scans).max()) for scans in tested)
     times_ms = np.arange(WINDOW_MS, longest + WINDOW_MS, WINDOW_MS)
     pairs = list(zip(classifiers, tested, strict=True))
     by_mm = [
         np.mean([_share_right(c, scans, _times_of_window(scans, n), n) for c, scans in pairs])
-        for n in range(1, N_WINDOWS + 1)
+        for n in range(1, n_windows + 1)
     ]
     by_s = [
         np.mean([_share_right(c, s, np.full(len(s), time_ms), None) for c, s in pairs])
         for time_ms in times_ms.tolist()
     ]
-    at_mm = window_mm * np.arange(1.0, N_WINDOWS + 1)
+    at_mm = window_mm * np.arange(1.0, n_windows + 1)
     return EvidenceCurve(kind, at_mm, np.array(by_mm), times_ms / 1000.0, np.array(by_s))
 
 

@@ -14,11 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.classification.sweep_engines import SweepEngine
 from rigctl.analysis.finger.data_sets import FingerDataSet
-from rigctl.analysis.finger.published import COMPONENTS, DEPLOYED
+from rigctl.analysis.finger.published import DEPLOYED
 from rigctl.analysis.finger.scans import KINDS, ScanKind, ScanRecording, ScanSet
-from rigctl.analysis.finger.tasks import deployed_accuracy
+from rigctl.analysis.finger.tasks import DrawSettings, deployed_accuracy
 from rigctl.analysis.paper.statistics import Difference, two_proportions
 from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.normalisation import Normalisation
@@ -62,7 +61,7 @@ class ForceComparison(NamedTuple):
 def compare_force_scalings(
     data_sets: Sequence[FingerDataSet],
     scaled_currents: Sequence[FingerDataSet] = (),
-    engine: SweepEngine = SweepEngine.OWN,
+    settings: DrawSettings | None = None,
 ) -> list[ForceComparison]:
     """Return the accuracy with each scaling. ``scaled_currents``: the data sets encoded anew."""
     variants: dict[str, Sequence[FingerDataSet]] = {NONE_NAME: data_sets}
@@ -70,18 +69,18 @@ def compare_force_scalings(
         variants[name] = [_map_scans(data_set, function) for data_set in data_sets]
     if scaled_currents:
         variants[CURRENT_NAME] = scaled_currents
-    return [one for kind in KINDS for one in _compare(variants, kind, engine)]
+    return [one for kind in KINDS for one in _compare(variants, kind, settings or DrawSettings())]
 
 
 def _compare(
-    variants: Mapping[str, Sequence[FingerDataSet]], kind: ScanKind, engine: SweepEngine
+    variants: Mapping[str, Sequence[FingerDataSet]], kind: ScanKind, settings: DrawSettings
 ) -> list[ForceComparison]:
     n = sum(len(data_set.tested) for data_set in variants[NONE_NAME])
     counts = {
-        name: _correct_counts(data_sets, kind, engine) for name, data_sets in variants.items()
+        name: _correct_counts(data_sets, kind, settings) for name, data_sets in variants.items()
     }
     plain, found = counts[NONE_NAME], []
-    shown = min(COMPONENTS, min(map(len, counts.values()))) - 1
+    shown = min(settings.finger.components, min(map(len, counts.values()))) - 1
     for name, correct in counts.items():
         best = int(correct.argmax())
         difference = None
@@ -94,11 +93,11 @@ def _compare(
 
 
 def _correct_counts(
-    data_sets: Sequence[FingerDataSet], kind: ScanKind, engine: SweepEngine
+    data_sets: Sequence[FingerDataSet], kind: ScanKind, settings: DrawSettings
 ) -> NDArray[np.int64]:
     """Return the number of right answers in all sets, int64 (k_max,)."""
-    rows = [deployed_accuracy(one, kind, engine) * len(one.tested) for one in data_sets]
-    k_max = min(DEPLOYED.k_max, *map(len, rows))
+    rows = [deployed_accuracy(one, kind, settings) * len(one.tested) for one in data_sets]
+    k_max = min(settings.finger.k_max(DEPLOYED), *map(len, rows))
     total = np.sum([row[:k_max] for row in rows], axis=0)
     return np.asarray(np.rint(total), np.int64)
 

@@ -25,6 +25,7 @@ from rigctl.analysis.finger.confidence import (
     sequential_answers,
 )
 from rigctl.analysis.finger.data_sets import FingerDataSet
+from rigctl.analysis.finger.published import COMPONENTS
 from rigctl.analysis.finger.scans import ScanKind, ScanSet
 from rigctl.analysis.paper.statistics import wilson_interval
 from rigctl.encoding.normalisation import Normalisation
@@ -114,9 +115,11 @@ class SequentialResult(NamedTuple):
         return None if self.interval is None else self.interval[0] <= self.asked
 
 
-def train_classifier(data_set: FingerDataSet, kind: ScanKind) -> FingerClassifier:
+def train_classifier(
+    data_set: FingerDataSet, kind: ScanKind, components: int = COMPONENTS
+) -> FingerClassifier:
     """Return the classifier of a data set: all its training trials, its calibration."""
-    return FingerClassifier(_model(data_set.training, data_set.calibration, kind))
+    return FingerClassifier(_model(data_set.training, data_set.calibration, kind, components))
 
 
 def measure_coverage(
@@ -167,6 +170,7 @@ class LeftOutTask(NamedTuple):
     data_set: FingerDataSet
     kind: ScanKind
     texture: str
+    components: int = COMPONENTS
 
 
 class LeftOut(NamedTuple):
@@ -186,12 +190,14 @@ def leave_texture_out(task: LeftOutTask) -> LeftOut:
     """Train and calibrate without a texture; return what its scans and the others' are called."""
     from sklearn.metrics import roc_auc_score
 
-    data_set, kind, texture = task
+    data_set, kind, texture, components = task
     training, calibration = (
         scans.select(scans.texture != texture)
         for scans in (data_set.training, data_set.calibration)
     )
-    found = FingerClassifier(_model(training, calibration, kind)).predict_scans(data_set.tested)
+    found = FingerClassifier(_model(training, calibration, kind, components)).predict_scans(
+        data_set.tested
+    )
     unknown = found.novelty_p <= FALSE_ALARM
     novel = data_set.tested.texture == texture
     area = float(roc_auc_score(novel, -found.novelty_p[-1]))
@@ -243,10 +249,12 @@ def _evidence_at(scans: ScanSet, kind: ScanKind, windows: NDArray[np.int64]) -> 
         whole = windows >= scans.real_ms.shape[1]
         times_ms = np.where(whole, ends_ms[:, -1], np.minimum(100 * windows, ends_ms[:, -1]))
     passed = (ends_ms <= times_ms[:, None]).sum(axis=1)
-    return [10.0 * passed, times_ms / 1000.0]
+    return [scans.window_mm * passed, times_ms / 1000.0]
 
 
-def _model(training: ScanSet, calibration: ScanSet, kind: ScanKind) -> FingerModel:
+def _model(training: ScanSet, calibration: ScanSet, kind: ScanKind, components: int) -> FingerModel:
     info = TrainingInfo("", "", "", 0, training.simulated, len(training), (), ())
-    encoding = FingerEncoding(Normalisation.full_scale(training.windows.shape[2]))
-    return calibrate_finger_model(train_finger_model(training, kind, encoding, info), calibration)
+    ranges = Normalisation.full_scale(training.windows.shape[2])
+    encoding = FingerEncoding(ranges, reference_um_per_s=training.reference_um_per_s)
+    model = train_finger_model(training, kind, encoding, info, components)
+    return calibrate_finger_model(model, calibration)
