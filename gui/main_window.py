@@ -261,6 +261,7 @@ class MainWindow(QMainWindow):
         self.setWindowTitle(f"rigctl: {status.rig}{', simulated' if status.simulated else ''}")
         self.toolbar.show_status(status)
         self.health_strip.show_status(status)
+        self.live_plots.set_sensor_layout(status.sensor_layout)
         self.operate_panel.show_status(status)
         self.protocol_panel.show_status(status)
         self.prompt_panel.show_prompt(status.run.prompt)

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.session.format.sensor_layout import SensorLayout
+
 if TYPE_CHECKING:
     from rigctl.analysis.settings.analysis_settings import AnalysisSettings
 
@@ -30,14 +32,15 @@ class SessionTable(NamedTuple):
 class TrialData(NamedTuple):
     """Readings and spikes of one trial.
 
-    ``samples``: uint16 (n, 18). ``spike_row`` and ``spike_sample``: int64 (k,), one entry per
-    spike; rows are SA taxel 1 … 18, then RA 1 … 18.
+    ``samples``: uint16 (n, n_taxels). ``spike_row`` and ``spike_sample``: int64 (k,), one entry per
+    spike; rows are SA taxel 1 … n, then RA 1 … n.
     """
 
     title: str
     samples: NDArray[np.uint16]
     spike_row: NDArray[np.int64]
     spike_sample: NDArray[np.int64]
+    layout: SensorLayout
 
 
 class ScanPicture(NamedTuple):

@@ -1,4 +1,4 @@
-"""One recorded trial: eighteen traces and thirty-six spike trains over one time axis."""
+"""One recorded trial: the trace of each taxel and all spike trains over one time axis."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import pyqtgraph as pg
 from numpy.typing import NDArray
 
 from gui.analysis.task_values import TrialData
-from gui.live.history import N_ROWS
-from gui.live.raster import GROUPS, PER_GROUP, ROW_ORDER
+from gui.live.train_rows import TrainRows
 from gui.widgets.plot_axes import colour_axes, taxel_ticks, time_plot
 from gui.widgets.theme import Theme
+from rigctl.session.format.sensor_layout import SensorLayout
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
 
 
@@ -28,14 +28,8 @@ class TrialView(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
         self.spikes_plot = time_plot(self.ci, 1, "Spikes", last=True)
         self.spikes_plot.setLabel("bottom", "Time in the trial (s)")
         self.spikes_plot.setXLink(self.samples_plot)
-        self.samples_plot.setYRange(-N_TAXELS, 0, padding=0)
-        self.spikes_plot.setYRange(-N_ROWS, 0, padding=0)
         for plot in (self.samples_plot, self.spikes_plot):
             plot.setMouseEnabled(x=True, y=False)
-        ticks = [(-y, name) for y, name in taxel_ticks()]
-        self.samples_plot.getAxis("left").setTicks([ticks, []])
-        groups = [(-(i + 0.5) * PER_GROUP, name) for i, name in enumerate(GROUPS)]
-        self.spikes_plot.getAxis("left").setTicks([groups, []])
         self.set_theme(theme)
         self.show_trial(None)
 
@@ -54,32 +48,42 @@ class TrialView(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
             plot.clear()
         title = data.title if data is not None else "Open a session and choose a trial on the left"
         self.samples_plot.setTitle(escape(title), color=self._theme.muted, size="10pt")
+        rows = TrainRows(data.layout if data is not None else SensorLayout.default(N_TAXELS))
+        self._label(rows)
         if data is None or not len(data.samples):
             return
-        self._draw_samples(data.samples)
-        self._draw_spikes(data)
+        self._draw_samples(data.samples, rows)
+        self._draw_spikes(data, rows)
         self.samples_plot.setXRange(0, len(data.samples) / SAMPLE_RATE_HZ, padding=0)
 
-    def _draw_samples(self, samples: NDArray[np.uint16]) -> None:
+    def _label(self, rows: TrainRows) -> None:
+        ticks = taxel_ticks(rows.sensor_layout.n_taxels), rows.group_ticks()
+        plots = self.samples_plot, self.spikes_plot
+        for plot, height, names in zip(
+            plots, (rows.sensor_layout.n_taxels, len(rows)), ticks, strict=True
+        ):
+            plot.setYRange(-height, 0, padding=0)
+            plot.getAxis("left").setTicks([[(-y, name) for y, name in names], []])
+
+    def _draw_samples(self, samples: NDArray[np.uint16], rows: TrainRows) -> None:
         low = samples.min(axis=0).astype(float)
         span = np.maximum(samples.max(axis=0) - low, 1.0)
         time_s = np.arange(len(samples)) / SAMPLE_RATE_HZ
-        half = N_TAXELS // 2
-        for layer, colour in enumerate(self._theme.layers):
-            taxels = np.arange(layer * half, (layer + 1) * half)
+        for layer, colour in enumerate(rows.layer_colours(self._theme)):
+            taxels = np.array(rows.sensor_layout.taxels_of(layer))
             share = (samples[:, taxels] - low[taxels]) / span[taxels]
             y = (0.85 * share - 0.92 - taxels).T
             connect = np.ones(y.shape, np.int32)
             connect[:, -1] = 0
-            x = np.tile(time_s, half)
+            x = np.tile(time_s, len(taxels))
             _draw_curve(self.samples_plot, x, y.ravel(), connect.ravel(), colour)
 
-    def _draw_spikes(self, data: TrialData) -> None:
-        shown_row = np.argsort(ROW_ORDER)[data.spike_row]
+    def _draw_spikes(self, data: TrialData, rows: TrainRows) -> None:
+        shown_row = np.argsort(rows.order)[data.spike_row]
         time_s = data.spike_sample / SAMPLE_RATE_HZ
         ends = np.array([0.1, 0.9])
-        for group, colour in enumerate(self._theme.groups):
-            in_group = shown_row // PER_GROUP == group
+        for group, colour in enumerate(rows.group_colours(self._theme)):
+            in_group = rows.group_of[shown_row] == group
             x = np.repeat(time_s[in_group], 2)
             y = (-shown_row[in_group, None] - ends).ravel()
             _draw_curve(self.spikes_plot, x, y, "pairs", colour)

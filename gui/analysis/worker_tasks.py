@@ -127,14 +127,14 @@ class WorkerTasks:
 
         with Session.open(self._path) as session:
             samples = np.ascontiguousarray(session.samples(row))
-            texts = _trial_texts(session.trials[row])
+            texts, layout = _trial_texts(session.trials[row]), session.sensor_layout
             if self._range is None:
                 self._range = _taxel_range(session)
         title = "Trial {}: plate {}, {} mm/s, {} g, {}".format(*texts)
         counts = Encoder(self._range).encode(samples)
         at, lane = np.nonzero(counts)
         times = counts[at, lane]
-        return TrialData(title, samples, np.repeat(lane, times), np.repeat(at, times))
+        return TrialData(title, samples, np.repeat(lane, times), np.repeat(at, times), layout)
 
     def quick_check(self, path: str) -> QuickCheckResult:
         """Classify a session's textures as the demo does; write the figures into the session."""

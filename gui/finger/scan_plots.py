@@ -16,6 +16,7 @@ from rigctl.finger_values import N_FINGER_TAXELS
 from rigctl.protocol.finger import VelocityProfile
 from rigctl.protocol.finger_plan import ScanQuality
 from rigctl.realtime.live_file import FingerLiveReader
+from rigctl.session.format.sensor_layout import SensorLayout
 from rigctl.values import SAMPLE_RATE_HZ
 
 HISTORY_S = 20
@@ -39,7 +40,7 @@ class ScanPlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
         self._quality = ScanQuality()
         self._build_velocity_plot()
         self._build_raster_plot(theme)
-        self.heat_map = HeatMap(theme, ("Readings now, counts",))
+        self.heat_map = HeatMap(theme, SensorLayout.default(N_FINGER_TAXELS))
         self.ci.addItem(self.heat_map, row=0, col=1, rowspan=2)
         self.ci.layout.setColumnFixedWidth(1, _RIGHT_PX)
         self.ci.layout.setHorizontalSpacing(10)

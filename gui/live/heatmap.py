@@ -1,4 +1,4 @@
-"""The present readings of each sensor layer as a 3 × 3 map, in counts."""
+"""The present readings of each sensor layer as a map of its rows and columns, in counts."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from PySide6.QtCore import QRectF, Qt
 from PySide6.QtGui import QColor, QFont, QPainter
 from PySide6.QtWidgets import QGraphicsWidget
 
+from gui.live.train_rows import layer_titles
 from gui.widgets.theme import Theme
+from rigctl.session.format.sensor_layout import SensorLayout
 
-TITLES = ("Top layer (type I), counts", "Bottom layer (type II), counts")
-SIDE = 3
 _TITLE_PX = 18
 _MEAN_SAMPLES = 32
 
@@ -20,16 +20,21 @@ _MEAN_SAMPLES = 32
 class HeatMap(QGraphicsWidget):
     """Each cell shows a taxel's reading in counts, and by colour its place in the taxel's range."""
 
-    def __init__(self, theme: Theme, titles: tuple[str, ...] = TITLES) -> None:
+    def __init__(self, theme: Theme, layout: SensorLayout) -> None:
         super().__init__()
         self.theme = theme
-        self._titles = titles
-        self._counts = np.zeros(len(titles) * SIDE * SIDE)
-        self._share = np.zeros(len(titles) * SIDE * SIDE)
-        self._has_samples = False
+        self.set_sensor_layout(layout)
         table = pg.colormap.get("viridis").getLookupTable(nPts=256)
         self._colours = [QColor(*map(int, entry)) for entry in table]
-        self.setMinimumSize(120, 100 * len(titles))
+
+    def set_sensor_layout(self, layout: SensorLayout) -> None:
+        """Draw the layers of another sensor."""
+        self.sensor_layout, self._titles = layout, layer_titles(layout)
+        self._counts = np.zeros(layout.n_taxels)
+        self._share = np.zeros(layout.n_taxels)
+        self._has_samples = False
+        self.setMinimumSize(120, 100 * len(layout.layers))
+        self.update()
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme to titles and frames."""
@@ -50,8 +55,9 @@ class HeatMap(QGraphicsWidget):
     def paint(self, painter: QPainter, *_: object) -> None:
         """Draw the layers below each other, the top layer first, as large as possible."""
         area, n_layers = self.rect(), len(self._titles)
-        cell = min(area.width() / SIDE, (area.height() / n_layers - _TITLE_PX - 4) / SIDE)
-        left = area.left() + (area.width() - SIDE * cell) / 2
+        rows, columns = self.sensor_layout.rows, self.sensor_layout.columns
+        cell = min(area.width() / columns, (area.height() / n_layers - _TITLE_PX - 4) / rows)
+        left = area.left() + (area.width() - columns * cell) / 2
         for layer, title in enumerate(self._titles):
             top = area.top() + layer * area.height() / n_layers
             painter.setFont(self._font(8.5, QFont.Weight.Normal))
@@ -61,11 +67,11 @@ class HeatMap(QGraphicsWidget):
             self._paint_layer(painter, layer, QRectF(left, top + _TITLE_PX, cell, cell))
 
     def _paint_layer(self, painter: QPainter, layer: int, first: QRectF) -> None:
-        painter.setFont(self._font(9.5, QFont.Weight.DemiBold))
-        for place in range(SIDE * SIDE):
-            row, column = divmod(place, SIDE)
+        painter.setFont(self._font(min(9.5, first.width() / 3.4), QFont.Weight.DemiBold))
+        for place, taxel in enumerate(self.sensor_layout.taxels_of(layer)):
+            row, column = divmod(place, self.sensor_layout.columns)
             cell = first.translated(column * first.width(), row * first.height())
-            self._paint_cell(painter, layer * SIDE * SIDE + place, cell.adjusted(1, 1, -1, -1))
+            self._paint_cell(painter, taxel, cell.adjusted(1, 1, -1, -1))
 
     def _paint_cell(self, painter: QPainter, taxel: int, cell: QRectF) -> None:
         if not self._has_samples:

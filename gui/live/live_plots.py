@@ -9,13 +9,15 @@ from PySide6.QtGui import QResizeEvent
 from gui.live.force_speed import SetPointPlot
 from gui.live.heatmap import HeatMap
 from gui.live.history import N_ROWS, SPAN_S, History
-from gui.live.raster import GROUPS, PER_GROUP, Raster, row_label
+from gui.live.raster import Raster
 from gui.live.scrolling_image import ScrollingImage
 from gui.live.spike_rates import FULL_SCALE_HZ, RATE_TICKS_HZ, RateBars
 from gui.live.traces import Traces
 from gui.widgets.plot_axes import colour_axes, fixed_plot, taxel_ticks, time_plot
 from gui.widgets.theme import Theme
 from rigctl.acquisition.live_buffer import LiveReader
+from rigctl.session.format.sensor_layout import SensorLayout
+from rigctl.values import N_TAXELS
 
 DRUM_ROWS = 1200
 _RIGHT_PX = 216
@@ -30,6 +32,7 @@ class LivePlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self.history = History()
+        self.sensor_layout = SensorLayout.default(N_TAXELS)
         self._span_s = float(SPAN_S)
         self._frame = -1
         self._build_time_plots(theme)
@@ -54,6 +57,15 @@ class LivePlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
         """Remove all samples, as when another rig is connected."""
         self.history.clear()
         self._frame = -1
+
+    def set_sensor_layout(self, layout: SensorLayout) -> None:
+        """Group taxels and trains by the layers of the sensor, if it has as many taxels."""
+        if layout == self.sensor_layout or layout.n_taxels != N_TAXELS:
+            return
+        self.sensor_layout = layout
+        for view in (self.traces, self.raster, self.rate_bars, self.heat_map):
+            view.set_sensor_layout(layout)
+        self._label_rows()
 
     def set_span(self, span_s: float) -> None:
         """Show the last ``span_s`` seconds, at most the length of the history."""
@@ -88,18 +100,24 @@ class LivePlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
             plot.setXLink(self._force_plot)
         self.force = SetPointPlot(self._force_plot, "force", theme)
         self.speed = SetPointPlot(self._speed_plot, "speed", theme)
-        self.traces, self.raster = Traces(theme), Raster(theme)
+        self.traces, self.raster = (
+            Traces(theme, self.sensor_layout),
+            Raster(theme, self.sensor_layout),
+        )
         for plot, image in ((self._trace_plot, self.traces), (self._raster_plot, self.raster)):
             plot.invertY(True)
             plot.setYRange(0, image.n_rows, padding=0)
             plot.addItem(image)
-        self._trace_plot.getAxis("left").setTicks([taxel_ticks(), []])
+        self._trace_plot.getAxis("left").setTicks([taxel_ticks(N_TAXELS), []])
         for row, stretch in enumerate(_ROW_STRETCH):
             self.ci.layout.setRowStretchFactor(row, stretch)
             self.ci.layout.setRowMinimumHeight(row, 54)
 
     def _build_right_column(self, theme: Theme) -> None:
-        self.heat_map, self.rate_bars = HeatMap(theme), RateBars(theme)
+        self.heat_map, self.rate_bars = (
+            HeatMap(theme, self.sensor_layout),
+            RateBars(theme, self.sensor_layout),
+        )
         self.ci.addItem(self.heat_map, row=0, col=1, rowspan=3)
         self._rate_plot = fixed_plot(self.ci, 3, 1)
         self._rate_plot.setLabel("bottom", "Rate in the last second (Hz)")
@@ -129,7 +147,6 @@ class LivePlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
 
     def _label_rows(self) -> None:
         row_px = self._raster_plot.getViewBox().height() / N_ROWS
-        rows = [(row + 0.5, row_label(row)) for row in range(N_ROWS)]
-        groups = [((i + 0.5) * PER_GROUP, name) for i, name in enumerate(GROUPS)]
-        ticks = rows if row_px >= _ROW_LABEL_PX else groups
+        rows = self.raster.rows
+        ticks = rows.row_ticks() if row_px >= _ROW_LABEL_PX else rows.group_ticks()
         self._raster_plot.getAxis("left").setTicks([ticks, []])

@@ -1,4 +1,4 @@
-"""Eighteen stacked taxel traces: minimum and maximum of every pixel column."""
+"""Stacked taxel traces: minimum and maximum of every pixel column."""
 
 from __future__ import annotations
 
@@ -7,23 +7,29 @@ from numpy.typing import NDArray
 
 from gui.live.history import History
 from gui.live.scrolling_image import PixelColumns, ScrollingImage, blend, rgb
+from gui.live.train_rows import TrainRows
 from gui.widgets.theme import Theme
-from rigctl.values import N_TAXELS
+from rigctl.session.format.sensor_layout import SensorLayout
 
 FULL_SCALE = 1023
-PER_LAYER = N_TAXELS // 2
 
 
 class Traces(ScrollingImage):
     """One band per taxel, scaled to its range; the layers differ in colour."""
 
-    def __init__(self, theme: Theme) -> None:
-        super().__init__(N_TAXELS, theme)
-        self._low = np.zeros(N_TAXELS)
-        self._high = np.full(N_TAXELS, float(FULL_SCALE))
+    def __init__(self, theme: Theme, layout: SensorLayout) -> None:
+        super().__init__(layout.n_taxels, theme)
+        self.sensor_layout = layout
+        self._low = np.zeros(layout.n_taxels)
+        self._high = np.full(layout.n_taxels, float(FULL_SCALE))
+
+    def set_sensor_layout(self, layout: SensorLayout) -> None:
+        """Colour the bands by the layers of another sensor with as many taxels."""
+        self.sensor_layout = layout
+        self._is_stale = True
 
     def set_range(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> None:
-        """Scale the bands to ``low … high`` counts, (18,); redraw if the change is visible."""
+        """Scale the bands to ``low … high`` counts, (n_taxels,); redraw where the change shows."""
         low, high = np.asarray(low, float), np.asarray(high, float)
         is_empty = high - low < 1
         low, high = np.where(is_empty, 0.0, low), np.where(is_empty, FULL_SCALE, high)
@@ -36,14 +42,18 @@ class Traces(ScrollingImage):
 
     def prepare(self, height: int) -> None:
         """Assign every pixel row its band and colours."""
-        edges = np.arange(N_TAXELS + 1) * height // N_TAXELS
+        layout = self.sensor_layout
+        edges = np.arange(layout.n_taxels + 1) * height // layout.n_taxels
         self._top = edges[:-1] + 1
         self._band_height = np.maximum(np.diff(edges) - 3, 1)
-        self._band = np.minimum(np.searchsorted(edges, np.arange(height), "right") - 1, 17)
-        colours = [rgb(self.theme.layers[taxel // PER_LAYER]) for taxel in range(N_TAXELS)]
-        self._ink = np.array(colours, np.uint32)[self._band][:, None]
+        at = np.searchsorted(edges, np.arange(height), "right") - 1
+        self._band = np.minimum(at, layout.n_taxels - 1)
+        inks = [rgb(colour) for colour in TrainRows(layout).layer_colours(self.theme)]
+        layer = self._band // layout.per_layer
+        self._ink = np.array(inks, np.uint32)[layer][:, None]
         background = np.full(height, rgb(self.theme.plot), np.uint32)
-        background[edges[PER_LAYER]] = rgb(blend(self.theme.muted, self.theme.plot, 0.5))
+        between = edges[layout.per_layer : -1 : layout.per_layer]
+        background[between] = rgb(blend(self.theme.muted, self.theme.plot, 0.5))
         self._background = background[:, None]
         self._row = np.arange(height, dtype=np.int32)[:, None]
 

@@ -6,9 +6,9 @@ import pyqtgraph as pg
 from PySide6.QtWidgets import QGraphicsItem
 
 from gui.widgets.theme import Theme
-from rigctl.values import N_TAXELS
 
 LEFT_PX = 62
+MAX_TICKS = 10
 _BOTTOM_PX = 34
 
 
@@ -50,6 +50,7 @@ def colour_axes(plot: pg.PlotItem, theme: Theme) -> None:
         axis.setLabel(axis.labelText, units=None, color=theme.muted)
 
 
-def taxel_ticks() -> list[tuple[float, str]]:
-    """Return an axis tick for every second taxel: the middle of its band, and its name."""
-    return [(taxel + 0.5, f"T{taxel + 1}") for taxel in range(0, N_TAXELS, 2)]
+def taxel_ticks(n_taxels: int) -> list[tuple[float, str]]:
+    """Return ticks for every second taxel, or for ten: the middle of its band, and its name."""
+    step = max(2, -(-n_taxels // MAX_TICKS))
+    return [(taxel + 0.5, f"T{taxel + 1}") for taxel in range(0, n_taxels, step)]

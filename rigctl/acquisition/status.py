@@ -8,6 +8,7 @@ from rigctl.acquisition.boards import Boards
 from rigctl.acquisition.health.rate_meter import RateMeter
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus, RunStatus
+from rigctl.session.format.sensor_layout import SensorLayout
 from rigctl.values import DrumState
 from rigctl.wire.drum.codes import Status
 from rigctl.wire.drum.states import FAULT_TEXT, STATE_TEXT, Fault, State
@@ -20,6 +21,7 @@ class StatusBuilder:
 
     def __init__(self, rig: Rig, boards: Boards) -> None:
         self._rig = rig
+        self._layout = SensorLayout.of_rig(rig.config.taxels)
         self._boards = boards
         self._frame_rate = RateMeter(RATE_WINDOW_S)
         self._loadcell_lost = 0
@@ -58,6 +60,7 @@ class StatusBuilder:
             loadcell_lost=self._loadcell_lost,
             clock_ppm={"drum": poller.clock_fit.ppm, "taxels": pipeline.clock_fit.ppm},
             boards=boards.board_health.statuses(),
+            sensor_layout=self._layout,
             recording=recording,
             run=run,
             **(_drum_fields(drum, now_s) if drum else {}),

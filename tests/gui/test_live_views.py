@@ -10,15 +10,18 @@ from PySide6.QtWidgets import QApplication
 
 from gui.live.history import History
 from gui.live.live_plots import LivePlots
-from gui.live.raster import ROW_ORDER, Raster, row_label
+from gui.live.raster import Raster
 from gui.live.scrolling_image import columns_between, rgb
 from gui.live.spike_rates import RateBars
 from gui.live.traces import Traces
+from gui.live.train_rows import TrainRows, layer_titles
 from gui.widgets.theme import DARK, LIGHT
 from rigctl.acquisition.live_buffer import LiveReader, LiveWriter
+from rigctl.session.format.sensor_layout import SensorLayout
 from tests.gui.fake_engine import FakeEngine
 
 WIDTH, HEIGHT = 500, 180
+PAPER, ONE_LAYER = SensorLayout.default(18), SensorLayout(3, 6, ("skin",))
 
 
 def _write(
@@ -93,7 +96,7 @@ def test_one_sample_of_a_spike_in_a_trace_is_visible(
     samples = np.full((10_000, 18), 100)
     samples[5000, 4] = 1000
     _write(writer, 0, samples)
-    history, traces = History(), Traces(LIGHT)
+    history, traces = History(), Traces(LIGHT, PAPER)
     history.pull(view)
     traces.refresh(history, WIDTH, HEIGHT, 1.0)
     ink = traces._pixels[:, traces_column(5000)] == rgb(LIGHT.layers[0])
@@ -113,18 +116,18 @@ def test_every_spike_is_a_tick_in_its_row(
     for row in range(36):
         spikes[100 + 250 * row, row] = 1
     _write(writer, 0, np.zeros((10_000, 18)), spikes)
-    history, raster = History(), Raster(DARK)
+    history, raster = History(), Raster(DARK, PAPER)
     history.pull(view)
     raster.refresh(history, WIDTH, HEIGHT, 1.0)
     inks = {rgb(colour) for colour in DARK.groups}
-    for shown, source in enumerate(ROW_ORDER):
+    for shown, source in enumerate(raster.rows.order):
         column = raster._pixels[:, traces_column(100 + 250 * int(source))]
         lit = [y for y in range(HEIGHT) if int(column[y]) in inks]
         assert lit and all(y * 36 // HEIGHT == shown for y in lit)
 
 
 def test_incremental_drawing_gives_the_same_image(app: QApplication, engine: FakeEngine) -> None:
-    history, steps, once = History(), Raster(LIGHT), Raster(LIGHT)
+    history, steps, once = History(), Raster(LIGHT, PAPER), Raster(LIGHT, PAPER)
     engine.write_samples(9000)
     for n in (33, 1, 700, 5000, 40):
         engine.write_samples(n, skip=n // 30)
@@ -135,7 +138,7 @@ def test_incremental_drawing_gives_the_same_image(app: QApplication, engine: Fak
 
 
 def test_gaps_are_coloured(app: QApplication, engine: FakeEngine) -> None:
-    history, traces = History(), Traces(LIGHT)
+    history, traces = History(), Traces(LIGHT, PAPER)
     engine.write_samples(3000)
     engine.write_samples(3000, skip=400)
     history.pull(engine.live)
@@ -145,13 +148,38 @@ def test_gaps_are_coloured(app: QApplication, engine: FakeEngine) -> None:
 
 
 def test_rows_are_named_and_ordered_as_in_the_paper() -> None:
-    names = [row_label(row) for row in range(36)]
+    names = [TrainRows(PAPER).label(row) for row in range(36)]
     assert names[0] == "SA-1" and names[9] == "RA-1"
     assert names[18] == "SA-10" and names[35] == "RA-18"
 
 
+def test_one_layer_is_one_group_of_each_channel() -> None:
+    rows = TrainRows(ONE_LAYER)
+    assert [name for _, name in rows.group_ticks()] == ["SA", "RA"]
+    assert [rows.label(row) for row in (9, 18)] == ["SA-10", "RA-1"]
+    assert rows.group_colours(LIGHT) == list(LIGHT.groups[:2])
+    assert layer_titles(ONE_LAYER) == ("Readings now, counts",)
+    assert layer_titles(PAPER)[1] == "Bottom layer (type II), counts"
+
+
+def test_the_plots_follow_the_layers_of_the_sensor(app: QApplication, engine: FakeEngine) -> None:
+    scene = LivePlots(LIGHT)
+    scene.resize(900, 600)
+    engine.write_samples(4000)
+    scene.set_sensor_layout(ONE_LAYER)
+    scene.refresh(engine.live)
+    picture = scene.grab().toImage()
+    colours = {picture.pixel(x, y) for x in range(0, 900, 2) for y in range(0, 600, 2)}
+    assert {rgb(colour) for colour in (*LIGHT.groups[:2], LIGHT.layers[0])} <= colours
+    assert not {rgb(colour) for colour in (*LIGHT.groups[2:], LIGHT.layers[1])} & colours
+    scene.set_sensor_layout(SensorLayout.default(9))  # the live buffer holds 18 taxels
+    assert scene.sensor_layout == ONE_LAYER
+    scene.hide()
+    engine.close()
+
+
 def test_rates_are_spikes_per_second(app: QApplication) -> None:
-    bars = RateBars(LIGHT)
+    bars = RateBars(LIGHT, PAPER)
     spikes = np.zeros((3000, 36), np.uint8)
     spikes[2000::10, 0] = 1
     spikes[::2, 1] = 0

@@ -26,6 +26,8 @@ from msgspec import Meta
 
 from rigctl.config.names import shorten
 from rigctl.errors import WrongUse
+from rigctl.session.format.sensor_layout import SensorLayout
+from rigctl.values import N_TAXELS
 from rigctl.wire.drum.states import State
 
 LINE_LIMIT_BYTES = 1 << 20
@@ -33,6 +35,7 @@ REQUEST_LIMIT_BYTES = 1 << 16
 SHOWN_LETTERS = 100
 """Of what a refusal cites from a request."""
 STATUS_PERIOD_S = 0.1
+PAPER_SENSOR = SensorLayout.default(N_TAXELS)
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -144,7 +147,8 @@ class EngineStatus:
     ``is_moved_by_hand``: a client's own command moves the drum, so no run can start.
     ``poll_retries``: repeated polls of the drum since the engine started.
     ``clock_ppm``: how fast each board's clock runs against the computer's, None before known.
-    ``boards``: by name, those that have connected.
+    ``boards``: by name, those that have connected. ``sensor_layout``: rows, columns and layers of
+    the sensor.
     """
 
     at_s: float = 0.0
@@ -176,6 +180,7 @@ class EngineStatus:
     loadcell_lost: int = 0
     clock_ppm: Mapping[str, float | None] = field(default_factory=dict)
     boards: Mapping[str, BoardStatus] = field(default_factory=dict)
+    sensor_layout: SensorLayout = PAPER_SENSOR
     recording: RecordingStatus = RecordingStatus()
     run: RunStatus = RunStatus()
 
@@ -221,6 +226,7 @@ _STATUS_PARSERS: FieldParsers = {
         name: parse_fields(BoardStatus, boards[name], PARSERS) for name in boards
     },
     "run": lambda data: parse_fields(RunStatus, data, PARSERS),
+    "sensor_layout": lambda data: parse_fields(SensorLayout, data, {"layers": tuple}),
 }
 
 
