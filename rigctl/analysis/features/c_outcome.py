@@ -100,14 +100,14 @@ def force_sentence(force: ForceMatrix) -> str:
         f"within 0.1 Hz ({shares['above_limit']:,} of them above {LIMIT_C:g}), "
         f"{counts['capped']:,} did not and are limited to {LIMIT_C:g}, "
         f"{counts['discontinuity']:,} lie at a jump of the rate. Not converged: "
-        f"{_share(n, searched)} searched (the paper: {_share(ours, without)}), "
+        f"{_share(n, searched)} searched (the paper: {_share(ours, without)}), and "
         f"{_share(n, entries)} with the reference entries (the paper: {_share(ours, theirs)})"
         f"{_difference_sentence(force)}"
     )
 
 
 def _share(part: int, whole: int) -> str:
-    return f"{part:,} of {whole:,}, {100 * part / max(1, whole):.1f} %"
+    return f"{100 * part / max(1, whole):.1f} %, {part:,} of {whole:,}"
 
 
 def _difference_sentence(force: ForceMatrix) -> str:

@@ -58,8 +58,8 @@ def test_both_shares_stand_beside_the_papers(force: ForceMatrix) -> None:
     sentence = force_sentence(force)
     for words in (
         "10 converged within 0.1 Hz (1 of them above 5), 1 did not and are limited to 5",
-        "2 of 12, 16.7 % searched (the paper: 62 of 2,880, 2.2 %)",
-        "2 of 18, 11.1 % with the reference entries (the paper: 62 of 4,320, 1.4 %)",
+        "16.7 %, 2 of 12 searched (the paper: 2.2 %, 62 of 2,880)",
+        "11.1 %, 2 of 18 with the reference entries (the paper: 1.4 %, 62 of 4,320)",
         "at most 1.5 of 1.5 Hz (texture B, taxel 3, 40 mm/s, 250 g), and the highest target is "
         "1.8 Hz (the paper: trains of at most 2 spikes/s)",
     ):

@@ -65,7 +65,7 @@ def test_two_days_make_one_set(tmp_path: Path) -> None:
     assert all(np.isfinite(matrix).all() for matrix in by_key.values())
     assert made.force is not None
     assert sum(count_search_statuses(made.force).values()) == 2 * 3 * 18
-    assert "(the paper: 62 of 4,320, 1.4 %)" in force_sentence(made.force)
+    assert "(the paper: 1.4 %, 62 of 4,320)" in force_sentence(made.force)
 
 
 def test_processes_give_equal_features(tmp_path: Path) -> None:

@@ -114,7 +114,7 @@ def test_the_page_is_self_contained_and_has_the_results(report: Path) -> None:
         "differences between representations that the paper separates",
         "indexed by the true texture",
         "new to the classifier, but not to C",
-        "(the paper: 62 of 4,320, 1.4 %)",
+        "(the paper: 1.4 %, 62 of 4,320)",
         "1 trial left out for gaps in their samples: 7",
         "98.85 ± 0.16",
         "differences that the paper separates hold",
