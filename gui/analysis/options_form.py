@@ -21,6 +21,7 @@ TASKS = {
     "Extrapolation (Fig. 3C–F)": "extrapolation",
     "Leave one speed out": "leave-speed-out",
     "Leave one force out": "leave-force-out",
+    "Leave one mounting out": "leave-mount-out",
 }
 ENGINES = {"Built-in (fast)": "own", "scikit-learn": "sklearn"}
 REPRESENTATIONS = {

@@ -21,6 +21,7 @@ textures = [{textures}]
 speeds_mm_s = {speeds}
 forces_g = {forces}
 repeats = {repeats}
+mounts = {mounts}
 [trial]
 travel_mm = {travel}
 """
@@ -29,8 +30,11 @@ IDLE = 300
 BLOCK = 100
 
 
-def readings(trial: PlannedTrial, n: int, seed: int) -> NDArray[np.uint16]:
-    """Return readings of 18 taxels over a wave of the plate's length, weaker in the lower layer."""
+def readings(trial: PlannedTrial, n: int, seed: int, seat: float = 0.0) -> NDArray[np.uint16]:
+    """Return readings of 18 taxels over a wave of the plate's length, weaker in the lower layer.
+
+    ``seat``: how much each mounting of a plate changes the level of each taxel.
+    """
     rng = np.random.default_rng([seed, trial.trial_id])
     travel = trial.speed_mm_s * np.arange(n)[:, None] / 1000
     place = 5.0 * (np.arange(18) % 9 // 3)
@@ -38,6 +42,8 @@ def readings(trial: PlannedTrial, n: int, seed: int) -> NDArray[np.uint16]:
     wave = np.sin(2 * np.pi * (travel + place) / wavelength) if wavelength else np.zeros((n, 18))
     layer = np.where(np.arange(18) < 9, 1.0, 0.5)
     level = np.random.default_rng(5).uniform(0.3, 0.5, 18) * (trial.force_g / 500) ** 0.4
+    seated = np.random.default_rng([ord(trial.texture), trial.mount]).normal(0, 1, 18)
+    level = level + seat * seated
     x: NDArray[np.float64] = level + 0.12 * layer * wave + rng.normal(0, 0.012, (n, 18))
     return np.round(1023 * np.clip(x, 0, 1)).astype(np.uint16)
 
@@ -53,6 +59,8 @@ def record(
     forces: tuple[int, ...] = (250, 500),
     seed: int = 3,
     layout: SensorLayout | None = None,
+    mounts: int = 1,
+    seat: float = 0.0,
 ) -> Path:
     """Record every trial of a small plan; trials in ``torn`` lack a few samples."""
     names = ", ".join(f'"{name}"' for name in textures)
@@ -62,6 +70,7 @@ def record(
         travel=travel_mm,
         speeds=list(speeds),
         forces=list(forces),
+        mounts=mounts,
     )
     plan = parse_protocol(text, "by hand").plan()
     header = SessionHeader(
@@ -73,7 +82,8 @@ def record(
         recorder.begin_part("start", textures[0])
         for trial in plan.trials:
             first = counter + IDLE
-            counter = _record(recorder, trial, counter, seed, trial.trial_id in torn)
+            samples = readings(trial, IDLE + trial.n_samples + IDLE, seed, seat)
+            counter = _record(recorder, samples, counter, trial.trial_id in torn)
             for at in np.arange(first - IDLE + 25, counter, 25):
                 state = drum_state(at / 1000, sequence, first * 1000)
                 sequence += 2
@@ -87,9 +97,8 @@ def record(
     return folder
 
 
-def _record(recorder: Recorder, trial: PlannedTrial, counter: int, seed: int, torn: bool) -> int:
-    n = IDLE + trial.n_samples + IDLE
-    samples = readings(trial, n, seed)
+def _record(recorder: Recorder, samples: NDArray[np.uint16], counter: int, torn: bool) -> int:
+    n = len(samples)
     for start in range(0, n, BLOCK):
         rows = np.arange(start, min(start + BLOCK, n))
         gaps: tuple[Gap, ...] = ()

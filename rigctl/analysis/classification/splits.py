@@ -9,6 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.classification.component_sweep import Labels, Rows
+from rigctl.analysis.classification.mount_splits import (
+    draw_cells,
+    mounted_again,
+    number_mountings,
+    split_mountings,
+)
 from rigctl.analysis.data.trial_set import TrialSet
 from rigctl.analysis.paper import published
 from rigctl.analysis.settings.analysis_settings import AnalysisSettings
@@ -16,7 +22,7 @@ from rigctl.errors import WrongUse
 
 Fold = tuple[Rows, Rows]
 """Training rows and test rows."""
-FAMILIES = ("folds", "extrapolation", "leave-speed-out", "leave-force-out")
+FAMILIES = ("folds", "extrapolation", "leave-speed-out", "leave-force-out", "leave-mount-out")
 EXTRAPOLATIONS = {
     (True, True): "trained-both",
     (True, False): "untrained-force",
@@ -26,6 +32,8 @@ EXTRAPOLATIONS = {
 """Task that tests a condition, by whether its speed and its force are trained."""
 LEAST_TRIALS = {"folds": 2, "extrapolation": 1}
 """Trials without which a family leaves a texture out."""
+UNTRAINED_SPEED = "-untrained-speed"
+"""Ending of the tasks that test mountings at untrained speeds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +41,8 @@ class Design:
     """Labels and conditions of a set's trials, an element for each trial.
 
     ``texture``: int64 index into ``textures``; ``speed_mm_s``, ``force_g``: float64.
-    ``settings``: the groups, trained conditions and shares.
+    ``settings``: the groups, trained conditions and shares. ``mount``: int64, the mounting of the
+    texture's plate over all sessions, from 0; empty if unknown.
     """
 
     textures: tuple[str, ...]
@@ -41,17 +50,20 @@ class Design:
     speed_mm_s: NDArray[np.float64]
     force_g: NDArray[np.float64]
     settings: AnalysisSettings = field(default_factory=AnalysisSettings)
+    mount: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
     @classmethod
     def from_trials(cls, trials: TrialSet, settings: AnalysisSettings | None = None) -> Design:
         """Return the design of a set of trials."""
         names = trials.textures
+        texture = np.array([names.index(t.texture) for t in trials.trials], np.int64)
         return cls(
             names,
-            np.array([names.index(t.texture) for t in trials.trials], np.int64),
+            texture,
             np.array([t.speed_mm_s for t in trials.trials]),
             np.array([t.force_g for t in trials.trials]),
             settings or AnalysisSettings(),
+            mount=number_mountings(texture, [(t.session, t.mount) for t in trials.trials]),
         )
 
     @property
@@ -106,6 +118,8 @@ def make_splits(design: Design, family: str, seed: int, iteration: int) -> list[
         return _folds(design, random)
     if family == "extrapolation":
         return [_extrapolation(design, random)]
+    if family == "leave-mount-out":
+        return _leave_mount_out(design, random)
     levels = design.speed_mm_s if family == "leave-speed-out" else design.force_g
     return _leave_one_out(design, random, family, levels)
 
@@ -130,8 +144,12 @@ def extrapolation_fits(design: Design) -> bool:
 def textures_left_out(design: Design, family: str) -> tuple[str, ...]:
     """Return the textures that a family cannot use: those with nothing to train on or to test.
 
-    The folds need two trials of a texture, the extrapolation one of a trained condition.
+    The folds need two trials of a texture, the extrapolation one of a trained condition, the
+    mountings a second one.
     """
+    if family == "leave-mount-out":
+        again = mounted_again(design.texture, design.mount).tolist()
+        return tuple(name for label, name in enumerate(design.textures) if label not in again)
     counted = np.ones(len(design.texture), bool)
     if family == "extrapolation":
         counted = _is_trained(design)
@@ -167,6 +185,55 @@ def _folds(design: Design, random: np.random.Generator) -> list[Split]:
         tests = {"textures": tested, "groups": tested[grouped[tested]]}
         splits.append(Split(drawn[train], {key: rows for key, rows in tests.items() if len(rows)}))
     return splits
+
+
+def _leave_mount_out(design: Design, random: np.random.Generator) -> list[Split]:
+    """Leave out mountings; test them, and what was not drawn of those that are trained.
+
+    Where the extrapolation fits, further fits train on its conditions and test untrained speeds.
+    """
+    again = mounted_again(design.texture, design.mount)
+    if len(again) < 2:
+        raise WrongUse(
+            "it needs two plates or more that were mounted again: give mounts = 2 in the protocol"
+        )
+    conditions = [rows for rows in design.conditions() if design.texture[rows[0]] in again]
+    splits = _mount_splits(design, random, conditions, conditions, "")
+    if extrapolation_fits(design):
+        levels = [_trained_levels(design, rows) for rows in conditions]
+        trained, untrained_speed = (
+            [rows for rows, level in zip(conditions, levels, strict=True) if level == wanted]
+            for wanted in ((True, True), (False, True))
+        )
+        splits += _mount_splits(design, random, trained, untrained_speed, UNTRAINED_SPEED)
+    return splits
+
+
+def _mount_splits(
+    design: Design,
+    random: np.random.Generator,
+    trained: list[Rows],
+    tested: list[Rows],
+    suffix: str,
+) -> list[Split]:
+    """Return the splits of conditions to train and to test on, with their tasks' keys."""
+    share, mount = design.settings.extrapolation.trained_share, design.mount
+    cells = draw_cells(trained, mount, share, random)
+    others = cells if tested is trained else draw_cells(tested, mount, share, random)
+    splits = []
+    for train, same, other in split_mountings(cells, others, design.texture):
+        tests = {f"trained-mount{suffix}": same, f"leave-mount-out{suffix}": other}
+        splits.append(Split(train, {key: rows for key, rows in tests.items() if len(rows)}))
+    return splits
+
+
+def _trained_levels(design: Design, rows: Rows) -> tuple[bool, bool] | None:
+    """Return whether the extrapolation trains a speed and force; None for one without a part."""
+    conditions = design.settings.conditions
+    level = float(design.speed_mm_s[rows[0]]), float(design.force_g[rows[0]])
+    if not conditions.takes(*level):
+        return None
+    return conditions.trains_speed(level[0]), conditions.trains_force(level[1])
 
 
 def stratified_folds(labels: Labels, n_folds: int, seed: int) -> list[Fold]:

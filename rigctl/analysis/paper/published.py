@@ -43,6 +43,12 @@ TASKS = (
     Task("trained-both", "Trained speed and force", "Fig. 3F", "extrapolation"),
     Task("leave-speed-out", "Each speed left out", "", "leave-speed-out"),
     Task("leave-force-out", "Each force left out", "", "leave-force-out"),
+    Task("trained-mount", "Same mounting", "", "leave-mount-out"),
+    Task("leave-mount-out", "Other mounting", "", "leave-mount-out"),
+    Task("trained-mount-untrained-speed", "Same mounting, untrained speed", "", "leave-mount-out"),
+    Task(
+        "leave-mount-out-untrained-speed", "Other mounting, untrained speed", "", "leave-mount-out"
+    ),
 )
 
 _COLUMNS = ("original", "speed", "force", "speed_force")

@@ -33,6 +33,7 @@ from rigctl.analysis.paper.curve_tests import (
     task_curve_tests,
 )
 from rigctl.analysis.paper.explanations import explain
+from rigctl.analysis.paper.mountings import describe_mountings
 from rigctl.analysis.paper.statistics import Difference, standard_error
 from rigctl.analysis.paper.tasks import Curve, SweepSettings, TaskResult
 from rigctl.analysis.settings.settings_file import as_plain
@@ -139,6 +140,7 @@ def as_dict(
         "curve_tests": {key: task_curve_tests(found) for key, found in tests.items()},
         "tests_note": NOT_IN_PAPER,
         "evidence": None if ablations is None else _ablations_dict(ablations),
+        "mountings": describe_mountings(results),
         "table1": table_rows(results),
     }
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.classification.splits import (
+    UNTRAINED_SPEED,
     Design,
     Split,
     extrapolation_fits,
@@ -25,7 +26,14 @@ from rigctl.errors import WrongUse
 
 Counts = NDArray[np.int64]
 
-TASK_NAMES = ("textures", "groups", "extrapolation", "leave-speed-out", "leave-force-out")
+TASK_NAMES = (
+    "textures",
+    "groups",
+    "extrapolation",
+    "leave-speed-out",
+    "leave-force-out",
+    "leave-mount-out",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,7 +179,8 @@ def _plan_families(
 ) -> tuple[list[_FamilyPlan], tuple[str, ...]]:
     plans: list[_FamilyPlan] = []
     remarks: list[str] = []
-    for family, tasks in _tasks_by_family(design, settings, remarks).items():
+    remounted = any(trial.mount > 1 for trial in representations.trials.trials)
+    for family, tasks in _tasks_by_family(design, settings, remarks, remounted).items():
         try:
             plan = _plan_family(design, representations, settings, family, tasks)
         except WrongUse as reason:
@@ -202,13 +211,21 @@ def _join_titles(tasks: Sequence[published.Task]) -> str:
 
 
 def _tasks_by_family(
-    design: Design, settings: SweepSettings, remarks: list[str]
+    design: Design, settings: SweepSettings, remarks: list[str], remounted: bool
 ) -> dict[str, tuple[published.Task, ...]]:
-    """Return the tasks by family: the requested ones, or all that fit the set."""
-    names = settings.tasks or _default_names(design, remarks)
+    """Return the tasks by family: the requested ones, or all that fit the set.
+
+    ``remounted``: whether a session mounted a plate again. Sessions that each mounted a plate once
+    allow the task of mountings, too, but only where it is requested.
+    """
+    mounts = ("leave-mount-out",) if remounted else ()
+    names = settings.tasks or (*_default_names(design, remarks), *mounts)
+    extrapolates = extrapolation_fits(design)
     families: dict[str, tuple[published.Task, ...]] = {}
     for task in published.TASKS:
         if (task.family if task.family != "folds" else task.key) not in names:
+            continue
+        if task.key.endswith(UNTRAINED_SPEED) and not extrapolates:
             continue
         if task.grouped and len(design.groups) < 2:
             remarks.append(

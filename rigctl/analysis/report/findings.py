@@ -16,7 +16,7 @@ LABELLED = ("force", "speed_force")
 def findings(results: Values) -> list[str]:
     """Return sentences from the values of ``results.json``, the most general one first."""
     tasks = list(results["tasks"].values())
-    return [_best(tasks), *_blind(tasks), _paper(tasks)]
+    return [_best(tasks), *_blind(tasks), *_mountings(results["mountings"]), _paper(tasks)]
 
 
 def _accuracy(task: Values, key: str) -> float:
@@ -57,6 +57,19 @@ def _blind(tasks: list[Any]) -> list[str]:
         f"Without the texture's label in C, at most {100 * points:.1f} points are lost "
         f"({task['title'].lower()}, {NAME_OF[key]})."
     ]
+
+
+def _mountings(gaps: list[Any]) -> list[str]:
+    """Return how much of the accuracy of Original is how the plates sat, if that was measured."""
+    shown = [gap for gap in gaps if gap["representation"] == "original"]
+    if not shown:
+        return []
+    parts = [
+        f"{gap['other_mounting_percent']:.1f} % instead of {gap['same_mounting_percent']:.1f} %"
+        f"{' at untrained speeds' if gap['untrained_speed'] else ''}"
+        for gap in shown
+    ]
+    return [f"With plates mounted again, Original reaches {' and '.join(parts)}."]
 
 
 def _paper(tasks: list[Any]) -> str:

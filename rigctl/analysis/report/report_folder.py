@@ -42,7 +42,14 @@ IMPORT_EVENT = "import"
 """Kind of the events in which an import records its remarks."""
 WHOLE_IMPORT = ("sampled too slowly", "forces are levels", "rows a second: taken at 1 kHz")
 """Words that identify the remarks on every trial of an import."""
-CONFUSION_TASKS = ("untrained-both", "leave-speed-out", "leave-force-out", "textures", "groups")
+CONFUSION_TASKS = (
+    "untrained-both",
+    "leave-speed-out",
+    "leave-force-out",
+    "textures",
+    "groups",
+    "leave-mount-out",
+)
 
 
 @dataclass(frozen=True, slots=True)

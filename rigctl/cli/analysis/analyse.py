@@ -109,8 +109,8 @@ def _add_sweep(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="TASK",
-        help="textures, groups, extrapolation, leave-speed-out or leave-force-out; may be "
-        "repeated (default: all that fit the sessions)",
+        help="textures, groups, extrapolation, leave-speed-out, leave-force-out or "
+        "leave-mount-out; may be repeated (default: all that fit the sessions)",
     )
     add_seed(parser, "seed of the draws (0)", default=0)
 
