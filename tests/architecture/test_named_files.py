@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from rigctl.analysis.finger.published import FINGER_TASKS
 from rigctl.analysis.paper import published
 from rigctl.analysis.paper.statistics import wilson_interval
 from rigctl.cli import create_parser, main
@@ -85,6 +86,17 @@ def test_the_paper_page_has_the_published_shares() -> None:
     assert f"{searched:,} that were searched it is {n_unconverged / searched:.1%}" in page.replace(
         " %", "%"
     )
+
+
+def test_the_paper_page_has_the_quoted_accuracies_of_the_finger() -> None:
+    page = text_of(PAPER)
+    for task in FINGER_TASKS:
+        for quoted in task.quoted:
+            at = f" at {quoted.components}" if quoted.components else ""
+            assert re.search(rf"{quoted.percent:g} %{at}", page), (task.key, quoted)
+        assert task.double == range(1, 71) or re.search(
+            rf"from {task.double.start} to {task.double.stop - 1}", page
+        )
 
 
 def test_the_study_in_the_page_is_a_protocol(

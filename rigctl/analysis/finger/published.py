@@ -10,6 +10,8 @@ DRAWS = 100
 N_FOLDS = 4
 TRAINED_SHARE = 0.75
 COMPONENTS = 25
+DEPLOYED_TRIALS = 300
+"""Trials of Figure S5: 100 in each of three data sets."""
 TRAINED_PROFILES = (VelocityProfile.SLOW, VelocityProfile.MEDIUM)
 
 

@@ -13,10 +13,11 @@ from rigctl.analysis.finger.evaluation.evidence import EvidenceCurve
 from rigctl.analysis.finger.evaluation.force_invariance import ForceComparison
 from rigctl.analysis.finger.evaluation.judgements import NoveltyResult, SetCoverage
 from rigctl.analysis.finger.evaluation.profile_differences import ProfileDifferences
+from rigctl.analysis.finger.published import DEPLOYED, DEPLOYED_TRIALS
 from rigctl.analysis.finger.results import FingerAnalysis
 from rigctl.analysis.finger.scans import KINDS, ScanKind
 from rigctl.analysis.finger.tasks import FingerResult
-from rigctl.analysis.paper.curve_tests import curve_test_dict
+from rigctl.analysis.paper.curve_tests import curve_test_dict, published_share
 from rigctl.analysis.settings.settings_file import as_plain
 
 Floats = NDArray[np.float64]
@@ -60,7 +61,11 @@ def task_dict(result: FingerResult) -> dict[str, Any]:
         "n": len(result.accuracy[ScanKind.ORIGINAL]),
         "chance": result.chance,
         "k_max": result.k_max,
-        "paper": {"accuracy": quoted, "claims": result.task.claims},
+        "paper": {
+            "accuracy": quoted,
+            "claims": result.task.claims,
+            "shares": _shares_from_paper(result),
+        },
         "curves": {kind.value: _curve_dict(result, kind) for kind in KINDS},
         "above_originals_peak": first_above(scaled, float(original.max())),
         "scaled_better_double": k_ranges(np.flatnonzero(better & (stars == "**")) + 1),
@@ -68,6 +73,25 @@ def task_dict(result: FingerResult) -> dict[str, Any]:
         "original_better": k_ranges(np.flatnonzero(~better & (stars != "")) + 1),
         "assumptions": sorted({text for d in differences for text in d.assumptions}),
     }
+
+
+def _shares_from_paper(result: FingerResult) -> list[dict[str, Any]]:
+    """Return Figure S5's quoted shares and ours with as many components; empty for Figure 4.
+
+    Figure 4 quotes means over draws without their spread, which no test can use.
+    """
+    if result.task is not DEPLOYED:
+        return []
+    shares = []
+    for kind, quoted in zip(KINDS, result.task.quoted, strict=True):
+        if quoted.components is None or quoted.components > result.k_max:
+            continue
+        n = len(result.accuracy[kind]) * result.n_tested
+        correct = round(n * float(result.mean(kind)[quoted.components - 1]))
+        paper = published_share(correct, n, quoted.percent, DEPLOYED_TRIALS)
+        ours = {"kind": kind.value, "components": quoted.components, "correct": correct, "of": n}
+        shares.append({**ours, "paper": paper})
+    return shares
 
 
 def _curve_tests(result: FingerResult) -> dict[str, Any]:

@@ -68,6 +68,17 @@ def task_curve_tests(differences: Mapping[str, Sequence[Difference]]) -> dict[st
     }
 
 
+def tests_note(tests: Mapping[str, Mapping[str, Sequence[Difference]]]) -> str:
+    """Return what the asterisks mean, and that Figure 3 has none in the paper.
+
+    ``tests``: differences by task and representation key.
+    """
+    each = (one for task in tests.values() for found in task.values() for one in found)
+    first = next(each, None)
+    rule = "" if first is None else f"{describe_rule(first.rule, first.test)}. "
+    return rule + NOT_IN_PAPER
+
+
 def confusion_shares(result: TaskResult) -> dict[str, dict[str, Any]]:
     """Return the share of right answers in each confusion matrix, by representation key.
 
@@ -103,8 +114,19 @@ def _paper_share(key: str, correct: int, n: int, task: str) -> dict[str, Any] | 
         return None
     figure, percent = published.CONFUSION_PERCENT[key]
     n_paper = published.CONFUSION_TRIALS
-    found = two_proportions(correct, round(percent / 100 * n_paper), n, n_paper, weak=(REPEATED,))
-    return {"figure": figure, "percent": percent, "of": n_paper, "test": difference_dict(found)}
+    weak = (REPEATED,)
+    return {"figure": figure, **published_share(correct, n, percent, n_paper, weak=weak)}
+
+
+def published_share(
+    correct: int, n: int, percent: float, n_paper: int, *, weak: tuple[str, ...] = ()
+) -> dict[str, Any]:
+    """Return a published share in per cent and our ``correct`` of ``n`` tested against it.
+
+    ``weak``: assumptions of the test that do not hold.
+    """
+    found = two_proportions(correct, round(percent / 100 * n_paper), n, n_paper, weak=weak)
+    return {"percent": percent, "of": n_paper, "test": difference_dict(found)}
 
 
 def _counts(curve: Curve) -> tuple[int, int]:

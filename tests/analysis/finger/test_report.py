@@ -81,6 +81,15 @@ def test_results_hold_every_number_of_components(folder: Path) -> None:
     deployed = values["tasks"]["deployed"]
     assert deployed["paper"]["accuracy"]["Speed Scaled"] == {"percent": 61.67, "components": 25}
     assert any("same trials" in text for text in deployed["assumptions"])
+    assert values["tasks"]["new-session"]["paper"]["shares"] == []
+    quoted = {"Original": 52.33, "Speed Scaled": 61.67}
+    assert deployed["paper"]["shares"]
+    for share in deployed["paper"]["shares"]:
+        paper = quoted[share["kind"]]
+        assert (share["of"], share["paper"]["percent"], share["paper"]["of"]) == (50, paper, 300)
+        ours = deployed["curves"][share["kind"]]["mean"][share["components"] - 1]
+        assert share["correct"] == round(50 * ours)
+        assert np.sign(share["paper"]["test"]["effect"]) == np.sign(100 * ours - paper)
     assert values["latencies"]["features"]["p99"] == pytest.approx(3.965, abs=0.001)
 
 
