@@ -18,7 +18,8 @@ from rigctl.protocol.loader import TEXTURE_BYTES
 from rigctl.values import SAMPLE_RATE_HZ, PlannedTrial
 
 LABELS = ("texture", "speed", "force", "repeat", "mount")
-MAX_NUMBER = 2**31 - 1
+MAX_NUMBER = 2**31 - 2
+UNNUMBERED = -1
 MAX_SPEED_MM_S, MAX_FORCE_G = 1e5, 1e6
 MAX_MOUNT = 1_000_000
 
@@ -49,7 +50,7 @@ class LabelRules:
 
 @dataclass(frozen=True, slots=True)
 class TrialLabel:
-    """The condition of one trial; ``repeat`` is 0 where nothing numbers it.
+    """The condition of one trial; ``repeat`` is -1 where nothing numbers it.
 
     ``depth``: ``force_g`` is a depth in mm.
     """
@@ -116,10 +117,11 @@ def parse_label(path: Path, rules: LabelRules, texts: Mapping[str, str], place: 
         )
     speed = _parse_number(place, "speed", found, rules.speed.factor, rules.speed_mm_s)
     force_g = _parse_number(place, "force", found, rules.force.factor, rules.force_g)
-    repeat = _parse_number(place, "repeat", found, 1.0, 0.0)
+    repeat = _parse_number(place, "repeat", found, 1.0, UNNUMBERED)
+    first = 0 if "repeat" in found else UNNUMBERED
     mount = _parse_number(place, "mount", found, 1.0, rules.mount)
     possible = abs(speed) <= MAX_SPEED_MM_S and force_g <= MAX_FORCE_G
-    if not possible or speed == 0 or force_g < 0 or not 0 <= repeat <= MAX_NUMBER or repeat % 1:
+    if not possible or speed == 0 or force_g < 0 or not first <= repeat <= MAX_NUMBER or repeat % 1:
         raise WrongUse(
             f"{place}: speed {speed:g} mm/s, force {force_g:g} g, repeat {repeat:g}: the speed "
             "must not be 0, the force not negative, the repeat a whole number, and none huge"
@@ -132,12 +134,18 @@ def parse_label(path: Path, rules: LabelRules, texts: Mapping[str, str], place: 
 
 
 def number_repeats(labels: Iterable[TrialLabel]) -> list[TrialLabel]:
-    """Return the labels, those without a repeat numbered from 1 within their condition."""
+    """Return the labels, those without a repeat numbered from 1 within their condition.
+
+    A session counts repeats from 1: all are one higher where those of the files begin at 0.
+    """
+    labels = list(labels)
+    shift = int(any(label.repeat == 0 for label in labels))
     counts: Counter[TrialLabel] = Counter()
     numbered = []
     for label in labels:
         counts[label] += 1
-        numbered.append(label if label.repeat else replace(label, repeat=counts[label]))
+        repeat = counts[label] if label.repeat == UNNUMBERED else label.repeat + shift
+        numbered.append(replace(label, repeat=repeat))
     return numbered
 
 

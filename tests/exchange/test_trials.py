@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
+from rigctl.analysis.data.trial_set import join_sessions
 from rigctl.errors import ConfigError, WrongUse
 from rigctl.session.format.sensor_layout import SensorLayout
 from rigctl.session.read.session import Session
@@ -235,6 +236,41 @@ def test_trials_of_several_files_are_read_once_for_each_file(
     files = [write_table(tmp_path / f"{k}.csv", ROWS) for k in range(2)]
     run_import(tmp_path, TABLE, files)
     assert len(calls) == 4  # an inspection and a writing
+
+
+def test_repeats_that_begin_at_0_are_counted_from_1(tmp_path: Path) -> None:
+    text = TABLE.replace("speed_column", 'repeat_column = "run"\nspeed_column')
+    rows = [("silk", 20, 0), ("silk", 20, 1), ("felt", 20, 1)]
+    folder, _ = run_import(tmp_path, text, [write_table(tmp_path / "all.csv", rows)])
+    assert [(row[0], row[3], row[4]) for row in trials_of(folder)] == [
+        ("felt", 2, 2),
+        ("silk", 1, 0),
+        ("silk", 2, 1),
+    ]
+    negative = write_table(tmp_path / "b.csv", [("silk", 20, -1)])
+    with pytest.raises(WrongUse, match=r"repeat -1: .* a whole number"):
+        run_import(tmp_path, text, [negative], "refused")
+
+
+def test_a_label_says_the_mounting(tmp_path: Path) -> None:
+    text = TABLE.replace('column = "run"\n', "").replace(
+        "speed_column", 'mount_column = "run"\nspeed_column'
+    )
+    rows = [("silk", 20, 2), ("silk", 20, 1), ("felt", 20, 1)]
+    folder, _ = run_import(tmp_path, text, [write_table(tmp_path / "all.csv", rows)])
+    with Session.open(folder) as session:
+        trials = [session.trial_row(index).trial for index in range(3)]
+    assert [(t.texture, t.mount, t.repeat) for t in trials] == [
+        ("felt", 1, 1),
+        ("silk", 1, 1),
+        ("silk", 2, 1),
+    ]
+    plain, _ = run_import(
+        tmp_path, TABLE + "mount = 3\n", [write_table(tmp_path / "b.csv", ROWS)], "b"
+    )
+    with Session.open(plain) as session:
+        assert session.trial_row(0).trial.mount == 3
+    assert [trial.mount for trial in join_sessions([folder]).trials] == [1, 1, 2]
 
 
 SENSOR = '[sensor]\nname = "skin"\nrows = 1\ncolumns = 1\nlayers = ["upper", "lower"]\n'

@@ -5,13 +5,17 @@ from __future__ import annotations
 from math import pi
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from rigctl.config.toml_reader import TomlText
 from rigctl.errors import ConfigError
 from rigctl.exchange.column_map import ImportMap, parse_map
 from rigctl.exchange.labels import parse_label
+from rigctl.session.read.session import Session
+from rigctl.session.verify.session import verify
 from rigctl.values import PlannedTrial
+from tests.exchange.test_import import run_import
 
 MAP = """\
 [files]
@@ -101,3 +105,17 @@ def test_a_unit_without_what_it_needs_is_refused(labels: str, loadcell: str, wor
     with pytest.raises(ConfigError) as refused:
         read(labels, loadcell)
     assert words in str(refused.value)
+
+
+def test_a_session_has_the_depths_of_its_trials(tmp_path: Path) -> None:
+    files = []
+    for depth in ("0.5", "1"):
+        files.append(tmp_path / f"silk_20_{depth}_.npy")
+        np.save(files[-1], np.arange(400.0).reshape(100, 4))
+    text = MAP.format(labels='force_unit = "mm"', loadcell="")
+    folder, inspection = run_import(tmp_path, text, files)
+    assert verify(folder).problems == []
+    assert inspection.remarks[-1] == "depths in mm stand in the place of grams"
+    with Session.open(folder) as session:
+        trials = [session.trial_row(index).trial for index in range(2)]
+    assert [(t.force_mode, t.depth_mm) for t in trials] == [("position", 0.5), ("position", 1.0)]

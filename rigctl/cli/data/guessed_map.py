@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Sequence
+from itertools import accumulate
 from pathlib import Path
 
 from rigctl.config.names import shorten
@@ -12,7 +13,7 @@ from rigctl.errors import DiskFault, WrongUse
 from rigctl.exchange.guess.guess import GuessedMap
 
 WIDTH = 100
-CELL = 16
+CELL, NAME = 16, 32
 
 
 def write_guess(path: Path, guessed: GuessedMap) -> None:
@@ -34,6 +35,7 @@ def print_guess(path: Path, files: Sequence[Path], guessed: GuessedMap, *, as_js
             "files": len(files),
             "columns": [dict(zip(("name", "role"), pair, strict=True)) for pair in guessed.columns],
             "labels": dict(guessed.labels),
+            "trials_of_first_file": guessed.n_trials,
             "problem": guessed.problem,
         }
         print(json.dumps(answer, ensure_ascii=False))
@@ -42,22 +44,25 @@ def print_guess(path: Path, files: Sequence[Path], guessed: GuessedMap, *, as_js
     print(f"{count}; the first rows of {files[0]}:\n")
     print_table([guessed.header, *guessed.rows])
     print("\nEach column seems to be:\n")
-    print_table([*guessed.columns, *((f"({label})", words) for label, words in guessed.labels)])
-    print(f"\nmap: {path}")
+    print_pairs([*guessed.columns, *((f"({label})", words) for label, words in guessed.labels)])
+    if guessed.n_trials:
+        print(f"\nTrials in this file: {guessed.n_trials}")
+    print(f"Map: {path}")
     if guessed.problem:
         print(f"note: the map does not work yet: {guessed.problem}", file=sys.stderr)
 
 
 def print_table(rows: Sequence[Sequence[str]]) -> None:
     """Print rows in columns, as many as fit into 100 letters."""
-    longest = 2 * CELL if len(rows[0]) == 2 else CELL
-    widths = [max(min(len(row[k]), longest) for row in rows) + 2 for k in range(len(rows[0]))]
-    shown = next((k for k in range(len(widths)) if sum(widths[: k + 1]) > WIDTH), len(widths))
-    if len(widths) == 2:
-        shown = 2
+    widths = [max(len(shorten(row[k], CELL)) for row in rows) + 2 for k in range(len(rows[0]))]
+    shown = sum(1 for total in accumulate(widths) if total <= WIDTH)
     for row in rows:
-        cells = [
-            shorten(row[k], widths[k] - 2 if shown > 2 or k == 0 else WIDTH).ljust(widths[k])
-            for k in range(shown)
-        ]
+        cells = [shorten(row[k], CELL).ljust(widths[k]) for k in range(shown)]
         print("  " + "".join(cells).rstrip() + (" …" if shown < len(widths) else ""))
+
+
+def print_pairs(pairs: Sequence[tuple[str, str]]) -> None:
+    """Print names and what is said of each, one below the other."""
+    width = max(len(shorten(name, NAME)) for name, _ in pairs) + 2
+    for name, words in pairs:
+        print(f"  {shorten(name, NAME).ljust(width)}{shorten(words, WIDTH)}")

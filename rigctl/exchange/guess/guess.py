@@ -26,8 +26,9 @@ ROWS_SHOWN = 10
 class GuessedMap:
     """A map's text, ``rows`` of the first file under ``header``, and what each column seems to be.
 
-    ``columns``: pairs of names and words; ``labels``: pairs of a label and its values. ``problem``:
-    why the map does not work yet, in a sentence; empty if it does.
+    ``columns``: pairs of names and words; ``labels``: pairs of a label and its values. ``n_trials``
+    of the first file, 0 if the map cannot read it. ``problem``: why the map does not work yet, in
+    a sentence; empty if it does.
     """
 
     text: str
@@ -35,6 +36,7 @@ class GuessedMap:
     rows: tuple[tuple[str, ...], ...]
     columns: tuple[tuple[str, str], ...]
     labels: tuple[tuple[str, str], ...]
+    n_trials: int
     problem: str
 
 
@@ -66,7 +68,7 @@ def guess_map(paths: Sequence[Path]) -> GuessedMap:
         tuple(_rows(sample)),
         tuple(_describe_columns(sample, roles)),
         tuple((k, describe_values(v)) for k, v in _values(sample, roles, pattern).items()),
-        _find_problem(text, paths),
+        *_try_map(text, paths),
     )
 
 
@@ -124,16 +126,18 @@ def _join(one: str, other: str) -> str:
     return f"{min(ends):.6g} … {max(ends):.6g}"
 
 
-def _find_problem(text: str, paths: Sequence[Path]) -> str:
-    """Return why the map fails at its own checks, at a name or at the first file; else nothing."""
+def _try_map(text: str, paths: Sequence[Path]) -> tuple[int, str]:
+    """Return the trials of the first file, and why the map fails there or at a name, if it does."""
+    count = 0
     try:
         mapping = parse_map(TomlText("the map", text, ConfigError), "")
         trials = read_trials(paths[0], mapping).trials
+        count = len(trials)
         for trial in trials:
             parse_label(trial.path, mapping.labels, trial.labels, trial.place)
         for path in paths:
             parse_label(path, mapping.labels, trials[0].labels, str(path))
         extract_series(trials[0], mapping)
     except WrongUse as problem:
-        return str(problem)
-    return ""
+        return count, str(problem)
+    return count, ""

@@ -35,8 +35,9 @@ class MapParts:
 
 def write_map(parts: MapParts) -> str:
     """Return the TOML text of a map."""
+    files = "1 file" if parts.n_files == 1 else f"{parts.n_files} files"
     head = [
-        f"# Guessed by rigctl import --guess from {parts.n_files} files: read it, correct it, then",
+        f"# Guessed by rigctl import --guess from {files}: read it, correct it, then",
         "# rigctl import --map THIS_FILE FILES… --out DIR",
         f"name = {_quote(parts.name)}",
     ]
@@ -77,7 +78,8 @@ def _files(parts: MapParts) -> str:
 
 def _trials(parts: MapParts) -> str:
     if parts.sample.elements:
-        return _section("trials", [f"elements = {_quote(parts.sample.elements)}"])
+        elements = f"elements = {_quote(parts.sample.elements)}  # each element is a trial"
+        return _section("trials", [elements])
     if parts.roles.trial is None:
         return ""
     return _section("trials", [f"column = {_quote(reference(parts.sample, parts.roles.trial))}"])
@@ -129,6 +131,8 @@ def _labels(parts: MapParts) -> str:
         lines.append('texture = ""  # not found: name it here, or in the pattern, or in a column')
     if "speed" not in known:
         lines.append("speed_mm_s = 0  # not found: give it here, in the pattern or in a column")
+    if "force" not in known:
+        lines.append("# No force was found: 0 g, unknown")
     for role in ("speed", "force"):
         if role in known:
             lines += _unit_lines(role, _unit_of(role, parts), f"{role}_unit")

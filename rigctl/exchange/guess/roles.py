@@ -184,7 +184,8 @@ class _RoleGuess:
 
     def _span(self, column: int) -> str:
         values = self._sample.values[:, column]
-        return f"{np.nanmin(values):.6g} … {np.nanmax(values):.6g}"
+        low, high = f"{np.nanmin(values):.6g}", f"{np.nanmax(values):.6g}"
+        return low if low == high else f"{low} … {high}"
 
     def _describe_texts(self, column: int) -> str:
         texts = self._sample.texts.get(column)
