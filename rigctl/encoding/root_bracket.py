@@ -24,6 +24,7 @@ MAX_SLOPE_RATIO = 5.0
 class SearchStatus(IntEnum):
     """How the search for one C ended."""
 
+    ABSENT = -1  # no trial, or none at the reference force: there is no C
     REFERENCE = 0  # the reference force itself: C is 1
     CONVERGED = 1  # the rate is within the tolerance
     CAPPED = 2  # no C above 5 brings the rate to the target either; C is 5

@@ -24,7 +24,7 @@ from rigctl.analysis.paper.result_tables import as_dict
 from rigctl.analysis.paper.tasks import SweepSettings, run_tasks
 from rigctl.cli import main
 from rigctl.encoding.parameters import DEFAULT
-from rigctl.errors import SessionError
+from rigctl.errors import SessionError, WrongUse
 from rigctl.session.read.part_file import part_paths
 from tests.analysis.recordings import record
 from tests.session.building import SyntheticRig, plan, recorder
@@ -131,17 +131,47 @@ def test_other_taxels_layouts_and_rates_are_refused(good: Path, tmp_path: Path) 
             join_sessions([good, copy])
 
 
-def test_missing_force_levels_leave_out_the_force_rows_only(session: Path, tmp_path: Path) -> None:
-    def abort_some(file: Any) -> None:
-        rows = file["/trials"][:]
-        some = (rows["texture"] == b"B") & (rows["force_g"] == 250) & (rows["speed_mm_s"] == 80)
-        rows["verdict"][some] = b"aborted"
-        file["/trials"][:] = rows
+def abort(force_g: int, file: Any) -> None:
+    rows = file["/trials"][:]
+    some = (rows["texture"] == b"B") & (rows["force_g"] == force_g) & (rows["speed_mm_s"] == 80)
+    rows["verdict"][some] = b"aborted"
+    file["/trials"][:] = rows
 
-    damage(session, abort_some)
+
+def test_a_missing_force_costs_no_trial_where_the_reference_is(
+    session: Path, tmp_path: Path
+) -> None:
+    damage(session, partial(abort, 250))
     made, plain = analyse(session, tmp_path)
-    assert [r.key for r in made.present] == ["original", "speed"]
-    assert "left out: texture B at 80 mm/s has no trial at 250 g" in remarks_of(plain)
+    assert len(made.present) == 6 and len(made.trials.trials) == 24 - 2
+    assert made.force is not None and made.force.absent_conditions == [("B", 80.0, 250.0)]
+    assert "C has no entry for combinations" in remarks_of(plain)
+    assert "1 (B at 80 mm/s and 250 g)" in remarks_of(plain)
+    others = [made.force.c_at(texture, 80.0, 250.0) for texture in "AG"]
+    blind = made.force.texture_blind(80.0, 250.0)
+    np.testing.assert_allclose(blind, np.mean(others, axis=0))
+    with pytest.raises(WrongUse, match="no entry for texture B, 80 mm/s and 250 g"):
+        made.force.c_at("B", 80.0, 250.0)
+
+
+def test_a_texture_and_speed_without_the_reference_is_left_out_alone(
+    session: Path, tmp_path: Path
+) -> None:
+    damage(session, partial(abort, 500))
+    made, plain = analyse(session, tmp_path)
+    assert len(made.present) == 6 and len(made.trials.trials) == 24 - 4
+    assert "have no C: 2; their texture and speed have no trial at the" in remarks_of(plain)
+    assert "of 500 g: texture B at 80 mm/s" in remarks_of(plain)
+    assert {t.speed_mm_s for t in made.trials.trials if t.texture == "B"} == {40.0}
+    words = ["encode", str(session), "--no-cache", "--out"]
+    assert main([*words, str(tmp_path / "plain")]) == 0
+    assert main([*words, str(tmp_path / "scaled"), "--scaled-by", "blind"]) == 0
+    counts = []
+    for name in ("plain", "scaled"):
+        with h5py.File(tmp_path / name / "spikes.h5") as file:
+            assert (file["c/status"][1, :, 1] == -1).all() or name == "scaled"
+            counts.append(len(file["trials/trial_id"]))
+    assert counts == [22, 20]
 
 
 def test_constant_taxels_are_named_and_harmless(session: Path, tmp_path: Path) -> None:
@@ -187,9 +217,7 @@ def test_everything_bad_at_once_gives_a_report_of_numbers(session: Path, tmp_pat
     remarks = remarks_of(plain)
     assert "no within-class variance) were set aside" in remarks
     assert "constant taxels, which read 0 and never spike: 10, 11" in remarks
-    assert (
-        "Force Scaled representations are left out" in remarks and "attempts left out: " in remarks
-    )
+    assert "C has no entry for combinations" in remarks and "attempts left out: " in remarks
     assert_only_numbers(out)
 
 

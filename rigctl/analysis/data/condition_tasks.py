@@ -24,6 +24,7 @@ from rigctl.encoding.force_search import ForceSearch, search_c
 from rigctl.encoding.kernel import TrialViews
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
+from rigctl.encoding.root_bracket import SearchStatus
 from rigctl.session.read.sample_index import SampleFile, SampleFiles
 
 
@@ -162,6 +163,9 @@ def _search_c(condition: ConditionTask, reader: TrialReader) -> Arrays:
         if force == condition.reference_g:
             continue
         rows = condition.rows_at(force)
+        if not rows:
+            found["status"][:, f], found["rate_hz"][:, f] = SearchStatus.ABSENT, 0.0
+            continue
         plain[rows], search = _search_at_force(
             condition, _read(condition, reader, rows), reading, target
         )
@@ -243,15 +247,18 @@ def c_per_trial(
 
 
 def join_force_matrix(conditions: Sequence[ConditionTask], found: Sequence[Arrays]) -> ForceMatrix:
-    """Return the C of all conditions, which are sorted by texture and speed."""
+    """Return the C of all conditions; those that were not searched have none (ABSENT)."""
     textures = tuple(sorted({condition.texture for condition in conditions}))
     speeds = tuple(sorted({condition.speed_mm_s for condition in conditions}))
-
-    def joined(name: str) -> NDArray[Any]:
-        arrays = np.array([arrays[name] for arrays in found])
-        by_texture = arrays.reshape(len(textures), len(speeds), *arrays.shape[1:])
-        return np.ascontiguousarray(by_texture.transpose(0, 2, 1, 3))
-
-    first = conditions[0]
-    arrays = map(joined, ("c", "status", "residual_hz", "evaluations", "rate_hz"))
-    return ForceMatrix(textures, speeds, first.forces_g, first.reference_g, *arrays)
+    pairs = zip(conditions, found, strict=True)
+    searched = [(condition, arrays) for condition, arrays in pairs if "c" in arrays]
+    first, of_first = searched[0]
+    n_taxels, n_forces = of_first["c"].shape
+    shape = (len(textures), n_taxels, len(speeds), n_forces)
+    joined: Arrays = {name: np.zeros(shape) for name in ("residual_hz", "evaluations", "rate_hz")}
+    joined |= {"c": np.ones(shape), "status": np.full(shape, SearchStatus.ABSENT, np.int8)}
+    for condition, arrays in searched:
+        t, v = textures.index(condition.texture), speeds.index(condition.speed_mm_s)
+        for name, values in joined.items():
+            values[t, :, v] = arrays[name]
+    return ForceMatrix(textures, speeds, first.forces_g, first.reference_g, **joined)

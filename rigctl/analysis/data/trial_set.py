@@ -94,6 +94,12 @@ class TrialSet:
             rows.setdefault((trial.texture, trial.speed_mm_s), []).append(i)
         return dict(sorted(rows.items()))
 
+    def without(self, rows: Sequence[int], remark: str) -> TrialSet:
+        """Return the set without the trials of some rows, with a remark on them."""
+        left_out = set(rows)
+        kept = tuple(trial for row, trial in enumerate(self.trials) if row not in left_out)
+        return replace(self, trials=kept, remarks=(*self.remarks, remark))
+
     def without_gaps(self) -> TrialSet:
         """Return the set without the trials that lack samples, and a remark that lists those.
 

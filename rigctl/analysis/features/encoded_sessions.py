@@ -16,7 +16,11 @@ from rigctl.analysis.data.atomic_directory import atomic_directory
 from rigctl.analysis.data.cache import Arrays, Resources, cache_key
 from rigctl.analysis.data.condition_tasks import ConditionTask, c_per_trial, replace_sa_counts
 from rigctl.analysis.data.trial_set import TrialRef, TrialSet, join_sessions, open_trials
-from rigctl.analysis.features.representations import force_scaling_obstacle
+from rigctl.analysis.features.force_coverage import (
+    absence_sentence,
+    force_scaling_obstacle,
+    with_c,
+)
 from rigctl.analysis.features.spike_counts import (
     PreparedTrials,
     RangesOver,
@@ -101,16 +105,20 @@ def encode_sessions(request: EncodeRequest, made_utc: str, resources: Resources)
     check_selection(trials, request.trial, request.taxel)
     resources.executor.check_visible(trials.paths)
     with atomic_directory(request.out) as folder:
+        trials = trials.without_gaps()
+        obstacle = force_scaling_obstacle(trials, request.reference_g)
+        if request.scaled_by is not ScaledBy.NONE:
+            if obstacle:
+                raise WrongUse(f"--scaled-by {request.scaled_by} needs C. {obstacle}")
+            trials = with_c(trials, request.reference_g)
         prepared = prepare_trials(trials, resources, request.ranges)
-        obstacle = force_scaling_obstacle(prepared.trials, request.reference_g)
-        if obstacle and request.scaled_by is not ScaledBy.NONE:
-            raise WrongUse(f"--scaled-by {request.scaled_by} needs C. {obstacle}")
         conditions = group_by_condition(
             prepared, request.parameters, request.reference_g, search_c=not obstacle
         )
         counted = list(count_conditions(prepared, conditions, resources))
         force = join_searched_c(conditions, counted)
-        remarks = tuple(filter(None, (*prepared.trials.remarks, obstacle)))
+        absence = "" if force is None else absence_sentence(force)
+        remarks = tuple(filter(None, (*prepared.trials.remarks, obstacle, absence)))
         encoding = _encoding(request, prepared, force, remarks, made_utc)
         with SpikeFileWriter(folder / FILE, encoding) as file:
             n_spikes = _write_spikes(file, request, prepared, force, resources)

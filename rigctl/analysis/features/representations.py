@@ -21,6 +21,11 @@ from numpy.typing import NDArray
 from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.data.condition_tasks import ConditionTask, replace_sa_counts
 from rigctl.analysis.data.trial_set import TrialSet
+from rigctl.analysis.features.force_coverage import (
+    absence_sentence,
+    force_scaling_obstacle,
+    with_c,
+)
 from rigctl.analysis.features.spike_counts import (
     PreparedTrials,
     RangesOver,
@@ -121,24 +126,29 @@ def represent(
     ``settings``: windows, reference force and trained conditions, by default the paper's.
     ``source``: a C that is used as it is, without a search. ``ranges``: the taxel ranges, over all
     trials used as in the paper, over those that it trains on, or given. The set leaves out trials
-    with gaps and lists them in a remark. Raises SessionError where no complete trial is left,
-    WrongUse where no trial has the reference force that an analysis file names.
+    with gaps and trials without C, and lists them in remarks. Raises SessionError where no complete
+    trial is left, WrongUse where no trial has the reference force that an analysis file names.
     """
     settings = settings or AnalysisSettings()
     reference_g = settings.conditions.reference_force_g
     if source is None:
         check_reference_force(settings, trials.forces_g)
+    trials = trials.without_gaps()
+    obstacle = "" if source else force_scaling_obstacle(trials, reference_g)
+    if not (obstacle or source):
+        trials = with_c(trials, reference_g)
     prepared = prepare_trials(trials, resources, ranges, settings)
     trials = prepared.trials
-    remarks = list(trials.remarks)
-    obstacle = "" if source else force_scaling_obstacle(trials, reference_g)
-    if obstacle:
-        remarks.append(obstacle)
+    remarks = [*trials.remarks, obstacle]
     conditions = group_by_condition(
         prepared, parameters, reference_g, search_c=not (obstacle or source)
     )
     with closing(_FeatureFiles(folder, trials, sync=not resources.executor.is_local)) as files:
         force, transferred = _write_features(files, prepared, conditions, source, resources)
+    if transferred is not None:
+        remarks.append(transferred.sentence)
+    elif force is not None:
+        remarks.append(absence_sentence(force))
     return RepresentationSet(
         trials,
         prepared.normalisation,
@@ -146,7 +156,7 @@ def represent(
         *prepared.layouts,
         force,
         files.paths,
-        (*remarks, *([transferred.sentence] if transferred else []), *resources.cache.remarks),
+        (*filter(None, remarks), *resources.cache.remarks),
         transferred,
         settings,
     )
@@ -226,23 +236,3 @@ class _FeatureFiles:
         path = self._folder / f"{key}.npy"
         open_memmap(path, "w+", np.float64, (self._n_trials, width))
         return path.open("r+b")
-
-
-def force_scaling_obstacle(trials: TrialSet, reference_g: float) -> str:
-    """Return a sentence where force cannot be scaled, "" where it can."""
-    start = "Force Scaled representations are left out: "
-    forces = trials.forces_g
-    if len(forces) < 2:
-        return f"{start}there is only one level of force"
-    if reference_g not in forces:
-        return (
-            f"{start}no trial was made at the reference force of {reference_g:g} g "
-            "(--reference-force names another)"
-        )
-    present = {(t.texture, t.speed_mm_s, t.force_g) for t in trials.trials}
-    for texture, speed in trials.by_condition():
-        for force in forces:
-            if (texture, speed, force) not in present:
-                return f"{start}texture {texture} at {speed:g} mm/s has no trial at {force:g} g"
-    crossed = len(trials.textures) * len(trials.speeds_mm_s) * len(forces)
-    return "" if len(present) == crossed else f"{start}a texture lacks a speed"

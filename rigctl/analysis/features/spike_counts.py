@@ -100,15 +100,19 @@ def _layouts(trials: TrialSet, settings: AnalysisSettings) -> tuple[FeatureLayou
 def group_by_condition(
     prepared: PreparedTrials, parameters: EncoderParameters, reference_g: float, *, search_c: bool
 ) -> list[ConditionTask]:
-    """Return the set by texture and speed, in sorted order, with or without a search for C."""
+    """Return the set by texture and speed, in sorted order, with or without a search for C.
+
+    A texture and speed without a trial at the reference force is not searched.
+    """
     trials = prepared.trials
-    forces = trials.forces_g if search_c else ()
-    settings = (prepared.normalisation, parameters, prepared.layouts, forces, reference_g, ())
+    encoder = (prepared.normalisation, parameters, prepared.layouts)
     conditions = []
     for rows in trials.by_condition().values():
         members = tuple(trials.trials[i] for i in rows)
         files = files_of_trials(trials.files, members)
-        conditions.append(ConditionTask(rows, files, members, *settings))
+        searched = search_c and any(trial.force_g == reference_g for trial in members)
+        forces = trials.forces_g if searched else ()
+        conditions.append(ConditionTask(rows, files, members, *encoder, forces, reference_g, ()))
     return conditions
 
 
@@ -116,7 +120,8 @@ def count_conditions(
     prepared: PreparedTrials, conditions: Sequence[ConditionTask], resources: Resources
 ) -> Iterator[Arrays]:
     """Yield the counts without C of each condition; after a search also C and counts with it."""
-    stage = "searching C, encoding" if conditions[0].forces_g else "encoding"
+    searches = any(condition.forces_g for condition in conditions)
+    stage = "searching C, encoding" if searches else "encoding"
     return _map_conditions(prepared, conditions, stage, resources)
 
 
@@ -124,7 +129,8 @@ def join_searched_c(
     conditions: Sequence[ConditionTask], counted: Sequence[Arrays]
 ) -> ForceMatrix | None:
     """Return the C that :func:`count_conditions` found, None without a search."""
-    return join_force_matrix(conditions, counted) if "c" in counted[0] else None
+    searched = any("c" in arrays for arrays in counted)
+    return join_force_matrix(conditions, counted) if searched else None
 
 
 def count_with_given_c(

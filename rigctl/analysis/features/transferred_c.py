@@ -135,6 +135,11 @@ def check_c_covers(trials: TrialSet, force: ForceMatrix, *, by_texture: bool) ->
             mismatch = f"was made at {trial.force_g:g} g, C at {levels} g"
         elif by_texture and trial.texture not in force.textures:
             mismatch = f"has texture {trial.texture!r}, C is for {', '.join(force.textures)}"
+        elif by_texture and not force.covers(trial.texture, trial.speed_mm_s, trial.force_g):
+            mismatch = (
+                f"has texture {trial.texture!r} at {trial.speed_mm_s:g} mm/s and "
+                f"{trial.force_g:g} g, which C lacks"
+            )
         if mismatch:
             raise WrongUse(
                 f"{trials.paths[trial.session]}: trial {trial.trial_id} {mismatch}: "

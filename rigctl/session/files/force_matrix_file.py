@@ -17,7 +17,7 @@ from rigctl.session.hdf5.schema import numbers, texts
 AXES = "texture, taxel, speed, force"
 _ARRAYS = ("c", "status", "residual_hz", "evaluations")
 EVALUATIONS_DOC = "encodings in the search; one of some trials counts as their share of samples"
-STATUS_DOC = "0 reference force, 1 converged, 2 limited to 5, 3 at a jump of the rate"
+STATUS_DOC = "-1 absent, 0 reference force, 1 converged, 2 limited to 5, 3 at a jump of the rate"
 
 
 def write_force(group: Any, force: ForceMatrix) -> None:
