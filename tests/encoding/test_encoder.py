@@ -411,3 +411,11 @@ def test_samples_of_another_width_are_refused() -> None:
 def test_the_table_of_rates_in_the_reference_is_fresh() -> None:
     page = Path(__file__).parents[2] / "docs" / "reference" / "encoding.md"
     assert markdown_table() in page.read_text(encoding="utf-8")
+
+
+def test_the_reference_explains_every_preset() -> None:
+    page = Path(__file__).parents[2] / "docs" / "reference" / "encoding.md"
+    rows = page.read_text(encoding="utf-8").splitlines()
+    for name in PRESETS:
+        (*_, source) = next(row for row in rows if row.startswith(f"| `{name}` |")).split("|")[:-1]
+        assert source.strip()
