@@ -73,8 +73,13 @@ def draw_accuracies(results: Sequence[FingerResult], title: str, origin: str, st
     return save_figure(figure, stem, title, origin)
 
 
-def draw_evidence(curves: Sequence[EvidenceCurve], chance: float, origin: str, stem: Path) -> Path:
-    """Draw accuracy against millimetres and seconds of evidence; return the PNG's path."""
+def draw_evidence(
+    curves: Sequence[EvidenceCurve], components: int, chance: float, origin: str, stem: Path
+) -> Path:
+    """Draw accuracy against millimetres and seconds of evidence; return the PNG's path.
+
+    ``components``: most principal components of the classifier.
+    """
     figure, (way, time) = new_figure((11, 4.6), 1, 2, sharey=True)
     for curve in curves:
         style: dict[str, Any] = {"color": KIND_COLOURS[curve.kind], "label": curve.kind.value}
@@ -88,7 +93,7 @@ def draw_evidence(curves: Sequence[EvidenceCurve], chance: float, origin: str, s
     time.set(xlabel="time since the first mark (s)")
     way.legend(frameon=False, loc="lower right")
     way.text(1, 100 * chance + 1.5, f"chance {chance:.0%}", size=8, color=MUTED)
-    title = "Accuracy against evidence, new sessions, 25 components"
+    title = f"Accuracy against evidence, new sessions, {components} components"
     return save_figure(figure, stem, title, origin)
 
 

@@ -148,8 +148,10 @@ def _draw(analysis: FingerAnalysis, folder: Path) -> dict[str, Path]:
         results = [one for one in analysis.tasks if one.task.figure == figure]
         if results:
             figures[key] = draw_accuracies(results, CAPTIONS[key], origin, folder / key)
-    chance = analysis.tasks[0].chance
-    figures["evidence"] = draw_evidence(analysis.evidence, chance, origin, folder / "evidence")
+    chance, components = analysis.tasks[0].chance, analysis.settings.finger.components
+    figures["evidence"] = draw_evidence(
+        analysis.evidence, components, chance, origin, folder / "evidence"
+    )
     figures["promises"] = draw_promises(
         analysis.coverage, analysis.novelty, origin, folder / "promises"
     )

@@ -24,12 +24,8 @@ def html_report(
     """
     tasks = results["tasks"].values()
     present = {key for task in tasks for key in task["representations"]}
-    assumptions = [
-        sentence
-        for task in tasks
-        for found in task["differences_from_original"].values()
-        for sentence in found["assumptions"]
-    ]
+    tests = [found for task in tasks for found in task["differences_from_original"].values()]
+    assumptions = [sentence for found in tests for sentence in found["assumptions"]]
     return render_page(
         "report.html",
         results=results,

@@ -23,8 +23,8 @@ from rigctl.cli.options.progress import ProgressLine
 from tests.analysis.recordings import record
 
 FILES = {
-    "report.html", "results.json", "table1.csv", "unconverged_c.csv", "fig3.svg", "fig3.png",
-    "confusion.svg", "confusion.png", "fig2c.svg", "fig2c.png",
+    "analysis.toml", "report.html", "results.json", "table1.csv", "unconverged_c.csv",
+    "fig3.svg", "fig3.png", "confusion.svg", "confusion.png", "fig2c.svg", "fig2c.png",
 }  # fmt: skip
 
 

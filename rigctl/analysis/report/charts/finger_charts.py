@@ -93,6 +93,8 @@ def _notes(tasks: Mapping[str, Values], tests: Mapping[str, Values]) -> list[str
 
 def evidence_chart(results: Values) -> LineChart:
     """Return accuracy against millimetres and seconds of evidence."""
+    components = results["settings"]["analysis"]["finger"]["components"]
+    note = f"New sessions, {components} components."
     chance = 100 * next(iter(results["tasks"].values()))["chance"]
     panels = [
         LinePanel(
@@ -114,7 +116,7 @@ def evidence_chart(results: Values) -> LineChart:
             ("By time", "at_s", "by_s", "time since the first mark (s)", "s"),
         )
     ]
-    return LineChart("Accuracy against evidence", panels, ["New sessions, 25 components."])
+    return LineChart("Accuracy against evidence", panels, [note])
 
 
 def promises_chart(results: Values) -> LineChart:
