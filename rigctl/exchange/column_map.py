@@ -15,6 +15,7 @@ from rigctl.session.format.sensor_layout import LAYER_NAMES, SensorLayout
 
 MAX_RATE_HZ = 1e7
 MAX_VALUE = 1e300
+DECIMALS, MAX_SKIPPED = (".", ","), 10_000
 LOW_PASS_HZ, LOW_PASS_MAX_HZ = 400.0, 499.0
 
 
@@ -40,6 +41,8 @@ class ImportMap:
     elements: str
     variable: str
     delimiter: str
+    decimal: str
+    skip_lines: int
     transpose: bool
     taxels: tuple[str, ...]
     unit: str
@@ -96,6 +99,8 @@ def parse_map(text: TomlText, default_name: str) -> ImportMap:
         elements=trials.text("elements", ""),
         variable=files.text("variable", ""),
         delimiter=_read_delimiter(files),
+        decimal=files.choice("decimal", DECIMALS, "."),
+        skip_lines=files.integer("skip_lines", 0, low=0, high=MAX_SKIPPED),
         transpose=files.flag("transpose", False),
         taxels=taxels.texts("columns"),
         unit=taxels.text("unit", ""),

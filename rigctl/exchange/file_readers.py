@@ -15,7 +15,7 @@ from rigctl.exchange.column_map import ImportMap
 from rigctl.exchange.column_names import format_names, range_ends
 from rigctl.exchange.matlab.matlab_reader import read_mat
 from rigctl.exchange.recording_files import SUFFIXES
-from rigctl.exchange.text_table import read_text_table
+from rigctl.exchange.text_table import TextFormat, read_text_table
 from rigctl.exchange.trial_tables import FileTrials, Floats, LabelColumn, TrialTable, split_trials
 from rigctl.session.files.numpy_file import read_numpy
 
@@ -74,8 +74,14 @@ def read_variables(path: Path) -> Mapping[str, Any]:
 
 def _from_text(path: Path, mapping: ImportMap) -> FileTrials:
     delimiter = mapping.delimiter or DELIMITERS[path.suffix.lower()]
+    if delimiter == mapping.decimal:
+        raise WrongUse(
+            f"{path}: {delimiter!r} divides both cells and decimals: correct delimiter or decimal "
+            "in [files]"
+        )
+    form = TextFormat(delimiter, mapping.decimal, mapping.skip_lines)
     try:
-        table = read_text_table(path, delimiter, mapping.channels, mapping.label_columns)
+        table = read_text_table(path, form, mapping.channels, mapping.label_columns)
     except OSError as error:
         raise WrongUse(f"cannot read {path}: {error.strerror or error}") from error
     rows = table.first_row + np.arange(len(table.values))

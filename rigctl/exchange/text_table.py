@@ -24,6 +24,23 @@ MAX_LINE_LETTERS = 1_000_000
 MAX_LABELS = 100_000
 
 
+class TextFormat(NamedTuple):
+    """What divides cells and decimals, and how many lines stand before the header."""
+
+    delimiter: str
+    decimal: str = "."
+    skip_lines: int = 0
+
+    def cells(self, row: Sequence[str]) -> list[str]:
+        """Return cells without spaces around them, numbers with a decimal point."""
+        cells = [cell.strip() for cell in row]
+        return [self._number(cell) for cell in cells] if self.decimal != "." else cells
+
+    def _number(self, cell: str) -> str:
+        number = cell.replace(self.decimal, ".")
+        return number if is_number(number) else cell
+
+
 class TextTable(NamedTuple):
     """A table of numbers: ``values`` float64 (n, m), NaN for an empty cell.
 
@@ -40,7 +57,7 @@ class TextTable(NamedTuple):
 
 
 def read_text_table(
-    path: Path, delimiter: str, numbers: Sequence[str] | None = None, labels: Sequence[str] = ()
+    path: Path, form: TextFormat, numbers: Sequence[str] | None = None, labels: Sequence[str] = ()
 ) -> TextTable:
     """Read a table of UTF-8 text; a first row that is no numbers has the names of the columns.
 
@@ -48,15 +65,20 @@ def read_text_table(
     texts. ``labels``: columns that may be texts. Raises WrongUse naming file, row and column.
     """
     with open_text(path) as file:
-        rows = _numbered_rows(csv.reader(_lines(path, file), delimiter=delimiter))
+        lines = islice(_lines(path, file), form.skip_lines, None)
+        rows = _numbered_rows(csv.reader(lines, delimiter=form.delimiter), form)
         return _read_rows(path, rows, numbers, labels)
 
 
-def read_first_lines(path: Path, count: int) -> list[str]:
-    """Return up to ``count`` lines with any content. Raises WrongUse as :func:`read_text_table`."""
+def read_first_lines(path: Path, count: int, skip_lines: int = 0) -> list[tuple[int, str]]:
+    """Return up to ``count`` lines with any content, with their numbers from 1.
+
+    Raises WrongUse as :func:`read_text_table`.
+    """
     with open_text(path) as file:
-        lines = (line.rstrip("\r\n") for line in _lines(path, file))
-        return list(islice((line for line in lines if line.strip()), count))
+        lines = ((n, line.rstrip("\r\n")) for n, line in enumerate(_lines(path, file), 1))
+        full = ((n, line) for n, line in lines if n > skip_lines and line.strip())
+        return list(islice(full, count))
 
 
 @contextmanager
@@ -85,11 +107,11 @@ def _lines(path: Path, file: TextIO) -> Iterator[str]:
         yield line
 
 
-def _numbered_rows(rows: Iterator[list[str]]) -> Iterator[tuple[int, list[str]]]:
-    """Yield the rows with any content and their numbers, cells without spaces around them."""
-    for number, row in enumerate(rows, 1):
+def _numbered_rows(rows: Iterator[list[str]], form: TextFormat) -> Iterator[tuple[int, list[str]]]:
+    """Yield the rows with any content and their numbers."""
+    for number, row in enumerate(rows, form.skip_lines + 1):
         if any(row):
-            yield number, [cell.strip() for cell in row]
+            yield number, form.cells(row)
 
 
 def _read_rows(

@@ -83,6 +83,18 @@ def trial_column(folder: Path) -> None:
     write_rows(folder / "all.csv", header, rows)
 
 
+def decimal_commas(folder: Path) -> None:
+    """Lines about the recording, then a table with decimal commas."""
+    for t in TRIALS:
+        rows = [
+            [f"{at:.3f}".replace(".", ","), *counts]
+            for at, counts in zip(TIME_S, _whole(t.counts), strict=True)
+        ]
+        header = f"Skin 2, firmware 1.4\n\nOperator;Jörg\n{';'.join(['Zeit', *NAMES])}"
+        name = f"{t.texture}_{t.speed_mm_s}mmps_{t.repeat}.txt"
+        write_rows(folder / name, header, rows, ";")
+
+
 def _structures() -> list[dict[str, Any]]:
     return [
         {
@@ -141,6 +153,7 @@ LAYOUTS: tuple[Callable[[Path], None], ...] = (
     labels_in_names,
     folder_tree,
     trial_column,
+    decimal_commas,
     structures,
     structures_73,
     cells,

@@ -11,7 +11,7 @@ import pytest
 from rigctl.errors import ConfigError, WrongUse
 from rigctl.exchange.column_map import load_map
 from rigctl.exchange.labels import parse_label
-from rigctl.exchange.text_table import MAX_FILE_BYTES, read_text_table
+from rigctl.exchange.text_table import MAX_FILE_BYTES, TextFormat, read_text_table
 
 MAP = """\
 [files]
@@ -51,6 +51,8 @@ def test_a_pattern_takes_no_exponential_time(tmp_path: Path, pattern: str) -> No
         ({"pattern": "x" * 1001}, "has 1,001 letters"),
         ({"more": "delimiter = ';;'\n"}, "line 3: files.delimiter: must be one letter"),
         ({"more": 'delimiter = "\\n"\n'}, "must be one letter"),
+        ({"more": "decimal = ';'\n"}, "line 3: files.decimal: must be one of ., ,"),
+        ({"more": "skip_lines = -1\n"}, "line 3: files.skip_lines: -1 is outside 0 to 10000"),
         ({"columns": f"'{'x' * 2000}'"}, "a text of more than 1,000 letters"),
     ],
 )
@@ -89,7 +91,7 @@ def refusal(path: Path) -> str:
     tracemalloc.start()
     try:
         with pytest.raises(WrongUse) as refused:
-            read_text_table(path, ",")
+            read_text_table(path, TextFormat(","))
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from math import isqrt
 
 from rigctl.config.names import name_problem
+from rigctl.exchange.file_readers import DELIMITERS
 from rigctl.exchange.guess.file_names import NamePattern
 from rigctl.exchange.guess.roles import ColumnRoles, reference, references
 from rigctl.exchange.guess.sample import RecordingSample
@@ -69,11 +70,24 @@ def _files(parts: MapParts) -> str:
         if parts.pattern.assumed:
             lines.append(f"# Assumed from the order of numbers: {', '.join(parts.pattern.assumed)}")
         lines.append(f"pattern = {_quote(parts.pattern.pattern)}")
-    if parts.sample.delimiter:
-        lines.append(f"delimiter = {_quote(parts.sample.delimiter)}")
+    lines += _form(parts.sample)
     if parts.sample.transpose:
         lines.append("transpose = true  # fewer rows than columns: samples stand along columns")
     return _section("files", lines)
+
+
+def _form(sample: RecordingSample) -> list[str]:
+    """Return the lines of a text table's format that are not those of its kind of file."""
+    form, lines = sample.form, []
+    if form is None:
+        return []
+    if form.delimiter != DELIMITERS[sample.path.suffix.lower()]:
+        lines.append(f"delimiter = {_quote(form.delimiter)}")
+    if form.decimal != ".":
+        lines.append(f"decimal = {_quote(form.decimal)}")
+    if form.skip_lines:
+        lines.append(f"skip_lines = {form.skip_lines}  # they have other numbers of cells")
+    return lines
 
 
 def _trials(parts: MapParts) -> str:

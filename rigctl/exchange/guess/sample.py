@@ -21,11 +21,18 @@ from rigctl.exchange.file_readers import (
     split_elements,
 )
 from rigctl.exchange.recording_files import SUFFIXES
-from rigctl.exchange.text_table import has_names, is_number, read_first_lines, read_text_table
+from rigctl.exchange.text_table import (
+    TextFormat,
+    has_names,
+    is_number,
+    read_first_lines,
+    read_text_table,
+)
 from rigctl.exchange.trial_tables import Floats
 
 FIRST_LINES = 30
 _LETTERS = (",", ";", "\t", "|", " ")
+_DECIMAL_COMMA = re.compile(r"-?\d+,\d+$")
 _ELEMENT = re.compile(r"^(?P<array>.+?)\.(?P<number>\d+)(?:\.(?P<field>.*))?$")
 MOST_TRANSPOSED = 64
 
@@ -36,7 +43,8 @@ class RecordingSample:
 
     ``texts``: the different texts of each text column by its index, whose values are their places.
     ``fields``: texts and scalars of every element by name. ``named``: whether columns have names
-    of their own. ``elements``: the array whose elements are trials; values are those of the first.
+    of their own. ``form``: that of a text table. ``elements``: the array whose elements are
+    trials; values are those of the first.
     """
 
     path: Path
@@ -45,7 +53,7 @@ class RecordingSample:
     named: bool
     texts: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
     fields: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    delimiter: str = ""
+    form: TextFormat | None = None
     elements: str = ""
     transpose: bool = False
 
@@ -73,47 +81,58 @@ def read_sample(paths: Sequence[Path]) -> RecordingSample:
 
 
 def _read_text(paths: Sequence[Path]) -> RecordingSample:
-    lines = read_first_lines(paths[0], FIRST_LINES)
-    delimiter = _find_delimiter(lines) or DELIMITERS[paths[0].suffix.lower()]
-    head = _head(paths[0], delimiter)
+    form = _find_format(paths[0])
+    head = _head(paths[0], form)
     for path in paths[1:]:
-        if (other := _head(path, delimiter)) != head:
+        if (other := _head(path, form)) != head:
             raise WrongUse(
                 f"{path} has {_describe(other)}, but {paths[0].name} has {_describe(head)}: guess "
                 "a map for each layout"
             )
-    rows = [_cells(line, delimiter) for line in lines]
-    names, n_columns = head
-    columns = [
-        [row[k].strip() for row in rows[bool(names) :] if k < len(row)] for k in range(n_columns)
-    ]
+    rows = _first_rows(paths[0], form, FIRST_LINES)[bool(head[0]) :]
+    columns = [[row[k] for row in rows if k < len(row)] for k in range(head[1])]
     labels = [str(k + 1) for k, cells in enumerate(columns) if _are_labels(cells)]
-    table = read_text_table(paths[0], delimiter, (), labels)
-    own = "" if delimiter == DELIMITERS[paths[0].suffix.lower()] else delimiter
+    table = read_text_table(paths[0], form, (), labels)
     return RecordingSample(
-        paths[0], table.names, table.values, bool(names), table.texts, delimiter=own
+        paths[0], table.names, table.values, bool(head[0]), table.texts, form=form
     )
 
 
-def _find_delimiter(lines: Sequence[str]) -> str:
-    """Return the letter that divides most lines into the same number of cells, at least two."""
-    best, most = "", 1
+def _find_format(path: Path) -> TextFormat:
+    """Return the letter between cells, that of decimals, and the lines before the header.
+
+    The letter divides the last of the first lines into the most cells, all into the same number;
+    lines before them are skipped.
+    """
+    lines = read_first_lines(path, FIRST_LINES)
+    best = TextFormat(DELIMITERS[path.suffix.lower()])
+    most = 1
     for letter in _LETTERS:
-        width, count = Counter(len(_cells(line, letter)) for line in lines).most_common(1)[0]
-        if width > most and count >= len(lines) - 1:
-            best, most = letter, width
-    return best
+        widths = [len(_cells(line, letter)) for _, line in lines]
+        width = Counter(widths).most_common(1)[0][0] if widths else 0
+        start = next(
+            (k for k in range(len(widths)) if set(widths[k:-1] or widths[k:]) == {width}), -1
+        )
+        if width > most and 0 <= start <= len(lines) / 2:
+            skipped = lines[start - 1][0] if start else 0
+            best, most = TextFormat(letter, skip_lines=skipped), width
+    cells = [cell.strip() for _, line in lines for cell in _cells(line, best.delimiter)]
+    has_commas = best.delimiter != "," and any(_DECIMAL_COMMA.match(cell) for cell in cells)
+    return best._replace(decimal=",") if has_commas else best
+
+
+def _first_rows(path: Path, form: TextFormat, count: int) -> list[list[str]]:
+    lines = read_first_lines(path, count, form.skip_lines)
+    return [form.cells(_cells(line, form.delimiter)) for _, line in lines]
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
     return next(csv.reader([line], delimiter=delimiter), [])
 
 
-def _head(path: Path, delimiter: str) -> tuple[tuple[str, ...], int]:
+def _head(path: Path, form: TextFormat) -> tuple[tuple[str, ...], int]:
     """Return the names in a table's header, none without one, and its number of columns."""
-    rows = [
-        [cell.strip() for cell in _cells(line, delimiter)] for line in read_first_lines(path, 2)
-    ]
+    rows = _first_rows(path, form, 2)
     if not rows:
         raise WrongUse(f"{path} is empty")
     named = has_names(rows[0], rows[1] if len(rows) > 1 else ())
