@@ -18,6 +18,7 @@ from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.data.condition_tasks import ConditionTask
 from rigctl.analysis.data.trial_set import TrialSet
 from rigctl.analysis.data.wiring_check import check_source_wiring
+from rigctl.analysis.features.c_outcome import count_search_statuses
 from rigctl.analysis.features.spike_counts import (
     count_conditions,
     count_with_given_c,
@@ -113,10 +114,18 @@ def _identity(source: Mapping[str, Any]) -> tuple[Any, ...]:
 
 def describe_transfer(source: ForceMatrixSource, errors: Sequence[RateError]) -> TransferredC:
     """Return a C from other recordings with its rate errors on the trials that it scales."""
-    sentence = f"C is taken from {source.file} and was not searched"
+    sentence = f"C is taken from {source.file} and was not searched{_unconverged(source.force)}"
     if source.unseen:
         sentence = f"{transfer_warning(errors, source.force, source.unseen)}. {sentence}"
     return TransferredC(source, tuple(errors), sentence)
+
+
+def _unconverged(force: ForceMatrix) -> str:
+    """Return a clause on the entries of a C whose search did not converge, "" without any."""
+    if not force.unconverged:
+        return ""
+    searched = sum(count_search_statuses(force).values())
+    return f"; {force.unconverged:,} of {searched:,} searches did not converge where it was"
 
 
 def check_c_covers(trials: TrialSet, force: ForceMatrix, *, by_texture: bool) -> None:

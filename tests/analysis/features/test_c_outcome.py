@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from rigctl.analysis.features.c_outcome import (
     unconverged_entries,
     unconverged_shares,
 )
+from rigctl.analysis.features.transferred_c import ForceMatrixSource, describe_transfer
 from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.encoding.root_bracket import SearchStatus
 
@@ -79,3 +81,11 @@ def test_a_search_that_always_converged_lists_nothing(force: ForceMatrix) -> Non
     whole = replace(force, status=status)
     assert unconverged_entries(whole) == []
     assert "miss their targets" not in force_sentence(whole)
+
+
+def test_a_transferred_c_says_how_many_searches_did_not_converge(force: ForceMatrix) -> None:
+    source = ForceMatrixSource(Path("c.h5"), force, ())
+    sentence = describe_transfer(source, []).sentence
+    assert sentence.endswith("was not searched; 2 of 12 searches did not converge where it was")
+    whole = replace(force, status=np.minimum(force.status, SearchStatus.CONVERGED))
+    assert describe_transfer(source._replace(force=whole), []).sentence.endswith("not searched")
