@@ -40,6 +40,7 @@ def _summarise_drum(path: Path) -> dict[str, Any]:
             **_trials(session),
             "speeds_mm_s": sorted(set(trials["speed_mm_s"].tolist())),
             "forces_g": sorted(set(trials["force_g"].tolist())),
+            "mounts": max(trials["mount"].tolist(), default=0),
             **_samples(session),
             "drum_polls": _count_rows(session, layout.DRUM),
             "loadcell_samples": _count_rows(session, layout.LOADCELL),

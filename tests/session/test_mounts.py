@@ -12,6 +12,7 @@ from rigctl.cli import main
 from rigctl.session.format.layout import part_name
 from rigctl.session.read.session import Session
 from rigctl.session.recover.replacement import write_prefix
+from rigctl.session.summary import summarise_session
 from tests.session.building import SyntheticRig, plan, record_plan, recorder
 from tests.session.older_parts import without_mounts
 
@@ -23,6 +24,7 @@ def test_a_trial_says_its_mounting(tmp_path: Path) -> None:
         SyntheticRig(rec).trial(trial)
     with Session.open(folder) as session:
         assert session.trial_row(0).trial == trial
+    assert summarise_session(folder)["mounts"] == 2
     assert [one.mount for one in join_sessions([folder]).trials] == [2]
 
 

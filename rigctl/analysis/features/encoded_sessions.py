@@ -263,6 +263,7 @@ def _columns(trials: TrialSet, hashes: NDArray[np.uint64]) -> dict[str, Any]:
         "texture": ("", "name of the plate", [trial.texture for trial in trials.trials]),
         "speed_mm_s": ("mm/s", "planned speed", values("speed_mm_s")),
         "force_g": ("g", "planned force", values("force_g")),
+        "mount": ("", "mounting of the plate in its session, from 1", values("mount")),
         "n_samples": ("samples", "length, 1 ms each", values("n_samples")),
         "content": ("", "XXH3 (64 bits) of its samples' bytes", hashes),
     }

@@ -92,6 +92,7 @@ def test_the_file_describes_itself(days: list[Path], tmp_path: Path) -> None:
         assert parameters["sa_gain"] == 100.0 and parameters["name"] == b"default"
         assert set(file["c"]) >= {"c", "status", "evaluations", "residual_hz", "rate_hz"}
         assert len(file["trials/trial_id"]) == 12 * 2 + 6 - 1
+        assert set(file["trials/mount"][:].tolist()) == {1}
         undescribed = []
         file.visititems(
             lambda name, node: (
