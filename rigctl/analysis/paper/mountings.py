@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from rigctl.analysis.features.representations import Representation
-from rigctl.analysis.paper.tasks import TaskResult
+from rigctl.analysis.paper.tasks import Curve, TaskResult
 
 DECIMALS = 3
 PAIRS = (
@@ -20,6 +20,7 @@ class MountingGap(NamedTuple):
     """Mean accuracies, shares, of one representation with ``components`` components.
 
     ``same``: trials of the mountings that were trained; ``other``: of one that was not.
+    ``spread``: standard deviation of the difference over draws (n − 1), None for a single draw.
     """
 
     task: str
@@ -27,6 +28,7 @@ class MountingGap(NamedTuple):
     components: int
     same: float
     other: float
+    spread: float | None
 
     @property
     def points(self) -> float:
@@ -45,6 +47,7 @@ def describe_mountings(results: Sequence[TaskResult]) -> list[dict[str, Any]]:
             "same_mounting_percent": round(100 * gap.same, DECIMALS),
             "other_mounting_percent": round(100 * gap.other, DECIMALS),
             "points": round(gap.points, DECIMALS),
+            "sd_points": None if gap.spread is None else round(100 * gap.spread, DECIMALS),
         }
         for gap in mounting_gaps(results)
     ]
@@ -62,6 +65,13 @@ def mounting_gaps(results: Sequence[TaskResult]) -> list[MountingGap]:
         for curve in same.curves:
             beside = other.curve(curve.representation.key)
             if beside is not None:
-                shares = float(curve.mean[k - 1]), float(beside.mean[k - 1])
-                gaps.append(MountingGap(other_key, curve.representation, k, *shares))
+                gaps.append(_gap(other_key, curve, beside, k))
     return gaps
+
+
+def _gap(task: str, same: Curve, other: Curve, k: int) -> MountingGap:
+    """Return the gap between two curves of the same draws, with ``k`` components."""
+    by_draw = same.accuracy[:, k - 1] - other.accuracy[:, k - 1]
+    spread = float(by_draw.std(ddof=1)) if len(by_draw) > 1 else None
+    shares = float(same.mean[k - 1]), float(other.mean[k - 1])
+    return MountingGap(task, same.representation, k, *shares, spread)

@@ -65,7 +65,7 @@ def _mountings(gaps: list[Any]) -> list[str]:
     if not shown:
         return []
     parts = [
-        f"{gap['other_mounting_percent']:.1f} % instead of {gap['same_mounting_percent']:.1f} %"
+        f"{gap['other_mounting_percent']:.1f}% instead of {gap['same_mounting_percent']:.1f}%"
         f"{' at untrained speeds' if gap['untrained_speed'] else ''}"
         for gap in shown
     ]

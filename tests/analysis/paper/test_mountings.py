@@ -52,6 +52,7 @@ def test_plates_that_were_mounted_again_are_tested_beside_the_papers_tasks(
     assert values[0]["points"] == pytest.approx(
         values[0]["same_mounting_percent"] - values[0]["other_mounting_percent"]
     )
+    assert values[0]["sd_points"] >= 0
     titles = [row["task"] for row in table_rows(results)]
     assert {"Same mounting", "Other mounting, untrained speed"} < set(titles)
 
