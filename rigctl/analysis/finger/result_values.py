@@ -88,7 +88,8 @@ def _shares_from_paper(result: FingerResult) -> list[dict[str, Any]]:
             continue
         n = len(result.accuracy[kind]) * result.n_tested
         correct = round(n * float(result.mean(kind)[quoted.components - 1]))
-        paper = published_share(correct, n, quoted.percent, DEPLOYED_TRIALS)
+        rule = result.thresholds.proportion_asterisks
+        paper = published_share(correct, n, quoted.percent, DEPLOYED_TRIALS, rule=rule)
         ours = {"kind": kind.value, "components": quoted.components, "correct": correct, "of": n}
         shares.append({**ours, "paper": paper})
     return shares

@@ -36,7 +36,11 @@ from rigctl.analysis.paper.statistics import (
     two_proportions,
     welch_each,
 )
-from rigctl.analysis.settings.analysis_settings import AnalysisSettings, FingerAnalysisSettings
+from rigctl.analysis.settings.analysis_settings import (
+    AnalysisSettings,
+    AsteriskThresholds,
+    FingerAnalysisSettings,
+)
 from rigctl.errors import WrongUse
 
 Floats = NDArray[np.float64]
@@ -71,7 +75,8 @@ class DrawSettings:
 class FingerResult:
     """Accuracies of a task. ``accuracy``: of each kind, float64 (draws of all sets, k_max).
 
-    ``n_tested``: trials that a draw tests; ``n_train``: that it trains on, at least.
+    ``n_tested``: trials that a draw tests; ``n_train``: that it trains on, at least;
+    ``thresholds``: of the tests of differences.
     """
 
     task: FingerTask
@@ -79,6 +84,7 @@ class FingerResult:
     n_tested: int
     n_train: int
     chance: float
+    thresholds: AsteriskThresholds = field(default_factory=AsteriskThresholds)
 
     @property
     def k_max(self) -> int:
@@ -107,13 +113,15 @@ class FingerResult:
         """Return Speed Scaled against Original for each number of components."""
         scaled, original = (self.accuracy[kind] for kind in KINDS[::-1])
         if self.task is not DEPLOYED:
-            return welch_each(scaled, original)
+            return welch_each(scaled, original, self.thresholds.asterisks)
         n = len(scaled) * self.n_tested
         counts = (
             np.rint(one.sum(axis=0) * self.n_tested).astype(int) for one in (scaled, original)
         )
+        rule = self.thresholds.proportion_asterisks
         return tuple(
-            two_proportions(int(one), int(other), n) for one, other in zip(*counts, strict=True)
+            two_proportions(int(one), int(other), n, rule=rule)
+            for one, other in zip(*counts, strict=True)
         )
 
 
@@ -149,7 +157,7 @@ def run_finger_tasks(
         for key, rows in drawn.items():
             found.setdefault(key, []).extend(rows)
     run = [task for task in FINGER_TASKS if not (obstacle and task in (TRAINED, UNTRAINED))]
-    results = [_join(task, data_sets, found, settings.finger) for task in run]
+    results = [_join(task, data_sets, found, settings) for task in run]
     return results, (obstacle,) if obstacle else ()
 
 
@@ -176,16 +184,17 @@ def _join(
     task: FingerTask,
     data_sets: Sequence[FingerDataSet],
     found: DrawnAccuracies,
-    settings: FingerAnalysisSettings,
+    settings: DrawSettings,
 ) -> FingerResult:
     rows = {kind: found[task.key, kind] for kind in KINDS}
     # Sets of other sizes may allow other numbers of components: the common ones are compared.
     k_max = min(len(row) for kind in KINDS for row in rows[kind])
     accuracy = {kind: np.array([row[:k_max] for row in rows[kind]]) for kind in KINDS}
-    tested = min(len(_tested(task, data_set, settings)) for data_set in data_sets)
-    n_train = min(_n_train(task, data_set, settings) for data_set in data_sets)
+    tested = min(len(_tested(task, data_set, settings.finger)) for data_set in data_sets)
+    n_train = min(_n_train(task, data_set, settings.finger) for data_set in data_sets)
     chance = 1.0 / len(data_sets[0].textures)
-    return FingerResult(task, accuracy, tested, n_train, chance)
+    thresholds = settings.analysis.statistics
+    return FingerResult(task, accuracy, tested, n_train, chance, thresholds)
 
 
 def _tested(task: FingerTask, data_set: FingerDataSet, settings: FingerAnalysisSettings) -> ScanSet:

@@ -18,7 +18,6 @@ from rigctl.analysis.paper.statistics import Difference, welch_each
 from rigctl.analysis.paper.tasks import Curve, TaskResult
 
 THRESHOLDS = (0.80, 0.90, 0.95)
-SEPARATION_SDS = 2.0
 CEILING = 0.99
 TRAINING_TRIALS = {"folds": 6000, "extrapolation": 7200}
 SMALL_TRAINING_SHARE = 0.5
@@ -36,9 +35,9 @@ class Agreement(StrEnum):
 class RepresentationPair(NamedTuple):
     """Two representations with different accuracies in the paper; ``better``: by the paper.
 
-    ``gap``: our accuracy, better less worse; ``spread``: two standard deviations of the pair,
-    None for a single draw; ``paper_gap``: the paper's. ``holds_at``: numbers of components with
-    which the comparison holds.
+    ``gap``: our accuracy, better less worse; ``spread``: two standard deviations of the pair (or as
+    many as an analysis file says), None for a single draw; ``paper_gap``: the paper's.
+    ``holds_at``: numbers of components with which the comparison holds.
     """
 
     better: Curve
@@ -112,8 +111,9 @@ def curve_differences(result: TaskResult) -> dict[str, tuple[Difference, ...]]:
     original = result.curve("original")
     if original is None:
         return {}
+    rule = result.thresholds.asterisks
     return {
-        curve.representation.key: welch_each(curve.accuracy, original.accuracy)
+        curve.representation.key: welch_each(curve.accuracy, original.accuracy, rule)
         for curve in result.curves
         if curve is not original
     }
@@ -143,17 +143,19 @@ def _separated_pairs(
         one, other = result.curve(first), result.curve(second)
         if one is None or other is None:
             continue
-        if abs(mean_a - mean_b) > SEPARATION_SDS * hypot(sd_a, sd_b):
+        if abs(mean_a - mean_b) > result.thresholds.separation_sds * hypot(sd_a, sd_b):
             both = (one, other) if mean_a > mean_b else (other, one)
-            yield _compare_pair(*both, result.shown_components, abs(mean_a - mean_b) / 100)
+            yield _compare_pair(*both, result, abs(mean_a - mean_b) / 100)
 
 
-def _compare_pair(better: Curve, worse: Curve, shown: int, paper_gap: float) -> RepresentationPair:
-    gaps = better.mean - worse.mean
+def _compare_pair(
+    better: Curve, worse: Curve, result: TaskResult, paper_gap: float
+) -> RepresentationPair:
+    gaps, shown = better.mean - worse.mean, result.shown_components
     gap = float(gaps[shown - 1])
     if better.sd is None or worse.sd is None:
         return RepresentationPair(better, worse, Agreement.TIED, gap, None, paper_gap, ())
-    spreads = SEPARATION_SDS * np.hypot(better.sd, worse.sd)
+    spreads = result.thresholds.separation_sds * np.hypot(better.sd, worse.sd)
     spread = float(spreads[shown - 1])
     agreement = Agreement.HOLDS if gap > 0 else Agreement.REVERSED
     if abs(gap) <= spread:

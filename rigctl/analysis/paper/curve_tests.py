@@ -10,7 +10,9 @@ import numpy as np
 from rigctl.analysis.paper import published
 from rigctl.analysis.paper.statistics import (
     PAIRED,
+    PROPORTION_ASTERISKS,
     REPEATED,
+    AsteriskRule,
     Difference,
     describe_rule,
     two_proportions,
@@ -87,45 +89,54 @@ def confusion_shares(result: TaskResult) -> dict[str, dict[str, Any]]:
     """
     original = result.curve("original")
     return {
-        curve.representation.key: _share_dict(curve, original, result.task.key)
-        for curve in result.curves
+        curve.representation.key: _share_dict(curve, original, result) for curve in result.curves
     }
 
 
-def _share_dict(curve: Curve, original: Curve | None, task: str) -> dict[str, Any]:
+def _share_dict(curve: Curve, original: Curve | None, result: TaskResult) -> dict[str, Any]:
     correct, n = _counts(curve)
+    rule = result.thresholds.proportion_asterisks
     from_original = None
     if original is not None and original is not curve:
         theirs, n_theirs = _counts(original)
         weak = (REPEATED, PAIRED)
-        from_original = difference_dict(two_proportions(correct, theirs, n, n_theirs, weak=weak))
+        found = two_proportions(correct, theirs, n, n_theirs, rule=rule, weak=weak)
+        from_original = difference_dict(found)
     return {
         "correct": correct,
         "of": n,
         "percent": _percent(correct, n),
         "from_original": from_original,
-        "paper": _paper_share(curve.representation.key, correct, n, task),
+        "paper": _paper_share(curve, result, rule),
     }
 
 
-def _paper_share(key: str, correct: int, n: int, task: str) -> dict[str, Any] | None:
+def _paper_share(curve: Curve, result: TaskResult, rule: AsteriskRule) -> dict[str, Any] | None:
     """Return the published share of a representation and our share tested against it."""
-    if task != published.CONFUSION_TASK or key not in published.CONFUSION_PERCENT:
+    key = curve.representation.key
+    if result.task.key != published.CONFUSION_TASK or key not in published.CONFUSION_PERCENT:
         return None
     figure, percent = published.CONFUSION_PERCENT[key]
     n_paper = published.CONFUSION_TRIALS
-    weak = (REPEATED,)
-    return {"figure": figure, **published_share(correct, n, percent, n_paper, weak=weak)}
+    share = published_share(*_counts(curve), percent, n_paper, rule=rule, weak=(REPEATED,))
+    return {"figure": figure, **share}
 
 
 def published_share(
-    correct: int, n: int, percent: float, n_paper: int, *, weak: tuple[str, ...] = ()
+    correct: int,
+    n: int,
+    percent: float,
+    n_paper: int,
+    *,
+    rule: AsteriskRule = PROPORTION_ASTERISKS,
+    weak: tuple[str, ...] = (),
 ) -> dict[str, Any]:
     """Return a published share in per cent and our ``correct`` of ``n`` tested against it.
 
     ``weak``: assumptions of the test that do not hold.
     """
-    found = two_proportions(correct, round(percent / 100 * n_paper), n, n_paper, weak=weak)
+    theirs = round(percent / 100 * n_paper)
+    found = two_proportions(correct, theirs, n, n_paper, rule=rule, weak=weak)
     return {"percent": percent, "of": n_paper, "test": difference_dict(found)}
 
 

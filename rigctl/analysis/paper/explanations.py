@@ -33,7 +33,12 @@ def explain(
 def _gap_sentence(pair: RepresentationPair, result: TaskResult) -> str:
     if pair.spread is None:
         return "a single draw has no spread to compare with"
-    gap = f"ours differ by {_points(pair.gap)}, two standard deviations are {_points(pair.spread)}"
+    sds = result.thresholds.separation_sds
+    number = "two" if sds == 2 else f"{sds:g}"
+    gap = (
+        f"ours differ by {_points(pair.gap)}, {number} standard deviations are "
+        f"{_points(pair.spread)}"
+    )
     if not pair.holds_at:
         return f"{gap}; it holds with no number of components up to {result.k_max}"
     return f"{gap}; it holds with {_format_ranges(pair.holds_at)} components"

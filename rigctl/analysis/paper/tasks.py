@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,6 +22,7 @@ from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_sp
 from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.features.representations import Representation, RepresentationSet
 from rigctl.analysis.paper import published
+from rigctl.analysis.settings.analysis_settings import AsteriskThresholds
 from rigctl.errors import WrongUse
 
 Counts = NDArray[np.int64]
@@ -88,7 +89,10 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class TaskResult:
-    """The results of all representations in one task; ``n_train``: trials of the smallest fit."""
+    """The results of all representations in one task.
+
+    ``n_train``: trials of the smallest fit; ``thresholds``: of the tests of differences.
+    """
 
     task: published.Task
     classes: tuple[str, ...]
@@ -96,6 +100,7 @@ class TaskResult:
     n_train: int
     largest_class_share: float
     curves: tuple[Curve, ...]
+    thresholds: AsteriskThresholds = field(default_factory=AsteriskThresholds)
 
     def curve(self, key: str) -> Curve | None:
         """Return the curve of one representation, None where it is absent."""
@@ -335,4 +340,6 @@ def _make_result(
 ) -> TaskResult:
     tested = curves[0].confusion.sum(axis=1)
     share = float(tested.max() / tested.sum())
-    return TaskResult(task, design.classes(task), plan.k_max, plan.n_train, share, tuple(curves))
+    thresholds = design.settings.statistics
+    classes = design.classes(task)
+    return TaskResult(task, classes, plan.k_max, plan.n_train, share, tuple(curves), thresholds)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -11,11 +12,12 @@ import pytest
 
 from rigctl.analysis.features.representations import REPRESENTATIONS
 from rigctl.analysis.paper import published
-from rigctl.analysis.paper.comparisons import curve_differences
+from rigctl.analysis.paper.comparisons import Agreement, compare_task, curve_differences
 from rigctl.analysis.paper.curve_tests import confusion_shares, task_curve_tests
 from rigctl.analysis.paper.statistics import two_proportions, welch
 from rigctl.analysis.paper.tasks import Curve, TaskResult
 from rigctl.analysis.report.paper_figures import draw_confusion, draw_curves
+from rigctl.analysis.settings.analysis_settings import AsteriskThresholds
 
 CLASSES = tuple("ABCDEFGHIJKLMNOP")
 
@@ -52,6 +54,22 @@ def test_each_number_of_components_has_welchs_test_and_its_asterisks() -> None:
     assert found["speed"]["effect"][2] == pytest.approx(third.effect, rel=1e-5)
     assert found["speed"]["rule"] == "* p < 0.05 and d > 0.5; ** p < 0.01 and d > 1"
     assert found["speed"]["in_paper"] is False, "Figure 3 of the paper has no asterisks"
+
+
+def test_an_analysis_file_sets_the_bounds_of_asterisks_and_of_what_holds() -> None:
+    strict = AsteriskThresholds(one_star_d=30.0, two_star_d=50.0, two_star_h=0.9)
+    found = task_curve_tests(curve_differences(replace(RESULT, thresholds=strict)))["speed"]
+    assert found["stars"] == ["", "", ""], "d is 15 with three components"
+    assert found["rule"] == "* p < 0.05 and d > 30; ** p < 0.01 and d > 50"
+    share = confusion_shares(replace(RESULT, thresholds=strict))["speed"]["from_original"]
+    assert share["stars"] == "*" and share["rule"].endswith("** p < 0.01 and h > 0.9")
+    tied = []
+    for sds in (2.0, 8.0):
+        bounds = AsteriskThresholds(separation_sds=sds)
+        compared = compare_task(replace(RESULT, thresholds=bounds), simulated=False)
+        assert compared is not None
+        tied.append(compared.keys(Agreement.TIED))
+    assert tied == [[], [("force", "original")]]
 
 
 def test_an_undefined_test_is_null_and_the_others_remain() -> None:

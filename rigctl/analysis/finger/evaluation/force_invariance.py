@@ -31,8 +31,6 @@ SCAN_NAME = "rates of a scan over their mean of all windows and taxels"
 CURRENT_NAME = "current of a scan scaled to equal mean readings"
 """Encoded anew, as the paper scales by C: see :func:`scale_to_population`."""
 
-SIGNIFICANT_P = 0.05
-
 
 class ForceComparison(NamedTuple):
     """Accuracy of Figure S5's task with a force scaling, for each kind with 25 components.
@@ -49,11 +47,11 @@ class ForceComparison(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """Whether it helps."""
+        """Whether it helps: p is small enough for an asterisk, however small the effect."""
         if self.difference is None:
             return ""
         p, effect = self.difference.p, self.difference.effect
-        if p is None or effect is None or p >= SIGNIFICANT_P:
+        if p is None or effect is None or p >= max(most_p for _, most_p, _ in self.difference.rule):
             return "no significant difference"
         return "helps" if effect > 0 else "harms"
 
@@ -80,12 +78,13 @@ def _compare(
         name: _correct_counts(data_sets, kind, settings) for name, data_sets in variants.items()
     }
     plain, found = counts[NONE_NAME], []
+    rule = settings.analysis.statistics.proportion_asterisks
     shown = min(settings.finger.components, min(map(len, counts.values()))) - 1
     for name, correct in counts.items():
         best = int(correct.argmax())
         difference = None
         if name != NONE_NAME:
-            difference = two_proportions(int(correct[shown]), int(plain[shown]), n)
+            difference = two_proportions(int(correct[shown]), int(plain[shown]), n, rule=rule)
         found.append(
             ForceComparison(name, kind, correct[shown] / n, correct[best] / n, best + 1, difference)
         )
