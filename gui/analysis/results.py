@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rigctl.analysis.data.notes import summarise_notes
 
 if TYPE_CHECKING:
     from rigctl.analysis.classification.classify_sessions import Classification
@@ -44,7 +47,7 @@ def report_results(report: ReportResult) -> AnalysisResults:
     pages += [ResultsPage(title, figure=str(out / f"{stem}.png")) for stem, title in FIGURES]
     if (out / "sensitivity.csv").exists():
         pages.append(ResultsPage("Presets", _csv_table(out / "sensitivity.csv")))
-    pages.append(ResultsPage("Remarks", _bullets(report.remarks)))
+    pages.append(ResultsPage("Remarks", _bullets(summarise_notes(report.remarks))))
     return AnalysisResults(_report_sentence(report), tuple(pages))
 
 
@@ -77,7 +80,7 @@ def prediction_results(classification: Classification) -> AnalysisResults:
     pages = (
         ResultsPage("Predictions", predictions),
         ResultsPage("Confusion", _confusion(classification)),
-        ResultsPage("Remarks", _bullets(classification.remarks)),
+        ResultsPage("Remarks", _bullets(summarise_notes(classification.remarks))),
     )
     return AnalysisResults(summary(classification), pages)
 
@@ -155,6 +158,6 @@ def _csv_table(path: Path) -> str:
     )
 
 
-def _bullets(sentences: tuple[str, ...]) -> str:
+def _bullets(sentences: Sequence[str]) -> str:
     items = "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences)
     return f"<ul>{items}</ul>" if items else "<p>No remarks.</p>"

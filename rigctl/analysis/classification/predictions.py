@@ -6,6 +6,7 @@ from typing import Any
 
 from rigctl import __version__
 from rigctl.analysis.classification.classify_sessions import Classification
+from rigctl.analysis.data.notes import summarise_notes
 from rigctl.analysis.paper.statistics import wilson_interval
 
 DECIMALS = 6
@@ -54,7 +55,7 @@ def as_dict(found: Classification) -> dict[str, Any]:
 
 def as_text(found: Classification, *, every_trial: bool = True) -> str:
     """Return remarks, a line for each trial, the confusion and the accuracy."""
-    lines = [f"note: {remark}" for remark in found.remarks]
+    lines = [f"note: {note}" for note in summarise_notes(found.remarks, rest_in="--json")]
     if every_trial:
         lines += _trial_lines(found)
     if found.n_scored:

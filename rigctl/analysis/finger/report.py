@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from rigctl.analysis.data.atomic_directory import atomic_directory
 from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
+from rigctl.analysis.data.notes import summarise_notes
 from rigctl.analysis.finger.figures import (
     draw_accuracies,
     draw_evidence,
@@ -109,7 +110,7 @@ def write_finger_report(
 def summary_lines(analysis: FingerAnalysis) -> list[str]:
     """Return the results in sentences, one a line."""
     start = "Simulated: " if analysis.simulated else ""
-    lines = [f"note: {remark}" for remark in analysis.remarks]
+    lines = [f"note: {note}" for note in summarise_notes(analysis.remarks)]
     for result in analysis.tasks:
         shown = min(analysis.settings.finger.components, result.k_max)
         accuracies = ", ".join(

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from rigctl.analysis.data.notes import summarise_notes
 from rigctl.analysis.paper.comparisons import NAME_OF
 
 ABSENT = "–"
@@ -27,6 +28,7 @@ def render_page(template: str, **context: Any) -> str:
     environment.filters |= {
         "describe": _describe,
         "name_of": NAME_OF.get,
+        "notes": summarise_notes,
         "number": _number,
         "numbers": _numbers,
         "svg_uri": _svg_uri,

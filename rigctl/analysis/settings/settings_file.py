@@ -89,15 +89,15 @@ def to_toml(settings: AnalysisSettings) -> str:
 
 
 def differences_from_paper(settings: AnalysisSettings) -> tuple[str, ...]:
-    """Return a sentence for each constant that is not the paper's."""
+    """Return a sentence with each constant that is not the paper's; none where all are."""
     ours, paper = as_plain(settings), as_plain(AnalysisSettings())
-    sentences = []
+    found = []
     for name, values in ours.items():
         for key in dict.fromkeys((*paper[name], *values)):
             mine, theirs = (_shown(one[name].get(key, [])) for one in (ours, paper))
             if mine != theirs:
-                sentences.append(f"setting {name}.{key}: {mine}, in the paper {theirs}")
-    return tuple(sentences)
+                found.append(f"{name}.{key} {mine} (paper: {theirs})")
+    return (f"settings other than the paper's: {'; '.join(found)}",) if found else ()
 
 
 def check_reference_force(settings: AnalysisSettings, forces_g: Sequence[float]) -> None:

@@ -230,8 +230,10 @@ def _model_of(args: argparse.Namespace) -> ModelRequest | None:
 
 
 def _summary(report: ReportResult) -> str:
-    """Return the remarks, one line for each task, and the paths of the files."""
-    lines = [f"note: {remark}" for remark in report.remarks]
+    """Return the notes, one line for each task, and the paths of the files."""
+    from rigctl.analysis.data.notes import summarise_notes
+
+    lines = [f"note: {note}" for note in summarise_notes(report.remarks)]
     for result in report.results:
         accuracies = (
             f"{curve.representation.name} {curve.mean[result.shown_components - 1]:.1%}"

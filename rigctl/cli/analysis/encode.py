@@ -78,9 +78,10 @@ def run(args: argparse.Namespace) -> int:
 
 def _summary(encoded: Encoded, cache: Cache) -> list[str]:
     """Return the remarks, a sentence about C, the work done, and the path of the file."""
+    from rigctl.analysis.data.notes import summarise_notes
     from rigctl.analysis.features.c_outcome import force_sentence
 
-    lines = [f"note: {remark}" for remark in encoded.remarks]
+    lines = [f"note: {note}" for note in summarise_notes(encoded.remarks, rest_in="spikes.h5")]
     if encoded.force is not None:
         lines.append(force_sentence(encoded.force))
     tasks = cache.hits + cache.misses

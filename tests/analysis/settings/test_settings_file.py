@@ -44,9 +44,8 @@ def test_a_written_file_reads_back_and_explains_every_key(tmp_path: Path) -> Non
     assert load_settings(written(tmp_path, text)) == ours
     assert "length_ms = 50 # ms: length, at the reference speed" in text
     assert differences_from_paper(ours) == (
-        "setting windows.length_ms: 50, in the paper 100",
-        "setting windows.reference_speed_mm_s: 80, in the paper 120",
-        "setting windows.speed_scaled: 12, in the paper 0",
+        "settings other than the paper's: windows.length_ms 50 (paper: 100); "
+        "windows.reference_speed_mm_s 80 (paper: 120); windows.speed_scaled 12 (paper: 0)",
     )
 
 
@@ -57,7 +56,7 @@ def test_groups_of_other_plates_replace_the_papers(tmp_path: Path) -> None:
     assert found.groups.group_of == {"x1": "rough", "x2": "rough", "y": "very fine"}
     assert found.groups.present(["y", "z"]) == ("very fine",)
     assert as_plain(found)["groups"] == {"rough": ["x1", "x2"], "very fine": ["y"]}
-    assert "setting groups.smooth: none, in the paper A" in differences_from_paper(found)
+    assert "groups.smooth none (paper: A); " in differences_from_paper(found)[0]
 
 
 @pytest.mark.parametrize(

@@ -123,7 +123,7 @@ components = 3
     assert "untrained-both" in results["tasks"]
     assert "at 250 g" in results["force_matrix"]["sentence"]
     shown = capsys.readouterr().out
-    assert "note: setting windows.length_ms: 50, in the paper 100" in shown
+    assert "; windows.length_ms 50 (paper: 100); " in shown
     assert "texture groups: textures left out for having no group: X" in shown
     assert "length_ms = 50" in (out / "analysis.toml").read_text(encoding="utf-8")
 
