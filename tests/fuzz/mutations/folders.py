@@ -45,7 +45,7 @@ def copy_file(random: Random, folder: Path) -> str:
         *("recovery-20260101T000000Z.json", "digests.txt", "protocol.toml"),
     )
     name = random.choice(names)
-    if name == path.name:
+    if name == path.name or _is_no_file(folder / name):
         return "nothing"
     shutil.copyfile(path, folder / name)
     return f"{path.name} copied to {name!r}"
@@ -55,6 +55,8 @@ def rename_file(random: Random, folder: Path) -> str:
     """Rename a file."""
     path = _file(random, folder)
     name = random.choice(("part-0002.h5", "part-0003.h5", "x", "part-.h5", path.name.upper()))
+    if _is_no_file(folder / name):
+        return "nothing"
     path.rename(folder / name)
     return f"{path.name} renamed to {name}"
 
@@ -89,6 +91,11 @@ def forbid(random: Random, folder: Path) -> str:
     path = _file(random, folder)
     path.chmod(0)
     return f"{path.name} may not be read"
+
+
+def _is_no_file(path: Path) -> bool:
+    """Return whether a mutation before has put a folder, a pipe or a link there."""
+    return path.is_symlink() or (path.exists() and not path.is_file())
 
 
 def _file(random: Random, folder: Path) -> Path:
