@@ -8,6 +8,7 @@ from typing import Any
 
 from rigctl.analysis.paper.comparisons import NAME_OF
 from rigctl.analysis.report.charts.accuracy_charts import accuracy_chart
+from rigctl.analysis.report.charts.confusion_charts import confusion_charts
 from rigctl.analysis.report.charts.small_multiples import SmallMultiples
 from rigctl.analysis.report.findings import findings
 from rigctl.analysis.report.html_page import render_page
@@ -34,6 +35,7 @@ def html_report(
         origin=origin,
         findings=findings(results),
         chart=accuracy_chart(results),
+        confusions=confusion_charts(results),
         keys=[key for key in NAME_OF if key in present],
         compared=[task for task in tasks if task["order"] is not None],
         unconfirmed=unconfirmed([results], [""]),

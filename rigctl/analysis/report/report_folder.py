@@ -22,6 +22,7 @@ from rigctl.analysis.paper.result_tables import as_dict, to_csv
 from rigctl.analysis.paper.sensitivity import as_dict as sensitivity_dict
 from rigctl.analysis.paper.sensitivity import compare_presets
 from rigctl.analysis.paper.tasks import SweepSettings, TaskResult, run_tasks
+from rigctl.analysis.report.charts.confusion_charts import CONFUSION_TASKS
 from rigctl.analysis.report.charts.small_multiples import small_multiples
 from rigctl.analysis.report.example_taxel import check_selection, load_taxel, trials_origin
 from rigctl.analysis.report.html_report import html_report
@@ -42,14 +43,6 @@ IMPORT_EVENT = "import"
 """Kind of the events in which an import records its remarks."""
 WHOLE_IMPORT = ("sampled too slowly", "forces are levels", "rows a second: taken at 1 kHz")
 """Words that identify the remarks on every trial of an import."""
-CONFUSION_TASKS = (
-    "untrained-both",
-    "leave-speed-out",
-    "leave-force-out",
-    "textures",
-    "groups",
-    "leave-mount-out",
-)
 
 
 @dataclass(frozen=True, slots=True)
