@@ -18,12 +18,22 @@ import numpy as np
 
 from rigctl.analysis.data.cache import Resources
 from rigctl.analysis.execution.executor import Progress
-from rigctl.analysis.features.representations import Representation, RepresentationSet
+from rigctl.analysis.features.representations import (
+    REPRESENTATIONS,
+    Representation,
+    RepresentationSet,
+)
+from rigctl.analysis.paper import published
 from rigctl.analysis.paper.tasks import Curve, SweepSettings, TaskResult, run_tasks
 from rigctl.encoding.parameters import PRESETS, SA_PRESETS
 
 PRESET_ORDER = (*SA_PRESETS, *(name for name in PRESETS if name not in SA_PRESETS))
 """Those that differ in the neuron, then the readings of the RA channel."""
+RA_PRESETS = ("default", *PRESET_ORDER[len(SA_PRESETS) :])
+GROUPS = {
+    "presets that differ in the neuron": SA_PRESETS,
+    "readings of the RA channel": RA_PRESETS,
+}
 COMPONENTS = 10
 STAGE = "sensitivity over encoder presets"
 STAGES_PER_PRESET = 4
@@ -103,7 +113,29 @@ def as_dict(rows: Sequence[Row]) -> dict[str, Any] | None:
     """Return the table for ``results.json``, None without rows."""
     if not rows:
         return None
-    return {"components": COMPONENTS, "rows": list(rows)}
+    sentences = [_spread_sentence(rows, what, names) for what, names in GROUPS.items()]
+    return {"components": COMPONENTS, "sentences": sentences, "rows": list(rows)}
+
+
+def _spread_sentence(rows: Sequence[Row], what: str, presets: Sequence[str]) -> str:
+    """Return a sentence on how far the accuracies of some presets are apart."""
+    by_case: dict[tuple[str, str], list[float]] = {}
+    for row in rows:
+        if row["preset"] in presets:
+            case = row["representation"], row["task"]
+            by_case.setdefault(case, []).append(row["mean_percent"])
+    ranges = {case: (min(values), max(values)) for case, values in by_case.items()}
+    widths = {case: high - low for case, (low, high) in ranges.items()}
+    widest = max(widths, key=widths.__getitem__)
+    names = {r.key: r.name for r in REPRESENTATIONS}
+    titles = {task.key: task.title for task in published.TASKS}
+    low, high = ranges[widest]
+    return (
+        f"Between the {len(presets)} {what}, an accuracy differs by "
+        f"{np.mean(list(widths.values())):.1f} percentage points on average over representations "
+        f"and tasks, at most by {widths[widest]:.1f} ({names[widest[0]]}, "
+        f"{titles[widest[1]].lower()}: {low:.1f} to {high:.1f} %)"
+    )
 
 
 def _preset_rows(

@@ -70,6 +70,15 @@ def test_every_preset_answers_the_same_questions(session: Path, tmp_path: Path) 
     k = by["default", "speed"]["components"] - 1
     assert by["default", "speed"]["mean_percent"] == pytest.approx(100 * curve["mean"][k], abs=1e-4)
 
+    neuron, channel = plain["sensitivity"]["sentences"]
+    assert neuron.startswith("Between the 5 presets that differ in the neuron, an accuracy")
+    assert channel.startswith("Between the 7 readings of the RA channel, an accuracy")
+    widest = max(
+        np.ptp([by[name, key]["mean_percent"] for name in SA_PRESETS])
+        for key in {row["representation"] for row in rows}
+    )
+    assert f"at most by {widest:.1f} (" in neuron and "individual textures" in neuron
+
     alone = represent(join_sessions([session]), PRESETS["iskarous2022"], tmp_path)
     (result,), _ = run_tasks(alone, settings)
     expected = result.curve("original")
