@@ -149,14 +149,19 @@ def tiles(lengths: Sequence[int], n_taxels: int) -> Iterator[list[int]]:
 
 
 def membrane_mv(
-    samples: Samples, normalisation: Normalisation, parameters: EncoderParameters = DEFAULT
+    samples: Samples,
+    normalisation: Normalisation,
+    parameters: EncoderParameters = DEFAULT,
+    *,
+    sa_scale: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
     """Return the membrane voltage after each sample, float64 (n, 2·n_taxels) in mV, SA then RA.
 
     Encoded from rest. A sample with a spike shows the threshold, as such curves are usually drawn.
+    ``sa_scale``: float64 (1, n_taxels), a factor on the SA current of each taxel, or None for 1.
     """
     _check(samples, normalisation)
-    blocks = NeuronBlocks(1, normalisation, parameters)
+    blocks = NeuronBlocks(1, normalisation, parameters, sa_scale)
     voltage = np.empty((len(samples), 2 * normalisation.n_taxels))
     for t in range(len(samples)):
         counts = blocks.advance(TrialViews.from_arrays([samples[t : t + 1]]), np.array([1]))

@@ -32,8 +32,10 @@ from rigctl.analysis.features.spike_counts import (
     join_searched_c,
     prepare_trials,
 )
-from rigctl.analysis.report.example_taxel import check_selection, load_taxel, write_samples
-from rigctl.analysis.report.paper_figures import draw_taxel
+from rigctl.analysis.report.example_taxel import check_selection
+from rigctl.analysis.taxel.taxel_course import load_course, write_course
+from rigctl.analysis.taxel.taxel_figure import SHOWN_S, draw_every_signal
+from rigctl.analysis.taxel.taxel_panels import Section
 from rigctl.config.resources import source_commit
 from rigctl.encoding.batch import window_counts
 from rigctl.encoding.encoder import encode_trials
@@ -125,7 +127,9 @@ def encode_sessions(request: EncodeRequest, made_utc: str, resources: Resources)
             counts = _scaled_counts(request, prepared, conditions, counted, force, resources)
             _write_windows(file, prepared, conditions, counts)
         if request.trial is not None or request.taxel is not None:
-            _write_picture(request, prepared, folder)
+            _write_picture(
+                request, prepared, sa_factors(prepared, force, request.scaled_by), folder
+            )
     remarks = (*remarks, *resources.cache.remarks, *resources.executor.remarks)
     return Encoded(request.out / FILE, len(prepared.trials.trials), n_spikes, force, remarks)
 
@@ -154,9 +158,7 @@ def _write_spikes(
 ) -> int:
     """Write the spikes of all trials and return their number."""
     trials, ranges, parameters = prepared.trials.trials, prepared.normalisation, request.parameters
-    scale = None
-    if force is not None and request.scaled_by is not ScaledBy.NONE:
-        scale = c_per_trial(trials, force, blind=request.scaled_by is ScaledBy.BLIND)
+    scale = sa_factors(prepared, force, request.scaled_by)
     order = _train_rows(prepared)
     tasks, keys = [], []
     for first in range(0, len(trials), CHUNK):
@@ -171,6 +173,15 @@ def _write_spikes(
         file.add(found["counts"], found["samples"])
         total += len(found["samples"])
     return total
+
+
+def sa_factors(
+    prepared: PreparedTrials, force: ForceMatrix | None, scaled_by: ScaledBy
+) -> NDArray[np.float64] | None:
+    """Return the factors on the SA current, float64 (n_trials, n_taxels), or None for 1."""
+    if force is None or scaled_by is ScaledBy.NONE:
+        return None
+    return c_per_trial(prepared.trials.trials, force, blind=scaled_by is ScaledBy.BLIND)
 
 
 def _scaled_counts(
@@ -269,9 +280,14 @@ def _columns(trials: TrialSet, hashes: NDArray[np.uint64]) -> dict[str, Any]:
     }
 
 
-def _write_picture(request: EncodeRequest, prepared: PreparedTrials, folder: Path) -> None:
-    picture = load_taxel(
-        prepared.trials, prepared.normalisation, request.parameters, request.trial, request.taxel
-    )
-    draw_taxel(picture, folder / "taxel")
-    write_samples(picture, folder / "taxel.csv")
+def _write_picture(
+    request: EncodeRequest,
+    prepared: PreparedTrials,
+    c: NDArray[np.float64] | None,
+    folder: Path,
+) -> None:
+    chosen = request.parameters, request.trial, request.taxel
+    course = load_course(prepared.trials, prepared.normalisation, *chosen, c)
+    section = Section(0.0, min(SHOWN_S, course.duration_s))
+    draw_every_signal(course, section, folder / "taxel")
+    write_course(course, folder / "taxel.csv")

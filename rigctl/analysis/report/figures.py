@@ -231,6 +231,13 @@ def show_dollars(figure: Figure) -> None:
             text.set_parse_math(False)
 
 
+def caption(figure: Figure, title: str, origin: str) -> None:
+    """Add the title, and the origin of the data at the foot."""
+    figure.suptitle(title, size=13, x=0.01, ha="left", color=TEXT)
+    figure.supxlabel(origin, size=8.5, x=0.01, ha="left", color=MUTED)
+    show_dollars(figure)
+
+
 def save_figure(figure: Figure, stem: Path, title: str, origin: str) -> Path:
     """Add the title, and the origin of the data at the foot; save as SVG and PNG; return the PNG.
 
@@ -238,9 +245,7 @@ def save_figure(figure: Figure, stem: Path, title: str, origin: str) -> Path:
     """
     import matplotlib as mpl
 
-    figure.suptitle(title, size=13, x=0.01, ha="left", color=TEXT)
-    figure.supxlabel(origin, size=8.5, x=0.01, ha="left", color=MUTED)
-    show_dollars(figure)
+    caption(figure, title, origin)
     stem.parent.mkdir(parents=True, exist_ok=True)
     with mpl.rc_context({"svg.hashsalt": "rigctl", "svg.fonttype": "none"}):
         figure.savefig(stem.with_suffix(".svg"), metadata={"Date": None})

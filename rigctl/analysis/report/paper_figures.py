@@ -1,15 +1,13 @@
-"""The report's figures: the curves of Figure 3, confusion matrices, one taxel as in Figure 2C."""
+"""The report's figures: the curves of Figure 3 and confusion matrices."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigctl.analysis.paper import published
 from rigctl.analysis.paper.comparisons import curve_differences
@@ -23,7 +21,6 @@ from rigctl.analysis.report.figures import (
     plot_matrix,
     save_figure,
 )
-from rigctl.values import SAMPLE_RATE_HZ
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,22 +54,6 @@ STYLES = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class TaxelData:
-    """The contents of Figure 2C: one taxel of one trial.
-
-    ``reading``: float64 (n,), 0–1. ``membrane_mv``: float64 (n, 2), SA and RA. ``spikes``:
-    int32 sample indices of SA and of RA.
-    """
-
-    title: str
-    origin: str
-    reading: NDArray[np.float64]
-    membrane_mv: NDArray[np.float64]
-    spikes: tuple[NDArray[np.int32], NDArray[np.int32]]
-    shown_s: float = 1.0
-
-
 def draw_curves(results: Sequence[TaskResult], origin: str, stem: Path) -> Path:
     """Draw accuracy over components, a panel for each task, as SVG and PNG; return the PNG."""
     columns = min(COLUMNS, len(results))
@@ -102,30 +83,6 @@ def draw_confusion(result: TaskResult, origin: str, stem: Path) -> Path:
         axes.set_axis_off()
     title = f"{result.task.title}: confusion with {result.shown_components} components"
     return save_figure(figure, stem, title, origin)
-
-
-def draw_taxel(data: TaxelData, stem: Path) -> Path:
-    """Draw one taxel's reading, the voltages of both neurons and their spikes."""
-    heights = [2.2, 1.6, 0.5, 1.6, 0.5]
-    figure, rows = new_figure((9.5, 5.6), 5, 1, sharex=True, height_ratios=heights)
-    time_s = np.arange(len(data.reading)) / SAMPLE_RATE_HZ
-    inside = time_s < data.shown_s
-    rows[0].plot(time_s[inside], data.reading[inside], color=TEXT, lw=1)
-    rows[0].set_ylabel("reading\n(0–1)")
-    colours = (STYLES["speed"].colour, "#c24e00")
-    for channel, (name, colour) in enumerate(zip(("SA", "RA"), colours, strict=True)):
-        voltage, ticks = rows[1 + 2 * channel], rows[2 + 2 * channel]
-        voltage.plot(time_s[inside], data.membrane_mv[inside, channel], color=colour, lw=0.7)
-        voltage.set_ylabel(f"{name} v\n(mV)")
-        at = data.spikes[channel] / SAMPLE_RATE_HZ
-        at = at[at < data.shown_s]
-        ticks.vlines(at, 0, 1, color=colour, lw=0.9)
-        ticks.set(ylim=(-0.1, 1.1), yticks=[])
-        ticks.set_ylabel("spikes", rotation=0, ha="right", va="center", size=8, color=MUTED)
-    figure.align_ylabels(rows)
-    rows[-1].set_xlim(0, min(data.shown_s, len(data.reading) / SAMPLE_RATE_HZ))
-    rows[-1].set_xlabel("time since the trial window opened (s)")
-    return save_figure(figure, stem, data.title, data.origin)
 
 
 def _plot_curves(axes: Axes, result: TaskResult) -> None:

@@ -24,11 +24,13 @@ from rigctl.analysis.paper.sensitivity import compare_presets
 from rigctl.analysis.paper.tasks import SweepSettings, TaskResult, run_tasks
 from rigctl.analysis.report.charts.confusion_charts import CONFUSION_TASKS
 from rigctl.analysis.report.charts.small_multiples import small_multiples
-from rigctl.analysis.report.example_taxel import check_selection, load_taxel, trials_origin
+from rigctl.analysis.report.example_taxel import check_selection, trials_origin
 from rigctl.analysis.report.html_report import html_report
-from rigctl.analysis.report.paper_figures import draw_confusion, draw_curves, draw_taxel
+from rigctl.analysis.report.paper_figures import draw_confusion, draw_curves
 from rigctl.analysis.settings.analysis_settings import AnalysisSettings
 from rigctl.analysis.settings.settings_file import differences_from_paper, to_toml
+from rigctl.analysis.taxel.taxel_course import load_course
+from rigctl.analysis.taxel.taxel_figure import draw_taxel
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
 from rigctl.session.files.analysis_file import check_output_path
@@ -160,7 +162,7 @@ def _write(folder: Path, request: ReportRequest, analysis: _Analysis, made_utc: 
     trials, ranges = representations.trials, representations.normalisation
     origin = trials_origin(trials)
     confusion = next(r for key in CONFUSION_TASKS for r in results if r.task.key == key)
-    taxel = load_taxel(trials, ranges, representations.parameters, request.trial, request.taxel)
+    taxel = load_course(trials, ranges, representations.parameters, request.trial, request.taxel)
     figures = {
         "fig3": draw_curves(results, origin, folder / "fig3"),
         "confusion": draw_confusion(confusion, origin, folder / "confusion"),

@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rigctl.cli.options.arguments import a_path, whole_number
+from rigctl.cli.options.arguments import a_path, number, whole_number
 from rigctl.cli.options.encoder import (
     add_encoder,
     add_resources,
@@ -21,10 +21,12 @@ from rigctl.cli.options.encoder import (
     reference_force_of,
     resources_of,
 )
+from rigctl.errors import WrongUse
 
 if TYPE_CHECKING:
     from rigctl.analysis.data.cache import Cache
     from rigctl.analysis.features.encoded_sessions import Encoded
+    from rigctl.analysis.taxel.taxel_request import TaxelRequest
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "sessions", nargs="+", type=a_path("SESSION"), metavar="SESSION", help="session folders"
     )
     parser.add_argument(
-        "--out", type=a_path("--out"), required=True, metavar="DIR", help="new folder"
+        "--out", type=a_path("--out"), metavar="DIR", help="new folder for the spikes"
     )
     parser.add_argument(
         "--scaled-by",
@@ -44,19 +46,91 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_encoder(parser)
     add_resources(parser)
-    parser.add_argument(
+    _add_taxel(parser)
+
+
+def _add_taxel(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group(
+        "one taxel of one trial, from the reading to its spikes (the paper's Fig. 2D, Movie S2)"
+    )
+    group.add_argument(
         "--trial",
         type=whole_number("--trial", 0),
         metavar="ID",
-        help="also draw one taxel of this trial: DIR/taxel.*",
+        help="number of the trial (the nearest to that of Fig. 2C); with --out: DIR/taxel.*",
     )
-    parser.add_argument(
-        "--taxel", type=whole_number("--taxel", 1), metavar="N", help="taxel to draw, from 1"
+    group.add_argument(
+        "--taxel",
+        type=whole_number("--taxel", 1),
+        metavar="N",
+        help="number of the taxel, from 1 (the most active one)",
+    )
+    files = (
+        ("--figure", "new .svg, .png or .pdf of every signal"),
+        ("--csv", "new table of every signal, a line a sample of the whole trial"),
+        ("--movie", "new .gif or .mp4 in which the signals grow, or .png of its last frame"),
+    )
+    for name, words in files:
+        group.add_argument(name, type=a_path(name), metavar="FILE", help=words)
+    group.add_argument(
+        "--start",
+        type=number("--start", 0, 3600),
+        default=0.0,
+        metavar="S",
+        help="time in the trial at which figure and movie begin (0)",
+    )
+    group.add_argument(
+        "--seconds",
+        type=number("--seconds", 0.01, 3600),
+        default=1.0,
+        metavar="S",
+        help="how much of the trial they show (1); a movie plays for 10 s",
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the file; the last line on standard output names it."""
+    """Write the files; the last lines on standard output name them."""
+    from rigctl.analysis.taxel.taxel_request import encode_taxel
+
+    request = _taxel_request(args)
+    if args.out is None and not request.files:
+        raise WrongUse(
+            "nothing to write: give --out DIR for the spikes of all trials, or --figure, --csv or "
+            "--movie FILE for one taxel of one trial"
+        )
+    request.check_files()
+    if args.out is not None:
+        _write_spikes(args)
+    if request.files:
+        with resources_of(args) as resources:
+            remarks = encode_taxel(request, resources)
+        if args.out is None:
+            print("\n".join(f"note: {remark}" for remark in remarks), end="\n" if remarks else "")
+        print("\n".join(f"{file}: {file.stat().st_size / 1e6:.2f} MB" for file in request.files))
+    return 0
+
+
+def _taxel_request(args: argparse.Namespace) -> TaxelRequest:
+    from rigctl.analysis.features.encoded_sessions import ScaledBy
+    from rigctl.analysis.taxel.taxel_request import TaxelRequest
+
+    return TaxelRequest(
+        tuple(Path(name) for name in args.sessions),
+        parameters_of(args),
+        reference_g=reference_force_of(args),
+        ranges=ranges_of(args),
+        scaled_by=ScaledBy(args.scaled_by),
+        trial=args.trial,
+        taxel=args.taxel,
+        start_s=args.start,
+        seconds=args.seconds,
+        figure=args.figure,
+        csv=args.csv,
+        movie=args.movie,
+    )
+
+
+def _write_spikes(args: argparse.Namespace) -> None:
     from rigctl.analysis.features.encoded_sessions import EncodeRequest, ScaledBy, encode_sessions
 
     request = EncodeRequest(
@@ -73,7 +147,6 @@ def run(args: argparse.Namespace) -> int:
     with resources_of(args) as resources:
         encoded = encode_sessions(request, now, resources)
     print("\n".join(_summary(encoded, resources.cache)), flush=True)
-    return 0
 
 
 def _summary(encoded: Encoded, cache: Cache) -> list[str]:

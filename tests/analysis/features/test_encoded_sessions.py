@@ -176,7 +176,7 @@ def test_a_taxel_is_drawn_and_tabulated(days: list[Path], tmp_path: Path) -> Non
     with h5py.File(tmp_path / "out" / "spikes.h5") as file:
         i = file["trials/trial_id"][:].tolist().index(3)
         names = file["rows"][:].tolist()
-        for column, name in ((4, b"SAI-7"), (5, b"RAI-7")):
+        for column, name in ((9, b"SAI-7"), (10, b"RAI-7")):
             train = file["spikes/ptr"][i, names.index(name) :][:2]
             assert table[:, column].sum() == train[1] - train[0]
 
