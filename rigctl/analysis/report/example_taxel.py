@@ -38,7 +38,7 @@ def chosen_trial(trials: TrialSet, trial_id: int | None = None) -> int:
     if trial_id is not None:
         matching = [row for row, t in enumerate(trials.trials) if t.trial_id == trial_id]
         if not matching:
-            raise WrongUse(f"trial {trial_id} has gaps: choose another for the figure")
+            raise WrongUse(f"trial {trial_id} has gaps or no C: choose another for the figure")
         return matching[0]
 
     def distance(row: int) -> tuple[bool, float, float]:

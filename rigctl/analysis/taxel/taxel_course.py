@@ -15,7 +15,6 @@ from rigctl.encoding.encoder import encode_trials, membrane_mv
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters, RaDerivative
 from rigctl.encoding.ra_filter import normalise, ra_signals
-from rigctl.errors import WrongUse
 from rigctl.values import SAMPLE_RATE_HZ
 
 Floats = NDArray[np.float64]
@@ -70,7 +69,7 @@ def load_course(
     """Return the signals of a trial and taxel, by default of the trial of Figure 2C.
 
     The default taxel has the largest standard deviation. ``c``: factors on the SA current, float64
-    (n_trials, n_taxels). Raises WrongUse for a trial with gaps or without C.
+    (n_trials, n_taxels). Raises WrongUse for a trial that is not in the set.
     """
     row = chosen_trial(trials, trial_id)
     trial = trials.trials[row]
@@ -78,10 +77,6 @@ def load_course(
         samples = reader.read(trial)
     index = taxel - 1 if taxel else int(normalise(samples, ranges).std(axis=0).argmax())
     factor = 1.0 if c is None else float(c[row, index])
-    if not np.isfinite(factor):
-        raise WrongUse(
-            f"trial {trial.trial_id} has no C: choose another trial, or leave out --scaled-by"
-        )
     own = Normalisation(ranges.low[[index]], ranges.high[[index]], ranges.source)
     words = _words(trials, trial, index, ranges, parameters, None if c is None else factor)
     simulated = bool(trials.provenance[trial.session]["simulated"])

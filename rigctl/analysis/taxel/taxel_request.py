@@ -13,7 +13,7 @@ from rigctl.analysis.data.atomic_file import atomic_file
 from rigctl.analysis.data.cache import Resources
 from rigctl.analysis.data.trial_set import join_sessions
 from rigctl.analysis.features.encoded_sessions import ScaledBy, sa_factors
-from rigctl.analysis.features.representations import force_scaling_obstacle
+from rigctl.analysis.features.force_coverage import force_scaling_obstacle, with_c
 from rigctl.analysis.features.spike_counts import (
     PreparedTrials,
     RangesOver,
@@ -77,6 +77,11 @@ def encode_taxel(request: TaxelRequest, resources: Resources) -> tuple[str, ...]
     request.check_files()
     trials = join_sessions(request.sessions, resources.progress)
     check_selection(trials, request.trial, request.taxel)
+    trials = trials.without_gaps()
+    if request.scaled_by is not ScaledBy.NONE:
+        if obstacle := force_scaling_obstacle(trials, request.reference_g):
+            raise WrongUse(f"--scaled-by {request.scaled_by} needs C. {obstacle}")
+        trials = with_c(trials, request.reference_g)
     prepared = prepare_trials(trials, resources, request.ranges)
     c = _searched_factors(request, prepared, resources)
     chosen = request.parameters, request.trial, request.taxel
@@ -107,8 +112,6 @@ def _searched_factors(
     """Return the factors on the SA current; C is searched only where the request asks for it."""
     if request.scaled_by is ScaledBy.NONE:
         return None
-    if obstacle := force_scaling_obstacle(prepared.trials, request.reference_g):
-        raise WrongUse(f"--scaled-by {request.scaled_by} needs C. {obstacle}")
     conditions = group_by_condition(
         prepared, request.parameters, request.reference_g, search_c=True
     )

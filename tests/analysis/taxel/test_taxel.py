@@ -173,7 +173,7 @@ def test_the_command_searches_c_where_it_is_asked_for(tmp_path: Path) -> None:
         (("--movie", "a.avi"), r"none of .gif, .mp4, .png"),
         (("--csv", "old.csv"), "already exists"),
         (("--csv", "a.csv", "--trial", "99"), "no session has a committed trial 99"),
-        (("--csv", "a.csv", "--trial", "5"), "trial 5 has gaps"),
+        (("--csv", "a.csv", "--trial", "5"), "trial 5 has gaps or no C"),
         (("--csv", "a.csv", "--taxel", "19"), "no taxel 19: choose 1 to 18"),
         (("--figure", "a.svg", "--start", "9"), "--start 9 is behind the end of the trial"),
     ],
