@@ -19,7 +19,7 @@ from rigctl.analysis.data.trial_set import TrialRef, TrialSet, join_sessions, op
 from rigctl.analysis.data.wiring_check import check_source_wiring
 from rigctl.analysis.features.transferred_c import (
     RateError,
-    check_c_covers,
+    covered_trials,
     measure_rate_errors,
     transfer_warning,
     unseen_sessions,
@@ -100,12 +100,12 @@ def classify(
     """Predict the texture of every complete trial of some sessions.
 
     Raises WrongUse or SessionError for another number of taxels or sample rate, no motion, no
-    complete trial, or a speed, force or texture that the model's C lacks.
+    complete trial, or where the model's C lacks the speed, force or texture of every trial.
     """
     _check_sensor(model, paths)
     trials = join_sessions(paths, resources.progress)
     if model.c is not None:
-        check_c_covers(trials, model.c, by_texture=model.force == "texture")
+        trials = covered_trials(trials, model.c, by_texture=model.force == "texture")
     trials = trials.without_gaps()
     logs, lengths, n_clipped = _map_posteriors(model, trials, resources)
     pairs = zip(trials.trials, logs, strict=True)

@@ -38,6 +38,7 @@ from rigctl.analysis.features.spike_counts import (
 from rigctl.analysis.features.transferred_c import (
     ForceMatrixSource,
     TransferredC,
+    covered_trials,
     describe_transfer,
     pool_rate_errors,
     sa_rates_by_force,
@@ -135,7 +136,9 @@ def represent(
         check_reference_force(settings, trials.forces_g)
     trials = trials.without_gaps()
     obstacle = "" if source else force_scaling_obstacle(trials, reference_g)
-    if not (obstacle or source):
+    if source is not None:
+        trials = covered_trials(trials, source.force, by_texture=True)
+    elif not obstacle:
         trials = with_c(trials, reference_g)
     prepared = prepare_trials(trials, resources, ranges, settings)
     trials = prepared.trials

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.data.condition_tasks import ConditionTask
-from rigctl.analysis.data.trial_set import TrialSet
+from rigctl.analysis.data.trial_set import TrialRef, TrialSet
 from rigctl.analysis.data.wiring_check import check_source_wiring
 from rigctl.analysis.features.c_outcome import count_search_statuses
 from rigctl.analysis.features.spike_counts import (
@@ -35,6 +35,8 @@ from rigctl.session.files.analysis_file import content_digest
 from rigctl.session.files.force_matrix_file import load_force
 
 Floats = NDArray[np.float64]
+LEAST_COVERED = 0.5
+"""Share of the trials that a given C must have; the others are left out."""
 COMPARING = "comparing sessions with those that C was searched on"
 
 
@@ -84,7 +86,7 @@ def load_c(
     """
     force, inputs = load_force(file)
     check_source_wiring(file, inputs, trials.provenance)
-    check_c_covers(trials, force, by_texture=True)
+    covered_trials(trials, force, by_texture=True, least_share=LEAST_COVERED)
     return ForceMatrixSource(file, force, unseen_sessions(trials, inputs, resources))
 
 
@@ -128,32 +130,46 @@ def _unconverged(force: ForceMatrix) -> str:
     return f"; {force.unconverged:,} of {searched:,} searches did not converge where it was"
 
 
-def check_c_covers(trials: TrialSet, force: ForceMatrix, *, by_texture: bool) -> None:
-    """Raise WrongUse, naming session and trial, where C lacks the conditions of a trial."""
+def covered_trials(
+    trials: TrialSet, force: ForceMatrix, *, by_texture: bool, least_share: float = 0.0
+) -> TrialSet:
+    """Return the trials whose conditions C has, with a remark on the others.
+
+    Raises WrongUse, naming session and trial, for another number of taxels, where C has none of the
+    trials, or less than ``least_share`` of them.
+    """
     if force.c.shape[1] != trials.n_taxels:
         raise WrongUse(
             f"{trials.paths[0]} has {trials.n_taxels} taxels, C was made for {force.c.shape[1]}"
         )
-    for trial in trials.trials:
-        mismatch = ""
-        if trial.speed_mm_s not in force.speeds_mm_s:
-            levels = ", ".join(f"{v:g}" for v in force.speeds_mm_s)
-            mismatch = f"was made at {trial.speed_mm_s:g} mm/s, C at {levels} mm/s"
-        elif trial.force_g not in force.forces_g:
-            levels = ", ".join(f"{f:g}" for f in force.forces_g)
-            mismatch = f"was made at {trial.force_g:g} g, C at {levels} g"
-        elif by_texture and trial.texture not in force.textures:
-            mismatch = f"has texture {trial.texture!r}, C is for {', '.join(force.textures)}"
-        elif by_texture and not force.covers(trial.texture, trial.speed_mm_s, trial.force_g):
-            mismatch = (
-                f"has texture {trial.texture!r} at {trial.speed_mm_s:g} mm/s and "
-                f"{trial.force_g:g} g, which C lacks"
-            )
-        if mismatch:
-            raise WrongUse(
-                f"{trials.paths[trial.session]}: trial {trial.trial_id} {mismatch}: "
-                "C cannot scale it"
-            )
+    mismatches = (_mismatch(trial, force, by_texture=by_texture) for trial in trials.trials)
+    lacking = {row: mismatch for row, mismatch in enumerate(mismatches) if mismatch}
+    if not lacking:
+        return trials
+    row, mismatch = next(iter(lacking.items()))
+    trial = trials.trials[row]
+    first = f"{trials.paths[trial.session]}: trial {trial.trial_id} {mismatch}"
+    n = len(trials.trials)
+    if len(lacking) == n or n - len(lacking) < least_share * n:
+        raise WrongUse(f"{first}: C cannot scale it")
+    remark = f"{len(lacking)} of {n} trials left out, which C cannot scale, such as {first}"
+    return trials.without(list(lacking), remark)
+
+
+def _mismatch(trial: TrialRef, force: ForceMatrix, *, by_texture: bool) -> str:
+    """Return what of a trial's conditions C lacks, "" where it has them."""
+    if trial.speed_mm_s not in force.speeds_mm_s:
+        levels = ", ".join(f"{v:g}" for v in force.speeds_mm_s)
+        return f"was made at {trial.speed_mm_s:g} mm/s, C at {levels} mm/s"
+    if trial.force_g not in force.forces_g:
+        levels = ", ".join(f"{f:g}" for f in force.forces_g)
+        return f"was made at {trial.force_g:g} g, C at {levels} g"
+    if by_texture and trial.texture not in force.textures:
+        return f"has texture {trial.texture!r}, C is for {', '.join(force.textures)}"
+    if by_texture and not force.covers(trial.texture, trial.speed_mm_s, trial.force_g):
+        condition = f"{trial.texture!r} at {trial.speed_mm_s:g} mm/s and {trial.force_g:g} g"
+        return f"has texture {condition}, which C lacks"
+    return ""
 
 
 def measure_rate_errors(

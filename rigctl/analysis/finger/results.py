@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
-from rigctl.analysis.finger.data_sets import FingerDataSet
+from rigctl.analysis.finger.data_sets import FingerDataSet, common_textures
 from rigctl.analysis.finger.evaluation.evidence import EvidenceCurve, evidence_curve
 from rigctl.analysis.finger.evaluation.force_invariance import (
     ForceComparison,
@@ -87,8 +87,12 @@ def analyse_finger(
     """
     if not data_sets:
         raise WrongUse("the analysis needs a data set: a training session and a later one")
-    if len({one.textures for one in data_sets}) > 1:
+    common = common_textures([one.textures for one in data_sets])
+    if common is None:
         raise WrongUse("the data sets have different textures: analyse sets of one protocol")
+    data_sets, scaled_currents = (
+        [one.of_textures(common) for one in sets] for sets in (data_sets, scaled_currents)
+    )
     tasks, omissions = run_finger_tasks(data_sets, settings, resources)
     components = settings.finger.components
     tested = [one.tested for one in data_sets]
@@ -111,7 +115,12 @@ def analyse_finger(
         tuple(compare_force_scalings(data_sets, scaled_currents, settings)),
         tuple(_profiles(data_sets, kind) for kind in KINDS),
         latencies or {},
-        (*differences_from_paper(settings.analysis), *remarks, *omissions),
+        (
+            *differences_from_paper(settings.analysis),
+            *remarks,
+            *(remark for one in data_sets for remark in one.remarks),
+            *omissions,
+        ),
     )
 
 

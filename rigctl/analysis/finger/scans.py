@@ -142,6 +142,10 @@ class ScanSet:
             )
         return self.select(rows)
 
+    def of_textures(self, textures: Collection[str]) -> ScanSet:
+        """Return the scans of some textures."""
+        return self.select(np.isin(self.texture, list(textures)))
+
     def of_profiles(self, profiles: Collection[str]) -> ScanSet:
         """Return the scans of some velocity profiles."""
         return self.select(np.isin(self.profile, list(profiles)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -144,8 +145,8 @@ def test_c_of_another_session_gives_a_warning_with_its_rate_error(
         assert 0 < miss.with_c_hz < miss.without_c_hz
         assert f"{miss.with_c_hz:.2f} Hz with C" in found.remarks[0]
     own = load_model(saved(made, tmp_path / "own.h5", "Force Scaled"))
-    with pytest.raises(WrongUse, match=r"other: trial \d+ has texture 'X', C is for A, B, G"):
-        classify(own, [other])
+    remarks = "\n".join(classify(own, [other]).remarks)
+    assert re.search(r"such as .*other: trial \d+ has texture 'X', C is for A, B, G", remarks)
 
 
 def test_sessions_that_do_not_fit_are_refused_with_a_reason(
@@ -158,8 +159,10 @@ def test_sessions_that_do_not_fit_are_refused_with_a_reason(
         classify(blind, [fast])
     assert any("no trial at 120 mm/s" in r for r in classify(speed, [fast]).remarks)
     heavy = record(tmp_path / "heavy", "AB", travel_mm=24.0, speeds=(40,), forces=(500, 900))
-    with pytest.raises(WrongUse, match=r"heavy: trial \d+ was made at 900 g, C at 250, 500 g"):
-        classify(blind, [heavy])
+    found = classify(blind, [heavy])
+    assert {one.force_g for one in found.predictions} == {500.0}
+    sentence = r"2 of 4 trials left out, which C cannot scale, such as .*heavy: trial \d+ was"
+    assert any(re.match(sentence, remark) for remark in found.remarks)
     narrow = imported(tmp_path, 3)
     with pytest.raises(SessionError, match="has 3 taxels, the model was trained with 18"):
         classify(speed, [narrow])

@@ -12,6 +12,7 @@ import pytest
 from rigctl.analysis.finger.classifier import FingerEncoding
 from rigctl.analysis.finger.recorded_scans import read_data_sets, read_scans, training_info
 from rigctl.analysis.finger.scans import encode_readings, scan_set
+from rigctl.analysis.settings.analysis_settings import FingerAnalysisSettings
 from rigctl.cli import main
 from rigctl.errors import SessionError, WrongUse
 from rigctl.protocol.finger import Stage
@@ -99,16 +100,31 @@ def test_a_calibration_of_its_own_belongs_to_the_run_after_it(
         read_data_sets([sessions[0], run])
 
 
-def test_a_set_without_untrained_profiles_is_refused_with_its_reason(
+def test_a_set_without_untrained_profiles_has_a_report_without_figure_4c(
     sessions: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     trained = [one for one in NEW if one.profile in ("slow", "medium")]
     new = write_session(tmp_path / "two-profiles", trained)
     words = ["analyse", "--experiment", "realtime", str(sessions[0]), str(new)]
-    assert main([*words, "--out", str(tmp_path / "none"), "--iterations", "2"]) == 2
-    assert "Figure 4C tests the velocity profiles others than slow, medium" in (
-        capsys.readouterr().err
-    )
+    assert main([*words, "--out", str(tmp_path / "r"), "--iterations", "2"]) == 0
+    remark = "Figure 4C is left out: it tests the velocity profiles others than slow, medium"
+    assert f"note: {remark}" in capsys.readouterr().out
+    assert remark in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
+    names = {path.stem for path in (tmp_path / "r").iterdir()}
+    assert "fig4c" not in names and {"fig4b", "figs5"} < names
+
+
+def test_windows_and_reference_speed_are_those_of_the_analysis_file(
+    sessions: tuple[Path, Path],
+) -> None:
+    settings = FingerAnalysisSettings(windows=30, reference_speed_mm_s=50.0)
+    (found,) = read_data_sets(sessions, settings=settings).data_sets
+    (paper,) = read_data_sets(sessions).data_sets
+    assert found.tested.windows.shape[1] == 30 and paper.tested.windows.shape[1] == 20
+    assert (found.tested.window_mm, paper.tested.window_mm) == (5.0, 10.0)
+    # Two windows of 5 mm are one of 10 mm, but for the sample in which one ends.
+    pairs = found.tested.real_ms[:, :30].reshape(-1, 15, 2).sum(axis=2)
+    assert np.abs(pairs - paper.tested.real_ms[:, :15]).max() <= 1
 
 
 def test_other_ranges_are_encoded_anew_with_those_of_training(

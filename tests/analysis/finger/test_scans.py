@@ -77,6 +77,15 @@ def test_sessions_with_other_textures_are_no_pair() -> None:
         FingerDataSet.from_sessions("one", SCANS, new)
 
 
+def test_a_texture_that_a_stage_lacks_is_left_out_alone() -> None:
+    later = made_recordings({Stage.CALIBRATE: 1, Stage.RUN: 1}, 4)
+    lacking = [one for one in later if (one.stage, one.texture) != (Stage.CALIBRATE, "N")]
+    new = scan_set("four plates", lacking, RANGES, simulated=True)
+    found = FingerDataSet.from_sessions("set 1", SCANS, new)
+    assert found.textures == found.tested.textures == ("A", "B", "D", "L")
+    assert found.remarks == ("set 1: textures left out, which a stage lacks: N",)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

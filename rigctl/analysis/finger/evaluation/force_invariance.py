@@ -159,8 +159,12 @@ def population_reading(recording: ScanRecording, normalisation: Normalisation) -
 
 
 def _map_scans(data_set: FingerDataSet, scale: Callable[[ScanSet], ScanSet]) -> FingerDataSet:
-    parts = (data_set.training, data_set.calibration, data_set.tested)
-    return FingerDataSet(data_set.name, *map(scale, parts))
+    return replace(
+        data_set,
+        training=scale(data_set.training),
+        calibration=scale(data_set.calibration),
+        tested=scale(data_set.tested),
+    )
 
 
 def _over_mean(rates: Floats, axis: int | tuple[int, int]) -> Floats:
