@@ -12,6 +12,7 @@ from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.protocol.run_reasons import LINK
 from rigctl.acquisition.protocol.run_request import RunContext, RunRequest, open_run
 from rigctl.acquisition.protocol.runner import Run
+from rigctl.acquisition.protocol.step_runner import mountings_before
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus, RunStatus
 from rigctl.acquisition.served_engine import ServedEngine
@@ -59,6 +60,7 @@ class Engine(ServedEngine[Run, RunRequest]):
         context = RunContext(self.rig, identities, self._utc_now())
         check_in = partial(self.heartbeat_gate.check_in, "runner")
         opened = open_run(request, context)
+        self.rig.skip_mountings(mountings_before(opened.plan.steps, opened.done))
         self.run = Run(self.boards, self.event_bus, opened, check_in, self.set_plate)
         self._run_task = self.spawn(self._execute(self.run))
         folder = str(self.run.folder)

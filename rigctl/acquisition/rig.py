@@ -54,6 +54,11 @@ class Rig:
             self.simulation.set_plate(texture)
         return self.simulated
 
+    def skip_mountings(self, count: int) -> None:
+        """Give a simulated bench the mountings of earlier sittings; nothing at the bench."""
+        if self.simulated:
+            self.simulation.skip_mountings(count)
+
     def lay_mass(self, mass_g: float) -> bool:
         """Load a simulated load cell; False at the bench, where a person has to place the mass."""
         if self.simulated:

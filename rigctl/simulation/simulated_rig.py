@@ -253,5 +253,8 @@ class SimulatedRig(Protocol):
     def set_plate(self, texture: str) -> None:
         """Mount the plate of texture ``"A"``–``"P"``. Raises WrongUse for another name."""
 
+    def skip_mountings(self, count: int) -> None:
+        """Count mountings of an earlier sitting, so that the next one does not repeat the first."""
+
     def close(self) -> None:
         """Free the boards and close the links."""

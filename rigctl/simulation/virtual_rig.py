@@ -135,6 +135,9 @@ class VirtualRig:
     def set_plate(self, texture: str) -> None:
         self._bench.set_plate(texture)
 
+    def skip_mountings(self, count: int) -> None:
+        self._bench.skip_mountings(count)
+
     def close(self) -> None:
         self._closed = True
         self.drum.close()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.protocol.step_runner import remaining_steps
+from rigctl.acquisition.protocol.step_runner import mountings_before, remaining_steps
 from rigctl.cli import main
 from rigctl.errors import ProtocolError
 from rigctl.protocol.loader import parse_protocol
@@ -80,6 +80,8 @@ def test_what_is_left_of_a_mounting_asks_for_the_plate_of_that_mounting() -> Non
     plan = plan_of(TWICE)
     left = list(remaining_steps(plan.steps, frozenset(range(1, 11))))
     first = left[0]
+    assert mountings_before(plan.steps, frozenset(range(1, 11))) == 2
+    assert mountings_before(plan.steps, frozenset()) == 0
     assert isinstance(first, ChangePlate) and "A, then confirm. (mounting 2 of 2" in first.prompt
     assert [s.trial.trial_id for s in left if isinstance(s, RunTrial)] == list(range(11, 17))
 

@@ -43,6 +43,9 @@ class ClockOnly:
     def set_plate(self, texture: str) -> None:
         pass
 
+    def skip_mountings(self, count: int) -> None:
+        pass
+
     def close(self) -> None:
         pass
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import takewhile
 from typing import Any
 
 from rigctl.acquisition.boards import Boards
@@ -249,3 +250,11 @@ def remaining_steps(steps: Iterable[Step], done: frozenset[int]) -> Iterator[Ste
             yield step
         else:
             waiting.append(step)
+
+
+def mountings_before(steps: Sequence[Step], done: frozenset[int]) -> int:
+    """Return how many plates earlier sittings mounted before the one that a run begins with."""
+    remaining = remaining_steps(steps, done)
+    first = next((step for step in remaining if isinstance(step, ChangePlate)), None)
+    before = takewhile(lambda step: step is not first, steps if first is not None else ())
+    return sum(isinstance(step, ChangePlate) for step in before)

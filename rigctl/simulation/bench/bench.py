@@ -60,6 +60,10 @@ class Bench:
         self.skin.set_plate(tables, mounting)
         self.plant.set_force_table(force_table(tables, self.parameters, mounting))
 
+    def skip_mountings(self, count: int) -> None:
+        """Leave out the alignments of this many mountings, which were those of another sitting."""
+        self._mountings += count
+
     def apply_disturbances(self) -> None:
         """Pass changed disturbances to the mechanics."""
         self.plant.set_disturbances(self.disturbances.motor_jammed, self.disturbances.push_g)

@@ -107,6 +107,9 @@ class ChipSimulation:
     def set_plate(self, texture: str) -> None:
         self._bench.set_plate(texture)
 
+    def skip_mountings(self, count: int) -> None:
+        self._bench.skip_mountings(count)
+
     def close(self) -> None:
         self._closed = True
         self.drum.close()
