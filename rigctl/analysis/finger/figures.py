@@ -206,7 +206,7 @@ def _mark_legend(axes: Axes, quoted: Sequence[QuotedAccuracy]) -> None:
 def _note(result: FingerResult) -> str:
     """Return what bars and asterisks mean."""
     n = len(result.accuracy[ScanKind.ORIGINAL])
-    n = n * result.n_tested if result.task is DEPLOYED else n
+    counted = f"{n * result.n_tested} trials" if result.task is DEPLOYED else f"{n} draws"
     bars = "bars: standard error"
     if result.standard_error(ScanKind.ORIGINAL) is None:
         bars = "one draw, no spread"
@@ -214,7 +214,7 @@ def _note(result: FingerResult) -> str:
         bars = "bars: standard error of a share"
     first = result.differences()[0]
     rule = describe_rule(first.rule, first.test).replace(";", ",")
-    return f"n = {n}; {bars}; {rule}; grey: Original is better"
+    return f"n = {counted}; {bars}; {rule}; grey: Original is better"
 
 
 def _plot_stars(axes: Axes, result: FingerResult, percent: float) -> None:

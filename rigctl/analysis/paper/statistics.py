@@ -75,14 +75,29 @@ def asterisks(p: float, effect: float, rule: AsteriskRule = ASTERISKS) -> str:
     return next(earned, "")
 
 
+class _Moments(NamedTuple):
+    """Mean, variance (divisor n − 1; 0 for a single value) and number of some values."""
+
+    mean: float
+    variance: float
+    n: int
+
+    @classmethod
+    def of(cls, values: Values) -> _Moments:
+        return cls(float(values.mean()), _variance(values), len(values))
+
+
 def cohens_d(first: Values, second: Values) -> float | None:
     """Return the difference of means over the pooled standard deviation, None where that is 0."""
-    n, m = len(first), len(second)
-    if n + m < 3:
+    return _effect(_Moments.of(first), _Moments.of(second))
+
+
+def _effect(first: _Moments, second: _Moments) -> float | None:
+    if first.n + second.n < 3:
         return None
-    squares = (n - 1) * _variance(first) + (m - 1) * _variance(second)
-    pooled = sqrt(squares / (n + m - 2))
-    return float(first.mean() - second.mean()) / pooled if pooled > 0 else None
+    squares = (first.n - 1) * first.variance + (second.n - 1) * second.variance
+    pooled = sqrt(squares / (first.n + second.n - 2))
+    return (first.mean - second.mean) / pooled if pooled > 0 else None
 
 
 def wilson_interval(correct: Any, n: int) -> tuple[Any, Any]:
@@ -131,31 +146,35 @@ def welch_each(
     """Return :func:`welch` for each column: float64 (draws, k) both, such as k components."""
     if not (np.isfinite(first).all() and np.isfinite(second).all()):
         raise WrongUse("a test of difference has a value that is not a number: leave it out")
-    pairs = [(a.copy(), b.copy()) for a, b in zip(first.T, second.T, strict=True)]
+    # Copied columns have the same sums as values that were given alone.
+    pairs = [
+        (_Moments.of(a.copy()), _Moments.of(b.copy()))
+        for a, b in zip(first.T, second.T, strict=True)
+    ]
     return tuple(_welch_differences(pairs, rule))
 
 
 def _welch_differences(
-    pairs: Sequence[tuple[Values, Values]], rule: AsteriskRule
+    pairs: Sequence[tuple[_Moments, _Moments]], rule: AsteriskRule
 ) -> Iterator[Difference]:
     tested = iter(_welch_statistics([pair for pair in pairs if _can_test(*pair)]))
-    for first, second in pairs:
-        weak = _weak_assumptions(first, second)
-        if _can_test(first, second):
+    for pair in pairs:
+        weak = _weak_assumptions(*pair)
+        if _can_test(*pair):
             statistic, p = next(tested)
-            yield Difference(statistic, p, cohens_d(first, second), weak, rule)
+            yield Difference(statistic, p, _effect(*pair), weak, rule)
         else:
             yield Difference(None, None, None, weak, rule)
 
 
-def _welch_statistics(pairs: Sequence[tuple[Values, Values]]) -> list[tuple[float, float]]:
+def _welch_statistics(pairs: Sequence[tuple[_Moments, _Moments]]) -> list[tuple[float, float]]:
     """Return t and p of each pair; SciPy is called once, as a call costs more than its numbers."""
     from scipy import stats
 
     if not pairs:
         return []
     sides = [
-        (np.array([x.mean() for x in side]), np.sqrt([_variance(x) for x in side]), len(side[0]))
+        (np.array([x.mean for x in side]), np.sqrt([x.variance for x in side]), side[0].n)
         for side in zip(*pairs, strict=True)
     ]
     found = stats.ttest_ind_from_stats(*sides[0], *sides[1], equal_var=False)
@@ -163,19 +182,18 @@ def _welch_statistics(pairs: Sequence[tuple[Values, Values]]) -> list[tuple[floa
     return [(float(statistic), float(p)) for statistic, p in both]
 
 
-def _can_test(first: Values, second: Values) -> bool:
-    varies = _variance(first) > 0 or _variance(second) > 0
-    return min(len(first), len(second)) > 1 and varies
+def _can_test(first: _Moments, second: _Moments) -> bool:
+    return min(first.n, second.n) > 1 and (first.variance > 0 or second.variance > 0)
 
 
-def _weak_assumptions(first: Values, second: Values) -> tuple[str, ...]:
+def _weak_assumptions(first: _Moments, second: _Moments) -> tuple[str, ...]:
     weak = [REDRAWN]
-    if max(first.mean(), second.mean()) > CEILING_SHARE:
+    if max(first.mean, second.mean) > CEILING_SHARE:
         weak.append(
             "One side is close to 100 %, where accuracies cannot be normally distributed: "
             "p is a rough guide."
         )
-    if min(len(first), len(second)) < 2:
+    if min(first.n, second.n) < 2:
         weak.append("One value on a side has no spread: Welch's test needs two or more.")
     elif not _can_test(first, second):
         weak.append("Neither side varies at all: Welch's t and Cohen's d are not defined.")
