@@ -45,8 +45,12 @@ def _svg_uri(png: Path) -> str:
 def _describe(value: Any) -> str:
     if isinstance(value, Mapping):
         return "; ".join(f"{k} {v}" for k, v in value.items()) or ABSENT
+    if isinstance(value, list):
+        return ", ".join(map(_describe, value)) or ABSENT
     if isinstance(value, bool):
         return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.6g}"
     return ABSENT if value in (None, "") else str(value)
 
 
