@@ -22,6 +22,7 @@ from rigctl.exchange.column_names import MAX_COLUMNS, find_columns
 MAX_FILE_BYTES = 2**32
 MAX_LINE_LETTERS = 1_000_000
 MAX_LABELS = 100_000
+HEAD_ROWS = 3
 
 
 class TextFormat(NamedTuple):
@@ -60,6 +61,8 @@ def read_text_table(
     path: Path, form: TextFormat, numbers: Sequence[str] | None = None, labels: Sequence[str] = ()
 ) -> TextTable:
     """Read a table of UTF-8 text; a first row that is no numbers has the names of the columns.
+
+    A second row without numbers has their units and is left out.
 
     ``numbers``: the columns that must be numbers, None for all; others are NaN where they are
     texts. ``labels``: columns that may be texts. Raises WrongUse naming file, row and column.
@@ -120,27 +123,35 @@ def _read_rows(
     numbers: Sequence[str] | None,
     labels: Sequence[str],
 ) -> TextTable:
-    first = next(rows, None)
-    if first is None:
+    head = list(islice(rows, HEAD_ROWS))
+    if not head:
         raise WrongUse(f"{path} is empty")
-    number, cells = first
+    number, cells = head[0]
     if len(cells) > MAX_COLUMNS:
         raise WrongUse(f"{path}, row {number}: has {len(cells):,} cells; {MAX_COLUMNS:,} at most")
-    second = next(rows, None)
-    named = has_names(cells, second[1] if second else ())
-    rows = chain([second] if second else (), rows)
-    names = tuple(cells) if named else tuple(str(k) for k in range(1, len(cells) + 1))
+    n_header = count_header_rows([row for _, row in head])
+    names = tuple(cells) if n_header else tuple(str(k) for k in range(1, len(cells) + 1))
     parser = _RowParser(path, names, numbers, labels)
-    if not named:
-        parser.add(number, cells)
-    first_row, truncated = _read_values(parser, rows)
+    first_row, truncated = _read_values(parser, chain(head[n_header:], rows))
     if not parser.values:
         raise WrongUse(f"{path} has no rows of values")
     table = np.frombuffer(parser.values, np.float64).reshape(-1, len(names))
-    return TextTable(names, table, first_row if named else number, truncated, parser.texts())
+    return TextTable(names, table, first_row, truncated, parser.texts())
 
 
-def has_names(first: Sequence[str], second: Sequence[str]) -> bool:
+def count_header_rows(rows: Sequence[Sequence[str]]) -> int:
+    """Return how many of the first three rows are a header: names, and units below them."""
+    has_units = len(rows) == HEAD_ROWS and _are_texts(rows[1]) and _has_names(rows[1], rows[2])
+    if has_units and _has_names(rows[0], rows[2]):
+        return 2
+    return int(bool(rows) and _has_names(rows[0], rows[1] if len(rows) > 1 else ()))
+
+
+def _are_texts(row: Sequence[str]) -> bool:
+    return not any(cell and is_number(cell) for cell in row)
+
+
+def _has_names(first: Sequence[str], second: Sequence[str]) -> bool:
     """Return whether a first row has names: a text where the second has a number, or no cell."""
     below = (*second, *repeat("", len(first) - len(second)))
     return any(

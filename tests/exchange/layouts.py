@@ -52,8 +52,9 @@ def _whole(values: NDArray[np.float64]) -> list[list[int]]:
 
 
 def labels_in_names(folder: Path) -> None:
-    """One file a trial, labels in its name, cells between semicolons."""
+    """One file a trial, labels in its name, cells between semicolons, units below the names."""
     header = ";".join(["time_ms", *NAMES, "temperature"])
+    header += "\n" + ";".join(["ms", *["mV"] * N_TAXELS, "°C"])
     for t in TRIALS:
         rows = np.c_[TIME_MS, t.counts, np.full(N_ROWS, 22)]
         name = f"{t.texture}_v{t.speed_mm_s}_r{t.repeat}.csv"

@@ -129,15 +129,10 @@ class _RoleGuess:
     def find_others(self) -> None:
         """Take a column for the load cell; other numbers are other channels, texts nothing."""
         for column in list(self._left):
-            name = self._sample.names[column]
-            if (
-                column in self._sample.texts
-                or not np.isfinite(self._sample.values[:, column]).any()
-            ):
-                self._take(column, "not used: texts")
-            elif has_word("index", name) or (
-                not self._sample.named and np.ptp(self._sample.values[:, column]) == 0
-            ):
+            name, values = self._sample.names[column], self._sample.values[:, column]
+            if column in self._sample.texts or not np.isfinite(values).any():
+                self._take(column, "not used: no numbers")
+            elif has_word("index", name) or (not self._sample.named and np.ptp(values) == 0):
                 self._take(column, f"not used: {self._span(column)}")
             elif self._sample.named and self.roles.loadcell is None and has_word("loadcell", name):
                 self.roles.loadcell = column

@@ -22,8 +22,9 @@ from rigctl.exchange.file_readers import (
 )
 from rigctl.exchange.recording_files import SUFFIXES
 from rigctl.exchange.text_table import (
+    HEAD_ROWS,
     TextFormat,
-    has_names,
+    count_header_rows,
     is_number,
     read_first_lines,
     read_text_table,
@@ -35,6 +36,7 @@ _LETTERS = (",", ";", "\t", "|", " ")
 _DECIMAL_COMMA = re.compile(r"-?\d+,\d+$")
 _ELEMENT = re.compile(r"^(?P<array>.+?)\.(?P<number>\d+)(?:\.(?P<field>.*))?$")
 MOST_TRANSPOSED = 64
+MAX_VALUE = 1e100
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,12 +91,13 @@ def _read_text(paths: Sequence[Path]) -> RecordingSample:
                 f"{path} has {_describe(other)}, but {paths[0].name} has {_describe(head)}: guess "
                 "a map for each layout"
             )
-    rows = _first_rows(paths[0], form, FIRST_LINES)[bool(head[0]) :]
+    rows = _first_rows(paths[0], form, FIRST_LINES)
+    rows = rows[count_header_rows(rows[:HEAD_ROWS]) :]
     columns = [[row[k] for row in rows if k < len(row)] for k in range(head[1])]
     labels = [str(k + 1) for k, cells in enumerate(columns) if _are_labels(cells)]
     table = read_text_table(paths[0], form, (), labels)
     return RecordingSample(
-        paths[0], table.names, table.values, bool(head[0]), table.texts, form=form
+        paths[0], table.names, _bounded(table.values), bool(head[0]), table.texts, form=form
     )
 
 
@@ -132,11 +135,10 @@ def _cells(line: str, delimiter: str) -> list[str]:
 
 def _head(path: Path, form: TextFormat) -> tuple[tuple[str, ...], int]:
     """Return the names in a table's header, none without one, and its number of columns."""
-    rows = _first_rows(path, form, 2)
+    rows = _first_rows(path, form, HEAD_ROWS)
     if not rows:
         raise WrongUse(f"{path} is empty")
-    named = has_names(rows[0], rows[1] if len(rows) > 1 else ())
-    return tuple(rows[0]) if named else (), len(rows[0])
+    return tuple(rows[0]) if count_header_rows(rows) else (), len(rows[0])
 
 
 def _describe(head: tuple[tuple[str, ...], int]) -> str:
@@ -167,8 +169,19 @@ def _read_arrays(paths: Sequence[Path]) -> RecordingSample:
     texts = {name: tuple(found) for name, found in fields.items()}
     named = not all(name.isdigit() for name in names)
     return RecordingSample(
-        paths[0], names, values, named, fields=texts, elements=elements, transpose=transpose
+        paths[0],
+        names,
+        _bounded(values),
+        named,
+        fields=texts,
+        elements=elements,
+        transpose=transpose,
     )
+
+
+def _bounded(values: Floats) -> Floats:
+    """Return values with NaN for those that no recording has: their differences are numbers."""
+    return np.where(np.abs(values) < MAX_VALUE, values, np.nan)
 
 
 def _refuse_other_variables(paths: Sequence[Path], variables: Mapping[str, Any]) -> None:
