@@ -77,6 +77,7 @@ class _Settings(TypedDict):
     k_max: Count
     engine: str
     encoder: dict[str, str | int | float | bool]
+    analysis: dict[str, dict[str, Any]]
 
 
 class _Input(TypedDict):
@@ -111,7 +112,9 @@ def load_results(folder: Path) -> dict[str, Any]:
         results = msgspec.json.decode(text, type=dict[str, Any])
     except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
         raise WrongUse(f"{path} is not the JSON of a report ({error}): {remedy}") from None
-    if "evidence" not in results:
+    settings = results.get("settings")
+    older = isinstance(settings, dict) and "analysis" not in settings
+    if "evidence" not in results or older:
         raise WrongUse(f"{folder} was made by an older rigctl: analyse its sessions again")
     try:
         msgspec.convert(results, type=SavedResults)

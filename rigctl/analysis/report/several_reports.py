@@ -64,6 +64,11 @@ def load_reports(folders: Sequence[Path]) -> list[dict[str, Any]]:
                     f"{folder} was made with another {name} than {folders[0]}: "
                     "analyse both with the same settings"
                 )
+        if _constants(one) != _constants(sets[0]):
+            raise WrongUse(
+                f"{folder} was made with other constants of an analysis file than {folders[0]} "
+                "(analysis.toml in each): analyse both with the same file"
+            )
         if _contents(one) != _contents(sets[0]):
             raise WrongUse(
                 f"{folder} has other tasks or representations than {folders[0]}: "
@@ -71,6 +76,11 @@ def load_reports(folders: Sequence[Path]) -> list[dict[str, Any]]:
             )
     _check_distinct(folders, sets)
     return sets
+
+
+def _constants(one: dict[str, Any]) -> dict[str, Any]:
+    """Return the constants that determine a report of the drum, but for the number of draws."""
+    return {k: v for k, v in one["settings"]["analysis"].items() if k not in ("draws", "finger")}
 
 
 def _load(folder: Path) -> dict[str, Any]:

@@ -29,7 +29,13 @@ RESULTS: dict[str, Any] = {
     "inputs": [
         {"path": "day", "plan_hash": "a", "begun_utc": "b", "seed": 1, "simulation_seed": None}
     ],
-    "settings": {"iterations": 2, "k_max": 2, "engine": "own", "encoder": {"name": "default"}},
+    "settings": {
+        "iterations": 2,
+        "k_max": 2,
+        "engine": "own",
+        "encoder": {"name": "default"},
+        "analysis": {"windows": {"length_ms": 100}},
+    },
     "trials": {"used": 32},
     "tasks": {
         "textures": {
@@ -50,6 +56,7 @@ RESULTS: dict[str, Any] = {
         "alone": {"textures": {BETTER: {"SA": 0.5, "RA": 0.6}}},
     },
 }
+LENGTH_MS = ("settings", "analysis", "windows", "length_ms")
 WRONG = [None, -1, 10**30, "x", [], {}, [[]], {"\x1b": 1}, True, 0.5]
 
 
@@ -116,3 +123,15 @@ def test_what_is_no_report_is_refused(
 ) -> None:
     assert compare(tmp_path, text) == 2
     assert words in capsys.readouterr().err
+
+
+def test_reports_of_other_constants_are_not_compared(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names, words = ("paper", "short"), [json.dumps(RESULTS), changed(LENGTH_MS, 50)]
+    for name, text in zip(names, words, strict=True):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "results.json").write_text(text, encoding="utf-8")
+    folders = [str(tmp_path / name) for name in names]
+    assert main(["orders", *folders, "--out", str(tmp_path / "page")]) == 2
+    assert "short was made with other constants of an analysis file" in capsys.readouterr().err
