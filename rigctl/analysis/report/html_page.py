@@ -11,6 +11,7 @@ from rigctl.analysis.data.notes import summarise_notes
 from rigctl.analysis.paper.comparisons import NAME_OF
 
 ABSENT = "–"
+SMALLEST_P = 1e-300
 
 
 def render_page(template: str, **context: Any) -> str:
@@ -31,6 +32,7 @@ def render_page(template: str, **context: Any) -> str:
         "notes": summarise_notes,
         "number": _number,
         "numbers": _numbers,
+        "p_value": describe_p,
         "svg_uri": _svg_uri,
     }
     return environment.get_template(template).render(context)
@@ -58,6 +60,11 @@ def _number(value: float | None) -> str:
     if value is None:
         return ABSENT
     return f"{value:.2g}" if abs(value) < 0.01 else f"{value:.2f}"
+
+
+def describe_p(p: float | None) -> str:
+    """Return p with two digits; 0 is a p that is too small for a number."""
+    return f"< {SMALLEST_P:g}" if p == 0 else _number(p)
 
 
 def _numbers(values: Sequence[float]) -> str:

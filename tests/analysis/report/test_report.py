@@ -18,6 +18,7 @@ from rigctl.analysis.paper import published
 from rigctl.analysis.paper.comparisons import Agreement, compare_task, components_needed
 from rigctl.analysis.paper.tasks import Curve, TaskResult
 from rigctl.analysis.report import report_folder
+from rigctl.analysis.report.html_page import describe_p
 from rigctl.cli import main
 from rigctl.cli.options.progress import ProgressLine
 from tests.analysis.recordings import record
@@ -230,6 +231,11 @@ def test_pairs_are_compared_where_the_paper_separates_them() -> None:
     assert found.keys(Agreement.TIED) == [("speed_force", "force")]
     assert "Reversed: Speed Scaled over Force Scaled" in found.sentence
     assert any("model" in reason for reason in found.caveats)
+
+
+def test_a_p_of_zero_is_written_as_a_bound() -> None:
+    shown = [describe_p(p) for p in (0.0, 0.031, 3e-9, None)]
+    assert shown == ["< 1e-300", "0.03", "3e-09", "–"]
 
 
 def test_components_needed_are_the_first_that_reach_it() -> None:
