@@ -27,6 +27,8 @@ _NUMBER = re.compile(r"(?<![\w.])[-+]?\d[\w.]*")
 _VALUE = re.compile(r"(?<=[=:])[ \t]*[^\n,]+")
 _KEY = re.compile(r"\b[A-Za-z_][A-Za-z_0-9]*(?=\s*[=:])")
 
+MOST_LETTERS = 16 << 20
+"""A text is not made longer: this process has little memory."""
 Rewrite = Callable[[Random, str], str]
 
 
@@ -63,8 +65,10 @@ def drop_line(random: Random, text: str) -> str:
 def repeat_line(random: Random, text: str) -> str:
     """Repeat a line, twice or very often."""
     lines = text.split("\n")
-    at = random.randrange(len(lines))
-    return "\n".join(lines[:at] + [lines[at]] * random.choice((2, 200, 5000)) + lines[at + 1 :])
+    at, times = random.randrange(len(lines)), random.choice((2, 200, 5000))
+    if len(lines[at]) * times > MOST_LETTERS:
+        return text
+    return "\n".join(lines[:at] + [lines[at]] * times + lines[at + 1 :])
 
 
 def swap_lines(random: Random, text: str) -> str:
