@@ -31,12 +31,23 @@ def test_a_value_lies_at_its_place_inside_the_plot() -> None:
 
 @pytest.mark.parametrize(
     ("low", "high", "ticks"),
-    [(0, 51, [0, 10, 20, 30, 40, 50]), (0, 3, [0, 0.5, 1, 1.5, 2, 2.5, 3]), (3, 4, None)],
+    [
+        (0, 51, [0, 10, 20, 30, 40, 50]),
+        (0, 3, [0, 0.5, 1, 1.5, 2, 2.5, 3]),
+        (0, 13, [0, 5, 10]),
+        (3, 4, None),
+    ],
 )
 def test_ticks_are_round_and_few(low: float, high: float, ticks: list[float] | None) -> None:
     found = nice_ticks(low, high)
     assert low <= found[0] and found[-1] <= high and 2 <= len(found) <= 7
     assert ticks is None or found == ticks
+
+
+def test_numbers_of_components_are_whole() -> None:
+    one = ChartSeries("a", "A", "ink", [1.0, 2.0], [50.0, 60.0])
+    few = LinePanel("T", [one], "components", "accuracy (%)", (0.0, 3.0), (0.0, 100.0))
+    assert [tick.text for tick in few.x_ticks] == ["0", "1", "2", "3"]
 
 
 def test_each_curve_with_asterisks_has_a_row_of_its_own_above_the_plot() -> None:
@@ -81,5 +92,5 @@ def test_figure_3_shows_the_papers_value_at_50_components() -> None:
     assert (mark.x, mark.y) == (50.0, 91.78) and "91.78 ± 0.55" in mark.text
     assert first.x_range[1] > 50.0
     assert any("Table 1" in note for note in chart.notes)
-    assert any("* p < 0.05" in note for note in chart.notes) and "Ours alone." in chart.notes
+    assert any(note.endswith("is better: Ours alone.") for note in chart.notes)
     assert [star.worse for star in first.asterisks(first.series[1])] == [True]

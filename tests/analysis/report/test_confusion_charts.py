@@ -33,7 +33,8 @@ def test_the_papers_task_comes_first_and_a_cell_says_its_trials() -> None:
     right, wrong, other = panel.cells
     assert (right.title, right.text, right.dark) == ("A: 3 of 4 trials (75.0%)", "75", True)
     assert wrong.title == "A taken for cord: 1 of 4 trials (25.0%)" and not wrong.dark
-    assert (other.x, other.y) == (20.0, 20.0)
+    assert (other.x, other.y) == (panel.cell, panel.cell)
+    assert panel.width >= panel.left + panel.side
     assert not panel.upright and panel.left > 30.0
 
 

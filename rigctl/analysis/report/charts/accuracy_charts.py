@@ -48,14 +48,14 @@ def accuracy_chart(results: Values) -> LineChart:
     return LineChart("Accuracy over principal components", panels, notes)
 
 
-def star_notes(tests: Mapping[str, Values], *more: str) -> list[str]:
-    """Return what the asterisks mean, nothing where there are none."""
+def star_notes(tests: Mapping[str, Values], note: str = "") -> list[str]:
+    """Return what the asterisks mean, nothing without any; ``note``: words instead of the rule."""
     each = [test for by_name in tests.values() for test in by_name.values()]
     rules = dict.fromkeys(test["rule"] for test in each if any(test["stars"]))
     if not rules:
         return []
-    rule = " / ".join(rules)
-    return [f"Asterisks against Original: {rule}; grey where Original is better.", *more]
+    said = note or f"{' / '.join(rules)}."
+    return [f"Asterisks against Original, grey where Original is better: {said}"]
 
 
 def asterisks(test: Values | None) -> dict[str, Any]:

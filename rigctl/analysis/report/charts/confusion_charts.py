@@ -21,7 +21,10 @@ CONFUSION_TASKS = (
 """The task whose matrices are shown is the first of these; S1 to S4 are of the first one."""
 MAX_CLASSES = 40
 """Larger matrices are an image on the page, in which a cell cannot be hovered."""
-CELL, MARGIN, LETTER = 20.0, 11.0, 6.0
+MARGIN, LETTER = 11.0, 6.0
+SIDE, WIDTH = 320.0, 345.0
+"""Wished side of a matrix, and least width of its SVG: every text has the same size on the page."""
+SMALLEST_CELL, LARGEST_CELL = 20.0, 44.0
 FAINTEST_TEXT, DARK_SHARE = 0.005, 0.55
 MAX_LETTERS = 14
 
@@ -64,9 +67,19 @@ class ConfusionPanel:
         return 2 * MARGIN + LETTER * max(map(len, self.labels))
 
     @property
+    def cell(self) -> float:
+        """Width and height of a cell."""
+        return cell_side(len(self.classes))
+
+    @property
     def side(self) -> float:
         """Width and height of the matrix."""
-        return CELL * len(self.classes)
+        return self.cell * len(self.classes)
+
+    @property
+    def width(self) -> float:
+        """Width of the SVG."""
+        return max(self.left + self.side + 2.0, WIDTH)
 
     @property
     def labels(self) -> list[str]:
@@ -77,7 +90,7 @@ class ConfusionPanel:
     @property
     def places(self) -> list[tuple[float, str]]:
         """The middle of each row or column with its label."""
-        return [(CELL * (i + 0.5), label) for i, label in enumerate(self.labels)]
+        return [(self.cell * (i + 0.5), label) for i, label in enumerate(self.labels)]
 
     @property
     def upright(self) -> bool:
@@ -130,4 +143,10 @@ def _cell(classes: list[str], row: int, column: int, count: int, tested: int) ->
     share = count / tested
     taken = f"{classes[row]} taken for {classes[column]}" if row != column else classes[row]
     title = f"{taken}: {count:,} of {tested:,} trials ({share:.1%})"
-    return ConfusionCell(CELL * column, CELL * row, round(share, 3), title)
+    side = cell_side(len(classes))
+    return ConfusionCell(side * column, side * row, round(share, 3), title)
+
+
+def cell_side(n_classes: int) -> float:
+    """Return the side of a cell, so that few classes are not huge and many are legible."""
+    return round(min(max(SIDE / n_classes, SMALLEST_CELL), LARGEST_CELL), 1)

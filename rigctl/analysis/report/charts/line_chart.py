@@ -14,7 +14,7 @@ WIDTH, PLOT_HEIGHT = 400.0, 200.0
 LEFT, RIGHT, TOP, BOTTOM = 40.0, 10.0, 22.0, 34.0
 ROW_OF_STARS = 11.0
 MAX_TICKS = 6
-NICE_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
+NICE_STEPS = (1.0, 2.0, 5.0, 10.0)
 
 
 class ChartMark(NamedTuple):
@@ -114,8 +114,11 @@ class LinePanel:
 
     @property
     def x_ticks(self) -> list[AxisTick]:
-        """Ticks below the plot."""
-        return [AxisTick(self.place_x(value), f"{value:g}") for value in nice_ticks(*self.x_range)]
+        """Ticks below the plot, whole ones where every curve has whole numbers only."""
+        values = nice_ticks(*self.x_range)
+        if all(float(x).is_integer() for one in self.series for x in one.x):
+            values = [value for value in values if value.is_integer()]
+        return [AxisTick(self.place_x(value), f"{value:g}") for value in values]
 
     @property
     def y_ticks(self) -> list[AxisTick]:
