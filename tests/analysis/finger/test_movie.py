@@ -16,11 +16,13 @@ from rigctl.analysis.finger.movie.answer_panel import RIGHT, WRONG, answer_words
 from rigctl.analysis.finger.movie.movie_figure import MovieFigure, foot_of, title_of, words_of
 from rigctl.analysis.finger.movie.movie_file import write_movie
 from rigctl.analysis.finger.movie.movie_frame import LEAD_S, TRAIL_S, frame_at, frame_times
+from rigctl.analysis.finger.movie.movie_panels import taxel_colours, taxel_places_mm
 from rigctl.analysis.finger.movie.plate_relief import plate_relief
 from rigctl.analysis.finger.movie.scan_timeline import ScanTimeline, read_timeline
 from rigctl.encoding.scaled_time import scale_windows
 from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.finger_values import PredictionRow
+from rigctl.session.format.sensor_layout import SensorLayout
 from rigctl.session.read.finger_session import FingerSession
 from rigctl.simulation.bench.world_file import NOMINAL_WORLD
 from rigctl.values import Verdict
@@ -132,6 +134,15 @@ def test_the_picture_names_plate_answer_time_and_origin(timeline: ScanTimeline) 
     assert any(text.startswith("0.44 s   ") for text in texts)
     assert "real time, 12.5 frames a second" in foot_of(timeline)
     assert title_of(timeline) == f"Plate {plate}"
+
+
+def test_taxels_have_the_places_and_colours_of_their_rows(timeline: ScanTimeline) -> None:
+    assert timeline.sensor_layout == SensorLayout(3, 3, ("I",))
+    places = taxel_places_mm(timeline.sensor_layout)
+    assert places[0].tolist() == [-5.0, -5.0] and places[5].tolist() == [0.0, 5.0]
+    colours = taxel_colours(timeline.sensor_layout)
+    assert [len(set(colours[row : row + 3])) for row in (0, 3, 6)] == [1, 1, 1]
+    assert len(set(colours)) == 3
 
 
 def test_a_wrong_answer_is_red_and_a_right_one_green(timeline: ScanTimeline) -> None:

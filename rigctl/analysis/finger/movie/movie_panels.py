@@ -14,6 +14,7 @@ from rigctl.analysis.report.figures import FAINT, MUTED, TEXT
 from rigctl.encoding.scaled_time import N_WINDOWS
 from rigctl.finger_values import N_FINGER_TAXELS
 from rigctl.protocol.finger import MARKS_MM, PLATE_MM, PLATE_WIDTH_MM
+from rigctl.session.format.sensor_layout import SensorLayout
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 
 ROW_COLOURS = ("#00629e", "#c24e00", "#5b3fa8")
 """Of the sensor's rows, along the travel; taxels count row by row."""
-COLOURS = tuple(ROW_COLOURS[taxel // 3] for taxel in range(N_FINGER_TAXELS))
 BLUE = "#1f4fd1"
 TAXEL_PITCH_MM = 5.0
 """Distance of taxel centres (Materials and Methods, Tactile Sensor Array)."""
@@ -53,7 +53,7 @@ class PlatePanel:
         (self._path,) = axes.plot([], [], color=BLUE, lw=1.4)
         self._taxels = axes.scatter([], [], marker="s", s=44, linewidths=0.8, zorder=4)
         self._taxels.set_edgecolor("white")
-        self._taxels.set_facecolor(list(COLOURS))
+        self._taxels.set_facecolor(list(taxel_colours(timeline.sensor_layout)))
         axes.set(xlim=(0, PLATE_MM), ylim=(-half, half), aspect="equal")
         axes.set_yticks([-half, 0, half])
         axes.tick_params(labelsize=SMALL)
@@ -69,8 +69,7 @@ class PlatePanel:
         self._path.set_data(timeline.along_mm[shown][near], timeline.across_mm[shown][near])
         if frame.finger_mm is None:
             return
-        taxel = np.arange(N_FINGER_TAXELS)
-        places = np.stack([taxel // 3 - 1, taxel % 3 - 1], axis=1) * TAXEL_PITCH_MM
+        places = taxel_places_mm(timeline.sensor_layout)
         self._taxels.set_offsets(places + np.array(frame.finger_mm))
 
 
@@ -109,9 +108,10 @@ class ReadingsPanel:
 
     def __init__(self, axes: Axes, timeline: ScanTimeline) -> None:
         self._timeline = timeline
-        self._lines: list[Line2D] = [axes.plot([], [], color=c, lw=0.9)[0] for c in COLOURS]
+        colours = taxel_colours(timeline.sensor_layout)
+        self._lines: list[Line2D] = [axes.plot([], [], color=c, lw=0.9)[0] for c in colours]
         self._now = time_axis(axes, timeline)
-        taxel_axis(axes)
+        taxel_axis(axes, timeline.sensor_layout)
         axes.tick_params(labelbottom=False)
         axes.set_title("readings, each from 0 to 1 of its taxel's range", **TITLE)
 
@@ -130,9 +130,10 @@ class SpikesPanel:
 
     def __init__(self, axes: Axes, timeline: ScanTimeline) -> None:
         self._timeline = timeline
-        self._lines: list[Line2D] = [axes.plot([], [], color=c, lw=0.4)[0] for c in COLOURS]
+        colours = taxel_colours(timeline.sensor_layout)
+        self._lines: list[Line2D] = [axes.plot([], [], color=c, lw=0.4)[0] for c in colours]
         distance_axis(axes, timeline)
-        taxel_axis(axes)
+        taxel_axis(axes, timeline.sensor_layout)
         axes.tick_params(labelbottom=False)
         axes.set_title(f"spikes in scaled time, windows of {timeline.window_mm:g} mm", **TITLE)
 
@@ -165,7 +166,7 @@ class FeaturesPanel:
         bar.ax.set_title("Hz", size=SMALL, pad=3)
         bar.ax.tick_params(labelsize=SMALL - 1, length=2)
         distance_axis(axes, timeline)
-        taxel_axis(axes)
+        taxel_axis(axes, timeline.sensor_layout)
         axes.set_xlabel("distance in scaled time (mm)", size=SMALL, labelpad=1)
         axes.set_title(f"features: {N_FINGER_TAXELS} spike rates in {N_WINDOWS} windows", **TITLE)
 
@@ -196,12 +197,25 @@ def distance_axis(axes: Axes, timeline: ScanTimeline) -> None:
     axes.tick_params(labelsize=SMALL)
 
 
-def taxel_axis(axes: Axes) -> None:
+def taxel_colours(layout: SensorLayout) -> tuple[str, ...]:
+    """Return the colour of each taxel: that of its row."""
+    rows = map(layout.row_of, range(layout.n_taxels))
+    return tuple(ROW_COLOURS[row % len(ROW_COLOURS)] for row in rows)
+
+
+def taxel_places_mm(layout: SensorLayout) -> NDArray[np.float64]:
+    """Return each taxel's place from the sensor's middle, along and across, float64 (n, 2)."""
+    row, column = np.divmod(np.arange(layout.n_taxels) % layout.per_layer, layout.columns)
+    middle = (layout.rows - 1) / 2, (layout.columns - 1) / 2
+    return TAXEL_PITCH_MM * np.stack([row - middle[0], column - middle[1]], axis=1)
+
+
+def taxel_axis(axes: Axes, layout: SensorLayout) -> None:
     """Give axes a row for each taxel, the first on top, in the colours of the sensor's rows."""
     axes.set_ylim(N_FINGER_TAXELS + 0.5, 0.5)
     axes.set_yticks(range(1, N_FINGER_TAXELS + 1))
     axes.tick_params(axis="y", labelsize=SMALL - 1, length=0)
-    for label, colour in zip(axes.get_yticklabels(), COLOURS, strict=True):
+    for label, colour in zip(axes.get_yticklabels(), taxel_colours(layout), strict=True):
         label.set_color(colour)
     axes.set_ylabel("taxel", size=SMALL)
 

@@ -14,6 +14,7 @@ from rigctl.encoding.scaled_time import BATCH_SAMPLES, ScaledWindows
 from rigctl.errors import WrongUse
 from rigctl.finger_values import FingerTrialRow, PredictionRow
 from rigctl.session.format.finger_rows import spike_counts
+from rigctl.session.format.sensor_layout import SensorLayout
 from rigctl.session.read.finger_session import FingerSession
 from rigctl.values import SAMPLE_RATE_HZ, Verdict
 
@@ -40,6 +41,7 @@ class ScanTimeline:
     session: Path
     trial: FingerTrialRow
     simulated: bool
+    sensor_layout: SensorLayout
     relief: PlateRelief | None
     window_mm: float
     duration_s: float
@@ -111,6 +113,7 @@ def _timeline(session: FingerSession, index: int) -> ScanTimeline:
         session=session.path,
         trial=trial,
         simulated=session.header.simulated,
+        sensor_layout=session.sensor_layout,
         relief=plate_relief(session.header, trial.texture, session.path),
         window_mm=WINDOW_MS * session.header.reference_um_per_s / NM_PER_MM,
         duration_s=trial.count / SAMPLE_RATE_HZ,
