@@ -91,6 +91,27 @@ def test_a_guess_says_what_the_names_do_not(tmp_path: Path) -> None:
     assert "has no group texture" in guess.problem
 
 
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("", "is empty"),
+        ("a,b\n", "has no rows of values"),
+        ("t,a\n" + "0,inf\n1,1e308\n2,-1e308\n3,nan\n", "has no group texture"),
+        ("t,a,a,b..c\n" + "0,1,2,3\n1,1,2,4\n2,0,1,2\n", "has no group texture"),
+        ("felt,x\nfelt,y\nfelt,x\n", "has no group speed"),
+    ],
+)
+def test_a_strange_table_is_refused_or_its_map_says_what_is_missing(
+    tmp_path: Path, content: str, words: str
+) -> None:
+    (tmp_path / "a.csv").write_text(content)
+    try:
+        problem = guess_map([tmp_path / "a.csv"]).problem
+    except WrongUse as refused:
+        problem = str(refused)
+    assert words in problem
+
+
 def two_kinds(folder: Path) -> list[Path]:
     np.save(folder / "b.npy", np.zeros((9, 3)))
     return [write_rows(folder / "a.csv", "", [[1, 2], [3, 4]]), folder / "b.npy"]
