@@ -22,8 +22,7 @@ from rigctl.analysis.paper.tasks import Curve, TaskResult
 SIGNIFICANT_DIGITS = 6
 
 NOT_IN_PAPER = (
-    "The paper tests differences in Figures 4 and S5 only. Here its rule for Figure 4 is applied "
-    "to the draws of Figure 3, which is our addition."
+    "The paper tests differences in Figures 4 and S5 only: those of Figure 3 are our addition."
 )
 
 
@@ -70,15 +69,14 @@ def task_curve_tests(differences: Mapping[str, Sequence[Difference]]) -> dict[st
     }
 
 
-def tests_note(tests: Mapping[str, Mapping[str, Sequence[Difference]]]) -> str:
-    """Return what the asterisks mean, and that Figure 3 has none in the paper.
+def tests_rule(tests: Mapping[str, Mapping[str, Sequence[Difference]]]) -> str:
+    """Return what the asterisks mean, empty where there is no test.
 
     ``tests``: differences by task and representation key.
     """
     each = (one for task in tests.values() for found in task.values() for one in found)
     first = next(each, None)
-    rule = "" if first is None else f"{describe_rule(first.rule, first.test)}. "
-    return rule + NOT_IN_PAPER
+    return "" if first is None else describe_rule(first.rule, first.test)
 
 
 def confusion_shares(result: TaskResult) -> dict[str, dict[str, Any]]:

@@ -27,10 +27,11 @@ from rigctl.analysis.paper.comparisons import (
     curve_differences,
 )
 from rigctl.analysis.paper.curve_tests import (
+    NOT_IN_PAPER,
     confusion_shares,
     difference_dict,
     task_curve_tests,
-    tests_note,
+    tests_rule,
 )
 from rigctl.analysis.paper.explanations import explain
 from rigctl.analysis.paper.mountings import describe_mountings
@@ -138,7 +139,8 @@ def as_dict(
             for result in results
         },
         "curve_tests": {key: task_curve_tests(found) for key, found in tests.items()},
-        "tests_note": tests_note(tests),
+        "tests_rule": tests_rule(tests),
+        "tests_note": NOT_IN_PAPER,
         "evidence": None if ablations is None else _ablations_dict(ablations),
         "mountings": describe_mountings(results),
         "table1": table_rows(results),

@@ -120,7 +120,7 @@ def test_the_page_is_self_contained_and_has_the_results(report: Path) -> None:
         "98.85 ± 0.16",
         "differences that the paper separates hold",
         "not independent",
-        "which is our addition",
+        "are our addition",
         "69.64 % of 16,000",
     ):
         assert words in page.words
