@@ -1,10 +1,16 @@
-"""Texts that people write: protocols, rigs, worlds, maps, calibrations, tracks."""
+"""Texts that people write: protocols, rigs, worlds, analysis files, maps, calibrations, tracks."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
 
+from rigctl.analysis.settings.analysis_settings import AnalysisSettings
+from rigctl.analysis.settings.settings_file import (
+    differences_from_paper,
+    load_settings,
+    to_toml,
+)
 from rigctl.cli.rig.check import describe, finger_table, table
 from rigctl.cli.rig.check_finger import describe_finger
 from rigctl.config.finger_config import load_finger_config
@@ -101,6 +107,12 @@ def check_protocol(folder: Path) -> object:
     return table(describe(load_protocol(folder / "file.toml").plan(None)))
 
 
+def read_analysis_file(folder: Path) -> object:
+    """Read an analysis file, name what is not the paper's, and write it again."""
+    settings = load_settings(folder / "file.toml")
+    return differences_from_paper(settings), to_toml(settings)
+
+
 def check_finger_protocol(folder: Path) -> object:
     """Plan a protocol of the finger and describe it."""
     plan = load_finger_protocol(folder / "file.toml").plan(list(Stage), None)
@@ -163,6 +175,13 @@ TEXT_KINDS = (
         guided=True,
     ),
     Kind("rig", text(RigConfig().to_toml), TOML, (read_rig,), guided=True),
+    Kind(
+        "analysis-file",
+        text(lambda: to_toml(AnalysisSettings())),
+        TOML,
+        (read_analysis_file,),
+        guided=True,
+    ),
     Kind("finger-rig", text(lambda: FINGER_RIG), TOML, (read_finger_rig,), guided=True),
     Kind(
         "world",
