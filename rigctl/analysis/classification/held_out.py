@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.classification.component_sweep import Labels
-from rigctl.analysis.classification.splits import Design, Fold, Split
+from rigctl.analysis.classification.splits import LEAST_TRIALS, Design, Fold, Split
 from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
+from rigctl.analysis.data.trial_set import TrialSet
 from rigctl.analysis.execution.executor import Progress
 from rigctl.encoding.features import FeatureLayout, feature_matrices
 from rigctl.encoding.normalisation import Normalisation
@@ -58,6 +60,19 @@ class HeldOutPredictions:
         matrix = np.zeros((len(self.classes), len(self.classes)), np.int64)
         np.add.at(matrix, (self.labels, self.predictions[self.shown_components - 1]), 1)
         return matrix
+
+
+def with_repeats(trials: TrialSet) -> TrialSet:
+    """Return the set without textures of a single trial, which cannot be trained and tested.
+
+    The set itself where fewer than two textures would be left.
+    """
+    counts = Counter(trial.texture for trial in trials.trials)
+    single = sorted(name for name, n in counts.items() if n < LEAST_TRIALS["folds"])
+    if not single or len(counts) - len(single) < 2:
+        return trials
+    rows = [row for row, trial in enumerate(trials.trials) if trial.texture in single]
+    return trials.without(rows, f"textures left out for a single trial: {', '.join(single)}")
 
 
 def classify_held_out(

@@ -9,7 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.classification.held_out import HeldOutPredictions, classify_held_out
+from rigctl.analysis.classification.held_out import (
+    HeldOutPredictions,
+    classify_held_out,
+    with_repeats,
+)
 from rigctl.analysis.classification.splits import Design
 from rigctl.analysis.data.trial_set import TrialSet, join_sessions, open_trials
 from rigctl.analysis.execution.executor import Progress
@@ -40,7 +44,7 @@ def analyse_session(
     WrongUse for fewer than two textures.
     """
     progress("reading trials", 0, 1)
-    trials = join_sessions([path], progress).without_gaps()
+    trials = with_repeats(join_sessions([path], progress).without_gaps())
     with open_trials(trials.files) as reader:
         samples = [reader.read(trial) for trial in trials.trials]
     seed = trials.provenance[0]["seed"]

@@ -8,8 +8,13 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from rigctl.analysis.classification.held_out import HeldOutPredictions, classify_held_out
+from rigctl.analysis.classification.held_out import (
+    HeldOutPredictions,
+    classify_held_out,
+    with_repeats,
+)
 from rigctl.analysis.classification.splits import Design
+from rigctl.analysis.data.trial_set import join_sessions
 from rigctl.analysis.report.demo import accuracy_sentence, analyse_session
 from rigctl.errors import SessionError, WrongUse
 from tests.analysis.recordings import record
@@ -85,3 +90,15 @@ def test_a_session_without_a_complete_trial_is_refused(tmp_path: Path) -> None:
     session = record(tmp_path / "session", "A", travel_mm=12.0, torn=tuple(range(1, 7)))
     with pytest.raises(SessionError, match="no complete trial"):
         analyse_session(session, tmp_path)
+
+
+def test_a_texture_with_a_single_trial_is_left_out_alone(tmp_path: Path) -> None:
+    session = record(
+        tmp_path / "session", "ABD", repeats=2, travel_mm=12.0, speeds=(40,), forces=(250,)
+    )
+    trials = join_sessions([session])
+    row = next(row for row, trial in enumerate(trials.trials) if trial.texture == "B")
+    found = with_repeats(trials.without([row], "torn"))
+    assert found.textures == ("A", "D") and len(found.trials) == 4
+    assert found.remarks[-1] == "textures left out for a single trial: B"
+    assert with_repeats(trials) is trials
