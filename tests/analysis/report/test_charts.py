@@ -92,5 +92,5 @@ def test_figure_3_shows_the_papers_value_at_50_components() -> None:
     assert (mark.x, mark.y) == (50.0, 91.78) and "91.78 ± 0.55" in mark.text
     assert first.x_range[1] > 50.0
     assert any("Table 1" in note for note in chart.notes)
-    assert any(note.endswith("is better: Ours alone.") for note in chart.notes)
+    assert any(note.endswith("is better: * p < 0.05. Ours alone.") for note in chart.notes)
     assert [star.worse for star in first.asterisks(first.series[1])] == [True]

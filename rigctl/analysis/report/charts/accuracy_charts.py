@@ -49,12 +49,12 @@ def accuracy_chart(results: Values) -> LineChart:
 
 
 def star_notes(tests: Mapping[str, Values], note: str = "") -> list[str]:
-    """Return what the asterisks mean, nothing without any; ``note``: words instead of the rule."""
+    """Return what the asterisks mean, nothing without any; ``note``: words behind the rule."""
     each = [test for by_name in tests.values() for test in by_name.values()]
     rules = dict.fromkeys(test["rule"] for test in each if any(test["stars"]))
     if not rules:
         return []
-    said = note or f"{' / '.join(rules)}."
+    said = f"{' / '.join(rules)}. {note}".rstrip()
     return [f"Asterisks against Original, grey where Original is better: {said}"]
 
 
