@@ -13,6 +13,7 @@ import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
+from rigctl.analysis.data.notes import summarise_notes
 from rigctl.cli import INTERRUPTED
 from rigctl.cli.data.closing import print_session
 from rigctl.cli.options.arguments import a_path
@@ -104,10 +105,11 @@ def _import(args: argparse.Namespace, files: list[Path]) -> int:
 
 
 def _show(lines: tuple[str, ...]) -> None:
-    """Print the last remarks: those are about all files."""
-    shown = lines[-LINES_SHOWN:]
-    if len(shown) < len(lines):
-        left = len(lines) - len(shown)
+    """Print the last remarks, which are about all files; several of one kind are one line."""
+    notes = summarise_notes(lines, rest_in="the session")
+    shown = notes[-LINES_SHOWN:]
+    if len(shown) < len(notes):
+        left = len(notes) - len(shown)
         print(f"note: the session's events contain {left} more remarks", file=sys.stderr)
     for line in shown:
         print(f"note: {line}", file=sys.stderr)
