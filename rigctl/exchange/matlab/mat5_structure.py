@@ -16,6 +16,8 @@ UNPACKED_BYTES = 256 << 20
 DEEPEST = 32
 _COMPRESSED, _MATRIX = 15, 14
 _CELL, _STRUCTURE, _OBJECT, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 5, 16, 17
+_NUMBERS = (*range(1, 8), 9, 12, 13, 16, 17, 18)
+"""Types of numbers and letters: integers of 8 to 32 bits, single, double, 64 bits, Unicode."""
 _NESTED = (_CELL, _STRUCTURE, _OBJECT)
 _KINDS = range(_CELL, _FUNCTION)
 """The array types that SciPy reads: cells to unsigned integers of 64 bits."""
@@ -84,10 +86,19 @@ def _check_matrix(view: memoryview, order: str, limit: int, depth: int) -> int:
     count: int = prod(shape)
     if min(shape, default=0) < 0 or (kind != _SPARSE and count > len(view)):
         raise ValueError(f"a variable claims the shape {shape} in {len(view)} bytes")
-    if kind not in _NESTED:
-        return count * 8 if kind != _SPARSE else len(view) * 8
     _, _, at = _element(view, at, order)  # its name
+    if kind not in _NESTED:
+        _check_numbers(view, at, order)
+        return count * 8 if kind != _SPARSE else len(view) * 8
     return count * 64 + _check_members(view, at, order, kind, limit, depth)
+
+
+def _check_numbers(view: memoryview, at: int, order: str) -> None:
+    """Check the type of each element: SciPy looks it up in a table without asking for its end."""
+    while at < len(view):
+        kind, _, at = _element(view, at, order)
+        if kind not in _NUMBERS:
+            raise ValueError(f"a variable has numbers of the unknown type {kind}")
 
 
 def _check_members(view: memoryview, at: int, order: str, kind: int, limit: int, depth: int) -> int:
