@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import os
 import signal
 import subprocess
@@ -21,6 +22,7 @@ from rigctl.session.hdf5.probe import ProbeHelper
 from tests.fuzz.mutations.checksums import find_blocks, repair
 
 B_TREE = b"BTHD"
+DATA = Path(__file__).parent / "data"
 DIES = "dies of it"
 WITH_A_THREAD = """
 import os, sys, threading
@@ -166,3 +168,13 @@ def test_hard_links_in_a_circle_are_walked_once(tmp_path: Path) -> None:
         file["group/up"] = file["/"]
     with Hdf5File(path) as opened:
         assert opened.members("/group") == ["up"]
+
+
+def test_a_group_that_cannot_be_listed_kills_the_helper_and_not_this_process(
+    tmp_path: Path,
+) -> None:
+    """HDF5 refuses to list the group, and dies of a name that is looked up in it."""
+    path = tmp_path / "part-0001.h5"
+    path.write_bytes(gzip.decompress((DATA / "unlisted_group.h5.gz").read_bytes()))
+    with pytest.raises(SessionError, match=DIES):
+        Hdf5File(path)
