@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import shutil
 import signal
 import subprocess
 import sys
@@ -140,6 +141,25 @@ def test_a_partial_log_with_the_name_of_a_whole_one_is_a_problem(tmp_path: Path)
     (tmp_path / "s" / "world.h5.partial").rename(tmp_path / "s" / "world.h5")
     (problem,) = verify(tmp_path / "s").problems
     assert "its last rows are missing" in problem
+
+
+def test_a_copy_of_a_log_is_not_that_of_another_sitting(tmp_path: Path) -> None:
+    record_plan(tmp_path)
+    path = write_log(tmp_path)
+    shutil.copy(path, tmp_path / "world-0002.h5")
+    (problem,) = verify(tmp_path).problems
+    assert problem.startswith("world-0002.h5: is the log of sitting 1, it was copied or renamed")
+
+
+def test_values_that_are_no_numbers_cost_that_log_only(tmp_path: Path) -> None:
+    record_plan(tmp_path)
+    path = write_log(tmp_path)
+    with h5py.File(path, "r+") as file:
+        file["/speed_mm_s"][:] = np.nan
+    (problem,) = verify(tmp_path).problems
+    assert problem.startswith(f"{path} is damaged: ")
+    with open_truth(path) as log, pytest.raises(SessionError, match="speed_mm_s is no number"):
+        log.window("speed_mm_s", 0, 10)
 
 
 def test_a_log_from_before_there_were_digests_is_read(tmp_path: Path) -> None:

@@ -76,6 +76,10 @@ def no_unit(file: h5py.File) -> None:
     del file["/taxels/samples"].attrs["unit"]
 
 
+def no_columns(file: h5py.File) -> None:
+    file["/trials"].attrs["columns"] = 1e308
+
+
 def other_seed(file: h5py.File) -> None:
     file.attrs["seed"] = 99
 
@@ -109,6 +113,7 @@ def again(file: h5py.File) -> None:
         (set_row("/loadcell", 2, sequence=0), "holds a conversion twice"),
         (set_row("/drum", 1, at_s=0), "/drum goes back in time"),
         (no_unit, "/taxels/samples has no attribute unit"),
+        (no_columns, "/trials does not describe its columns"),
         (other_seed, "has another seed than the first part"),
     ],
 )

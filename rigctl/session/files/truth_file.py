@@ -114,8 +114,17 @@ class TruthReader:
         }
 
     def window(self, name: str, start: int, stop: int) -> NDArray[Any]:
-        """Return rows of one column; fast if each call continues the last."""
-        return self._buffers[name].window(start, stop)
+        """Return rows of one column; fast if each call continues the last.
+
+        Raises SessionError where one is no number.
+        """
+        rows = self._buffers[name].window(start, stop)
+        if not np.isfinite(rows).all():
+            raise SessionError(
+                f"{self._file.path} is damaged: {name} is no number in some of the rows "
+                f"{start}–{stop}"
+            )
+        return rows
 
     def rises_ms(self) -> NDArray[np.int64]:
         """Return the world time of each rise of sync, int64 ms: the millisecond of the rise."""

@@ -6,7 +6,7 @@ from rigctl.errors import RigctlError, SessionError
 from rigctl.protocol.loader import parse_protocol
 from rigctl.protocol.plan import Plan
 from rigctl.session.files.ground_truth import summarise_truth
-from rigctl.session.files.truth_file import PARTIAL, log_paths, open_truth
+from rigctl.session.files.truth_file import PARTIAL, log_number, log_paths, open_truth
 from rigctl.session.format import layout
 from rigctl.session.format.table_rows import parse_trial
 from rigctl.session.read.session import Session
@@ -77,6 +77,11 @@ def _check_logs(session: Session, report: VerifyReport) -> None:
         try:
             with open_truth(path) as log:
                 log.check()
+                if log.sitting != log_number(path):
+                    report.problems.append(
+                        f"{path.name}: is the log of sitting {log.sitting}, it was copied or "
+                        "renamed: give it its own name, or remove the copy"
+                    )
                 if path.suffix == PARTIAL:
                     report.notes.append(
                         f"{path.name}: the log of the simulated world was not closed, its writer "

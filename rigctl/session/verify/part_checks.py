@@ -136,7 +136,8 @@ def _check_descriptions(part: PartReader) -> Iterator[str]:
             yield f"{array.path} has no attribute unit"
     for table in part.layout.tables:
         stored = part.file.dtype(table.path).names or ()
-        if len(attributes_of[table.path].get("columns", ())) != len(stored):
+        described = np.atleast_1d(attributes_of[table.path].get("columns", ()))
+        if len(described) != len(stored):
             yield f"{table.path} does not describe its columns"
 
 
