@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 from scipy.io import savemat
+from scipy.sparse import csc_matrix
 
 from rigctl.errors import WrongUse
 from rigctl.exchange.matlab import matlab_reader
@@ -172,3 +173,24 @@ def test_numbers_of_an_unknown_type_are_refused_before_they_are_read() -> None:
     path = Path(__file__).parent / "data" / "unknown_numbers.mat"
     with pytest.raises(WrongUse, match="a variable has numbers of the unknown type 32777"):
         read_mat(path)
+
+
+def test_a_text_that_is_missing_is_refused_before_scipy_looks_behind_it() -> None:
+    path = Path(__file__).parent / "data" / "missing_part.mat"
+    with pytest.raises(WrongUse, match="ends in the middle of a variable"):
+        read_mat(path)
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_complex_sparse_and_empty_arrays_are_whole(tmp_path: Path, compressed: bool) -> None:
+    values = {
+        "complex": np.array([1 + 2j, 3]),
+        "sparse": csc_matrix(np.eye(3)),
+        "complex_sparse": csc_matrix(1j * np.eye(2)),
+        "empty": np.zeros((0, 3)),
+        "text": "x",
+        "no_text": "",
+        "cells": np.array([1.0, "two"], dtype=object),
+    }
+    savemat(tmp_path / "x.mat", values, do_compression=compressed)
+    assert {name.split(".")[0] for name in read_mat(tmp_path / "x.mat")} == set(values)

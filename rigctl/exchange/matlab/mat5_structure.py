@@ -16,6 +16,8 @@ UNPACKED_BYTES = 256 << 20
 DEEPEST = 32
 _COMPRESSED, _MATRIX = 15, 14
 _CELL, _STRUCTURE, _OBJECT, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 5, 16, 17
+_COMPLEX = 0x800
+"""Flag of an array with an imaginary part."""
 _NUMBERS = (*range(1, 8), 9, 12, 13, 16, 17, 18)
 """Types of numbers and letters: integers of 8 to 32 bits, single, double, 64 bits, Unicode."""
 _NESTED = (_CELL, _STRUCTURE, _OBJECT)
@@ -76,7 +78,8 @@ def _check_matrix(view: memoryview, order: str, limit: int, depth: int) -> int:
     _, flags, at = _element(view, 0, order)
     if len(flags) < 4:
         raise ValueError("a variable has no type")
-    kind = struct.unpack_from(f"{order}I", flags)[0] & 0xFF
+    word = struct.unpack_from(f"{order}I", flags)[0]
+    kind = word & 0xFF
     if kind in (_FUNCTION, _OPAQUE):
         raise ValueError("it holds MATLAB objects: save arrays of numbers alone")
     if kind not in _KINDS:
@@ -88,14 +91,19 @@ def _check_matrix(view: memoryview, order: str, limit: int, depth: int) -> int:
         raise ValueError(f"a variable claims the shape {shape} in {len(view)} bytes")
     _, _, at = _element(view, at, order)  # its name
     if kind not in _NESTED:
-        _check_numbers(view, at, order)
+        parts = (3 if kind == _SPARSE else 1) + bool(word & _COMPLEX)
+        _check_numbers(view, at, order, parts)
         return count * 8 if kind != _SPARSE else len(view) * 8
     return count * 64 + _check_members(view, at, order, kind, limit, depth)
 
 
-def _check_numbers(view: memoryview, at: int, order: str) -> None:
-    """Check the type of each element: SciPy looks it up in a table without asking for its end."""
-    while at < len(view):
+def _check_numbers(view: memoryview, at: int, order: str, parts: int) -> None:
+    """Check that all parts of an array are there, of known types.
+
+    SciPy reads a missing part behind the variable, and finds a type in a table whose end it does
+    not know.
+    """
+    for _ in range(parts):
         kind, _, at = _element(view, at, order)
         if kind not in _NUMBERS:
             raise ValueError(f"a variable has numbers of the unknown type {kind}")
