@@ -6,7 +6,7 @@ from collections import Counter, defaultdict
 from statistics import median
 
 from tests.architecture import picture
-from tests.architecture.imports import import_cycles, import_graph, load_modules
+from tests.architecture.imports import CHECKOUT, import_cycles, import_graph, load_modules
 
 MOST_MODULES = 14
 MOST_LINES = 400
@@ -32,6 +32,14 @@ def test_files_are_short() -> None:
     long = {str(m.path): m.lines for m in MODULES.values() if m.lines > MOST_LINES}
     assert long == {}
     assert median(m.lines for m in MODULES.values() if not m.is_package) < MEDIAN_LINES
+
+
+def test_files_of_tests_are_short() -> None:
+    lines = {
+        str(path.relative_to(CHECKOUT)): len(path.read_text(encoding="utf-8").splitlines())
+        for path in (CHECKOUT / "tests").rglob("*.py")
+    }
+    assert {path: n for path, n in lines.items() if n > MOST_LINES} == {}
 
 
 def test_no_class_name_is_used_twice() -> None:
