@@ -17,6 +17,7 @@ from rigctl.session.read.finger_session import FingerSession
 from rigctl.session.read.part import PartReader
 from rigctl.session.read.session import Session
 from tests.session import building, finger_building
+from tests.session.block_session import record_in_blocks
 from tests.session.building import SyntheticRig, plan
 
 
@@ -24,15 +25,7 @@ from tests.session.building import SyntheticRig, plan
 def drum(tmp_path: Path) -> Path:
     """A session whose trials were flushed one by one, in two parts."""
     folder = tmp_path / "s"
-    with building.recorder(folder) as rec:
-        source = SyntheticRig(rec)
-        texture = ""
-        for trial in plan().trials:
-            if trial.texture != texture:
-                texture = trial.texture
-                rec.begin_part("plate change", texture)
-            source.trial(trial)
-            rec.wait_written()
+    record_in_blocks(folder)
     return folder
 
 
