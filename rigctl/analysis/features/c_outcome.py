@@ -73,16 +73,16 @@ def unconverged_shares(force: ForceMatrix) -> dict[str, Any]:
     """Return entries not converged, searched and in all, for ``results.json``, and the paper's."""
     searched = sum(count_search_statuses(force).values())
     reference = int((force.status == SearchStatus.REFERENCE).sum())
-    ours, entries = published.UNCONVERGED_C
+    paper_unconverged, paper_entries = published.UNCONVERGED_C
     return {
         "unconverged": force.unconverged,
         "searched": searched,
         "entries": searched + reference,
         "above_limit": int(np.sum(force.c > LIMIT_C)),
         "paper": {
-            "unconverged": ours,
-            "of": entries,
-            "searched": entries - published.REFERENCE_C,
+            "unconverged": paper_unconverged,
+            "of": paper_entries,
+            "searched": paper_entries - published.REFERENCE_C,
             "unconverged_rate_hz": published.UNCONVERGED_RATE_HZ,
         },
     }
@@ -92,16 +92,17 @@ def force_sentence(force: ForceMatrix) -> str:
     """Return sentences on the outcome of the search for C, with the paper's figures."""
     counts, shares = count_search_statuses(force), unconverged_shares(force)
     searched, entries, n = shares["searched"], shares["entries"], shares["unconverged"]
-    ours, theirs = published.UNCONVERGED_C
-    without = theirs - published.REFERENCE_C
+    paper = shares["paper"]
+    of_searched = _share(paper["unconverged"], paper["searched"])
+    of_all = _share(paper["unconverged"], paper["of"])
     return (
         f"C has {entries:,} entries, {entries - searched:,} of them 1 by definition at "
         f"{force.reference_g:g} g; {searched:,} were searched: {counts['converged']:,} converged "
         f"within 0.1 Hz ({shares['above_limit']:,} of them above {LIMIT_C:g}), "
         f"{counts['capped']:,} did not and are limited to {LIMIT_C:g}, "
         f"{counts['discontinuity']:,} lie at a jump of the rate. Not converged: "
-        f"{_share(n, searched)} searched (the paper: {_share(ours, without)}), and "
-        f"{_share(n, entries)} with the reference entries (the paper: {_share(ours, theirs)})"
+        f"{_share(n, searched)} searched (the paper: {of_searched}), and "
+        f"{_share(n, entries)} with the reference entries (the paper: {of_all})"
         f"{_difference_sentence(force)}"
     )
 
