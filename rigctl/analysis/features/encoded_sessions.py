@@ -107,12 +107,8 @@ def encode_sessions(request: EncodeRequest, made_utc: str, resources: Resources)
     check_selection(trials, request.trial, request.taxel)
     resources.executor.check_visible(trials.paths)
     with atomic_directory(request.out) as folder:
-        trials = trials.without_gaps()
+        trials = trials_to_encode(trials, request.reference_g, request.scaled_by)
         obstacle = force_scaling_obstacle(trials, request.reference_g)
-        if request.scaled_by is not ScaledBy.NONE:
-            if obstacle:
-                raise WrongUse(f"--scaled-by {request.scaled_by} needs C. {obstacle}")
-            trials = with_c(trials, request.reference_g)
         prepared = prepare_trials(trials, resources, request.ranges)
         conditions = group_by_condition(
             prepared, request.parameters, request.reference_g, search_c=not obstacle
@@ -132,6 +128,19 @@ def encode_sessions(request: EncodeRequest, made_utc: str, resources: Resources)
             )
     remarks = (*remarks, *resources.cache.remarks, *resources.executor.remarks)
     return Encoded(request.out / FILE, len(prepared.trials.trials), n_spikes, force, remarks)
+
+
+def trials_to_encode(trials: TrialSet, reference_g: float, scaled_by: ScaledBy) -> TrialSet:
+    """Return the trials without gaps, those without C left out where C is to scale them.
+
+    Raises WrongUse where C cannot be searched.
+    """
+    trials = trials.without_gaps()
+    if scaled_by is ScaledBy.NONE:
+        return trials
+    if obstacle := force_scaling_obstacle(trials, reference_g):
+        raise WrongUse(f"--scaled-by {scaled_by} needs C. {obstacle}")
+    return with_c(trials, reference_g)
 
 
 def _encode(task: _SpikeTask) -> Arrays:

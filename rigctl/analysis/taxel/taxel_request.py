@@ -12,8 +12,7 @@ from rigctl.analysis.animation.movie_file import check_movie_file
 from rigctl.analysis.data.atomic_file import atomic_file
 from rigctl.analysis.data.cache import Resources
 from rigctl.analysis.data.trial_set import join_sessions
-from rigctl.analysis.features.encoded_sessions import ScaledBy, sa_factors
-from rigctl.analysis.features.force_coverage import force_scaling_obstacle, with_c
+from rigctl.analysis.features.encoded_sessions import ScaledBy, sa_factors, trials_to_encode
 from rigctl.analysis.features.spike_counts import (
     PreparedTrials,
     RangesOver,
@@ -77,11 +76,7 @@ def encode_taxel(request: TaxelRequest, resources: Resources) -> tuple[str, ...]
     request.check_files()
     trials = join_sessions(request.sessions, resources.progress)
     check_selection(trials, request.trial, request.taxel)
-    trials = trials.without_gaps()
-    if request.scaled_by is not ScaledBy.NONE:
-        if obstacle := force_scaling_obstacle(trials, request.reference_g):
-            raise WrongUse(f"--scaled-by {request.scaled_by} needs C. {obstacle}")
-        trials = with_c(trials, request.reference_g)
+    trials = trials_to_encode(trials, request.reference_g, request.scaled_by)
     prepared = prepare_trials(trials, resources, request.ranges)
     c = _searched_factors(request, prepared, resources)
     chosen = request.parameters, request.trial, request.taxel
