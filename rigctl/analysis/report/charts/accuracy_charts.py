@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rigctl.analysis.paper import published
@@ -65,19 +65,27 @@ def asterisks(test: Values | None) -> dict[str, Any]:
     return {"stars": test["stars"], "worse": [(effect or 0.0) < 0 for effect in test["effect"]]}
 
 
-def _panel(task: Values, tests: Values) -> LinePanel:
-    chance = 100 * task["chance"]
-    most = max(task["k_max"], published.K_MAX if task["paper"] else 1)
+def accuracy_panel(
+    title: str, series: Sequence[ChartSeries], last: float, chance: float
+) -> LinePanel:
+    """Return a panel of accuracies in % over 1 to ``last`` components; ``chance``: a share."""
     return LinePanel(
-        f"{task['figure']}  {task['title']}".strip(),
-        [_series(task, key, tests.get(key)) for key in _ordered(task)],
+        title,
+        series,
         "principal components",
         "accuracy (%)",
-        (0.0, most + 1.0),
+        (0.0, last + 1.0),
         (0.0, 100.0),
         x_name="components",
-        level=(chance, f"chance {chance:.3g} %"),
+        level=(100 * chance, f"chance {100 * chance:.3g} %"),
     )
+
+
+def _panel(task: Values, tests: Values) -> LinePanel:
+    title = f"{task['figure']}  {task['title']}".strip()
+    series = [_series(task, key, tests.get(key)) for key in _ordered(task)]
+    last = max(task["k_max"], published.K_MAX if task["paper"] else 1)
+    return accuracy_panel(title, series, last, task["chance"])
 
 
 def _ordered(task: Values) -> list[str]:

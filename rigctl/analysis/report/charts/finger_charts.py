@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rigctl.analysis.report.charts.accuracy_charts import asterisks, star_notes
+from rigctl.analysis.report.charts.accuracy_charts import accuracy_panel, asterisks, star_notes
 from rigctl.analysis.report.charts.line_chart import (
     ChartMark,
     ChartSeries,
@@ -45,17 +45,7 @@ def _accuracy_panel(
         for kind in task["curves"]
     ]
     last = max(max([*one.x, *(mark.x for mark in one.marks)]) for one in series)
-    chance = 100 * next(iter(tasks.values()))["chance"]
-    return LinePanel(
-        title,
-        series,
-        "principal components",
-        "accuracy (%)",
-        (0.0, last + 1.0),
-        (0.0, 100.0),
-        x_name="components",
-        level=(chance, f"chance {chance:.3g} %"),
-    )
+    return accuracy_panel(title, series, last, next(iter(tasks.values()))["chance"])
 
 
 def _accuracy_series(key: str, task: Values, kind: str, test: Values | None) -> ChartSeries:
