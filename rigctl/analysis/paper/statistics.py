@@ -10,14 +10,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.analysis.settings.analysis_settings import AsteriskThresholds
 from rigctl.errors import WrongUse
 
 Values = NDArray[np.float64]
 
 AsteriskRule = tuple[tuple[str, float, float], ...]
-ASTERISKS: AsteriskRule = (("**", 0.01, 1.0), ("*", 0.05, 0.5))
+_PAPER = AsteriskThresholds()
+ASTERISKS: AsteriskRule = _PAPER.asterisks
 """Figure 4's rule: p is below the first bound and the size of Cohen's d above the second."""
-PROPORTION_ASTERISKS: AsteriskRule = (("**", 0.01, 0.5), ("*", 0.05, 0.2))
+PROPORTION_ASTERISKS: AsteriskRule = _PAPER.proportion_asterisks
 """Figure S5's rule, with Cohen's h."""
 
 
