@@ -79,7 +79,8 @@ def split_mountings(
     """Leave out each mounting in turn, at most four times; train on what was drawn of the others.
 
     No trial is tested by a fit that trained on it, nor one of a texture that the fit does not know.
-    There is no split where the conditions to train on have a single mounting.
+    There is no split where the conditions to train on have a single mounting, nor one whose fit
+    would know a single texture.
     """
     n_folds = min(MAX_FOLDS, 1 + max((cell.mount for cell in trained), default=0))
     splits: list[MountSplit] = []
@@ -87,6 +88,8 @@ def split_mountings(
         return splits
     for fold in range(n_folds):
         train = _joined(cell.drawn for cell in trained if cell.mount % n_folds != fold)
+        if len(np.unique(texture[train])) < 2:
+            continue
         same = _joined(cell.held_out for cell in tested if cell.mount % n_folds != fold)
         other = _joined(cell.held_out for cell in tested if cell.mount % n_folds == fold)
         known = [rows[np.isin(texture[rows], texture[train])] for rows in (same, other)]

@@ -88,6 +88,15 @@ def test_a_condition_that_one_mounting_lacks_costs_no_other_trial() -> None:
     assert len(first.train) + len(second.train) == (2 * 45 - 3) * 3
 
 
+def test_a_mounting_with_one_texture_alone_is_no_training_set() -> None:
+    whole = design(4)
+    trained = np.isin(whole.speed_mm_s, (40, 60, 80)) & np.isin(whole.force_g, (250, 500))
+    torn = without(whole, (whole.mount == 0) | (whole.texture == 0) | ~trained)
+    slower = make_splits(torn, "leave-mount-out", 0, 0)[2:]
+    assert [set(torn.texture[fit.train].tolist()) for fit in slower] == [{0, 1, 2}]
+    assert set(torn.mount[slower[0].train].tolist()) == {0}
+
+
 def test_draws_are_repeatable_and_differ_between_iterations() -> None:
     whole = design(8)
     first, again, other = (
