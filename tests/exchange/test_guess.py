@@ -83,6 +83,14 @@ def test_equal_groups_of_columns_are_layers(tmp_path: Path) -> None:
     assert 'columns = ["upper1..lower9"]' in text
 
 
+@pytest.mark.parametrize("name", ["depth", "Depth", "pressIndentation", "depth_mm"])
+def test_a_column_of_depths_is_in_mm(tmp_path: Path, name: str) -> None:
+    rows = [[k, "felt", 20, 2, k % 3, k % 5] for k in range(40)]
+    write_rows(tmp_path / "all.csv", f"time_ms,material,speed_mm_s,{name},a1,a2", rows)
+    assert f'force_column = "{name}"' in guessed(tmp_path)
+    assert 'force_unit = "mm"' in guessed(tmp_path)
+
+
 def test_a_guess_says_what_the_names_do_not(tmp_path: Path) -> None:
     for number in range(3):
         write_rows(tmp_path / f"rec_00{number}.csv", "t,a1,a2", [[0, 1, 2], [1, 3, 1], [2, 1, 2]])

@@ -101,9 +101,9 @@ def _parts(names: Sequence[str], paths: Sequence[Path]) -> list[NamePart]:
 
 
 def _form(tokens: Sequence[re.Match[str]]) -> tuple[str, ...]:
-    """Return what must be equal in the names of one form: kinds of parts, marks and prefixes."""
+    """Return what must be equal in the names of one form: kinds of parts, marks and suffixes."""
     return tuple(
-        token["mark"] or ("words" if token["words"] else f"{token['suffix']}") for token in tokens
+        token["mark"] or ("words" if token["words"] else token["suffix"]) for token in tokens
     )
 
 

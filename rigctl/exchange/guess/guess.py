@@ -50,7 +50,7 @@ def guess_map(paths: Sequence[Path]) -> GuessedMap:
     sample = read_sample(paths)
     roles = guess_roles(sample)
     pattern = _guess_labels(paths, sample, roles)
-    textures = _values(sample, roles, pattern).get("texture", ())
+    labels = _values(sample, roles, pattern)
     folder = common_folder(paths)
     parts = MapParts(
         name=folder.name or "recordings",
@@ -59,7 +59,7 @@ def guess_map(paths: Sequence[Path]) -> GuessedMap:
         sample=sample,
         roles=roles,
         pattern=pattern,
-        textures=textures,
+        textures=labels.get("texture", ()),
     )
     text = write_map(parts)
     return GuessedMap(
@@ -67,7 +67,7 @@ def guess_map(paths: Sequence[Path]) -> GuessedMap:
         sample.names,
         tuple(_rows(sample)),
         tuple(_describe_columns(sample, roles)),
-        tuple((k, describe_values(v)) for k, v in _values(sample, roles, pattern).items()),
+        tuple((k, describe_values(v)) for k, v in labels.items()),
         *_try_map(text, paths),
     )
 

@@ -12,8 +12,9 @@ from rigctl.exchange.file_readers import DELIMITERS
 from rigctl.exchange.guess.file_names import NamePattern
 from rigctl.exchange.guess.roles import ColumnRoles, reference, references
 from rigctl.exchange.guess.sample import RecordingSample
-from rigctl.exchange.guess.words import find_unit
+from rigctl.exchange.guess.words import find_unit, words_of
 from rigctl.exchange.labels import LABELS
+from rigctl.exchange.units import DEPTH
 from rigctl.protocol.loader import TEXTURE_BYTES
 
 ASSUMED_RATE_HZ = 1000.0
@@ -164,12 +165,8 @@ def _unit_of(role: str, parts: MapParts) -> str:
     if role in parts.pattern.units:
         return parts.pattern.units[role]
     name = _label_names(parts).get(role, "")
-    unit = find_unit(role, name)
-    return (
-        "mm"
-        if role == "force" and not unit and {"depth", "indentation"} & {*name.split("_")}
-        else unit
-    )
+    says_depth = role == "force" and bool({"depth", "indentation"} & {*words_of(name)})
+    return find_unit(role, name) or (DEPTH if says_depth else "")
 
 
 def _unit_lines(role: str, unit: str, key: str) -> list[str]:
@@ -197,7 +194,7 @@ def _loadcell(parts: MapParts) -> str:
         return ""
     name = reference(parts.sample, column)
     unit = find_unit("force", parts.sample.names[column])
-    known = unit not in ("", "mm")
+    known = unit not in ("", DEPTH)
     lines = _unit_lines("force", unit, "unit") if known else ['unit = "g"  # assumed']
     return _section("loadcell", [f"column = {_quote(name)}", *lines])
 
