@@ -26,8 +26,8 @@ class ForceMatrix:
     """C and how its search ended, arrays of shape (textures, n_taxels, speeds, forces).
 
     An entry without trials has the status ABSENT and no meaning. ``residual_hz``: the rate reached
-    minus the target. ``rate_hz``: the rate reached, or None where
-    it was not kept (files of older versions).
+    minus the target. ``rate_hz``: the rate reached, or None where it was not kept (files of older
+    versions).
     """
 
     textures: tuple[str, ...]

@@ -26,10 +26,10 @@ class ImportMap:
     ``time_column`` is empty where ``rate_hz`` is given. Factors convert the values of the file
     to s and g. ``trial_column``: its values tell the trials of one file apart. ``elements``: the
     MATLAB array whose elements are trials. ``max_gap_s``: 0 for three times the median interval
-    of rows.
-    ``taxel_low``, ``taxel_high``: values that are stored as 0 and 65535; equal for each taxel's
-    own lowest and highest. ``low_pass_hz``: cutoff of the filter before rows faster than 1 kHz
-    are decimated, 0 for none. ``sensor_layout``: None for the default of the number of taxels.
+    of rows. ``taxel_low``, ``taxel_high``: values that are stored as 0 and 65535; equal for each
+    taxel's own lowest and highest. ``low_pass_hz``: cutoff of the filter before rows faster than
+    1 kHz are decimated, 0 for none. ``sensor_layout``: None for the default of the number of
+    taxels.
     """
 
     name: str

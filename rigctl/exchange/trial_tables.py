@@ -107,7 +107,7 @@ def split_trials(
     if len(trials) == 1:
         trials = (replace(trials[0], place=whole.place),)
     lost = len(inside) - len(rows)
-    left_out = [f"{lost} rows have no label, so belong to no trial: left out"] if lost else []
+    left_out = [f"{lost} rows without a label belong to no trial: left out"] if lost else []
     return FileTrials(trials, (*remarks, *left_out))
 
 

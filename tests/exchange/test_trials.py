@@ -81,7 +81,7 @@ def test_rows_without_a_trial_are_left_out(tmp_path: Path) -> None:
     folder, inspection = run_import(tmp_path, TABLE, [write_table(tmp_path / "all.csv", rows)])
     assert [row[-1] for row in trials_of(folder)] == [2, 0]
     assert inspection.remarks[0] == (
-        f"all.csv: {N} rows have no label, so belong to no trial: left out"
+        f"all.csv: {N} rows without a label belong to no trial: left out"
     )
 
 
