@@ -4,9 +4,11 @@ takes it."""
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -91,6 +93,19 @@ def test_windows_are_the_scaled_spikes(recorded: Path) -> None:
         scaled = scale_windows(session.scan_spikes(2), session.velocities_um_s(2))
         assert np.array_equal(spike_counts(windows), scaled.counts)
         assert np.array_equal(windows["real_ms"], scaled.real_ms)
+
+
+def test_arrivals_that_are_no_numbers_are_refused(recorded: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(recorded, tmp_path / "s"))
+    with h5py.File(folder / "part-0001.h5", "r+") as file:
+        rows = file["/taxels/arrivals"][:]
+        rows["arrived_s"] = np.nan
+        file["/taxels/arrivals"][:] = rows
+    with (
+        FingerSession.open(folder) as session,
+        pytest.raises(SessionError, match="arrived_s of /taxels/arrivals is no number"),
+    ):
+        session.scan_start_s(0)
 
 
 def test_info_prints_the_experiments_numbers(

@@ -74,7 +74,7 @@ class FingerSession(SessionReader):
         """Return the loop time of a trial's first sample, by the earliest arrival in its scan.
 
         Nothing arrives before its last sample; most blocks arrive a little later. Raises
-        SessionError for a trial without samples.
+        SessionError for a trial without samples, and for times that are no numbers.
         """
         part, start, stop = self._rows_of(index)
         arrivals = self._rows(ARRIVALS, part.number)
@@ -84,9 +84,12 @@ class FingerSession(SessionReader):
         if stop <= start or not inside.any():
             trial_id = int(self.trials[index]["trial_id"])
             raise SessionError(f"trial {trial_id} of {self.path} has no samples: name another one")
+        arrived_s = arrivals["arrived_s"][inside]
+        if not np.isfinite(arrived_s).all():
+            raise SessionError(f"{part.path}: arrived_s of {ARRIVALS.path} is no number")
         newest = np.minimum(last_row[inside], stop - 1) - start
         since = part.read(COUNTER, start, stop)[newest] - int(self.trials[index]["first_counter"])
-        return float(np.min(arrivals["arrived_s"][inside] - since / SAMPLE_RATE_HZ))
+        return float(np.min(arrived_s - since / SAMPLE_RATE_HZ))
 
     def scan_spikes(self, index: int) -> NDArray[np.uint8]:
         """Return the spikes of every millisecond of a scan, uint8 (n, 9), 0 for lost samples.

@@ -93,10 +93,15 @@ EDITS: tuple[Edit, ...] = (
 )
 
 
+MOST_BYTES = 64 << 20
+
+
 def on_file(edit: Edit) -> Mutation:
     """Return an edit of bytes as a mutation of a file; an empty file gets a byte first."""
 
     def mutate(random: Random, path: Path) -> str:
+        if path.stat().st_size > MOST_BYTES:
+            return "nothing: a mutation before made the file huge"
         data = bytearray(path.read_bytes()) or bytearray(b"\0")
         done = edit(random, data)
         path.write_bytes(data)
