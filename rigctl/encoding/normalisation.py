@@ -49,6 +49,12 @@ class Normalisation:
         """Taxels (counted from 1) without a signal in this range."""
         return [int(i) + 1 for i in np.flatnonzero(self.low == self.high)]
 
+    def apply(self, samples: NDArray[np.uint16]) -> NDArray[np.float64]:
+        """Return readings uint16 (n, n_taxels) as numbers from 0 to 1, float64, clipped."""
+        low, high = self.low.astype(np.float64), self.high.astype(np.float64)
+        clipped: NDArray[np.float64] = (np.clip(samples, low, high) - low) * self.scale
+        return clipped
+
     def has_ranges_of(self, other: Normalisation) -> bool:
         """Return whether the ranges of all taxels are equal, wherever they are from."""
         return np.array_equal(self.low, other.low) and np.array_equal(self.high, other.high)

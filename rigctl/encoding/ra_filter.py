@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, signal
 
-from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters, RaDerivative, RaFilter, Rectify
 
 Floats = NDArray[np.float64]
@@ -33,13 +32,6 @@ class RaSignals(NamedTuple):
     low_passed: Floats
     derivative: Floats
     current: Floats
-
-
-def normalise(samples: NDArray[np.uint16], normalisation: Normalisation) -> Floats:
-    """Return readings uint16 (n, n_taxels) as numbers from 0 to 1, float64, clipped."""
-    low, high = normalisation.low.astype(np.float64), normalisation.high.astype(np.float64)
-    clipped: Floats = (np.clip(samples, low, high) - low) * normalisation.scale
-    return clipped
 
 
 def ra_signals(x: Floats, parameters: EncoderParameters) -> RaSignals:

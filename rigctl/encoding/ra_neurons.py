@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rigctl.encoding.kernel import TrialViews, trial_readings
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters, Recovery, Reset
-from rigctl.encoding.ra_filter import normalise, ra_signals
+from rigctl.encoding.ra_filter import ra_signals
 from rigctl.values import Spikes
 
 Floats = NDArray[np.float64]
@@ -35,7 +35,7 @@ def ra_response(
 
     ``samples``: uint16 (n, n_taxels).
     """
-    current = ra_signals(normalise(samples, normalisation), parameters).current
+    current = ra_signals(normalisation.apply(samples), parameters).current
     spikes = np.empty(current.shape, np.uint8)
     membrane = np.empty(current.shape)
     _respond_compiled(current, _numbers(parameters), *_scheme(parameters), spikes, membrane)

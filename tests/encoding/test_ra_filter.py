@@ -19,7 +19,7 @@ from rigctl.encoding.parameters import (
     RaDerivative,
     RaFilter,
 )
-from rigctl.encoding.ra_filter import linear_phase_taps, low_pass, normalise, ra_signals
+from rigctl.encoding.ra_filter import linear_phase_taps, low_pass, ra_signals
 from rigctl.encoding.ra_neurons import ra_response
 from rigctl.errors import WrongUse
 from tests.encoding.test_encoder import N_TAXELS, RANGES, extremes, touch
@@ -154,4 +154,4 @@ def test_readings_are_normalised_as_the_kernel_does() -> None:
     readings = np.array([[0, 50, 512, 710], [2000, 900, 600, 715]], np.uint16)
     ranges = Normalisation(RANGES.low, RANGES.high)
     expected = [[0, 0, 0, 0.5], [1, 1, 0, 0.75]]
-    np.testing.assert_allclose(normalise(readings, ranges), expected)
+    np.testing.assert_allclose(ranges.apply(readings), expected)

@@ -211,8 +211,7 @@ def encode_readings(
 
 def mean_reading(readings: NDArray[np.uint16], normalisation: Normalisation) -> Floats:
     """Return the mean normalised reading of each taxel, float64 (n_taxels,), 0 to 1."""
-    normalised = (readings - normalisation.low.astype(np.float64)) * normalisation.scale
-    mean: Floats = np.clip(normalised, 0.0, 1.0).mean(axis=0)
+    mean: Floats = normalisation.apply(readings).mean(axis=0)
     return mean
 
 

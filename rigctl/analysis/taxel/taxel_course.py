@@ -14,7 +14,7 @@ from rigctl.config.names import shorten
 from rigctl.encoding.encoder import encode_trials, membrane_mv
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters, RaDerivative
-from rigctl.encoding.ra_filter import normalise, ra_signals
+from rigctl.encoding.ra_filter import ra_signals
 from rigctl.values import SAMPLE_RATE_HZ
 
 Floats = NDArray[np.float64]
@@ -75,7 +75,7 @@ def load_course(
     trial = trials.trials[row]
     with open_trials(trials.files) as reader:
         samples = reader.read(trial)
-    index = taxel - 1 if taxel else int(normalise(samples, ranges).std(axis=0).argmax())
+    index = taxel - 1 if taxel else int(ranges.apply(samples).std(axis=0).argmax())
     factor = 1.0 if c is None else float(c[row, index])
     own = Normalisation(ranges.low[[index]], ranges.high[[index]], ranges.source)
     words = _words(trials, trial, index, ranges, parameters, None if c is None else factor)
@@ -110,7 +110,7 @@ def _encode(
 ) -> TaxelCourse:
     scale = np.array([[c]])
     (spikes,) = encode_trials([samples], ranges, parameters, sa_scale=scale)
-    x = normalise(samples, ranges)
+    x = ranges.apply(samples)
     low_passed, derivative, ra_current = (signal[:, 0] for signal in ra_signals(x, parameters))
     sa_current = c * parameters.sa_gain * x[:, 0]
     per_sample = parameters.ra_derivative is RaDerivative.PER_SAMPLE

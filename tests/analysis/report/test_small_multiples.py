@@ -50,6 +50,12 @@ def test_a_response_is_that_of_the_trials_first_second(trials: TrialSet) -> None
     assert len(found["B", 500.0, 80.0].reading) == 55
 
 
+def test_readings_outside_the_ranges_are_clipped(trials: TrialSet) -> None:
+    above = Normalisation(np.full(18, 1022, np.uint16), np.full(18, 1023, np.uint16), "by hand")
+    for response in measure_responses(trials, above, DEFAULT):
+        assert response.reading.min() >= 0 and response.reading.max() <= 1
+
+
 def test_panels_stand_by_texture_and_speed_for_each_force(trials: TrialSet) -> None:
     missing = tuple(
         t for t in trials.trials if (t.texture, t.force_g, t.speed_mm_s) != ("A", 250.0, 80.0)

@@ -153,9 +153,7 @@ def scale_to_population(
 
 def population_reading(recording: ScanRecording, normalisation: Normalisation) -> float:
     """Return the mean normalised reading of all taxels, 0 to 1."""
-    low = normalisation.low.astype(np.float64)
-    normalised = (recording.readings - low) * normalisation.scale
-    return float(np.clip(normalised, 0.0, 1.0).mean())
+    return float(normalisation.apply(recording.readings).mean())
 
 
 def _map_scans(data_set: FingerDataSet, scale: Callable[[ScanSet], ScanSet]) -> FingerDataSet:

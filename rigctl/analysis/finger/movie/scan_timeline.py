@@ -103,8 +103,6 @@ def _timeline(session: FingerSession, index: int) -> ScanTimeline:
         session.predictions(index),
     )
     ends = np.cumsum(batches["samples"], dtype=np.float64) / SAMPLE_RATE_HZ
-    ranges = session.normalisation(index)
-    shares = (session.samples(index) - ranges.low.astype(np.float64)) * ranges.scale
     track = session.track(index)
     track = track[(track["valid"] == 1) & np.isfinite(track["along_mm"])]
     spike_mm, spike_batch, spike_taxel = _scaled_spikes(session, index)
@@ -118,7 +116,7 @@ def _timeline(session: FingerSession, index: int) -> ScanTimeline:
         window_mm=WINDOW_MS * session.header.reference_um_per_s / NM_PER_MM,
         duration_s=trial.count / SAMPLE_RATE_HZ,
         reading_s=(session.counters(index) - trial.first_counter) / SAMPLE_RATE_HZ,
-        readings=np.clip(shares, 0.0, 1.0),
+        readings=session.normalisation(index).apply(session.samples(index)),
         track_s=track["at_s"] - start_s,
         along_mm=track["along_mm"],
         across_mm=track["across_mm"],

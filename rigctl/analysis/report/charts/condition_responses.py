@@ -75,7 +75,7 @@ def _measure(
     samples = [reader.read(trial)[:n_shown] for trial in chosen]
     spikes = encode_trials(samples, ranges, parameters)
     n = min(map(len, samples))
-    mean = np.mean([(one[:n] - ranges.low) * ranges.scale for one in samples], axis=(0, 2))
+    mean = np.mean([ranges.apply(one[:n]) for one in samples], axis=(0, 2))
     one = trials[0]
     return ConditionResponse(
         one.texture,
