@@ -25,8 +25,8 @@ class FoundRecordings(NamedTuple):
 def find_recordings(paths: Iterable[Path]) -> FoundRecordings:
     """Return the files, and in place of a folder the recordings below it in order of their names.
 
-    Recordings in a folder are its files with the commonest suffix. Raises WrongUse for a folder
-    without any, and for more than a million files.
+    Recordings in a folder are its files with the commonest suffix, hidden ones left out. Raises
+    WrongUse for a folder without any, and for more than a million files.
     """
     found = FoundRecordings([], [])
     for path in paths:
@@ -50,5 +50,7 @@ def _in_folder(folder: Path) -> list[Path]:
     return sorted(
         path
         for path in folder.rglob("*")
-        if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
+        if path.suffix.lower() in SUFFIXES
+        and not any(part.startswith(".") for part in path.relative_to(folder).parts)
+        and path.is_file()
     )
