@@ -266,11 +266,10 @@ def _extrapolation(design: Design, random: np.random.Generator) -> Split:
     train: list[Rows] = []
     tests: dict[str, list[Rows]] = {}
     for rows in design.conditions():
-        speed_mm_s, force_g = float(design.speed_mm_s[rows[0]]), float(design.force_g[rows[0]])
-        if design.texture[rows[0]] in left_out or not conditions.takes(speed_mm_s, force_g):
+        trained = _trained_levels(design, rows)
+        if design.texture[rows[0]] in left_out or trained is None:
             continue
         shuffled, n = random.permutation(rows), len(rows)
-        trained = conditions.trains_speed(speed_mm_s), conditions.trains_force(force_g)
         if all(trained):
             n_train = min(max(1, round(n * settings.trained_share)), max(1, n - 1))
             train.append(shuffled[:n_train])
