@@ -6,7 +6,7 @@ import numpy as np
 
 from gui.live.scrolling_image import blend
 from gui.widgets.theme import Theme
-from rigctl.session.format.sensor_layout import SensorLayout
+from rigctl.session.format.sensor_layout import LAYER_NAMES, SensorLayout
 
 
 class TrainRows:
@@ -65,7 +65,7 @@ def layer_titles(layout: SensorLayout) -> tuple[str, ...]:
     if len(layout.layers) == 2:
         places = ("Top layer", "Bottom layer")
         return tuple(
-            f"{place} (type {name}), counts"
+            f"{place} ({f'type {name}' if name in LAYER_NAMES else name}), counts"
             for place, name in zip(places, layout.layers, strict=True)
         )
     return tuple(f"Layer {name}, counts" for name in layout.layers)

@@ -160,6 +160,8 @@ def test_one_layer_is_one_group_of_each_channel() -> None:
     assert rows.group_colours(LIGHT) == list(LIGHT.groups[:2])
     assert layer_titles(ONE_LAYER) == ("Readings now, counts",)
     assert layer_titles(PAPER)[1] == "Bottom layer (type II), counts"
+    named = SensorLayout(3, 3, ("skin", "core"))
+    assert layer_titles(named) == ("Top layer (skin), counts", "Bottom layer (core), counts")
 
 
 def test_the_plots_follow_the_layers_of_the_sensor(app: QApplication, engine: FakeEngine) -> None:
