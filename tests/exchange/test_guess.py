@@ -55,6 +55,29 @@ def test_units_and_other_channels_are_found(tmp_path: Path) -> None:
     assert 'column = "Time (s)"\nunit = "s"\n' in text
 
 
+def test_units_tell_labels_whose_words_are_unknown(tmp_path: Path) -> None:
+    header = "Versuch,Textur,Geschwindigkeit (cm/s),Zeit (s),S1,S2,S3,S4,Kraft (N)"
+    rows = [
+        [n, t, v, k / 1000, *(500 + (k * s + n) % 7 for s in range(1, 5)), 1.96]
+        for n, (t, v) in enumerate((("felt", 2), ("felt", 4), ("silk", 2), ("silk", 4)))
+        for k in range(100)
+    ]
+    write_rows(tmp_path / "all.csv", header, rows)
+    guess = guess_map(find_recordings([tmp_path]).files)
+    assert guess.problem == ""
+    assert '[trials]\ncolumn = "Versuch"' in guess.text
+    assert 'speed_column = "Geschwindigkeit (cm/s)"\nforce_column = "Kraft (N)"\n' in guess.text
+    assert 'speed_unit = "cm/s"\nforce_unit = "N"' in guess.text
+
+
+def test_mm_a_minute_have_a_short_form(tmp_path: Path) -> None:
+    for speed in (1200, 2400):
+        for texture in ("felt", "silk"):
+            name = f"{texture}_{speed}mmpm_run01.csv"
+            write_rows(tmp_path / name, "t,a1,a2", [[0, 1, 2], [1, 3, 1], [2, 1, 2]])
+    assert 'speed_unit = "mm/min"\n' in guessed(tmp_path)
+
+
 def test_what_a_guess_cannot_know_is_left_to_fill_in(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

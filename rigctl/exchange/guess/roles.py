@@ -11,7 +11,7 @@ import numpy as np
 
 from rigctl.exchange.column_names import RANGE
 from rigctl.exchange.guess.sample import RecordingSample
-from rigctl.exchange.guess.words import find_unit, has_word
+from rigctl.exchange.guess.words import find_unit, has_word, role_of_unit
 from rigctl.exchange.labels import LABELS
 from rigctl.exchange.trial_tables import Floats
 from rigctl.exchange.units import SECONDS
@@ -66,7 +66,7 @@ class _RoleGuess:
     def find_fields(self) -> None:
         """Take texts and scalars beside the columns for labels and the rate."""
         for name in self._sample.fields:
-            role = next((role for role in LABELS if has_word(role, name)), "")
+            role = _role_of(name, LABELS)
             if role and role not in self.roles.fields:
                 self.roles.fields[role] = name
             elif has_word("rate", name):
@@ -96,8 +96,7 @@ class _RoleGuess:
             name = self._sample.names[column]
             if not self._is_label(column):
                 continue
-            role = next((r for r in ("trial", *LABELS) if has_word(r, name)), "")
-            role = role or self._unnamed_label(column)
+            role = _role_of(name, ("trial", *LABELS)) or self._unnamed_label(column)
             if role == "trial" and self.roles.trial is None:
                 self.roles.trial = column
             elif role in LABELS and role not in {*self.roles.labels, *self.roles.fields}:
@@ -194,6 +193,11 @@ def describe_values(texts: Sequence[str]) -> str:
     """Return how many different values there are, and the first of them."""
     shown = ", ".join(texts[:4]) + (", …" if len(texts) > 4 else "")
     return f"{len(texts)} values: {shown}" if len(texts) > 1 else f"always {shown}"
+
+
+def _role_of(name: str, roles: Sequence[str]) -> str:
+    """Return what a name's unit says, else its words: the N of ``Kraft (N)`` is a unit."""
+    return role_of_unit(name) or next((role for role in roles if has_word(role, name)), "")
 
 
 def references(sample: RecordingSample, columns: Sequence[int]) -> list[str]:

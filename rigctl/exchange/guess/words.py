@@ -7,7 +7,9 @@ from collections.abc import Iterable
 
 WORDS = {
     "time": {"t", "time", "timestamp", "zeit", "clock", "millis", "micros", "ms", "us", "sec"},
-    "trial": {"trial", "run", "recording", "take", "sweep", "trialno", "trialid"},
+    "trial": {
+        *("trial", "run", "recording", "take", "sweep", "trialno", "trialid", "versuch", "messung"),
+    },
     "texture": {
         *("texture", "tex", "material", "mat", "fabric", "surface", "cloth", "textile", "stimulus"),
         *("class", "label", "stoff"),
@@ -33,7 +35,7 @@ FILE_WORDS = {
 }
 """Words beside a number in the name of a file."""
 _SPEED_UNITS = {
-    "mm/min": r"mm[ _]?(?:/|p|per|[ _])[ _]?min|mmmin",
+    "mm/min": r"mm[ _]?(?:/|p|per|[ _])[ _]?min|mmmin|mmpm",
     "m/min": r"m[ _]?(?:/|p|per|[ _])[ _]?min|mpm",
     "inch/min": r"(?:inch|in)[ _]?(?:/|p|per|[ _])[ _]?min|ipm",
     "mm/s": r"mm[ _]?(?:/|p|per|[ _])[ _]?s(?:ec)?|mms|mmps",
@@ -65,6 +67,17 @@ def has_word(role: str, name: str) -> bool:
     """Return whether one of a name's words says that role, or all of them joined."""
     words = words_of(name)
     return any(word in WORDS[role] for word in (*words, "".join(words)))
+
+
+def role_of_unit(name: str) -> str:
+    """Return speed or force if the unit behind a name's words is one of theirs, else nothing.
+
+    A length is neither: it may be a depth, a position or a distance.
+    """
+    if len(words_of(name)) < 2:
+        return ""
+    roles = (role for role in ("speed", "force") if find_unit(role, name) not in ("", "mm"))
+    return next(roles, "")
 
 
 def find_unit(role: str, text: str) -> str:
