@@ -212,7 +212,7 @@ def _plan_families(
 
 
 def _join_titles(tasks: Sequence[published.Task]) -> str:
-    return " and ".join(task.title.lower() for task in tasks)
+    return ", ".join(task.title.lower() for task in tasks)
 
 
 def _tasks_by_family(
@@ -234,8 +234,8 @@ def _tasks_by_family(
             continue
         if task.grouped and len(design.groups) < 2:
             remarks.append(
-                "texture groups: left out, they need plates A to P of two groups or more, or "
-                "groups in an analysis file (--settings)"
+                "texture groups: left out, they need textures of two groups or more: plates A to "
+                "P, or those that an analysis file (--settings) names under [groups]"
             )
             continue
         if task.grouped and design.ungrouped:
