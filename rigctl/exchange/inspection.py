@@ -81,6 +81,10 @@ class TaxelScaling:
         return np.clip(counts, 0, MAX_COUNT).astype(np.uint16)
 
 
+MOST_BACK_SHARE = 0.1
+"""A clock that is set, or a glitch, costs a few rows; more of them are other trials."""
+
+
 @dataclass(frozen=True, slots=True)
 class Inspection:
     """All trials in their order, the scaling of taxels, and remarks on defects."""
@@ -97,6 +101,7 @@ def extract_series(table: TrialTable, mapping: ImportMap) -> tuple[TimeSeries, l
     values = table.values[:, taxels + loadcell + table.indices(mapping.extra)]
     if mapping.time_column:
         time_s = table.values[:, table.indices([mapping.time_column])[0]] * mapping.time_s
+        _refuse_several_trials(time_s, table)
     else:
         time_s = np.arange(len(values)) / mapping.rate_hz
     series, remarks = clean_time_column(time_s, values, table.row_numbers, len(taxels))
@@ -107,6 +112,17 @@ def extract_series(table: TrialTable, mapping: ImportMap) -> tuple[TimeSeries, l
             f"{table.place}: its times span {series.time_s[-1]:.0f} s: check unit in [time]"
         )
     return series, remarks
+
+
+def _refuse_several_trials(time_s: Floats, table: TrialTable) -> None:
+    """Raise WrongUse where time begins anew: of each trial but the longest, rows would be lost."""
+    back = time_s < np.fmax.accumulate(time_s)
+    if np.mean(back) > MOST_BACK_SHARE:
+        row = table.row_numbers[np.argmax(back)]
+        raise WrongUse(
+            f"{table.place}: time runs backwards before {np.sum(back)} of {len(back)} rows, first "
+            f"row {row}: if it holds several trials, name the column that counts them in [trials]"
+        )
 
 
 def inspect_files(
