@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,6 +10,12 @@ from rigctl.analysis.paper.comparisons import NAME_OF, Agreement
 
 Values = Mapping[str, Any]
 
+_VERDICTS = {
+    Agreement.HOLDS: ("holds", "hold"),
+    Agreement.TIED: ("cannot be told apart", "cannot be told apart"),
+    Agreement.REVERSED: ("does not hold", "do not hold"),
+}
+"""The words for one difference, and for several."""
 LABELLED = ("force", "speed_force")
 """Representations with the C of the true texture."""
 
@@ -76,11 +83,14 @@ def _paper(tasks: list[Any]) -> str:
     pairs = [pair for task in tasks if task["order"] for pair in task["order"]["compared"]]
     if not pairs:
         return "The paper has no table for these tasks."
-    held, tied = (
-        sum(pair["verdict"] == verdict for pair in pairs)
-        for verdict in (Agreement.HOLDS, Agreement.TIED)
-    )
+    counts = Counter(pair["verdict"] for pair in pairs)
+    verdicts = [
+        f"{counts[verdict]} {words[counts[verdict] > 1]}"
+        for verdict, words in _VERDICTS.items()
+        if counts[verdict]
+    ]
+    noun = "difference" if len(pairs) == 1 else "differences"
     return (
-        f"Of the {len(pairs)} differences between representations that the paper separates, "
-        f"{held} hold, {tied} cannot be told apart and {len(pairs) - held - tied} do not hold."
+        f"Of {len(pairs)} {noun} between representations that the paper separates, "
+        f"{', '.join(verdicts)}."
     )

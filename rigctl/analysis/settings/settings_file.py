@@ -55,6 +55,7 @@ def read_settings(text: TomlText) -> AnalysisSettings:
     _refuse_overlap(text, "conditions", "speeds_mm_s", settings.conditions)
     _refuse_overlap(text, "conditions", "forces_g", settings.conditions)
     _refuse_overlap(text, "finger", "profiles", settings.finger)
+    _refuse_easier_stars(text, settings.statistics)
     return settings
 
 
@@ -134,6 +135,19 @@ def _refuse_overlap(text: TomlText, table: str, what: str, values: Any) -> None:
         if level in trained:
             shown = f"{level:g}" if isinstance(level, float) else level
             text.fail((table, f"untrained_{what}"), f"{shown} is trained too: name it once")
+
+
+def _refuse_easier_stars(text: TomlText, bounds: AsteriskThresholds) -> None:
+    """Raise the text's error where two asterisks are easier to reach than one."""
+    wrong = {
+        "two_star_p": bounds.two_star_p > bounds.one_star_p,
+        "two_star_d": bounds.two_star_d < bounds.one_star_d,
+        "two_star_h": bounds.two_star_h < bounds.one_star_h,
+    }
+    for key in (key for key, is_wrong in wrong.items() if is_wrong):
+        other = key.replace("two", "one")
+        given = key if ("statistics", key) in lines_of_paths(text.source) else other
+        text.fail(("statistics", given), f"** is easier to reach than *: change {key} or {other}")
 
 
 def _given(text: TomlText) -> tuple[tuple[str, int], ...]:

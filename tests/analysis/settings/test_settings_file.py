@@ -74,6 +74,10 @@ def test_groups_of_other_plates_replace_the_papers(tmp_path: Path) -> None:
         ("[windows]\nlength_ms = 0", "line 2: windows.length_ms: 0 is outside 1 to 60000"),
         ("[conditions]\nuntrained_forces_g = [500]", "line 2: .* 500 is trained too: name it once"),
         ('[groups]\na = ["A"]\nb = ["A"]', "line 3: groups.b: texture 'A' is in the group 'a' too"),
+        (
+            "[statistics]\none_star_p = 0.001",
+            r"line 2: statistics.one_star_p: \*\* is easier to reach than \*: change two_star_p",
+        ),
         ('[groups]\na = ["A"]', "line 1: groups: needs two groups or more"),
         (
             '[finger]\ntrained_profiles = ["slw"]',
