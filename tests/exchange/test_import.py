@@ -111,9 +111,7 @@ def test_every_format_gives_the_same_samples(tmp_path: Path) -> None:
 def test_several_trials_in_a_file_are_not_taken_for_one(tmp_path: Path) -> None:
     time_ms = np.tile(np.arange(100.0), 2)
     file = write_csv(tmp_path / "silk_6cm_5N_1.csv", time_ms, ramp(200))
-    with pytest.raises(
-        WrongUse, match=r"time runs backwards before 99 of 200 rows, first row 102"
-    ):
+    with pytest.raises(WrongUse, match=r"time runs backwards before 99 of 200 rows, first row 102"):
         run_import(tmp_path, TIMED, [file])
     assert not (tmp_path / "session").exists()
 
