@@ -90,7 +90,9 @@ def test_what_a_guess_cannot_know_is_left_to_fill_in(
     assert "rate_hz = 1000  # assumed" in text
     map_file = tmp_path / "map.toml"
     assert main(["import", "--guess", str(tmp_path), "--map", str(map_file)]) == 1
-    assert "does not work yet: the map, line" in capsys.readouterr().err
+    captured = capsys.readouterr()
+    assert "does not work yet: the map, line" in captured.err
+    assert "rate_hz = 1000  # assumed: no column ascends like a time" in captured.out
     filled = map_file.read_text().replace("_mm = 0", "_mm = 60").replace("mm2 = 0", "mm2 = 100")
     map_file.write_text(filled)
     words = ["import", str(tmp_path), "--map", str(map_file), "--out", str(tmp_path / "out")]

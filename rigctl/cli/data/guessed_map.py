@@ -36,6 +36,7 @@ def print_guess(path: Path, files: Sequence[Path], guessed: GuessedMap, *, as_js
             "columns": [dict(zip(("name", "role"), pair, strict=True)) for pair in guessed.columns],
             "labels": dict(guessed.labels),
             "trials_of_first_file": guessed.n_trials,
+            "assumed": [words for _, words in find_assumptions(guessed.text)],
             "problem": guessed.problem,
         }
         print(json.dumps(answer, ensure_ascii=False))
@@ -47,9 +48,18 @@ def print_guess(path: Path, files: Sequence[Path], guessed: GuessedMap, *, as_js
     print_pairs([*guessed.columns, *((f"({label})", words) for label, words in guessed.labels)])
     if guessed.n_trials:
         print(f"\nTrials in this file: {guessed.n_trials}")
-    print(f"Map: {path}")
+    if assumed := find_assumptions(guessed.text):
+        print("\nNothing in the files says these; read them:\n")
+        print_pairs(assumed)
+    print(f"\nMap: {path}")
     if guessed.problem:
         print(f"note: the map does not work yet: {guessed.problem}", file=sys.stderr)
+
+
+def find_assumptions(text: str) -> list[tuple[str, str]]:
+    """Return the lines of a map that say that something is assumed, each with its place."""
+    lines = enumerate(text.splitlines(), 1)
+    return [(f"line {n}", line.lstrip("# ")) for n, line in lines if "assumed" in line.lower()]
 
 
 def print_table(rows: Sequence[Sequence[str]]) -> None:
