@@ -194,3 +194,13 @@ def test_complex_sparse_and_empty_arrays_are_whole(tmp_path: Path, compressed: b
     }
     savemat(tmp_path / "x.mat", values, do_compression=compressed)
     assert {name.split(".")[0] for name in read_mat(tmp_path / "x.mat")} == set(values)
+
+
+def test_a_cell_of_73_that_is_no_array_is_read(tmp_path: Path) -> None:
+    """A damaged file had it; MATLAB writes rows and columns."""
+    with h5py.File(tmp_path / "x.mat", "w", userblock_size=512) as file:
+        file["#refs#/a"] = np.ones((2, 3))
+        cell = file.create_dataset("cells", (), h5py.ref_dtype)
+        cell[()] = file["#refs#/a"].ref
+        cell.attrs["MATLAB_class"] = np.bytes_("cell")
+    assert np.array_equal(read_mat(tmp_path / "x.mat")["cells.1"], np.ones((3, 2)))

@@ -144,7 +144,8 @@ class Hdf5File:
         """Return a path for each object that a data set of references leads to, columns first."""
         if prod(self.shape(path)) > MOST_REFERENCES:
             raise damage(self.path, path, f"has more than {MOST_REFERENCES} references")
-        references = self._value(path)
+        # A single reference is no array.
+        references = np.asarray(self._value(path), dtype=object)
         targets = []
         with hdf5_errors(self.path, path):
             for number, reference in enumerate(references.T.ravel(), 1):
