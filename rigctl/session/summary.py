@@ -128,6 +128,7 @@ def _identity(session: SessionReader) -> dict[str, Any]:
         "parts": len(session.parts),
         "missing": session.describe_missing(),
         "ignored": stray_files(session.path),
+        "notes": [f"{note.made_utc} {note.describe()}" for note in session.notes],
         "finished": session.finished,
         "closing_digest": read_closing_digest(session.path),
         "written_by": lock_owner_pid(session.path) if writing else None,

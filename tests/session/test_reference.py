@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from rigctl.session.format import data_sets
-from rigctl.session.format.header import SessionHeader
+from rigctl.session.format.metadata.header import SessionHeader
 from tests.session.reference import LAYOUTS, arrays, table
 
 TABLES = [*dict.fromkeys(each for of in LAYOUTS for each in of.tables), data_sets.DIGESTS]

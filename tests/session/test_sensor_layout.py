@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 
 from rigctl.config.rig_config import TaxelArray, parse_config
 from rigctl.errors import ConfigError, SessionError
-from rigctl.session.format.sensor_layout import SensorLayout
+from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.session.read.session import Session
 from rigctl.session.summary import summarise_session
 from rigctl.session.verify.session import verify
@@ -43,6 +44,29 @@ def test_one_layer_is_not_split(n_taxels: int) -> None:
     expected = [f"{channel}-{number}" for channel in ("SA", "RA") for number in numbers]
     assert [name for name, _ in layout.train_names()] == expected
     assert layout.names == tuple(map(str, numbers))
+
+
+@pytest.mark.parametrize(
+    ("rows", "layers", "words"),
+    [
+        (1, [f"layer {k}" for k in range(20_000)], "in 20000 layers (layer 0, layer 1"),
+        (1, ["I" * 20_000], "is longer than 24 bytes"),
+        (1, ["I"] * 1000, "two layers have the same name: I"),
+        (10**4000, ["I"], "are more than 1024 taxels"),
+        (1, [f"layer {k}" for k in range(1000)], "(layer 0, layer 1, layer 2, layer 3"),
+    ],
+)
+def test_a_layout_of_any_size_is_refused_in_a_sentence(
+    rows: int, layers: list[str], words: str
+) -> None:
+    values = {"rows": rows, "columns": 1, "layers": layers}
+    with pytest.raises(SessionError) as refused:
+        layout = SensorLayout.from_values(values, Path("part.h5"))
+        SensorLayout.from_attributes(
+            {"n_taxels": 3, "sensor_layout": json.dumps(layout.to_values())}, Path("part.h5")
+        )
+    assert words in str(refused.value)
+    assert len(str(refused.value)) < 300
 
 
 def test_a_square_has_its_sides_and_other_numbers_one_row() -> None:

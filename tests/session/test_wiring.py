@@ -9,8 +9,8 @@ import pytest
 
 from rigctl.config.rig_config import RigConfig, TaxelArray
 from rigctl.errors import SessionError
-from rigctl.session.format.header import IMPORTED, SessionHeader
-from rigctl.session.format.wiring import session_wiring, source_wiring
+from rigctl.session.format.metadata.header import IMPORTED, SessionHeader
+from rigctl.session.format.metadata.wiring import session_wiring, source_wiring
 from rigctl.session.read.session import Session
 from rigctl.session.verify.session import verify
 from rigctl.session.write.recorder import Recorder

@@ -26,7 +26,7 @@ from rigctl.session.files.truth_file import (
 )
 from rigctl.session.files.truth_log import TruthLog
 from rigctl.session.format import layout
-from rigctl.session.format.header import CUT_BY_CLOCK
+from rigctl.session.format.metadata.header import CUT_BY_CLOCK
 from rigctl.session.read.part_file import existing_parts, open_part
 from rigctl.session.read.session import Session
 

@@ -44,6 +44,7 @@ LONGEST_WINDOW_MS = 1_000_000
 _FACTOR = "lower Cholesky factor of the pooled covariance, divisor n - classes"
 _MEANS = "factor · whitened = class mean of the scores"
 _DROPPED = "0-based components without within-class variance, which are ignored"
+_HASHES = "XXH3 (64 bits, seed 0) of the bytes of each training trial's samples, ascending"
 _ARRAYS = (
     ("pca/mean", "of the features", "training mean", "feature"),
     ("pca/axes", "", "unit vectors", "feature, component"),
@@ -62,6 +63,8 @@ class TrainingInfo:
 
     ``inputs``: a mapping for each session; its ``content`` is the digest of the recording.
     ``seed`` belongs to the analysis that made the model, because training itself is not random.
+    ``trial_hashes``: XXH3 (64 bits) of the bytes of each training trial's samples, by which the
+    trial is known in every copy; None in files from before they were kept.
     """
 
     made_utc: str
@@ -73,6 +76,7 @@ class TrainingInfo:
     speeds_mm_s: tuple[float, ...]
     forces_g: tuple[float, ...]
     inputs: tuple[dict[str, Any], ...] = ()
+    trial_hashes: frozenset[int] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,6 +166,9 @@ def write_training(group: Any, training: TrainingInfo) -> None:
     write_array(group, "trials", training.trials, "", "number of training trials")
     write_array(group, "speeds_mm_s", np.array(training.speeds_mm_s), "mm/s", "trained", "speed")
     write_array(group, "forces_g", np.array(training.forces_g), "g", "trained", "force")
+    if training.trial_hashes is not None:
+        hashes = np.array(sorted(training.trial_hashes), np.uint64)
+        write_array(group, "trial_hashes", hashes, "", _HASHES, "trial")
     inputs = json.dumps(training.inputs, ensure_ascii=False)
     write_text(group, "inputs", inputs, "JSON: a mapping for each session, content is its digest")
 
@@ -218,7 +225,16 @@ def read_training(file: Hdf5File) -> TrainingInfo:
         speeds_mm_s=tuple(file.array("training/speeds_mm_s").tolist()),
         forces_g=tuple(file.array("training/forces_g").tolist()),
         inputs=read_inputs(file),
+        trial_hashes=_read_hashes(file),
     )
+
+
+def _read_hashes(file: Hdf5File) -> frozenset[int] | None:
+    path = "training/trial_hashes"
+    if not file.has(path):
+        return None
+    file.check([numbers(path, 1)])
+    return frozenset(file.array(path, np.uint64).tolist())
 
 
 def _check_shapes(model: Model) -> None:

@@ -32,7 +32,7 @@ from rigctl.session.format.annotated_arrays import (
     write_texts,
 )
 from rigctl.session.format.data_sets import LIBVER
-from rigctl.session.format.sensor_layout import ATTRIBUTE, SensorLayout
+from rigctl.session.format.metadata.sensor_layout import ATTRIBUTE, SensorLayout
 
 SAMPLE_CHUNK = 1 << 16
 

@@ -16,8 +16,8 @@ from pathlib import Path
 
 from rigctl.config.text_file import read_bytes, refuse_link_outside
 from rigctl.errors import SessionError
-from rigctl.session.format.header import SessionHeader
 from rigctl.session.format.layout import DIGEST_LINES_FILE, part_number
+from rigctl.session.format.metadata.header import SessionHeader
 
 CONTINUES = "continues"
 """The word for a closed part that another follows in the same sitting."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from rigctl.errors import SessionError
@@ -12,6 +12,7 @@ from rigctl.session.format.layout import SessionOutcome
 from rigctl.session.format.table_rows import parse_event
 from rigctl.session.read.part import PartReader
 from rigctl.session.read.part_file import part_paths
+from rigctl.values import Verdict
 
 
 def read_closing_digest(folder: Path) -> str:
@@ -34,6 +35,20 @@ def last_digest(part: PartReader) -> str:
     """Return the last digest of a part, empty for a part from before there were digests."""
     n_rows = part.n_rows(DIGESTS) if part.has_digests else 0
     return str(part.rows(DIGESTS, n_rows - 1)["digest"][0]) if n_rows else ""
+
+
+def count_committed(parts: Iterable[PartReader]) -> dict[str, int]:
+    """Return how many different trials were committed by the end of each part, by its name.
+
+    ``parts`` are in their order; trials of a part that is left out are not counted.
+    """
+    committed: set[int] = set()
+    counts: dict[str, int] = {}
+    for part in parts:
+        rows = part.rows(part.layout.trials)
+        committed |= set(rows["trial_id"][rows["verdict"] == Verdict.COMMITTED.value].tolist())
+        counts[part.path.name] = len(committed)
+    return counts
 
 
 def session_end(part: PartReader) -> Mapping[str, object] | None:

@@ -15,8 +15,8 @@ from rigctl.session.format import finger_layout
 from rigctl.session.format.data_sets import SessionLayout, TableLayout
 from rigctl.session.format.experiments import layout_of
 from rigctl.session.format.finger_rows import parse_finger_trial, parse_prediction
-from rigctl.session.format.header import SessionHeader
 from rigctl.session.format.layout import ARRIVALS, COUNTER
+from rigctl.session.format.metadata.header import SessionHeader
 from rigctl.session.read.part import StructuredArray
 from rigctl.session.read.part_file import open_part, part_paths
 from rigctl.session.read.session_reader import SessionReader

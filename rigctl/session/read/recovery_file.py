@@ -1,22 +1,20 @@
 """Recovery files: what ``rigctl recover`` put in order in a session, and what it could not save.
 
-``recovery-YYYYMMDDThhmmssZ.json`` is one JSON object. Its last member, ``sha256``, is the SHA-256
-of the canonical JSON (sorted keys, no spaces, UTF-8) of the others.
+``recovery-YYYYMMDDThhmmssZ.json`` is one JSON object with a digest of its own, as
+:mod:`rigctl.session.format.sealed_json` makes it.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from rigctl.config.text_file import read_bytes, refuse_link_outside
 from rigctl.errors import SessionError
 from rigctl.session.format.layout import part_number
+from rigctl.session.format.sealed_json import read_sealed, sealed_text
 
 KIND, VERSION = "rigctl-recovery", 1
 PATTERN = "recovery-*.json"
@@ -24,6 +22,7 @@ PENDING_PATTERN = "recovery-*.json.new"
 """A recovery that is under way, or that was interrupted."""
 QUARANTINE = "quarantine"
 MAX_BYTES = 64 << 20
+_REMEDY = "move it elsewhere and let rigctl recover make a new one"
 _HEX = re.compile(r"(?:[0-9a-f]{64})?")
 _PLACE = re.compile(rf"{QUARANTINE}/[A-Za-z0-9_-][A-Za-z0-9_.-]{{0,127}}")
 _NOT_A_NAME = re.compile(r"[/\\\0]")
@@ -144,17 +143,7 @@ def damaged_recoveries(folder: Path) -> list[str]:
 
 def read_recovery(path: Path) -> RecoveryRecord:
     """Return one file. Raises SessionError for a damaged, altered or other one."""
-    refuse_link_outside(path, SessionError)
-    data = read_bytes(path, MAX_BYTES, SessionError)
-    try:
-        members = json.loads(data.decode())
-    except (ValueError, RecursionError):
-        members = None
-    if not isinstance(members, dict) or members.pop("sha256", None) != _sha256(members):
-        raise SessionError(
-            f"{path} is damaged or was altered, its digest does not match: move it elsewhere and "
-            "let rigctl recover make a new one"
-        )
+    members = read_sealed(path, MAX_BYTES, _REMEDY)
     if (members.get("kind"), members.get("version")) != (KIND, VERSION):
         raise SessionError(f"{path} is not a recovery file that this program reads")
     return RecoveryRecord(
@@ -187,12 +176,7 @@ def recovery_text(
         "left_out": [asdict(trial) for trial in left_out],
         "moved": [asdict(file) for file in moved],
     }
-    return json.dumps({**members, "sha256": _sha256(members)}, ensure_ascii=False, indent=1) + "\n"
-
-
-def _sha256(members: Mapping[str, Any]) -> str:
-    canonical = json.dumps(members, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
-    return hashlib.sha256(canonical.encode(errors="surrogatepass")).hexdigest()
+    return sealed_text(members)
 
 
 def _recovered_part(path: Path, members: Mapping[str, Any]) -> RecoveredPart:

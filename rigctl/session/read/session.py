@@ -13,8 +13,8 @@ from rigctl.config.rig_config import RigConfig, parse_config
 from rigctl.errors import SessionError
 from rigctl.session.format import layout
 from rigctl.session.format.data_sets import SessionLayout
+from rigctl.session.format.metadata.wiring import session_wiring
 from rigctl.session.format.table_rows import parse_trial
-from rigctl.session.format.wiring import session_wiring
 from rigctl.session.read.part import PartReader, StructuredArray
 from rigctl.session.read.sample_index import SampleFile, SampleRange, locate_samples, locate_windows
 from rigctl.session.read.session_reader import SessionReader

@@ -13,9 +13,10 @@ from rigctl.errors import SessionError
 from rigctl.session.format import layout
 from rigctl.session.format.data_sets import SessionLayout, TableLayout
 from rigctl.session.format.experiments import check_experiment
-from rigctl.session.format.header import SessionHeader
-from rigctl.session.format.sensor_layout import SensorLayout
+from rigctl.session.format.metadata.header import SessionHeader
+from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.session.format.table_rows import parse_event
+from rigctl.session.notes.note_files import bad_attempts, damaged_notes, read_notes
 from rigctl.session.read.missing_parts import find_missing, open_parts
 from rigctl.session.read.part import PartReader, StructuredArray
 from rigctl.session.read.part_file import part_paths
@@ -32,7 +33,8 @@ class SessionReader:
 
     ``missing_parts``: parts that a session had and that cannot be read. ``left_out``: the reason
     for each attempt that does not count, by its index in ``trials``, because its samples cannot be
-    read or were altered; :meth:`describe_missing` names both.
+    read or were altered, or because a note marks it bad; :meth:`describe_missing` names both.
+    ``notes``: those that people added.
 
     ``trials`` is one structured array over all parts, text as Unicode: one row for each attempt in
     the order in which they ended. ``docs/reference/session.md`` lists the columns; every method
@@ -86,6 +88,7 @@ class SessionReader:
         if len(self.missing_parts) > MAX_LISTED:
             lines.append(f"{len(self.missing_parts) - MAX_LISTED} more parts are missing")
         lines += [line for part in self.parts for line in part.describe_cut()]
+        lines += damaged_notes(self.path)
         by_reason: dict[tuple[int, str], list[int]] = {}
         for index, reason in self.left_out.items():
             row = self.trials[index]
@@ -205,6 +208,16 @@ class SessionReader:
             self.left_out |= {n_rows + row: reason for row, reason in left_out.items()}
             n_rows += len(rows)
         self.trials = _joined(found)
+        self.notes = read_notes(self.path)
+        self._leave_out_bad()
+
+    def _leave_out_bad(self) -> None:
+        """Leave out the committed attempts that a person marked bad."""
+        for (trial_id, attempt), note in bad_attempts(self.notes).items():
+            rows = (self.trials["trial_id"] == trial_id) & (self.trials["attempt"] == attempt)
+            rows &= self.trials["verdict"] == Verdict.COMMITTED.value
+            for index in np.flatnonzero(rows).tolist():
+                self.left_out.setdefault(index, f"marked bad: {note.text}")
 
     def _join(self, table: TableLayout) -> StructuredArray:
         return _joined([(part.number, part.rows(table)) for part in self.parts])

@@ -16,12 +16,11 @@ from rigctl.session.format.digests_file import (
     replace_lines,
     utc_at,
 )
-from rigctl.session.read.closing_digest import last_digest, session_end
+from rigctl.session.read.closing_digest import count_committed, last_digest, session_end
 from rigctl.session.read.missing_parts import open_parts
 from rigctl.session.read.part import PartReader
 from rigctl.session.read.part_file import existing_parts
 from rigctl.session.read.recovery_file import read_recoveries
-from rigctl.values import Verdict
 
 IS_DIGEST = re.compile(r"[0-9a-f]{64}")
 
@@ -31,14 +30,16 @@ def lines_problem(folder: Path) -> str:
 
     A part that is not there says nothing about its line, and one that was recovered has another.
     """
-    recovered = {part.name for record in read_recoveries(folder) for part in record.parts}
+    recoveries = read_recoveries(folder)
+    recovered = {part.name for record in recoveries for part in record.parts}
     try:
         found = read_digest_lines(folder)
     except SessionError as error:
         return str(error).removeprefix(f"{folder / layout.DIGEST_LINES_FILE} ")
     parts, _ = open_parts(existing_parts(folder))
     try:
-        wanted = {_sure_words(line) for line in _lines(parts)}
+        complete = not recoveries and _are_complete(parts)
+        wanted = {_sure_words(line, complete) for line in _lines(parts)}
     finally:
         for part in parts:
             part.close()
@@ -47,7 +48,8 @@ def lines_problem(folder: Path) -> str:
     if not found.exists:
         return "is missing"
     known = {(part, bool(word)) for part, word, *_ in wanted if part not in recovered}
-    own = {_sure_words(line) for line in found.lines if (line.part, bool(line.word)) in known}
+    lines = [line for line in found.lines if (line.part, bool(line.word)) in known]
+    own = {_sure_words(line, complete) for line in lines}
     if found.wrong or found.once != found.lines or not wanted >= own:
         return "does not say what the parts say"
     return ""
@@ -64,24 +66,26 @@ def rebuild_lines(folder: Path) -> None:
 
 
 def _lines(parts: Sequence[PartReader]) -> Iterator[DigestLine]:
-    begun, committed = "", set[int]()
+    begun, committed = "", count_committed(parts)
     for part in parts:
-        rows = part.rows(part.layout.trials)
-        committed |= set(rows["trial_id"][rows["verdict"] == Verdict.COMMITTED.value].tolist())
         if not part.has_digests:
             continue
         header, name = part.header, part.path.name
         opened = begun or utc_at(header, header.start_loop_s)
         yield DigestLine(opened, name, "", "", str(part.attributes[PREVIOUS_DIGEST]))
-        line = _closing_line(part, f"{len(committed)}/{header.trials_planned}")
+        line = _closing_line(part, f"{committed[name]}/{header.trials_planned}")
         begun = line.utc if line and line.word == CONTINUES else ""
         if line:
             yield line
 
 
-def _sure_words(line: DigestLine) -> tuple[str, ...]:
-    """Return what a part alone knows: not what was committed, or closed, in a part before it."""
-    counts = "" if line.word == CONTINUES else line.counts
+def _are_complete(parts: Sequence[PartReader]) -> bool:
+    return [part.number for part in parts] == list(range(1, len(parts) + 1))
+
+
+def _sure_words(line: DigestLine, complete: bool) -> tuple[str, ...]:
+    """Return what the parts know: not what was committed before, unless they are ``complete``."""
+    counts = "" if line.word == CONTINUES and not complete else line.counts
     return line.part, line.word, counts, line.utc if line.word else "", line.digest
 
 

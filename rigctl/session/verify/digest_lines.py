@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from rigctl.config.text_file import read_bytes, refuse_link_outside
 from rigctl.errors import SessionError
@@ -20,16 +21,39 @@ MAX_TEXT_BYTES = 16 << 20
 MAX_SITTING_S = 1e9
 
 
+class CommittedTrials(NamedTuple):
+    """The trials that were committed by the end of each part, by its name.
+
+    ``exact``: no part is missing or was recovered, else there may have been more.
+    """
+
+    counts: Mapping[str, int]
+    exact: bool
+
+    def fit(self, line: DigestLine, part: PartReader) -> bool:
+        """Return whether the counts of a line are those of the parts."""
+        committed, planned = map(int, line.counts.split("/"))
+        least = self.counts[line.part]
+        most = least if self.exact else part.header.trials_planned
+        return least <= committed <= most and planned == part.header.trials_planned
+
+
 def check_digest_lines(
-    found: DigestLines, parts: Sequence[PartReader], report: VerifyReport
+    found: DigestLines,
+    parts: Sequence[PartReader],
+    committed: CommittedTrials,
+    report: VerifyReport,
 ) -> None:
     """Compare ``digests.txt`` with the parts that are there and have digests."""
     if not found.exists and not any(part.has_digests and part.finished for part in parts):
         return
-    report.problems += [f"{DIGEST_LINES_FILE}: {line}" for line in _wrong_lines(found, parts)]
+    wrong = _wrong_lines(found, parts, committed)
+    report.problems += [f"{DIGEST_LINES_FILE}: {line}" for line in wrong]
 
 
-def _wrong_lines(found: DigestLines, parts: Sequence[PartReader]) -> Iterator[str]:
+def _wrong_lines(
+    found: DigestLines, parts: Sequence[PartReader], committed: CommittedTrials
+) -> Iterator[str]:
     if not found.exists:
         yield "is missing, so nothing names parts that vanished"
         return
@@ -44,7 +68,7 @@ def _wrong_lines(found: DigestLines, parts: Sequence[PartReader]) -> Iterator[st
     begun = ""  # when the next part begins, if it is one of the same sitting
     for line in found.once:
         if line.part in by_name and by_name[line.part].has_digests:
-            yield from _wrong_line(line, by_name[line.part])
+            yield from _wrong_line(line, by_name[line.part], committed)
             yield from _wrong_time(line, by_name[line.part], begun)
         elif line.part in by_name:
             yield f"has a digest of {line.part}, the part has none: it was exchanged"
@@ -59,7 +83,7 @@ def _missing_lines(found: DigestLines, name: str) -> Iterator[str]:
         yield f"does not say that {name} was {'opened' if True in words else 'closed'}"
 
 
-def _wrong_line(line: DigestLine, part: PartReader) -> Iterator[str]:
+def _wrong_line(line: DigestLine, part: PartReader, committed: CommittedTrials) -> Iterator[str]:
     if not line.word:
         if line.digest != part.attributes.get(PREVIOUS_DIGEST):
             yield f"{line.part} began with another digest: the part or the line was exchanged"
@@ -67,6 +91,11 @@ def _wrong_line(line: DigestLine, part: PartReader) -> Iterator[str]:
         yield f"{line.part} was closed with another digest: the part or the line was exchanged"
     elif (line.word, line.counts) != _ending(part, line):
         yield f"{line.part} was closed as {line.word} {line.counts}, the part says otherwise"
+    elif line.word == CONTINUES and not committed.fit(line, part):
+        yield (
+            f"{line.part} was closed with {line.counts} trials committed, the parts up to it have "
+            f"{committed.counts[line.part]}/{part.header.trials_planned}"
+        )
 
 
 def _wrong_time(line: DigestLine, part: PartReader, begun: str) -> Iterator[str]:

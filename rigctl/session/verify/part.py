@@ -8,8 +8,8 @@ from functools import partial
 import numpy as np
 
 from rigctl.session.format import layout
-from rigctl.session.format.header import CUT_BY_CLOCK
 from rigctl.session.format.layout import COUNTER, EDGES, FLAGS
+from rigctl.session.format.metadata.header import CUT_BY_CLOCK
 from rigctl.session.format.table_rows import parse_trial
 from rigctl.session.read.buffered_array import read_blocks
 from rigctl.session.read.part import PartReader, StructuredArray

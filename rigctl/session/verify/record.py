@@ -8,10 +8,10 @@ from rigctl.errors import SessionError
 from rigctl.session.format.digests_file import DigestLines, read_digest_lines
 from rigctl.session.format.layout import part_number
 from rigctl.session.format.writer_lock import is_being_written
-from rigctl.session.read.closing_digest import last_digest
+from rigctl.session.read.closing_digest import count_committed, last_digest
 from rigctl.session.read.recovery_file import read_recoveries
 from rigctl.session.read.session_reader import SessionReader
-from rigctl.session.verify.digest_lines import check_digest_lines, check_texts
+from rigctl.session.verify.digest_lines import CommittedTrials, check_digest_lines, check_texts
 from rigctl.session.verify.digests import (
     check_part_digests,
     check_succession,
@@ -68,7 +68,8 @@ class RecordCheck:
             if not written:
                 changed = damaged | set(self._recovered)
                 untouched = [part for part in session.parts if part.number not in changed]
-                check_digest_lines(self._lines, untouched, report)
+                committed = self._committed(whole=not changed)
+                check_digest_lines(self._lines, untouched, committed, report)
             check_texts(session.path, session.parts[0], report)
             report.outcome = describe_end(last, written)
         except SessionError as error:
@@ -77,6 +78,11 @@ class RecordCheck:
             report.outcome = LATER_PART_MISSING
         if session.finished and last.has_digests and not written:
             report.closing_digest = last_digest(last)
+
+    def _committed(self, whole: bool) -> CommittedTrials:
+        parts = self._session.parts
+        whole = whole and not self._session.missing_parts
+        return CommittedTrials(count_committed(parts), whole)
 
 
 def _lines(session: SessionReader, report: VerifyReport) -> DigestLines:

@@ -13,9 +13,10 @@ from pathlib import Path
 
 from rigctl.errors import SessionError
 from rigctl.session.files.truth_file import log_paths
-from rigctl.session.format.sensor_layout import layouts_match
-from rigctl.session.format.wiring import session_wiring
+from rigctl.session.format.metadata.sensor_layout import layouts_match
+from rigctl.session.format.metadata.wiring import session_wiring
 from rigctl.session.format.writer_lock import is_being_written
+from rigctl.session.notes.note_files import damaged_notes
 from rigctl.session.read.finger_session import FingerSession, is_finger_session
 from rigctl.session.read.part import PartReader, StructuredArray
 from rigctl.session.read.part_file import part_paths, stray_files
@@ -153,7 +154,8 @@ def _check_parts(session: SessionReader, report: VerifyReport) -> None:
     replaced = {part.number for each in recoveries for part in each.replaced_parts}
     for missing in session.missing_parts:
         (report.notes if missing.is_known else report.problems).append(missing.sentence)
-    report.problems += damaged_recoveries(session.path)
+    report.problems += [*damaged_recoveries(session.path), *damaged_notes(session.path)]
+    report.notes += [f"noted {note.made_utc}: {note.describe()}" for note in session.notes]
     report.notes += [
         f"{name}: is not a part of the session, its name is not that of one"
         for name in stray_files(session.path)

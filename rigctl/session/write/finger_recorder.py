@@ -28,7 +28,7 @@ from rigctl.session.format.finger_rows import (
     track_row,
     window_row,
 )
-from rigctl.session.format.header import SessionHeader
+from rigctl.session.format.metadata.header import SessionHeader
 from rigctl.session.format.table_rows import Row
 from rigctl.session.write.session_recorder import SessionRecorder
 from rigctl.values import Gap

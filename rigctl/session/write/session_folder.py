@@ -11,9 +11,9 @@ from rigctl.config.text_file import refuse_link_outside
 from rigctl.errors import DiskFault, SessionError
 from rigctl.session.format import layout
 from rigctl.session.format.experiments import check_experiment, layout_of
-from rigctl.session.format.header import SessionHeader
-from rigctl.session.format.sensor_layout import describe_difference, layouts_match
-from rigctl.session.format.wiring import describe_mismatch, session_wiring, wirings_match
+from rigctl.session.format.metadata.header import SessionHeader
+from rigctl.session.format.metadata.sensor_layout import describe_difference, layouts_match
+from rigctl.session.format.metadata.wiring import describe_mismatch, session_wiring, wirings_match
 from rigctl.session.format.writer_lock import WriterLock
 from rigctl.session.hdf5.schema import text
 from rigctl.session.read.missing_parts import highest_number, open_parts

@@ -25,8 +25,10 @@ from typing import ClassVar, Self
 
 from rigctl.errors import DiskFault
 from rigctl.session.format.data_sets import SessionLayout
-from rigctl.session.format.header import SessionHeader
 from rigctl.session.format.layout import SessionOutcome
+from rigctl.session.format.metadata.header import SessionHeader
+from rigctl.session.notes.session_note import SessionNote, check_note
+from rigctl.session.notes.write_note import write_note
 from rigctl.session.write.part_writer import SampleBlock
 from rigctl.session.write.session_folder import prepare_folder
 from rigctl.session.write.session_history import read_history
@@ -73,7 +75,7 @@ class SessionRecorder:
         self.header = header = replace(header, experiment=self.layout.experiment)
         self._lock = prepare_folder(folder, header, texts, resume)
         self._writer = SessionWriter(folder, self.layout, header, texts, read_history(folder))
-        self._actions: deque[tuple[Callable[[], None], int]] = deque()
+        self._actions: deque[tuple[Callable[[], object], int]] = deque()
         self._limit_samples = queue_limit_samples
         self._put_samples = self._taken_samples = 0  # each is changed by one thread only
         self._dropped = 0
@@ -103,6 +105,11 @@ class SessionRecorder:
     def add_event(self, event: Event) -> None:
         """Record an event."""
         self._put(partial(self._writer.add_event, event))
+
+    def add_note(self, note: SessionNote) -> None:
+        """Write a note beside the parts; the record itself does not change."""
+        self._put(partial(write_note, self.folder, check_note(note)))
+        self._wake.set()
 
     def wait_written(self) -> None:
         """Wait until all added data is on the medium. Raises DiskFault if writing failed."""
@@ -167,12 +174,12 @@ class SessionRecorder:
         """Record an attempt with the next flush, which then syncs the file."""
         self._put(partial(self._writer.commit_trial, row, encode))
 
-    def _put(self, action: Callable[[], None], samples: int = 0) -> None:
+    def _put(self, action: Callable[[], object], samples: int = 0) -> None:
         if self._failure is None and not self._closing:
             self._put_samples += samples
             self._actions.append((action, samples))
 
-    def _take(self) -> list[Callable[[], None]]:
+    def _take(self) -> list[Callable[[], object]]:
         """Remove and return all actions, oldest first."""
         taken = [self._actions.popleft() for _ in range(len(self._actions))]
         self._taken_samples += sum(samples for _, samples in taken)

@@ -22,8 +22,8 @@ from rigctl.session.format import layout
 from rigctl.session.format.annotated_arrays import Attributes
 from rigctl.session.format.data_sets import SessionLayout, TableLayout
 from rigctl.session.format.digests_file import CONTINUES, DigestLine, append_line, utc_at
-from rigctl.session.format.header import SessionHeader
 from rigctl.session.format.layout import SessionOutcome
+from rigctl.session.format.metadata.header import SessionHeader
 from rigctl.session.format.table_rows import Row, event_row
 from rigctl.session.write.part_writer import PartWriter, SampleBlock
 from rigctl.session.write.session_history import SessionHistory

@@ -18,7 +18,7 @@ from rigctl.session.files.finger_model_file import (
 )
 from rigctl.session.files.model_file import Model, TrainingInfo, save_model
 from rigctl.session.files.spike_file import EncodingInfo, SpikeFileWriter
-from rigctl.session.format.sensor_layout import SensorLayout
+from rigctl.session.format.metadata.sensor_layout import SensorLayout
 
 TEXTURES = ("A", "B")
 TRAINING = TrainingInfo(

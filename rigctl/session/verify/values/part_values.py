@@ -10,8 +10,8 @@ import numpy as np
 from rigctl.session.format import layout
 from rigctl.session.format.data_sets import TableLayout
 from rigctl.session.format.finger_layout import FINGER_LAYOUT, PREDICTIONS, TRACK
-from rigctl.session.format.header import IMPORTED
 from rigctl.session.format.layout import COUNTER, EDGES, FLAGS, SAMPLES
+from rigctl.session.format.metadata.header import IMPORTED
 from rigctl.session.read.buffered_array import read_blocks
 from rigctl.session.read.part import PartReader, StructuredArray
 from rigctl.session.verify.values.loadcell import check_scale, note_saturation

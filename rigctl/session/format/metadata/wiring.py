@@ -12,7 +12,7 @@ from typing import Any
 from rigctl.config.rig_config import MAX_TAXELS
 from rigctl.config.toml_reader import TomlText
 from rigctl.errors import SessionError
-from rigctl.session.format.header import IMPORTED, SessionHeader
+from rigctl.session.format.metadata.header import IMPORTED, SessionHeader
 
 Wiring = tuple[int, ...]
 

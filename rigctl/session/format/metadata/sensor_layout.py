@@ -7,13 +7,14 @@ of the sensor: layer by layer, in each layer row by row.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from math import isqrt
 from pathlib import Path
 from typing import Any
 
-from rigctl.config.names import name_problem
+from rigctl.config.names import name_problem, shorten
 from rigctl.config.rig_config import LAYER_NAME_BYTES, MAX_TAXELS, TaxelArray
 from rigctl.errors import SessionError
 from rigctl.session.hdf5.json_text import parse_json
@@ -22,6 +23,7 @@ from rigctl.values import N_TAXELS
 ATTRIBUTE = "sensor_layout"
 LAYER_NAMES = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII")
 """Names of layers that have none. The paper's Type I is the upper layer, Type II lies below it."""
+LAYERS_SHOWN = 8
 _ROMAN = re.compile("[IVX]+")
 _KEYS = {"rows", "columns", "layers"}
 
@@ -42,12 +44,13 @@ class SensorLayout:
         if min(self.rows, self.columns, len(self.layers)) < 1:
             raise ValueError("a sensor has at least one row, one column and one layer")
         if self.n_taxels > MAX_TAXELS:
-            raise ValueError(f"{self.describe()} are more than {MAX_TAXELS} taxels")
-        if len(set(self.layers)) < len(self.layers):
-            raise ValueError(f"two layers have the same name: {', '.join(self.layers)}")
+            raise ValueError(f"{shorten(self.describe())} are more than {MAX_TAXELS} taxels")
         for name in self.layers:
             if problem := name_problem(name, LAYER_NAME_BYTES):
                 raise ValueError(f"a layer's name {problem}")
+        if len(set(self.layers)) < len(self.layers):
+            name = Counter(self.layers).most_common(1)[0][0]
+            raise ValueError(f"two layers have the same name: {name}")
 
     @classmethod
     def default(cls, n_taxels: int) -> SensorLayout:
@@ -182,11 +185,13 @@ class SensorLayout:
         )
 
     def describe(self) -> str:
-        """Return the layout in words, as 3 × 3 taxels in 2 layers (I, II)."""
+        """Return the layout in words, as 3 × 3 taxels in 2 layers (I, II); of many the first."""
         words = f"{self.rows} × {self.columns} taxels in "
         if len(self.layers) == 1:
             return f"{words}one layer"
-        return f"{words}{len(self.layers)} layers ({', '.join(self.layers)})"
+        names = ", ".join(self.layers[:LAYERS_SHOWN])
+        more = ", …" if len(self.layers) > LAYERS_SHOWN else ""
+        return f"{words}{len(self.layers)} layers ({names}{more})"
 
 
 def layouts_match(one: SensorLayout | None, other: SensorLayout | None) -> bool:

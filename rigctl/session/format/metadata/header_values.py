@@ -9,7 +9,7 @@ from typing import Any
 
 from rigctl.config.rig_config import MAX_TAXELS
 from rigctl.errors import SessionError
-from rigctl.session.format.sensor_layout import ATTRIBUTE, SensorLayout
+from rigctl.session.format.metadata.sensor_layout import ATTRIBUTE, SensorLayout
 from rigctl.session.hdf5.json_text import parse_json, parse_objects
 from rigctl.values import BoardIdentity
 

@@ -10,9 +10,9 @@ from typing import Any
 
 from rigctl.encoding.normalisation import FULL_SCALE
 from rigctl.session.format.annotated_arrays import Attributes
-from rigctl.session.format.header_values import parse_header_values
 from rigctl.session.format.layout import DRUM_EXPERIMENT
-from rigctl.session.format.sensor_layout import ATTRIBUTE, SensorLayout
+from rigctl.session.format.metadata.header_values import parse_header_values
+from rigctl.session.format.metadata.sensor_layout import ATTRIBUTE, SensorLayout
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ, BoardIdentity
 
 IMPORTED = "import"
@@ -30,7 +30,7 @@ class SessionHeader:
     ``start_utc`` is an ISO 8601 time stamp from the command line, ``start_loop_s`` the loop time
     at that instant. ``taxel_low`` and ``taxel_high`` are the calibrated range of each taxel in
     stored counts, empty without calibration. ``wiring`` is the reading of the taxel wire in each
-    column of the samples; :mod:`rigctl.session.format.wiring` explains an empty one.
+    column of the samples; :mod:`rigctl.session.format.metadata.wiring` explains an empty one.
     ``sensor_layout`` has rows, columns and layers of the sensor; None in older parts.
     ``sample_unit`` is the unit of a reading, ``highest_reading`` its upper limit. ``cut_by`` is
     the signal that marks the first sample of a trial, empty if unknown. ``simulation`` holds what

@@ -1,0 +1,1 @@
+"""What a session says of itself before its first sample: its header, sensor and wiring."""

@@ -1,0 +1,134 @@
+"""Notes and verdicts that are added later are dated files with a digest beside the parts."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import pytest
+
+from rigctl.cli import main
+from rigctl.errors import SessionError
+from rigctl.session.notes.note_files import read_notes
+from rigctl.session.notes.session_note import Mark, SessionNote
+from rigctl.session.notes.write_note import add_note
+from rigctl.session.read.session import Session
+from rigctl.session.summary import summarise_session
+from rigctl.session.verify.session import verify
+from tests.session.building import record_plan
+
+NOON = "2026-11-23T12:00:00Z"
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Path:
+    folder = tmp_path / "session"
+    record_plan(folder)
+    return folder
+
+
+def note_files(session: Path) -> list[str]:
+    return sorted(path.name for path in session.glob("note-*.json"))
+
+
+def committed_ids(session: Path) -> list[int]:
+    with Session.open(session) as opened:
+        return [int(opened.trials["trial_id"][i]) for i in opened.committed()]
+
+
+def test_a_note_is_a_dated_file_and_the_record_is_unchanged(session: Path) -> None:
+    before = {path.name: path.read_bytes() for path in session.iterdir()}
+    closing = verify(session).closing_digest
+    add_note(session, SessionNote(NOON, "the plate was dusty, 30 µm", author="Jörg"))
+    add_note(session, SessionNote(NOON, "cleaned it"))
+    assert note_files(session) == ["note-20261123T120000Z-002.json", "note-20261123T120000Z.json"]
+    assert [note.text for note in read_notes(session)] == [
+        "the plate was dusty, 30 µm",
+        "cleaned it",
+    ]
+    assert read_notes(session)[0].author == "Jörg"
+    assert {name: (session / name).read_bytes() for name in before} == before
+    report = verify(session)
+    assert report.whole and report.closing_digest == closing
+    assert any("the plate was dusty" in line for line in report.notes)
+
+
+def test_anyone_can_check_the_digest_of_a_note(session: Path) -> None:
+    path = add_note(session, SessionNote(NOON, "dusty"))
+    members = json.loads(path.read_text())
+    digest = members.pop("sha256")
+    text = json.dumps(members, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    assert hashlib.sha256(text.encode()).hexdigest() == digest
+    assert members["closing_digest"] == verify(session).closing_digest
+
+
+def test_a_trial_marked_bad_does_not_count_and_the_mark_can_be_taken_back(session: Path) -> None:
+    before = committed_ids(session)
+    add_note(session, SessionNote(NOON, "slipped", trial_id=2, attempt=1, mark=Mark.BAD))
+    assert committed_ids(session) == [number for number in before if number != 2]
+    with Session.open(session) as opened:
+        (line,) = opened.describe_missing()
+    assert "trial 2 is left out: marked bad: slipped" in line
+    report = verify(session)
+    assert report.whole and report.trials_committed == len(before) - 1
+    later = SessionNote("2026-11-23T12:00:01Z", "it had not", 2, 1, Mark.GOOD)
+    add_note(session, later)
+    assert committed_ids(session) == before
+
+
+def test_an_altered_note_is_named_and_marks_nothing(session: Path) -> None:
+    before = committed_ids(session)
+    path = add_note(session, SessionNote(NOON, "slipped", 2, 1, Mark.BAD))
+    path.write_text(path.read_text().replace("slipped", "fine"))
+    assert read_notes(session) == () and committed_ids(session) == before
+    report = verify(session)
+    assert not report.whole and any(path.name in line for line in report.problems)
+    assert any(path.name in line for line in summarise_session(session)["missing"])
+
+
+@pytest.mark.parametrize(
+    "note",
+    [
+        SessionNote(NOON, ""),
+        SessionNote(NOON, "x" * 2001),
+        SessionNote(NOON, "bell \a"),
+        SessionNote(NOON, "no such trial", trial_id=99, attempt=1, mark=Mark.BAD),
+        SessionNote(NOON, "no such attempt", trial_id=2, attempt=7, mark=Mark.BAD),
+        SessionNote("yesterday", "when?"),
+    ],
+)
+def test_what_is_no_note_is_refused_in_a_sentence(session: Path, note: SessionNote) -> None:
+    with pytest.raises(SessionError):
+        add_note(session, note)
+    assert note_files(session) == []
+
+
+def test_notes_are_for_sessions(tmp_path: Path) -> None:
+    with pytest.raises(SessionError, match="is not a session"):
+        add_note(tmp_path, SessionNote(NOON, "lost"))
+
+
+def test_a_note_does_not_follow_a_link_outside(session: Path, tmp_path: Path) -> None:
+    outside = tmp_path / "elsewhere.json"
+    outside.write_text("{}")
+    (session / "note-20261123T120000Z.json").symlink_to(outside)
+    assert read_notes(session) == ()
+    assert not verify(session).whole
+
+
+def test_the_command_writes_and_lists_notes(
+    session: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["note", str(session), "the room was cold"]) == 0
+    assert main(["note", str(session), "slipped", "--trial", "2", "--bad"]) == 0
+    assert 2 not in committed_ids(session)
+    assert main(["note", str(session), "it had not", "--trial", "2", "--good"]) == 0
+    assert 2 in committed_ids(session)
+    capsys.readouterr()
+    assert main(["note", str(session)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 3
+    assert lines[1].endswith("trial 2, attempt 1, marked bad: slipped")
+    assert len(summarise_session(session)["notes"]) == 3
+    assert main(["note", str(session), "which?", "--bad"]) == 2
