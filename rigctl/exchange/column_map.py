@@ -11,10 +11,10 @@ from rigctl.config.toml_reader import TomlTable, TomlText
 from rigctl.errors import ConfigError
 from rigctl.exchange.labels import LabelRules, read_label_rules
 from rigctl.exchange.units import SECONDS, read_loadcell_unit
-from rigctl.session.format.sensor_layout import LAYER_NAMES, SensorLayout
+from rigctl.session.format.metadata.sensor_layout import LAYER_NAMES, SensorLayout
 
-MAX_RATE_HZ = 1e7
-MAX_VALUE = 1e300
+MIN_RATE_HZ, MAX_RATE_HZ = 1e-3, 1e7
+MAX_VALUE, SMALLEST_SPAN = 1e300, 1e-100
 DECIMALS, MAX_SKIPPED = (".", ","), 10_000
 LOW_PASS_HZ, LOW_PASS_MAX_HZ = 400.0, 499.0
 
@@ -130,8 +130,12 @@ def _check_choices(mapping: ImportMap, tables: Mapping[str, TomlTable]) -> None:
     if bool(mapping.time_column) == bool(mapping.rate_hz):
         reason = "give either a time column, or rate_hz of rows without gaps"
         tables["time"].fail("column", reason)
+    if 0 < mapping.rate_hz < MIN_RATE_HZ:
+        tables["time"].fail("rate_hz", f"is below {MIN_RATE_HZ:g} Hz")
     if mapping.taxel_low > mapping.taxel_high:
         tables["taxels"].fail("high", "is below low")
+    if 0 < mapping.taxel_high - mapping.taxel_low < SMALLEST_SPAN:
+        tables["taxels"].fail("high", f"is above low by less than {SMALLEST_SPAN:g}")
     if mapping.elements and mapping.variable:
         reason = "names begin below each element: leave out variable in [files]"
         tables["trials"].fail("elements", reason)

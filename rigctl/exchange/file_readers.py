@@ -243,4 +243,5 @@ def _as_floats(place: str, name: str, array: NDArray[Any]) -> Floats:
             f"{place}: {name or 'the array'} holds no plain numbers: name arrays of numbers in the "
             "map, for example a field as structure.field"
         )
-    return array.astype(np.float64)
+    with np.errstate(over="ignore"):  # a long double beyond float64 is infinite, not a reading
+        return array.astype(np.float64)

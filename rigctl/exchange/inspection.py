@@ -13,11 +13,11 @@ import numpy as np
 
 from rigctl.config.text_file import open_file
 from rigctl.errors import WrongUse
-from rigctl.exchange.column_map import ImportMap
+from rigctl.exchange.column_map import MAX_RATE_HZ, ImportMap
 from rigctl.exchange.column_names import format_names, range_ends
 from rigctl.exchange.file_readers import DELIMITERS, RecordingReader
 from rigctl.exchange.labels import TrialLabel, number_repeats, parse_label, refuse_collisions
-from rigctl.exchange.recording_files import common_folder
+from rigctl.exchange.recording_files import common_folder, refuse_unreadable_names
 from rigctl.exchange.resampling import (
     Floats,
     ResampledSeries,
@@ -27,7 +27,7 @@ from rigctl.exchange.resampling import (
     is_oversampled,
     resample,
 )
-from rigctl.exchange.trial_tables import TrialTable
+from rigctl.exchange.trial_tables import TrialTable, bounded
 from rigctl.exchange.units import DEPTH, LEVEL
 from rigctl.values import SAMPLE_RATE_HZ
 
@@ -95,29 +95,41 @@ class Inspection:
 
 
 def extract_series(table: TrialTable, mapping: ImportMap) -> tuple[TimeSeries, list[str]]:
-    """Return one trial's taxels, load cell and extra channels, in this order, and remarks."""
+    """Return one trial's taxels, load cell and extra channels, in this order, and remarks.
+
+    A value beyond 10¹⁰⁰ counts as missing. Raises WrongUse for times that no trial has.
+    """
     taxels = table.indices(mapping.taxels)
     loadcell = table.indices([mapping.loadcell] if mapping.loadcell else [])
-    values = table.values[:, taxels + loadcell + table.indices(mapping.extra)]
+    values = bounded(table.values[:, taxels + loadcell + table.indices(mapping.extra)])
     if mapping.time_column:
-        time_s = table.values[:, table.indices([mapping.time_column])[0]] * mapping.time_s
+        times = table.values[:, table.indices([mapping.time_column])[0]]
+        time_s = bounded(times) * mapping.time_s
         _refuse_several_trials(time_s, table)
     else:
         time_s = np.arange(len(values)) / mapping.rate_hz
     series, remarks = clean_time_column(time_s, values, table.row_numbers, len(taxels))
-    if not len(series.time_s):
-        raise WrongUse(f"{table.place}: fewer than two rows have different times")
-    if series.time_s[-1] > MAX_DURATION_S:
-        raise WrongUse(
-            f"{table.place}: its times span {series.time_s[-1]:.0f} s: check unit in [time]"
-        )
+    _refuse_impossible_times(series, table.place)
     return series, remarks
+
+
+def _refuse_impossible_times(series: TimeSeries, place: str) -> None:
+    """Raise WrongUse for times of no trial: fewer than two, of days, or of rows in nanoseconds."""
+    if not len(series.time_s):
+        raise WrongUse(f"{place}: fewer than two rows have different times")
+    if series.time_s[-1] > MAX_DURATION_S:
+        raise WrongUse(f"{place}: its times span {series.time_s[-1]:.6g} s: check unit in [time]")
+    if series.period_s * MAX_RATE_HZ < 1 - GRID_TOLERANCE_ROWS:
+        raise WrongUse(
+            f"{place}: its rows are {series.period_s:.2g} s apart, which is more than "
+            f"{MAX_RATE_HZ:,.0f} a second: check unit in [time]"
+        )
 
 
 def _refuse_several_trials(time_s: Floats, table: TrialTable) -> None:
     """Raise WrongUse where time begins anew: of each trial but the longest, rows would be lost."""
     back = time_s < np.fmax.accumulate(time_s)
-    if np.mean(back) > MOST_BACK_SHARE:
+    if np.count_nonzero(back) > MOST_BACK_SHARE * len(back):
         row = table.row_numbers[np.argmax(back)]
         raise WrongUse(
             f"{table.place}: time runs backwards before {np.sum(back)} of {len(back)} rows, first "
@@ -129,10 +141,13 @@ def inspect_files(
     paths: Sequence[Path], mapping: ImportMap, on_progress: Callable[[int], None]
 ) -> Inspection:
     """Inspect every trial of every file. Raises WrongUse for the first that cannot be imported."""
+    refuse_unreadable_names(paths)
     inspector = _Inspector(mapping, common_folder(paths))
     for done, path in enumerate(paths):
         on_progress(done)
         inspector.inspect(path)
+    if not inspector.trials:
+        raise WrongUse(f"{paths[0]} has no trial with this map: every element is empty")
     labels = number_repeats(trial.label for trial in inspector.trials)
     refuse_collisions(labels, [trial.name for trial in inspector.trials])
     trials = [
@@ -213,8 +228,8 @@ class _Inspector:
             return TaxelScaling(self._names, np.zeros(len(self._names)), np.ones(len(self._names)))
         for name in np.array(self._names)[self._high == self._low]:
             self.remarks.append(f"{name} never changes")
-        span = self._high - self._low
-        return TaxelScaling(self._names, self._low, np.where(span > 0, span / MAX_COUNT, 1.0))
+        scale = (self._high - self._low) / MAX_COUNT
+        return TaxelScaling(self._names, self._low, np.where(scale > 0, scale, 1.0))
 
     def _fixed_scaling(self, low: float, high: float) -> TaxelScaling:
         """Return the map's own range, which is the same for every import with that map."""

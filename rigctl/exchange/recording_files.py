@@ -41,6 +41,16 @@ def find_recordings(paths: Iterable[Path]) -> FoundRecordings:
     return found
 
 
+def refuse_unreadable_names(paths: Iterable[Path]) -> None:
+    """Raise WrongUse for a path that is no text: neither a map nor a session could name it."""
+    for path in paths:
+        try:
+            str(path).encode()
+        except UnicodeEncodeError as error:
+            shown = str(path).encode(errors="replace").decode()
+            raise WrongUse(f"{shown}: its name is not in UTF-8: rename it") from error
+
+
 def common_folder(paths: Sequence[Path]) -> Path:
     """Return the innermost folder that contains every path, absolute."""
     return Path(os.path.commonpath([path.absolute().parent for path in paths]))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rigctl.config.names import shorten
 from rigctl.config.text_file import open_file
 from rigctl.errors import WrongUse
-from rigctl.exchange.column_names import MAX_COLUMNS, find_columns
+from rigctl.exchange.column_names import find_columns, refuse_too_many
 
 MAX_FILE_BYTES = 2**32
 MAX_LINE_LETTERS = 1_000_000
@@ -127,8 +127,7 @@ def _read_rows(
     if not head:
         raise WrongUse(f"{path} is empty")
     number, cells = head[0]
-    if len(cells) > MAX_COLUMNS:
-        raise WrongUse(f"{path}, row {number}: has {len(cells):,} cells; {MAX_COLUMNS:,} at most")
+    refuse_too_many(f"{path}, row {number}", len(cells))
     n_header = count_header_rows([row for _, row in head])
     names = tuple(cells) if n_header else tuple(str(k) for k in range(1, len(cells) + 1))
     parser = _RowParser(path, names, numbers, labels)

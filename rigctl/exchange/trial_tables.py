@@ -17,6 +17,7 @@ from rigctl.exchange.column_names import find_columns
 
 Floats = NDArray[np.float64]
 MAX_FILE_TRIALS = 100_000
+MAX_VALUE = 1e100
 NO_TRIAL = -1
 
 
@@ -55,6 +56,11 @@ class TrialTable:
         codes = np.full(len(values), NO_TRIAL, np.int64)
         codes[known] = places
         return codes, tuple(f"{value:.12g}" for value in different)
+
+
+def bounded(values: Floats) -> Floats:
+    """Return values with NaN for those beyond 10¹⁰⁰: sums and differences stay numbers."""
+    return np.where(np.abs(values) < MAX_VALUE, values, np.nan)
 
 
 class LabelColumn(NamedTuple):

@@ -162,10 +162,20 @@ def test_a_file_that_kills_scipys_reader_is_refused(monkeypatch: pytest.MonkeyPa
 
 
 def test_an_array_of_an_unknown_type_is_refused() -> None:
-    """SciPy's reader ends with an UnboundLocalError for it."""
+    """SciPy's reader has no variable to return for it."""
     path = Path(__file__).parent / "data" / "unknown_class.mat"
-    with pytest.raises(WrongUse, match=r"unknown_class\.mat .* damaged: .+"):
+    with pytest.raises(WrongUse, match=r"unknown_class\.mat .* damaged: .*unknown type \d+"):
         read_mat(path)
+
+
+@pytest.mark.parametrize("major", [0, 2, 255])
+def test_another_version_of_the_format_is_refused_with_the_cure(tmp_path: Path, major: int) -> None:
+    savemat(tmp_path / "x.mat", WHOLE)
+    content = bytearray((tmp_path / "x.mat").read_bytes())
+    content[125] = major
+    (tmp_path / "x.mat").write_bytes(content)
+    with pytest.raises(WrongUse, match=rf"version {major} of the format: save it with -v7"):
+        read_mat(tmp_path / "x.mat")
 
 
 def test_numbers_of_an_unknown_type_are_refused_before_they_are_read() -> None:

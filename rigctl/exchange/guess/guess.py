@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from rigctl.config.names import shorten
 from rigctl.config.toml_reader import TomlText
 from rigctl.errors import ConfigError, WrongUse
 from rigctl.exchange.column_map import parse_map
@@ -17,7 +18,7 @@ from rigctl.exchange.guess.roles import ColumnRoles, describe_values, guess_role
 from rigctl.exchange.guess.sample import RecordingSample, read_sample
 from rigctl.exchange.inspection import extract_series
 from rigctl.exchange.labels import LABELS, parse_label
-from rigctl.exchange.recording_files import common_folder
+from rigctl.exchange.recording_files import common_folder, refuse_unreadable_names
 
 ROWS_SHOWN = 10
 
@@ -47,6 +48,7 @@ def guess_map(paths: Sequence[Path]) -> GuessedMap:
     """
     if not paths:
         raise WrongUse("there is no file to guess from: name at least one")
+    refuse_unreadable_names(paths)
     sample = read_sample(paths)
     roles = guess_roles(sample)
     pattern = _guess_labels(paths, sample, roles)
@@ -62,6 +64,7 @@ def guess_map(paths: Sequence[Path]) -> GuessedMap:
         textures=labels.get("texture", ()),
     )
     text = write_map(parts)
+    _refuse_broken_letters(text, paths[0])
     return GuessedMap(
         text,
         sample.names,
@@ -70,6 +73,16 @@ def guess_map(paths: Sequence[Path]) -> GuessedMap:
         tuple((k, describe_values(v)) for k, v in labels.items()),
         *_try_map(text, paths),
     )
+
+
+def _refuse_broken_letters(text: str, path: Path) -> None:
+    """Raise WrongUse for a map that no file can hold: its names or labels have half letters."""
+    try:
+        text.encode()
+    except UnicodeEncodeError as error:
+        line = text.count("\n", 0, error.start) + 1
+        near = shorten(ascii(text.splitlines()[line - 1]))
+        raise WrongUse(f"{path}: names or labels that are no Unicode text: {near}") from error
 
 
 def _guess_labels(
@@ -96,8 +109,7 @@ def _values(
     found = {label: tuple(dict.fromkeys(values)) for label, values in pattern.labels.items()}
     found |= {label: tuple(dict.fromkeys(sample.fields[n])) for label, n in roles.fields.items()}
     for label, column in roles.labels.items():
-        cells = (sample.cell(row, column) for row in range(len(sample.values)))
-        found[label] = sample.texts.get(column) or tuple(dict.fromkeys(filter(None, cells)))
+        found[label] = sample.different(column)
     return {label: found[label] for label in LABELS if label in found}
 
 
@@ -133,6 +145,8 @@ def _try_map(text: str, paths: Sequence[Path]) -> tuple[int, str]:
         mapping = parse_map(TomlText("the map", text, ConfigError), "")
         trials = read_trials(paths[0], mapping).trials
         count = len(trials)
+        if not trials:
+            return 0, f"{paths[0]} has no trials with this map: every element is empty"
         for trial in trials:
             parse_label(trial.path, mapping.labels, trial.labels, trial.place)
         for path in paths:

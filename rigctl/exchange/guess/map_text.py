@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass
 from math import isqrt
 
@@ -52,22 +53,39 @@ def short_textures(texts: Iterable[str]) -> dict[str, str]:
     """Return a name for each label that is too long or unsafe as the name of a texture."""
     texts = list(dict.fromkeys(texts))
     used = {text for text in texts if not name_problem(text, TEXTURE_BYTES)}
+    tries: Counter[str] = Counter()
     renamed: dict[str, str] = {}
     for text in texts:
-        if text in used:
-            continue
-        plain = "".join(letter for letter in text if letter.isalnum())
-        base = plain.encode()[: TEXTURE_BYTES - 3].decode("utf-8", "ignore") or "texture"
-        choices = (base, *(f"{base} {n}" for n in range(2, 100)))
-        renamed[text] = next(c for c in choices if c not in used and c not in renamed.values())
+        if name_problem(text, TEXTURE_BYTES):
+            renamed[text] = _new_name(text, used, tries)
+            used.add(renamed[text])
     return renamed
+
+
+def _new_name(text: str, used: Container[str], tries: Counter[str]) -> str:
+    """Return the letters and digits of a text, with a number behind them if these are used.
+
+    ``tries``: how many numbers were tried behind the same letters; counted on.
+    """
+    letters = "".join(letter for letter in text if letter.isalnum()) or "texture"
+    name = _cut(letters, TEXTURE_BYTES - 3)
+    base = name
+    while name in used or name_problem(name, TEXTURE_BYTES):
+        tries[base] += 1
+        number = f" {tries[base] + 1}"
+        name = _cut(base, TEXTURE_BYTES - len(number)) + number
+    return name
+
+
+def _cut(text: str, n_bytes: int) -> str:
+    return text.encode()[:n_bytes].decode("utf-8", "ignore")
 
 
 def _files(parts: MapParts) -> str:
     lines = []
     if parts.pattern.pattern:
         values = ", ".join(f"{k} {v[0]}" for k, v in sorted(parts.pattern.labels.items()))
-        lines.append(f"# {parts.example}: {_comment(values)}")
+        lines.append(f"# {_comment(f'{parts.example}: {values}')}")
         if parts.pattern.assumed:
             lines.append(f"# Assumed from the order of numbers: {', '.join(parts.pattern.assumed)}")
         lines.append(f"pattern = {_quote(parts.pattern.pattern)}")
@@ -105,7 +123,7 @@ def _time(parts: MapParts) -> str:
     if roles.time is None:
         rate_hz = roles.rate_hz or ASSUMED_RATE_HZ
         found = "as a field says" if roles.rate_hz else "assumed: no column ascends like a time"
-        return _section("time", [f"rate_hz = {rate_hz:g}  # {found}"])
+        return _section("time", [f"rate_hz = {rate_hz:.12g}  # {found}"])
     unit = f"unit = {_quote(roles.time_unit)}"
     if not roles.unit_named:
         unit += f"  # assumed: {roles.why[roles.time].partition(': ')[2]} are plausible"
@@ -213,11 +231,12 @@ def _section(name: str, lines: Sequence[str]) -> str:
 def _quote(text: str) -> str:
     """Return a TOML string, a literal one where it has a backslash."""
     literal = "\\" in text and "'" not in text and text.isprintable()
-    return f"'{text}'" if literal else json.dumps(text, ensure_ascii=False)
+    return f"'{text}'" if literal else _key(text)
 
 
 def _key(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False)
+    """Return a TOML string with escapes; JSON writes the same ones, but leaves DEL as it is."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _comment(text: str) -> str:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections import defaultdict
-from collections.abc import Sequence
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from rigctl.exchange.column_map import MAX_RATE_HZ
 from rigctl.exchange.column_names import RANGE
 from rigctl.exchange.guess.sample import RecordingSample
 from rigctl.exchange.guess.words import find_unit, has_word, role_of_unit
@@ -20,6 +21,7 @@ RATES_HZ = (5.0, 20_000.0)
 REGULAR_SHARE, ASCENDING_SHARE = 0.8, 0.9
 ROWS_A_LABEL = 20
 LAYER_TAXELS = 4
+SHORTEST_STEP = 1e-9
 
 
 @dataclass(slots=True)
@@ -70,7 +72,8 @@ class _RoleGuess:
             if role and role not in self.roles.fields:
                 self.roles.fields[role] = name
             elif has_word("rate", name):
-                self.roles.rate_hz = _number(self._sample.fields[name][0])
+                rate_hz = _number(self._sample.fields[name][0])
+                self.roles.rate_hz = rate_hz if 0 < rate_hz <= MAX_RATE_HZ else 0.0
         texts = {name for name, found in self._sample.fields.items() if len(set(found)) > 1}
         if "texture" not in self.roles.fields and len(texts - {*self.roles.fields.values()}) == 1:
             (name,) = texts - {*self.roles.fields.values()}
@@ -79,7 +82,8 @@ class _RoleGuess:
 
     def find_time(self) -> None:
         """Take the first column that its name and values, or its values alone, say is time."""
-        ascending = [k for k in self._left if _is_clock(self._sample.values[:, k])]
+        numbers = [k for k in self._left if k not in self._sample.texts]
+        ascending = [k for k in numbers if _is_clock(self._sample.values[:, k])]
         named = [k for k in ascending if has_word("time", self._sample.names[k])]
         unnamed = [k for k in ascending if not has_word("index", self._sample.names[k])]
         for column in (named or unnamed)[:1]:
@@ -208,23 +212,36 @@ def references(sample: RecordingSample, columns: Sequence[int]) -> list[str]:
             runs[-1].append(column)
         else:
             runs.append([column])
-    names = [(reference(sample, run[0]), reference(sample, run[-1])) for run in runs]
+    counts = Counter(sample.names)
+    names = [
+        (_reference(sample.names, run[0], counts), _reference(sample.names, run[-1], counts))
+        for run in runs
+    ]
     return [first if first == last else f"{first}{RANGE}{last}" for first, last in names]
 
 
 def reference(sample: RecordingSample, column: int) -> str:
     """Return a column's name for a map; its number where the name is empty, double or a range."""
-    name = sample.names[column]
-    clear = name and sample.names.count(name) == 1 and RANGE not in name
+    return _reference(sample.names, column, Counter(sample.names))
+
+
+def _reference(names: Sequence[str], column: int, counts: Mapping[str, int]) -> str:
+    name = names[column]
+    clear = name and counts[name] == 1 and RANGE not in name
     return name if clear else str(column + 1)
 
 
 def _stem(name: str) -> str:
-    return re.sub(r"[\W\d_]+$", "", name)
+    """Return a name up to its last letter, in a time that its length bounds."""
+    letters = re.match(r"(?s:.*)[^\W\d_]", name)
+    return letters[0] if letters else ""
 
 
 def _is_clock(values: Floats) -> bool:
-    """Return whether values ascend by regular steps, trials that begin anew left out."""
+    """Return whether values ascend by regular steps, trials that begin anew left out.
+
+    Steps below 10⁻⁹ are no time in any unit.
+    """
     steps = np.diff(values)
     if len(steps) < 2 or not np.isfinite(values).all():
         return False
@@ -232,6 +249,8 @@ def _is_clock(values: Floats) -> bool:
     if len(ahead) < ASCENDING_SHARE * len(steps):
         return False
     step = float(np.median(ahead))
+    if step < SHORTEST_STEP:
+        return False
     return bool(np.mean((ahead > 0.4 * step) & (ahead < 2.1 * step)) >= REGULAR_SHARE)
 
 

@@ -12,7 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.config.names import shorten
 from rigctl.errors import WrongUse
+from rigctl.exchange.column_names import format_names, refuse_too_many
 from rigctl.exchange.file_readers import (
     DELIMITERS,
     label_text,
@@ -29,14 +31,13 @@ from rigctl.exchange.text_table import (
     read_first_lines,
     read_text_table,
 )
-from rigctl.exchange.trial_tables import Floats
+from rigctl.exchange.trial_tables import Floats, bounded
 
 FIRST_LINES = 30
 _LETTERS = (",", ";", "\t", "|", " ")
 _DECIMAL_COMMA = re.compile(r"-?\d+,\d+$")
 _ELEMENT = re.compile(r"^(?P<array>.+?)\.(?P<number>\d+)(?:\.(?P<field>.*))?$")
 MOST_TRANSPOSED = 64
-MAX_VALUE = 1e100
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +66,14 @@ class RecordingSample:
         if not np.isfinite(value):
             return ""
         return self.texts[column][int(value)] if column in self.texts else f"{value:.10g}"
+
+    def different(self, column: int) -> tuple[str, ...]:
+        """Return the different texts of a column's cells, in the order of the rows."""
+        if column in self.texts:
+            return self.texts[column]
+        values = self.values[:, column]
+        _, rows = np.unique(values, return_index=True)
+        return tuple(filter(None, (self.cell(row, column) for row in sorted(rows))))
 
 
 def read_sample(paths: Sequence[Path]) -> RecordingSample:
@@ -97,7 +106,7 @@ def _read_text(paths: Sequence[Path]) -> RecordingSample:
     labels = [str(k + 1) for k, cells in enumerate(columns) if _are_labels(cells)]
     table = read_text_table(paths[0], form, (), labels)
     return RecordingSample(
-        paths[0], table.names, _bounded(table.values), bool(head[0]), table.texts, form=form
+        paths[0], table.names, bounded(table.values), bool(head[0]), table.texts, form=form
     )
 
 
@@ -130,7 +139,11 @@ def _first_rows(path: Path, form: TextFormat, count: int) -> list[list[str]]:
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
-    return next(csv.reader([line], delimiter=delimiter), [])
+    """Return the cells of a line, the whole line where this letter leaves too long a cell."""
+    try:
+        return next(csv.reader([line], delimiter=delimiter), [])
+    except csv.Error:
+        return [line]
 
 
 def _head(path: Path, form: TextFormat) -> tuple[tuple[str, ...], int]:
@@ -138,12 +151,13 @@ def _head(path: Path, form: TextFormat) -> tuple[tuple[str, ...], int]:
     rows = _first_rows(path, form, HEAD_ROWS)
     if not rows:
         raise WrongUse(f"{path} is empty")
+    refuse_too_many(path, len(rows[0]))
     return tuple(rows[0]) if count_header_rows(rows) else (), len(rows[0])
 
 
 def _describe(head: tuple[tuple[str, ...], int]) -> str:
     names, count = head
-    shown = ", ".join(names[:6]) + (", …" if len(names) > 6 else "")
+    shown = format_names(names[:6]) + (", …" if len(names) > 6 else "")
     return f"the columns {shown} ({count})" if names else f"{count} columns without names"
 
 
@@ -171,17 +185,12 @@ def _read_arrays(paths: Sequence[Path]) -> RecordingSample:
     return RecordingSample(
         paths[0],
         names,
-        _bounded(values),
+        bounded(values),
         named,
         fields=texts,
         elements=elements,
         transpose=transpose,
     )
-
-
-def _bounded(values: Floats) -> Floats:
-    """Return values with NaN for those that no recording has: their differences are numbers."""
-    return np.where(np.abs(values) < MAX_VALUE, values, np.nan)
 
 
 def _refuse_other_variables(paths: Sequence[Path], variables: Mapping[str, Any]) -> None:
@@ -191,7 +200,7 @@ def _refuse_other_variables(paths: Sequence[Path], variables: Mapping[str, Any])
         {re.sub(r"\.\d+\b", ".n", name) for name in found} for found in (variables, last)
     )
     if ours != theirs:
-        other = sorted(theirs ^ ours)[0]
+        other = shorten(min(theirs ^ ours))
         raise WrongUse(
             f"{paths[0].name} and {paths[-1].name} have different variables, such as {other}: "
             "guess a map for each layout"
@@ -200,12 +209,12 @@ def _refuse_other_variables(paths: Sequence[Path], variables: Mapping[str, Any])
 
 def _find_elements(path: Path, variables: Mapping[str, Any]) -> str:
     """Return the array of structures or cells whose elements look alike, the largest of these."""
-    sizes: Counter[str] = Counter()
+    arrays: dict[str, dict[str, Any]] = defaultdict(dict)
     for name, value in variables.items():
         if match := _ELEMENT.match(name):
-            sizes[match["array"]] += np.size(value)
-    for array, _ in sizes.most_common():
-        elements = [e for e in split_elements(path, variables, array).values() if _size(e)]
+            arrays[match["array"]][name] = value
+    for array in sorted(arrays, key=lambda array: _size(arrays[array]), reverse=True):
+        elements = [e for e in split_elements(path, arrays[array], array).values() if _size(e)]
         if len(elements) > 1 and len({_signature(element) for element in elements}) == 1:
             return array
     return ""
@@ -245,6 +254,7 @@ def _table(
     ]
     if not columns:
         raise WrongUse(f"{path}: no variable is a table of numbers, with samples along rows")
+    refuse_too_many(path, len(columns))
     length = Counter(len(column) for _, column in columns).most_common(1)[0][0]
     chosen = [(name, column) for name, column in columns if len(column) == length]
     return tuple(name for name, _ in chosen), np.stack([c for _, c in chosen], axis=1), transpose

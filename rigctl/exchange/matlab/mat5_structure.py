@@ -11,6 +11,8 @@ import zlib
 from math import prod
 
 HEADER_BYTES = 128
+_MAJOR_VERSION = 1
+"""The version that every file of MATLAB 5 to 7 has in the last bytes of its header."""
 UNPACKED_BYTES = 256 << 20
 """All variables together may need this much, or twice the file."""
 DEEPEST = 32
@@ -27,13 +29,7 @@ _KINDS = range(_CELL, _FUNCTION)
 
 def check_mat5(content: bytes) -> None:
     """Raise ValueError for a file whose variables claim more than it can hold."""
-    if (
-        len(content) < HEADER_BYTES
-        or b"\0" in content[:4]
-        or content[126:128] not in (b"IM", b"MI")
-    ):
-        raise ValueError("it has no header of MATLAB 5")
-    order = "<" if content[126:128] == b"IM" else ">"
+    order = _check_header(content[:HEADER_BYTES])
     limit = max(2 * len(content), UNPACKED_BYTES)
     at, unpacked = HEADER_BYTES, 0
     view = memoryview(content)
@@ -47,6 +43,17 @@ def check_mat5(content: bytes) -> None:
             unpacked += _check_matrix(data, order, limit, 0)
         if unpacked > limit:
             raise ValueError(f"its variables need {unpacked} bytes")
+
+
+def _check_header(header: bytes) -> str:
+    """Return the byte order that a header declares, as struct writes it."""
+    if len(header) < HEADER_BYTES or b"\0" in header[:4] or header[126:] not in (b"IM", b"MI"):
+        raise ValueError("it has no header of MATLAB 5")
+    order = "<" if header[126:] == b"IM" else ">"
+    major = struct.unpack_from(f"{order}H", header, 124)[0] >> 8
+    if major != _MAJOR_VERSION:
+        raise ValueError(f"it has version {major} of the format: save it with -v7 or -v7.3")
+    return order
 
 
 def _unpack(data: memoryview, most: int) -> bytes:

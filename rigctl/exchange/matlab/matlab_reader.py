@@ -24,12 +24,16 @@ READ_BYTES_PER_S = 20e6
 """A tenth of the measured speed: an import is read twice, first by a process that may die."""
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _MATLAB_HEADER = 512
-READER_ERRORS = (
-    *(ValueError, TypeError, IndexError, KeyError, OverflowError, MemoryError, zlib.error),
-    *(NotImplementedError, UnboundLocalError),
+_READER_ERRORS = (
+    ValueError,
+    TypeError,
+    IndexError,
+    KeyError,
+    OverflowError,
+    MemoryError,
+    zlib.error,
 )
-"""What SciPy's reader raises for damage: the last two for another version of the format in the
-header, and for an array of a type that it does not know."""
+"""What SciPy's reader raises for damage inside a structure that is sound to our check."""
 
 
 def read_mat(path: Path) -> dict[str, Any]:
@@ -59,7 +63,7 @@ def _read_mat5(path: Path) -> dict[str, Any]:
         raise _damaged(path, ValueError("a process that reads it dies of it, or never ends"))
     try:
         variables = loadmat(str(path), simplify_cells=True)
-    except (*READER_ERRORS, MatReadError) as error:
+    except (*_READER_ERRORS, MatReadError) as error:
         raise _damaged(path, error) from error
     return dict(_flatten("", variables))
 
