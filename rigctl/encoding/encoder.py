@@ -29,11 +29,15 @@ class Encoder:
 
     Starts at rest. Call :meth:`reset` where a trial starts (the rise of sync) and after a gap.
     The first call compiles or loads the kernel; :meth:`warm_up` does that beforehand.
+    ``sa_scale``: float64 (n_taxels,), a factor on the SA current of each taxel, or None for 1.
     Raises :class:`WrongUse` for parameters whose RA filter needs whole trials.
     """
 
     def __init__(
-        self, normalisation: Normalisation, parameters: EncoderParameters = DEFAULT
+        self,
+        normalisation: Normalisation,
+        parameters: EncoderParameters = DEFAULT,
+        sa_scale: NDArray[np.float64] | None = None,
     ) -> None:
         if parameters.filters_whole_trials:
             raise WrongUse(
@@ -42,6 +46,7 @@ class Encoder:
                 f"ra_order {KERNEL_RA_ORDER}"
             )
         self.parameters = parameters
+        self._sa_scale = None if sa_scale is None else sa_scale[None, :]
         self._normalisation = normalisation
         self._blocks = self._blocks_at_rest()
         self._clipped_counts = np.zeros(normalisation.n_taxels, np.int64)
@@ -85,7 +90,7 @@ class Encoder:
         return self._encode(self._blocks, samples)
 
     def _blocks_at_rest(self) -> NeuronBlocks:
-        return NeuronBlocks(1, self._normalisation, self.parameters)
+        return NeuronBlocks(1, self._normalisation, self.parameters, self._sa_scale)
 
     def _encode(self, blocks: NeuronBlocks, samples: Samples) -> NDArray[np.uint8]:
         every_sample = np.arange(1, len(samples) + 1)

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rigctl.wire.taxels import frames, kernels
+from rigctl.wire.taxels import frames, kernels, wire_constants
 from rigctl.wire.taxels.frames import TaxelIdentity, TaxelStatus, frame
 from rigctl.wire.taxels.self_test import SelfTest
 
@@ -64,20 +64,20 @@ def encode_status(status: TaxelStatus) -> bytes:
     """Return a status frame; its counters wrap."""
     counter, dropped, *values, rises, bits = astuple(status)
     counter, dropped, rises = counter & 0xFFFFFFFF, dropped & 0xFFFFFFFF, rises & 0xFFFF
-    head = (kernels.STATUS, frames.WIRE_VERSION, counter, dropped)
+    head = (wire_constants.STATUS, frames.WIRE_VERSION, counter, dropped)
     return frame(_STATUS.pack(*head, *values, rises, bits))
 
 
 def encode_identity(identity: TaxelIdentity) -> bytes:
     """Return an identity frame."""
-    return frame(_IDENTITY.pack(kernels.IDENTITY, *astuple(identity)))
+    return frame(_IDENTITY.pack(wire_constants.IDENTITY, *astuple(identity)))
 
 
 def encode_self_test(test: SelfTest) -> bytes:
     """Return a frame with the outcome of a self-test."""
     *small, silent, full = astuple(test)
     wide = (silent.to_bytes(3, "little"), full.to_bytes(3, "little"))
-    return frame(_SELF_TEST.pack(kernels.SELF_TEST, frames.WIRE_VERSION, *small, *wide))
+    return frame(_SELF_TEST.pack(wire_constants.SELF_TEST, frames.WIRE_VERSION, *small, *wide))
 
 
 @njit(cache=True)
@@ -89,21 +89,21 @@ def _encode_rows(
     wire: NDArray[np.uint8],
 ) -> None:
     """Encode data frames into ``wire``, uint8 (n, 33)."""
-    body = np.empty(kernels.DATA_BODY + 4, np.uint8)
+    body = np.empty(wire_constants.DATA_BODY + 4, np.uint8)
     for row in range(counters.shape[0]):
         body[:] = 0
-        body[0] = kernels.DATA
+        body[0] = wire_constants.DATA
         body[1] = counters[row] & 0xFF
         body[2] = counters[row] >> 8 & 0xFF
         body[3] = flags[row]
-        for i in range(kernels.N_READINGS):
+        for i in range(wire_constants.N_READINGS):
             value = np.uint32(samples[row, i] & 0x3FF) << np.uint32(10 * i & 7)
             body[4 + (10 * i >> 3)] |= value & 0xFF
             body[5 + (10 * i >> 3)] |= value >> 8 & 0xFF
         body[26] |= (edges[row] & 0xF) << 4
-        crc = np.int64(kernels.crc32(body, kernels.DATA_BODY))
+        crc = np.int64(kernels.crc32(body, wire_constants.DATA_BODY))
         for i in range(4):
-            body[kernels.DATA_BODY + i] = crc >> (8 * i) & 0xFF
+            body[wire_constants.DATA_BODY + i] = crc >> (8 * i) & 0xFF
         _stuff(body, wire, row)
 
 

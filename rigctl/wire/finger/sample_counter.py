@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.wire.taxels.kernels import JITTER, LATE, MAX_JUMP
+from rigctl.wire.taxels.wire_constants import JITTER, LATE, MAX_JUMP
 
 _LOW, _WHOLE = 1 << 16, 1 << 32
 

@@ -18,17 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.values import N_TAXELS, Block, Gap
-from rigctl.wire.taxels import kernels
+from rigctl.wire.taxels import wire_constants
 from rigctl.wire.taxels.self_test import SelfTest, decode_self_test
 
 WIRE_VERSION = 2
 BAUD = 500_000
-FRAME_BYTES = kernels.MAX_CHUNK + 1
+FRAME_BYTES = wire_constants.MAX_CHUNK + 1
 CYCLES_PER_US = 16
 """Cycles of the board's chip, the unit of its longest interrupt."""
 IDENTIFY, SELF_TEST = 0x01, 0x02
-MIN_CHUNK = kernels.SELF_TEST_BODY + kernels.OVERHEAD + 1
-MAX_TAIL = 2 * kernels.MAX_CHUNK
+MIN_CHUNK = wire_constants.SELF_TEST_BODY + wire_constants.OVERHEAD + 1
+MAX_TAIL = 2 * wire_constants.MAX_CHUNK
 
 _STATUS = struct.Struct("<2xIIHHHBHHHHB")
 _IDENTITY = struct.Struct("<xHBBHIBHHBHB")
@@ -131,12 +131,16 @@ class FrameDecoder:
     """
 
     def __init__(self) -> None:
+        # Numba takes long to load: only who decodes waits for it, not a window that opens.
+        from rigctl.wire.taxels.kernels import decode_wire
+
+        self._decode_wire = decode_wire
         self._tail = b""
-        self._state = np.zeros(kernels.STATE_SIZE, np.int64)
-        unknown = [kernels.LAST, kernels.BOOT_COUNT, kernels.DROPS]
-        unknown += [kernels.PREVIOUS, kernels.WITNESS]
-        self._state[unknown] = kernels.UNKNOWN
-        self._counts = np.zeros(kernels.COUNTS_SIZE, np.int64)
+        self._state = np.zeros(wire_constants.STATE_SIZE, np.int64)
+        unknown = [wire_constants.LAST, wire_constants.BOOT_COUNT, wire_constants.DROPS]
+        unknown += [wire_constants.PREVIOUS, wire_constants.WITNESS]
+        self._state[unknown] = wire_constants.UNKNOWN
+        self._counts = np.zeros(wire_constants.COUNTS_SIZE, np.int64)
         self._allocate(16)
         # Loads the compiled kernel now: later it would delay a heartbeat.
         self.feed(b"", 0.0)
@@ -144,9 +148,9 @@ class FrameDecoder:
     def resync(self) -> None:
         """Restart after an interruption: wait for a status frame, then count the lost samples."""
         self._tail = b""
-        self._state[[kernels.SYNCHRONISED, kernels.DISCARDED]] = 0
-        self._state[kernels.WITNESS] = kernels.UNKNOWN
-        self._state[kernels.WAITING] = kernels.JOINING
+        self._state[[wire_constants.SYNCHRONISED, wire_constants.DISCARDED]] = 0
+        self._state[wire_constants.WITNESS] = wire_constants.UNKNOWN
+        self._state[wire_constants.WAITING] = wire_constants.JOINING
 
     @property
     def waiting(self) -> bool:
@@ -154,7 +158,7 @@ class FrameDecoder:
 
         Data frames are dropped and counted in the next gap.
         """
-        return bool(self._state[kernels.WAITING])
+        return bool(self._state[wire_constants.WAITING])
 
     def feed(self, data: bytes, at_s: float) -> Decoded:
         """Decode bytes that arrived at loop time ``at_s``."""
@@ -165,7 +169,7 @@ class FrameDecoder:
         counters = np.empty(capacity, np.int64)
         samples = np.empty((capacity, N_TAXELS), np.uint16)
         marks = np.empty((2, capacity), np.uint8)
-        kernels.decode_wire(
+        self._decode_wire(
             wire, self._state, counters, samples, marks, self._notes, self._controls, self._counts
         )
         rows, gaps, controls, reboots, frames, bytes_, used, stale = self._counts.tolist()
@@ -188,13 +192,13 @@ class FrameDecoder:
 
     def _allocate(self, capacity: int) -> None:
         self._notes = np.empty((capacity, 5), np.int64)
-        self._controls = np.empty((capacity, kernels.MAX_CHUNK), np.uint8)
+        self._controls = np.empty((capacity, wire_constants.MAX_CHUNK), np.uint8)
 
     def _set_tail(self, wire: NDArray[np.uint8], used: int) -> None:
         """Keep the unfinished chunk; of an endless one, no more than can end in a frame."""
         surplus = wire.shape[0] - used - MAX_TAIL
         if surplus > 0:
-            self._state[kernels.DISCARDED] += surplus
+            self._state[wire_constants.DISCARDED] += surplus
             used += surplus
         self._tail = wire[used:].tobytes()
 
@@ -211,9 +215,9 @@ class FrameDecoder:
     ) -> tuple[tuple[TaxelStatus, ...], tuple[TaxelIdentity, ...], tuple[SelfTest, ...]]:
         statuses, identities, tests = [], [], []
         for body in map(bytes, self._controls[:n]):
-            if body[0] == kernels.STATUS:
+            if body[0] == wire_constants.STATUS:
                 statuses.append(TaxelStatus(*_STATUS.unpack_from(body)))
-            elif body[0] == kernels.IDENTITY:
+            elif body[0] == wire_constants.IDENTITY:
                 identities.append(TaxelIdentity(*_IDENTITY.unpack_from(body)))
             else:
                 tests.append(decode_self_test(body))
