@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from rigctl.analysis.classification.posteriors import log_posteriors
 from rigctl.analysis.classification.prediction_remarks import prediction_remarks
+from rigctl.analysis.classification.trained_trials import find_trained, trained_remarks
 from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.data.condition_tasks import c_per_trial
+from rigctl.analysis.data.fingerprint import hash_array
 from rigctl.analysis.data.trial_set import TrialRef, TrialSet, join_sessions, open_trials
 from rigctl.analysis.data.wiring_check import check_source_wiring
 from rigctl.analysis.features.transferred_c import (
@@ -39,7 +41,8 @@ Floats = NDArray[np.float64]
 class Prediction(NamedTuple):
     """The prediction for one trial; ``margin``: log posterior less that of the runner-up.
 
-    ``right`` is None for a texture that is not in the model.
+    ``right`` is None for a texture that is not in the model. ``trained_on``: whether the model was
+    trained on this trial, None where that is not known.
     """
 
     session: str
@@ -52,6 +55,7 @@ class Prediction(NamedTuple):
     posterior: float
     runner_up: str
     margin: float
+    trained_on: bool | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +83,23 @@ class Classification:
         """Scored trials with the right prediction."""
         return int(np.trace(self.confusion))
 
+    @property
+    def n_trained_on(self) -> int:
+        """Scored trials that the model was trained on."""
+        return sum(p.right is not None and p.trained_on is True for p in self.predictions)
+
+    @property
+    def n_unknown(self) -> int:
+        """Scored trials of which it is not known whether the model was trained on them."""
+        return sum(p.right is not None and p.trained_on is None for p in self.predictions)
+
+    @property
+    def unseen(self) -> Classification:
+        """The predictions for trials that the model was not trained on."""
+        predictions = tuple(p for p in self.predictions if p.trained_on is False)
+        confusion = _confusion(self.model, predictions)
+        return replace(self, predictions=predictions, confusion=confusion)
+
 
 class _PredictionTask(NamedTuple):
     files: tuple[SampleFile, ...]
@@ -87,11 +108,16 @@ class _PredictionTask(NamedTuple):
 
 
 class _Posteriors(NamedTuple):
-    """``logs``: float64 (trials, classes); ``clipped``: clipped samples, int64 (taxels,)."""
+    """Posteriors of trials, and what else their samples say.
+
+    ``logs``: float64 (trials, classes); ``clipped``: clipped samples, int64 (taxels,);
+    ``hashes``: XXH3 of each trial's samples.
+    """
 
     logs: Floats
     lengths: list[int]
     clipped: NDArray[np.int64]
+    hashes: list[int]
 
 
 def classify(
@@ -107,9 +133,10 @@ def classify(
     if model.c is not None:
         trials = covered_trials(trials, model.c, by_texture=model.force == "texture")
     trials = trials.without_gaps()
-    logs, lengths, n_clipped = _map_posteriors(model, trials, resources)
-    pairs = zip(trials.trials, logs, strict=True)
-    predictions = tuple(_prediction(model, trials, trial, row) for trial, row in pairs)
+    logs, lengths, n_clipped, hashes = _map_posteriors(model, trials, resources)
+    trained = find_trained(model, trials, hashes, resources)
+    rows = zip(trials.trials, logs, trained, strict=True)
+    predictions = tuple(_prediction(model, trials, *row) for row in rows)
     clipped = n_clipped / max(1, sum(lengths))
     errors, warnings = _rate_errors(model, trials, resources)
     unknown = [one.texture for one in predictions if one.right is None]
@@ -121,7 +148,7 @@ def classify(
         _confusion(model, predictions),
         tuple(clipped.tolist()),
         errors,
-        (*warnings, *trials.remarks, *remarks),
+        (*warnings, *trained_remarks(trained), *trials.remarks, *remarks),
     )
 
 
@@ -153,8 +180,14 @@ def _map_posteriors(model: Model, trials: TrialSet, resources: Resources) -> _Po
     """Return the posteriors of all trials, computed in chunks."""
     chunks = [trials.trials[at : at + CHUNK] for at in range(0, len(trials.trials), CHUNK)]
     tasks = [_PredictionTask(trials.files, chunk, model) for chunk in chunks]
-    logs, lengths, clipped = zip(*resources.map(_posteriors, tasks, STAGE), strict=True)
-    return _Posteriors(np.concatenate(logs), list(chain(*lengths)), np.sum(clipped, axis=0))
+    found = resources.map(_posteriors, tasks, STAGE)
+    logs, lengths, clipped, hashes = zip(*found, strict=True)
+    return _Posteriors(
+        np.concatenate(logs),
+        list(chain(*lengths)),
+        np.sum(clipped, axis=0),
+        list(chain(*hashes)),
+    )
 
 
 def _posteriors(task: _PredictionTask) -> _Posteriors:
@@ -162,6 +195,7 @@ def _posteriors(task: _PredictionTask) -> _Posteriors:
     with open_trials(task.files) as reader:
         samples = [reader.read(trial) for trial in task.trials]
     clipped = np.sum([model.normalisation.count_clipped(readings) for readings in samples], axis=0)
+    hashes = list(map(hash_array, samples))
     scale = None
     if model.c is not None:
         scale = c_per_trial(task.trials, model.c, blind=model.force == "blind")
@@ -169,10 +203,12 @@ def _posteriors(task: _PredictionTask) -> _Posteriors:
     (features,) = feature_matrices(
         samples, speeds, model.normalisation, [model.features], model.parameters, sa_scale=scale
     )
-    return _Posteriors(log_posteriors(model, features), list(map(len, samples)), clipped)
+    return _Posteriors(log_posteriors(model, features), list(map(len, samples)), clipped, hashes)
 
 
-def _prediction(model: Model, trials: TrialSet, trial: TrialRef, logs: Floats) -> Prediction:
+def _prediction(
+    model: Model, trials: TrialSet, trial: TrialRef, logs: Floats, trained_on: bool | None
+) -> Prediction:
     best = int(logs.argmax())
     others = logs.copy()
     others[best] = -np.inf
@@ -189,6 +225,7 @@ def _prediction(model: Model, trials: TrialSet, trial: TrialRef, logs: Floats) -
         float(np.exp(logs[best])),
         model.classes[second],
         float(logs[best] - logs[second]),
+        trained_on,
     )
 
 

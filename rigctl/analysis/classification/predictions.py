@@ -26,7 +26,7 @@ def prediction_rows(found: Classification) -> list[dict[str, Any]]:
 
 def as_dict(found: Classification) -> dict[str, Any]:
     """Return everything as plain values for JSON."""
-    model, scored, correct = found.model, found.n_scored, found.n_correct
+    model, unseen = found.model, found.unseen
     return {
         "program": {"name": "rigctl", "version": __version__},
         "simulated": found.trials.simulated or model.training.simulated,
@@ -41,15 +41,25 @@ def as_dict(found: Classification) -> dict[str, Any]:
         },
         "inputs": list(found.trials.provenance),
         "trials": len(found.predictions),
-        "asked": scored,
-        "correct": correct,
-        "accuracy": correct / scored if scored else None,
-        "interval_95": list(wilson_interval(correct, scored)) if scored else None,
+        **_accuracy(found),
+        "trained_on": found.n_trained_on,
+        "perhaps_trained_on": found.n_unknown,
+        "without_trained": {**_accuracy(unseen), "confusion": unseen.confusion.tolist()},
         "confusion": found.confusion.tolist(),
         "clipped_share": list(found.clipped),
         "rate_error_of_c": [error.as_dict() for error in found.rate_errors],
         "remarks": list(found.remarks),
         "predictions": prediction_rows(found),
+    }
+
+
+def _accuracy(found: Classification) -> dict[str, Any]:
+    correct, scored = found.n_correct, found.n_scored
+    return {
+        "asked": scored,
+        "correct": correct,
+        "accuracy": correct / scored if scored else None,
+        "interval_95": list(wilson_interval(correct, scored)) if scored else None,
     }
 
 
@@ -64,32 +74,62 @@ def as_text(found: Classification, *, every_trial: bool = True) -> str:
 
 
 def summary(found: Classification) -> str:
-    """Return the accuracy in a sentence."""
+    """Return the accuracy for trials that the model was not trained on, in a sentence."""
     start = "Simulated: " if found.trials.simulated else ""
-    correct, scored = found.n_correct, found.n_scored
-    if not scored:
+    by = f"by {found.model.representation} with {found.model.components} components"
+    if not found.n_scored:
         n = len(found.predictions)
         return f"{start}{n} trials classified; none of their textures is in the model"
+    unseen = found.unseen
+    if not unseen.n_scored:
+        return f"{start}{_nothing_new(found)} {by}"
+    correct, scored = unseen.n_correct, unseen.n_scored
     low, high = wilson_interval(correct, scored)
     return (
         f"{start}{correct} of {scored} trials right ({correct / scored:.1%}, 95 % interval "
-        f"{low:.0%}–{high:.0%}; chance {1 / len(found.model.classes):.1%}) by "
-        f"{found.model.representation} with {found.model.components} components"
+        f"{low:.0%}–{high:.0%}; chance {1 / len(found.model.classes):.1%}) {by}; {_origin(found)}"
     )
+
+
+def _nothing_new(found: Classification) -> str:
+    """Return why there is no accuracy: the model knows all trials, or may know them."""
+    n, right = found.n_scored, found.n_correct
+    if found.n_unknown:
+        return (
+            f"it is not known whether the model was trained on these {n} trials ({right} right), "
+            "so there is no accuracy: train it again, or classify other sessions;"
+        )
+    return (
+        f"the model was trained on all {n} trials ({right} right), which says nothing about "
+        "others: classify other sessions;"
+    )
+
+
+def _origin(found: Classification) -> str:
+    """Return which trials the accuracy leaves out."""
+    if found.n_unknown:
+        n = found.n_trained_on + found.n_unknown
+        return f"without {n} that the model was or may have been trained on"
+    if found.n_trained_on:
+        return f"without the {found.n_trained_on} that the model was trained on"
+    return "the model was trained on none of them"
 
 
 def _trial_lines(found: Classification) -> list[str]:
     marks = {True: "right", False: "WRONG", None: "not in the model"}
+    trained = {True: ", the model was trained on it", False: "", None: ", perhaps trained on"}
     several = len(found.trials.paths) > 1
     return [
         f"{p.session + ' ' if several else ''}trial {p.trial_id}: "
         f"{p.predicted} ({p.posterior:.1%}, then {p.runner_up}, margin "
-        f"{p.margin:.2f}); true {p.texture}: {marks[p.right]}"
+        f"{p.margin:.2f}); true {p.texture}: {marks[p.right]}{trained[p.trained_on]}"
         for p in found.predictions
     ]
 
 
 def _confusion_lines(found: Classification) -> list[str]:
+    if found.unseen.n_scored:
+        found = found.unseen
     names = found.model.classes
     width = max(4, *(len(name) + 1 for name in names))
     head = "".join(f"{name:>{width}}" for name in names)

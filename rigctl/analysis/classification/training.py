@@ -119,6 +119,7 @@ def _training(
         trials.speeds_mm_s,
         trials.forces_g,
         tuple(inputs),
+        frozenset(encoded.hashes.tolist()),
     )
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rigctl.analysis.data.wiring_check import check_same_sensor, check_same_wiring
 from rigctl.analysis.execution.executor import Progress
 from rigctl.errors import SessionError
-from rigctl.session.format.sensor_layout import SensorLayout
+from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.session.read.closing_digest import read_closing_digest
 from rigctl.session.read.damage import damaged_trials
 from rigctl.session.read.sample_index import SampleFile, SampleFiles, SampleRange, SampleReader

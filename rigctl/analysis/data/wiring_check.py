@@ -9,12 +9,12 @@ from typing import Any
 
 from rigctl.errors import SessionError
 from rigctl.session.files.analysis_file import load_inputs
-from rigctl.session.format.sensor_layout import (
+from rigctl.session.format.metadata.sensor_layout import (
     SensorLayout,
     describe_difference,
     layouts_match,
 )
-from rigctl.session.format.wiring import describe_mismatch, source_wiring, wirings_match
+from rigctl.session.format.metadata.wiring import describe_mismatch, source_wiring, wirings_match
 from rigctl.session.read.session import Session
 
 Sources = Sequence[Mapping[str, Any]]

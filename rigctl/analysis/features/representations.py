@@ -83,7 +83,8 @@ class RepresentationSet:
     """Feature files of a set, a row for each of ``trials``; ``files`` by representation key.
 
     ``transferred_c``: the origin of ``force`` if it was not searched on these trials.
-    ``settings``: windows and conditions that they were made with.
+    ``settings``: windows and conditions that they were made with. ``hashes``: XXH3 of each trial's
+    samples, uint64 (n_trials,).
     """
 
     trials: TrialSet
@@ -96,6 +97,7 @@ class RepresentationSet:
     remarks: tuple[str, ...]
     transferred_c: TransferredC | None = None
     settings: AnalysisSettings = field(default_factory=AnalysisSettings)
+    hashes: NDArray[np.uint64] = field(default_factory=lambda: np.empty(0, np.uint64))
 
     @property
     def present(self) -> tuple[Representation, ...]:
@@ -162,6 +164,7 @@ def represent(
         (*filter(None, remarks), *resources.cache.remarks),
         transferred,
         settings,
+        prepared.hashes,
     )
 
 

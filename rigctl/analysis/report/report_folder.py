@@ -35,7 +35,7 @@ from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
 from rigctl.session.files.analysis_file import check_output_path
 from rigctl.session.files.model_file import Model, save_model
-from rigctl.session.format.header import IMPORTED
+from rigctl.session.format.metadata.header import IMPORTED
 from rigctl.session.read.session import Session
 
 FEATURES = "features"

@@ -22,7 +22,7 @@ from rigctl.encoding.parameters import DEFAULT, EncoderParameters, override, pre
 from rigctl.errors import WrongUse
 from rigctl.session.files.encoder_group import load_ranges
 from rigctl.session.files.force_matrix_file import load_force
-from rigctl.session.format.sensor_layout import SensorLayout
+from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from tests.analysis.recordings import record
 
 WHEN = "2026-11-21T12:00:00Z"

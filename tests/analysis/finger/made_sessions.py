@@ -10,7 +10,7 @@ import numpy as np
 
 from rigctl.analysis.finger.scans import ScanRecording
 from rigctl.finger_values import BatchRow, FingerTrialRow, LatencyRow
-from rigctl.session.format.header import SessionHeader
+from rigctl.session.format.metadata.header import SessionHeader
 from rigctl.session.write.finger_recorder import FingerRecorder
 from rigctl.values import BoardIdentity, Verdict
 from rigctl.wire.finger.decoder import FingerBlock

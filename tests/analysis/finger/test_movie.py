@@ -22,7 +22,7 @@ from rigctl.analysis.finger.movie.scan_timeline import ScanTimeline, read_timeli
 from rigctl.encoding.scaled_time import scale_windows
 from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.finger_values import PredictionRow
-from rigctl.session.format.sensor_layout import SensorLayout
+from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.session.read.finger_session import FingerSession
 from rigctl.simulation.bench.world_file import NOMINAL_WORLD
 from rigctl.values import Verdict

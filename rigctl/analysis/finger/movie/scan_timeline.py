@@ -14,7 +14,7 @@ from rigctl.encoding.scaled_time import BATCH_SAMPLES, ScaledWindows
 from rigctl.errors import WrongUse
 from rigctl.finger_values import FingerTrialRow, PredictionRow
 from rigctl.session.format.finger_rows import spike_counts
-from rigctl.session.format.sensor_layout import SensorLayout
+from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.session.read.finger_session import FingerSession
 from rigctl.values import SAMPLE_RATE_HZ, Verdict
 
