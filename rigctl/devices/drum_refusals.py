@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from rigctl.wire.drum.codes import Command, Guard, Status
 from rigctl.wire.drum.register_table import BY_NAME
-from rigctl.wire.drum.states import FAULT_TEXT, Fault, State
+from rigctl.wire.drum.states import FAULT_TEXT, Fault, State, StateEvent, next_state
 
 REFUSED_IN_STATE = 4
 """Modbus exception of a command or a change that the present state refuses."""
@@ -14,6 +14,18 @@ REFUSED_IN_STATE = 4
 _WIRING = frozenset({"optional_signals", "signal_polarity"})
 _NEEDS_LIFT = frozenset({Command.TARE, Command.TARE_TURN, Command.APPROACH, Command.DEFAULTS})
 _RESTING = (State.IDLE, State.ARMED)
+_EVENTS = {
+    Command.ARM: StateEvent.ARM,
+    Command.DISARM: StateEvent.DISARM,
+    Command.MOVE: StateEvent.MOVE,
+    Command.HOME: StateEvent.MOVE,
+    Command.TARE_TURN: StateEvent.MOVE,
+    Command.APPROACH: StateEvent.APPROACH,
+    Command.RUN: StateEvent.RUN,
+    Command.RETRACT: StateEvent.RETRACT,
+    Command.CLEAR: StateEvent.CLEAR,
+}
+"""The event of the state machine that a command stands for."""
 
 
 def command_refusal_text(command: Command, state: State, fault: Fault, status_bits: int) -> str:
@@ -25,8 +37,15 @@ def command_refusal_text(command: Command, state: State, fault: Fault, status_bi
 def _reason(command: Command, state: State, fault: Fault, status_bits: int) -> str:
     if fault is not Fault.NONE:
         return FAULT_TEXT[fault]
-    if state not in _RESTING:
-        return ""
+    if state in _RESTING and (reason := _resting_reason(command, state, status_bits)):
+        return reason
+    if command is Command.RUN and state is State.HOLD:
+        return "the run-in is too short for this speed: lower the speed or lengthen the run-in"
+    return _state_reason(command, state)
+
+
+def _resting_reason(command: Command, state: State, status_bits: int) -> str:
+    """Return why a command was refused though the drum stands still, lifted or switched off."""
     if command in _NEEDS_LIFT and status_bits >> Status.CONTACT_MAY_STAND & 1:
         return "it may rest on something: arm it or retract, so that it lifts"
     if command is Command.APPROACH and state is State.ARMED:
@@ -38,6 +57,20 @@ def _reason(command: Command, state: State, fault: Fault, status_bits: int) -> s
             "for another drum use rigctl calibrate tare --anyway"
         )
     return ""
+
+
+def _state_reason(command: Command, state: State) -> str:
+    """Return in which states a command is possible, where this is none of them."""
+    if command in _EVENTS:
+        possible = [s for s in State if next_state(s, _EVENTS[command]) is not None]
+    elif command in (Command.TARE, Command.TARE_ANYWAY, Command.SAVE):
+        possible = list(_RESTING)
+    else:
+        return ""
+    if state in possible:
+        return ""
+    where = f"it is possible in {' or '.join(s.name for s in possible)} only"
+    return f"{where}: arm the drum first" if possible == [State.ARMED] else where
 
 
 def settings_refusal_text(names: Iterable[str], code: int) -> str:

@@ -247,6 +247,10 @@ class SimulatedRig(Protocol):
     def slice_us(self) -> int:
         """Longest useful advance from now, microseconds, at least 1."""
 
+    @property
+    def plate(self) -> str:
+        """Texture of the mounted plate, ``"A"``–``"P"``."""
+
     def advance(self, until_us: int) -> None:
         """Simulate bench and boards up to a time; deterministic for a seed."""
 

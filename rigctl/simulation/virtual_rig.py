@@ -132,6 +132,10 @@ class VirtualRig:
         if not self._closed:
             self._drum_cable.advance(until_us)
 
+    @property
+    def plate(self) -> str:
+        return self._bench.plate
+
     def set_plate(self, texture: str) -> None:
         self._bench.set_plate(texture)
 

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from rigctl.config.toml_reader import TomlTable, TomlText
 from rigctl.errors import ConfigError, RigFault
@@ -143,6 +142,8 @@ def _require_spread(points: _Floats) -> None:
 
 def _fit(points: _Floats, places: _Floats) -> tuple[PlateFrame, _Floats]:
     """Return the frame of least squares and the distance of each point from its place in mm."""
+    from scipy.spatial.transform import Rotation
+
     with warnings.catch_warnings():
         # Without one corner the others may lie on a line: their residuals show it.
         warnings.simplefilter("ignore", UserWarning)

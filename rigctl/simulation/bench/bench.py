@@ -57,6 +57,7 @@ class Bench:
         tables = contact_tables(name, self.parameters)
         mounting = draw_mounting(self.parameters, self.seed, self._mountings)
         self._mountings += 1
+        self.plate = name
         self.skin.set_plate(tables, mounting)
         self.plant.set_force_table(force_table(tables, self.parameters, mounting))
 

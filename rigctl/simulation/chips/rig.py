@@ -104,6 +104,10 @@ class ChipSimulation:
         for board in (self.drum_board, self.taxels_board):
             board.deliver()
 
+    @property
+    def plate(self) -> str:
+        return self._bench.plate
+
     def set_plate(self, texture: str) -> None:
         self._bench.set_plate(texture)
 
