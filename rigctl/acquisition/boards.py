@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.acquisition.drum.contact import contact_sentence, is_left_in_contact
 from rigctl.acquisition.drum.motion import DrumMotion
 from rigctl.acquisition.drum.poller import RECONNECT_PERIOD_S, DrumPoller
 from rigctl.acquisition.event_bus import EventBus
@@ -70,8 +71,11 @@ class Boards:
         self._on_taxel_link = on_taxel_link
         self._on_failure = on_failure
         self._published_state = (-1, 0)
+        self._published_contact = (-1, False)
         self._published_test = (0, 0)
         self._stop_following_range: Callable[[], None] = lambda: None
+        self.has_taxel_range = bool(rig.config.taxels.low)
+        """Whether each taxel's range is calibrated or was measured."""
 
     async def connect(self) -> None:
         """Connect both boards, then start samples and heartbeat. Raises LinkLost or WrongBoard."""
@@ -113,6 +117,7 @@ class Boards:
             unsubscribe()
         self._stop_following_range()
         self._stop_following_range = lambda: None
+        self.has_taxel_range = True
         self.set_range(observed.normalisation)
         return observed.normalisation
 
@@ -151,6 +156,14 @@ class Boards:
             self._event_bus.publish("fault", FAULT_TEXT[Fault(state.fault)], fault=state.fault)
         if state.state != before[0]:
             self._event_bus.publish("state", STATE_TEXT[State(state.state)], state=state.state)
+        self._publish_contact(state)
+
+    def _publish_contact(self, drum: DrumState) -> None:
+        """Publish that a drum that was switched off still presses, in each state once."""
+        before = self._published_contact
+        self._published_contact = (drum.state, is_left_in_contact(drum))
+        if self._published_contact[1] and self._published_contact != before:
+            self._event_bus.publish("contact", contact_sentence(drum))
 
     def _drum_reconnected(self, identity: BoardIdentity, rebooted: bool) -> None:
         self.identities[DRUM] = identity

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from functools import partial
+from pathlib import Path
 
 from rigctl.acquisition.boards import Boards
 from rigctl.acquisition.health.heartbeat import HeartbeatGate
 from rigctl.acquisition.live_buffer import LiveWriter
+from rigctl.acquisition.manual.manual_recorder import ManualRecorder
 from rigctl.acquisition.protocol.run_reasons import LINK
 from rigctl.acquisition.protocol.run_request import RunContext, RunRequest, open_run
 from rigctl.acquisition.protocol.runner import Run
@@ -19,6 +22,7 @@ from rigctl.acquisition.served_engine import ServedEngine
 from rigctl.acquisition.status import StatusBuilder
 from rigctl.acquisition.taxels.pipeline import FAST_BATCH_SAMPLES, REAL_TIME_BATCH_SAMPLES
 from rigctl.errors import DiskFault, WrongUse
+from rigctl.session.notes.session_note import SessionNote, check_note
 
 
 class Engine(ServedEngine[Run, RunRequest]):
@@ -30,7 +34,7 @@ class Engine(ServedEngine[Run, RunRequest]):
     def __init__(
         self, rig: Rig, live_writer: LiveWriter, utc_now: Callable[[], str], real_time: bool = True
     ) -> None:
-        super().__init__(rig.loop, rig.description)
+        super().__init__(rig.loop, rig.description, live_writer)
         self.rig = rig
         self.heartbeat_gate = HeartbeatGate(rig.loop.time)
         self.boards = Boards(
@@ -43,8 +47,9 @@ class Engine(ServedEngine[Run, RunRequest]):
             self._fail_run,
             REAL_TIME_BATCH_SAMPLES if real_time else FAST_BATCH_SAMPLES,
         )
+        self.manual = ManualRecorder(self.boards, self.event_bus)
         self._utc_now = utc_now
-        self._texture: str | None = None
+        self._texture = rig.plate
         self._status_builder = StatusBuilder(rig, self.boards)
 
     def start(self, request: RunRequest) -> Run:
@@ -56,21 +61,40 @@ class Engine(ServedEngine[Run, RunRequest]):
             raise WrongUse(
                 "the drum is moved by hand: wait until that has ended, or stop it; then start again"
             )
-        identities = tuple(self.boards.identities.values())
-        context = RunContext(self.rig, identities, self._utc_now())
+        if self.manual.is_recording:
+            raise WrongUse("a recording by hand goes on: end it first, then start the run")
+        first_note = self._note(request.notes) if request.notes.strip() else None
         check_in = partial(self.heartbeat_gate.check_in, "runner")
-        opened = open_run(request, context)
+        opened = open_run(request, self._context(request.operator, request.sensor))
         self.rig.skip_mountings(mountings_before(opened.plan.steps, opened.done))
         self.run = Run(self.boards, self.event_bus, opened, check_in, self.set_plate)
+        if first_note is not None:
+            self.run.add_note(first_note)
         self._run_task = self.spawn(self._execute(self.run))
         folder = str(self.run.folder)
         self.event_bus.publish("run", f"the run begins: {folder}", session=folder)
         return self.run
 
+    def add_note(self, text: str) -> None:
+        """Write a note on the session of the run. Raises WrongUse without a run."""
+        self._active_run().add_note(self._note(text))
+
+    def repeat(self, trial_id: int, text: str) -> None:
+        """Run a trial of the run once more; its attempt that counted is marked bad.
+
+        Raises WrongUse without a run, and for a trial that cannot be repeated now.
+        """
+        self._active_run().repeat(trial_id, self._note(text))
+
+    def record_by_hand(self, folder: Path, note: str) -> Path:
+        """Begin to record operation by hand; see :meth:`ManualRecorder.begin`."""
+        return self.manual.begin(folder, note, self._context(), self._texture)
+
     def set_plate(self, texture: str) -> bool:
         """Store which plate is mounted; return whether a simulated rig mounted it."""
         mounted = self.rig.set_plate(texture)
         self._texture = texture
+        self.manual.change_plate(texture)
         return mounted
 
     def status(self) -> EngineStatus:
@@ -79,6 +103,7 @@ class Engine(ServedEngine[Run, RunRequest]):
         if self.run is not None:
             recording = self.run.disk_monitor.status(self.boards.pipeline.is_recording)
             run = self.run.status()
+        recording = self.manual.status() or recording
         return self._status_builder.build(self._now_s(), self._texture, recording, run)
 
     async def send_stop(self, text: str) -> None:
@@ -88,6 +113,20 @@ class Engine(ServedEngine[Run, RunRequest]):
         self.boards.motion.stop_count += 1
         await self.rig.drum.stop()
         self.event_bus.publish("stop", text)
+
+    def _context(self, operator: str = "", sensor: str = "") -> RunContext:
+        """Return the rig as it is now, for a session that begins."""
+        boards = tuple(self.boards.identities.values())
+        return RunContext(self.rig, boards, self._utc_now(), operator, sensor)
+
+    def _active_run(self) -> Run:
+        if self.run is None or self.run.ended:
+            raise WrongUse("no run is active: start one first")
+        return self.run
+
+    def _note(self, text: str) -> SessionNote:
+        made = datetime.fromisoformat(self._utc_now()).astimezone(UTC)
+        return check_note(SessionNote(made.strftime("%Y-%m-%dT%H:%M:%SZ"), text.strip()))
 
     async def _connect(self) -> None:
         await self.boards.connect()
@@ -121,6 +160,7 @@ class Engine(ServedEngine[Run, RunRequest]):
 
     def _check_disk(self) -> None:
         super()._check_disk()
+        self.manual.check(self._now_s())
         if self.run is not None and not self.run.ended and self.run.disk_monitor.recorder_works:
             self.heartbeat_gate.check_in("recorder")
 
@@ -131,6 +171,8 @@ class Engine(ServedEngine[Run, RunRequest]):
             self.run.control.pause(LINK)
 
     async def _make_safe(self) -> None:
+        if self.manual.is_recording:
+            self.manual.end()
         if self.boards.drum_poller.connected and self.boards.drum_poller.state is not None:
             await self.boards.motion.disarm()
 

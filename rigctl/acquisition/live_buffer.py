@@ -24,7 +24,7 @@ MAGIC = 0x3145_5649_4C47_4952  # "RIGLIVE1", low byte first
 TAXEL_ROWS = 1 << 15
 DRUM_ROWS = 1 << 13
 
-_LAYOUT = LiveLayout(
+DRUM_LIVE = LiveLayout(
     MAGIC,
     N_TAXELS,
     taxel_columns={
@@ -80,7 +80,7 @@ class LiveWriter(LiveFileWriter):
     def __init__(
         self, path: Path, taxel_rows: int = TAXEL_ROWS, drum_rows: int = DRUM_ROWS
     ) -> None:
-        super().__init__(path, _LAYOUT, taxel_rows, drum_rows)
+        super().__init__(path, DRUM_LIVE, taxel_rows, drum_rows)
 
     def add_taxels(self, **columns: NDArray[np.generic]) -> None:
         """Append samples, oldest first, with the columns of :class:`TaxelWindow`."""
@@ -95,7 +95,7 @@ class LiveReader(LiveFileReader):
     """A window's side: copies of the newest rows at any time."""
 
     def __init__(self, path: Path) -> None:
-        super().__init__(path, _LAYOUT)
+        super().__init__(path, DRUM_LIVE)
 
     def taxels(self, n: int) -> TaxelWindow:
         """Return the newest ``n`` samples, or all if there are fewer."""

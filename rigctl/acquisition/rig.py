@@ -48,6 +48,11 @@ class Rig:
         """The fault injection of a simulated rig; None at the bench."""
         return self.simulation.faults if self.simulated else None
 
+    @property
+    def plate(self) -> str | None:
+        """Texture of a simulated plate; None at the bench, where nobody has said it yet."""
+        return str(self.simulation.plate) if self.simulated else None
+
     def set_plate(self, texture: str) -> bool:
         """Change a simulated plate; False at the bench, where a person has to change it."""
         if self.simulated:

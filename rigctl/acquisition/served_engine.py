@@ -13,10 +13,15 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.health.disk import DiskMonitor
+from rigctl.acquisition.live_file import LiveFileWriter
 from rigctl.acquisition.protocol.run_reasons import DISK, RunReasons
 from rigctl.acquisition.rpc.door import Door
 from rigctl.acquisition.rpc.messages import STATUS_PERIOD_S, engine_message
-from rigctl.acquisition.rpc.server import RequestHandler, Server
+from rigctl.acquisition.rpc.server import ConnectedClient, RequestHandler, Server
+from rigctl.acquisition.sharing.client_commands import ClientCommands
+from rigctl.acquisition.sharing.control import Control
+from rigctl.acquisition.sharing.event_history import EventHistory, PastEvent
+from rigctl.acquisition.sharing.sample_stream import SampleStream
 from rigctl.errors import RigctlError, RigFault
 from rigctl.values import Event
 
@@ -51,7 +56,9 @@ _Request = TypeVar("_Request")
 class ServedEngine(ABC, Generic[_Run, _Request]):
     """The control program of one rig; :meth:`serve` runs it."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, description: str) -> None:
+    def __init__(
+        self, loop: asyncio.AbstractEventLoop, description: str, live: LiveFileWriter
+    ) -> None:
         self.event_bus = EventBus(loop.time)
         self.run: _Run | None = None
         self.is_ready = False
@@ -61,6 +68,9 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         self._tasks: set[asyncio.Task[None]] = set()
         self._run_task: asyncio.Task[None] | None = None
         self._server = Server(self._report_failure)
+        self._history = EventHistory()
+        self.control = Control(self._send_control)
+        self.stream = SampleStream(live.file)
         self._last_used_s = self._now_s()
         self._shutdown_requested = asyncio.Event()
 
@@ -72,7 +82,11 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         ``handle`` executes the clients' commands; ``request`` is a run to start immediately.
         """
         self.event_bus.subscribe(self._send_event)
-        await self._server.open(door, handle)
+
+        def open_desk(client: ConnectedClient) -> ClientCommands:
+            return ClientCommands(client, self, handle)
+
+        await self._server.open(door, open_desk)
         try:
             await self._connect()
             self.spawn(self._tick())
@@ -127,6 +141,18 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
             self.run.control.abort(text)
         self._shutdown_requested.set()
 
+    def end_if_unused(self, text: str) -> bool:
+        """End the engine where it has one client at most and no run; return whether it ends."""
+        is_unused = len(self._server) <= 1 and not self.is_running
+        if is_unused:
+            self.shut_down(text)
+        return is_unused
+
+    def past_events(self, count: int) -> list[tuple[float, PastEvent]]:
+        """Return the newest ``count`` events with their ages in s, the oldest first."""
+        now_s = self._now_s()
+        return [(now_s - event.at_s, event) for event in self._history.newest(count)]
+
     async def _supervise(self, work: Coroutine[Any, Any, None]) -> None:
         try:
             await work
@@ -143,6 +169,7 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
             self._check_disk()
             self._check_idle()
             self._send_status()
+            self.stream.send()
 
     def _serve_boards(self) -> None:
         """Do what the boards need ten times a second."""
@@ -172,7 +199,13 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         """Publish that a request failed inside the engine, which goes on."""
         self.event_bus.publish("fault", sentence)
 
+    def _send_control(self, text: str) -> None:
+        """Tell every client who has control. It is no event of the session."""
+        event = Event(self._now_s(), "control", text, self.control.state.as_message())
+        self._send_event(event)
+
     def _send_event(self, event: Event) -> None:
+        self._history.add(event)
         self._server.broadcast(engine_message(event.kind, event.text, event.data, event.at_s))
 
     def _fail_run(self, fault: RigFault) -> None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 from rigctl.acquisition.boards import Boards
+from rigctl.acquisition.drum.contact import contact_words, has_status
 from rigctl.acquisition.health.rate_meter import RateMeter
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus, RunStatus
-from rigctl.session.format.sensor_layout import SensorLayout
+from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.values import DrumState
 from rigctl.wire.drum.codes import Status
 from rigctl.wire.drum.states import FAULT_TEXT, STATE_TEXT, Fault, State
@@ -25,7 +26,8 @@ class StatusBuilder:
         self._boards = boards
         self._frame_rate = RateMeter(RATE_WINDOW_S)
         self._loadcell_lost = 0
-        boards.drum_poller.subscribe(self._count_lost)
+        self._loadcell_s: float | None = None
+        boards.drum_poller.subscribe(self._watch_loadcell)
 
     def build(
         self, now_s: float, texture: str | None, recording: RecordingStatus, run: RunStatus
@@ -46,7 +48,7 @@ class StatusBuilder:
             drum_connected=poller.connected,
             taxels_connected=boards.taxels_connected,
             state=state,
-            state_words=STATE_TEXT[state] if poller.connected else "not connected",
+            state_words=_state_words(drum) if poller.connected and drum else "not connected",
             fault=int(fault),
             fault_words=FAULT_TEXT[fault],
             force_set_g=settings.get("force_set", 0.0),
@@ -56,18 +58,29 @@ class StatusBuilder:
             lost_samples=pipeline.lost_samples,
             gaps=pipeline.gap_count,
             last_block_age_s=None if arrival_s is None else now_s - arrival_s,
+            loadcell_age_s=None if self._loadcell_s is None else now_s - self._loadcell_s,
             poll_retries=poller.drum.modbus.retries,
             loadcell_lost=self._loadcell_lost,
             clock_ppm={"drum": poller.clock_fit.ppm, "taxels": pipeline.clock_fit.ppm},
             boards=boards.board_health.statuses(),
             sensor_layout=self._layout,
+            limits=self._rig.config.limits,
+            has_taxel_range=boards.has_taxel_range,
+            loadcell_calibrated=self._rig.config.loadcell.calibrated,
             recording=recording,
             run=run,
             **(_drum_fields(drum, now_s) if drum else {}),
         )
 
-    def _count_lost(self, state: DrumState) -> None:
-        self._loadcell_lost += state.loadcell_lost
+    def _watch_loadcell(self, drum: DrumState) -> None:
+        self._loadcell_lost += drum.loadcell_lost
+        if drum.loadcell:
+            self._loadcell_s = drum.at_s
+
+
+def _state_words(drum: DrumState) -> str:
+    """Return the state and, for a drum that is switched off, whether it still presses."""
+    return ", ".join(filter(None, (STATE_TEXT[State(drum.state)], contact_words(drum))))
 
 
 def _drum_fields(drum: DrumState, now_s: float) -> dict[str, Any]:
@@ -78,7 +91,8 @@ def _drum_fields(drum: DrumState, now_s: float) -> dict[str, Any]:
         "steps": drum.steps,
         "angle_deg": drum.angle_deg,
         "actuator_position_um": drum.actuator_position_um,
-        "tared": bool(drum.status_bits >> Status.TARED & 1),
-        "homed": bool(drum.status_bits >> Status.HOMED & 1),
+        "tared": has_status(drum, Status.TARED),
+        "homed": has_status(drum, Status.HOMED),
+        "contact_may_stand": has_status(drum, Status.CONTACT_MAY_STAND),
         "poll_age_s": now_s - drum.at_s,
     }

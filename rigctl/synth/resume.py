@@ -15,7 +15,7 @@ from rigctl.errors import SessionError
 from rigctl.protocol.plan import Plan
 from rigctl.session.files.ground_truth import check_log
 from rigctl.session.files.truth_file import log_paths
-from rigctl.session.format.header import SessionHeader
+from rigctl.session.format.metadata.header import SessionHeader
 from rigctl.session.read.part_file import existing_parts
 from rigctl.session.read.session import Session
 from rigctl.session.write.recorder import Recorder

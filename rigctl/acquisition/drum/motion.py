@@ -145,7 +145,11 @@ class DrumMotion:
         The board refuses a reading far from the previous zero unless ``anyway`` is set.
         """
         command = Command.TARE_ANYWAY if anyway else Command.TARE
-        await self.execute(command, TARE_TIMEOUT_S, "the tare")
+        if not await self.execute(command, TARE_TIMEOUT_S, "the tare"):
+            raise CommandRefused(
+                "the tare failed, and the zero is as before: the reading moved by more than 10 g, "
+                "or away from the last zero: let the drum come to rest, and tare again"
+            )
 
     async def home(self) -> None:
         """Find the index mark and count steps from it."""
@@ -153,7 +157,12 @@ class DrumMotion:
             await self._send(Command.ZERO_STEPS)
         else:
             what = "finding the index mark"
-            await self.reach(Command.HOME, State.ARMED, HOME_TIMEOUT_S, what)
+            end = await self.reach(Command.HOME, State.ARMED, HOME_TIMEOUT_S, what)
+            if end.values["command_result"] != CommandResult.DONE:
+                raise RigFault(
+                    "the drum turned without meeting its index mark: check the mark, its sensor "
+                    "and its wire"
+                )
         self.homed = True
 
     async def approach(self) -> None:

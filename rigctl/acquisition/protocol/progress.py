@@ -2,53 +2,82 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import AbstractContextManager
 
+from rigctl.acquisition.protocol.run_clock import RunClock
 from rigctl.values import PlannedTrial
+
+MIN_PACED_TRIALS = 2
+"""Trials before the pace replaces the plan's: the first one follows homing and tare."""
 
 
 class RunProgress:
-    """Counts trials. Times are loop time; a resumed run starts with the trials committed before.
+    """Counts trials; a resumed run starts with the trials committed before.
 
-    ``idle_s``: pauses and questions, which the pace excludes.
+    ``now_s`` returns loop time. Pauses and questions do not count for the pace.
     """
 
     def __init__(
-        self, trials: Sequence[PlannedTrial], done: frozenset[int], planned_s: float, now_s: float
+        self,
+        trials: Sequence[PlannedTrial],
+        done: frozenset[int],
+        planned_s: float,
+        now_s: Callable[[], float],
     ) -> None:
         remaining = [trial for trial in trials if trial.trial_id not in done]
+        self.clock = RunClock(now_s)
         self.planned = len(trials)
         self.committed = self.planned - len(remaining)
         self.rejected = 0
-        self.idle_s = 0.0
-        self._started_s = now_s
         self._remaining = len(remaining)
         self._remaining_windows_s = sum(trial.duration_s for trial in remaining)
         planned_windows_s = sum(trial.duration_s for trial in trials)
         self._overhead_s = max(0.0, planned_s - planned_windows_s) / max(1, self.planned)
-        self._finished = 0
-        self._finished_windows_s = 0.0
+        self._overheads_s: list[float] = []
+        self._last_busy_s = 0.0
+        self._committed_at_s: float | None = None
 
     def commit(self, trial: PlannedTrial) -> None:
         """Count a committed trial."""
         self.committed += 1
+        self._committed_at_s = self.clock.now_s()
         self.finish(trial)
 
     def finish(self, trial: PlannedTrial) -> None:
         """Count a trial that will not be tried again, good or not."""
         self._remaining -= 1
-        self._finished += 1
         self._remaining_windows_s -= trial.duration_s
-        self._finished_windows_s += trial.duration_s
+        busy_s = self.clock.busy_s
+        self._overheads_s.append(busy_s - self._last_busy_s - trial.duration_s)
+        self._last_busy_s = busy_s
 
-    def elapsed_s(self, now_s: float) -> float:
-        """Return the time since the start, pauses included."""
-        return now_s - self._started_s
+    def reopen(self, trial: PlannedTrial, *, was_committed: bool) -> None:
+        """Count a finished trial as one that is to come."""
+        self.committed -= was_committed
+        self._remaining += 1
+        self._remaining_windows_s += trial.duration_s
 
-    def eta_s(self, now_s: float) -> float:
-        """Return the estimated remaining time."""
-        overhead_s = self._overhead_s
-        if self._finished:
-            busy_s = self.elapsed_s(now_s) - self.idle_s - self._finished_windows_s
-            overhead_s = max(0.0, busy_s / self._finished)
-        return max(0.0, self._remaining_windows_s + self._remaining * overhead_s)
+    def idle(self) -> AbstractContextManager[None]:
+        """Return a context whose time is a pause or a question."""
+        return self.clock.idle()
+
+    def trial_age_s(self) -> float | None:
+        """Return the time since a trial was committed, None before one was in this sitting."""
+        since_s = self._committed_at_s
+        return None if since_s is None else self.clock.now_s() - since_s
+
+    def eta_s(self) -> float:
+        """Return the estimated remaining time, without the questions that are still to come."""
+        return max(0.0, self._remaining_windows_s + self._remaining * self._overhead_each_s())
+
+    def duration_of_s(self, trials: Iterable[PlannedTrial]) -> float:
+        """Return the estimated time of trials that are still to come."""
+        overhead_s = self._overhead_each_s()
+        return sum(trial.duration_s + overhead_s for trial in trials)
+
+    def _overhead_each_s(self) -> float:
+        if len(self._overheads_s) < MIN_PACED_TRIALS:
+            return self._overhead_s
+        paced_s = self._overheads_s[1:]
+        return max(0.0, sum(paced_s) / len(paced_s))

@@ -13,15 +13,15 @@ from msgspec import Struct
 
 from rigctl import __version__
 from rigctl.acquisition.rig import Rig
-from rigctl.acquisition.rpc.arguments import PathText, Seed
+from rigctl.acquisition.rpc.arguments import NameText, NoteText, PathText, Seed
 from rigctl.config.resources import find_protocol, source_commit
 from rigctl.config.text_file import refuse_link_outside
 from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.protocol.loader import load_protocol
 from rigctl.protocol.plan import Plan
 from rigctl.session.format import layout
-from rigctl.session.format.header import CUT_BY_CLOCK, CUT_BY_WIRE, SessionHeader
-from rigctl.session.format.sensor_layout import SensorLayout
+from rigctl.session.format.metadata.header import CUT_BY_CLOCK, CUT_BY_WIRE, SessionHeader
+from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.session.read.session import Session
 from rigctl.session.write.private import keep_private
 from rigctl.session.write.recorder import Recorder
@@ -33,7 +33,8 @@ class RunRequest(Struct, frozen=True, forbid_unknown_fields=True):
     """A protocol to run into a new folder, or a session to resume.
 
     ``seed`` replaces the protocol's own; ``out`` and ``resume`` are folders; ``yes`` answers
-    every question on a simulated rig.
+    every question on a simulated rig. ``operator`` and ``sensor`` replace those of ``rig.toml``,
+    ``notes`` becomes the first note of the sitting.
     """
 
     protocol: PathText | None = None
@@ -41,6 +42,9 @@ class RunRequest(Struct, frozen=True, forbid_unknown_fields=True):
     resume: PathText | None = None
     seed: Seed | None = None
     yes: bool = False
+    operator: NameText = ""
+    sensor: NameText = ""
+    notes: NoteText = ""
 
     def __post_init__(self) -> None:
         if (self.protocol is None) == (self.resume is None):
@@ -49,11 +53,13 @@ class RunRequest(Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, slots=True)
 class RunContext:
-    """The rig at the start of a run."""
+    """The rig at the start of a run, with the people and the sensor that the request names."""
 
     rig: Rig
     boards: tuple[BoardIdentity, ...]
     start_utc: str
+    operator: str = ""
+    sensor: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +92,7 @@ def open_run(request: RunRequest, context: RunContext) -> OpenedRun:
     plan = load_protocol(find_protocol(request.protocol), context.rig.config).plan(request.seed)
     folder = Path(request.out) if request.out else _default_folder(plan, context.start_utc)
     check_disk_space(folder, plan.bytes_estimate)
-    return OpenedRun(plan, _open_recorder(folder, plan, context, resume=False), unattended)
+    return OpenedRun(plan, open_recorder(folder, plan, context, resume=False), unattended)
 
 
 def _default_folder(plan: Plan, start_utc: str) -> Path:
@@ -124,11 +130,12 @@ def _resume(folder: Path, context: RunContext, unattended: bool) -> OpenedRun:
         raise SessionError(f"{folder} is complete: every planned trial is committed")
     remaining = 1 - len(done) / max(1, len(plan.trials))
     check_disk_space(folder, round(remaining * plan.bytes_estimate))
-    recorder = _open_recorder(folder, plan, context, resume=True)
+    recorder = open_recorder(folder, plan, context, resume=True)
     return OpenedRun(plan, recorder, unattended, True, done, attempts, missing)
 
 
-def _open_recorder(folder: Path, plan: Plan, context: RunContext, resume: bool) -> Recorder:
+def open_recorder(folder: Path, plan: Plan, context: RunContext, resume: bool) -> Recorder:
+    """Lock the folder and return the recorder of a session that runs this plan."""
     rig, config = context.rig, context.rig.config
     header = session_header(
         plan,
@@ -137,8 +144,8 @@ def _open_recorder(folder: Path, plan: Plan, context: RunContext, resume: bool) 
         start_utc=context.start_utc,
         start_loop_s=rig.loop.time(),
         boards=context.boards,
-        operator=config.about.operator,
-        sensor=config.about.sensor,
+        operator=context.operator or config.about.operator,
+        sensor=context.sensor or config.about.sensor,
         taxel_low=config.taxels.low,
         taxel_high=config.taxels.high,
         cut_by=CUT_BY_WIRE if config.signals.sync else CUT_BY_CLOCK,

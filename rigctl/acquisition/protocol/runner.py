@@ -16,6 +16,7 @@ However a run ends, the drum is lifted and the session is complete.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from rigctl.acquisition.boards import Boards
@@ -27,10 +28,12 @@ from rigctl.acquisition.protocol.progress import RunProgress
 from rigctl.acquisition.protocol.run_control import RunControl
 from rigctl.acquisition.protocol.run_reasons import SESSION_OUTCOMES, RunPaused, RunStopped
 from rigctl.acquisition.protocol.run_request import OpenedRun
+from rigctl.acquisition.protocol.run_steps import RunSteps
 from rigctl.acquisition.protocol.step_runner import StepRunner, remaining_steps
-from rigctl.acquisition.rpc.messages import CurrentTrial, RunStatus
-from rigctl.errors import BoardFault, RigFault
+from rigctl.acquisition.rpc.messages import CurrentTrial, NextPlate, RunStatus
+from rigctl.errors import BoardFault, RigFault, WrongUse
 from rigctl.protocol.steps import Step
+from rigctl.session.notes.session_note import Mark, SessionNote
 from rigctl.values import DrumState, Event, PlannedTrial
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import State
@@ -64,7 +67,8 @@ class Run:
         self._pipeline = boards.pipeline
         self._poller = boards.drum_poller
         self._now_s = boards.drum_poller.loop.time
-        self._progress = RunProgress(plan.trials, opened.done, plan.duration_s, self._now_s())
+        self._progress = RunProgress(plan.trials, opened.done, plan.duration_s, self._now_s)
+        self._steps = RunSteps(remaining_steps(plan.steps, opened.done))
         self._step_runner = StepRunner(
             boards, event_bus.publish, opened, self.control, self._progress, set_plate
         )
@@ -111,7 +115,7 @@ class Run:
 
     def status(self) -> RunStatus:
         """Return the run's part of the status message."""
-        now_s, progress, trial = self._now_s(), self._progress, self._step_runner.current
+        progress, trial = self._progress, self._step_runner.current
         return RunStatus(
             state=self._state(),
             text=self.text,
@@ -120,12 +124,43 @@ class Run:
             trials_planned=progress.planned,
             trials_committed=progress.committed,
             trials_rejected=progress.rejected,
-            eta_s=None if self.ended else progress.eta_s(now_s),
-            elapsed_s=progress.elapsed_s(now_s),
+            eta_s=None if self.ended else progress.eta_s(),
+            elapsed_s=progress.clock.elapsed_s,
+            trial_age_s=progress.trial_age_s(),
+            next_plate=None if self.ended else self._next_plate(),
             current=_current_trial(trial) if trial else None,
             prompt=None if self.ended else self.control.prompt,
             session=str(self.folder),
         )
+
+    def add_note(self, note: SessionNote) -> None:
+        """Write a note beside the session's parts."""
+        self._recorder.add_note(replace(note, author=self._recorder.header.operator))
+        self._event_bus.publish("note", note.describe(), trial_id=note.trial_id, mark=note.mark)
+
+    def repeat(self, trial_id: int, note: SessionNote) -> None:
+        """Run a trial once more while its plate is on; ``note`` marks the attempt that counted.
+
+        Raises WrongUse for a trial that the run cannot repeat.
+        """
+        trials = self._opened.plan.trials
+        if not 1 <= trial_id <= len(trials):
+            raise WrongUse(f"the plan has no trial {trial_id}: its trials are 1 to {len(trials)}")
+        trial = trials[trial_id - 1]
+        attempt = self._step_runner.committed_attempt(trial_id)
+        if self._step_runner.current == trial and not attempt:
+            raise WrongUse(f"trial {trial_id} is being recorded: wait for its end")
+        self._steps.repeat(trial)
+        self._step_runner.reopen(trial_id)
+        if attempt:
+            self.add_note(replace(note, trial_id=trial_id, attempt=attempt, mark=Mark.BAD))
+        self._progress.reopen(trial, was_committed=bool(attempt))
+
+    def _next_plate(self) -> NextPlate | None:
+        texture, trials = self._steps.next_plate, self._steps.trials_on_plate()
+        if texture is None:
+            return None
+        return NextPlate(texture, len(trials), self._progress.duration_of_s(trials))
 
     def _state(self) -> str:
         if self.ended:
@@ -142,7 +177,7 @@ class Run:
             await self._clear_old_fault()
             await self._motion.configure()
             await self._motion.write_settings(**settle_settings(self._opened.plan.protocol.settle))
-            for step in remaining_steps(self._opened.plan.steps, self._opened.done):
+            for step in self._steps:
                 await self._run_step(step)
         except RunStopped as stop:
             return "aborted", str(stop)
@@ -179,10 +214,9 @@ class Run:
                 await self._pause()
 
     async def _pause(self) -> None:
-        since_s = self._now_s()
-        await self._step_runner.make_safe()
-        await self.control.wait_resumed()
-        self._progress.idle_s += self._now_s() - since_s
+        with self._progress.idle():
+            await self._step_runner.make_safe()
+            await self.control.wait_resumed()
 
     async def _make_safe(self) -> None:
         """Lift and switch off; where the board does so for a fault, wait for it."""

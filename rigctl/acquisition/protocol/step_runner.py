@@ -27,7 +27,7 @@ from rigctl.protocol.steps import (
     Tare,
     Turn,
 )
-from rigctl.session.format.header import CUT_BY_CLOCK
+from rigctl.session.format.metadata.header import CUT_BY_CLOCK
 from rigctl.values import PlannedTrial, Verdict
 
 CLOCK_EVENT_PPM = 20.0
@@ -58,6 +58,7 @@ class StepRunner:
         self._set_plate = set_plate
         self._unattended = opened.unattended
         self._attempts = Counter(opened.attempts)
+        self._committed = {trial: opened.attempts[trial] for trial in opened.done}
         self._quality = opened.plan.protocol.quality
         self._part_reason = "resume" if opened.resumed else "start"
         self._tared = False
@@ -94,6 +95,14 @@ class StepRunner:
         for event in self._health.events(when, self._start_counters):
             self._recorder.add_event(event)
 
+    def committed_attempt(self, trial_id: int) -> int:
+        """Return the number of the attempt at a trial that counts, 0 for none."""
+        return self._committed.get(trial_id, 0)
+
+    def reopen(self, trial_id: int) -> None:
+        """Let no attempt at a trial count any longer."""
+        self._committed.pop(trial_id, None)
+
     async def _run_free_step(self, step: Tare | Rest | Turn | Baseline | ApproachOnly) -> None:
         match step:
             case Tare():
@@ -111,8 +120,7 @@ class StepRunner:
 
     async def _change_plate(self, step: ChangePlate) -> None:
         if not self._unattended:
-            await self.make_safe()
-            await self._control.ask(step.prompt, step.texture)
+            await self._ask(step.prompt, step.texture)
         self._set_plate(step.texture)
         self._texture = step.texture
         self._tared = False
@@ -151,8 +159,13 @@ class StepRunner:
     async def _show_message(self, step: Message) -> None:
         self._publish("message", step.text)
         if step.wait and not self._unattended:
+            await self._ask(step.text, None)
+
+    async def _ask(self, text: str, texture: str | None) -> None:
+        """Make the rig safe, ask the operator and wait for the answer."""
+        with self._progress.idle():
             await self.make_safe()
-            await self._control.ask(step.text, None)
+            await self._control.ask(text, texture)
 
     async def _prepare(self) -> None:
         """Record, arm, home and tare, as far as necessary."""
@@ -201,6 +214,8 @@ class StepRunner:
     ) -> None:
         row = attempt.row(verdict, reasons)
         self._recorder.commit_trial(row)
+        if verdict is Verdict.COMMITTED:
+            self._committed[row.trial.trial_id] = row.attempt
         why = f": {'; '.join(reasons)}" if reasons else ""
         self._publish(
             "trial",

@@ -18,11 +18,16 @@ from rigctl.acquisition.rpc.messages import SHOWN_LETTERS
 from rigctl.config.names import shorten
 from rigctl.errors import WrongUse
 from rigctl.protocol.plan import MAX_SEED
+from rigctl.session.notes.session_note import MAX_AUTHOR_LETTERS, MAX_LETTERS
 
 Word = Annotated[str, Meta(pattern=r"\A[a-z_]{1,40}\Z")]
 PathText = Annotated[str, Meta(max_length=4096, pattern=r"\A[^\x00-\x1f\x7f]+\Z")]
 """A path, or a name that stands for one."""
 TextureName = Annotated[str, Meta(max_length=16, pattern=r"\A\w[\w .,+()-]*\Z")]
+NameText = Annotated[str, Meta(max_length=MAX_AUTHOR_LETTERS, pattern=r"\A[^\x00-\x1f\x7f]*\Z")]
+"""The name of a person or a sensor, or an empty text."""
+NoteText = Annotated[str, Meta(max_length=MAX_LETTERS)]
+"""The text of a note; what it may contain is checked where it is written."""
 Seed = Annotated[int, Meta(ge=0, le=MAX_SEED)]
 Number = Annotated[int, Meta(ge=0, lt=1 << 53)]
 

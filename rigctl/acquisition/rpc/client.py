@@ -2,46 +2,42 @@
 
 from __future__ import annotations
 
+import getpass
+import os
 import select
 import socket
 import struct
 import subprocess
-import sys
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from rigctl.acquisition.live_buffer import LiveReader
 from rigctl.acquisition.rpc.engine_files import (
     DRUM_EXPERIMENT,
     EngineFile,
     connecting_socket,
-    engine_file_path,
-    read_engine_file,
     running_engines,
     socket_address,
 )
+from rigctl.acquisition.rpc.engine_launch import (
+    EngineRefusal,
+    spawn_engine,
+    wait_for_engine_file,
+)
 from rigctl.acquisition.rpc.messages import LINE_LIMIT_BYTES, decode_message, encode_message
-from rigctl.acquisition.rpc.runtime_folder import LOG, new_engine_name, runtime_folder
+from rigctl.acquisition.rpc.runtime_folder import new_engine_name, runtime_folder
 from rigctl.errors import LinkLost, RigctlError, RigFault, WrongUse
 
 START_TIMEOUT_S = 60.0
-COMPILE_TIMEOUT_S = 600.0
-"""An engine's first start after an update compiles, on a busy machine for minutes; an engine that
-ends instead is noticed immediately."""
 WAIT_TIMEOUT_S = 10
-_POLL_S = 0.02
+NAME_LETTERS = 80
+"""Of a client's name."""
 ENGINE_COMMAND, FINGER_ENGINE_COMMAND = "engine", "finger-engine"
-
-
-class EngineRefusal(RigctlError):
-    """The engine's refusal, with the exit code for a program that ends because of it."""
-
-    def __init__(self, sentence: str, exit_code: int) -> None:
-        super().__init__(sentence)
-        self.exit_code = exit_code
+FOLLOW_ENGINE_COMMAND = "follow-engine"
 
 
 class EngineClient:
@@ -82,9 +78,9 @@ class EngineClient:
         """
         name = new_engine_name()
         folder = runtime_folder()
-        process, log = _spawn(folder, name, rig, paced, seed, run, command)
+        process, log = spawn_engine(folder, name, rig, paced, seed, run, command)
         try:
-            client = cls(_wait_for_engine_file(folder, name, process, log), process)
+            client = cls(wait_for_engine_file(folder, name, process, log), process)
         finally:
             log.close()
         try:
@@ -174,6 +170,25 @@ class EngineClient:
         if not self._link_error:
             self.send("shutdown")
         self.close()
+        return self._wait_ended(timeout_s)
+
+    def leave(self, timeout_s: float = 30.0) -> int | None:
+        """End the engine as :meth:`shut_down` where nobody else uses it and nothing runs.
+
+        Else only leave it: its other clients and its run go on. Raises EngineRefusal, LinkLost.
+        """
+        try:
+            ends = bool(self._link_error) or bool(self.request("leave")["ends"])
+        finally:
+            self.close()
+        if ends:
+            return self._wait_ended(timeout_s)
+        if self.process is not None:  # its end is noted, so that no zombie stays
+            wait = self.process.wait
+            threading.Thread(target=wait, daemon=True, name="rigctl-engine-end").start()
+        return None
+
+    def _wait_ended(self, timeout_s: float) -> int | None:
         if self.process is None:
             return None
         try:
@@ -247,6 +262,16 @@ class EngineClient:
         self._link_error = f"the engine ended ({why}): start it again; the session it wrote is kept"
 
 
+def client_name(program: str) -> str:
+    """Return what other clients read of this one: the program, its user, computer and process."""
+    try:
+        user = getpass.getuser()
+    except (KeyError, OSError):
+        user = "unknown"
+    name = f"{program} of {user} on {socket.gethostname()} (process {os.getpid()})"
+    return "".join(letter for letter in name if letter.isprintable())[:NAME_LETTERS]
+
+
 def _connect(engine_file: EngineFile) -> socket.socket:
     connection = connecting_socket(engine_file)
     _limit_waits(connection)
@@ -274,47 +299,3 @@ def _limit_waits(connection: socket.socket) -> None:
     else:
         limit = struct.pack("ll", WAIT_TIMEOUT_S, 0)  # struct timeval
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
-
-
-def _spawn(
-    folder: Path, name: str, rig: str, paced: bool, seed: int, run: Sequence[str], command: str
-) -> tuple[subprocess.Popen[bytes], IO[bytes]]:
-    """Start an engine in its own process group, so that our Ctrl-C does not reach it."""
-    words = [sys.executable, "-m", "rigctl", command, "--rig", rig, "--name", name]
-    words += ["--seed", str(seed), *(["--paced"] if paced else []), *run]
-    log = (folder / (name + LOG)).open("w+b")
-    process = subprocess.Popen(
-        words,
-        stdin=subprocess.DEVNULL,
-        stdout=log,
-        stderr=log,
-        start_new_session=sys.platform != "win32",
-        creationflags=0x200 if sys.platform == "win32" else 0,  # CREATE_NEW_PROCESS_GROUP
-    )
-    return process, log
-
-
-def _wait_for_engine_file(
-    folder: Path, name: str, process: subprocess.Popen[bytes], log: IO[bytes]
-) -> EngineFile:
-    """Wait for the engine's file. Raises EngineRefusal with its last line where it ends instead."""
-    path = engine_file_path(folder, name)
-    for _ in range(round(COMPILE_TIMEOUT_S / _POLL_S)):
-        found = read_engine_file(path)
-        if found is not None:
-            return found
-        try:
-            code = process.wait(_POLL_S)
-        except subprocess.TimeoutExpired:
-            continue
-        raise EngineRefusal(_last_line(log), code if code > 0 else 3)
-    process.terminate()
-    process.wait()
-    raise RigFault(f"the engine did not start within {COMPILE_TIMEOUT_S:.0f} s: see {log.name}")
-
-
-def _last_line(log: IO[bytes]) -> str:
-    log.seek(0)
-    lines = log.read().decode(errors="replace").strip().splitlines()
-    last = lines[-1] if lines else "the engine ended without a message: start it again"
-    return last.removeprefix("rigctl: ")

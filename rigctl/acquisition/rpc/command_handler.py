@@ -9,24 +9,28 @@ from __future__ import annotations
 import math
 from collections.abc import Awaitable, Callable
 from contextlib import AbstractContextManager
+from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
 from msgspec import Meta
 
+from rigctl.acquisition.drum.contact import (
+    PRESSING_STATES,
+    RESTING_STATES,
+    is_left_in_contact,
+)
 from rigctl.acquisition.drum.motion import DrumMotion
 from rigctl.acquisition.engine import Engine
 from rigctl.acquisition.protocol.run_request import RunRequest
-from rigctl.acquisition.rpc.arguments import TextureName
-from rigctl.acquisition.rpc.engine_commands import (
-    EngineCommand,
-    EngineCommands,
-    Result,
-    summary_of,
-)
+from rigctl.acquisition.rpc.arguments import NoteText, Number, PathText, TextureName
+from rigctl.acquisition.rpc.declared_commands import EngineCommand, Result, summary_of
+from rigctl.acquisition.rpc.engine_commands import EngineCommands
 from rigctl.config.rig_config import RigLimits
 from rigctl.errors import WrongUse
+from rigctl.values import DrumState
 from rigctl.wire.drum.codes import Command
+from rigctl.wire.drum.states import STATE_TEXT, State
 
 OPERATOR_SETTINGS = {
     "speed_mm_s": "speed_set",
@@ -57,6 +61,7 @@ class NoArguments(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 Magnitude = Annotated[float, Meta(ge=0, le=100_000)] | None
 """An operator's setting; the rig's limits are narrower."""
+Note = Annotated[str, Meta(max_length=500, pattern=r"\A[^\x00-\x1f\x7f]*\Z")]
 
 
 class CommandHandler(EngineCommands[Engine]):
@@ -101,6 +106,14 @@ class CommandHandler(EngineCommands[Engine]):
             motion.settings.update(written)
         return {name: written[OPERATOR_SETTINGS[name]] for name in values}
 
+    async def on_note(self, text: NoteText) -> None:
+        """Write a note with a time stamp on the session of the run."""
+        self._engine.add_note(text)
+
+    async def on_repeat(self, trial_id: Number, text: NoteText = "repeated") -> None:
+        """Run a trial again while its plate is on; the attempt that counted is marked bad."""
+        self._engine.repeat(trial_id, text)
+
     async def on_stop(self) -> None:
         """Stop and lift immediately; a run ends."""
         await self._engine.send_stop("stopped by a client")
@@ -112,7 +125,22 @@ class CommandHandler(EngineCommands[Engine]):
     async def on_plate(self, texture: TextureName) -> Result:
         """Store which plate is mounted; a simulated rig mounts it itself."""
         self._refuse_during_run()
+        _require_room(self._engine.boards.drum_poller.state)
         return {"changed": self._engine.set_plate(texture)}
+
+    async def on_record(self, out: PathText, note: Note = "") -> Result:
+        """Record operation by hand into the new folder ``out``, without trials."""
+        self._refuse_during_run()
+        try:
+            return {"session": str(self._engine.record_by_hand(Path(out), note))}
+        except OSError as error:  # a name that the file system does not take, a folder not ours
+            raise WrongUse(
+                f"{error.filename}: {error.strerror}: choose another folder to record into"
+            ) from error
+
+    async def on_end_record(self) -> Result:
+        """End the recording by hand."""
+        return {"session": str(self._engine.manual.end())}
 
     async def on_calibrate_range(
         self, seconds: Annotated[float, Meta(ge=0.1, le=600)] = 10.0
@@ -144,6 +172,19 @@ def _move(
             await move(motion)
 
     return execute
+
+
+def _require_room(drum: DrumState | None) -> None:
+    """Raise WrongUse where the drum moves or presses, so that nobody can change its plate."""
+    if drum is None:
+        return
+    if drum.state in PRESSING_STATES or is_left_in_contact(drum):
+        raise WrongUse("the plate cannot change while the drum is in contact: lift the drum first")
+    if drum.state not in RESTING_STATES:
+        raise WrongUse(
+            f"the plate cannot change now ({STATE_TEXT[State(drum.state)]}): "
+            "wait until the drum stands still"
+        )
 
 
 def _require_limits(name: str, value: float, limits: RigLimits) -> None:

@@ -7,8 +7,7 @@ The annotations of a method declare the arguments of its command
 from __future__ import annotations
 
 import inspect
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Any, ClassVar, Generic, Literal, TypeVar
 
 import msgspec
@@ -21,25 +20,18 @@ from rigctl.acquisition.rpc.arguments import (
     declared_arguments,
     read_arguments,
 )
+from rigctl.acquisition.rpc.declared_commands import (
+    EngineCommand,
+    Result,
+    declared_methods,
+    summary_of,
+)
 from rigctl.acquisition.rpc.messages import as_dict
 from rigctl.acquisition.served_engine import ServedEngine
 from rigctl.config.names import shorten
 from rigctl.errors import WrongUse
 
-Result = dict[str, Any]
 _Engine = TypeVar("_Engine", bound=ServedEngine[Any, Any])
-
-
-@dataclass(frozen=True, slots=True)
-class EngineCommand:
-    """One command of clients: what it does, the type of its arguments, and what executes it.
-
-    ``execute(handler, arguments)`` returns the result.
-    """
-
-    summary: str
-    arguments: type[msgspec.Struct]
-    execute: Callable[[Any, Any], Awaitable[Result | None]]
 
 
 class Injection(msgspec.Struct, frozen=True):
@@ -65,17 +57,8 @@ class EngineCommands(Generic[_Engine]):
     @classmethod
     def declared_commands(cls) -> dict[str, EngineCommand]:
         """Return all commands by name."""
-        methods = {
-            name.removeprefix("on_"): method
-            for name, method in inspect.getmembers(cls, inspect.iscoroutinefunction)
-            if name.startswith("on_")
-        }
-        commands = {
-            name: EngineCommand(summary_of(method), declared_arguments(name, method), _call(method))
-            for name, method in methods.items()
-        }
         start = EngineCommand(summary_of(cls._start), cls.request_type, cls._start)
-        return {**commands, "start": start}
+        return {**declared_methods(cls), "start": start}
 
     async def handle(self, command: str, args: dict[str, Any]) -> Result:
         """Execute one request. Raises WrongUse for an unknown command or wrong arguments."""
@@ -149,15 +132,3 @@ class EngineCommands(Generic[_Engine]):
             raise WrongUse("no run is active: start one first")
         control: RunReasons = run.control
         return control
-
-
-def _call(
-    method: Callable[..., Awaitable[Result | None]],
-) -> Callable[[Any, msgspec.Struct], Awaitable[Result | None]]:
-    """Return what calls a method of the handler with arguments by name."""
-    return lambda handler, arguments: method(handler, **arguments_by_name(arguments))
-
-
-def summary_of(method: Callable[..., object]) -> str:
-    """Return the first line of a method's description."""
-    return (inspect.getdoc(method) or "").partition("\n")[0]

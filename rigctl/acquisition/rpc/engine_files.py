@@ -31,6 +31,8 @@ from rigctl.acquisition.rpc.runtime_folder import (
 
 DRUM_EXPERIMENT, FINGER_EXPERIMENT = "drum", "finger"
 """What an engine runs: clients of one experiment do not join the other's engine."""
+FOLLOWED = "follow"
+"""The experiment of a program that only reads a session's folder: it has no rig to stop."""
 LOOPBACK = "127.0.0.1"
 
 _SIZE_LIMIT_BYTES = 1 << 16
@@ -56,6 +58,12 @@ class EngineFile:
     live: _Text
     experiment: Annotated[str, Meta(max_length=64)] = DRUM_EXPERIMENT
     socket: _Text = ""
+
+
+def rig_name(rig: str) -> str:
+    """Return a rig as engine files name it: a file by its whole path, so that one bench has one."""
+    path = Path(rig)
+    return str(path.resolve()) if path.suffix == ".toml" else rig
 
 
 def engine_file_path(folder: Path, name: str) -> Path:

@@ -25,8 +25,9 @@ import msgspec
 from msgspec import Meta
 
 from rigctl.config.names import shorten
+from rigctl.config.rig_config import RigLimits
 from rigctl.errors import WrongUse
-from rigctl.session.format.sensor_layout import SensorLayout
+from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.values import N_TAXELS
 from rigctl.wire.drum.states import State
 
@@ -36,6 +37,7 @@ SHOWN_LETTERS = 100
 """Of what a refusal cites from a request."""
 STATUS_PERIOD_S = 0.1
 PAPER_SENSOR = SensorLayout.default(N_TAXELS)
+NOMINAL_LIMITS = RigLimits()
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -49,7 +51,8 @@ class RecordingStatus:
     """What has reached the disk.
 
     ``active``: samples reached the disk within the last second. ``hours_left``: free space
-    divided by the recent write rate, None before anything is written.
+    divided by the recent write rate, None before anything is written. ``by_hand``: without
+    a protocol.
     """
 
     active: bool = False
@@ -59,6 +62,7 @@ class RecordingStatus:
     disk_free_bytes: int = 0
     hours_left: float | None = None
     failure: str | None = None
+    by_hand: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,11 +86,21 @@ class PromptStatus:
 
 
 @dataclass(frozen=True, slots=True)
+class NextPlate:
+    """The next change of plates: the plate, the trials before it, and their estimated time."""
+
+    texture: str = ""
+    trials: int = 0
+    left_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class RunStatus:
     """Progress of the protocol; ``state`` idle|running|paused|prompt|done|aborted|failed.
 
     ``reasons``: what the run waits for, words such as operator, prompt, link, disk.
-    ``text``: one sentence on how it ended, empty before.
+    ``text``: one sentence on how it ended, empty before. ``trial_age_s``: time since a trial was
+    committed, None before one was in this sitting. ``next_plate``: None if no other one follows.
     """
 
     state: str = "idle"
@@ -98,6 +112,8 @@ class RunStatus:
     trials_rejected: int = 0
     eta_s: float | None = None
     elapsed_s: float = 0.0
+    trial_age_s: float | None = None
+    next_plate: NextPlate | None = None
     current: CurrentTrial | None = None
     prompt: PromptStatus | None = None
     session: str | None = None
@@ -143,7 +159,10 @@ class EngineStatus:
     """State of the rig, the recording and the run.
 
     ``state``: None where it is unknown to this program. ``fault``: value of ``Fault``.
-    ``last_block_age_s`` and ``poll_age_s``: loop time since the newest data, None before any.
+    ``contact_may_stand``: the drum may rest on the sensor. ``has_taxel_range``: it is calibrated or
+    measured. ``loadcell_calibrated``: date and masses, empty for the nominal scale.
+    ``last_block_age_s``, ``poll_age_s`` and ``loadcell_age_s``: loop time since the newest data,
+    None before any. ``limits``: set-points that the engine takes.
     ``is_moved_by_hand``: a client's own command moves the drum, so no run can start.
     ``poll_retries``: repeated polls of the drum since the engine started.
     ``clock_ppm``: how fast each board's clock runs against the computer's, None before known.
@@ -169,6 +188,9 @@ class EngineStatus:
     angle_deg: float = 0.0
     actuator_position_um: int = 0
     tared: bool = False
+    contact_may_stand: bool = False
+    has_taxel_range: bool = False
+    loadcell_calibrated: str = ""
     homed: bool = False
     is_moved_by_hand: bool = False
     frame_rate_hz: float = 0.0
@@ -176,13 +198,21 @@ class EngineStatus:
     gaps: int = 0
     last_block_age_s: float | None = None
     poll_age_s: float | None = None
+    loadcell_age_s: float | None = None
     poll_retries: int = 0
     loadcell_lost: int = 0
     clock_ppm: Mapping[str, float | None] = field(default_factory=dict)
     boards: Mapping[str, BoardStatus] = field(default_factory=dict)
     sensor_layout: SensorLayout = PAPER_SENSOR
+    limits: RigLimits = NOMINAL_LIMITS
     recording: RecordingStatus = RecordingStatus()
     run: RunStatus = RunStatus()
+
+    @property
+    def is_left_in_contact(self) -> bool:
+        """Whether the drum was switched off where it pressed; no tare is from before a boot."""
+        is_off = self.drum_connected and self.state in (State.IDLE, State.FAULT_OFF)
+        return is_off and self.contact_may_stand and self.tared
 
 
 def as_dict(status: Any) -> dict[str, Any]:
@@ -216,6 +246,7 @@ PARSERS: FieldParsers = {
     "reasons": tuple,
     "recording": lambda data: parse_fields(RecordingStatus, data, {}),
     "current": lambda data: parse_fields(CurrentTrial, data, {}),
+    "next_plate": lambda data: parse_fields(NextPlate, data, {}),
     "prompt": lambda data: parse_fields(PromptStatus, data, {}),
 }
 """Parsers of the fields that statuses share."""
@@ -226,6 +257,7 @@ _STATUS_PARSERS: FieldParsers = {
         name: parse_fields(BoardStatus, boards[name], PARSERS) for name in boards
     },
     "run": lambda data: parse_fields(RunStatus, data, PARSERS),
+    "limits": lambda data: parse_fields(RigLimits, data, {}),
     "sensor_layout": lambda data: parse_fields(SensorLayout, data, {"layers": tuple}),
 }
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Coroutine
-from typing import Any
+from typing import Any, Protocol
 
 from rigctl.acquisition.rpc.door import Door, LoggedIn
 from rigctl.acquisition.rpc.messages import (
@@ -26,8 +26,46 @@ RequestHandler = Callable[[str, dict[str, Any]], Awaitable[dict[str, Any]]]
 Reply = dict[str, Any]
 
 
+class ClientDesk(Protocol):
+    """What serves one client."""
+
+    async def handle(self, command: str, args: dict[str, Any]) -> dict[str, Any]:
+        """Return the result of a request. Raises RigctlError."""
+
+    def close(self) -> None:
+        """Take note that the client has left."""
+
+
+class ConnectedClient:
+    """One client that the door let in. ``number``: its own, never given again."""
+
+    def __init__(self, number: int, writer: asyncio.StreamWriter) -> None:
+        self.number = number
+        self._writer = writer
+
+    @property
+    def unread_bytes(self) -> int:
+        """Bytes that the client has not read yet."""
+        return int(self._writer.transport.get_write_buffer_size())
+
+    def send(self, line: bytes) -> None:
+        """Send a line, or drop a client that has stopped reading."""
+        if self._writer.is_closing():
+            return
+        self._writer.write(line)
+        if self.unread_bytes > UNREAD_LIMIT_BYTES:
+            self._writer.transport.abort()
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._writer.close()
+
+
+DeskFactory = Callable[[ConnectedClient], ClientDesk]
+
+
 class Server:
-    """All clients of one engine, by the stream that writes to each.
+    """All clients of one engine.
 
     ``report_failure``: gets a sentence on each request that failed inside the engine.
     """
@@ -35,16 +73,14 @@ class Server:
     def __init__(self, report_failure: Callable[[str], None]) -> None:
         self._report_failure = report_failure
         self._greeting: dict[str, Any] | None = None
-        self._clients: set[asyncio.StreamWriter] = set()
+        self._clients: set[ConnectedClient] = set()
+        self._last_number = 0
         self._door: Door | None = None
         self._tasks: set[asyncio.Task[None]] = set()
 
-    async def open(self, door: Door, handle: RequestHandler) -> None:
-        """Serve those whom the door lets in, from now on and before.
-
-        ``handle(command, args)`` returns the result of a request or raises RigctlError.
-        """
-        self._door, self._handle = door, handle
+    async def open(self, door: Door, open_desk: DeskFactory) -> None:
+        """Serve those whom the door lets in, from now on and before; each gets a desk."""
+        self._door, self._open_desk = door, open_desk
         for client in door.take_clients():
             self._spawn(self._serve(*await self._connect(client)))
         door.open(asyncio.get_running_loop(), lambda client: self._spawn(self._admit(client)))
@@ -72,8 +108,8 @@ class Server:
         if not self._clients:
             return
         line = encode_message(message)
-        for client in self._clients:
-            _write(client, line)
+        for client in tuple(self._clients):
+            client.send(line)
 
     def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.get_running_loop().create_task(work)
@@ -83,50 +119,54 @@ class Server:
     async def _admit(self, client: LoggedIn) -> None:
         await self._serve(*await self._connect(client))
 
-    async def _connect(self, client: LoggedIn) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
-        """Add a client and greet it; return its streams."""
+    async def _connect(self, client: LoggedIn) -> tuple[asyncio.StreamReader, ConnectedClient]:
+        """Add a client and greet it; return what it sends."""
         reader, writer = await asyncio.open_connection(
             sock=client.connection, limit=REQUEST_LIMIT_BYTES
         )
         if client.rest:
             reader.feed_data(client.rest)
-        self._clients.add(writer)
+        self._last_number += 1
+        connected = ConnectedClient(self._last_number, writer)
+        self._clients.add(connected)
         if self._greeting is not None:
-            _write(writer, encode_message(self._greeting))
-        return reader, writer
+            connected.send(encode_message(self._greeting))
+        return reader, connected
 
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _serve(self, reader: asyncio.StreamReader, client: ConnectedClient) -> None:
         """Serve one client until it leaves; its requests may overtake each other."""
+        desk = self._open_desk(client)
         try:
-            while line := await self._read_line(reader, writer):
-                self._spawn(self._reply(writer, line))
+            while line := await self._read_line(reader, client):
+                self._spawn(self._reply(client, desk, line))
         except OSError:
             pass  # the client has gone
         finally:
-            self._clients.discard(writer)
-            writer.close()
+            self._clients.discard(client)
+            client.close()
+            desk.close()
 
-    async def _read_line(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bytes:
+    async def _read_line(self, reader: asyncio.StreamReader, client: ConnectedClient) -> bytes:
         """Return the next line, empty at the end; refuse what is too long for a request."""
         while True:
             try:
                 return await reader.readline()
             except ValueError:  # the reader has dropped what it had of the line
                 error = WrongUse(f"a request has at most {REQUEST_LIMIT_BYTES} bytes: send less")
-                _write(writer, encode_message({"reply": None, **_refusal(error)}))
+                client.send(encode_message({"reply": None, **_refusal(error)}))
 
-    async def _reply(self, client: asyncio.StreamWriter, line: bytes) -> None:
+    async def _reply(self, client: ConnectedClient, desk: ClientDesk, line: bytes) -> None:
         try:
             request = decode_request(line)
         except WrongUse as error:
-            _write(client, encode_message({"reply": None, **_refusal(error)}))
+            client.send(encode_message({"reply": None, **_refusal(error)}))
             return
-        _write(client, await self._answer(request))
+        client.send(await self._answer(desk, request))
 
-    async def _answer(self, request: EngineRequest) -> bytes:
+    async def _answer(self, desk: ClientDesk, request: EngineRequest) -> bytes:
         """Return the reply to a request, whatever happens to it."""
         try:
-            result = await self._handle(request.command, request.args)
+            result = await desk.handle(request.command, request.args)
             return encode_message({"reply": request.id, "ok": True, "result": result})
         except RigctlError as error:
             return encode_message({"reply": request.id, **_refusal(error)})
@@ -146,12 +186,3 @@ def _cut(text: str) -> str:
     """Return a sentence without its middle where it is too long; its cure is at its end."""
     half = REFUSAL_LETTERS // 2
     return text if len(text) <= REFUSAL_LETTERS else f"{text[: half - 1]}…{text[-half:]}"
-
-
-def _write(client: asyncio.StreamWriter, line: bytes) -> None:
-    """Send a line, or drop a client that has stopped reading."""
-    if client.is_closing():
-        return
-    client.write(line)
-    if client.transport.get_write_buffer_size() > UNREAD_LIMIT_BYTES:
-        client.transport.abort()

@@ -8,7 +8,7 @@ from contextlib import closing
 from typing import NamedTuple
 
 from rigctl.acquisition.rpc.client import EngineClient
-from rigctl.acquisition.rpc.engine_files import EngineFile, running_engines
+from rigctl.acquisition.rpc.engine_files import FOLLOWED, EngineFile, running_engines
 from rigctl.acquisition.rpc.runtime_folder import runtime_folder
 
 STOP_TIMEOUT_S = 5.0
@@ -33,7 +33,11 @@ def stop_engines(report: Callable[[StopResult], None], exclude: Collection[str] 
     Waits for the slowest, at most a few seconds. Raises WrongUse where there can be no folder for
     engines.
     """
-    engines = [engine for engine in running_engines(runtime_folder()) if engine.name not in exclude]
+    engines = [
+        engine
+        for engine in running_engines(runtime_folder())
+        if engine.name not in exclude and engine.experiment != FOLLOWED
+    ]
     with ThreadPoolExecutor(len(engines) or 1, "stop") as executor:
         for stop in as_completed([executor.submit(_stop, engine) for engine in engines]):
             report(stop.result())

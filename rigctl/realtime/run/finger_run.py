@@ -79,7 +79,7 @@ class FingerRun:
         self._now_s = now_s
         self._attempts: Counter[int] = Counter(opened.attempts)
         self._scans = opened.scans
-        self._progress = FingerProgress(opened.plan, opened.done, now_s(), opened.rejected)
+        self._progress = FingerProgress(opened.plan, opened.done, now_s, opened.rejected)
         for true, answer in opened.named:
             self._progress.classify(true, answer)
         self._attempt: ScanAttempt | None = None
@@ -145,9 +145,7 @@ class FingerRun:
         state = self.outcome or self._state()
         folder = str(self._recorder.folder)
         control = None if self.ended else self.control
-        status = run_status(
-            self._progress, state, self.text, current, control, folder, self._now_s()
-        )
+        status = run_status(self._progress, state, self.text, current, control, folder)
         return replace(status, coverage=self._opened.coverage)
 
     def _state(self) -> str:
@@ -261,18 +259,16 @@ class FingerRun:
         self._progress.finish()
 
     async def _wait_resumed(self) -> None:
-        since_s = self._now_s()
-        await self.control.wait_resumed()
-        self._progress.idle_s += self._now_s() - since_s
+        with self._progress.clock.idle():
+            await self.control.wait_resumed()
 
     async def _ask_for_plate(self, trial: FingerTrial) -> None:
         if trial.texture == self._texture:
             return
         if not self._opened.unattended:
-            since_s = self._now_s()
             text = f"Lay plate {trial.texture} under the finger, then confirm."
-            await self.control.ask(text, trial.texture)
-            self._progress.idle_s += self._now_s() - since_s
+            with self._progress.clock.idle():
+                await self.control.ask(text, trial.texture)
         self._texture = trial.texture
 
     async def _attempt_scan(self, trial: FingerTrial) -> bool:

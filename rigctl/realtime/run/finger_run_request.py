@@ -27,8 +27,8 @@ from rigctl.protocol.finger_plan import FingerPlan, load_finger_protocol
 from rigctl.realtime.finger_rig import FingerRig
 from rigctl.session.files.finger_model_file import FingerModel, load_finger_model
 from rigctl.session.format import layout
-from rigctl.session.format.header import SessionHeader
-from rigctl.session.format.sensor_layout import SensorLayout
+from rigctl.session.format.metadata.header import SessionHeader
+from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.session.read.finger_session import FingerSession
 from rigctl.session.write.finger_recorder import FingerRecorder
 from rigctl.session.write.private import keep_private

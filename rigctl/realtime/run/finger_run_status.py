@@ -2,29 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+from rigctl.acquisition.protocol.run_clock import RunClock
 from rigctl.protocol.finger_plan import SECONDS_PER_TRIAL, FingerPlan
 from rigctl.realtime.messages import CurrentScan, FingerRunStatus
 from rigctl.realtime.run.finger_control import FingerControl
 
 
 class FingerProgress:
-    """Counts scans, and which of them were named correctly. Times are loop time.
+    """Counts scans, and which of them were named correctly.
 
-    ``idle_s``: pauses and questions, which the pace excludes.
+    ``now_s`` returns loop time. Pauses and questions do not count for the pace.
     """
 
     def __init__(
-        self, plan: FingerPlan, done: frozenset[int], now_s: float, rejected: int = 0
+        self,
+        plan: FingerPlan,
+        done: frozenset[int],
+        now_s: Callable[[], float],
+        rejected: int = 0,
     ) -> None:
+        self.clock = RunClock(now_s)
         self.planned = len(plan.trials)
         self.committed = len(done)
         self.rejected = rejected
-        self.idle_s = 0.0
         self.textures = plan.protocol.textures
         self.confusion = {true: dict.fromkeys(self.textures, 0) for true in self.textures}
         self._remaining = self.planned - self.committed
         self._finished = 0
-        self._started_s = now_s
 
     def commit(self) -> None:
         """Count a committed scan."""
@@ -51,15 +57,11 @@ class FingerProgress:
         """Number of scans that were named correctly."""
         return sum(named[true] for true, named in self.confusion.items())
 
-    def elapsed_s(self, now_s: float) -> float:
-        """Return the time since the start, pauses included."""
-        return now_s - self._started_s
-
-    def eta_s(self, now_s: float) -> float:
+    def eta_s(self) -> float:
         """Return the estimated remaining time, from the pace so far."""
         each_s = SECONDS_PER_TRIAL
         if self._finished:
-            each_s = (self.elapsed_s(now_s) - self.idle_s) / self._finished
+            each_s = self.clock.busy_s / self._finished
         return self._remaining * each_s
 
 
@@ -70,7 +72,6 @@ def run_status(
     current: CurrentScan | None,
     control: FingerControl | None,
     folder: str,
-    now_s: float,
 ) -> FingerRunStatus:
     """Return the status of a run; ``control`` is None after its end."""
     return FingerRunStatus(
@@ -80,8 +81,8 @@ def run_status(
         trials_planned=progress.planned,
         trials_committed=progress.committed,
         trials_rejected=progress.rejected,
-        eta_s=progress.eta_s(now_s) if control else None,
-        elapsed_s=progress.elapsed_s(now_s),
+        eta_s=progress.eta_s() if control else None,
+        elapsed_s=progress.clock.elapsed_s,
         scan=current,
         prompt=control.prompt if control else None,
         session=folder,

@@ -23,7 +23,12 @@ from msgspec.inspect import (
 
 from rigctl.acquisition.rpc.arguments import declared_arguments
 from rigctl.acquisition.rpc.command_handler import CommandHandler
-from rigctl.acquisition.rpc.engine_commands import EngineCommands, summary_of
+from rigctl.acquisition.rpc.declared_commands import (
+    EngineCommand,
+    declared_methods,
+    summary_of,
+)
+from rigctl.acquisition.sharing.client_commands import ClientCommands
 from rigctl.realtime.finger_commands import FingerCommands
 from rigctl.simulation.finger.faults import FingerFaults
 from rigctl.simulation.simulated_rig import FaultInjection
@@ -34,18 +39,18 @@ HEAD = ["| command | arguments | what it does |", "|---|---|---|"]
 def tables() -> dict[str, str]:
     """Return the rows of each table by its title."""
     return {
-        "Commands of the drum's engine": commands(CommandHandler),
-        "Commands of the finger's engine": commands(FingerCommands),
+        "Commands about the clients": commands(declared_methods(ClientCommands)),
+        "Commands of the drum's engine": commands(CommandHandler.declared_commands()),
+        "Commands of the finger's engine": commands(FingerCommands.declared_commands()),
         "Faults of the simulated drum": faults(FaultInjection),
         "Faults of the virtual finger": faults(FingerFaults),
     }
 
 
-def commands(handler: type[EngineCommands]) -> str:
-    declared = handler.declared_commands().items()
+def commands(declared: dict[str, EngineCommand]) -> str:
     rows = [
         f"| `{name}` | {arguments(command.arguments)} | {_markdown(command.summary)} |"
-        for name, command in sorted(declared)
+        for name, command in sorted(declared.items())
     ]
     return "\n".join([*HEAD, *rows])
 

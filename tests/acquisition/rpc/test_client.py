@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.rpc.client import EngineClient, EngineRefusal
-from rigctl.acquisition.rpc.engine_files import running_engines
+from rigctl.acquisition.rpc.client import EngineClient
+from rigctl.acquisition.rpc.door import open_listener
+from rigctl.acquisition.rpc.engine_files import (
+    EngineFile,
+    rig_name,
+    running_engines,
+    write_engine_file,
+)
+from rigctl.acquisition.rpc.engine_launch import EngineRefusal
 from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.acquisition.rpc.runtime_folder import runtime_folder
 from rigctl.errors import LinkLost, WrongUse
@@ -48,6 +56,25 @@ def test_a_client_controls_a_rig_in_real_time() -> None:
     assert running_engines(runtime_folder()) == []
 
 
+def test_a_client_that_leaves_ends_nothing_under_another() -> None:
+    first = EngineClient.start("virtual")
+    second = EngineClient.attach()
+    assert second.leave() is None
+    assert first.request("status")["drum_connected"]
+    third = EngineClient.attach()
+    assert third.request("status")["drum_connected"]
+    assert first.leave() is None
+    assert third.request("status")["drum_connected"]
+    third.leave()
+    while running_engines(runtime_folder()):
+        pass
+
+
+def test_the_last_client_that_leaves_ends_the_engine() -> None:
+    assert EngineClient.start("virtual").leave() == 0
+    assert running_engines(runtime_folder()) == []
+
+
 def test_the_client_reports_why_a_rig_cannot_be_opened() -> None:
     with pytest.raises(EngineRefusal, match=r"there is no rig absent\.toml") as refusal:
         EngineClient.start("absent.toml")
@@ -61,6 +88,21 @@ def test_a_board_that_does_not_answer_gives_the_exit_code(tmp_path: Path) -> Non
         EngineClient.start(str(description))
     assert refusal.value.exit_code == 3
     assert running_engines(runtime_folder()) == []
+
+
+def test_a_bench_that_has_an_engine_gets_no_second_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither by another way to the same file; engines of other rigs do not matter."""
+    monkeypatch.chdir(tmp_path)
+    Path("rig.toml").write_text('[ports]\ndrum = "tcp://127.0.0.1:9"\ntaxels = "tcp://127.0.0.1:9"')
+    with open_listener() as listener:
+        port, rig = listener.getsockname()[1], rig_name("rig.toml")
+        engine = EngineFile("first", os.getpid(), port, "", rig, "")
+        write_engine_file(runtime_folder(), engine)
+        with pytest.raises(EngineRefusal, match=r"an engine holds .*rig\.toml already") as refusal:
+            EngineClient.start("./rig.toml")
+    assert refusal.value.exit_code == 2
 
 
 def test_attach_without_an_engine_is_refused() -> None:

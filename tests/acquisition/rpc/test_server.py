@@ -13,7 +13,7 @@ from rigctl.acquisition.rpc.messages import (
     decode_message,
     encode_message,
 )
-from rigctl.acquisition.rpc.server import Server
+from rigctl.acquisition.rpc.server import ConnectedClient, Server
 from rigctl.errors import BoardFault, WrongUse
 from tests.acquisition.engine_harness import EngineHarness
 
@@ -32,6 +32,16 @@ async def handle(command: str, args: dict[str, Any]) -> dict[str, Any]:
     return {"command": command, **args}
 
 
+class OneDesk:
+    """Serves every client in the same way."""
+
+    def __init__(self, client: ConnectedClient) -> None:
+        self.handle = handle
+
+    def close(self) -> None:
+        """The client has left."""
+
+
 async def talk(
     *lines: bytes, answers: int, failures: list[str] | None = None, until: int | None = None
 ) -> list[dict[str, Any]]:
@@ -41,7 +51,7 @@ async def talk(
     """
     server = Server([].append if failures is None else failures.append)
     with open_listener() as listener:
-        await server.open(Door(listener, TOKEN), handle)
+        await server.open(Door(listener, TOKEN), OneDesk)
         server.set_greeting({"event": "ready"})
         reader, writer = await asyncio.open_connection(*listener.getsockname())
         writer.writelines(lines)

@@ -11,7 +11,9 @@ from random import Random
 from typing import Any
 
 from rigctl.acquisition.rpc.arguments import declared_arguments
+from rigctl.acquisition.rpc.declared_commands import declared_methods
 from rigctl.acquisition.rpc.engine_commands import EngineCommands
+from rigctl.acquisition.sharing.client_commands import ClientCommands
 
 BATCH = 50
 TOKENS = (b'"', b"{", b"}", b"[", b"]", b":", b",", b"null", b"1e9", b"-0", b"\\u0000", b"\xc3")
@@ -87,7 +89,7 @@ def request_line(number: int, command: str, **args: str) -> bytes:
 
 def declared(handler: type[EngineCommands[Any]], faults: type) -> tuple[Arguments, Arguments]:
     """Return the names of all arguments, of the commands and of the faults."""
-    commands = handler.declared_commands().items()
+    commands = (declared_methods(ClientCommands) | handler.declared_commands()).items()
     methods = inspect.getmembers(faults, inspect.isfunction)
     return (
         {name: command.arguments.__struct_fields__ for name, command in commands},

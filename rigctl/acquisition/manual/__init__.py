@@ -1,0 +1,1 @@
+"""Recording while the drum is operated by hand."""

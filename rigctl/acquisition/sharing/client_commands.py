@@ -1,0 +1,113 @@
+"""What one client asks about itself and the others; all other commands go to the engine.
+
+Most of the engine's commands need control (:mod:`rigctl.acquisition.sharing.control`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from typing import Annotated, Any, Protocol
+
+from msgspec import Meta
+
+from rigctl.acquisition.rpc.arguments import Number, read_arguments
+from rigctl.acquisition.rpc.declared_commands import Result, declared_methods
+from rigctl.acquisition.rpc.server import ConnectedClient
+from rigctl.acquisition.sharing.control import Control
+from rigctl.acquisition.sharing.event_history import KEPT_EVENTS, PastEvent
+from rigctl.acquisition.sharing.sample_stream import SampleStream
+
+ClientName = Annotated[str, Meta(min_length=1, max_length=80, pattern=r"\A[^\x00-\x1f\x7f]+\Z")]
+FREE_COMMANDS = frozenset({"stop", "abort", "status", "shown"})
+"""Commands of the engine that need no control: they look, or make the rig safe."""
+
+EngineHandler = Callable[[str, dict[str, Any]], Awaitable[dict[str, Any]]]
+"""Executes a command of the engine with its arguments."""
+
+
+class SharedEngine(Protocol):
+    """An engine as one of its clients sees it."""
+
+    @property
+    def control(self) -> Control:
+        """Who has control."""
+
+    @property
+    def stream(self) -> SampleStream:
+        """The live data for clients that cannot share its memory."""
+
+    def past_events(self, count: int) -> list[tuple[float, PastEvent]]:
+        """Return the newest events with their ages in s."""
+
+    def end_if_unused(self, text: str) -> bool:
+        """End the engine where it has one client and no run; return whether it ends."""
+
+
+class ClientCommands:
+    """Executes the requests of one client. ``handle`` executes those to the engine."""
+
+    def __init__(
+        self, client: ConnectedClient, engine: SharedEngine, handle: EngineHandler
+    ) -> None:
+        self._client = client
+        self._number = client.number
+        self._engine = engine
+        self._handle = handle
+        self._commands = declared_methods(type(self))
+
+    async def handle(self, command: str, args: dict[str, Any]) -> Result:
+        """Execute one request. Raises WrongUse for wrong arguments or without control."""
+        own = self._commands.get(command)
+        if own is not None:
+            arguments = read_arguments(f"command {command}", own.arguments, args)
+            return await own.execute(self, arguments) or {}
+        if command not in FREE_COMMANDS:
+            self._engine.control.require(self._number)
+        return await self._handle(command, args)
+
+    def close(self) -> None:
+        """Take note that the client has left."""
+        self._engine.stream.remove(self._client)
+        self._engine.control.leave(self._number)
+
+    async def on_introduce(self, name: ClientName) -> Result:
+        """Tell the other clients a name; return the client's number, and who has control."""
+        self._engine.control.join(self._number, name)
+        return {"client": self._number, "control": self._engine.control.state.as_message()}
+
+    async def on_clients(self) -> Result:
+        """Return the clients that have told their names, and who has control."""
+        return self._engine.control.state.as_message()
+
+    async def on_history(self, count: Annotated[int, Meta(ge=0, le=KEPT_EVENTS)] = 200) -> Result:
+        """Return the newest events with their ages, the oldest first."""
+        return {
+            "events": [
+                {"age_s": age_s, "kind": event.kind, "text": event.text}
+                for age_s, event in self._engine.past_events(count)
+            ]
+        }
+
+    async def on_stream(self) -> None:
+        """Send the event ``samples`` with the live data from now on."""
+        self._engine.stream.add(self._client)
+
+    async def on_ask_control(self) -> None:
+        """Ask the client that has control for it."""
+        self._engine.control.ask(self._number)
+
+    async def on_take_control(self) -> None:
+        """Take control, whoever has it."""
+        self._engine.control.take(self._number)
+
+    async def on_give_control(self, to: Number) -> None:
+        """Hand control to another client."""
+        self._engine.control.give(self._number, to)
+
+    async def on_keep_control(self) -> None:
+        """Refuse the clients that ask for control."""
+        self._engine.control.keep(self._number)
+
+    async def on_leave(self) -> Result:
+        """End the engine, where this is its only client and nothing runs; say whether it ends."""
+        return {"ends": self._engine.end_if_unused("its last client has left")}

@@ -1,0 +1,88 @@
+"""A client of an engine on another computer, through a socket that SSH forwards."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from rigctl.acquisition.live_buffer import DRUM_LIVE, DRUM_ROWS, TAXEL_ROWS
+from rigctl.acquisition.live_file import LiveFile
+from rigctl.acquisition.rpc.client import EngineClient
+from rigctl.acquisition.rpc.engine_files import DRUM_EXPERIMENT, EngineFile
+from rigctl.acquisition.rpc.runtime_folder import ENGINE_FILE, LIVE, SOCKET
+from rigctl.acquisition.sharing.sample_stream import append_samples
+from rigctl.errors import WrongUse
+
+FILE_LIMIT_BYTES = 1 << 16
+
+
+class RemoteClient(EngineClient):
+    """One connection to an engine whose memory is elsewhere.
+
+    The engine streams its live data; they are kept in a file of this computer, which has the place
+    of the engine's own in ``engine_file``. Raises LinkLost where nothing answers.
+    """
+
+    def __init__(self, engine: EngineFile) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="rigctl-remote-")
+        path = Path(self._folder.name) / (engine.name + LIVE)
+        self._file = LiveFile.create(path, DRUM_LIVE, TAXEL_ROWS, DRUM_ROWS)
+        try:
+            super().__init__(replace(engine, live=str(path)))
+            self.send("stream")
+        except BaseException:
+            self._remove_file()
+            raise
+
+    def drain(self) -> list[dict[str, Any]]:
+        """Return what :meth:`EngineClient.drain` does, without the samples, which are stored."""
+        messages = super().drain()
+        for message in messages:
+            if message.get("event") == "samples":
+                append_samples(self._file, DRUM_LIVE, message.get("data") or {})
+        return [message for message in messages if message.get("event") != "samples"]
+
+    def close(self) -> None:
+        """Close the connection; the engine continues."""
+        super().close()
+        self._remove_file()
+
+    def _remove_file(self) -> None:
+        if self._folder.name and Path(self._folder.name).exists():
+            self._file.close()
+            self._folder.cleanup()
+
+
+def read_remote_engine(path: Path) -> EngineFile:
+    """Return an engine by a copy of its file, with the socket that SSH forwards beside the copy.
+
+    Raises WrongUse where the file or the socket is not there.
+    """
+    engine = _read(path)
+    if engine.experiment != DRUM_EXPERIMENT:
+        raise WrongUse(f"{path} is of an engine of the moving finger: samples of the drum only")
+    beside = path.absolute().parent / (path.name.removesuffix(ENGINE_FILE) + SOCKET)
+    if engine.socket and not beside.exists():
+        raise WrongUse(
+            f"{beside} is not there: forward the engine's socket to it with "
+            f"ssh -N -L {beside}:{engine.socket} HOST"
+        )
+    return replace(engine, socket=str(beside) if engine.socket else "", live="")
+
+
+def _read(path: Path) -> EngineFile:
+    try:
+        with path.open("rb") as file:
+            return msgspec.json.decode(file.read(FILE_LIMIT_BYTES), type=EngineFile)
+    except OSError as error:
+        raise WrongUse(
+            f"{path} cannot be read ({error.strerror}): copy it from the rig's computer"
+        ) from error
+    except (ValueError, RecursionError) as error:
+        raise WrongUse(
+            f"{path} is no file of an engine: copy NAME{ENGINE_FILE} from the rig's computer"
+        ) from error
