@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import Any
 
 from rigctl import __version__
+from rigctl.cli.options.command_parser import PACKAGE, CommandParser, read_summary
 from rigctl.cli.options.output import visible_output
 from rigctl.errors import RigctlError
 
@@ -28,6 +29,7 @@ MODULES = {
     "info": ".data.info",
     "verify": ".data.verify",
     "recover": ".data.recover",
+    "note": ".data.note",
     "accept": ".rig.accept",
     "calibrate": ".rig.calibrate",
     "ports": ".rig.ports",
@@ -35,10 +37,11 @@ MODULES = {
     "gui": "gui.app",
     "engine": ".rig.engine",
     "finger-engine": ".realtime.finger_engine",
+    "follow-engine": ".rig.follow_engine",
 }
 """The module of each command, in the order of the help. Its docstring is the command's help:
 a summary, and after an empty line a description."""
-HIDDEN = ("engine", "finger-engine")
+HIDDEN = ("engine", "finger-engine", "follow-engine")
 """Commands that the help does not list: other commands start them."""
 
 INTERRUPTED = 130
@@ -46,20 +49,25 @@ OUTPUT_CLOSED = 141
 """As a shell reports a process that SIGPIPE ended."""
 
 
-def create_parser(commands: Iterable[str] = MODULES) -> argparse.ArgumentParser:
-    """Return the argument parser of these commands; one alone loads none of the others."""
+def create_parser(
+    commands: Iterable[str] = MODULES, *, loaded: bool = True
+) -> argparse.ArgumentParser:
+    """Return the argument parser of these commands.
+
+    Unless ``loaded``, a command's module is imported when its words are parsed, and no other.
+    """
     top = argparse.ArgumentParser(
         prog="rigctl", description="Drive the texture rig, record its taxels, watch its spikes."
     )
     top.add_argument("--version", action="version", version=f"rigctl {__version__}")
-    subparsers = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    subparsers = top.add_subparsers(
+        dest="command", metavar="COMMAND", required=True, parser_class=CommandParser
+    )
     for name in commands:
-        module = _module(name)
-        summary, _, description = module.__doc__.partition("\n\n")
-        help_text = summary[0].lower() + summary[1:].rstrip(".")
-        shown = {} if name in HIDDEN else {"help": help_text}
-        parser = subparsers.add_parser(name, description=description or None, **shown)
-        module.add_arguments(parser)
+        shown: dict[str, Any] = {} if name in HIDDEN else {"help": read_summary(MODULES[name])}
+        parser = subparsers.add_parser(name, module=MODULES[name], **shown)
+        if loaded:
+            parser.load()
     return top
 
 
@@ -84,11 +92,8 @@ def _run(words: list[str]) -> int:
     """Run the command that ``words`` name, and write what it printed."""
     try:
         named = words[:1] if words and words[0] in MODULES else MODULES
-        args = create_parser(named).parse_args(words)
-        return int(_module(args.command).run(args))
+        args = create_parser(named, loaded=False).parse_args(words)
+        command: Any = import_module(MODULES[args.command], PACKAGE)
+        return int(command.run(args))
     finally:
         sys.stdout.flush()
-
-
-def _module(command: str) -> Any:
-    return import_module(MODULES[command], "rigctl.cli")

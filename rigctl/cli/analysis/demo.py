@@ -16,13 +16,13 @@ from pathlib import Path
 from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.messages import RunStatus
 from rigctl.cli.data.closing import print_session
-from rigctl.cli.data.verify import contents
 from rigctl.cli.data.world import add_world
 from rigctl.cli.options.arguments import a_path, add_seed
 from rigctl.cli.options.progress import ProgressLine
 from rigctl.cli.rig.run import EXIT_CODES, watch_run
 from rigctl.errors import CheckFailed
 from rigctl.session.verify.session import verify
+from rigctl.session.verify.words import contents
 
 PROTOCOL = "quick"
 FIGURES = "figures"

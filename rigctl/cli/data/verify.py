@@ -13,6 +13,7 @@ from rigctl.cli.options.progress import ProgressLine, remaining
 from rigctl.session.verify.ending import parse_digest
 from rigctl.session.verify.report import VerifyReport
 from rigctl.session.verify.session import verify
+from rigctl.session.verify.words import answer, finding_lines
 
 WHOLE, NOT_WHOLE = 0, 1
 QUIET_S = 2.0
@@ -49,21 +50,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print(report: VerifyReport, path: Path) -> None:
-    for line in report.notes:
-        print(f"note: {line}")
-    for line in report.problems:
-        print(f"problem: {line}")
-    n = len(report.problems)
-    verdict = f"not whole, {n} problem{'s' * (n > 1)}" if n else "whole"
-    ending = f", {report.outcome}" if report.outcome else ""
-    print(f"{path} is {verdict}: {contents(report)}{ending}")
+    for line in finding_lines(report):
+        print(line)
+    print(answer(report, path))
     if report.closing_digest:
         print(f"digest: {report.closing_digest}")
-
-
-def contents(report: VerifyReport) -> str:
-    """Return the numbers of trials and samples in words."""
-    return (
-        f"{report.trials_committed:,} trials committed, {report.samples:,} samples, "
-        f"{report.lost_samples:,} lost"
-    )

@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
         world=chosen_world(args.world),
     )
     with closing(rig):
-        process = EngineProcess(args.name, args.rig, FINGER_EXPERIMENT)
+        process = EngineProcess(args.name, args.rig, FINGER_EXPERIMENT, not rig.simulated)
         with closing(FingerLiveWriter(process.live_path)) as live:
             engine = FingerEngine(rig, live, utc_now)
             return process.serve(engine, FingerCommands(engine).handle, _request(args))

@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
     """Open the rig, announce the engine, wait for its first client, serve."""
     rig = open_rig(args.rig, seed=args.seed, paced=args.paced, world=_world(args))
     with closing(rig):
-        process = EngineProcess(args.name, args.rig)
+        process = EngineProcess(args.name, args.rig, is_bench=not rig.simulated)
         live = LiveWriter(process.live_path)
         engine = Engine(rig, live, utc_now, real_time=args.paced or not rig.simulated)
         with closing(live):

@@ -16,6 +16,7 @@ from rigctl.acquisition.rpc.door import Door, open_listener
 from rigctl.acquisition.rpc.engine_files import (
     DRUM_EXPERIMENT,
     EngineFile,
+    rig_name,
     running_engines,
     write_engine_file,
 )
@@ -36,16 +37,23 @@ from rigctl.errors import WrongUse
 class EngineProcess:
     """Announces an engine to clients and serves them. ``rig``: what the user named.
 
-    Raises WrongUse for a name that is not safe, or that a running engine has.
+    ``is_bench``: there is one rig of this name, so it has one engine at a time.
+    Raises WrongUse for a name that is not safe, or that a running engine has, or for a bench that
+    has an engine.
     """
 
-    def __init__(self, name: str | None, rig: str, experiment: str = DRUM_EXPERIMENT) -> None:
+    def __init__(
+        self, name: str | None, rig: str, experiment: str = DRUM_EXPERIMENT, is_bench: bool = False
+    ) -> None:
         self._name = validate_engine_name(name) if name is not None else new_engine_name()
         self._folder = runtime_folder()
-        self._rig = rig
+        self._rig = rig_name(rig)
         self._experiment = experiment
-        if any(engine.name == self._name for engine in running_engines(self._folder)):
+        running = running_engines(self._folder)
+        if any(engine.name == self._name for engine in running):
             raise WrongUse(f"an engine named {self._name} runs already: choose another name")
+        if is_bench:
+            self._refuse_second(running)
         remove_files(self._folder, self._name)
 
     @property
@@ -67,6 +75,15 @@ class EngineProcess:
             finally:
                 _remove_empty(self._folder / (self._name + LOG))
                 remove_files(self._folder, self._name)
+
+    def _refuse_second(self, running: list[EngineFile]) -> None:
+        """Raise WrongUse where an engine holds the bench already."""
+        for engine in running:
+            if (engine.rig, engine.experiment) == (self._rig, self._experiment):
+                raise WrongUse(
+                    f"an engine holds {self._rig} already (process {engine.pid}): join it with "
+                    "`rigctl gui --rig join`, or disconnect its clients, then start again"
+                )
 
     def _file(self, listener: socket.socket, token: str) -> EngineFile:
         address = listener.getsockname()

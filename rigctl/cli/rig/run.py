@@ -17,7 +17,7 @@ from queue import Empty, SimpleQueue
 from typing import Any, Generic, Protocol, TypeVar
 
 from rigctl.acquisition.health.notices import wiring_notice
-from rigctl.acquisition.rpc.client import EngineClient
+from rigctl.acquisition.rpc.client import EngineClient, client_name
 from rigctl.acquisition.rpc.messages import (
     EngineStatus,
     PromptStatus,
@@ -39,10 +39,10 @@ from rigctl.session.read.closing_digest import read_closing_digest
 from rigctl.session.read.session import Session
 
 POLL_S = 0.1
-TOLD_EVENTS = ("fault", "link", "pause", "resume", "message", "stop")
+TOLD_EVENTS = ("fault", "link", "pause", "resume", "message", "stop", "control")
 """Events that the user reads while the run goes on."""
 EXIT_CODES = {"aborted": INTERRUPTED, "failed": 3}
-KEYS = "p pause · r resume · a abort · c clear a fault · each with Enter"
+KEYS = "p pause · r resume · a abort · c clear a fault · t take control · each with Enter"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -148,16 +148,20 @@ class RunWatcher(Generic[_Status]):
         self._no_more_answers = False
 
     def watch(self) -> _Status:
-        """Watch until the run ends and shut the engine down; return the last status.
+        """Watch until the run ends and leave the engine; return the last status.
 
-        A signal ends the run, not this process.
+        A signal ends the run, not this process. The engine ends unless a window uses it.
         """
         threading.Thread(target=self._read_keys, daemon=True, name="keys").start()
         with self._interrupts:
             try:
-                return self._watch()
-            finally:
+                self._client.send("introduce", name=client_name("terminal"))
+                ended = self._watch()
+            except BaseException:
                 self._client.shut_down()
+                raise
+            self._client.leave()
+            return ended
 
     def _watch(self) -> _Status:
         forwarded = 0
@@ -225,7 +229,14 @@ class RunWatcher(Generic[_Status]):
         self._typed.put("end")
 
 
-_COMMANDS = {"p": "pause", "r": "resume", "a": "abort", "c": "clear_fault", "s": "stop"}
+_COMMANDS = {
+    "p": "pause",
+    "r": "resume",
+    "a": "abort",
+    "c": "clear_fault",
+    "s": "stop",
+    "t": "take_control",
+}
 
 
 def _status_line(status: EngineStatus, elapsed_wall_s: float) -> str:

@@ -1,0 +1,63 @@
+"""The command line loads one command, the one that is called; the help loads none."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib import import_module
+
+import pytest
+
+from rigctl.cli import HIDDEN, MODULES, main
+
+LISTING = """
+import sys
+from rigctl.cli import MODULES, main
+try:
+    main(sys.argv[1:])
+except SystemExit:
+    pass
+names = {module.removeprefix(".") for module in MODULES.values()}
+print("loaded:", *sorted(n for n in names if f"rigctl.cli.{n}" in sys.modules or n in sys.modules))
+print("numpy:", "numpy" in sys.modules)
+"""
+
+
+def loaded_by(*words: str) -> list[str]:
+    command = [sys.executable, "-c", LISTING, *words]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return done.stdout.splitlines()[-2:]
+
+
+@pytest.mark.parametrize("words", [["--help"], ["--version"], ["no-such-command"], []])
+def test_the_help_and_a_mistake_load_no_command(words: list[str]) -> None:
+    assert loaded_by(*words) == ["loaded:", "numpy: False"]
+
+
+def test_a_command_loads_no_other() -> None:
+    assert loaded_by("stop", "--help")[0] == "loaded: rig.stop"
+    assert loaded_by("--odd", "stop", "x", "y")[0] == "loaded: rig.stop"
+
+
+def test_the_help_lists_each_command_with_its_first_line(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "300")
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    shown = " ".join(capsys.readouterr().out.split())
+    for command in MODULES.keys() - set(HIDDEN):
+        doc = import_module(MODULES[command], "rigctl.cli").__doc__ or ""
+        summary = doc.partition("\n\n")[0].rstrip(".")
+        assert f"{command} {summary[0].lower()}{summary[1:]}" in shown
+    assert not any(f" {command} " in shown for command in HIDDEN)
+
+
+def test_a_commands_help_is_complete(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["import", "--help"])
+    shown = capsys.readouterr().out
+    assert "--guess" in shown and "usage: rigctl import [-h]" in shown
+    with pytest.raises(SystemExit):
+        main(["realtime", "run", "--help"])
+    assert "usage: rigctl realtime run" in capsys.readouterr().out
