@@ -11,7 +11,9 @@ import signal
 import subprocess
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
+from threading import Thread
 
 from rigctl.config.visible_text import visible
 from rigctl.errors import RigctlError, WrongUse
@@ -32,7 +34,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="plates, sensor and mechanics of a simulated rig; `rigctl world` prints them",
     )
-    parser.add_argument("--theme", choices=("system", "light", "dark"), default="system")
+    parser.add_argument(
+        "--follow",
+        type=Path,
+        metavar="SESSION",
+        help="watch a session that another program records, in its folder, on any computer",
+    )
+    parser.add_argument(
+        "--remote",
+        type=Path,
+        metavar="FILE",
+        help="copy of the file of an engine on another computer, its forwarded socket beside it",
+    )
+    parser.add_argument(
+        "--theme", choices=("system", "light", "dark"), help="colours; without it the last ones"
+    )
 
 
 def check_display() -> None:
@@ -72,25 +88,56 @@ def run(args: argparse.Namespace) -> int:
     import pyqtgraph as pg
 
     from gui.engine_clients import JOIN
-    from gui.main_window import MainWindow
+    from gui.shell.crash_reports import CrashReporter
+    from gui.shell.main_window import MainWindow
+    from gui.shell.user_settings import UserSettings
     from gui.widgets.theme import ThemeChoice
     from rigctl.simulation.bench.world_file import load_world
 
-    rig, world = args.rig, args.world
+    rig, world = _chosen_rig(args), args.world
     if world is not None:
         if rig == JOIN:
             raise WrongUse("the running engine already has a world: join it without --world")
         load_world(world)
     app = pg.mkQApp("rigctl")
-    window = MainWindow(choice=ThemeChoice[args.theme.upper()])
+    settings = UserSettings.of_user()
+    theme = (args.theme or settings.value("theme", "system")).upper()
+    choice = ThemeChoice.__members__.get(theme, ThemeChoice.SYSTEM)
+    window = MainWindow(choice=choice, settings=settings)
+    crashes = CrashReporter(settings.folder / "crash-reports", window.event_log.toPlainText)
+    crashes.reported.connect(window.report)
+    crashes.install()
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: window.close())
+        signal.signal(number, lambda *_: window.attach.leave())
     window.show()
+    Thread(target=_load_compiler, daemon=True).start()
     if rig is not None:
         window.connect_rig(rig, str(world or ""))
-    elif world is not None:
+        return int(app.exec())
+    if world is not None:
         window.toolbar.world.choose(str(world))
+    window.attach.announce()
     return int(app.exec())
+
+
+def _chosen_rig(args: argparse.Namespace) -> str | None:
+    """Return the rig to connect to, None for none. Raises WrongUse for two."""
+    from gui.engine_clients import followed_session, remote_engine
+
+    if args.follow is None and args.remote is None:
+        return args.rig if args.rig is None else str(args.rig)
+    if sum(given is not None for given in (args.rig, args.follow, args.remote)) > 1:
+        raise WrongUse("--rig, --follow and --remote each name what to show: give one of them")
+    if args.world is not None:
+        raise WrongUse("what another program runs has its world already: leave --world out")
+    if args.follow is not None:
+        return followed_session(str(args.follow.absolute()))
+    return remote_engine(str(args.remote.absolute()))
+
+
+def _load_compiler() -> None:
+    """Load what compiles the encoder while the user looks at the window, before it is wanted."""
+    import_module("rigctl.encoding.encoder")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

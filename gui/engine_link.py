@@ -16,8 +16,10 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from PySide6.QtCore import QElapsedTimer, QObject, QSocketNotifier, Signal
 
+from gui.engine_clients import EngineChoice
 from rigctl.acquisition.live_buffer import LiveReader
 from rigctl.acquisition.rpc.client import EngineClient
+from rigctl.acquisition.rpc.engine_files import FOLLOWED
 from rigctl.acquisition.rpc.messages import EngineStatus, parse_status
 from rigctl.acquisition.rpc.stop_all import StopResult, stop_engines
 from rigctl.errors import RigctlError
@@ -79,8 +81,14 @@ class EngineLink(QObject, Generic[_Status, _Live]):
     """The reason."""
     replied = Signal(str)
     """The command that the engine has executed."""
+    answered = Signal(str, dict)
+    """The command that the engine has executed, and its result."""
     refused = Signal(str, str)
     """The command and the engine's error message."""
+    choice_needed = Signal(object)
+    """The :class:`EngineChoice` that kept the link closed: engines run already."""
+    interrupted = Signal(str)
+    """A command that a STOP of this window ended."""
     event_received = Signal(dict)
     status_changed = Signal(object)
     """The new status."""
@@ -99,6 +107,8 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         self._threads: list[threading.Thread] = []
         self._pending: dict[int, tuple[str, int]] = {}
         """Command and time in ms of each request without a reply, by its number."""
+        self._stop_number = 0
+        """Number of the last STOP: it ends what was requested before."""
         self._clock = QElapsedTimer()
         self._clock.start()
         self._last_message_ms = 0
@@ -111,6 +121,16 @@ class EngineLink(QObject, Generic[_Status, _Live]):
     def is_connected(self) -> bool:
         """Whether there is an engine."""
         return self._client is not None
+
+    @property
+    def has_joined(self) -> bool:
+        """Whether the engine ran before this window connected to it."""
+        return self._client is not None and self._client.process is None
+
+    @property
+    def follows(self) -> bool:
+        """Whether there is no rig behind the engine, only the folder of a session."""
+        return self._client is not None and self._client.engine_file.experiment == FOLLOWED
 
     def open(self, *engine: Any) -> None:
         """Start to connect; ``engine``: the factory's arguments.
@@ -133,6 +153,8 @@ class EngineLink(QObject, Generic[_Status, _Live]):
             self._lose(str(error))
             return
         self._pending[number] = (command, self._clock.elapsed())
+        if command == "stop":
+            self._stop_number = number
 
     def stop(self) -> None:
         """Stop the connected engine, then all others in a thread; :attr:`stop_reported` follows."""
@@ -162,21 +184,20 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         self._check_timeouts()
 
     def close(self) -> None:
-        """Disconnect, and shut the engine down unless it runs a protocol."""
+        """Disconnect; the engine ends unless it has another client or runs a protocol."""
         if self._client is not None:
-            is_active = self.status.run.is_active
-            leave = self._client.close if is_active else self._client.shut_down
+            leave = self._client.leave
             self._drop_notifier()
             self._run_in_thread(lambda: _leave(leave))
             self._drop(NOT_CONNECTED)
 
     def wait_closed(self) -> None:
-        """Wait for the threads of engines; shut down an engine that opened late."""
+        """Wait for the threads of engines; leave an engine that opened late."""
         for thread in self._threads:
             thread.join(CLOSE_TIMEOUT_S)
         while not self._opened.empty():
             if not isinstance(client := self._opened.get(), Exception):
-                client.shut_down()
+                _leave(client.leave)
 
     def _run_in_thread(self, action: Callable[[], object]) -> None:
         self._threads = [thread for thread in self._threads if thread.is_alive()]
@@ -213,6 +234,8 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         self._is_opening = False
         if isinstance(result, Exception):
             self.closed.emit(str(result))
+            if isinstance(result, EngineChoice):
+                self.choice_needed.emit(result)
             return
         try:
             self.live = self._dialect.open_live(Path(result.engine_file.live))
@@ -239,6 +262,9 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         command, _ = self._pending.pop(message["reply"], ("", 0))
         if command and message.get("ok"):
             self.replied.emit(command)
+            self.answered.emit(command, message.get("result") or {})
+        elif command and command != "stop" and message["reply"] < self._stop_number:
+            self.interrupted.emit(command)
         elif command:
             self.refused.emit(command, str(message.get("error", "refused")))
 
@@ -279,6 +305,7 @@ class EngineLink(QObject, Generic[_Status, _Live]):
 
     def _reset(self) -> None:
         self._pending.clear()
+        self._stop_number = 0
         self.status = self._dialect.parse({})
         self._last_message_ms = self._clock.elapsed()
 

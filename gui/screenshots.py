@@ -15,7 +15,7 @@ import pyqtgraph as pg
 from PySide6.QtTest import QTest
 
 from gui.finger.scan_record import AnswerState
-from gui.main_window import MainWindow
+from gui.shell.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
 from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE
 from rigctl.wire.drum.states import State
@@ -33,7 +33,6 @@ TIMEOUT_S = 300.0
 MIN_TRIALS = 3
 CALIBRATION_S = 2.0
 SETTLING_MS = 1500  # until layouts and traces have the new width
-OPERATE, PROTOCOL, ANALYSIS, FINGER = range(4)
 FINGER_SEED = "1"
 MIN_NAMED, MIN_WINDOWS = 4, 9
 
@@ -93,7 +92,7 @@ def _start_run(window: MainWindow, work: Path) -> None:
     panel.out.setText(str(work))
     ridges = work / "ridges.toml"
     ridges.write_text(RIDGES, encoding="utf-8")
-    window.tabs.setCurrentIndex(PROTOCOL)
+    window.show_panel("protocol")
     panel.add_protocol(str(ridges))
     _wait(window, panel.buttons["Start"].isEnabled)
     panel.buttons["Start"].click()
@@ -114,7 +113,7 @@ def _render_live(window: MainWindow, folder: Path) -> None:
     """Render the Operate tab in both themes and sizes, and the Protocol tab once."""
     window.resize(*SIZES[0])
     _save(window, folder / "protocol.png", lambda: _advance_run(window))
-    window.tabs.setCurrentIndex(OPERATE)
+    window.show_panel("operate")
     for choice in (ThemeChoice.LIGHT, ThemeChoice.DARK):
         window.set_theme(choice)
         for width, height in SIZES:
@@ -128,9 +127,9 @@ def _render_analysis(window: MainWindow, folder: Path, session: Path) -> None:
     tab, panel = window.analysis_tab, window.analysis_tab.panel
 
     def wait_idle() -> None:
-        _wait(window, lambda: not tab.worker.is_busy)
+        _wait(window, lambda: not (tab.worker.is_busy or tab.reader.is_busy))
 
-    window.tabs.setCurrentIndex(ANALYSIS)
+    window.show_panel("analysis")
     panel.open_session(str(session))
     wait_idle()
     panel.table.selectRow(panel.model.rowCount() // 2)
@@ -151,7 +150,7 @@ def _render_finger(window: MainWindow, folder: Path, work: Path, model: Path) ->
     Every image has a run of its own: a change of the theme delays its answers.
     """
     setup = window.finger_tab.setup
-    window.tabs.setCurrentIndex(FINGER)
+    window.show_panel("finger")
     setup.choose_stage("run")
     setup.model.setText(str(model))
     setup.out.setText(str(work))

@@ -2,23 +2,44 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QObject, Signal
+from PySide6.QtCore import QObject, QTimer, Signal
 from PySide6.QtWidgets import QWidget
 
+from gui.analysis.compare.responses import ResponseGrid
+from gui.analysis.export.export_button import TABLE
+from gui.analysis.export.picture_file import new_file, save_picture
 from gui.analysis.results import AnalysisResults
+from gui.analysis.results_panel import ResultsPanel
 from gui.analysis.results_view import FigureView, ResultsView
 from gui.analysis.run_box import MODEL, PAPER, REALTIME
+from gui.analysis.run_end_strip import RunEndStrip
 from gui.analysis.session_panel import SessionPanel
-from gui.analysis.task_values import QuickCheckResult, ScanPicture
-from gui.analysis.trial_view import TrialView
+from gui.analysis.task_values import (
+    DRUM,
+    FINGER,
+    QuickCheckResult,
+    ScanPicture,
+    SessionTable,
+    describe_request,
+)
+from gui.analysis.trials.trial_pages import TrialPages
 from gui.analysis.worker import Worker
 from gui.widgets.theme import Theme
+from rigctl.errors import RigctlError
+
+FOLLOW_MS = 1000
+READING = ("open_session", "follow_session", "load_trial", "compare_trials", "save_values")
+"""Tasks of the reader."""
 
 
 class AnalysisTab(QObject):
-    """Runs the panel's requests in the worker process and shows the results."""
+    """Runs the panel's requests in worker processes and shows the results.
+
+    ``reader`` opens sessions and reads trials while ``worker`` analyses.
+    """
 
     reported = Signal(str, str)
     """Kind and text for the event log."""
@@ -27,26 +48,59 @@ class AnalysisTab(QObject):
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
-        self.panel, self.worker = SessionPanel(), Worker()
-        self.trial_view, self.figure_view = TrialView(theme), FigureView()
+        self.panel, self.worker, self.reader = SessionPanel(), Worker(), Worker()
+        self.trial_view, self.figure_view = TrialPages(theme), FigureView()
         self.results_view = ResultsView(documentMode=True)
+        self.results_panel = ResultsPanel(self.results_view)
+        self.run_end_strip = RunEndStrip()
+        self._settings = ""
         self.view: QWidget = self.trial_view
         self._last_results: QWidget = self.figure_view
         self._report_folder = ""
-        panel, worker = self.panel, self.worker
-        panel.open_requested.connect(lambda path: worker.submit("open_session", path=path))
-        panel.trial_requested.connect(lambda row: worker.submit("load_trial", row=row))
+        self._is_prepared = False
+        self._wanted_trial: tuple[str, int] | None = None
+        panel, worker, reader = self.panel, self.worker, self.reader
+        panel.open_requested.connect(lambda path: reader.submit("open_session", path=path))
+        panel.trial_requested.connect(self._load_trial)
         panel.run_requested.connect(self._run)
+        panel.verify_requested.connect(self._verify)
         panel.run_box.cancel_requested.connect(self._cancel)
         panel.run_box.results_requested.connect(lambda: self._show(self._last_results))
-        worker.finished.connect(self._finish)
+        self.trial_view.save_button.export_requested.connect(self._export_trial)
+        self.trial_view.compare.compare_requested.connect(self._compare)
+        self.results_panel.refused.connect(lambda text: self.reported.emit("refused", text))
+        panel.shown.connect(self._prepare)
         worker.progressed.connect(panel.run_box.show_progress)
-        worker.failed.connect(lambda _, sentence: self._fail(sentence))
+        for process in (worker, reader):
+            process.finished.connect(self._finish)
+            process.failed.connect(self._fail)
+        self._follow_timer = QTimer(self, interval=FOLLOW_MS)
+        self._follow_timer.timeout.connect(self._follow)
+        self._follow_timer.start()
+
+    def open_session(self, path: str) -> None:
+        """Open a session, as if the user had chosen its folder."""
+        self.panel.open_session(path)
+
+    def poll(self) -> None:
+        """Process the messages of both worker processes."""
+        self.worker.poll()
+        self.reader.poll()
+
+    def close(self) -> None:
+        """End both worker processes."""
+        self._follow_timer.stop()
+        self.worker.cancel()
+        self.reader.cancel()
+
+    def set_theme(self, theme: Theme) -> None:
+        """Apply a theme to the views."""
+        self.trial_view.set_theme(theme)
 
     @property
     def views(self) -> tuple[QWidget, ...]:
         """Return all views that the middle of the window can show."""
-        return self.trial_view, self.figure_view, self.results_view
+        return self.trial_view, self.figure_view, self.results_panel
 
     def _run(self, method: str, path: str) -> None:
         run_box = self.panel.run_box
@@ -54,16 +108,71 @@ class AnalysisTab(QObject):
         if method == PAPER:
             request = run_box.form.request()
             self._report_folder = request.folder
+            self._settings = describe_request(request, DRUM)
             self.worker.submit("analyse", request=request)
         elif method == REALTIME:
             request = run_box.form.request()
             self._report_folder = request.folder
+            self._settings = describe_request(request, FINGER)
             self.worker.submit("analyse_finger", request=request)
         elif method == MODEL:
             sessions = run_box.form.sessions
+            names = ", ".join(Path(session).name for session in sessions)
+            self._settings = f"Sessions: {names}; model: {run_box.model.text()}"
             self.worker.submit("classify", model=run_box.model.text(), sessions=sessions)
         else:
             self.worker.submit("quick_check", path=path)
+
+    def _verify(self, path: str, digest: str) -> None:
+        self.panel.show_busy()
+        kept = "with the digest that was kept" if digest else "without a kept digest"
+        self._settings = f"Session: {path}; {kept}"
+        self.worker.submit("verify_session", path=path, digest=digest)
+
+    def _load_trial(self, path: str, row: int) -> None:
+        """Read a trial; of several that were chosen quickly, only the last one is shown."""
+        self._wanted_trial = path, row
+        if not self.reader.is_busy:
+            self._read_wanted()
+
+    def _read_wanted(self) -> None:
+        if self._wanted_trial is not None:
+            (path, row), self._wanted_trial = self._wanted_trial, None
+            self.reader.submit("load_trial", path=path, row=row)
+
+    def _export_trial(self, suffix: str) -> None:
+        """Save the page of the trial beside its session."""
+        session = Path(self.panel.path).expanduser().absolute()
+        folder, pages = session.with_name(f"{session.name}-figures"), self.trial_view
+        try:
+            path = new_file(folder, pages.file_stem(), suffix)
+            if suffix == TABLE:
+                names, columns = pages.values()
+                self.reader.submit("save_values", path=str(path), names=names, columns=columns)
+                return
+            page = pages.currentWidget()
+            assert page is not None
+            save_picture(page, path)
+        except RigctlError as error:
+            self.reported.emit("refused", str(error))
+        else:
+            self.reported.emit("analysis", f"saved {path}")
+
+    def _compare(self, train: int, neuron: str) -> None:
+        trials = self.panel.selected_trials()
+        self.reader.submit("compare_trials", trials=trials, train=train, neuron=neuron)
+
+    def _prepare(self) -> None:
+        """Start the reader before it is needed: the first session then opens sooner."""
+        if not self._is_prepared:
+            self._is_prepared = True
+            self.reader.submit("prepare")
+
+    def _follow(self) -> None:
+        """Read what was recorded since the last time."""
+        if not self.reader.is_busy:
+            for path in self.panel.growing:
+                self.reader.submit("follow_session", path=path)
 
     def _cancel(self) -> None:
         self.worker.cancel()
@@ -74,7 +183,11 @@ class AnalysisTab(QObject):
         self.reported.emit("analysis", "analysis cancelled")
 
     def _finish(self, task: str, result: Any) -> None:
-        if task == "open_session":
+        if task == "save_values":
+            self.reported.emit("analysis", f"saved {result}")
+        elif isinstance(result, ResponseGrid):
+            self.trial_view.compare.show_grid(result)
+        elif isinstance(result, SessionTable):
             self.panel.show_session(result)
         elif isinstance(result, ScanPicture):
             self.figure_view.show_file(result.figure)
@@ -87,12 +200,24 @@ class AnalysisTab(QObject):
             self._show_results(result.sentence, self.figure_view)
         elif isinstance(result, AnalysisResults):
             self._report_folder = ""
-            self.results_view.show_results(result)
-            self._show_results(result.sentence, self.results_view)
+            self.results_panel.show_results(result, self._settings)
+            self._show_results(result.sentence, self.results_panel)
+        if not self.reader.is_busy:
+            self._read_wanted()
 
-    def _fail(self, sentence: str) -> None:
-        self._report_folder = ""
-        self.panel.show_failure(sentence)
+    def _fail(self, task: str, sentence: str) -> None:
+        is_first = len(self.panel.run_box.form.sessions) < 2
+        if task == "open_session" and is_first:
+            self.panel.show_unopened(sentence)
+        elif task in READING:
+            self.panel.drop_unopened()
+            self.panel.run_box.show_refusal(sentence)
+        else:
+            self._report_folder = ""
+            self.panel.show_failure(sentence)
+        if task == "load_trial" or (task == "open_session" and is_first):
+            self.trial_view.show_trial(None)
+            self._show(self.trial_view)
         self.reported.emit("refused", sentence)
 
     def _show_results(self, sentence: str, view: QWidget) -> None:

@@ -9,52 +9,58 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from gui.analysis.task_values import (
-    FINGER,
     AnalysisRequest,
     FingerSessionInfo,
     ScanPicture,
-    SessionTable,
     analysis_settings,
 )
+from gui.analysis.trials.trial_table import AttemptColumn
 from rigctl.errors import WrongUse
 
 if TYPE_CHECKING:
     from rigctl.analysis.data.cache import Resources
     from rigctl.analysis.finger.report import FingerReport
-
-COLUMNS = ("Scan", "Plate", "Profile", "Named", "Verdict")
-
-
-def session_table(path: Path) -> SessionTable:
-    """Read the trial table of a session of the moving finger. Raises SessionError."""
-    from rigctl.session.read.closing_digest import read_closing_digest
     from rigctl.session.read.finger_session import FingerSession
 
-    with FingerSession.open(path) as session:
-        header, n_committed = session.header, len(session.committed())
-        missing = session.describe_missing()
-        rows = tuple(map(_trial_texts, session.trials))
-    about = (
-        f"{path.name}: moving finger, {', '.join(header.stages)}; {n_committed} of "
-        f"{header.trials_planned} scans committed, "
+
+def about(session: FingerSession) -> str:
+    """Return a sentence about a session of the moving finger."""
+    header = session.header
+    return (
+        f"{session.path.name}: moving finger, {', '.join(header.stages)}; "
+        f"{len(session.committed())} of {header.trials_planned} scans committed, "
         f"{'simulated' if header.simulated else 'real'} finger, started {header.start_utc}"
     )
-    about = ". ".join((about, *missing))
-    return SessionTable(str(path), about, COLUMNS, rows, FINGER, read_closing_digest(path))
 
 
-def scan_picture(path: Path, row: int, folder: Path) -> ScanPicture:
+def columns(session: FingerSession) -> tuple[AttemptColumn, ...]:
+    """Return the trial table of a session of the moving finger."""
+    trials = session.trials
+    return (
+        AttemptColumn("Scan", np.array(trials["trial_id"]), (), "Number in the planned order"),
+        AttemptColumn.of_texts("Plate", trials["texture"]),
+        AttemptColumn.of_texts("Profile", trials["profile"], "Planned profile of the velocity"),
+        AttemptColumn.of_texts(
+            "Named", list(map(_named, trials)), "The answer, and whether it was right"
+        ),
+        AttemptColumn.of_texts("Verdict", trials["verdict"], "Whether the attempt counts"),
+        AttemptColumn.of_texts("Why", trials["reasons"], "Why the attempt does not count"),
+    )
+
+
+def scan_picture(session: FingerSession, row: int, folder: Path) -> ScanPicture:
     """Draw the scan of an attempt into a folder: the last frame of its movie.
 
     Raises WrongUse for an attempt without a scan.
     """
     from rigctl.analysis.finger.movie.movie_file import write_movie
     from rigctl.analysis.finger.movie.scan_timeline import read_timeline
-    from rigctl.session.read.finger_session import FingerSession
 
-    with FingerSession.open(path) as session:
-        trial_id = int(session.trials[row]["trial_id"])
+    trial_id = int(session.trials[row]["trial_id"])
+    path = session.path
     figure = folder / f"{path.name}-{trial_id}.png"
     if not figure.exists():
         write_movie(read_timeline(path, trial_id), figure, lambda *_: None)
@@ -103,13 +109,6 @@ def make_report(request: AnalysisRequest, resources: Resources) -> FingerReport:
     return make_finger_report(paths, Path(request.folder), settings, now, resources)
 
 
-def _trial_texts(row: Any) -> tuple[str, ...]:
+def _named(row: Any) -> str:
     marks = {1: " ✓", 0: " ✗"}
-    named = f"{row['predicted']}{marks.get(int(row['correct']), '')}" or "–"
-    return (
-        f"{row['trial_id']}",
-        f"{row['texture']}",
-        f"{row['profile']}",
-        named,
-        f"{row['verdict']}",
-    )
+    return f"{row['predicted']}{marks.get(int(row['correct']), '')}" or "–"

@@ -10,8 +10,8 @@ from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QLineEdit, QSpinBox, QW
 
 from gui.analysis.task_values import DRUM, FINGER, AnalysisRequest, model_path
 from gui.widgets.file_browser import PathKind, browse_button
-from gui.widgets.labels import elastic, label, plain_tooltip, show_text
-from gui.widgets.layouts import combo_box, form_layout, hbox, push_button
+from gui.widgets.labels import label, plain_tooltip, show_text
+from gui.widgets.layouts import combo_box, container, form_layout, hbox, push_button, vbox
 from rigctl.encoding.parameters import PRESETS
 
 TASKS = {
@@ -38,17 +38,24 @@ DRAWS = {DRUM: 20, FINGER: 100}
 
 
 class AnalysisOptionsForm(QWidget):
-    """The sessions and options of an analysis; the open session is always the first one."""
+    """The sessions and options of an analysis; the open session is always the first one.
+
+    ``session_row`` names the sessions; the panel shows it above their trials.
+    """
 
     path_requested = Signal(object, object)
+    sessions_changed = Signal(tuple)
+    """The paths of the sessions to analyse, the open one first."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.session_names = elastic(label("–"))
+        self.session_names = label("–", wraps=True)
         requested = self.path_requested
         self.add_button = browse_button(requested, PathKind.SESSION, self.add_session, "+")
         self.add_button.setToolTip("Add another session")
         self.remove_button = push_button("−", self._remove_added, "Remove the added sessions")
+        heading = hbox(label("Sessions"), self.add_button, self.remove_button)
+        self.session_row = container(vbox(heading, self.session_names))
         self.task, self.engine = combo_box(TASKS), combo_box(ENGINES)
         self.draws = QSpinBox(minimum=1, maximum=10_000, value=DRAWS[DRUM])
         self.components = QSpinBox(minimum=1, maximum=1000, value=50)
@@ -61,6 +68,7 @@ class AnalysisOptionsForm(QWidget):
         self.seed.setToolTip("Seed of the draws")
         self.sensitivity = QCheckBox("Compare all encoder presets")
         self.model = combo_box({"None": "", **REPRESENTATIONS})
+        self._model_row = container(vbox(label("Save model"), self.model))
         self.model.setToolTip("Representation of a model that is trained on all trials")
         self.c = QLineEdit(placeholderText="found by a search")
         self.c.setToolTip("Model file that C is taken from; the analysis measures its rate error")
@@ -90,7 +98,7 @@ class AnalysisOptionsForm(QWidget):
     def show_session(self, path: str) -> None:
         """Make another session the open one."""
         self._open_session = path
-        self._added = [added for added in self._added if added != path]
+        self._added = []
         self._show_sessions()
 
     def add_session(self, path: str) -> None:
@@ -98,6 +106,13 @@ class AnalysisOptionsForm(QWidget):
         if path not in self.sessions:
             self._added.append(path)
         self._show_sessions()
+        self.sessions_changed.emit(self.sessions)
+
+    def remove_session(self, path: str) -> None:
+        """Do not analyse an added session."""
+        self._added = [added for added in self._added if added != path]
+        self._show_sessions()
+        self.sessions_changed.emit(self.sessions)
 
     @property
     def sessions(self) -> tuple[str, ...]:
@@ -126,6 +141,7 @@ class AnalysisOptionsForm(QWidget):
         names = ", ".join(Path(path).name for path in self.sessions)
         show_text(self.session_names, names or "–")
         self.session_names.setToolTip(plain_tooltip("\n".join(self.sessions)))
+        self.add_button.setEnabled(bool(self._open_session))
         self.remove_button.setEnabled(bool(self._added))
 
     def _show_reference(self, settings: str) -> None:
@@ -135,11 +151,11 @@ class AnalysisOptionsForm(QWidget):
     def _remove_added(self) -> None:
         self._added.clear()
         self._show_sessions()
+        self.sessions_changed.emit(self.sessions)
 
     def _lay_out(self) -> None:
         self._form = form = form_layout(4)
         self.setLayout(form)
-        form.addRow("Sessions", hbox(self.session_names, self.add_button, self.remove_button))
         form.addRow("Tasks", self.task)
         form.addRow("Constants", hbox(self.settings, self.settings_button))
         form.addRow("Draws", self.draws)
@@ -150,10 +166,10 @@ class AnalysisOptionsForm(QWidget):
         form.addRow("Engine", self.engine)
         c_row = hbox(self.c, self.c_button)
         form.addRow("C from", c_row)
-        form.addRow("Save model", self.model)
+        form.addRow(self._model_row)
         form.addRow(self.sensitivity)
         self._drum_fields = (
-            self.task, self.components, self.preset, self.reference, c_row, self.model,
+            self.task, self.components, self.preset, self.reference, c_row, self._model_row,
             self.sensitivity,
         )  # fmt: skip
         self._show_sessions()

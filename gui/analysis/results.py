@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from rigctl.analysis.classification.classify_sessions import Classification
     from rigctl.analysis.finger.report import FingerReport
     from rigctl.analysis.report.report_folder import ReportResult
+    from rigctl.session.verify.report import VerifyReport
 
 FIGURES = (("fig3", "Accuracy"), ("confusion", "Confusion"), ("fig2c", "One taxel"))
 FINGER_FIGURES = (
@@ -34,10 +35,11 @@ class ResultsPage(NamedTuple):
 
 
 class AnalysisResults(NamedTuple):
-    """The result in a sentence, and its pages."""
+    """The result in a sentence, its pages, and the folder of its report if it has one."""
 
     sentence: str
     pages: tuple[ResultsPage, ...]
+    folder: str = ""
 
 
 def report_results(report: ReportResult) -> AnalysisResults:
@@ -48,7 +50,7 @@ def report_results(report: ReportResult) -> AnalysisResults:
     if (out / "sensitivity.csv").exists():
         pages.append(ResultsPage("Presets", _csv_table(out / "sensitivity.csv")))
     pages.append(ResultsPage("Remarks", _bullets(summarise_notes(report.remarks))))
-    return AnalysisResults(_report_sentence(report), tuple(pages))
+    return AnalysisResults(_report_sentence(report), tuple(pages), str(out))
 
 
 def finger_results(report: FingerReport) -> AnalysisResults:
@@ -57,7 +59,7 @@ def finger_results(report: FingerReport) -> AnalysisResults:
     figures = [(title, out / f"{stem}.png") for stem, title in FINGER_FIGURES]
     pages = [ResultsPage(title, figure=str(path)) for title, path in figures if path.exists()]
     pages.append(ResultsPage("In words", _bullets(report.lines)))
-    return AnalysisResults(f"The report is {report.page}", tuple(pages))
+    return AnalysisResults(f"The report is {report.page}", tuple(pages), str(out))
 
 
 def prediction_results(classification: Classification) -> AnalysisResults:
@@ -65,14 +67,17 @@ def prediction_results(classification: Classification) -> AnalysisResults:
     from rigctl.analysis.classification.predictions import summary
 
     verdicts = {True: "correct", False: "<b>wrong</b>", None: "unknown to the model"}
+    trained = {True: "trained on it", False: "no", None: "perhaps"}
     head = [
         "Trial", "True", "mm/s", "g", "Predicted", "", "Posterior", "Runner-up", "Margin",
+        "Trained on",
     ]  # fmt: skip
     cells = [
         [
             f"{p.trial_id}", escape(p.texture), f"{p.speed_mm_s:g}", f"{p.force_g:g}",
             f"<b>{escape(p.predicted)}</b>", verdicts[p.right], f"{p.posterior:.1%}",
             escape(p.runner_up), f"{p.margin:.2f}",
+            trained[p.trained_on],
         ]
         for p in classification.predictions
     ]  # fmt: skip
@@ -83,6 +88,17 @@ def prediction_results(classification: Classification) -> AnalysisResults:
         ResultsPage("Remarks", _bullets(summarise_notes(classification.remarks))),
     )
     return AnalysisResults(summary(classification), pages)
+
+
+def verify_results(report: VerifyReport, path: Path) -> AnalysisResults:
+    """Return what a check of a session found, in the words of ``rigctl verify``."""
+    from rigctl.session.verify.words import answer, finding_lines
+
+    sentence = answer(report, path)
+    digest = f"<p>digest: {escape(report.closing_digest)}</p>" if report.closing_digest else ""
+    findings = _bullets(finding_lines(report), "Nothing to note.")
+    page = f"<h3>{escape(sentence)}</h3>{findings}{digest}"
+    return AnalysisResults(sentence, (ResultsPage("Verify", page),))
 
 
 def table(head: list[str], rows: list[list[str]]) -> str:
@@ -138,12 +154,17 @@ def _percent(row: dict[str, Any] | None, absent: str) -> str:
 
 
 def _confusion(classification: Classification) -> str:
+    """Return the matrix of the trials that the model was not trained on, else of all."""
+    unseen = classification.unseen
+    which = "Trials that the model was trained on; the counts say nothing about others."
+    if unseen.n_scored:
+        classification, which = unseen, "Trials that the model was not trained on."
     names = classification.model.classes
     rows = [
         [f"<b>{escape(name)}</b>", *(str(count or "·") for count in row)]
         for name, row in zip(names, classification.confusion.tolist(), strict=True)
     ]
-    note = "<p>Rows: true texture; columns: predicted texture.</p>"
+    note = f"<p>{which} Rows: true texture; columns: predicted texture.</p>"
     return note + table(["", *map(escape, names)], rows)
 
 
@@ -158,6 +179,6 @@ def _csv_table(path: Path) -> str:
     )
 
 
-def _bullets(sentences: Sequence[str]) -> str:
+def _bullets(sentences: Sequence[str], absent: str = "No remarks.") -> str:
     items = "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences)
-    return f"<ul>{items}</ul>" if items else "<p>No remarks.</p>"
+    return f"<ul>{items}</ul>" if items else f"<p>{absent}</p>"

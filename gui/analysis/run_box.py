@@ -11,7 +11,7 @@ from gui.analysis.options_form import AnalysisOptionsForm
 from gui.analysis.task_values import DRUM, FINGER
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.formatting import duration
-from gui.widgets.labels import label
+from gui.widgets.labels import label, set_property
 from gui.widgets.layouts import combo_box, container, hbox, push_button, vbox
 
 
@@ -80,6 +80,7 @@ class AnalysisRunBox(QGroupBox):
         self.method.currentIndexChanged.connect(lambda _: self._show_method())
         self.form.path_requested.connect(self.path_requested)
         self._show_method()
+        self.clear_result()
 
     def show_experiment(self, experiment: str) -> None:
         """Offer the methods for sessions of an experiment."""
@@ -103,16 +104,33 @@ class AnalysisRunBox(QGroupBox):
         self.stage.setText(f"{stage}{left}")
         self.bar.setValue(round(100 * share))
 
+    def show_result(self, sentence: str) -> None:
+        """Show the result of an analysis."""
+        set_property(self.result, "role", "")
+        self.result.setText(sentence)
+        self.results_button.setEnabled(True)
+
+    def show_refusal(self, sentence: str) -> None:
+        """Show why an analysis did not run or did not finish."""
+        set_property(self.result, "role", "bad")
+        self.result.setText(sentence)
+
+    def clear_result(self) -> None:
+        """Show no result."""
+        self.result.clear()
+        self.results_button.setEnabled(False)
+
     def show_busy(self, busy: bool, runnable: bool) -> None:
         """Show whether an analysis runs; ``runnable`` says whether one can start."""
         if busy:
             self.bar.setValue(0)
+            self.result.clear()
             self._since_stage.invalidate()
         else:
             self.stage.clear()
         self.run_button.setEnabled(runnable and not busy)
         self.cancel_button.setEnabled(busy)
-        for widget in (self.method, self.form, self.model_row):
+        for widget in (self.method, self.form, self.form.session_row, self.model_row):
             widget.setEnabled(not busy)
         self.bar.setVisible(busy)
         self.stage.setVisible(busy)
@@ -127,7 +145,11 @@ class AnalysisRunBox(QGroupBox):
         self.run_button.setText(METHODS[key].button)
 
     def _run(self) -> None:
-        self.run_requested.emit(self.method.currentData())
+        method = self.method.currentData()
+        if method == MODEL and not self.model.text().strip():
+            self.show_refusal("No model: choose a model file, which an analysis saves.")
+        else:
+            self.run_requested.emit(method)
 
     def _lay_out(self) -> None:
         buttons = QHBoxLayout()

@@ -1,71 +1,35 @@
-"""The Analysis tab's panel: a session's trials, and the classification of its textures."""
+"""The Analysis tab's panel: sessions and their trials, and the classification of textures."""
 
 from __future__ import annotations
 
-from PySide6.QtCore import (
-    QAbstractTableModel,
-    QItemSelection,
-    QModelIndex,
-    QPersistentModelIndex,
-    Qt,
-    Signal,
-)
-from PySide6.QtWidgets import QHeaderView, QLineEdit, QTableView, QWidget
+from pathlib import Path
+
+from PySide6.QtCore import Signal
+from PySide6.QtGui import QShowEvent
+from PySide6.QtWidgets import QLineEdit, QWidget
 
 from gui.analysis.run_box import AnalysisRunBox
 from gui.analysis.task_values import SessionTable
+from gui.analysis.trials.trial_list import TrialList
+from gui.analysis.trials.trial_table import AttemptTable, join_tables
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import label, set_property
-from gui.widgets.layouts import hbox, push_button, vbox
-
-_Index = QModelIndex | QPersistentModelIndex
-_ROOT, _TEXT = QModelIndex(), Qt.ItemDataRole.DisplayRole
-
-
-class TrialModel(QAbstractTableModel):
-    """A Qt model of a session's trial table."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._table = SessionTable()
-
-    def set_table(self, table: SessionTable) -> None:
-        """Show the trials of another session."""
-        self.beginResetModel()
-        self._table = table
-        self.endResetModel()
-
-    def rowCount(self, parent: _Index = _ROOT) -> int:
-        """Return the number of trials."""
-        return len(self._table.rows)
-
-    def columnCount(self, parent: _Index = _ROOT) -> int:
-        """Return the number of columns."""
-        return len(self._table.columns)
-
-    def data(self, index: _Index, role: int = _TEXT) -> object:
-        """Return the text of a cell, or its alignment."""
-        if role == _TEXT:
-            return self._table.rows[index.row()][index.column()]
-        if role == Qt.ItemDataRole.TextAlignmentRole:
-            return Qt.AlignmentFlag.AlignCenter
-        return None
-
-    def headerData(self, section: int, orientation: Qt.Orientation, role: int = _TEXT) -> object:
-        """Return the name of a column."""
-        if role == _TEXT and orientation is Qt.Orientation.Horizontal:
-            return self._table.columns[section]
-        return None
+from gui.widgets.layouts import container, hbox, push_button, vbox
 
 
 class SessionPanel(QWidget):
-    """Controls for a session; emits requests for the worker process, and shows its results."""
+    """Controls for sessions; emits requests for the worker processes, and shows their results."""
 
     open_requested = Signal(str)
-    trial_requested = Signal(int)
+    trial_requested = Signal(str, int)
+    """The path of a session and the row of a trial in it."""
     run_requested = Signal(str, str)
     """The key of the method, and the session folder."""
+    verify_requested = Signal(str, str)
+    """The session folder, and the digest that was kept of it, or nothing."""
     path_requested = Signal(object, object)
+    shown = Signal()
+    """The panel has come to the front."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -74,89 +38,181 @@ class SessionPanel(QWidget):
         self.folder_button = browse_button(requested, PathKind.SESSION, self.open_session)
         self.open_button = push_button("Open", self._open)
         self.about = label("No session is open.", "muted", wraps=True)
+        self.missing = label("", "warn", wraps=True)
         self.digest = QLineEdit(readOnly=True, placeholderText="No closing digest")
-        self.model = TrialModel()
-        self.table = QTableView(showGrid=False)
+        self.kept = QLineEdit(placeholderText="Kept digest, if any")
+        self.verify_button = push_button("Verify", self._verify)
+        self.trials = TrialList()
+        self.model, self.table = self.trials.model, self.trials.table
         self.run_box = AnalysisRunBox()
-        self._path = ""
+        self.sessions: dict[str, SessionTable] = {}
+        self._is_busy = False
         self._set_up()
         self._lay_out()
         self.show_idle()
 
+    @property
+    def path(self) -> str:
+        """The session that was opened first, empty without one."""
+        return next(iter(self.sessions), "")
+
+    @property
+    def growing(self) -> tuple[str, ...]:
+        """The open sessions that are still being recorded."""
+        return tuple(path for path, table in self.sessions.items() if table.is_growing)
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Say that the panel is used."""
+        super().showEvent(event)
+        self.shown.emit()
+
     def open_session(self, folder: str) -> None:
-        """Request the trials of a session folder."""
+        """Request the trials of a session folder, in place of the sessions that are open."""
         self.folder.setText(folder)
+        self.run_box.form.show_session(folder)
         self.open_requested.emit(folder)
 
     def show_session(self, table: SessionTable) -> None:
-        """Show a session and its first trial."""
-        self._path = table.path
-        self.model.set_table(table)
-        header = self.table.horizontalHeader()
-        header.setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
-        header.setSectionResizeMode(len(table.columns) - 1, QHeaderView.ResizeMode.Fixed)
-        self.table.setColumnWidth(len(table.columns) - 1, 84)
-        self.about.setText(table.about)
-        self.digest.setText(table.closing_digest)
-        self.digest.setCursorPosition(0)
-        set_property(self.about, "role", "muted")
-        self.run_box.show_experiment(table.experiment)
-        self.run_box.form.show_session(table.path)
-        self.run_box.result.clear()
-        self.run_box.results_button.setEnabled(False)
-        self.show_idle()
-        if table.rows:
-            self.table.selectRow(0)
+        """Show a session: the opened one with its first trial, or one beside it, or its growth."""
+        if table.path in self.sessions:
+            self.sessions[table.path] = table
+        elif table.path in self.run_box.form.sessions[1:] and self.path:
+            self._add(table)
+        else:
+            self._show_first(table)
+        self._show_trials()
+        self._show_digest()
+        if not self.trials.has_choice:
+            self.trials.choose_first()
 
-    def show_failure(self, sentence: str) -> None:
-        """Show why the worker could not read or classify a session."""
-        self.show_idle()
+    def show_unopened(self, sentence: str) -> None:
+        """Show why a session did not open, and nothing of those before."""
+        self.sessions = {}
+        self.run_box.form.show_session("")
+        self.run_box.clear_result()
+        self._show_trials()
+        self._show_digest()
+        self._show_state()
         self.about.setText(sentence)
         set_property(self.about, "role", "bad")
+
+    def selected_trials(self) -> list[tuple[str, int]]:
+        """Return path and row of the selected trials, or of all shown if one is selected."""
+        paths = list(self.sessions)
+        return [(paths[session], row) for session, row in self.trials.selected_rows()]
+
+    def drop_unopened(self) -> None:
+        """Forget the added sessions that are not open."""
+        for path in self.run_box.form.sessions:
+            if path not in self.sessions:
+                self.run_box.form.remove_session(path)
+
+    def show_failure(self, sentence: str) -> None:
+        """Show why an analysis or the reading of a trial failed."""
+        self.show_idle()
+        self.run_box.show_refusal(sentence)
 
     def show_result(self, sentence: str) -> None:
         """Show the result of an analysis."""
         self.show_idle()
-        self.run_box.result.setText(sentence)
-        self.run_box.results_button.setEnabled(True)
+        self.run_box.show_result(sentence)
 
     def show_busy(self) -> None:
         """Show that an analysis runs."""
-        set_property(self.about, "role", "muted")
-        self.run_box.show_busy(True, self.model.rowCount() > 0)
+        self._is_busy = True
+        self._show_state()
 
     def show_idle(self) -> None:
         """Show that no analysis runs."""
-        self.run_box.show_busy(False, self.model.rowCount() > 0)
+        self._is_busy = False
+        self._show_state()
+
+    def _show_state(self) -> None:
+        runnable = any(table.n_rows for table in self.sessions.values())
+        self.run_box.show_busy(self._is_busy, runnable)
+        self.verify_button.setEnabled(bool(self.sessions) and not self._is_busy)
+
+    def _show_first(self, table: SessionTable) -> None:
+        self.sessions = {table.path: table}
+        self.trials.forget_choice()
+        self.run_box.show_experiment(table.experiment)
+        self.run_box.form.show_session(table.path)
+        self.run_box.clear_result()
+        self.kept.clear()
+        self._show_state()
+
+    def _add(self, table: SessionTable) -> None:
+        """Show the trials of one more session, if they are of the same experiment."""
+        if table.experiment != self.sessions[self.path].experiment:
+            self.run_box.form.remove_session(table.path)
+            self.show_failure(f"{table.path} is of another experiment than {self.path}: open it")
+        else:
+            self.sessions[table.path] = table
+
+    def _show_trials(self) -> None:
+        tables = list(self.sessions.values())
+        names = [Path(path).name for path in self.sessions]
+        joined = join_tables(names, [t.columns for t in tables]) if tables else AttemptTable()
+        reasons = {(i, row): text for i, t in enumerate(tables) for row, text in t.reasons}
+        self.trials.show_table(joined, reasons)
+        growing = ". It is being recorded, and new trials appear"
+        lines = [t.about + growing * t.is_growing for t in tables]
+        self.about.setText("\n".join(lines) or "No session is open.")
+        set_property(self.about, "role", "muted")
+        missing = ". ".join(table.missing for table in tables if table.missing)
+        self.missing.setText(f"⚠ Incomplete: {missing}.")
+        self.missing.setVisible(bool(missing))
+
+    def _show_digest(self) -> None:
+        table = self.sessions.get(self.path, SessionTable())
+        self.digest.setText(table.closing_digest)
+        self.digest.setCursorPosition(0)
+
+    def _keep_sessions(self, paths: tuple[str, ...]) -> None:
+        """Show the trials of the chosen sessions only, and request those that are new."""
+        if not self.path or paths[:1] != (self.path,):
+            return
+        for path in paths:
+            if path not in self.sessions:
+                self.open_requested.emit(path)
+        kept = {path: table for path, table in self.sessions.items() if path in paths}
+        if len(kept) < len(self.sessions):
+            self.sessions = kept
+            self._show_trials()
 
     def _set_up(self) -> None:
         self.open_button.setFixedWidth(56)
+        self.verify_button.setFixedWidth(64)
         self.digest.setToolTip("The closing digest: rigctl verify --digest compares it")
-        self.run_box.results_button.setEnabled(False)
-        self.table.setModel(self.model)
-        self.table.verticalHeader().hide()
-        self.table.verticalHeader().setDefaultSectionSize(20)
-        self.table.setSelectionBehavior(QTableView.SelectionBehavior.SelectRows)
-        self.table.setSelectionMode(QTableView.SelectionMode.SingleSelection)
-        self.table.setMinimumHeight(120)
-        self.table.setAlternatingRowColors(True)
+        self.kept.setToolTip(
+            "The closing digest as it was printed when the session was closed; with it, Verify "
+            "notices a session that was written anew"
+        )
+        self.missing.hide()
         self.folder.returnPressed.connect(self._open)
-        self.table.selectionModel().selectionChanged.connect(self._request_trial)
-        self.run_box.run_requested.connect(lambda key: self.run_requested.emit(key, self._path))
+        self.trials.trial_requested.connect(self._request_trial)
+        self.run_box.run_requested.connect(lambda key: self.run_requested.emit(key, self.path))
         self.run_box.path_requested.connect(self.path_requested)
+        self.run_box.form.sessions_changed.connect(self._keep_sessions)
 
     def _open(self) -> None:
-        self.open_requested.emit(self.folder.text())
+        if folder := self.folder.text().strip():
+            self.open_session(folder)
+        else:
+            self.show_unopened("No session is open: choose a session's folder first.")
 
-    def _request_trial(self, selected: QItemSelection) -> None:
-        if indexes := selected.indexes():
-            self.trial_requested.emit(indexes[0].row())
+    def _verify(self) -> None:
+        self.verify_requested.emit(self.path, self.kept.text().strip())
+
+    def _request_trial(self, session: int, row: int) -> None:
+        self.trial_requested.emit(list(self.sessions)[session], row)
 
     def _lay_out(self) -> None:
         folder = hbox(self.folder, self.folder_button, self.open_button)
-        digest = hbox(label("Digest"), self.digest)
-        digest.setStretch(1, 1)
-        rows = (folder, self.about, digest, self.table, self.run_box)
+        digest = hbox(label("Digest"), self.digest, wide=1)
+        verify = container(hbox(self.kept, self.verify_button))
+        also = self.run_box.form.session_row
+        rows = (folder, self.about, self.missing, also, digest, verify, self.trials, self.run_box)
         column = vbox(*rows, spacing=5, margins=(6, 8, 6, 6))
-        column.setStretch(3, 1)
+        column.setStretch(rows.index(self.trials), 1)
         self.setLayout(column)

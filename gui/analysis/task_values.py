@@ -8,29 +8,67 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.session.format.sensor_layout import SensorLayout
+from gui.analysis.trials.trial_table import AttemptColumn
+from rigctl.session.format.metadata.sensor_layout import SensorLayout
 
 if TYPE_CHECKING:
     from rigctl.analysis.settings.analysis_settings import AnalysisSettings
 
-PLAN_ROWS = ("Trials", "Plate changes", "Duration", "Disk space")
 DRUM, FINGER = "drum", "finger"
 """Experiments of a session."""
 
 
 class SessionTable(NamedTuple):
-    """A session's trials as text, a sentence about the session, its experiment, and its digest."""
+    """A session's trials, a sentence about the session, its experiment, and its digest.
+
+    ``missing``: what cannot be read of it, as sentences without the last full stop; empty if it is
+    whole. ``closing_digest``: empty for a session that is not closed or lacks its end. ``reasons``:
+    row and sentence of each attempt that does not count. ``is_growing``: its writer is alive.
+    """
 
     path: str = ""
     about: str = ""
-    columns: tuple[str, ...] = ()
-    rows: tuple[tuple[str, ...], ...] = ()
+    columns: tuple[AttemptColumn, ...] = ()
     experiment: str = DRUM
     closing_digest: str = ""
+    missing: str = ""
+    reasons: tuple[tuple[int, str], ...] = ()
+    is_growing: bool = False
+
+    @property
+    def n_rows(self) -> int:
+        """Number of attempts."""
+        return len(self.columns[0].values) if self.columns else 0
+
+
+class TrialCourse(NamedTuple):
+    """Force and speed around a trial; times in seconds since its first sample, NaN if unknown.
+
+    ``force_s``, ``force_g``: float64 (n,), the load cell's. ``speed_s``, ``speed_mm_s``:
+    float64 (m,), the drum's polls. ``planned_g``, ``planned_mm_s``: what the protocol asked for.
+    """
+
+    force_s: NDArray[np.float64]
+    force_g: NDArray[np.float64]
+    speed_s: NDArray[np.float64]
+    speed_mm_s: NDArray[np.float64]
+    planned_g: float
+    planned_mm_s: float
+
+
+class TrialFeatures(NamedTuple):
+    """Features of a trial: ``values`` float64 (trains, windows), SA in Hz, RA as counts.
+
+    ``window_mm``: texture that passes in a window, 0 for windows of ``window_ms`` of time.
+    """
+
+    values: NDArray[np.float64]
+    window_mm: float
+    window_ms: int
 
 
 class TrialData(NamedTuple):
-    """Readings and spikes of one trial.
+    """Readings and spikes of one trial, and what the drum did.
 
     ``samples``: uint16 (n, n_taxels). ``spike_row`` and ``spike_sample``: int64 (k,), one entry per
     spike; rows are SA taxel 1 … n, then RA 1 … n.
@@ -41,6 +79,8 @@ class TrialData(NamedTuple):
     spike_row: NDArray[np.int64]
     spike_sample: NDArray[np.int64]
     layout: SensorLayout
+    course: TrialCourse | None = None
+    features: TrialFeatures | None = None
 
 
 class ScanPicture(NamedTuple):
@@ -89,6 +129,24 @@ class AnalysisRequest(NamedTuple):
     settings: str
 
 
+def describe_request(request: AnalysisRequest, experiment: str) -> str:
+    """Return the settings of an analysis in a sentence."""
+    names = ", ".join(Path(path).name for path in request.sessions)
+    parts = [f"Sessions: {names}", f"draws: {request.draws}", f"seed: {request.seed}"]
+    if experiment == DRUM:
+        constants = Path(request.settings).name if request.settings else "the paper's"
+        parts += [
+            f"tasks: {request.task or 'all that fit'}",
+            f"components: up to {request.components}",
+            f"encoder: {request.preset}",
+            f"constants: {constants}",
+            f"C: {Path(request.c).name if request.c else 'by a search'}",
+        ]
+        if not request.settings:
+            parts.append(f"reference force: {request.reference_g:g} g")
+    return "; ".join([*parts, f"engine: {request.engine}"])
+
+
 def analysis_settings(request: AnalysisRequest) -> AnalysisSettings:
     """Return the constants of the request's analysis file, or the paper's."""
     from rigctl.analysis.settings.analysis_settings import AnalysisSettings
@@ -102,14 +160,3 @@ def analysis_settings(request: AnalysisRequest) -> AnalysisSettings:
 def model_path(report: Path) -> Path:
     """Return the path of a report's model: beside its folder."""
     return report.with_name(f"{report.name}-model.h5")
-
-
-class PlanSummary(NamedTuple):
-    """The plan of a protocol: a text for each of ``PLAN_ROWS``, and the seed of its order.
-
-    ``problem`` says why the protocol cannot run; it is empty if it can.
-    """
-
-    texts: tuple[str, ...] = ("–",) * len(PLAN_ROWS)
-    seed: int = 0
-    problem: str = ""

@@ -13,7 +13,7 @@ from gui.analysis.task_values import TrialData
 from gui.live.train_rows import TrainRows
 from gui.widgets.plot_axes import colour_axes, taxel_ticks, time_plot
 from gui.widgets.theme import Theme
-from rigctl.session.format.sensor_layout import SensorLayout
+from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
 
 

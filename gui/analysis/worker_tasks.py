@@ -9,23 +9,24 @@ import shutil
 import tempfile
 from collections.abc import Callable
 from datetime import UTC, datetime
+from importlib import import_module
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from gui.analysis import finger_tasks
+from gui.analysis.compare.responses import ResponseGrid, compare_responses
+from gui.analysis.export.value_file import save_values
 from gui.analysis.results import (
     AnalysisResults,
     finger_results,
     prediction_results,
     report_results,
+    verify_results,
 )
 from gui.analysis.task_values import (
     AnalysisRequest,
     FingerSessionInfo,
-    PlanSummary,
     QuickCheckResult,
     ScanPicture,
     SessionTable,
@@ -33,18 +34,25 @@ from gui.analysis.task_values import (
     analysis_settings,
     model_path,
 )
-from gui.widgets.formatting import duration, size
+from gui.analysis.trials.open_sessions import OpenSessions
+from gui.protocol import run_tasks, text_tasks
+from gui.protocol.run_values import (
+    CheckedText,
+    PlanSummary,
+    ProtocolText,
+    SavedProtocol,
+    SessionNews,
+)
 from rigctl.errors import RigctlError
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from rigctl.analysis.execution.executor import Progress
     from rigctl.analysis.report.report_folder import ReportRequest
-    from rigctl.encoding.normalisation import Normalisation
-    from rigctl.session.read.session import Session
 
 FIGURES = "figures"
-COLUMNS = ("Trial", "Plate", "mm/s", "g", "Verdict")
-_RANGE_TRIALS = 100
 
 
 def serve(pipe: Connection) -> None:
@@ -72,69 +80,94 @@ def _run(task: Callable[..., Any], args: dict[str, Any]) -> tuple[str, Any]:
 
 
 class WorkerTasks:
-    """The tasks of one process, which remembers the open session."""
+    """The tasks of one process, which holds the sessions open that it reads trials of."""
 
     def __init__(self, progress: Progress) -> None:
         self._progress = progress
-        self._path = Path()
-        self._is_finger = False
+        self._sessions = OpenSessions()
         self._pictures = tempfile.TemporaryDirectory(prefix="rigctl-scans-")
-        self._range: Normalisation | None = None
+        self._follower = run_tasks.SessionFollower()
 
-    def plan_protocol(self, path: str, seed: int | None) -> PlanSummary:
+    def plan_protocol(self, path: str, seed: int | None, out: str = "") -> PlanSummary:
         """Plan a protocol as ``rigctl check`` does; None takes the protocol's own seed."""
-        from rigctl.protocol.loader import load_protocol
+        return run_tasks.plan_protocol(path, seed, out)
 
-        try:
-            plan = load_protocol(Path(path)).plan(seed)
-        except RigctlError as error:
-            return PlanSummary(problem=str(error))
-        time, disk = duration(plan.duration_s), size(plan.bytes_estimate)
-        texts = (f"{len(plan.trials)}", f"{plan.plate_changes}", time, disk)
-        return PlanSummary(texts, plan.seed)
+    def read_protocol(self, path: str) -> ProtocolText:
+        """Return the text of a protocol's file."""
+        return text_tasks.read_protocol(path)
+
+    def check_text(self, text: str) -> CheckedText:
+        """Return whether a text is a protocol."""
+        return text_tasks.check_text(text)
+
+    def save_protocol(self, path: str, text: str, may_replace: bool) -> SavedProtocol:
+        """Save a protocol as a file of the user."""
+        return text_tasks.save_protocol(path, text, may_replace)
+
+    def follow_run(self, folder: str, known: int) -> SessionNews:
+        """Read the attempts of a session after the first ``known`` ones, and its notes."""
+        return self._follower.read(folder, known)
+
+    def write_note(self, folder: str, **note: Any) -> SessionNews:
+        """Add a note to a session; return the session anew."""
+        run_tasks.write_note(folder, **note)
+        return self._follower.read(folder)
+
+    def prepare(self) -> None:
+        """Load the modules that reading a session takes."""
+        for name in ("encoding.encoder", "session.read.finger_session", "session.read.session"):
+            import_module(f"rigctl.{name}")
 
     def open_session(self, path: str) -> SessionTable:
         """Read a session's trial table. Raises SessionError."""
-        from rigctl.session.read.closing_digest import read_closing_digest
-        from rigctl.session.read.finger_session import is_finger_session
-        from rigctl.session.read.session import Session
+        return self._sessions.open(path)
 
-        self._path, self._range = Path(path).expanduser(), None
-        self._is_finger = is_finger_session(self._path)
-        if self._is_finger:
-            return finger_tasks.session_table(self._path)
-        with Session.open(self._path) as session:
-            header, n_committed = session.header, len(session.committed())
-            missing = session.describe_missing()
-            rows = tuple(map(_trial_texts, session.trials))
-        about = (
-            f"{self._path.name}: {n_committed} of {header.trials_planned} trials committed, "
-            f"{'simulated' if header.simulated else 'real'} rig, started {header.start_utc}"
-        )
-        about = ". ".join((about, *missing))
-        digest = read_closing_digest(self._path)
-        return SessionTable(str(self._path), about, COLUMNS, rows, closing_digest=digest)
+    def follow_session(self, path: str) -> SessionTable | None:
+        """Read the trial table of an open session again; None without a new trial."""
+        return self._sessions.follow(path)
 
-    def load_trial(self, row: int) -> TrialData | ScanPicture:
-        """Read the samples of one attempt and encode them as the live encoder does.
+    def load_trial(self, path: str, row: int) -> TrialData | ScanPicture:
+        """Read an attempt of an open session; a scan of the moving finger becomes a picture."""
+        return self._sessions.trial(path, row, Path(self._pictures.name))
 
-        A scan of the moving finger becomes a picture.
-        """
-        if self._is_finger:
-            return finger_tasks.scan_picture(self._path, row, Path(self._pictures.name))
-        from rigctl.encoding.encoder import Encoder
-        from rigctl.session.read.session import Session
+    def compare_trials(
+        self, trials: list[tuple[str, int]], train: int, neuron: str
+    ) -> ResponseGrid:
+        """Read the responses of a neuron in trials of open sessions, by condition."""
+        return compare_responses(self._sessions, trials, train, neuron)
 
-        with Session.open(self._path) as session:
-            samples = np.ascontiguousarray(session.samples(row))
-            texts, layout = _trial_texts(session.trials[row]), session.sensor_layout
-            if self._range is None:
-                self._range = _taxel_range(session)
-        title = "Trial {}: plate {}, {} mm/s, {} g, {}".format(*texts)
-        counts = Encoder(self._range).encode(samples)
-        at, lane = np.nonzero(counts)
-        times = counts[at, lane]
-        return TrialData(title, samples, np.repeat(lane, times), np.repeat(at, times), layout)
+    def save_values(self, path: str, names: tuple[str, ...], columns: tuple[Any, ...]) -> str:
+        """Write what a page shows as CSV; return its path."""
+        save_values(Path(path), names, columns)
+        return path
+
+    def neuron_voltage(self, path: str, row: int, taxel: int) -> NDArray[np.float64]:
+        """Return v(t) of SA and RA of a taxel in an attempt of an open session, mV."""
+        from gui.live.replay.replay_tasks import neuron_voltage
+
+        ranges = self._sessions.taxel_range(path)
+        return neuron_voltage(self._sessions.drum_session(path), row, taxel, ranges)
+
+    def trial_movie(
+        self, path: str, row: int, taxel: int, section_s: tuple[float, float], out: str
+    ) -> str:
+        """Write the movie of a taxel as ``rigctl encode --movie`` does; return its path."""
+        from gui.live.replay.replay_tasks import write_movie
+
+        session = self._sessions.drum_session(path)
+        return write_movie(session, row, taxel, section_s, out, self._progress)
+
+    def verify_session(self, path: str, digest: str) -> AnalysisResults:
+        """Check a session as ``rigctl verify`` does; ``digest``: as it was kept, or empty."""
+        from rigctl.session.verify.ending import parse_digest
+        from rigctl.session.verify.session import verify
+
+        def show(share: float, what: str) -> None:
+            self._progress(what, round(1000 * share), 1000)
+
+        folder = Path(path).expanduser()
+        report = verify(folder, show, parse_digest(digest) if digest else "")
+        return verify_results(report, folder)
 
     def quick_check(self, path: str) -> QuickCheckResult:
         """Classify a session's textures as the demo does; write the figures into the session."""
@@ -210,29 +243,4 @@ def _report_request(request: AnalysisRequest) -> ReportRequest:
         c=Path(request.c).expanduser() if request.c else None,
         sensitivity=request.sensitivity,
         analysis=analysis_settings(request),
-    )
-
-
-def _trial_texts(row: Any) -> tuple[str, ...]:
-    return (
-        f"{row['trial_id']}",
-        f"{row['texture']}",
-        f"{row['speed_mm_s']:g}",
-        f"{row['force_g']:g}",
-        f"{row['verdict']}",
-    )
-
-
-def _taxel_range(session: Session) -> Normalisation:
-    """Return the calibrated range of the session, else that of evenly chosen trials."""
-    from rigctl.encoding.normalisation import Normalisation
-
-    header = session.header
-    if header.taxel_low:
-        low, high = (np.array(side, np.uint16) for side in (header.taxel_low, header.taxel_high))
-        return Normalisation(low, high, "calibration of the session")
-    committed = session.committed()
-    chosen = committed[:: max(1, len(committed) // _RANGE_TRIALS)]
-    return Normalisation.from_samples(
-        map(session.samples, chosen.tolist()), "trials of the session"
     )

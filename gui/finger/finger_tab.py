@@ -9,7 +9,14 @@ from PySide6.QtCore import QObject, Qt, Signal
 
 from gui.analysis.task_values import FingerSessionInfo
 from gui.analysis.worker import Worker
-from gui.engine_clients import JOIN, SIMULATED, FingerEngineSpec, open_finger_client
+from gui.engine_clients import (
+    SIMULATED,
+    FingerEngineSpec,
+    another_on,
+    is_joined,
+    open_finger_client,
+    shown_rig,
+)
 from gui.engine_link import NOT_CONNECTED, ClientFactory, Dialect, EngineLink
 from gui.finger.finger_bar import FingerBar
 from gui.finger.finger_health import FingerHealthStrip
@@ -70,7 +77,12 @@ class FingerTab(QObject):
 
     def connect_rig(self, rig: str) -> None:
         """Start or join the engine of a rig."""
+        self.bar.rig.choose(shown_rig(rig))
         self._open(self.setup.engine(rig))
+
+    def start_another(self) -> None:
+        """Start another engine on the chosen simulated rig, beside those that run."""
+        self.connect_rig(another_on(self.bar.rig.currentData()))
 
     def close(self) -> None:
         """Leave the engine, which continues a run, and end the worker."""
@@ -141,7 +153,7 @@ class FingerTab(QObject):
         return has[:3] == wanted[:3]
 
     def _open(self, engine: FingerEngineSpec) -> None:
-        self._engine = None if engine.rig == JOIN else engine
+        self._engine = None if is_joined(engine.rig) else engine
         self.bar.show_connecting()
         self.reported.emit("rig", f"finger: connecting to {engine.rig} …")
         self.link.open(engine)

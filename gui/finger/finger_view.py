@@ -11,7 +11,7 @@ from gui.finger.plate_view import PlateView
 from gui.finger.probability_bars import ProbabilityBars
 from gui.finger.scan_plots import ScanPlots, planned_words
 from gui.finger.scan_record import ScanRecord
-from gui.widgets.labels import elastic, label, set_property, show_text
+from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import container, hbox, vbox
 from gui.widgets.theme import Theme
 from rigctl.realtime.live_file import FingerLiveReader
@@ -32,7 +32,7 @@ class FingerView(QWidget):
         self.notice = label("", "warn", wraps=True)
         self.plate, self.plots = PlateView(), ScanPlots(theme)
         self.answer, self.bars = AnswerView(), ProbabilityBars()
-        self.confusion, self.planned = ConfusionView(), elastic(label("", "muted"))
+        self.confusion, self.planned = ConfusionView(), label("", "muted", wraps=True)
         self._path_since_s = 0.0
         self._lay_out()
         self.clear()

@@ -119,8 +119,11 @@ class PlateView(QWidget):
         painter.setPen(QColor(theme.muted))
         top = self.height() - _AXIS_PX
         for tick in range(0, round(PLATE_MM) + 1, _TICK_MM):
-            area = QRectF(self._at(tick, 0).x() - 50, top, 100, _AXIS_PX)
-            painter.drawText(area, Qt.AlignmentFlag.AlignCenter, _tick_text(tick))
+            text = _tick_text(tick)
+            width = painter.fontMetrics().horizontalAdvance(text) + 2
+            left = min(max(self._at(tick, 0).x() - width / 2, 0), self.width() - width)
+            area = QRectF(left, top, width, _AXIS_PX)
+            painter.drawText(area, Qt.AlignmentFlag.AlignCenter, text)
 
     def _paint_path(self, painter: QPainter, theme: Theme) -> None:
         if len(self.path_mm) < 2:

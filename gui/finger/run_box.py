@@ -31,7 +31,7 @@ FAULTS: dict[str, dict[str, Any]] = {
     "Run back": {"fault": "reverse"},
     "Too fast": {"fault": "too_fast"},
     "Stop before the end": {"fault": "short_scan"},
-    "Lay plate C, whatever is asked": {"fault": "wrong_plate", "texture": "C"},
+    "Always lay plate C": {"fault": "wrong_plate", "texture": "C"},
     "Hide the tracker for 0.5 s": {"fault": "lose_tracker", "seconds": 0.5},
     "Switch the tracker off": {"fault": "unplug_tracker"},
     "Switch the tracker on": {"fault": "replug_tracker"},

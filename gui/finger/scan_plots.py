@@ -6,7 +6,7 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
 
-from gui.finger.scaled_raster import SPAN_MM, WINDOW_MM, ScaledRaster
+from gui.finger.scaled_raster import SPAN_MM, ScaledRaster
 from gui.finger.scan_record import ScanRecord
 from gui.live.heatmap import HeatMap
 from gui.live.history import History
@@ -16,12 +16,13 @@ from rigctl.finger_values import N_FINGER_TAXELS
 from rigctl.protocol.finger import VelocityProfile
 from rigctl.protocol.finger_plan import ScanQuality
 from rigctl.realtime.live_file import FingerLiveReader
-from rigctl.session.format.sensor_layout import SensorLayout
+from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.values import SAMPLE_RATE_HZ
 
 HISTORY_S = 20
 """Longer than the slowest scan that counts."""
-_RIGHT_PX = 150
+_RIGHT_PX = 132
+_TICK_MM = 100  # ticks that a narrow plot can show
 _BOTTOM_PX = 34
 _SLOW_REFRESH_FRAMES = 3
 _LEAST_SPAN_S = 2.0
@@ -103,8 +104,8 @@ class ScanPlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
 
     def _build_velocity_plot(self) -> None:
         plot = self._velocity_plot = fixed_plot(self.ci, 0, 0)
-        plot.setLabel("left", "Velocity (mm/s)")
-        plot.setLabel("bottom", "Time in the scan (s)")
+        plot.setLabel("left", "mm/s")  # the line above names the velocity
+        plot.setLabel("bottom", "Time (s)")
         plot.getAxis("left").setWidth(LEFT_PX)
         plot.getAxis("bottom").setHeight(_BOTTOM_PX)
         self._velocity = pg.PlotCurveItem()
@@ -122,7 +123,7 @@ class ScanPlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
         plot = self._raster_plot = fixed_plot(self.ci, 1, 0)
         self.raster = ScaledRaster(theme)
         plot.setLabel("left", "Spikes")
-        plot.setLabel("bottom", f"Scaled time, as distance (mm); windows of {WINDOW_MM:.0f} mm")
+        plot.setLabel("bottom", "Scaled time (mm)")
         plot.getAxis("left").setWidth(LEFT_PX)
         plot.getAxis("bottom").setHeight(_BOTTOM_PX)
         plot.invertY(True)
@@ -130,7 +131,7 @@ class ScanPlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
         plot.setYRange(0, N_FINGER_TAXELS, padding=0)
         names = [(taxel + 0.5, f"T{taxel + 1}") for taxel in range(N_FINGER_TAXELS)]
         plot.getAxis("left").setTicks([names, []])
-        ways = [(float(mm), f"{mm}") for mm in range(0, round(SPAN_MM), 20)]
+        ways = [(float(mm), f"{mm}") for mm in range(0, round(SPAN_MM), _TICK_MM)]
         plot.getAxis("bottom").setTicks([ways, []])
         plot.addItem(self.raster)
 

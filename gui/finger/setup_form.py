@@ -67,8 +67,6 @@ class FingerSetupForm(QGroupBox):
         )
         self.unasked = QCheckBox("Lay simulated plates unasked")
         self.plan, self.problem = label("", "muted", wraps=True), label("", "bad", wraps=True)
-        for number in (self.seed, self.session):
-            number.setMinimumWidth(54)
         self._is_simulated = True
         self._lay_out()
         self._list_protocols()
@@ -169,7 +167,8 @@ class FingerSetupForm(QGroupBox):
         form.addRow("Answers", self.representation)
         form.addRow("Components", self.components)
         form.addRow("Save in", hbox(self.out, out_button))
-        form.addRow("Seed", hbox(self.seed, label("Session", "muted"), self.session))
+        form.addRow("Seed", self.seed)
+        form.addRow("Session", self.session)
         column = vbox(spacing=4, margins=(8, 6, 8, 8))
         column.addLayout(form)
         for widget in (self.unasked, self.plan, self.problem):

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from PySide6.QtCore import QElapsedTimer
-
 from gui.live.health_cell import (
     CellSpec,
     HealthRow,
@@ -15,6 +13,7 @@ from gui.live.health_cell import (
     disk_reading,
     judge,
 )
+from gui.widgets.data_ages import DataAges, stale_words
 from gui.widgets.formatting import duration
 from gui.widgets.status_lamp import Level
 from rigctl.acquisition.rpc.messages import BoardStatus, EngineStatus
@@ -31,39 +30,39 @@ MIN_FREE_STACK_PERCENT = 25
 
 
 CELLS = {
-    "rate": CellSpec("Frame rate", 124, "Taxel frames in the last second: 1000 Hz ± 2 %"),
-    "gaps": CellSpec("Gaps", 90, "Gaps in the stream of taxel samples since the engine started: 0"),
+    "rate": CellSpec("Frame rate", 91, "Taxel frames in the last second: 1000 Hz ± 2 %"),
+    "gaps": CellSpec("Gaps", 68, "Gaps in the stream of taxel samples since the engine started: 0"),
     "lost": CellSpec(
-        "Lost", 85, "Taxel samples that the board took and the computer never received: 0"
+        "Lost", 68, "Taxel samples that the board took and the computer never received: 0"
     ),
-    "block": CellSpec(
-        "Block age", 117, "Time since the last taxel samples arrived: at most 300 ms"
-    ),
+    "block": CellSpec("Block age", 86, "Time since the last taxel samples arrived: at most 300 ms"),
     "poll": CellSpec(
         "Poll age",
-        107,
+        92,
         "Time since the drum last answered: at most 300 ms; 3× means three repeated polls",
     ),
-    "loadcell": CellSpec("Cell lost", 107, "Load-cell samples that the computer never received: 0"),
+    "loadcell": CellSpec("Cell lost", 75, "Load-cell samples that the computer never received: 0"),
     "disk": CellSpec(
-        "Disk left", 120, "Free disk space, and how long it lasts at the present recording rate"
+        "Disk left", 118, "Free disk space, and how long it lasts at the present recording rate"
     ),
     "clock": CellSpec(
         "Clock ppm",
-        124,
+        119,
         "Rate errors of the drum's and the taxel board's clocks: at most ±5000 ppm",
     ),
     "boards": CellSpec(
         "Boards",
-        113,
+        72,
         "Supply of the taxel board, its self-test, the causes of the boards' resets, and "
         "the stack that their programs never used: at least 25 % of the RAM",
     ),
     "ticks": CellSpec(
-        "Ticks", 118, "Late ticks of both boards since connecting: 0; and their longest interrupt"
+        "Ticks", 106, "Late ticks of both boards since connecting: 0; and their longest interrupt"
     ),
     "trial": CellSpec(
-        "Last trial", 113, "Time since the last committed trial: at most 3 min during a run"
+        "Last trial",
+        86,
+        "Time since the last committed trial of this sitting: at most 3 min during a run",
     ),
 }
 
@@ -73,28 +72,22 @@ class HealthStrip(HealthRow):
 
     def __init__(self) -> None:
         super().__init__(CELLS)
-        self._since_trial = QElapsedTimer()
-        self._trials_committed = 0
-
-    def reset(self) -> None:
-        """Forget the last trial, as when another rig is connected."""
-        self._trials_committed = 0
-        self._since_trial.invalidate()
 
     def show_status(self, status: EngineStatus) -> None:
         """Show and judge the figures of a status."""
-        if status.run.trials_committed > self._trials_committed:
-            self._since_trial.start()
-        self._trials_committed = status.run.trials_committed
-        trial_age_s = self._since_trial.elapsed() / 1000 if self._since_trial.isValid() else None
-        self.show_readings(readings(status, trial_age_s))
+        self.show_readings(readings(status))
         for key, list_lines in (("boards", board_lines), ("ticks", tick_lines)):
             lines = [CELLS[key].tooltip, *list_lines(status.boards)]
             self.cells[key].setToolTip("\n".join(lines))
 
+    def show_ages(self, ages: DataAges) -> None:
+        """Show nothing once the engine's last status is too old."""
+        if stale_words(ages.engine_s):
+            self.show_nothing()
 
-def readings(status: EngineStatus, trial_age_s: float | None) -> dict[str, Reading]:
-    """Return the reading of each cell; ``trial_age_s`` is None before the first trial."""
+
+def readings(status: EngineStatus) -> dict[str, Reading]:
+    """Return the reading of each cell."""
     return {
         "rate": _frame_rate(status),
         "gaps": count_reading(status.gaps, status.taxels_connected),
@@ -106,7 +99,7 @@ def readings(status: EngineStatus, trial_age_s: float | None) -> dict[str, Readi
         "clock": _clock(status.clock_ppm),
         "boards": _boards(status.boards),
         "ticks": _ticks(status.boards),
-        "trial": _trial(trial_age_s, status.run.state == "running"),
+        "trial": _trial(status.run.trial_age_s, status.run.state == "running"),
     }
 
 

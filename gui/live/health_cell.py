@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QWidget
 
 from gui.widgets.formatting import age, size
@@ -12,6 +13,7 @@ from gui.widgets.labels import elastic, label, set_property
 from gui.widgets.status_lamp import Level, StatusLamp
 from rigctl.acquisition.rpc.messages import RecordingStatus
 
+VERDICTS_PX = 1240
 DISK_HOURS_LIMIT = 1.0
 DISK_FREE_LIMIT_BYTES = 2_000_000_000
 
@@ -42,10 +44,10 @@ class HealthCell(QFrame):
         self.verdict = label("", "muted")
         self.value = elastic(label("–", "value"))
         grid = QGridLayout(self)
-        grid.setContentsMargins(6, 3, 5, 3)
+        grid.setContentsMargins(4, 3, 4, 3)
         grid.setVerticalSpacing(0)
-        grid.setHorizontalSpacing(3)
-        grid.addWidget(elastic(label(spec.name, "muted")), 0, 0)
+        grid.setHorizontalSpacing(2)
+        grid.addWidget(label(spec.name, "muted"), 0, 0)
         grid.addWidget(self.verdict, 0, 1)
         grid.addWidget(self.lamp, 0, 2)
         grid.addWidget(self.value, 1, 0, 1, 3)
@@ -69,11 +71,18 @@ class HealthRow(QWidget):
         super().__init__()
         row = QHBoxLayout(self)
         row.setContentsMargins(8, 0, 8, 0)
-        row.setSpacing(4)
+        row.setSpacing(2)
         self.cells = {key: HealthCell(spec) for key, spec in specs.items()}
         for key, cell in self.cells.items():
             row.addWidget(cell, specs[key].stretch)
+        self.setMinimumWidth(1)  # a strip that another one hides must not widen the window
         self.show_nothing()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Leave the verdicts to the shapes of the lamps where the words do not fit."""
+        super().resizeEvent(event)
+        for cell in self.cells.values():
+            cell.verdict.setHidden(self.width() < VERDICTS_PX)
 
     def show_nothing(self) -> None:
         """Show that no figure is known."""

@@ -10,8 +10,9 @@ from PySide6.QtGui import QColor, QFont, QPainter
 from PySide6.QtWidgets import QGraphicsWidget
 
 from gui.live.train_rows import layer_titles
+from gui.live.value_scale import ValueScale
 from gui.widgets.theme import Theme
-from rigctl.session.format.sensor_layout import SensorLayout
+from rigctl.session.format.metadata.sensor_layout import SensorLayout
 
 _TITLE_PX = 18
 _MEAN_SAMPLES = 32
@@ -23,17 +24,24 @@ class HeatMap(QGraphicsWidget):
     def __init__(self, theme: Theme, layout: SensorLayout) -> None:
         super().__init__()
         self.theme = theme
+        self.value_scale = ValueScale()
         self.set_sensor_layout(layout)
         table = pg.colormap.get("viridis").getLookupTable(nPts=256)
         self._colours = [QColor(*map(int, entry)) for entry in table]
 
     def set_sensor_layout(self, layout: SensorLayout) -> None:
         """Draw the layers of another sensor."""
-        self.sensor_layout, self._titles = layout, layer_titles(layout)
+        self.sensor_layout = layout
+        self._titles = layer_titles(layout, self.value_scale.unit)
         self._counts = np.zeros(layout.n_taxels)
         self._share = np.zeros(layout.n_taxels)
         self._has_samples = False
-        self.setMinimumSize(120, 100 * len(layout.layers))
+        self.setMinimumSize(120, 78 * len(layout.layers))
+        self.update()
+
+    def set_value_scale(self, scale: ValueScale) -> None:
+        """Show the readings in counts or volts."""
+        self.value_scale, self._titles = scale, layer_titles(self.sensor_layout, scale.unit)
         self.update()
 
     def set_theme(self, theme: Theme) -> None:
@@ -81,7 +89,10 @@ class HeatMap(QGraphicsWidget):
         share = float(self._share[taxel])
         painter.fillRect(cell, self._colours[int(share * 255)])
         painter.setPen(QColor("#000000" if share > 0.55 else "#ffffff"))
-        painter.drawText(cell, Qt.AlignmentFlag.AlignCenter, f"{self._counts[taxel]:.0f}")
+        painter.drawText(cell, Qt.AlignmentFlag.AlignCenter, self._number(taxel))
+
+    def _number(self, taxel: int) -> str:
+        return self.value_scale.text(float(self._counts[taxel]), digits=2)
 
     def _font(self, points: float, weight: QFont.Weight) -> QFont:
         font = QFont(self.font())

@@ -4,149 +4,214 @@ from __future__ import annotations
 
 import numpy as np
 import pyqtgraph as pg
+from PySide6.QtCore import QElapsedTimer, QPointF, QRectF, Signal
 from PySide6.QtGui import QResizeEvent
 
-from gui.live.force_speed import SetPointPlot
 from gui.live.heatmap import HeatMap
-from gui.live.history import N_ROWS, SPAN_S, History
-from gui.live.raster import Raster
-from gui.live.scrolling_image import ScrollingImage
-from gui.live.spike_rates import FULL_SCALE_HZ, RATE_TICKS_HZ, RateBars
-from gui.live.traces import Traces
-from gui.widgets.plot_axes import colour_axes, fixed_plot, taxel_ticks, time_plot
+from gui.live.live_data import LiveData
+from gui.live.review.cursors import Cursors
+from gui.live.review.navigation import Navigation
+from gui.live.spike_rates import FULL_SCALE_HZ, RATE_TICKS_HZ, WINDOW_S, RateBars
+from gui.live.time_plots import NOW, PAUSED, TimePlots
+from gui.live.value_scale import ValueScale
+from gui.widgets.data_ages import DataAges
+from gui.widgets.plot_axes import colour_axes, fixed_plot
+from gui.widgets.stale_cover import StaleCovers
 from gui.widgets.theme import Theme
 from rigctl.acquisition.live_buffer import LiveReader
-from rigctl.session.format.sensor_layout import SensorLayout
-from rigctl.values import N_TAXELS
+from rigctl.session.format.metadata.sensor_layout import SensorLayout
+from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
 
-DRUM_ROWS = 1200
 _RIGHT_PX = 216
-_ROW_LABEL_PX = 10
-_SLOW_REFRESH_FRAMES = 3  # numbers that change thirty times a second are unreadable
-_ROW_STRETCH = (2, 2, 5, 6)
+_SLOW_REFRESH_MS = 100  # numbers that change thirty times a second are unreadable
+_MAP_SAMPLES = 32
 
 
 class LivePlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has no types
-    """All live plots; :meth:`refresh` pulls the samples that they show."""
+    """All plots of :class:`gui.live.live_data.LiveData`; :meth:`refresh` pulls what they show."""
 
-    def __init__(self, theme: Theme) -> None:
+    lines_changed = Signal()
+    """The cursors have moved."""
+
+    def __init__(self, theme: Theme, sensor: SensorLayout | None = None) -> None:
         super().__init__()
-        self.history = History()
-        self.sensor_layout = SensorLayout.default(N_TAXELS)
-        self._span_s = float(SPAN_S)
-        self._frame = -1
-        self._build_time_plots(theme)
+        self.sensor_layout = sensor or SensorLayout.default(N_TAXELS)
+        self.data = LiveData(self.sensor_layout.n_taxels)
+        self.navigation = Navigation()
+        self.cursors = Cursors()
+        self.value_scale = ValueScale()
+        self.caption_paused = PAUSED
+        self._since_numbers = QElapsedTimer()
+        self.time_plots = TimePlots(self.ci, theme, self.sensor_layout)
         self._build_right_column(theme)
-        self.set_span(SPAN_S)
+        boxes = [plot.getViewBox() for plot in self.time_plots.plots]
+        self.stale_covers = StaleCovers(*boxes, self.heat_map, self._rate_plot.getViewBox())
         self.set_theme(theme)
+        self.navigation.changed.connect(self.draw)
 
     def refresh(self, live: LiveReader) -> None:
-        """Draw the new samples."""
-        self.history.pull(live)
-        low, high = (np.asarray(side, float) for side in live.normalisation)
-        self.traces.set_range(low, high)
-        self._refresh_image(self._trace_plot, self.traces)
-        self._refresh_image(self._raster_plot, self.raster)
-        self._refresh_drum(live)
-        self._frame += 1
-        if self._frame % _SLOW_REFRESH_FRAMES == 0:
-            self.heat_map.refresh(self.history.samples, low, high)
-            self.rate_bars.refresh(self.history.spikes)
+        """Take the new samples; draw them unless the user looks back."""
+        self.pull(live)
+        self.draw_new()
+
+    def pull(self, live: LiveReader) -> None:
+        """Take the new samples."""
+        self.data.pull(live)
+        self.data.low, self.data.high = (np.asarray(side, float) for side in live.normalisation)
+        self._follow()
+
+    def draw_new(self) -> None:
+        """Draw what is new, unless the user looks back."""
+        if not self.navigation.is_paused:
+            self.draw()
+
+    def show_ages(self, ages: DataAges) -> None:
+        """Cover what is no longer live; what the user looks back at stays as it was."""
+        self.stale_covers.show_ages(DataAges() if self.navigation.is_paused else ages)
+
+    def draw(self) -> None:
+        """Draw what the time window shows."""
+        self._follow()
+        data, window = self.data, self.navigation.window
+        self.time_plots.set_range(data.low, data.high)
+        self.time_plots.refresh(data.timeline, data.drum, window, self.devicePixelRatioF())
+        self._show_lines()
+        is_due = not self._since_numbers.isValid() or self._since_numbers.hasExpired(
+            _SLOW_REFRESH_MS
+        )
+        if is_due or self.navigation.is_paused:
+            self._since_numbers.start()
+            self._refresh_right_column(window.right)
+
+    def draw_lines(self) -> None:
+        """Draw events and cursors only."""
+        self._show_lines()
+        self.lines_changed.emit()
+
+    @property
+    def span(self) -> int:
+        """Samples in the width of the plots."""
+        return self.navigation.window.span
+
+    @property
+    def width_px(self) -> float:
+        """Width of the time axis."""
+        return self._area(0).width()
+
+    def share_at(self, at: QPointF) -> float | None:
+        """Return the place of a point of the widget in the time axis, 0–1, None outside."""
+        area = self._area(0)
+        share = (at.x() - area.left()) / max(area.width(), 1.0)
+        return share if 0.0 <= share <= 1.0 else None
+
+    def taxel_at(self, at: QPointF) -> int | None:
+        """Return the taxel, from 0, whose band is at a point of the widget."""
+        area, taxels = self._area(2), self.time_plots.taxels
+        if not area.contains(at):
+            return None
+        row = int((at.y() - area.top()) / area.height() * len(taxels))
+        return taxels[min(row, len(taxels) - 1)]
+
+    def set_span(self, span_s: float) -> None:
+        """Show so many seconds."""
+        self.navigation.set_span(span_s)
 
     def clear_history(self) -> None:
         """Remove all samples, as when another rig is connected."""
-        self.history.clear()
-        self._frame = -1
+        self.data.clear()
+        self.navigation.resume()
+        self.cursors.clear()
+        self._since_numbers.invalidate()
 
     def set_sensor_layout(self, layout: SensorLayout) -> None:
         """Group taxels and trains by the layers of the sensor, if it has as many taxels."""
-        if layout == self.sensor_layout or layout.n_taxels != N_TAXELS:
+        if layout == self.sensor_layout or layout.n_taxels != self.sensor_layout.n_taxels:
             return
-        self.sensor_layout = layout
-        for view in (self.traces, self.raster, self.rate_bars, self.heat_map):
-            view.set_sensor_layout(layout)
-        self._label_rows()
+        self._set_layout(layout)
 
-    def set_span(self, span_s: float) -> None:
-        """Show the last ``span_s`` seconds, at most the length of the history."""
-        self._span_s = min(float(span_s), float(SPAN_S))
-        self._force_plot.setXRange(-self._span_s, 0.0, padding=0)
-        self.traces.set_span(self._span_s)
-        self.raster.set_span(self._span_s)
+    def _set_layout(self, layout: SensorLayout) -> None:
+        self.sensor_layout = layout
+        for view in (self.time_plots, self.rate_bars, self.heat_map):
+            view.set_sensor_layout(layout)
+        self._show_rate_rows()
+
+    def show_data(self, data: LiveData, layout: SensorLayout) -> None:
+        """Show other data, of a sensor with any number of taxels."""
+        self.data = data
+        if layout != self.sensor_layout:
+            self._set_layout(layout)
+
+    def toggle_alone(self, taxel: int) -> None:
+        """Show one taxel alone, or all again."""
+        every = tuple(range(self.sensor_layout.n_taxels))
+        self.show_taxels(every if self.time_plots.taxels == (taxel,) else (taxel,))
+
+    def show_taxels(self, taxels: tuple[int, ...]) -> None:
+        """Show only these taxels, from 0, in traces, raster and rates."""
+        self.time_plots.show_taxels(taxels)
+        self._show_rate_rows()
+        self.draw()
+
+    def set_value_scale(self, scale: ValueScale) -> None:
+        """Show readings in counts or volts."""
+        if scale != self.value_scale:
+            self.value_scale = scale
+            self.time_plots.set_value_scale(scale)
+            self.heat_map.set_value_scale(scale)
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme to all plots."""
         self.setBackground(theme.panel)
-        items = (self.traces, self.raster, self.rate_bars, self.heat_map, self.force, self.speed)
-        for item in items:
+        for item in (self.time_plots, self.rate_bars, self.heat_map):
             item.set_theme(theme)
-        for plot in (*self._time_plots, self._rate_plot):
-            colour_axes(plot, theme)
-        self._label_rows()
+        colour_axes(self._rate_plot, theme)
+        self.draw()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Label single raster rows if there is space, else their groups."""
         super().resizeEvent(event)
         if hasattr(self, "_rate_plot"):
-            self._label_rows()
-
-    def _build_time_plots(self, theme: Theme) -> None:
-        labels = ("Force (g)", "Speed (mm/s)", "Taxels (own range)", "Spikes")
-        self._time_plots = [
-            time_plot(self.ci, row, label, last=row == 3) for row, label in enumerate(labels)
-        ]
-        self._force_plot, self._speed_plot, self._trace_plot, self._raster_plot = self._time_plots
-        for plot in self._time_plots[1:]:
-            plot.setXLink(self._force_plot)
-        self.force = SetPointPlot(self._force_plot, "force", theme)
-        self.speed = SetPointPlot(self._speed_plot, "speed", theme)
-        self.traces, self.raster = (
-            Traces(theme, self.sensor_layout),
-            Raster(theme, self.sensor_layout),
-        )
-        for plot, image in ((self._trace_plot, self.traces), (self._raster_plot, self.raster)):
-            plot.invertY(True)
-            plot.setYRange(0, image.n_rows, padding=0)
-            plot.addItem(image)
-        self._trace_plot.getAxis("left").setTicks([taxel_ticks(N_TAXELS), []])
-        for row, stretch in enumerate(_ROW_STRETCH):
-            self.ci.layout.setRowStretchFactor(row, stretch)
-            self.ci.layout.setRowMinimumHeight(row, 54)
+            self.time_plots.label_rows()
+            self.draw()
 
     def _build_right_column(self, theme: Theme) -> None:
-        self.heat_map, self.rate_bars = (
-            HeatMap(theme, self.sensor_layout),
-            RateBars(theme, self.sensor_layout),
-        )
+        self.heat_map = HeatMap(theme, self.sensor_layout)
+        self.rate_bars = RateBars(theme, self.sensor_layout)
         self.ci.addItem(self.heat_map, row=0, col=1, rowspan=3)
         self._rate_plot = fixed_plot(self.ci, 3, 1)
         self._rate_plot.setLabel("bottom", "Rate in the last second (Hz)")
-        self._rate_plot.getAxis("bottom").setHeight(self._raster_plot.getAxis("bottom").height())
-        self._rate_plot.getAxis("bottom").setTicks([[(hz, f"{hz}") for hz in RATE_TICKS_HZ], []])
+        axis, time_axis = (
+            plot.getAxis("bottom") for plot in (self._rate_plot, self.time_plots.raster_plot)
+        )
+        axis.setHeight(time_axis.height())
+        axis.setTicks([[(hz, f"{hz}") for hz in RATE_TICKS_HZ], []])
         self._rate_plot.hideAxis("left")
         self._rate_plot.setXRange(0, FULL_SCALE_HZ, padding=0)
         self._rate_plot.invertY(True)
-        self._rate_plot.setYRange(0, N_ROWS, padding=0)
         self._rate_plot.addItem(self.rate_bars)
         self.ci.layout.setHorizontalSpacing(16)
         self.ci.layout.setColumnFixedWidth(1, _RIGHT_PX)
+        self._show_rate_rows()
 
-    def _refresh_image(self, plot: pg.PlotItem, image: ScrollingImage) -> None:
-        area = plot.getViewBox().sceneBoundingRect()
-        width = round(area.right()) - round(area.left())
-        height = round(area.bottom()) - round(area.top())
-        image.refresh(self.history, width, height, self.devicePixelRatioF())
+    def _show_rate_rows(self) -> None:
+        self.rate_bars.show_rows(self.time_plots.raster.rows)
+        self._rate_plot.setYRange(0, len(self.rate_bars.rows), padding=0)
 
-    def _refresh_drum(self, live: LiveReader) -> None:
-        window = live.drum(DRUM_ROWS)
-        newest_s = max(self.history.newest_s, float(window.time_s[-1]) if len(window) else 0.0)
-        shown = window.time_s > newest_s - self._span_s - 0.5
-        time_s = window.time_s[shown] - newest_s
-        self.force.refresh(time_s, window.force_g[shown], window.force_set_g[shown])
-        self.speed.refresh(time_s, window.speed_mm_s[shown], window.speed_set_mm_s[shown])
+    def _refresh_right_column(self, position: int) -> None:
+        data = self.data
+        self.heat_map.refresh(data.samples_before(position, _MAP_SAMPLES), data.low, data.high)
+        self.rate_bars.refresh(data.spikes_before(position, round(WINDOW_S * SAMPLE_RATE_HZ)))
 
-    def _label_rows(self) -> None:
-        row_px = self._raster_plot.getViewBox().height() / N_ROWS
-        rows = self.raster.rows
-        ticks = rows.row_ticks() if row_px >= _ROW_LABEL_PX else rows.group_ticks()
-        self._raster_plot.getAxis("left").setTicks([ticks, []])
+    def _area(self, plot: int) -> QRectF:
+        """Return the inside of a plot in pixels of the widget."""
+        view = self.time_plots.plots[plot].getViewBox()
+        return QRectF(self.mapFromScene(view.sceneBoundingRect()).boundingRect())
+
+    def _show_lines(self) -> None:
+        window = self.navigation.window
+        self.time_plots.show_lines(self.data.marks.lines(window), *self.cursors.lines(window))
+
+    def _follow(self) -> None:
+        timeline, drum = self.data.timeline, self.data.drum
+        self.navigation.follow(timeline.oldest, timeline.newest, drum.newest)
+        self.time_plots.set_caption(self.caption_paused if self.navigation.is_paused else NOW)

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gui.live.history import History
-from gui.live.scrolling_image import PixelColumns, ScrollingImage, blend, rgb
+from gui.live.scrolling_image import ScrollingImage, blend, rgb
+from gui.live.store.pixel_columns import PixelColumns
+from gui.live.store.timeline import Timeline
 from gui.live.train_rows import TrainRows
 from gui.widgets.theme import Theme
-from rigctl.session.format.sensor_layout import SensorLayout
+from rigctl.session.format.metadata.sensor_layout import SensorLayout
 
 
 class Raster(ScrollingImage):
@@ -21,7 +22,12 @@ class Raster(ScrollingImage):
 
     def set_sensor_layout(self, layout: SensorLayout) -> None:
         """Group the rows by the layers of another sensor with as many taxels."""
-        self.rows = TrainRows(layout)
+        self.show_rows(TrainRows(layout))
+
+    def show_rows(self, rows: TrainRows) -> None:
+        """Show other rows of the trains."""
+        self.prepareGeometryChange()
+        self.rows, self.n_rows = rows, len(rows)
         self._is_stale = True
 
     def prepare(self, height: int) -> None:
@@ -39,9 +45,8 @@ class Raster(ScrollingImage):
         if height >= 4 * n_rows:
             self._is_tick[edges[:-1]] = False
 
-    def render_columns(self, history: History, columns: PixelColumns) -> NDArray[np.uint32]:
+    def render_columns(self, timeline: Timeline, columns: PixelColumns) -> NDArray[np.uint32]:
         """Return ink where the column has a spike."""
-        spikes = columns.reduce(history.spikes, np.bitwise_or)
-        spikes[np.diff(columns.start) == 0] = 0
-        is_ink = (spikes[:, self.rows.order[self._row]] > 0).T & self._is_tick
+        spikes = timeline.spike_columns(columns)
+        is_ink = spikes[:, self.rows.order].T[self._row] & self._is_tick
         return np.where(is_ink, self._ink, self._background)

@@ -1,14 +1,12 @@
 """A scrolling image: every pixel column belongs to a span of samples and is drawn once.
 
-The cost of a redraw depends only on the new columns: NumPy computes them into a ring of columns,
-and Qt paints the ring in two pieces. Each column shows the minimum and maximum of its samples
-(or whether it has a spike), so that short events stay visible.
+The cost of a redraw depends only on the columns that came into view, on the right while samples
+arrive, on either side while the user scrolls: NumPy computes them into a ring of columns, and Qt
+paints the ring in two pieces. Each column shows the minimum and maximum of its samples (or whether
+it has a spike), so that short events stay visible.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,71 +14,33 @@ from PySide6.QtCore import QRectF
 from PySide6.QtGui import QColor, QImage, QPainter, QTransform
 from PySide6.QtWidgets import QGraphicsItem
 
-from gui.live.history import SPAN_S, History
+from gui.live.history import SPAN_S
+from gui.live.store.pixel_columns import PixelColumns
+from gui.live.store.time_window import TimeWindow
+from gui.live.store.timeline import Timeline
 from gui.widgets.theme import Theme
 from rigctl.values import SAMPLE_RATE_HZ
 
-_T = TypeVar("_T", np.uint8, np.uint16)
-
-
-@dataclass(frozen=True, slots=True)
-class PixelColumns:
-    """Adjacent pixel columns; column ``i`` shows the samples ``start[i]:start[i + 1]``.
-
-    ``number``: int64 (k,), absolute column numbers, ascending by one.
-    ``start``: int64 (k + 1,), rows of the history.
-    ``missing``: bool (k,), columns whose samples are lost.
-    """
-
-    number: NDArray[np.int64]
-    start: NDArray[np.int64]
-    missing: NDArray[np.bool_]
-
-    def reduce(self, values: NDArray[_T], ufunc: np.ufunc) -> NDArray[_T]:
-        """Return one row per column, reduced by ``ufunc``; an empty column repeats the last."""
-        filled = np.flatnonzero(np.diff(self.start))
-        if not len(filled):
-            return np.zeros((len(self.number), values.shape[1]), values.dtype)
-        first = self.start[0]
-        reduced = ufunc.reduceat(values[first : self.start[-1]], self.start[filled] - first, axis=0)
-        source = np.searchsorted(filled, np.arange(len(self.number)), side="right") - 1
-        return np.asarray(reduced[np.maximum(source, 0)], values.dtype)
-
-
-def columns_between(
-    counters: NDArray[np.int64], first: int, width: int, span_samples: int
-) -> PixelColumns:
-    """Return the columns from absolute number ``first`` to that of the newest sample.
-
-    A column number is ``counter * width // span_samples``, so that it never changes.
-    """
-    last = int(counters[-1]) * width // span_samples
-    number = np.arange(first, last + 1, dtype=np.int64)
-    edges = -(-np.arange(first, last + 2, dtype=np.int64) * span_samples // width)
-    start = np.searchsorted(counters, edges).astype(np.int64)
-    after = np.minimum(start[:-1], len(counters) - 1)
-    jump = counters[after] - counters[np.maximum(after - 1, 0)]
-    missing = (start[1:] == start[:-1]) & (jump > 1)
-    return PixelColumns(number, start, missing)
+_START = TimeWindow(0, SPAN_S * SAMPLE_RATE_HZ, 0)
 
 
 class ScrollingImage(QGraphicsItem):
-    """Rows of history over time, newest on the right; subclasses render the columns.
+    """Rows over time; subclasses render the columns.
 
-    Its rectangle in plot units is ``-span_s … 0`` by ``0 … n_rows``, row 0 at the top (its view
-    has an inverted y axis).
+    Its rectangle in plot units is that of the time window in seconds by ``0 … n_rows``, row 0 at
+    the top (its view has an inverted y axis).
     """
 
     def __init__(self, n_rows: int, theme: Theme) -> None:
         super().__init__()
         self.n_rows = n_rows
         self.theme = theme
-        self.span_s = float(SPAN_S)
+        self.shown = _START
         self._pixels = np.zeros((1, 1), np.uint32)
         self._head = 0
-        self._last_drawn = -1
+        self._drawn = (0, -1)
         self._ratio = 1.0
-        self._generation = -1
+        self._source: tuple[Timeline | None, int] = (None, -1)
         self._is_stale = True
 
     def set_theme(self, theme: Theme) -> None:
@@ -88,24 +48,28 @@ class ScrollingImage(QGraphicsItem):
         self.theme = theme
         self._is_stale = True
 
-    def set_span(self, span_s: float) -> None:
-        """Set the length of the time axis."""
-        self.prepareGeometryChange()
-        self.span_s = span_s
-        self._is_stale = True
-
-    def refresh(self, history: History, width: int, height: int, ratio: float) -> None:
-        """Draw the new columns for a view of ``width`` × ``height`` logical pixels."""
+    def refresh(
+        self, timeline: Timeline, window: TimeWindow, width: int, height: int, ratio: float
+    ) -> None:
+        """Draw the columns that are new in a view of ``width`` × ``height`` logical pixels."""
         shape = (max(1, round(height * ratio)), max(1, round(width * ratio)))
-        if self._is_stale or shape != self._pixels.shape or history.generation != self._generation:
-            self._reset(shape, ratio, history.generation)
-        if len(history):
-            self._draw_new(history)
+        source = (timeline, timeline.generation)
+        if shape != self._pixels.shape or source != self._source:
+            self._is_stale = True
+        if self._is_stale or window.span != self.shown.span:
+            self._reset(shape, ratio, source)
+        if (window.left_s, window.span) != (self.shown.left_s, self.shown.span):
+            self.prepareGeometryChange()
+        self.shown = window
+        self._head = window.right * shape[1] // window.span
+        if len(timeline):
+            self._draw_new(timeline)
         self.update()
 
     def boundingRect(self) -> QRectF:
         """Return the image's rectangle in plot units."""
-        return QRectF(-self.span_s, 0.0, self.span_s, float(self.n_rows))
+        window = self.shown
+        return QRectF(window.left_s, 0.0, window.span / SAMPLE_RATE_HZ, float(self.n_rows))
 
     def paint(self, painter: QPainter, *_: object) -> None:
         """Paint the ring of columns, first the older ones behind the head."""
@@ -123,7 +87,7 @@ class ScrollingImage(QGraphicsItem):
         )
         painter.restore()
 
-    def render_columns(self, history: History, columns: PixelColumns) -> NDArray[np.uint32]:
+    def render_columns(self, timeline: Timeline, columns: PixelColumns) -> NDArray[np.uint32]:
         """Return the pixels of some columns, uint32 (height, k); subclasses implement it."""
         # Qt's metaclass and ABCMeta do not combine, so the method cannot be declared abstract.
         raise NotImplementedError
@@ -131,35 +95,41 @@ class ScrollingImage(QGraphicsItem):
     def prepare(self, height: int) -> None:
         """Compute tables for another height or theme; subclasses that need them implement it."""
 
-    def _reset(self, shape: tuple[int, int], ratio: float, generation: int) -> None:
+    def _reset(self, shape: tuple[int, int], ratio: float, source: tuple[Timeline, int]) -> None:
+        is_prepared = not self._is_stale
         self._pixels = np.full(shape, rgb(self.theme.plot), np.uint32)
-        self._last_drawn = -1
+        self._drawn = (0, -1)
         self._ratio = ratio
-        self._generation = generation
+        self._source = source
         self._is_stale = False
-        self.prepare(shape[0])
+        if not is_prepared:
+            self.prepare(shape[0])
 
-    def _draw_new(self, history: History) -> None:
-        width, span = self._pixels.shape[1], round(self.span_s * SAMPLE_RATE_HZ)
-        counters = history.counters
-        self._head = int(counters[-1]) * width // span
-        oldest = max(self._head - width + 1, int(counters[0]) * width // span)
-        # The last column may have been drawn before it was complete: draw it again.
-        columns = columns_between(counters, max(oldest, self._last_drawn), width, span)
-        pixels = self.render_columns(history, columns)
-        pixels[:, columns.missing] = rgb(self.theme.gap)
-        self._clear_skipped(columns)
-        self._pixels[:, columns.number % width] = pixels
-        self._last_drawn = self._head
-
-    def _clear_skipped(self, columns: PixelColumns) -> None:
-        """Mark the columns between the last drawn and the oldest in the history as lost."""
+    def _draw_new(self, timeline: Timeline) -> None:
+        """Draw the columns in view that are not drawn, or were drawn before all samples came."""
         width = self._pixels.shape[1]
-        first = int(columns.number[0])
-        if self._last_drawn < 0 or first - self._last_drawn <= 1:
-            return
-        skipped = np.arange(max(self._last_drawn + 1, first - width), first) % width
-        self._pixels[:, skipped] = rgb(self.theme.gap)
+        first, last = self._head - width + 1, self._head
+        drawn_first, drawn_last = self._drawn
+        if drawn_first > last or drawn_last < first or drawn_first > drawn_last:
+            self._draw(timeline, first, last)
+        else:
+            if first < drawn_first:
+                self._draw(timeline, first, drawn_first - 1)
+            if last > drawn_last:
+                self._draw(timeline, drawn_last + 1, last)
+        newest = timeline.newest * width // self.shown.span
+        self._drawn = (first, min(last, newest - 1))
+
+    def _draw(self, timeline: Timeline, first: int, last: int) -> None:
+        width = self._pixels.shape[1]
+        columns = timeline.columns(first, last, width, self.shown.span)
+        pixels = self.render_columns(timeline, columns)
+        pixels[:, columns.missing] = rgb(self.theme.gap)
+        pixels[:, columns.blank] = rgb(self.theme.plot)
+        at, n = first % width, last - first + 1
+        n_before_seam = min(n, width - at)
+        self._pixels[:, at : at + n_before_seam] = pixels[:, :n_before_seam]
+        self._pixels[:, : n - n_before_seam] = pixels[:, n_before_seam:]
 
 
 def rgb(colour: str) -> int:

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QGraphicsItem
 
 from gui.live.train_rows import TrainRows
 from gui.widgets.theme import Theme
-from rigctl.session.format.sensor_layout import SensorLayout
+from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.values import SAMPLE_RATE_HZ
 
 FULL_SCALE_HZ = 300.0
@@ -29,8 +29,13 @@ class RateBars(QGraphicsItem):
 
     def set_sensor_layout(self, layout: SensorLayout) -> None:
         """Order the bars by the layers of another sensor with as many taxels."""
-        self.rows = TrainRows(layout)
-        self.rates_hz = np.zeros(len(self.rows))
+        self.show_rows(TrainRows(layout))
+
+    def show_rows(self, rows: TrainRows) -> None:
+        """Show other rows of the trains."""
+        self.prepareGeometryChange()
+        self.rows = rows
+        self.rates_hz = np.zeros(len(rows))
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""

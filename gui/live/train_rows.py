@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from gui.live.scrolling_image import blend
 from gui.widgets.theme import Theme
-from rigctl.session.format.sensor_layout import LAYER_NAMES, SensorLayout
+from rigctl.session.format.metadata.sensor_layout import LAYER_NAMES, SensorLayout
 
 
 class TrainRows:
@@ -14,27 +16,34 @@ class TrainRows:
 
     ``order``: the encoder's row in each raster row, int64 (n_rows,); the encoder has SA 1 … n,
     then RA 1 … n. ``group_of``: the group of each raster row, int64 (n_rows,).
+    ``taxels``: those whose trains have a row, from 0; None for all.
     """
 
-    def __init__(self, layout: SensorLayout) -> None:
+    def __init__(self, layout: SensorLayout, taxels: Collection[int] | None = None) -> None:
         self.sensor_layout = layout
         groups = layout.train_groups()
         self.group_names = tuple(name for name, _ in groups)
-        self.order = np.concatenate([np.array(rows, np.int64) for _, rows in groups])
-        self.group_of = np.repeat(np.arange(len(groups)), layout.per_layer)
+        order = np.concatenate([np.array(rows, np.int64) for _, rows in groups])
+        group_of = np.repeat(np.arange(len(groups)), layout.per_layer)
+        shown = [*range(layout.n_taxels)] if taxels is None else [*taxels]
+        kept = np.isin(order % layout.n_taxels, shown)
+        self.order, self.group_of = order[kept], group_of[kept]
 
     def __len__(self) -> int:
         return len(self.order)
 
     def label(self, row: int) -> str:
-        """Return the name of a raster row: SA-1 … RA-18."""
+        """Return the name of a raster row, as in the paper: T_SA-1 … T_RA-18."""
         channel, taxel = divmod(int(self.order[row]), self.sensor_layout.n_taxels)
-        return f"{('SA', 'RA')[channel]}-{taxel + 1}"
+        return f"T_{('SA', 'RA')[channel]}-{taxel + 1}"
 
     def group_ticks(self) -> list[tuple[float, str]]:
         """Return an axis tick for each group: its middle from the top in rows, and its name."""
-        height = self.sensor_layout.per_layer
-        return [((i + 0.5) * height, name) for i, name in enumerate(self.group_names)]
+        ticks = []
+        for group, name in enumerate(self.group_names):
+            if len(rows := np.flatnonzero(self.group_of == group)):
+                ticks.append((float(rows.mean()) + 0.5, name))
+        return ticks
 
     def row_ticks(self) -> list[tuple[float, str]]:
         """Return an axis tick for each row: its middle from the top, and its name."""
@@ -58,14 +67,14 @@ class TrainRows:
         return blend(bottom, top, layer / max(len(self.sensor_layout.layers) - 1, 1))
 
 
-def layer_titles(layout: SensorLayout) -> tuple[str, ...]:
+def layer_titles(layout: SensorLayout, unit: str = "counts") -> tuple[str, ...]:
     """Return a title for the map of each layer."""
     if len(layout.layers) == 1:
-        return ("Readings now, counts",)
+        return (f"Readings now, {unit}",)
     if len(layout.layers) == 2:
         places = ("Top layer", "Bottom layer")
         return tuple(
-            f"{place} ({f'type {name}' if name in LAYER_NAMES else name}), counts"
+            f"{place} ({f'type {name}' if name in LAYER_NAMES else name}), {unit}"
             for place, name in zip(places, layout.layers, strict=True)
         )
-    return tuple(f"Layer {name}, counts" for name in layout.layers)
+    return tuple(f"Layer {name}, {unit}" for name in layout.layers)

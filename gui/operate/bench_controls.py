@@ -8,10 +8,14 @@ from typing import Any
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QGridLayout, QGroupBox, QLabel
 
+from gui.widgets.focus_wheel import focus_wheel
 from gui.widgets.layouts import push_button
 from rigctl.acquisition.rpc.messages import EngineStatus
+from rigctl.wire.drum.states import State
 
 TEXTURES = tuple(ascii_uppercase[:16])
+NOT_TOLD = "not told"
+_RESTING = (State.IDLE, State.ARMED, State.FAULT_OFF)
 FAULTS: dict[str, dict[str, Any]] = {
     "Press the E-stop": {"fault": "press_estop"},
     "Release the E-stop": {"fault": "release_estop"},
@@ -36,11 +40,11 @@ class BenchControls(QGroupBox):
 
     def __init__(self) -> None:
         super().__init__("Bench")
-        self.plate = QComboBox()
+        self.plate = focus_wheel(QComboBox(placeholderText=NOT_TOLD))
         self.plate.addItems(list(TEXTURES))
-        self.plate.setToolTip("Texture plate on the drum")
+        self.plate.setCurrentIndex(-1)
         self.plate.activated.connect(self._send_plate)
-        self.fault = QComboBox()
+        self.fault = focus_wheel(QComboBox())
         self.fault.addItems(list(FAULTS))
         self.inject = push_button("Inject", self._inject)
         self._fault_row = (QLabel("Fault"), self.fault, self.inject)
@@ -54,14 +58,33 @@ class BenchControls(QGroupBox):
 
     def show_status(self, status: EngineStatus) -> None:
         """Show the plate, and the faults on a simulated rig."""
-        self.plate.setEnabled(status.drum_connected and not status.run.is_active)
+        obstacle = plate_obstacle(status)
+        self.plate.setEnabled(not obstacle)
+        self.plate.setToolTip(f"Texture plate on the drum{obstacle and f'. Locked: {obstacle}'}")
         for widget in self._fault_row:
             widget.setVisible(status.simulated)
-        if status.texture and not self.plate.view().isVisible():
-            self.plate.setCurrentText(status.texture)
+        if not self.plate.view().isVisible():
+            self._show_plate(status.texture)
+
+    def _show_plate(self, texture: str | None) -> None:
+        """Show the plate that the engine knows of, which may have any name, or that none is."""
+        if texture and self.plate.findText(texture) < 0:
+            self.plate.addItem(texture)
+        self.plate.setCurrentIndex(self.plate.findText(texture) if texture else -1)
 
     def _send_plate(self) -> None:
         self.command_requested.emit("plate", {"texture": self.plate.currentText()})
 
     def _inject(self) -> None:
         self.command_requested.emit("inject", FAULTS[self.fault.currentText()])
+
+
+def plate_obstacle(status: EngineStatus) -> str:
+    """Return why nobody can change the plate now; empty if somebody can."""
+    if not status.drum_connected or status.state is None:
+        return "no drum is connected"
+    if status.run.is_active:
+        return "a protocol is running"
+    if status.is_left_in_contact:
+        return "lift the drum first: it is in contact"
+    return "" if status.state in _RESTING else "the drum moves"

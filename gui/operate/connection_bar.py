@@ -8,6 +8,7 @@ from PySide6.QtWidgets import QFrame
 from gui.engine_clients import JOIN
 from gui.engine_link import NOT_CONNECTED
 from gui.operate.recording_display import RecordingDisplay
+from gui.widgets.data_ages import DataAges, stale_words
 from gui.widgets.file_combo_box import FileComboBox
 from gui.widgets.labels import elastic, label, set_property, show_text
 from gui.widgets.layouts import push_button
@@ -23,12 +24,17 @@ class ConnectionBar(QFrame):
 
     def __init__(self, rig: FileComboBox) -> None:
         super().__init__()
+        self.setProperty("role", "heading")
         self.rig = rig
         self.connect_button = push_button("Connect", self._toggle_connection)
         self.connect_button.setMinimumWidth(104)
-        self.state, self.state_words = label("–", "state"), elastic(label(NOT_CONNECTED, "muted"))
+        self.state, self.state_words = (
+            label("–", "state"),
+            elastic(label(NOT_CONNECTED, "muted", wraps=True)),
+        )
         self.recording_display = RecordingDisplay()
         self._is_connected = False
+        self._level, self._words = "ok", NOT_CONNECTED
 
     def show_connecting(self) -> None:
         """Show that the chosen rig's engine is starting."""
@@ -56,13 +62,25 @@ class ConnectionBar(QFrame):
         show_text(self.state_words, f"the engine has not answered for {seconds:.0f} s")
         self.recording_display.show_silent()
 
+    def show_alarm(self, *, is_on: bool) -> None:
+        """Colour the heading while there is an alarm."""
+        set_property(self, "alarm", "on" if is_on else "off")
+
+    def show_ages(self, ages: DataAges) -> None:
+        """Turn a state that is no longer live grey, with its age."""
+        age_s = max((s for s in (ages.engine_s, ages.drum_s) if s is not None), default=None)
+        words = stale_words(age_s)
+        set_property(self.state, "level", "stale" if words else self._level)
+        show_text(self.state_words, words or self._words)
+
     @property
     def _joins(self) -> bool:
         return bool(self.rig.currentData() == JOIN)
 
     def _show_state(self, name: str, words: str, *, is_good: bool) -> None:
+        self._level, self._words = "ok" if is_good else "bad", words
         self.state.setText(name)
-        set_property(self.state, "level", "ok" if is_good else "bad")
+        set_property(self.state, "level", self._level)
         show_text(self.state_words, words)
 
     def _show_connection(self, button: str, *, connected: bool, locked: bool) -> None:

@@ -19,7 +19,7 @@ class RecordingDisplay(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.lamp = StatusLamp(18)
-        self.title, self._detail = label("Not recording", "heading"), label("", "muted")
+        self.title, self._detail = label("Not recording", "heading"), label("", "muted", wraps=True)
         self._unrecorded = 0
         words = container(vbox(self.title, self._detail))
         words.setFixedWidth(_WORDS_PX)

@@ -11,12 +11,14 @@ from gui.widgets.file_browser import PathKind
 from gui.widgets.file_combo_box import FileComboBox
 from gui.widgets.layouts import container, hbox, vbox
 from rigctl.acquisition.rpc.messages import EngineStatus
+from rigctl.wire.drum.states import Fault
 
 RIGS = {
     "Virtual rig": "virtual",
     "Firmware on simulated chips": "firmware",
     "Join the running engine": JOIN,
 }
+STILL_IN_CONTACT = "still in contact"
 WORLDS = {"Nominal world": ""}
 
 
@@ -46,19 +48,25 @@ class Toolbar(ConnectionBar):
         self.connect_clicked.connect(self._request_connection)
         self._lay_out()
 
+    @property
+    def chosen_world(self) -> str:
+        """The world file, empty for the nominal world and for a joined engine."""
+        return "" if self._joins else str(self.world.currentData())
+
     def show_status(self, status: EngineStatus) -> None:
         """Show the drum's state and the recording lamp."""
         name = status.state.name.replace("_", " ") if status.state is not None else "–"
-        self._show_state(name, _state_words(status), is_good=not status.fault)
+        is_good = not status.fault and not status.is_left_in_contact
+        self._show_state(name, _state_words(status), is_good=is_good)
         self.recording_display.show_status(status.run.state, status.recording)
 
     def _show_connection(self, button: str, *, connected: bool, locked: bool) -> None:
         super()._show_connection(button, connected=connected, locked=locked)
         self.world.setEnabled(not locked)
+        self.world.setHidden(connected or self._joins)
 
     def _request_connection(self) -> None:
-        world = "" if self._joins else self.world.currentData()
-        self.connect_requested.emit(self.rig.currentData(), world)
+        self.connect_requested.emit(self.rig.currentData(), self.chosen_world)
 
     def add_page(self, page: QWidget) -> None:
         """Add what another experiment shows in the place of rig, state and recording."""
@@ -68,14 +76,22 @@ class Toolbar(ConnectionBar):
         state = vbox(self.state, self.state_words)
         left = (self.rig, self.world, self.connect_button)
         row = hbox(*left, state, self.recording_display, wide=3, spacing=8)
-        row.insertSpacing(3, 10)
+        row.insertSpacing(3, 4)
         self.pages.addWidget(container(row))
         self.setLayout(hbox(self.pages, self.stop_button, wide=0, spacing=8, margins=(8, 5, 8, 5)))
 
 
+def fault_name(fault: int) -> str:
+    """Return the name of a fault; the strip and the panel have its sentence."""
+    name = Fault(fault).name if fault in Fault._value2member_map_ else f"fault {fault}"
+    return name.replace("_", " ").lower()
+
+
 def _state_words(status: EngineStatus) -> str:
+    if status.is_left_in_contact:
+        return STILL_IN_CONTACT
     if status.fault:
-        return status.fault_words
+        return fault_name(status.fault)
     if not status.drum_connected:
         return "the drum board is not connected"
     return status.state_words

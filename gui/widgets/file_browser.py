@@ -7,11 +7,12 @@ from enum import Enum
 from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal, SignalInstance
-from PySide6.QtWidgets import QFileDialog, QPushButton, QWidget
+from PySide6.QtWidgets import QFileDialog, QHeaderView, QListView, QPushButton, QTreeView, QWidget
 
 from gui.widgets.labels import label
 from gui.widgets.layouts import push_button, vbox
 
+PLACES_PX = 120
 _TOML, _MODEL = "TOML files (*.toml)", "Models (*.h5)"
 
 
@@ -70,6 +71,8 @@ class FileBrowser(QWidget):
         dialog.setWindowFlags(Qt.WindowType.Widget)
         dialog.setOption(QFileDialog.Option.DontUseNativeDialog)
         dialog.setSizeGripEnabled(False)
+        for places in dialog.findChildren(QListView, "sidebar"):
+            places.setMinimumWidth(PLACES_PX)  # Qt cuts the names of the places
         if name_filter:
             dialog.setFileMode(QFileDialog.FileMode.ExistingFile)
             dialog.setNameFilters([name_filter, "All files (*)"])
@@ -78,6 +81,8 @@ class FileBrowser(QWidget):
             dialog.setOption(QFileDialog.Option.ShowDirsOnly)
         dialog.fileSelected.connect(selected)
         dialog.finished.connect(lambda _: self.dismiss())
+        for tree in dialog.findChildren(QTreeView):
+            tree.header().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         self.dialog = dialog
         self._column.addWidget(dialog, 1)
         dialog.show()
@@ -87,6 +92,7 @@ class FileBrowser(QWidget):
         if self.dialog is None:
             return
         dialog, self.dialog = self.dialog, None
+        dialog.hide()
         self._column.removeWidget(dialog)
         dialog.deleteLater()
         self.closed.emit()

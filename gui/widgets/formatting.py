@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime, timedelta
+
 
 def duration(seconds: float) -> str:
     """Return a duration in its two largest units."""
@@ -28,3 +30,18 @@ def size(n_bytes: float) -> str:
 def age(seconds: float) -> str:
     """Return an age, in ms below one second."""
     return f"{seconds * 1000:.0f} ms" if seconds < 1 else duration(seconds)
+
+
+def day_time(seconds: float, now: datetime | None = None) -> str:
+    """Return the time of day in ``seconds`` from now, with the day unless it is today."""
+    now = now or datetime.now()
+    then = now + timedelta(seconds=seconds)
+    if then.date() == now.date():
+        return f"{then:%H:%M}"
+    days = (then.date() - now.date()).days
+    return f"{then:%H:%M} tomorrow" if days == 1 else f"{then:%H:%M}, in {days} days"
+
+
+def time_stamp() -> str:
+    """Return the present second in UTC, for the name of a folder."""
+    return f"{datetime.now(UTC):%Y%m%d-%H%M%S}"

@@ -5,12 +5,40 @@ from __future__ import annotations
 from html import escape
 
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
+
+
+class WrappedLabel(QLabel):
+    """A label of several lines, never lower than they are at its width.
+
+    Layouts in layouts ask for the height at another width, such as that without a scroll bar.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(wordWrap=True)
+
+    def setText(self, text: str) -> None:
+        """Show another text."""
+        super().setText(text)
+        self._reserve_height()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Reserve the height of the text at the new width."""
+        super().resizeEvent(event)
+        self._reserve_height()
+
+    def _reserve_height(self) -> None:
+        height_px = max(0, self.heightForWidth(self.width())) if self.text() else 0
+        if height_px != self.minimumHeight():
+            self.setMinimumHeight(height_px)
 
 
 def label(text: str = "", role: str = "", wraps: bool = False) -> QLabel:
     """Return a label; the theme styles its ``role`` (muted, heading, value, state, bad)."""
-    widget = QLabel(text, wordWrap=wraps, textFormat=Qt.TextFormat.PlainText)
+    widget = WrappedLabel() if wraps else QLabel()
+    widget.setTextFormat(Qt.TextFormat.PlainText)
+    widget.setText(text)
     widget.setProperty("role", role)
     return widget
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeVar
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QEvent, QObject, QSize, Qt
 from PySide6.QtWidgets import (
     QBoxLayout,
     QComboBox,
@@ -75,13 +75,32 @@ def container(layout: QLayout) -> QWidget:
     return widget
 
 
+class PanelArea(QScrollArea):
+    """Scrolls its panel vertically, and is never narrower than the panel beside a scroll bar."""
+
+    def __init__(self, panel: QWidget) -> None:
+        super().__init__(widgetResizable=True)
+        self._panel = panel
+        self.setWidget(panel)
+        self.setFrameShape(QScrollArea.Shape.NoFrame)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+
+    def minimumSizeHint(self) -> QSize:
+        """Return the smallest width that cuts nothing; the height may be less."""
+        bar_px = self.verticalScrollBar().sizeHint().width()
+        width_px = self._panel.minimumSizeHint().width() + bar_px
+        return super().minimumSizeHint().expandedTo(QSize(width_px, 0))
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Tell the parent's layout when the panel's contents change."""
+        if event.type() == QEvent.Type.LayoutRequest:
+            self.updateGeometry()
+        return super().eventFilter(watched, event)
+
+
 def scroll_area(widget: QWidget) -> QScrollArea:
     """Return an area that scrolls its widget vertically if the screen is too small for it."""
-    area = QScrollArea(widgetResizable=True)
-    area.setWidget(widget)
-    area.setFrameShape(QScrollArea.Shape.NoFrame)
-    area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-    return area
+    return PanelArea(widget)
 
 
 def combo_box(items: dict[str, str]) -> QComboBox:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import ceil, floor, log10
+
 import pyqtgraph as pg
 from PySide6.QtWidgets import QGraphicsItem
 
@@ -9,6 +11,9 @@ from gui.widgets.theme import Theme
 
 LEFT_PX = 62
 MAX_TICKS = 10
+_ROUND_STEPS_S = (
+    0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0, 120.0,
+)  # fmt: skip
 _BOTTOM_PX = 34
 
 
@@ -54,3 +59,15 @@ def taxel_ticks(n_taxels: int) -> list[tuple[float, str]]:
     """Return ticks for every second taxel, or for ten: the middle of its band, and its name."""
     step = max(2, -(-n_taxels // MAX_TICKS))
     return [(taxel + 0.5, f"T{taxel + 1}") for taxel in range(0, n_taxels, step)]
+
+
+def time_ticks(left_s: float, right_s: float) -> list[tuple[float, str]]:
+    """Return at most eleven ticks at round times between two ends of an axis.
+
+    pyqtgraph's own ticks cost more than the plots themselves while an axis scrolls.
+    """
+    least_s = (right_s - left_s) / MAX_TICKS
+    step_s = next((step for step in _ROUND_STEPS_S if step >= least_s), _ROUND_STEPS_S[-1])
+    digits = max(0, -floor(log10(step_s)))
+    numbers = range(ceil(left_s / step_s), floor(right_s / step_s) + 1)
+    return [(n * step_s, f"{n * step_s:.{digits}f}".replace("-", "−")) for n in numbers]

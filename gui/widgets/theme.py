@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -79,7 +80,7 @@ _COLOURS: dict[str, tuple[Any, Any]] = {
 
 LIGHT = Theme("light", **{key: light for key, (light, _) in _COLOURS.items()})
 DARK = Theme("dark", **{key: dark for key, (_, dark) in _COLOURS.items()})
-_APPLIED = "rigctl_theme"
+_APPLIED, _SCALE, _USUAL_PT = "rigctl_theme", "rigctl_text_scale", "rigctl_usual_pt"
 
 
 def apply_theme(choice: ThemeChoice) -> Theme:
@@ -93,8 +94,31 @@ def apply_theme(choice: ThemeChoice) -> Theme:
         app.setProperty(_APPLIED, theme.name)
         app.setStyle("Fusion")
         app.setPalette(_palette(theme))
-        app.setStyleSheet(_style_sheet(theme))
+        app.setStyleSheet(_scaled(_style_sheet(theme), app.property(_SCALE) or 1.0))
     return theme
+
+
+def scale_texts(factor: float) -> None:
+    """Let the next :func:`apply_theme` show all texts ``factor`` times their usual size."""
+    app = QApplication.instance()
+    assert isinstance(app, QApplication)
+    usual_pt = app.property(_USUAL_PT) or app.font().pointSizeF()
+    app.setProperty(_USUAL_PT, usual_pt)
+    if factor != (app.property(_SCALE) or 1.0):
+        font = app.font()
+        font.setPointSizeF(usual_pt * factor)
+        app.setFont(font)
+        app.setProperty(_SCALE, factor)
+        app.setProperty(_APPLIED, "")
+
+
+def _scaled(style_sheet: str, factor: float) -> str:
+    """Return a style sheet whose sizes in points are ``factor`` times as large."""
+    return re.sub(
+        r"font-size: ([\d.]+)pt",
+        lambda size: f"font-size: {float(size[1]) * factor:g}pt",
+        style_sheet,
+    )
 
 
 def applied_theme() -> Theme:
@@ -134,12 +158,18 @@ def _style_sheet(theme: Theme) -> str:
     QLabel[role="heading"] {{ font-weight: 600; }}
     QLabel[role="bad"] {{ color: {theme.bad}; font-weight: 600; }}
     QLabel[role="warn"] {{ color: {theme.warn}; font-weight: 600; }}
-    QLabel[role="value"] {{ font-size: 10.5pt; font-weight: 600; }}
+    QLabel[role="value"] {{ font-size: 10pt; font-weight: 600; }}
+    QLabel[role="stale"] {{ color: {theme.muted}; font-style: italic; }}
+    QLabel[role="alarm"] {{ color: {theme.bad}; font-size: 12pt; font-weight: 800; }}
     QLabel[role="value"][level="bad"] {{ color: {theme.bad}; }}
     QLabel[role="value"][level="warn"] {{ color: {theme.warn}; }}
     QLabel[role="value"][level="off"] {{ color: {theme.muted}; }}
     QLabel[role="state"] {{ font-size: 13pt; font-weight: 700; }}
     QLabel[role="state"][level="bad"] {{ color: {theme.bad}; }}
+    QLabel[role="state"][level="stale"] {{ color: {theme.muted}; font-style: italic; }}
+    QFrame[role="heading"][alarm="on"] {{
+        background: {theme.bad_back};
+    }}
     QFrame[role="card"] {{
         background: {theme.panel}; border: 1px solid {theme.line}; border-radius: 5px;
     }}
@@ -167,6 +197,10 @@ def _style_sheet(theme: Theme) -> str:
     QFrame[role="prompt"] {{
         background: {theme.panel}; border: 2px solid {theme.accent}; border-radius: 5px;
     }}
+    QFrame[role="alarm"] {{
+        background: {theme.bad_back}; border: 2px solid {theme.bad}; border-radius: 5px;
+    }}
+    QFrame[role="alarm"] QLabel {{ border: none; background: transparent; }}
     QGroupBox {{
         border: 1px solid {theme.line}; border-radius: 5px; margin-top: 9px; padding-top: 5px;
         background: {theme.panel};

@@ -18,8 +18,6 @@ from tests.gui.fake_engine import FakeEngine
 from tests.gui.fake_finger import FakeFinger
 from tests.gui.steps import FingerWindow, Harness, SharedWindow, wait_until
 
-FINGER_TAB = 3
-
 
 @pytest.fixture(autouse=True, scope="session")
 def own_engines(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
@@ -56,7 +54,7 @@ def shared(app: QApplication) -> Iterator[SharedWindow]:
 def disconnected(shared: SharedWindow, engine: FakeEngine) -> Iterator[SharedWindow]:
     """Yield the shared window without a connection; the engine is there to connect to."""
     shared.engine, shared.error, shared.opened = engine, None, []
-    shared.window.tabs.setCurrentIndex(0)
+    shared.window.show_panel("operate")
     shared.window.event_log.clear()
     yield shared
     shared.window.engine_link.close()
@@ -80,7 +78,7 @@ def finger(shared: SharedWindow, tmp_path: Path) -> Iterator[FingerWindow]:
     """Yield the shared window on its tab Finger, connected to an engine of the moving finger."""
     shared.finger, shared.error, shared.finger_specs = FakeFinger(tmp_path), None, []
     window, tab = shared.window, shared.window.finger_tab
-    window.tabs.setCurrentIndex(FINGER_TAB)
+    window.show_panel("finger")
     window.event_log.clear()
     tab.setup.choose_stage("train")
     tab.setup.model.clear()
@@ -92,4 +90,4 @@ def finger(shared: SharedWindow, tmp_path: Path) -> Iterator[FingerWindow]:
     tab.link.close()
     tab.link.wait_closed()
     tab.link.poll()
-    window.tabs.setCurrentIndex(0)
+    window.show_panel("operate")

@@ -95,6 +95,10 @@ STATUS: dict[str, Any] = {
 }
 
 
+ALONE = {"clients": [{"id": 1, "name": "this window"}], "holder": 1, "asking": []}
+"""One client, which has control."""
+
+
 class LiveFile(Protocol):
     """A writer or a reader of live data."""
 
@@ -107,12 +111,19 @@ class FakeClient:
 
     def __init__(self, live_path: Path, status: dict[str, Any], *live: LiveFile) -> None:
         self.engine_file = EngineFile("fake", 1, 9, "", "virtual", str(live_path))
+        self.process = None
         self.requests: list[tuple[str, dict[str, Any]]] = []
         self.status = deepcopy(status)
         self.refusals: dict[str, str] = {}
         self.replies = True
         self.failure: RigctlError | None = None
-        self.is_closed = False
+        self.is_closed = self.is_left = False
+        self._number = 0
+        self.welcome: dict[str, dict[str, Any]] = {
+            "introduce": {"client": 1, "control": ALONE},
+            "history": {"events": []},
+        }
+        """Results of what a window asks when it joins; these requests are not recorded."""
         self._messages: list[dict[str, Any]] = []
         self._live_files = live
         self._ends: tuple[int, ...] = ()
@@ -129,8 +140,13 @@ class FakeClient:
 
     def send(self, command: str, **args: Any) -> int:
         """Record a request, and reply to it unless ``replies`` is False."""
+        self._number += 1
+        number = self._number
+        if command in self.welcome:
+            result = self.welcome[command]
+            self._messages.append({"reply": number, "ok": True, "result": result})
+            return number
         self.requests.append((command, args))
-        number = len(self.requests)
         if self.replies:
             self._messages.append(self._reply(number, command))
         return number
@@ -151,8 +167,9 @@ class FakeClient:
             for end in self._ends:
                 os.close(end)
 
-    def shut_down(self, timeout_s: float = 30.0) -> int | None:
-        """Close, as the engine would end."""
+    def leave(self, timeout_s: float = 30.0) -> int | None:
+        """Close, as the engine would decide whether to end."""
+        self.is_left = True
         self.close()
         return 0
 
@@ -169,6 +186,15 @@ class FakeClient:
     def send_event(self, kind: str, text: str, event_s: float = 1.0, **data: Any) -> None:
         """Send an event."""
         self._messages.append({"event": kind, "at_s": event_s, "text": text, "data": data})
+
+    def refuse_all(self, sentence: str) -> None:
+        """Refuse every request so far, as if none had a reply."""
+        for number in range(1, self._number + 1):
+            self._refuse(number, sentence)
+
+    def _refuse(self, number: int, sentence: str) -> None:
+        reply = {"reply": number, "ok": False, "error": sentence, "exit_code": 3}
+        self._messages.append(reply)
 
     def _reply(self, number: int, command: str) -> dict[str, Any]:
         if command in self.refusals:

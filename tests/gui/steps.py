@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QPushButton, QWidget
 
 from gui.engine_clients import FingerEngineSpec
 from gui.finger.finger_tab import FingerTab
-from gui.main_window import MainWindow
+from gui.shell.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
 from rigctl.errors import RigctlError
 from tests.gui.fake_engine import FakeEngine
@@ -34,6 +34,7 @@ class SharedWindow:
         self.finger: FakeFinger | None = None
         self.finger_specs: list[FingerEngineSpec] = []
         self.window = MainWindow(self._open, ThemeChoice.LIGHT, self._open_finger)
+        self.window.resize(1280, 800)
 
     def _open(self, rig: str, world: str) -> FakeEngine:
         self.opened.append((rig, world))

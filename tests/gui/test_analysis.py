@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QDesktopServices
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QComboBox, QTextBrowser
 
@@ -16,7 +17,6 @@ from rigctl.analysis.features import representations
 from rigctl.analysis.paper import tasks
 from tests.analysis.recordings import record
 from tests.gui.steps import Harness, click, wait_until
-from tests.session.damage import record_four_parts
 
 
 @pytest.fixture(scope="module")
@@ -28,12 +28,12 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def opened(harness: Harness, session: Path) -> Harness:
     """Return the window with that session open."""
-    harness.window.tabs.setCurrentIndex(2)
+    harness.window.show_panel("analysis")
     panel = harness.window.analysis_tab.panel
     panel.run_box.method.setCurrentIndex(0)
     panel.folder.setText(str(session))
     click(panel.open_button)
-    wait_until(lambda: not harness.window.analysis_tab.worker.is_busy)
+    wait_until(lambda: not harness.window.analysis_tab.reader.is_busy)
     assert harness.window.analysis_tab.trial_view.data is not None
     return harness
 
@@ -47,17 +47,6 @@ def test_trials_and_spikes_of_first_trial_are_shown(opened: Harness) -> None:
     assert view.data is not None and view.data.samples.shape[1] == 18
     assert len(view.data.spike_row) > 100
     assert view.data.title.startswith("Trial 1: plate A")
-
-
-def test_a_missing_part_is_named(harness: Harness, tmp_path: Path) -> None:
-    record_four_parts(tmp_path / "s")
-    (tmp_path / "s" / "part-0002.h5").unlink()
-    harness.window.tabs.setCurrentIndex(2)
-    panel = harness.window.analysis_tab.panel
-    panel.folder.setText(str(tmp_path / "s"))
-    click(panel.open_button)
-    wait_until(lambda: "part-0002.h5 is missing" in panel.about.text())
-    assert panel.model.rowCount() == 6
 
 
 def test_another_trial_can_be_chosen(opened: Harness) -> None:
@@ -85,7 +74,7 @@ def test_classify_can_be_cancelled(opened: Harness) -> None:
 
 
 def test_folder_without_session_is_refused(harness: Harness, tmp_path: Path) -> None:
-    harness.window.tabs.setCurrentIndex(2)
+    harness.window.show_panel("analysis")
     panel = harness.window.analysis_tab.panel
     panel.folder.setText(str(tmp_path))
     click(panel.open_button)
@@ -110,7 +99,9 @@ def page_text(view: ResultsView, name: str) -> str:
     return page.toPlainText()
 
 
-def test_paper_analysis_has_options_of_command_line(opened: Harness, session: Path) -> None:
+def test_paper_analysis_has_options_of_command_line(
+    opened: Harness, session: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     box, tab = opened.window.analysis_tab.panel.run_box, opened.window.analysis_tab
     choose(box.method, "The paper's analysis")
     assert box.run_button.text() == "Analyse" and box.form.isVisible()
@@ -127,10 +118,21 @@ def test_paper_analysis_has_options_of_command_line(opened: Harness, session: Pa
     report = session.with_name("session-report-1")
     assert (report / "report.html").exists()
     view = tab.results_view
-    assert opened.window.stack.currentWidget() is view
+    assert opened.window.stack.currentWidget() is tab.results_panel
     names = [view.tabText(i) for i in range(view.count())]
     assert names == ["Table 1", "Accuracy", "Confusion", "One taxel", "Remarks"]
     assert "Speed and Force Scaled, texture-blind" in page_text(view, "Table 1")
+    header = tab.results_panel.settings.text()
+    assert header.startswith(
+        "Sessions: session; draws: 2; seed: 0; tasks: textures; components: up"
+    )
+    opened_paths: list[str] = []
+    monkeypatch.setattr(
+        QDesktopServices, "openUrl", lambda url: not opened_paths.append(url.toLocalFile())
+    )
+    click(tab.results_panel.report_button)
+    click(tab.results_panel.folder_button)
+    assert opened_paths == [str(report / "report.html"), str(report)]
     assert "98.85 ± 0.16" in page_text(view, "Table 1") and "Simulated." in page_text(
         view, "Table 1"
     )
@@ -143,14 +145,17 @@ def test_paper_analysis_has_options_of_command_line(opened: Harness, session: Pa
     choose(box.method, "A trained model")
     box.model.setText(str(session.with_name("session-report-1-model.h5")))
     click(box.run_button)
-    wait_until(lambda: "trials right" in box.result.text(), timeout_ms=60_000)
-    assert "of 48 trials right" in page_text(view, "Predictions")
+    wait_until(lambda: "trained on all 48 trials" in box.result.text(), timeout_ms=60_000)
+    assert "says nothing about others" in page_text(view, "Predictions")
+    assert "trained on 48 of these 48 trials" in page_text(view, "Remarks")
     assert "Rows: true" in page_text(view, "Confusion")
     assert "no reading is outside them" in page_text(view, "Remarks")
     opened.window.analysis_tab.panel.table.selectRow(3)
     wait_until(lambda: opened.window.stack.currentWidget() is tab.trial_view)
     click(box.results_button)
-    assert opened.window.stack.currentWidget() is view
+    assert opened.window.stack.currentWidget() is tab.results_panel
+    assert "model: " in tab.results_panel.settings.text()
+    assert not tab.results_panel.report_button.isVisible()
 
 
 def test_cancelled_analysis_leaves_no_files(opened: Harness, session: Path) -> None:
@@ -166,17 +171,14 @@ def test_cancelled_analysis_leaves_no_files(opened: Harness, session: Path) -> N
 
 
 def test_failed_analysis_shows_the_reason(opened: Harness, tmp_path: Path) -> None:
-    box, panel = opened.window.analysis_tab.panel.run_box, opened.window.analysis_tab.panel
+    box = opened.window.analysis_tab.panel.run_box
     choose(box.method, "A trained model")
     box.model.setText(str(tmp_path / "none.h5"))
     click(box.run_button)
-    wait_until(lambda: "No such file" in panel.about.text())
-    choose(box.method, "The paper's analysis")
+    wait_until(lambda: "No such file" in box.result.text())
     box.form.add_session(str(tmp_path))
     assert box.form.session_names.text() == f"session, {tmp_path.name}"
-    click(box.run_button)
-    wait_until(lambda: f"{tmp_path} is not a session" in panel.about.text())
-    click(box.form.remove_button)
+    wait_until(lambda: f"{tmp_path} is not a session" in box.result.text())
     assert len(box.form.sessions) == 1
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtGui import QWheelEvent
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QWidget
 
 from gui.operate.operate_panel import ACTIONS
 from rigctl.wire.drum.states import State, StateEvent, next_state
-from tests.gui.steps import Harness, click
+from tests.gui.steps import Harness, click, wait_until
 
 ENABLED = {
     State.IDLE: {"arm", "tare"},
@@ -76,11 +78,80 @@ def test_set_button_sends_speed_and_force(harness: Harness) -> None:
     assert harness.engine.requests[-1] == ("set", {"speed_mm_s": 120.0, "force_g": 1000.0})
 
 
-def test_set_points_stay_within_the_register_limits(harness: Harness) -> None:
+def test_set_points_stay_within_the_limits_of_the_rig(harness: Harness) -> None:
+    harness.update(limits={"speed_max_mm_s": 90.0, "force_min_g": 120.0})
     operate = harness.window.operate_panel
     operate.speed.setValue(1e6)
     operate.force.setValue(0.0)
-    assert (operate.speed.value(), operate.force.value()) == (200.0, 50.0)
+    assert (operate.speed.value(), operate.force.value()) == (90.0, 120.0)
+    assert operate.set_points.allowed.text() == "Allowed: 20 to 90 mm/s, 120 to 1200 g"
+
+
+def test_what_the_drum_has_is_beside_what_is_asked(harness: Harness) -> None:
+    harness.update(speed_set_mm_s=80.0, force_set_g=500.0)
+    points = harness.window.operate_panel.set_points
+    points.speed.setValue(80.0)
+    points.force.setValue(600.0)
+    assert (points.drum_speed.text(), points.drum_force.text()) == ("80.0 mm/s", "≠ 500 g")
+    harness.update(force_set_g=600.0)
+    assert points.drum_force.text() == "600 g"
+
+
+def test_the_plate_is_the_one_of_the_rig_after_every_connection(harness: Harness) -> None:
+    plate = harness.window.operate_panel.bench.plate
+    harness.update(texture="K")
+    assert plate.currentText() == "K"
+    harness.update(texture=None)
+    assert plate.currentText() == "" and plate.placeholderText() == "not told"
+    harness.update(texture="felt 2")
+    assert plate.currentText() == "felt 2"
+
+
+def test_the_plate_is_locked_while_the_drum_moves_or_presses(harness: Harness) -> None:
+    plate = harness.window.operate_panel.bench.plate
+    for state in (State.HOLD, State.RUN, State.RETRACT, State.APPROACH):
+        harness.update(state=int(state))
+        assert not plate.isEnabled() and "Locked: " in plate.toolTip()
+    harness.update(state=int(State.IDLE), contact_may_stand=True)
+    assert not plate.isEnabled() and "lift the drum first" in plate.toolTip()
+    harness.update(state=int(State.IDLE), contact_may_stand=False)
+    assert plate.isEnabled()
+
+
+def _turn_wheel(box: QWidget) -> None:
+    """Turn the wheel down by a notch over a box, which may be out of sight."""
+    at, turn = QPointF(box.rect().center()), QPoint(0, -120)
+    keys, phase = Qt.KeyboardModifier.NoModifier, Qt.ScrollPhase.NoScrollPhase
+    on_screen = QPointF(box.mapToGlobal(box.rect().center()))
+    none = Qt.MouseButton.NoButton
+    event = QWheelEvent(at, on_screen, QPoint(), turn, none, keys, phase, False)
+    QApplication.sendEvent(box, event)
+
+
+def test_the_wheel_changes_a_box_only_with_the_focus(harness: Harness) -> None:
+    harness.update(state=int(State.IDLE), texture="A")
+    operate = harness.window.operate_panel
+    for box in (operate.bench.plate, operate.speed, operate.force):
+        operate.bench.inject.setFocus()
+        before = operate.bench.plate.currentText(), operate.speed.value(), operate.force.value()
+        _turn_wheel(box)
+        after = operate.bench.plate.currentText(), operate.speed.value(), operate.force.value()
+        assert after == before and not box.hasFocus()
+    assert harness.engine.commands == []
+    harness.window.activateWindow()
+    operate.speed.setFocus()
+    wait_until(operate.speed.hasFocus)
+    speed_mm_s = operate.speed.value()
+    _turn_wheel(operate.speed)
+    assert operate.speed.value() == speed_mm_s - 5
+
+
+def test_tare_waits_until_the_drum_is_lifted(harness: Harness) -> None:
+    tare = harness.window.operate_panel.buttons["tare"]
+    harness.update(state=int(State.IDLE), contact_may_stand=True)
+    assert not tare.isEnabled() and "Arm first" in tare.toolTip()
+    harness.update(state=int(State.ARMED), contact_may_stand=False)
+    assert tare.isEnabled() and "Arm first" not in tare.toolTip()
 
 
 @pytest.mark.parametrize(
@@ -147,7 +218,7 @@ def test_fault_is_shown_in_words(harness: Harness) -> None:
     words = "force above the limit: check the sensor and the plate, then clear the fault"
     harness.update(state=int(State.FAULT_OFF), fault=2, fault_words=words)
     assert harness.window.operate_panel.fault.text() == words
-    assert harness.window.toolbar.state_words.text() == words
+    assert harness.window.toolbar.state_words.text() == "over force"
     assert harness.window.toolbar.state.text() == "FAULT OFF"
 
 

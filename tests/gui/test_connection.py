@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
 from gui.engine_clients import JOIN
-from gui.main_window import MainWindow
+from gui.shell.main_window import MainWindow
 from gui.widgets.status_lamp import Level
 from rigctl.errors import LinkLost, WrongUse
 from tests.gui.fake_engine import FakeEngine
@@ -128,19 +128,25 @@ def test_run_without_recording_turns_the_lamp_bad(harness: Harness) -> None:
     assert harness.window.toolbar.recording_lamp.level is Level.OFF
 
 
-def test_run_continues_without_the_window(app: QApplication, tmp_path: Path) -> None:
-    class Watched(FakeEngine):
-        shut = False
+def test_disconnect_leaves_the_engine_to_its_other_clients(harness: Harness) -> None:
+    """A second window that disconnected ended the engine under the first one."""
+    click(harness.window.toolbar.connect_button)
+    harness.window.engine_link.wait_closed()
+    assert harness.engine.is_left
 
-        def shut_down(self, timeout_s: float = 30.0) -> int | None:
-            self.shut = True
-            return super().shut_down(timeout_s)
 
-    engine = Watched(tmp_path)
+def test_a_run_may_end_before_the_window_closes(app: QApplication, tmp_path: Path) -> None:
+    engine = FakeEngine(tmp_path)
     window = MainWindow(lambda rig, world: engine)
+    window.show()
     window.connect_rig("virtual")
     wait_until(lambda: window.engine_link.live is not None)
-    Harness(window, engine).update(run={"state": "running"})
-    window.close()
+    harness = Harness(window, engine)
+    harness.update(run={"state": "running", "session": "/data/textures"})
+    assert not window.close()
+    assert "/data/textures" in window.attach.closing.text.text()
+    click(window.attach.closing.stop)
+    assert engine.commands == ["abort"] and window.isVisible()
+    harness.update(run={"state": "aborted"})
+    assert not window.isVisible() and engine.is_left
     delete(window)
-    assert engine.is_closed and not engine.shut

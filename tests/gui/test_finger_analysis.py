@@ -24,11 +24,11 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _open(harness: Harness, session: Path) -> None:
-    harness.window.tabs.setCurrentIndex(2)
+    harness.window.show_panel("analysis")
     tab = harness.window.analysis_tab
     tab.panel.folder.setText(str(session))
     click(tab.panel.open_button)
-    wait_until(lambda: tab.panel.model.rowCount() > 0 and not tab.worker.is_busy, 30_000)
+    wait_until(lambda: tab.panel.model.rowCount() > 0 and not tab.reader.is_busy, 30_000)
 
 
 def test_a_scan_is_shown_as_a_picture(harness: Harness, recorded: Path) -> None:

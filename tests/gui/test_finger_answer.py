@@ -127,7 +127,7 @@ def test_painted_answer_is_reported_once(finger: FingerWindow) -> None:
 
 def test_answer_that_nobody_sees_is_not_reported(finger: FingerWindow) -> None:
     _begin(finger)
-    finger.window.tabs.setCurrentIndex(0)
+    finger.window.show_panel("operate")
     finger.engine.send_prediction("B", 0.5)
     finger.window.poll()
     QTest.qWait(50)

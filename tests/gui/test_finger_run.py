@@ -204,7 +204,7 @@ def test_the_closing_digest_of_a_run_is_a_line_of_the_log(finger: FingerWindow) 
 def test_simulated_faults_are_for_simulated_rigs(finger: FingerWindow) -> None:
     box = finger.tab.run_box
     finger.update(run=RUNNING)
-    box.fault.setCurrentIndex(box.fault.findText("Lay plate C, whatever is asked"))
+    box.fault.setCurrentIndex(box.fault.findText("Always lay plate C"))
     click(box.inject)
     assert finger.engine.requests[-1] == ("inject", {"fault": "wrong_plate", "texture": "C"})
     finger.update(simulated=False)
@@ -215,7 +215,7 @@ def test_simulated_faults_are_for_simulated_rigs(finger: FingerWindow) -> None:
 def test_toolbar_and_health_are_those_of_the_chosen_tab(finger: FingerWindow) -> None:
     window = finger.window
     assert finger.tab.bar.isVisibleTo(window) and not window.health_strip.isVisibleTo(window)
-    window.tabs.setCurrentIndex(0)
+    window.show_panel("operate")
     QTest.qWait(20)
     assert window.toolbar.rig.isVisibleTo(window) and window.health_strip.isVisibleTo(window)
     assert not finger.tab.health.isVisibleTo(window)

@@ -15,7 +15,7 @@ from tests.gui.steps import Harness
 
 
 def _read(**changes: Any) -> dict[str, Any]:
-    return dict(readings(parse_status({**STATUS, **changes}), None))
+    return dict(readings(parse_status({**STATUS, **changes})))
 
 
 @pytest.mark.parametrize(

@@ -11,13 +11,15 @@ from PySide6.QtWidgets import QApplication
 from gui.live.history import History
 from gui.live.live_plots import LivePlots
 from gui.live.raster import Raster
-from gui.live.scrolling_image import columns_between, rgb
+from gui.live.scrolling_image import ScrollingImage, rgb
 from gui.live.spike_rates import RateBars
+from gui.live.store.time_window import TimeWindow
+from gui.live.store.timeline import Timeline
 from gui.live.traces import Traces
 from gui.live.train_rows import TrainRows, layer_titles
 from gui.widgets.theme import DARK, LIGHT
 from rigctl.acquisition.live_buffer import LiveReader, LiveWriter
-from rigctl.session.format.sensor_layout import SensorLayout
+from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from tests.gui.fake_engine import FakeEngine
 
 WIDTH, HEIGHT = 500, 180
@@ -76,32 +78,24 @@ def test_reboot_of_the_board_clears_the_history(writer: LiveWriter, view: LiveRe
     assert history.generation == before + 1
 
 
-def test_columns_cover_every_sample_once() -> None:
-    counters = np.arange(12_345, 22_345, dtype=np.int64)
-    columns = columns_between(counters, 12_345 * 777 // 10_000, 777, 10_000)
-    assert columns.start[0] == 0 and columns.start[-1] == len(counters)
-    assert np.all(np.diff(columns.start)[1:-1] >= 12)
-    assert not columns.missing.any()
-
-
-def test_columns_of_lost_samples_are_marked() -> None:
-    counters = np.concatenate([np.arange(1000), np.arange(1400, 2000)]).astype(np.int64)
-    columns = columns_between(counters, 0, 500, 5000)
-    assert np.array_equal(np.flatnonzero(columns.missing), np.arange(100, 140))
-
-
 def test_one_sample_of_a_spike_in_a_trace_is_visible(
     app: QApplication, writer: LiveWriter, view: LiveReader
 ) -> None:
     samples = np.full((10_000, 18), 100)
     samples[5000, 4] = 1000
     _write(writer, 0, samples)
-    history, traces = History(), Traces(LIGHT, PAPER)
-    history.pull(view)
-    traces.refresh(history, WIDTH, HEIGHT, 1.0)
+    timeline, traces = Timeline(20_000), Traces(LIGHT, PAPER)
+    timeline.pull(view)
+    refresh(traces, timeline)
     ink = traces._pixels[:, traces_column(5000)] == rgb(LIGHT.layers[0])
     assert ink[4 * HEIGHT // 18 : 5 * HEIGHT // 18].sum() >= 7
     assert ink[5 * HEIGHT // 18 : 6 * HEIGHT // 18].sum() == 1
+
+
+def refresh(image: ScrollingImage, timeline: Timeline, right: int | None = None) -> None:
+    """Draw ten seconds up to a position, by default the newest."""
+    at = timeline.newest if right is None else right
+    image.refresh(timeline, TimeWindow(at, 10_000, at), WIDTH, HEIGHT, 1.0)
 
 
 def traces_column(counter: int) -> int:
@@ -116,9 +110,9 @@ def test_every_spike_is_a_tick_in_its_row(
     for row in range(36):
         spikes[100 + 250 * row, row] = 1
     _write(writer, 0, np.zeros((10_000, 18)), spikes)
-    history, raster = History(), Raster(DARK, PAPER)
-    history.pull(view)
-    raster.refresh(history, WIDTH, HEIGHT, 1.0)
+    timeline, raster = Timeline(20_000), Raster(DARK, PAPER)
+    timeline.pull(view)
+    refresh(raster, timeline)
     inks = {rgb(colour) for colour in DARK.groups}
     for shown, source in enumerate(raster.rows.order):
         column = raster._pixels[:, traces_column(100 + 250 * int(source))]
@@ -127,36 +121,36 @@ def test_every_spike_is_a_tick_in_its_row(
 
 
 def test_incremental_drawing_gives_the_same_image(app: QApplication, engine: FakeEngine) -> None:
-    history, steps, once = History(), Raster(LIGHT, PAPER), Raster(LIGHT, PAPER)
+    timeline, steps, once = Timeline(20_000), Raster(LIGHT, PAPER), Raster(LIGHT, PAPER)
     engine.write_samples(9000)
     for n in (33, 1, 700, 5000, 40):
         engine.write_samples(n, skip=n // 30)
-        history.pull(engine.live)
-        steps.refresh(history, WIDTH, HEIGHT, 1.0)
-    once.refresh(history, WIDTH, HEIGHT, 1.0)
+        timeline.pull(engine.live)
+        refresh(steps, timeline)
+    refresh(once, timeline)
     assert np.array_equal(steps._pixels, once._pixels)
 
 
 def test_gaps_are_coloured(app: QApplication, engine: FakeEngine) -> None:
-    history, traces = History(), Traces(LIGHT, PAPER)
+    timeline, traces = Timeline(20_000), Traces(LIGHT, PAPER)
     engine.write_samples(3000)
     engine.write_samples(3000, skip=400)
-    history.pull(engine.live)
-    traces.refresh(history, WIDTH, HEIGHT, 1.0)
+    timeline.pull(engine.live)
+    refresh(traces, timeline)
     gap = np.all(traces._pixels == rgb(LIGHT.gap), axis=0)
     assert gap.sum() == 400 * WIDTH // 10_000
 
 
 def test_rows_are_named_and_ordered_as_in_the_paper() -> None:
     names = [TrainRows(PAPER).label(row) for row in range(36)]
-    assert names[0] == "SA-1" and names[9] == "RA-1"
-    assert names[18] == "SA-10" and names[35] == "RA-18"
+    assert names[0] == "T_SA-1" and names[9] == "T_RA-1"
+    assert names[18] == "T_SA-10" and names[35] == "T_RA-18"
 
 
 def test_one_layer_is_one_group_of_each_channel() -> None:
     rows = TrainRows(ONE_LAYER)
     assert [name for _, name in rows.group_ticks()] == ["SA", "RA"]
-    assert [rows.label(row) for row in (9, 18)] == ["SA-10", "RA-1"]
+    assert [rows.label(row) for row in (9, 18)] == ["T_SA-10", "T_RA-1"]
     assert rows.group_colours(LIGHT) == list(LIGHT.groups[:2])
     assert layer_titles(ONE_LAYER) == ("Readings now, counts",)
     assert layer_titles(PAPER)[1] == "Bottom layer (type II), counts"

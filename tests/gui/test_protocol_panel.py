@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from gui.protocol.protocol_panel import ProtocolPanel
 from tests.gui.steps import Harness, click, wait_until
 
@@ -19,8 +21,8 @@ RUN = {
 }
 
 
-def _panel(harness: Harness) -> ProtocolPanel:
-    harness.window.tabs.setCurrentIndex(1)
+def open_panel(harness: Harness) -> ProtocolPanel:
+    harness.window.show_panel("protocol")
     panel = harness.window.protocol_panel
     if panel.protocol.currentText() != "quick":
         panel.protocol.setCurrentIndex(panel.protocol.findText("quick"))
@@ -34,14 +36,14 @@ def wait_planned(harness: Harness) -> None:
 
 
 def test_the_quick_protocol_is_offered_with_its_count(harness: Harness) -> None:
-    panel = _panel(harness)
+    panel = open_panel(harness)
     assert panel.protocol.currentText() == "quick"
     assert int(panel.plan_rows["Trials"].text()) > 0
-    assert panel.plan_rows["Disk space"].text().endswith("MB")
+    assert "MB of " in panel.plan_rows["Disk space"].text()
 
 
 def test_start_sends_file_folder_and_seed(harness: Harness, tmp_path: Path) -> None:
-    panel = _panel(harness)
+    panel = open_panel(harness)
     panel.out.setText(str(tmp_path))
     panel.seed.setValue(7)
     wait_planned(harness)
@@ -54,7 +56,7 @@ def test_start_sends_file_folder_and_seed(harness: Harness, tmp_path: Path) -> N
 
 
 def test_no_run_starts_while_the_drum_is_moved_by_hand(harness: Harness) -> None:
-    panel = _panel(harness)
+    panel = open_panel(harness)
     harness.update(is_moved_by_hand=True)
     assert not panel.buttons["Start"].isEnabled() and not panel.continue_button.isEnabled()
     assert "moved by hand" in panel.buttons["Start"].toolTip()
@@ -63,7 +65,7 @@ def test_no_run_starts_while_the_drum_is_moved_by_hand(harness: Harness) -> None
 
 
 def test_interrupted_session_continues(harness: Harness, tmp_path: Path) -> None:
-    panel = _panel(harness)
+    panel = open_panel(harness)
     harness.update(run={"state": "running"})
     assert not panel.continue_button.isEnabled()
     harness.update(run={"state": "idle"})
@@ -71,13 +73,15 @@ def test_interrupted_session_continues(harness: Harness, tmp_path: Path) -> None
     dialog = harness.window.file_browser.dialog
     assert dialog is not None
     dialog.fileSelected.emit(str(tmp_path))
-    assert harness.engine.requests[-1] == ("start", {"resume": str(tmp_path), "yes": False})
+    people = {"operator": "", "sensor": "", "notes": ""}
+    arguments = {"resume": str(tmp_path), "yes": False, **people}
+    assert harness.engine.requests[-1] == ("start", arguments)
 
 
 def test_invalid_protocol_does_not_start_and_shows_the_reason(
     harness: Harness, tmp_path: Path
 ) -> None:
-    panel = _panel(harness)
+    panel = open_panel(harness)
     bad = tmp_path / "bad.toml"
     bad.write_text('textures = ["A"]\nspeed_mm_s = [80]\n')
     panel.add_protocol(str(bad))
@@ -88,7 +92,7 @@ def test_invalid_protocol_does_not_start_and_shows_the_reason(
 
 
 def test_progress_is_that_of_the_engine(harness: Harness) -> None:
-    panel = _panel(harness)
+    panel = open_panel(harness)
     harness.update(run=RUN)
     assert panel.run_rows["Progress"].text() == "37 of 96 trials, 6 min 40 s left"
     assert panel.run_rows["Trial"].text() == "#38: C, 80 mm/s, 500 g, repeat 2"
@@ -97,7 +101,7 @@ def test_progress_is_that_of_the_engine(harness: Harness) -> None:
 
 
 def test_buttons_follow_the_run(harness: Harness) -> None:
-    panel = _panel(harness)
+    panel = open_panel(harness)
     for state, offered in (
         ("idle", {"Start"}),
         ("running", {"Pause", "Abort"}),
@@ -110,7 +114,7 @@ def test_buttons_follow_the_run(harness: Harness) -> None:
 
 
 def test_pause_resume_abort_reach_the_engine(harness: Harness) -> None:
-    panel = _panel(harness)
+    panel = open_panel(harness)
     harness.update(run={**RUN, "state": "running"})
     click(panel.buttons["Pause"])
     harness.update(run={"state": "paused", "reasons": ["operator"]})
@@ -137,7 +141,28 @@ def test_prompt_can_abort_the_run(harness: Harness) -> None:
 
 
 def test_time_since_the_last_trial_is_shown(harness: Harness) -> None:
-    harness.update(run={**RUN, "trials_committed": 0})
+    harness.update(run={**RUN, "trial_age_s": 8.2})
+    assert harness.window.health_strip.cells["trial"].value.text() == "8 s ago"
+
+
+def test_trials_of_an_earlier_sitting_are_not_the_last_trial(harness: Harness) -> None:
+    harness.update(run={"state": "idle"})
+    harness.update(run={**RUN, "trials_committed": 28, "trial_age_s": None})
+    harness.update(run={**RUN, "trials_committed": 28, "trial_age_s": None})
     assert harness.window.health_strip.cells["trial"].value.text() == "–"
-    harness.update(run={**RUN, "trials_committed": 1})
-    assert harness.window.health_strip.cells["trial"].value.text().endswith("ago")
+
+
+@pytest.mark.parametrize("text", ["", "   ", "sessions", "./here"])
+def test_a_run_needs_a_folder_to_save_in(
+    harness: Harness, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    panel = open_panel(harness)
+    panel.out.setText(text)
+    harness.update()
+    click(panel.buttons["Start"])
+    assert "start" not in harness.engine.commands
+    assert not panel.buttons["Start"].isEnabled()
+    assert panel.problem.isVisible() and "Save in" in panel.problem.text()
+    panel.out.setText(str(tmp_path))
+    assert panel.buttons["Start"].isEnabled() and not panel.problem.isVisible()

@@ -14,10 +14,12 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
-from gui.main_window import MainWindow
+from gui.operate.bring_up import READY, BringUpBox
+from gui.shell.main_window import MainWindow
 from gui.widgets.status_lamp import Level
 from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE
 from rigctl.session.read.session import Session
+from rigctl.session.verify.session import verify
 from rigctl.wire.drum.states import State
 from tests.gui.steps import click, press_escape, wait_until
 
@@ -72,7 +74,7 @@ def test_manual_run_stops_by_the_button(window: MainWindow) -> None:
     _arm(window)
     window.operate_panel.speed.setValue(40.0)
     click(window.operate_panel.set_button)
-    wait_until(lambda: window.operate_panel.set_points.text() == "40.0 mm/s, 500 g")
+    wait_until(lambda: window.operate_panel.set_points.drum_speed.text() == "40.0 mm/s")
     assert not buttons["approach"].isEnabled() and "Tare first" in buttons["approach"].toolTip()
     click(buttons["tare"])
     wait_until(buttons["approach"].isEnabled)
@@ -85,7 +87,7 @@ def test_manual_run_stops_by_the_button(window: MainWindow) -> None:
     _wait(window, State.RETRACT, State.ARMED)
     _wait(window, State.ARMED)
     assert window.engine_link.status.speed_mm_s == 0
-    assert len(window.live_plots.history) > 1000
+    assert len(window.live_plots.data.timeline) > 1000
     assert window.live_plots.rate_bars.rates_hz.shape == (36,)
 
 
@@ -127,7 +129,7 @@ def test_refusal_of_the_board_is_a_sentence(window: MainWindow) -> None:
 def test_protocol_runs_to_disk_and_stops_by_escape(window: MainWindow, tmp_path: Path) -> None:
     path = tmp_path / "ridges.toml"
     path.write_text(RIDGES)
-    window.tabs.setCurrentIndex(1)
+    window.show_panel("protocol")
     panel, status = window.protocol_panel, window.engine_link
     panel.add_protocol(str(path))
     panel.out.setText(str(tmp_path))
@@ -166,7 +168,7 @@ def _continue(window: MainWindow, session: Path) -> None:
 
 def test_unplugged_board_is_reported(window: MainWindow) -> None:
     bench = window.operate_panel.bench
-    window.tabs.setCurrentIndex(0)
+    window.show_panel("operate")
     bench.fault.setCurrentText("Unplug the taxels")
     click(bench.inject)
     wait_until(lambda: not window.engine_link.status.taxels_connected, TIMEOUT_MS)
@@ -174,3 +176,70 @@ def test_unplugged_board_is_reported(window: MainWindow) -> None:
     bench.fault.setCurrentText("Plug in the taxels")
     click(bench.inject)
     wait_until(lambda: window.engine_link.status.taxels_connected, TIMEOUT_MS)
+
+
+def _inject(window: MainWindow, fault: str) -> None:
+    bench = window.operate_panel.bench
+    bench.fault.setCurrentText(fault)
+    click(bench.inject)
+
+
+def _bring_up(window: MainWindow) -> None:
+    """Press Next until the drum can approach."""
+    box = window.operate_panel.bring_up
+    while box.missing.text() != READY:
+        before = box.next.text()
+        wait_until(box.next.isEnabled, TIMEOUT_MS)
+        click(box.next)
+        wait_until(partial(_is_other, box, before), TIMEOUT_MS)
+
+
+def _is_other(box: BringUpBox, before: str) -> bool:
+    return box.next.text() != before or box.missing.text() == READY
+
+
+def test_a_drum_that_an_estop_left_in_contact_is_lifted_from_the_strip(window: MainWindow) -> None:
+    panel, strip = window.operate_panel, window.drum.safety.alarms.strip
+    window.show_panel("operate")
+    _bring_up(window)
+    wait_until(panel.buttons["approach"].isEnabled, TIMEOUT_MS)
+    click(panel.buttons["approach"])
+    _wait(window, State.HOLD)
+    _inject(window, "Press the E-stop")
+    wait_until(lambda: strip.isVisible() and strip.title.text() == "FAULT", TIMEOUT_MS)
+    assert "still in contact with the sensor" in strip.text.text()
+    _inject(window, "Release the E-stop")
+    wait_until(lambda: strip.act.isVisible() and strip.act.text() == "Clear fault", TIMEOUT_MS)
+    click(strip.act)
+    wait_until(lambda: strip.act.text() == "Lift the drum", TIMEOUT_MS)
+    assert window.toolbar.state_words.text() == "still in contact"
+    assert not panel.bench.plate.isEnabled() and not panel.buttons["tare"].isEnabled()
+    click(strip.act)
+    _wait(window, State.ARMED)
+    wait_until(strip.isHidden)
+    assert "approach: the force is reached" in window.event_log.toPlainText()
+
+
+def test_hand_work_becomes_a_session_that_verifies(window: MainWindow, tmp_path: Path) -> None:
+    box = window.operate_panel.record_box
+    box.folder.setText(str(tmp_path))
+    box.note.setText("a quick look")
+    click(box.button)
+    wait_until(lambda: window.engine_link.status.recording.samples_on_disk > 1000, TIMEOUT_MS)
+    wait_until(lambda: window.toolbar.recording_lamp.level is Level.OK, TIMEOUT_MS)
+    click(box.button)
+    wait_until(lambda: box.button.text() == "Record", TIMEOUT_MS)
+    (folder,) = tmp_path.iterdir()
+    assert verify(folder).problems == []
+
+
+def test_an_unplugged_drum_turns_grey_and_comes_back(window: MainWindow) -> None:
+    covers, strip = window.live_plots.stale_covers, window.drum.safety.alarms.strip
+    _inject(window, "Unplug the drum")
+    wait_until(lambda: window.toolbar.state.property("level") == "stale", TIMEOUT_MS)
+    wait_until(lambda: covers.force.isVisible() and covers.drum.isVisible(), TIMEOUT_MS)
+    wait_until(lambda: strip.title.text() == "BOARD LOST", TIMEOUT_MS)
+    assert not covers.taxels[0].isVisible()
+    _inject(window, "Plug in the drum")
+    wait_until(lambda: window.engine_link.status.drum_connected, TIMEOUT_MS)
+    wait_until(lambda: not covers.drum.isVisible(), TIMEOUT_MS)

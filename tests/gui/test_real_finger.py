@@ -11,13 +11,12 @@ from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
 from gui.engine_clients import JOIN
-from gui.main_window import MainWindow
+from gui.shell.main_window import MainWindow
 from gui.widgets.status_lamp import Level
 from rigctl.acquisition.rpc.client import FINGER_ENGINE_COMMAND, EngineClient
 from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE
 from rigctl.realtime.finger_models import train_models
 from rigctl.session.read.finger_session import FingerSession
-from tests.gui.conftest import FINGER_TAB
 from tests.gui.steps import click, press_escape, wait_until
 from tests.realtime.harness import open_finger_harness
 
@@ -52,7 +51,7 @@ def window(app: QApplication, tmp_path: Path) -> Iterator[MainWindow]:
     os.environ[FOLDER_VARIABLE] = str(tmp_path / "runtime")
     window = MainWindow()
     window.show()
-    window.tabs.setCurrentIndex(FINGER_TAB)
+    window.show_panel("finger")
     yield window
     window.close()
     delete(window)

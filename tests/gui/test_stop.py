@@ -5,27 +5,18 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 from PySide6.QtCore import QPoint
 from PySide6.QtWidgets import QApplication, QMenu
 
 from rigctl.acquisition.rpc import stop_all
-from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.door import open_listener
 from rigctl.acquisition.rpc.engine_files import EngineFile, write_engine_file
 from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE, runtime_folder
 from rigctl.wire.drum.states import State
+from tests.gui.running_engine import start_protocol, wait_ended
 from tests.gui.steps import Harness, click, press_escape, wait_until
-
-LONG = """
-name = "long"
-textures = ["A"]
-speeds_mm_s = [40]
-forces_g = [500]
-repeats = 500
-"""
 
 
 def test_button_stops(harness: Harness) -> None:
@@ -48,7 +39,7 @@ def test_escape_stops_from_a_spin_box(harness: Harness) -> None:
 
 
 def test_escape_stops_from_a_text_field_and_a_list(harness: Harness) -> None:
-    harness.window.tabs.setCurrentIndex(1)
+    harness.window.show_panel("protocol")
     press_escape(harness.window.protocol_panel.out)
     press_escape(harness.window.protocol_panel.protocol)
     assert harness.engine.commands == ["stop", "stop"]
@@ -75,7 +66,7 @@ def test_escape_stops_from_an_open_list(harness: Harness) -> None:
 
 def test_escape_stops_from_the_file_browser_which_covers_nothing(harness: Harness) -> None:
     window = harness.window
-    window.tabs.setCurrentIndex(1)
+    window.show_panel("protocol")
     window.protocol_panel.out_button.click()
     dialog = window.file_browser.dialog
     assert dialog is not None and not dialog.isModal() and not dialog.isWindow()
@@ -156,21 +147,3 @@ def test_hanging_engine_is_reported_without_blocking_the_window(
         assert harness.engine.commands == ["stop"]
         wait_until(lambda: "STOP did not reach bench.toml" in harness.window.status_line.text())
         assert "press its emergency stop" in harness.window.status_line.text()
-
-
-def start_protocol(folder: Path) -> EngineClient:
-    """Start another engine, and return its client once its protocol runs."""
-    protocol = folder / "long.toml"
-    protocol.write_text(LONG)
-    words = ["--protocol", str(protocol), "--out", str(folder / "session"), "--yes"]
-    engine = EngineClient.start("virtual", paced=True, run=words)
-    while engine.request("status")["run"]["state"] != "running":
-        pass
-    return engine
-
-
-def wait_ended(engine: EngineClient) -> dict[str, Any]:
-    """Wait for the end of the run; return its last status."""
-    while (run := engine.request("status")["run"])["state"] not in ("done", "aborted", "failed"):
-        pass
-    return dict(run)

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QApplication
 from gui.analysis.task_values import TrialData
 from gui.analysis.trial_view import TrialView
 from gui.widgets.theme import LIGHT
-from rigctl.session.format.sensor_layout import SensorLayout
+from rigctl.session.format.metadata.sensor_layout import SensorLayout
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,1 @@
+"""Responses of a neuron in several conditions, side by side."""

@@ -1,0 +1,1 @@
+"""Pictures and tables of what the Analysis tab shows, as files."""

@@ -1,0 +1,28 @@
+"""A button that saves what a page shows: a format is two clicks away."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QMenu, QToolButton
+
+from gui.analysis.export.picture_file import PICTURES
+
+TABLE = "csv"
+
+
+class ExportButton(QToolButton):
+    """A menu of file formats."""
+
+    export_requested = Signal(str)
+    """The suffix of the file: png, svg, pdf or csv."""
+
+    def __init__(self, *formats: str) -> None:
+        super().__init__()
+        self.setText("Save")
+        self.setToolTip("Save what this page shows as a file beside the session")
+        self.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
+        self.formats = QMenu(self)
+        for suffix in formats or (*PICTURES, TABLE):
+            action = self.formats.addAction(suffix.upper())
+            action.triggered.connect(lambda _=False, s=suffix: self.export_requested.emit(s))
+        self.setMenu(self.formats)

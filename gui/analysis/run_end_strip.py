@@ -1,0 +1,47 @@
+"""A strip that leads from the end of a run to the analysis of its session."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QFrame
+
+from gui.widgets.labels import label
+from gui.widgets.layouts import hbox, push_button
+from rigctl.acquisition.rpc.messages import EngineStatus
+
+
+class RunEndStrip(QFrame):
+    """Names the session of a run that ended while this window watched; hidden otherwise."""
+
+    analyse_requested = Signal(str)
+    """The session's folder."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setProperty("role", "prompt")
+        self.session = ""
+        self._watched = ""
+        self.text = label("", "heading", wraps=True)
+        self.analyse_button = push_button("Analyse it", self._analyse)
+        self.close_button = push_button("Close", self.hide)
+        row = (self.text, self.analyse_button, self.close_button)
+        self.setLayout(hbox(*row, spacing=6, margins=(10, 6, 10, 6)))
+        self.hide()
+
+    def show_status(self, status: EngineStatus) -> None:
+        """Watch a run, and offer its session when it ends."""
+        run = status.run
+        if run.is_active:
+            self._watched = run.session or ""
+            self.hide()
+        elif self._watched and run.has_ended:
+            self.session, self._watched = self._watched, ""
+            n = run.trials_committed
+            self.text.setText(f"The run {Path(self.session).name} has ended with {n:,} trials.")
+            self.show()
+
+    def _analyse(self) -> None:
+        self.hide()
+        self.analyse_requested.emit(self.session)

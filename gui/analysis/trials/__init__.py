@@ -1,0 +1,1 @@
+"""The table of the trials of one session or several: sorted, filtered, and followed."""

@@ -1,0 +1,61 @@
+"""Read one recorded attempt of the drum with everything that its views show."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gui.analysis.task_values import TrialCourse, TrialData, TrialFeatures
+
+if TYPE_CHECKING:
+    from rigctl.encoding.normalisation import Normalisation
+    from rigctl.session.read.session import Session
+    from rigctl.values import Spikes
+
+
+def read_trial(session: Session, row: int, taxel_range: Normalisation) -> TrialData:
+    """Return the samples, spikes, drum and features of an attempt. Raises SessionError."""
+    from rigctl.encoding.encoder import encode_trials
+
+    trial = session.trials[row]
+    samples = np.ascontiguousarray(session.samples(row))
+    title = (
+        f"Trial {trial['trial_id']}: plate {trial['texture']}, {trial['speed_mm_s']:g} mm/s, "
+        f"{trial['force_g']:g} g, {trial['verdict']}"
+    )
+    (spikes,) = encode_trials([samples], taxel_range)
+    trains = [spikes.train(lane) for lane in range(spikes.n_trains)]
+    lanes = np.repeat(np.arange(len(trains)), list(map(len, trains)))
+    return TrialData(
+        title,
+        samples,
+        lanes,
+        np.concatenate(trains).astype(np.int64),
+        session.sensor_layout,
+        _course(session, row),
+        _features(spikes, float(trial["speed_mm_s"])),
+    )
+
+
+def _course(session: Session, row: int) -> TrialCourse:
+    trial, drum = session.trials[row], session.drum(row)
+    return TrialCourse(
+        np.array(drum.loadcell_s),
+        np.array(drum.loadcell["force_g"], np.float64),
+        np.array(drum.polls_s),
+        np.array(drum.polls["speed_mm_s"], np.float64),
+        float(trial["force_g"]),
+        float(trial["speed_mm_s"]),
+    )
+
+
+def _features(spikes: Spikes, speed_mm_s: float) -> TrialFeatures:
+    """Return the speed-scaled features, or those of plain time for a trial without motion."""
+    from rigctl.encoding.features import FeatureLayout, trial_features
+
+    is_scaled = speed_mm_s > 0
+    layout = FeatureLayout.covering([spikes.n_samples], [speed_mm_s], scaled=is_scaled)
+    values = trial_features(spikes, speed_mm_s, layout).reshape(spikes.n_trains, -1)
+    window_mm = layout.reference_mm_s * layout.window_ms / 1000 if is_scaled else 0.0
+    return TrialFeatures(values, window_mm, layout.window_ms)

@@ -1,0 +1,138 @@
+"""The list of trials: a filter, the table, and why the chosen trial does not count."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QModelIndex, Signal
+from PySide6.QtWidgets import QHeaderView, QLineEdit, QTableView, QWidget
+
+from gui.analysis.trials.trial_model import TrialModel
+from gui.analysis.trials.trial_table import AttemptTable
+from gui.widgets.labels import label
+from gui.widgets.layouts import vbox
+
+ROW_PX = 20
+CELL_MARGIN_PX = 14
+FILTER_TIP = (
+    "Words that each trial must contain: a plate, a verdict, the beginning of a reason, or a "
+    "number with its unit. For example: A 80mm/s 250g aborted, or #12 for trial 12"
+)
+
+
+class TrialList(QWidget):
+    """Trials to choose from; a click on a column's name sorts by it."""
+
+    trial_requested = Signal(int, int)
+    """The number of a session and the row of a trial in it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.filter = QLineEdit(placeholderText="Filter, such as A 80mm/s aborted")
+        self.filter.setClearButtonEnabled(True)
+        self.filter.setToolTip(FILTER_TIP)
+        self.model, self.table = TrialModel(), QTableView(showGrid=False)
+        self.count, self.reason = label("", "muted", wraps=True), label("", "warn", wraps=True)
+        self._reasons: dict[tuple[int, int], str] = {}
+        self._chosen: tuple[int, int] | None = None
+        self._set_up()
+        column = vbox(self.filter, self.table, self.count, self.reason, spacing=4)
+        column.setStretch(1, 1)
+        self.setLayout(column)
+
+    def show_table(self, table: AttemptTable, reasons: dict[tuple[int, int], str]) -> None:
+        """Show other trials, or those of the same sessions with new ones.
+
+        ``reasons``: why trials do not count, by session and row.
+        """
+        self._reasons = reasons
+        if [c.name for c in table.columns] != [c.name for c in self.model.table.columns]:
+            self.table.horizontalHeader().setSortIndicator(-1, self._ascending)
+        self.model.set_table(table)
+        if self._chosen is not None and self._chosen[0] > table.session.max(initial=-1):
+            self.forget_choice()
+        self._show_count()
+        self._fit_columns()
+        self._show_reason()
+
+    @property
+    def has_choice(self) -> bool:
+        """Whether a trial is chosen."""
+        return self._chosen is not None
+
+    def forget_choice(self) -> None:
+        """Choose no trial."""
+        self._chosen = None
+        self._show_reason()
+
+    def choose_first(self) -> None:
+        """Choose the first trial that is shown."""
+        self.table.selectRow(0)
+
+    def selected_rows(self) -> list[tuple[int, int]]:
+        """Return session and row of the selected trials, or of all shown if one is selected."""
+        chosen = [index.row() for index in self.table.selectionModel().selectedRows()]
+        rows = self.model.shown_rows[chosen] if len(chosen) > 1 else self.model.shown_rows
+        table = self.model.table
+        return list(zip(table.session[rows].tolist(), table.row[rows].tolist(), strict=True))
+
+    def _set_up(self) -> None:
+        table, header = self.table, self.table.horizontalHeader()
+        self._ascending = header.sortIndicatorOrder()
+        table.setModel(self.model)
+        header.setSortIndicator(-1, self._ascending)
+        header.setSortIndicatorClearable(True)
+        table.setSortingEnabled(True)
+        table.verticalHeader().hide()
+        table.verticalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
+        table.verticalHeader().setDefaultSectionSize(ROW_PX)
+        header.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
+        table.setSelectionBehavior(QTableView.SelectionBehavior.SelectRows)
+        table.setSelectionMode(QTableView.SelectionMode.ExtendedSelection)
+        table.setMinimumHeight(150)
+        table.setAlternatingRowColors(True)
+        table.setWordWrap(False)
+        self.reason.hide()
+        self.filter.textChanged.connect(self._filter)
+        self.model.modelReset.connect(self._restore)
+        table.selectionModel().currentRowChanged.connect(self._choose)
+
+    def _filter(self, words: str) -> None:
+        self.model.set_filter(words)
+        self._show_count()
+
+    def _show_count(self) -> None:
+        n, total = self.model.rowCount(), len(self.model.table)
+        self.count.setText(f"{n:,} of {total:,} attempts" if n < total else f"{total:,} attempts")
+
+    def _fit_columns(self) -> None:
+        """Make each column as wide as its name with the mark of sorting, and its widest text."""
+        metrics, header = self.table.fontMetrics(), self.table.horizontalHeader()
+        for number, column in enumerate(self.model.table.columns):
+            widest = max(map(metrics.horizontalAdvance, column.widest_texts()))
+            name = header.sectionSizeFromContents(number).width()
+            self.table.setColumnWidth(number, max(widest + CELL_MARGIN_PX, name))
+
+    def _restore(self) -> None:
+        """Select the chosen trial again after the table changed its order or grew."""
+        if self._chosen is None:
+            return
+        row = self.model.shown_row(*self._chosen)
+        selection = self.table.selectionModel()
+        selection.blockSignals(True)
+        if row >= 0:
+            self.table.selectRow(row)
+        selection.blockSignals(False)
+        self.table.viewport().update()
+
+    def _choose(self, current: QModelIndex) -> None:
+        if not current.isValid():
+            return
+        at = self.model.table_row(current.row())
+        table = self.model.table
+        self._chosen = int(table.session[at]), int(table.row[at])
+        self._show_reason()
+        self.trial_requested.emit(*self._chosen)
+
+    def _show_reason(self) -> None:
+        reason = self._reasons.get(self._chosen, "") if self._chosen else ""
+        self.reason.setText(f"⚠ {reason}" if reason else "")
+        self.reason.setVisible(bool(reason))

@@ -1,0 +1,1 @@
+"""Engines that run already: found, joined, shared with other windows, left behind."""

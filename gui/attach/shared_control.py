@@ -1,0 +1,77 @@
+"""A window as one of several clients of its engine: who has control, and the log until now."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from PySide6.QtCore import QObject, Signal
+
+from gui.engine_link import EngineLink
+from rigctl.acquisition.rpc.client import client_name
+from rigctl.acquisition.sharing.control import ControlState, parse_control
+
+
+class SharedControl(QObject):
+    """Follows the clients of the engine that a link is connected to."""
+
+    changed = Signal()
+    history_received = Signal(list)
+    """The engine's events before the window joined, oldest first: age in s, kind and text."""
+
+    def __init__(self, link: EngineLink[Any, Any]) -> None:
+        super().__init__()
+        self._link = link
+        self.number = 0
+        """This window among the clients, 0 before the engine has told."""
+        self.state = ControlState()
+        link.opened.connect(self._join)
+        link.closed.connect(lambda _: self._reset())
+        link.answered.connect(self._take_answer)
+        link.event_received.connect(self._take_event)
+
+    @property
+    def follows(self) -> bool:
+        """Whether the window only follows a session: there is nothing to control."""
+        return self._link.follows
+
+    @property
+    def has_control(self) -> bool:
+        """Whether this window has control, or gets it with its next command."""
+        return self.state.holder in (None, self.number)
+
+    @property
+    def asking(self) -> list[tuple[int, str]]:
+        """Number and name of each client that asks for control."""
+        names = self.state.clients
+        return [(number, names.get(number, f"client {number}")) for number in self.state.asking]
+
+    @property
+    def is_asking(self) -> bool:
+        """Whether this window asks for control."""
+        return self.number in self.state.asking
+
+    def _join(self) -> None:
+        self._reset()
+        if self._link.has_joined or self.follows:
+            self._link.request("history")
+        self._link.request("introduce", name=client_name("window"))
+
+    def _reset(self) -> None:
+        self.number, self.state = 0, ControlState()
+        self.changed.emit()
+
+    def _take_answer(self, command: str, result: dict[str, Any]) -> None:
+        if command == "introduce":
+            self.number = int(result["client"])
+            self._show(result["control"])
+        elif command == "history":
+            events = [(e["age_s"], e["kind"], e["text"]) for e in result["events"]]
+            self.history_received.emit(events)
+
+    def _take_event(self, message: dict[str, Any]) -> None:
+        if message.get("event") == "control":
+            self._show(message.get("data") or {})
+
+    def _show(self, data: dict[str, Any]) -> None:
+        self.state = parse_control(data)
+        self.changed.emit()

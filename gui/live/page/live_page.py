@@ -1,0 +1,195 @@
+"""The page of the live plots."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from PySide6.QtCore import QElapsedTimer, Qt, QTimer, Signal
+from PySide6.QtWidgets import QWidget
+
+from gui.live.export.save_strip import SaveStrip
+from gui.live.export.saver import Saver
+from gui.live.export.shown_samples import shown_samples
+from gui.live.live_plots import LivePlots
+from gui.live.page.live_bar import VOLTS, LiveBar
+from gui.live.page.pointer import Pointer
+from gui.live.page.readout import cursor_text, difference_text
+from gui.live.page.taxel_strip import TaxelStrip
+from gui.live.recode.encoder_strip import EncoderStrip
+from gui.live.value_scale import NOMINAL_SUPPLY_V, ValueScale
+from gui.widgets.labels import elastic, label, show_text
+from gui.widgets.layouts import vbox
+from gui.widgets.theme import Theme
+from rigctl.acquisition.live_buffer import LiveReader
+from rigctl.acquisition.rpc.messages import EngineStatus
+
+TAXELS, ENCODER, SAVE = "Taxels", "Encoder", "Save"
+_STRIPS = {
+    TAXELS: "Choose the taxels to show",
+    ENCODER: "Show the spikes of another encoder from now on",
+    SAVE: "Save what is on the screen as a picture or a table",
+}
+LOOK_MS = 8
+"""Period in which the page looks for new samples, which costs microseconds."""
+_DRAW_MS = 15
+"""Between two redraws, so that a board with small blocks does not fill the processor."""
+_TEXT_MS = 100
+
+
+class LivePage(QWidget):
+    """Controls, plots and readings at the cursor; it takes samples also while it is hidden."""
+
+    reported = Signal(str, str)
+    """Kind and text for the event log."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self.plots = LivePlots(theme)
+        self.pointer = Pointer(self.plots)
+        self.bar = LiveBar(self.plots.navigation, _STRIPS)
+        self.taxel_strip = TaxelStrip(self.plots.sensor_layout)
+        self.encoder_strip, self.save_strip = EncoderStrip(self.plots.data), SaveStrip()
+        self.saver = Saver()
+        self.cursor_label, self.difference_label = elastic(label()), elastic(label())
+        self._strips: dict[str, QWidget] = {
+            TAXELS: self.taxel_strip,
+            ENCODER: self.encoder_strip,
+            SAVE: self.save_strip,
+        }
+        self._supply_v = NOMINAL_SUPPLY_V
+        self._live: LiveReader | None = None
+        self._head = 0
+        self._since_draw, self._since_texts = QElapsedTimer(), QElapsedTimer()
+        self.timer = QTimer(self)
+        self.timer.setTimerType(Qt.TimerType.PreciseTimer)
+        self.timer.timeout.connect(self._look)
+        texts = vbox(self.cursor_label, self.difference_label, margins=(6, 0, 6, 0))
+        column = vbox(self.bar, *self._strips.values(), self.plots, texts, spacing=3)
+        column.setStretch(1 + len(self._strips), 1)
+        self.setLayout(column)
+        for strip in self._strips.values():
+            strip.hide()
+        self._connect()
+        self.show_texts()
+
+    def follow(self, live: LiveReader | None) -> None:
+        """Draw samples as soon as they come, from now on; None ends it."""
+        self._live = live
+        if live is None:
+            self.timer.stop()
+        else:
+            self.timer.start(LOOK_MS)
+
+    def refresh(self, live: LiveReader) -> None:
+        """Take new samples; draw them if the page is shown and follows them."""
+        self._head = live.taxel_head
+        self.plots.pull(live)
+        self.encoder_strip.set_ranges(self.plots.data.low, self.plots.data.high)
+        if not self.isVisible():
+            return
+        self.plots.draw_new()
+        self._since_draw.start()
+        if not self._since_texts.isValid() or self._since_texts.hasExpired(_TEXT_MS):
+            self._since_texts.start()
+            self.show_texts()
+            self.bar.show_place()
+
+    def refresh_slowly(self, live: LiveReader) -> None:
+        """Take and draw what came without new samples, such as force without a taxel board."""
+        if live.taxel_head == self._head or not self.isVisible():
+            self.refresh(live)
+
+    def _look(self) -> None:
+        live = self._live
+        if live is None or live.taxel_head == self._head or not self.isVisible():
+            return
+        if not self._since_draw.isValid() or self._since_draw.hasExpired(_DRAW_MS):
+            self.refresh(live)
+
+    def show_status(self, status: EngineStatus) -> None:
+        """Take the sensor's layout and the supply of its board."""
+        layout = status.sensor_layout
+        if layout != self.plots.sensor_layout:
+            self.plots.set_sensor_layout(layout)
+            if self.plots.sensor_layout == layout:
+                self.taxel_strip.set_sensor_layout(layout)
+        self.encoder_strip.show_status(status)
+        board = status.boards.get("taxels")
+        supply_v = board.supply_v if board is not None else None
+        self._supply_v = supply_v or NOMINAL_SUPPLY_V
+        self._set_unit()
+
+    def add_event(self, at_s: float, kind: str, text: str, data: Mapping[str, Any]) -> None:
+        """Mark an event at its engine time."""
+        self.plots.data.add_event(at_s, kind, text, data)
+
+    def toggle_pause(self) -> None:
+        """Look back, or follow the newest samples again."""
+        navigation = self.plots.navigation
+        (navigation.resume if navigation.is_paused else navigation.pause)()
+
+    def save_picture(self) -> None:
+        """Save the plots as they are now into the folder of the strip Save."""
+        self.saver.save_picture(self.plots.grab().toImage(), self.save_strip.folder.text())
+
+    def close_files(self) -> None:
+        """Wait until all files are written and read, as before the window closes."""
+        self.saver.wait()
+        self.encoder_strip.wait()
+
+    def set_theme(self, theme: Theme) -> None:
+        """Apply a theme."""
+        self.plots.set_theme(theme)
+
+    def show_texts(self) -> None:
+        """Show the values at the cursor."""
+        plots, taxel = self.plots, self.pointer.taxel
+        window, scale = plots.navigation.window, plots.value_scale
+        position = plots.cursors.position(window)
+        reference = plots.cursors.reference
+        texts = (
+            cursor_text(plots.data, window, position, taxel, scale),
+            difference_text(plots.data, position, reference, taxel, scale),
+        )
+        for widget, text in zip((self.cursor_label, self.difference_label), texts, strict=True):
+            show_text(widget, text)
+
+    def _connect(self) -> None:
+        self.bar.strip_toggled.connect(self._show_strip)
+        self.bar.unit.currentTextChanged.connect(lambda _: self._set_unit())
+        self.encoder_strip.changed.connect(self._mark_encoder)
+        self.save_strip.picture_requested.connect(lambda _: self.save_picture())
+        self.save_strip.table_requested.connect(self._save_table)
+        self.saver.saved.connect(lambda path: self.reported.emit("saved", f"saved {path}"))
+        self.saver.failed.connect(lambda sentence: self.reported.emit("refused", sentence))
+        self.taxel_strip.chosen.connect(self.plots.show_taxels)
+        self.pointer.enlarge_requested.connect(self._enlarge)
+        self.pointer.taxel_changed.connect(lambda _: self.show_texts())
+        self.plots.lines_changed.connect(self.show_texts)
+        self.plots.navigation.changed.connect(self.show_texts)
+
+    def _show_strip(self, name: str, is_shown: bool) -> None:
+        if is_shown:
+            self.bar.close_strips(except_for=name)
+        self._strips[name].setVisible(is_shown)
+
+    def _set_unit(self) -> None:
+        is_volts = self.bar.unit.currentText() == VOLTS
+        self.plots.set_value_scale(ValueScale(self._supply_v if is_volts else None))
+        self.show_texts()
+
+    def _mark_encoder(self, text: str) -> None:
+        self.add_event(self.plots.data.timeline.newest_s, "encoder", text, {})
+        self.plots.draw()
+
+    def _save_table(self, folder: str) -> None:
+        plots = self.plots
+        shown = shown_samples(plots.data, plots.navigation.window, plots.time_plots.taxels)
+        self.saver.save_table(shown, folder)
+
+    def _enlarge(self, taxel: int) -> None:
+        """Show one taxel alone, or all again."""
+        self.pointer.taxel = taxel
+        self.plots.toggle_alone(taxel)
+        self.taxel_strip.show_chosen(self.plots.time_plots.taxels)

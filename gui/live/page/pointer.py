@@ -1,0 +1,154 @@
+"""Mouse and keys on the live plots: drag, wheel and arrows move, a click sets the reference."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QEvent, QObject, QPointF, Qt, Signal
+from PySide6.QtGui import QKeyEvent, QMouseEvent, QWheelEvent
+
+from gui.live.live_plots import LivePlots
+
+ZOOM = 1.25
+DRAG_PX = 4
+_Key = Qt.Key
+
+
+class Pointer(QObject):
+    """Turns the events of the plots into moves of time window and cursors.
+
+    ``taxel``: the one whose readings the cursor shows, from 0.
+    """
+
+    taxel_changed = Signal(int)
+    """The taxel under a click, or chosen by key."""
+    enlarge_requested = Signal(int)
+    """The taxel to show alone, or not alone if it is."""
+
+    def __init__(self, plots: LivePlots) -> None:
+        super().__init__(plots)
+        self._plots, self.taxel = plots, 0
+        self._press: tuple[float, int] | None = None
+        self._is_drag = False
+        plots.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        plots.setMouseTracking(True)
+        plots.viewport().setMouseTracking(True)
+        plots.viewport().installEventFilter(self)
+        plots.installEventFilter(self)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Take the events that move; pyqtgraph gets all others."""
+        if isinstance(event, QKeyEvent) and event.type() == QEvent.Type.KeyPress:
+            return watched is self._plots and self._press_key(event)
+        if watched is self._plots:
+            return False
+        if isinstance(event, QWheelEvent):
+            return self._turn_wheel(event)
+        if isinstance(event, QMouseEvent):
+            return self._move_mouse(event)
+        if event.type() == QEvent.Type.Leave:
+            self._plots.cursors.share = None
+            self._plots.draw_lines()
+        return False
+
+    def _move_mouse(self, event: QMouseEvent) -> bool:
+        at, kind = event.position(), event.type()
+        if kind == QEvent.Type.MouseMove:
+            self._drag_or_point(at)
+        elif kind == QEvent.Type.MouseButtonPress and event.button() == Qt.MouseButton.LeftButton:
+            self._plots.setFocus(Qt.FocusReason.MouseFocusReason)
+            self._press = (at.x(), self._plots.navigation.window.right)
+            self._is_drag = False
+        elif kind == QEvent.Type.MouseButtonRelease and self._press is not None:
+            if not self._is_drag:
+                self._click(at)
+            self._press = None
+        elif kind == QEvent.Type.MouseButtonDblClick and self._choose_taxel(at):
+            self.enlarge_requested.emit(self.taxel)
+        return True
+
+    def _drag_or_point(self, at: QPointF) -> None:
+        plots = self._plots
+        if self._press is None:
+            plots.cursors.share = plots.share_at(at)
+            plots.draw_lines()
+            return
+        begin_x, right = self._press
+        if not self._is_drag and abs(at.x() - begin_x) < DRAG_PX:
+            return
+        self._is_drag = True
+        navigation = plots.navigation
+        navigation.pause()
+        navigation.move_to(right - round((at.x() - begin_x) / plots.width_px * plots.span))
+        plots.draw()
+
+    def _click(self, at: QPointF) -> None:
+        plots = self._plots
+        plots.cursors.share = plots.share_at(at)
+        plots.cursors.set_reference(plots.navigation.window)
+        self._choose_taxel(at)
+        plots.draw_lines()
+
+    def _choose_taxel(self, at: QPointF) -> bool:
+        taxel = self._plots.taxel_at(at)
+        if taxel is not None:
+            self._set_taxel(taxel)
+        return taxel is not None
+
+    def _set_taxel(self, taxel: int) -> None:
+        self.taxel = taxel
+        self.taxel_changed.emit(taxel)
+
+    def _turn_wheel(self, event: QWheelEvent) -> bool:
+        turn, share = event.angleDelta(), self._plots.share_at(event.position())
+        navigation = self._plots.navigation
+        if event.modifiers() & Qt.KeyboardModifier.ShiftModifier or turn.x():
+            navigation.scroll(round(-(turn.x() or turn.y()) / 1200 * self._plots.span))
+        elif turn.y():
+            navigation.zoom(1 / ZOOM if turn.y() > 0 else ZOOM, 0.5 if share is None else share)
+        self._plots.draw()
+        return True
+
+    def _press_key(self, event: QKeyEvent) -> bool:
+        plots, key = self._plots, event.key()
+        navigation, span = plots.navigation, plots.span
+        is_control = bool(event.modifiers() & Qt.KeyboardModifier.ControlModifier)
+        if event.modifiers() & Qt.KeyboardModifier.AltModifier:
+            return False
+        if is_control and key in (_Key.Key_Left, _Key.Key_Right):
+            step = max(1, span // max(1, round(plots.width_px)))
+            plots.cursors.step(-step if key == _Key.Key_Left else step, navigation.window)
+        elif key in (_Key.Key_Up, _Key.Key_Down):
+            self._step_taxel(1 if key == _Key.Key_Down else -1)
+        elif key in (_Key.Key_Return, _Key.Key_Enter):
+            self.enlarge_requested.emit(self.taxel)
+        elif key == _Key.Key_C:
+            plots.cursors.set_reference(navigation.window)
+        elif not self._press_time_key(key):
+            return False
+        plots.draw()
+        plots.draw_lines()
+        return True
+
+    def _press_time_key(self, key: int) -> bool:
+        navigation, span = self._plots.navigation, self._plots.span
+        steps = {
+            _Key.Key_Left: -span // 10, _Key.Key_Right: span // 10,
+            _Key.Key_PageUp: -span, _Key.Key_PageDown: span,
+        }  # fmt: skip
+        if key in steps:
+            navigation.scroll(steps[_Key(key)])
+        elif key == _Key.Key_Space:
+            (navigation.resume if navigation.is_paused else navigation.pause)()
+        elif key == _Key.Key_Home:
+            navigation.scroll(navigation.oldest - navigation.window.right)
+        elif key == _Key.Key_End:
+            navigation.resume()
+        elif key in (_Key.Key_Plus, _Key.Key_Equal, _Key.Key_Minus):
+            navigation.zoom(ZOOM if key == _Key.Key_Minus else 1 / ZOOM)
+        else:
+            return False
+        return True
+
+    def _step_taxel(self, step: int) -> None:
+        shown = self._plots.time_plots.taxels
+        place = shown.index(self.taxel) if self.taxel in shown else 0
+        self._set_taxel(shown[min(max(place + step, 0), len(shown) - 1)])

@@ -1,0 +1,135 @@
+"""Choose the encoder of the live views, and the factor on its SA current."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QLineEdit, QWidget
+
+from gui.live.live_data import LiveData
+from gui.live.recode.recoder import Recoder
+from gui.widgets.file_browser import PathKind, browse_button
+from gui.widgets.labels import elastic, label, show_text
+from gui.widgets.layouts import combo_box, hbox, vbox
+from rigctl.acquisition.rpc.messages import EngineStatus
+from rigctl.encoding.force_matrix import ForceMatrix
+from rigctl.encoding.normalisation import Normalisation
+from rigctl.encoding.parameters import PRESETS, preset
+from rigctl.errors import RigctlError, WrongUse
+
+ENGINE, NO_C, BLIND, OF_PLATE = "engine", "none", "blind", "plate"
+_LIVE_PRESETS = tuple(name for name, known in PRESETS.items() if not known.filters_whole_trials)
+
+
+class EncoderStrip(QWidget):
+    """Replaces the spikes of the views from now on; the record and its spikes stay as they are."""
+
+    path_requested = Signal(object, object)
+    """A :class:`PathKind`, and the function that takes the chosen path."""
+    changed = Signal(str)
+    """What the views show from now on, in words."""
+    _loaded = Signal(object)
+
+    def __init__(self, data: LiveData) -> None:
+        super().__init__()
+        self._data = data
+        self._force: ForceMatrix | None = None
+        self._thread: threading.Thread | None = None
+        self._condition = ("", 0.0, 0.0)
+        self.preset = combo_box({"the engine's": ENGINE, **{name: name for name in _LIVE_PRESETS}})
+        self.scaling = combo_box({"no C": NO_C, "C, blind": BLIND, "C of the plate": OF_PLATE})
+        self.model = QLineEdit()
+        self.model.setPlaceholderText("model file with C")
+        self.sentence = elastic(label("", "muted"))
+        browse = browse_button(self.path_requested, PathKind.MODEL, self._choose_model)
+        first = (label("Encoder"), self.preset, label("Force scaling"), self.scaling)
+        row = hbox(*first, self.model, browse, wide=4)
+        self.setLayout(vbox(row, self.sentence, spacing=2, margins=(6, 0, 6, 0)))
+        self.preset.activated.connect(lambda _: self._apply())
+        self.scaling.activated.connect(lambda _: self._load())
+        self.model.editingFinished.connect(self._load)
+        self._loaded.connect(self._take)
+
+    def show_status(self, status: EngineStatus) -> None:
+        """Take plate, speed and force, of which C depends."""
+        condition = (status.texture or "", status.speed_set_mm_s, status.force_set_g)
+        if condition != self._condition:
+            self._condition = condition
+            if self._force is not None and self.scaling.currentData() != NO_C:
+                self._apply()
+
+    def set_ranges(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> None:
+        """Use these ranges of the taxels, in counts, (n_taxels,) each."""
+        if isinstance(recode := self._data.timeline.recode, Recoder):
+            recode.set_ranges(_ranges(low, high))
+
+    def wait(self) -> None:
+        """Wait for a model that is being read, as before the window closes."""
+        if self._thread is not None:
+            self._thread.join()
+
+    def _choose_model(self, path: str) -> None:
+        self.model.setText(path)
+        self._load()
+
+    def _load(self) -> None:
+        """Read C in a thread, as a disk may be slow."""
+        path = self.model.text().strip()
+        if self.scaling.currentData() == NO_C or not path:
+            self._take(None)
+            return
+        self.wait()
+        self._thread = threading.Thread(target=self._read, args=(path,), name="rigctl-live-c")
+        self._thread.start()
+
+    def _read(self, path: str) -> None:
+        from rigctl.session.files.force_matrix_file import load_force
+
+        try:
+            force, _ = load_force(Path(path).expanduser())
+        except RigctlError as error:
+            self._loaded.emit(str(error))
+            return
+        n_taxels = force.c.shape[1]
+        fits = n_taxels == len(self._data.low)
+        self._loaded.emit(force if fits else f"C of {path} is for {n_taxels} taxels")
+
+    def _take(self, read: object) -> None:
+        self._force = read if isinstance(read, ForceMatrix) else None
+        self._apply("" if not isinstance(read, str) else read)
+
+    def _apply(self, problem: str = "") -> None:
+        scaling, name = self.scaling.currentData(), self.preset.currentData()
+        scale, words = None, "without C"
+        if scaling != NO_C and not problem:
+            try:
+                scale, words = self._scale(scaling)
+            except WrongUse as error:
+                problem = str(error)
+        if name == ENGINE and scale is None:
+            self._data.timeline.recode = None
+            text = "The spikes are the engine's."
+        else:
+            parameters = preset("default" if name == ENGINE else name)
+            ranges = _ranges(self._data.low, self._data.high)
+            self._data.timeline.recode = Recoder(ranges, parameters, scale)
+            text = f"From here on encoder {parameters.name}, {words}; the record stays as it is."
+        show_text(self.sentence, f"{text} {problem}".strip())
+        self.changed.emit(text)
+
+    def _scale(self, scaling: str) -> tuple[NDArray[np.float64], str]:
+        """Return C of the present condition, and words. Raises WrongUse without one."""
+        if self._force is None:
+            raise WrongUse("name a model file that has C")
+        plate, speed_mm_s, force_g = self._condition
+        if scaling == OF_PLATE:
+            return self._force.c_at(plate, speed_mm_s, force_g), f"C of plate {plate}"
+        return self._force.texture_blind(speed_mm_s, force_g), "C blind to the plate"
+
+
+def _ranges(low: NDArray[np.float64], high: NDArray[np.float64]) -> Normalisation:
+    return Normalisation(low.astype(np.uint16), high.astype(np.uint16), "range of the live views")

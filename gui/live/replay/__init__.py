@@ -1,0 +1,1 @@
+"""A recorded trial or session in the same views as live samples, at any speed."""

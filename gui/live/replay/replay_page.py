@@ -1,0 +1,219 @@
+"""The page of a replay: session, trial, speed, the live views, and v(t) of a neuron."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QLineEdit, QScrollBar, QSpinBox, QWidget
+
+from gui.analysis.task_values import DRUM, SessionTable, TrialData
+from gui.analysis.worker import Worker
+from gui.live.live_plots import LivePlots
+from gui.live.page.pointer import Pointer
+from gui.live.page.readout import cursor_text
+from gui.live.replay.player import Player
+from gui.live.replay.replay_data import fill
+from gui.live.replay.voltage_plot import VoltagePlot
+from gui.widgets.file_browser import PathKind, browse_button
+from gui.widgets.labels import elastic, label, show_text
+from gui.widgets.layouts import hbox, push_button, vbox
+from gui.widgets.theme import Theme
+
+MOVIE_S = 1.0
+NO_SESSION = "Open a session to replay its trials."
+
+
+class ReplayPage(QWidget):
+    """Plays trials; :meth:`poll` moves the time and takes what the worker process read."""
+
+    reported = Signal(str, str)
+    """Kind and text for the event log."""
+    closed = Signal()
+    """Back to the other pages."""
+    path_requested = Signal(object, object)
+    """A :class:`PathKind`, and the function that takes the chosen path."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self.plots, self.voltage = LivePlots(theme), VoltagePlot(theme)
+        self.plots.caption_paused = "Time in the trial (s)"
+        self.pointer, self.player, self.worker = Pointer(self.plots), Player(), Worker()
+        self._table, self._row = SessionTable(), -1
+        self._goes_on = False
+        self._build_controls()
+        self.sentence, self.values = elastic(label(NO_SESSION, "muted")), elastic(label())
+        rows = (hbox(*self._session_row, wide=1), hbox(*self._play_row, wide=1))
+        column = vbox(*rows, self.sentence, self.plots, self.voltage, self.values, spacing=3)
+        column.setStretch(3, 1)
+        self.setLayout(column)
+        self._connect()
+
+    def poll(self) -> None:
+        """Take results of the worker, and show the present moment."""
+        self.worker.poll()
+        if not self.isVisible() or not self.player.is_playing:
+            return
+        self.player.advance()
+        self.show_moment()
+        if self.player.has_ended and self.whole_session.isChecked():
+            self._next_trial()
+        self._show_play()
+
+    def open(self, path: str) -> None:
+        """Replay a session from its first trial."""
+        self.session.setText(path)
+        self.player.stop()
+        self.worker.submit("open_session", path=path)
+        show_text(self.sentence, f"reading {path} …")
+
+    def close_files(self) -> None:
+        """End the worker process, as before the window closes."""
+        self.worker.cancel()
+
+    def set_theme(self, theme: Theme) -> None:
+        """Apply a theme."""
+        self.plots.set_theme(theme)
+        self.voltage.set_theme(theme)
+
+    def show_moment(self) -> None:
+        """Draw what the trial showed up to the present moment."""
+        navigation = self.plots.navigation
+        navigation.look_at(round(self.player.position), 0)
+        self.plots.draw()
+        self._follow_window()
+
+    def _build_controls(self) -> None:
+        self.session = QLineEdit()
+        self.session.setPlaceholderText("session folder")
+        self.session.setMinimumWidth(80)
+        self.trial = QSpinBox(minimum=1, maximum=1, prefix="attempt ")
+        self.whole_session = QCheckBox("go on to the next")
+        browse = browse_button(self.path_requested, PathKind.SESSION, self.open)
+        row: tuple[QWidget, ...] = (label("Session"), self.session, browse, self.trial)
+        back = push_button("Back", self.closed.emit, "Back to the live plots")
+        self._session_row = (*row, self.whole_session, back)
+        self.play = push_button("Play", self._toggle, "Play or stop")
+        self.place = QScrollBar(Qt.Orientation.Horizontal)
+        self.place.setAccessibleName("Place in the trial")
+        self.speed = QDoubleSpinBox(minimum=0.001, maximum=1000.0, decimals=3, value=1.0)
+        self.speed.setPrefix("× ")
+        self.speed.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
+        self.speed.setToolTip("Speed of the replay in times real time")
+        self.movie = push_button(
+            "Movie",
+            self._write_movie,
+            "Write the second before this moment of the chosen taxel as a GIF beside the session",
+        )
+        self._play_row = (self.play, self.place, self.speed, self.movie)
+
+    def _connect(self) -> None:
+        worker, pointer = self.worker, self.pointer
+        worker.finished.connect(self._finish)
+        worker.failed.connect(self._fail)
+        worker.progressed.connect(self._show_progress)
+        self.session.returnPressed.connect(lambda: self.open(self.session.text()))
+        self.trial.valueChanged.connect(lambda number: self._load(number - 1))
+        self.speed.valueChanged.connect(lambda speed: setattr(self.player, "speed", speed))
+        self.place.valueChanged.connect(self._seek)
+        pointer.taxel_changed.connect(lambda _: self._ask_voltage())
+        pointer.enlarge_requested.connect(self.plots.toggle_alone)
+        self.plots.lines_changed.connect(self._show_values)
+        self.plots.navigation.changed.connect(self._follow_window)
+
+    def _toggle(self) -> None:
+        if self.player.is_playing:
+            self.player.stop()
+        elif self.player.length:
+            self.player.play()
+        self._show_play()
+
+    def _seek(self, position: int) -> None:
+        self.player.move_to(position)
+        self.show_moment()
+
+    def _load(self, row: int) -> None:
+        self._row = row
+        self.worker.submit("load_trial", path=self._table.path, row=row)
+        self._ask_voltage()
+
+    def _next_trial(self) -> None:
+        if self.trial.value() < self.trial.maximum():
+            self._goes_on = True
+            self.trial.setValue(self.trial.value() + 1)
+
+    def _ask_voltage(self) -> None:
+        if self._row >= 0:
+            place = {"path": self._table.path, "row": self._row, "taxel": self.pointer.taxel}
+            self.worker.submit("neuron_voltage", **place)
+
+    def _finish(self, task: str, result: Any) -> None:
+        if task == "open_session":
+            self._show_table(result)
+        elif isinstance(result, TrialData):
+            self._show_trial(result)
+        elif task == "neuron_voltage":
+            self.voltage.show_voltage(self.pointer.taxel, result)
+            self._follow_window()
+        elif task == "trial_movie":
+            show_text(self.sentence, f"saved {result}")
+            self.reported.emit("saved", f"saved {result}")
+
+    def _show_table(self, table: SessionTable) -> None:
+        if table.experiment != DRUM or not table.n_rows:
+            self._fail("open_session", "this is no session of the drum with trials: open another")
+            return
+        self._table, self._row = table, -1
+        with QSignalBlocker(self.trial):
+            self.trial.setRange(1, table.n_rows)
+            self.trial.setValue(1)
+        self._load(0)
+
+    def _show_trial(self, data: TrialData) -> None:
+        fill(self.plots, data)
+        self.player.length, self.player.position = len(data.samples), 0.0
+        with QSignalBlocker(self.place):
+            self.place.setRange(0, max(0, len(data.samples) - 1))
+        show_text(self.sentence, data.title)
+        if self._goes_on:
+            self._goes_on = False
+            self.player.play()
+        self.show_moment()
+        self._show_play()
+
+    def _fail(self, _: str, sentence: str) -> None:
+        show_text(self.sentence, sentence)
+        self.reported.emit("refused", sentence)
+
+    def _show_progress(self, stage: str, share: float) -> None:
+        show_text(self.sentence, f"{stage}: {share:.0%}")
+
+    def _show_play(self) -> None:
+        self.play.setText("Stop" if self.player.is_playing else "Play")
+
+    def _follow_window(self) -> None:
+        window = self.plots.navigation.window
+        self.voltage.show_window(window.left_s, window.right_s)
+        with QSignalBlocker(self.place):
+            self.place.setValue(round(self.player.position))
+        self._show_values()
+
+    def _show_values(self) -> None:
+        plots = self.plots
+        window = plots.navigation.window
+        position = plots.cursors.position(window)
+        scale, taxel = plots.value_scale, self.pointer.taxel
+        show_text(self.values, cursor_text(plots.data, window, position, taxel, scale))
+
+    def _write_movie(self) -> None:
+        if self._row < 0:
+            show_text(self.sentence, NO_SESSION)
+            return
+        start_s = max(0.0, self.player.position / 1000 - MOVIE_S)
+        folder, taxel = Path(self._table.path).expanduser(), self.pointer.taxel
+        name = f"{folder.name}-attempt{self._row + 1}-T{taxel + 1}-{start_s:.3f}s.gif"
+        place = {"path": self._table.path, "row": self._row, "taxel": taxel}
+        out = str(folder.with_name(name))
+        self.worker.submit("trial_movie", **place, section_s=(start_s, MOVIE_S), out=out)
+        show_text(self.sentence, f"drawing {out} …")

@@ -1,0 +1,1 @@
+"""Looking back while recording goes on: pause, scroll, zoom, cursors and marks."""

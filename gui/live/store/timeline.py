@@ -1,0 +1,188 @@
+"""The last eleven minutes of samples and spikes, with all that views ask about them.
+
+Positions on the time axis are sample numbers: the board's counters, which go on where the board
+restarted and began anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gui.live.history import N_ROWS, LiveSamples, SampleWindow
+from gui.live.store.pixel_columns import PixelColumns, reduce_columns
+from gui.live.store.pyramid import Pyramid
+from gui.live.store.ring import Ring
+from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
+
+CAPACITY_S = 660
+_MARGIN = 256  # rows that may arrive between reading the head and copying
+
+Recode = Callable[[NDArray[np.int64], NDArray[np.uint16], NDArray[np.uint8]], NDArray[np.uint8]]
+"""Spikes uint8 (n, n_rows) of n samples: their positions, readings and bits of the wire."""
+Extremes = tuple[NDArray[np.uint16], NDArray[np.uint16]]
+
+
+class Timeline:
+    """Samples and spikes in order of arrival; ``generation`` changes when they are removed.
+
+    Rings, a row each sample: ``counters`` int64 (position), ``time_s`` float64 (engine's time),
+    ``samples`` uint16 (n_taxels,), ``flags`` uint8, ``spikes`` uint8 (n_rows,) in the encoder's
+    order. ``recode``: replaces the spikes of samples that arrive, None for those of the engine.
+    """
+
+    def __init__(
+        self,
+        capacity: int = CAPACITY_S * SAMPLE_RATE_HZ,
+        n_taxels: int = N_TAXELS,
+        n_rows: int = N_ROWS,
+    ) -> None:
+        self.capacity = capacity
+        self.counters = Ring(capacity, np.dtype(np.int64))
+        self.time_s = Ring(capacity, np.dtype(np.float64))
+        self.samples = Ring(capacity, np.dtype((np.uint16, n_taxels)))
+        self.flags = Ring(capacity, np.dtype(np.uint8))
+        self.spikes = Ring(capacity, np.dtype((np.uint8, n_rows)))
+        self._pyramid = Pyramid(capacity, n_taxels, n_rows)
+        self.generation = 0
+        self.recode: Recode | None = None
+        self.clear()
+
+    def clear(self) -> None:
+        """Remove all samples, as after a reconnection."""
+        for ring in (self.counters, self.time_s, self.samples, self.flags, self.spikes):
+            ring.clear()
+        self._pyramid.clear()
+        self._head = 0
+        self._offset = 0
+        self.newest = 0
+        self.newest_s = 0.0
+        self.generation += 1
+
+    def __len__(self) -> int:
+        return self.counters.end - self.counters.first
+
+    @property
+    def oldest(self) -> int:
+        """Position of the oldest sample."""
+        if not len(self):
+            return 0
+        return int(self.counters.between(self.counters.first, self.counters.first + 1)[0])
+
+    def pull(self, live: LiveSamples[SampleWindow]) -> int:
+        """Append what the engine wrote since the last pull; return the number of new samples."""
+        n_new = live.taxel_head - self._head
+        if n_new <= 0:
+            return 0
+        window = live.taxels(min(n_new + _MARGIN, self.capacity))
+        first = max(0, self._head - window.first)
+        self._head = window.first + len(window)
+        return self.append(
+            window.time_s[first:],
+            window.counters[first:],
+            window.samples[first:],
+            window.flags[first:],
+            window.spikes[first:],
+        )
+
+    def append(
+        self,
+        time_s: NDArray[np.float64],
+        counters: NDArray[np.int64],
+        samples: NDArray[np.uint16],
+        flags: NDArray[np.uint8],
+        spikes: NDArray[np.uint8],
+    ) -> int:
+        """Append n samples, each array (n, …), oldest first; return n."""
+        if len(counters):
+            positions = self._positions(counters, time_s)
+            self.counters.append(positions)
+            self.time_s.append(time_s)
+            self.samples.append(samples)
+            self.flags.append(flags)
+            if self.recode is not None:
+                spikes = self.recode(positions, samples, flags)
+            self.spikes.append(spikes)
+            self._pyramid.extend(self.samples, self.spikes)
+            self.newest, self.newest_s = int(positions[-1]), float(time_s[-1])
+        return len(counters)
+
+    def position_at(self, time_s: NDArray[np.float64] | float) -> NDArray[np.float64]:
+        """Return the positions of engine times about now, float64, by the newest sample."""
+        return self.newest + (np.asarray(time_s, float) - self.newest_s) * SAMPLE_RATE_HZ
+
+    def columns(self, first: int, last: int, width: int, span: int) -> PixelColumns:
+        """Return the pixel columns with absolute numbers ``first`` … ``last``.
+
+        A column number is ``position * width // span`` (pixels, samples), so that it never changes.
+        """
+        number = np.arange(first, last + 1, dtype=np.int64)
+        edges = -(-np.arange(first, last + 2, dtype=np.int64) * span // width)
+        start = self.counters.count_below(edges)
+        after = np.clip(start[:-1], self.counters.first, self.counters.end - 1)
+        before = np.maximum(after - 1, self.counters.first)
+        jump = self.counters.take(after) - self.counters.take(before)
+        missing = (start[1:] == start[:-1]) & (jump > 1)
+        blank = (number < self.oldest * width // span) | (number > self.newest * width // span)
+        return PixelColumns(number, start, missing & ~blank, blank, span / width)
+
+    def extremes(self, columns: PixelColumns) -> Extremes:
+        """Return the lowest and highest readings of each column, uint16 (k, n_taxels) each.
+
+        They include the sample before the column, so that the lines of adjacent columns join.
+        """
+        level = self._pyramid.level_for(columns.samples_a_column)
+        if level is None:
+            start = columns.start
+            rows = self.samples.between(int(start[0]), int(start[-1]))
+            low, high = (reduce_columns(start, rows, fold) for fold in (np.minimum, np.maximum))
+        else:
+            start = np.clip(-(-columns.start // level.factor), level.low.first, level.low.end)
+            place = int(start[0]), int(start[-1])
+            low = reduce_columns(start, level.low.between(*place), np.minimum)
+            high = reduce_columns(start, level.high.between(*place), np.maximum)
+        return self._join(columns, low, high)
+
+    def spike_columns(self, columns: PixelColumns) -> NDArray[np.bool_]:
+        """Return whether each row has a spike in each column, bool (k, n_rows)."""
+        level = self._pyramid.level_for(columns.samples_a_column)
+        if level is None:
+            ring, start = self.spikes, columns.start
+        else:
+            ring = level.spikes
+            start = np.clip(-(-columns.start // level.factor), ring.first, ring.end)
+        rows = ring.between(int(start[0]), int(start[-1]))
+        spikes = reduce_columns(start, rows, np.maximum)
+        spikes[np.diff(start) == 0] = 0
+        return spikes > 0
+
+    def _join(
+        self, columns: PixelColumns, low: NDArray[np.uint16], high: NDArray[np.uint16]
+    ) -> Extremes:
+        rows = columns.start[:-1] - 1
+        previous = self.samples.take(np.clip(rows, self.samples.first, self.samples.end - 1))
+        apart = columns.missing | np.concatenate([[False], columns.missing[:-1]])
+        apart |= (rows < columns.start[0] - 1) | (rows < self.samples.first) | columns.blank
+        joined = ~apart[:, None]
+        low = np.where(joined, np.minimum(low, previous), low)
+        high = np.where(joined, np.maximum(high, previous), high)
+        return low, high
+
+    def _positions(
+        self, counters: NDArray[np.int64], time_s: NDArray[np.float64]
+    ) -> NDArray[np.int64]:
+        """Return ascending positions of counters, which begin anew when the board restarts."""
+        if not len(self):
+            self._offset = 0
+        positions = counters + self._offset
+        steps = np.diff(positions, prepend=self.newest if len(self) else positions[0] - 1)
+        for row in np.flatnonzero(steps <= 0):
+            before = positions[row - 1] if row else self.newest
+            before_s = time_s[row - 1] if row else self.newest_s
+            missed = max(1, round((time_s[row] - before_s) * SAMPLE_RATE_HZ))
+            shift = int(before) + missed - int(positions[row])
+            positions[row:] += shift
+            self._offset += shift
+        return positions

@@ -1,0 +1,109 @@
+"""Bring-up: which steps are done, what is missing before approach, and a button for the next."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QGridLayout, QGroupBox, QLabel
+
+from gui.widgets.labels import label, set_property, show_text
+from gui.widgets.layouts import push_button
+from gui.widgets.status_lamp import Level, StatusLamp
+from rigctl.acquisition.rpc.messages import EngineStatus
+from rigctl.wire.drum.states import State
+
+READY = "Ready to approach"
+_ON = (State.ARMED, State.POSITION, State.APPROACH, State.HOLD, State.RUN, State.RETRACT)
+
+
+class BringUpStep(NamedTuple):
+    """A step: whether it is done, in words, and the command that does it.
+
+    ``is_needed``: the drum cannot approach without it.
+    """
+
+    name: str
+    is_done: bool
+    words: str
+    command: str = ""
+    is_needed: bool = False
+
+
+def bring_up_steps(status: EngineStatus) -> list[BringUpStep]:
+    """Return the steps in their order."""
+    taxels = status.boards.get("taxels")
+    findings = taxels.self_test if taxels is not None else None
+    is_on = status.drum_connected and status.state in _ON
+    tested = "not run" if findings is None else _findings(len(findings))
+    calibrated = status.loadcell_calibrated
+    return [
+        BringUpStep("Self-test", findings == (), tested, "test_taxels"),
+        BringUpStep("Arm", is_on, "on" if is_on else "off", "arm", is_needed=True),
+        BringUpStep("Home", status.homed, "homed" if status.homed else "angle unknown", "home"),
+        BringUpStep(
+            "Tare", status.tared, "tared" if status.tared else "no zero", "tare", is_needed=True
+        ),
+        BringUpStep(
+            "Taxel range",
+            status.has_taxel_range,
+            "known" if status.has_taxel_range else "not measured",
+            "calibrate_range",
+        ),
+        BringUpStep("Load cell", bool(calibrated), calibrated or "nominal scale"),
+    ]
+
+
+def _findings(n: int) -> str:
+    return "no findings" if not n else f"{n} finding{'s' if n > 1 else ''}"
+
+
+def missing_words(steps: list[BringUpStep]) -> str:
+    """Return what is missing before approach in one sentence."""
+    missing = [step.name.lower() for step in steps if step.is_needed and not step.is_done]
+    return f"Before approach: {', '.join(missing)}" if missing else READY
+
+
+class BringUpBox(QGroupBox):
+    """A lamp and words for each step, the sentence before approach, and the next step."""
+
+    command_requested = Signal(str, dict)
+
+    def __init__(self) -> None:
+        super().__init__("Bring-up")
+        grid = QGridLayout(self)
+        grid.setContentsMargins(8, 6, 8, 8)
+        grid.setVerticalSpacing(2)
+        self.rows: dict[str, tuple[StatusLamp, QLabel]] = {}
+        for row, step in enumerate(bring_up_steps(EngineStatus())):
+            lamp, words = StatusLamp(11), label("", "muted", wraps=True)
+            self.rows[step.name] = (lamp, words)
+            for column, widget in enumerate((lamp, label(step.name), words)):
+                grid.addWidget(widget, row, column)
+        self.missing = label("", "heading", wraps=True)
+        self.next = push_button("Next step", self._do_next, "Do the first step that is missing")
+        self._command = ""
+        grid.addWidget(self.missing, len(self.rows), 0, 1, 2)
+        grid.addWidget(self.next, len(self.rows), 2)
+        grid.setColumnStretch(2, 1)
+
+    def show_status(self, status: EngineStatus) -> None:
+        """Show the steps; the next one can be done while no protocol runs."""
+        steps = bring_up_steps(status)
+        for step in steps:
+            self._show_step(step)
+        show_text(self.missing, missing_words(steps))
+        undone = [step for step in steps if step.command and not step.is_done]
+        self._command = undone[0].command if undone else ""
+        self.next.setText(f"Next: {undone[0].name}" if undone else "All done")
+        is_free = status.drum_connected and not (status.run.is_active or status.is_moved_by_hand)
+        self.next.setEnabled(bool(undone) and is_free and not status.fault)
+
+    def _show_step(self, step: BringUpStep) -> None:
+        lamp, words = self.rows[step.name]
+        lamp.set_level(Level.OK if step.is_done else Level.WARN if step.is_needed else Level.OFF)
+        show_text(words, step.words)
+        set_property(words, "role", "warn" if step.is_needed and not step.is_done else "muted")
+
+    def _do_next(self) -> None:
+        self.command_requested.emit(self._command, {})

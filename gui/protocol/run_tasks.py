@@ -1,0 +1,189 @@
+"""The protocol's tasks of a worker process: plan a protocol, follow a session, write a note.
+
+This module does not import Qt, and each task imports its own slow modules.
+"""
+
+from __future__ import annotations
+
+import shutil
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gui.protocol.run_values import BAD, COMMITTED, AttemptRow, PlanSummary, Row, SessionNews
+from gui.widgets.formatting import duration, size
+from rigctl.errors import RigctlError, SessionError
+
+if TYPE_CHECKING:
+    from rigctl.protocol.plan import Plan
+    from rigctl.session.read.session import Session
+    from rigctl.values import PlannedTrial
+
+
+def plan_protocol(path: str, seed: int | None, out: str = "") -> PlanSummary:
+    """Plan a protocol as ``rigctl check`` does; None takes the protocol's own seed.
+
+    ``out``: the folder whose disk has to hold the session, empty for none.
+    """
+    from rigctl.protocol.loader import load_protocol
+
+    try:
+        plan = load_protocol(Path(path)).plan(seed)
+    except RigctlError as error:
+        return PlanSummary(problem=str(error))
+    return summarise(plan, out)
+
+
+def summarise(plan: Plan, out: str = "") -> PlanSummary:
+    """Return the summary of a plan."""
+    from rigctl.protocol.steps import PLATE_CHANGE_S
+
+    changes_s = plan.plate_changes * PLATE_CHANGE_S
+    rig, total = duration(plan.duration_s), duration(plan.duration_s + changes_s)
+    time = f"{rig}, {total} with plate changes" if changes_s else rig
+    texts = (
+        *_conditions(plan),
+        f"{len(plan.trials):,}",
+        f"{plan.plate_changes}",
+        time,
+        f"{size(plan.bytes_estimate)}{_free(out)}",
+    )
+    description, order = plan.protocol.description, tuple(map(_planned, plan.trials))
+    return PlanSummary(texts, plan.seed, "", description, order, plan.duration_s + changes_s)
+
+
+def _conditions(plan: Plan) -> Row:
+    protocol = plan.protocol
+    speeds, forces, depths = protocol.speeds_mm_s, protocol.forces_g, protocol.depths_mm
+    mounts = f", each mounted {protocol.mounts} times" if protocol.mounts > 1 else ""
+    order = {"blocked": "plate by plate, forces, speeds, repeats"}.get(protocol.order, "shuffled")
+    across = " across plates" if protocol.across_plates else ""
+    return (
+        f"{' '.join(protocol.textures) or 'none'}{mounts}",
+        _numbers(speeds, "mm/s"),
+        _numbers(depths, "mm deep") if depths else _numbers(forces, "g"),
+        f"{order}{across}, {protocol.repeats} of each",
+    )
+
+
+def _numbers(values: tuple[float, ...], unit: str) -> str:
+    return f"{', '.join(f'{value:g}' for value in values)} {unit}" if values else "none"
+
+
+def _free(out: str) -> str:
+    path = Path(out).expanduser() if out.strip() else None
+    if path is None or not path.is_absolute():
+        return ""
+    existing = next(folder for folder in (path, *path.parents) if folder.is_dir())
+    return f" of {size(shutil.disk_usage(existing).free)} free"
+
+
+def _planned(trial: PlannedTrial) -> Row:
+    in_position = trial.force_mode == "position"
+    return (
+        f"{trial.trial_id}",
+        trial.texture,
+        f"{trial.speed_mm_s:g}",
+        "–" if in_position else f"{trial.force_g:g}",
+        f"{trial.depth_mm:g}" if in_position else "–",
+        f"{trial.repeat}",
+        f"{trial.mount}",
+    )
+
+
+def write_note(folder: str, text: str, author: str, trial_id: int, attempt: int, mark: str) -> None:
+    """Add a note to a session; trial 0 is the whole session, attempt 0 the one that counts."""
+    from rigctl.session.notes.session_note import Mark, SessionNote
+    from rigctl.session.notes.write_note import add_note
+
+    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    note = SessionNote(now, text.strip(), trial_id, attempt, Mark(mark), author.strip())
+    add_note(Path(folder), note)
+
+
+class SessionFollower:
+    """Reads a session that grows: only what is new after the first time."""
+
+    def __init__(self) -> None:
+        self._session: Session | None = None
+        self._notes: tuple[str, ...] = ()
+
+    def read(self, folder: str, known: int = 0) -> SessionNews:
+        """Return the attempts after the first ``known`` ones; all if a verdict has changed."""
+        from rigctl.session.read.part_file import existing_parts
+
+        if not existing_parts(Path(folder)):
+            return SessionNews(folder)
+        try:
+            session = self._open(Path(folder))
+            return self._news(session, folder, known)
+        except SessionError as error:
+            self._close()
+            return SessionNews(folder, problem=str(error))
+
+    def _open(self, folder: Path) -> Session:
+        from rigctl.session.read.session import Session
+
+        if self._session is None or self._session.path != folder:
+            self._close()
+            self._session = Session.open(folder)
+        else:
+            self._session.refresh()
+        return self._session
+
+    def _close(self) -> None:
+        if self._session is not None:
+            self._session.close()
+        self._session, self._notes = None, ()
+
+    def _news(self, session: Session, folder: str, known: int) -> SessionNews:
+        notes = tuple(f"{note.made_utc}  {note.describe()}" for note in session.notes)
+        if notes != self._notes or known > len(session.trials):
+            self._notes, known = notes, 0
+        gaps = session.gaps
+        rows = tuple(_attempt(session, index, gaps) for index in range(known, len(session.trials)))
+        return SessionNews(folder, known, rows, notes, len(session.committed()))
+
+
+def _attempt(session: Session, index: int, gaps: Any) -> AttemptRow:
+    row = session.trials[index]
+    verdict, reasons = str(row["verdict"]), str(row["reasons"])
+    if index in session.left_out:
+        verdict, reasons = "left out", session.left_out[index]
+        if reasons.startswith("marked bad"):
+            verdict = BAD
+    elif verdict == "committed":
+        verdict = COMMITTED
+    else:
+        verdict = f"✗ {verdict}"
+    texts = (
+        f"{row['trial_id']}",
+        f"{row['texture']}",
+        f"{row['speed_mm_s']:g}",
+        f"{row['force_g']:g}",
+        f"{row['repeat']}",
+        f"{row['attempt']}",
+        _measured(row["mean_speed_mm_s"], 2),
+        _measured(row["mean_force_g"], 1),
+        f"{_lost(row, gaps)}",
+        verdict,
+        reasons,
+    )
+    return AttemptRow(int(row["trial_id"]), int(row["attempt"]), texts)
+
+
+def _measured(value: float, decimals: int) -> str:
+    return f"{value:.{decimals}f}" if np.isfinite(value) else "–"
+
+
+def _lost(row: Any, gaps: Any) -> int:
+    """Return the samples of an attempt's window that are missing."""
+    if row["first_counter"] < 0 or not len(gaps):
+        return 0
+    first, end = int(row["first_counter"]), int(row["first_counter"] + row["count"])
+    of_part = gaps[gaps["part"] == row["part"]]
+    begins = np.maximum(of_part["first_counter"], first)
+    ends = np.minimum(of_part["first_counter"] + of_part["count"], end)
+    return int(np.maximum(ends - begins, 0).sum())

@@ -1,0 +1,56 @@
+"""The editor's tasks of a worker process: read, check and save a protocol. Without Qt."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from gui.protocol.run_tasks import summarise
+from gui.protocol.run_values import PLAN_ROWS, CheckedText, ProtocolText, SavedProtocol
+from rigctl.config import resources
+from rigctl.config.text_file import read_text
+from rigctl.config.toml_bounds import MAX_BYTES
+from rigctl.errors import ProtocolError, RigctlError
+
+OWN_FOLDER = "rigctl-protocols"
+
+
+def read_protocol(path: str) -> ProtocolText:
+    """Return the text of a protocol's file."""
+    file = Path(path)
+    own = Path.home() / OWN_FOLDER / file.name
+    is_built_in = file.parent.resolve() == resources.protocols().resolve()
+    try:
+        text = read_text(file, MAX_BYTES, ProtocolError)
+    except RigctlError as error:
+        return ProtocolText(path, problem=str(error))
+    return ProtocolText(path, text, str(own) if is_built_in else path)
+
+
+def check_text(text: str) -> CheckedText:
+    """Return whether a text is a protocol, and the numbers of its plan."""
+    from rigctl.protocol.loader import parse_protocol
+
+    try:
+        plan = parse_protocol(text, "protocol.toml").plan()
+    except RigctlError as error:
+        return CheckedText(text, problem=str(error))
+    rows = dict(zip(PLAN_ROWS, summarise(plan).texts, strict=True))
+    numbers = (f"{rows[name]} {name.lower()}" for name in ("Trials", "Plate changes"))
+    return CheckedText(text, f"No errors: {', '.join(numbers)}, {rows['Duration']}")
+
+
+def save_protocol(path: str, text: str, may_replace: bool) -> SavedProtocol:
+    """Save a protocol; another file than the one that was opened is never replaced."""
+    file = Path(path)
+    if not file.is_absolute() or file.suffix != ".toml":
+        return SavedProtocol(path, "Save as: give the whole path of a file that ends with .toml")
+    new = file.with_name(f"{file.name}.new")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        if not may_replace and file.exists():
+            return SavedProtocol(path, f"{path} exists: choose another name")
+        new.write_text(text, encoding="utf-8", newline="\n")
+        new.replace(file)
+    except OSError as error:
+        return SavedProtocol(path, f"{path} cannot be saved: {error.strerror}")
+    return SavedProtocol(path)

@@ -1,0 +1,105 @@
+"""The menus, and a registry of every action in them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from PySide6.QtGui import QAction, QActionGroup, QKeySequence
+from PySide6.QtWidgets import QMenu, QMenuBar
+
+MENUS = ("File", "Rig", "View", "Tools", "Help")
+
+
+class ActionRow(NamedTuple):
+    """A line of the shortcut sheet: menu, text, shortcut (empty without one) and what it does."""
+
+    menu: str
+    text: str
+    shortcut: str
+    tip: str
+
+
+class ActionRegistry:
+    """Adds actions to the menus of a menu bar and remembers them for the shortcut sheet.
+
+    A menu is visible once it has an action.
+    """
+
+    def __init__(self, bar: QMenuBar) -> None:
+        self._menus = {name: bar.addMenu(f"&{name}") for name in MENUS}
+        self._actions: list[tuple[str, QAction]] = []
+        for menu in self._menus.values():
+            menu.setToolTipsVisible(True)
+            menu.menuAction().setVisible(False)
+
+    def add(
+        self,
+        menu: str,
+        text: str,
+        slot: Callable[..., object],
+        *,
+        shortcut: str = "",
+        tip: str = "",
+        checkable: bool = False,
+    ) -> QAction:
+        """Add an action to a menu of :data:`MENUS`; a checkable one passes its new state."""
+        action = QAction(text, self._menus[menu], checkable=checkable)
+        action.setShortcut(QKeySequence(shortcut))
+        action.setToolTip(tip)
+        if checkable:
+            action.toggled.connect(slot)
+        else:
+            action.triggered.connect(lambda _=False: slot())
+        return self.add_action(menu, action)
+
+    def add_action(self, menu: str, action: QAction) -> QAction:
+        """Add an action that Qt made, such as the one that shows a dock."""
+        self._menu(menu).addAction(action)
+        self._actions.append((menu, action))
+        return action
+
+    def add_choices(
+        self,
+        menu: str,
+        text: str,
+        choices: Mapping[str, Any],
+        checked: Any,
+        chosen: Callable[[Any], object],
+    ) -> dict[Any, QAction]:
+        """Add a submenu of exclusive choices; return the action of each value."""
+        submenu = self._menu(menu).addMenu(text)
+        group = QActionGroup(submenu)
+        actions = {}
+        for name, value in choices.items():
+            action = group.addAction(submenu.addAction(name))
+            action.setCheckable(True)
+            action.setChecked(value == checked)
+            action.triggered.connect(lambda _=False, value=value: chosen(value))
+            self._actions.append((f"{menu} → {text.replace('&', '')}", action))
+            actions[value] = action
+        return actions
+
+    def add_menu(self, menu: str, text: str) -> QMenu:
+        """Add an empty submenu, whose lines come and go, to a menu."""
+        return self._menu(menu).addMenu(text)
+
+    def add_separator(self, menu: str) -> None:
+        """Add a line between two groups of actions."""
+        self._menus[menu].addSeparator()
+
+    def rows(self) -> list[ActionRow]:
+        """Return all actions in the order of the menus."""
+        order = {name: place for place, name in enumerate(MENUS)}
+        rows = sorted(self._actions, key=lambda row: order[row[0].partition(" ")[0]])
+        return [_row(menu, action) for menu, action in rows]
+
+    def _menu(self, name: str) -> QMenu:
+        self._menus[name].menuAction().setVisible(True)
+        return self._menus[name]
+
+
+def _row(menu: str, action: QAction) -> ActionRow:
+    text = action.text().replace("&", "")
+    tip = action.toolTip()
+    return ActionRow(menu, text, action.shortcut().toString(), "" if tip == text else tip)

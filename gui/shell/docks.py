@@ -1,0 +1,107 @@
+"""Panels around the middle of the window, as Qt's own docks."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from PySide6.QtCore import QByteArray, Qt, Signal
+from PySide6.QtGui import QShowEvent
+from PySide6.QtWidgets import QApplication, QDockWidget, QMainWindow, QTabWidget, QWidget
+
+LAYOUT_VERSION = 1
+"""Increased when docks change so much that a saved layout no longer fits."""
+
+_Feature = QDockWidget.DockWidgetFeature
+
+
+class DockArea(QMainWindow):
+    """A middle with panels that the user moves, hides, floats and brings back.
+
+    It stands inside the window, so that no panel covers what is above or below it.
+    """
+
+    panel_used = Signal(str)
+    """Name of the panel that came to the front or got the focus."""
+
+    def __init__(self, middle: QWidget) -> None:
+        super().__init__()
+        self.setWindowFlags(Qt.WindowType.Widget)
+        self.setDockNestingEnabled(True)
+        self.setTabPosition(Qt.DockWidgetArea.AllDockWidgetAreas, QTabWidget.TabPosition.North)
+        self.setCentralWidget(middle)
+        self.docks: dict[str, QDockWidget] = {}
+        self._first_layout = b""
+        self._sizes_px: dict[str, tuple[int, Qt.Orientation]] = {}
+        app = QApplication.instance()
+        assert isinstance(app, QApplication)
+        app.focusChanged.connect(self._on_focus_changed)
+
+    def add(
+        self,
+        name: str,
+        title: str,
+        widget: QWidget,
+        area: Qt.DockWidgetArea,
+        *,
+        tabbed_with: str = "",
+    ) -> QDockWidget:
+        """Add a panel at a side, or as a tab beside the panel ``tabbed_with``.
+
+        ``name`` identifies the panel in the saved layout and in :meth:`show_panel`.
+        """
+        dock = QDockWidget(title)
+        dock.setObjectName(name)
+        dock.setWidget(widget)
+        self.addDockWidget(area, dock)
+        if tabbed_with:
+            self.tabifyDockWidget(self.docks[tabbed_with], dock)
+        self.docks[name] = dock
+        dock.visibilityChanged.connect(partial(self._on_visibility_changed, name))
+        return dock
+
+    def keep_on_screen(self, name: str) -> None:
+        """Let a panel move to another side, but neither close nor float."""
+        self.docks[name].setFeatures(
+            _Feature.DockWidgetMovable | _Feature.DockWidgetVerticalTitleBar
+        )
+
+    def set_first_size(self, name: str, size_px: int, orientation: Qt.Orientation) -> None:
+        """Give a panel its width or height in the layout that no user has changed."""
+        self._sizes_px[name] = size_px, orientation
+
+    def show_panel(self, name: str) -> None:
+        """Show a panel in front of its tabs."""
+        dock = self.docks[name]
+        dock.show()
+        dock.raise_()
+        self.panel_used.emit(name)
+
+    def reset(self) -> None:
+        """Return to the layout of the first start."""
+        self.restore(self._first_layout)
+
+    def save(self) -> bytes:
+        """Return the layout."""
+        return bytes(self.saveState(LAYOUT_VERSION).data())
+
+    def restore(self, layout: bytes) -> bool:
+        """Apply a saved layout; return whether it fits."""
+        return self.restoreState(QByteArray(layout), LAYOUT_VERSION)
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Give the panels their first sizes, which need a window on the screen."""
+        super().showEvent(event)
+        sizes, self._sizes_px = self._sizes_px, {}
+        for name, (size_px, orientation) in sizes.items():
+            self.resizeDocks([self.docks[name]], [size_px], orientation)
+        if sizes:
+            self._first_layout = self.save()
+
+    def _on_visibility_changed(self, name: str, is_visible: bool) -> None:
+        if is_visible:
+            self.panel_used.emit(name)
+
+    def _on_focus_changed(self, _: QWidget | None, now: QWidget | None) -> None:
+        for name, dock in self.docks.items():
+            if now is not None and dock.isAncestorOf(now):
+                self.panel_used.emit(name)

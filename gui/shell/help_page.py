@@ -1,0 +1,80 @@
+"""A page of text: the shortcut sheet, and what the program is."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Iterable
+from html import escape
+from importlib.metadata import PackageNotFoundError, version
+
+from PySide6.QtCore import Signal, qVersion
+from PySide6.QtWidgets import QTextBrowser, QWidget
+
+from gui.shell.actions import ActionRow
+from gui.widgets.labels import label
+from gui.widgets.layouts import hbox, push_button, vbox
+
+FIXED_KEYS = (
+    ActionRow("Always", "STOP", "Esc", "Stop and lift the drum, and end every run"),
+    ActionRow("Always", "Next or previous field", "Tab, Shift+Tab", "Move the keyboard's focus"),
+    ActionRow("Operate", "Jog 1 mm", "Alt+Left, Alt+Right", "With Shift 10 mm"),
+)
+
+
+class HelpPage(QWidget):
+    """Shows one text at a time; *Back* returns to the page before."""
+
+    closed = Signal()
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.title, self.text = label("", "heading"), QTextBrowser(openExternalLinks=True)
+        self.back = push_button("Back", self.closed.emit)
+        head = hbox(self.title, self.back, margins=(8, 0, 0, 0))
+        self.setLayout(vbox(head, self.text, spacing=4))
+
+    def show_html(self, title: str, html: str) -> None:
+        """Show a text."""
+        self.title.setText(title)
+        self.text.setHtml(html)
+        self.text.setFocus()
+
+
+def shortcut_table(rows: Iterable[ActionRow]) -> str:
+    """Return all actions as a table in HTML, the keys that no menu lists first."""
+    cells = "".join(_table_row(row) for row in (*FIXED_KEYS, *rows))
+    head = "<tr><th align='left'>Menu</th><th align='left'>Action</th>"
+    head += "<th align='left'>Keys</th><th align='left'>What it does</th></tr>"
+    return f"<table cellpadding='3'>{head}{cells}</table>"
+
+
+def about_text() -> str:
+    """Return name, purpose and versions as HTML."""
+    lines = "".join(f"<li>{escape(line)}</li>" for line in version_lines())
+    return (
+        "<p><b>rigctl</b> controls a drum rig of a tactile laboratory, records its sensor, "
+        "encodes the readings as spikes and names textures.</p>"
+        f"<ul>{lines}</ul>"
+    )
+
+
+def version_lines() -> list[str]:
+    """Return the versions of the program and of what it stands on, for people who help."""
+    return [
+        f"rigctl {_version('rigctl')}",
+        f"Python {platform.python_version()}",
+        f"Qt {qVersion()}, PySide6 {_version('PySide6-Essentials')}",
+        f"pyqtgraph {_version('pyqtgraph')}, NumPy {_version('numpy')}",
+        platform.platform(),
+    ]
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "from a checkout"
+
+
+def _table_row(row: ActionRow) -> str:
+    return "<tr>" + "".join(f"<td>{escape(text)}</td>" for text in row) + "</tr>"

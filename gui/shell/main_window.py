@@ -1,0 +1,399 @@
+"""The main window: a heading with STOP, panels in docks around the pages, and the event log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+from PySide6.QtCore import QEvent, QObject, Qt, QTimer
+from PySide6.QtGui import QCloseEvent, QGuiApplication, QKeyEvent
+from PySide6.QtWidgets import QApplication, QMainWindow, QStackedWidget, QWidget
+
+from gui.analysis.analysis_tab import AnalysisTab
+from gui.attach.attach_controller import AttachController, PastLine
+from gui.engine_clients import joined_rig, open_client, open_finger_client
+from gui.engine_link import ClientFactory
+from gui.finger.finger_tab import FingerTab
+from gui.live.replay.replay_page import ReplayPage
+from gui.live.review.navigation import SPANS_S
+from gui.operate.event_log import EventLog, StatusLine
+from gui.shell.actions import ActionRegistry
+from gui.shell.docks import DockArea
+from gui.shell.drum_controller import DrumController
+from gui.shell.help_controller import HelpController
+from gui.shell.page_stack import PageStack
+from gui.shell.protocol_controller import ProtocolController
+from gui.shell.recent_sessions import RecentSessions
+from gui.shell.tools_controller import ToolsController
+from gui.shell.user_settings import UserSettings
+from gui.shell.window_memory import WindowMemory
+from gui.widgets.file_browser import FileBrowser, PathKind
+from gui.widgets.layouts import container, scroll_area, vbox
+from gui.widgets.theme import ThemeChoice, apply_theme, scale_texts
+from rigctl.acquisition.rpc.engine_files import FINGER_EXPERIMENT, EngineFile
+
+FRAME_MS = 33
+WIDTH_PX, HEIGHT_PX = 1280, 800
+LEFT_PX, LOG_PX = 330, 88
+TEXT_SIZES_PERCENT = (90, 100, 115, 130, 150)
+SHOWS = "Bring this panel to the front"
+_LEFT = Qt.DockWidgetArea.LeftDockWidgetArea
+_BOTTOM = Qt.DockWidgetArea.BottomDockWidgetArea
+
+
+class MainWindow(QMainWindow):
+    """A window on the drum rig and the moving finger.
+
+    ``factory`` and ``finger_factory`` start or join the engines of their rigs. Without
+    ``settings`` the window remembers nothing.
+    """
+
+    def __init__(
+        self,
+        factory: ClientFactory = open_client,
+        choice: ThemeChoice = ThemeChoice.SYSTEM,
+        finger_factory: ClientFactory = open_finger_client,
+        settings: UserSettings | None = None,
+    ) -> None:
+        super().__init__()
+        self.setWindowTitle("rigctl")
+        self.settings = settings if settings is not None else UserSettings(None)
+        self._theme_choice = choice
+        scale_texts(_text_scale(self.settings))
+        theme = apply_theme(choice)
+        self.drum = DrumController(theme, factory)
+        self.engine_link, self.toolbar = self.drum.link, self.drum.toolbar
+        self.health_strip, self.prompt_panel = self.drum.health_strip, self.drum.prompt_panel
+        self.operate_panel = self.drum.operate_panel
+        self.protocol_panel = self.drum.protocol_panel
+        self.replay_page, self._replays = ReplayPage(theme), False
+        self.live_page, self.live_plots = self.drum.live_page, self.drum.live_page.plots
+        self.protocol = ProtocolController(self.protocol_panel, self.settings)
+        self.analysis_tab = AnalysisTab(theme)
+        self.finger_tab = FingerTab(theme, finger_factory)
+        self.attach = AttachController((self.engine_link, self.finger_tab.link))
+        self.file_browser, self.event_log = FileBrowser(), EventLog()
+        self.status_line = StatusLine("Choose a rig and press Connect.")
+        self.stack = PageStack()
+        self.docks = DockArea(self.stack)
+        self.menus = ActionRegistry(self.menuBar())
+        self.sessions = RecentSessions(self.menus, self.settings)
+        self.help = HelpController(self.menus)
+        self.tools = ToolsController(self.stack, self.menus, self.engine_link)
+        self._panel = "operate"
+        self._is_escape_down = False
+        self._lay_out()
+        self._add_menus()
+        self._connect_panels()
+        self.memory = WindowMemory(self.settings, self, self.docks)
+        self._remember()
+        app = QApplication.instance()
+        assert app is not None
+        app.installEventFilter(self)
+        self.timer = QTimer(self)
+        self.timer.setTimerType(Qt.TimerType.PreciseTimer)
+        self.timer.timeout.connect(self.poll)
+        self.timer.start(FRAME_MS)
+
+    def poll(self) -> None:
+        """Process the messages of engine and workers, and draw new samples; 30 times a second."""
+        page = self.stack.currentWidget()
+        self.drum.poll()
+        self.replay_page.poll()
+        self.analysis_tab.poll()
+        self.finger_tab.poll(is_visible=page is self.finger_tab.view)
+
+    def connect_rig(self, rig: str, world: str = "") -> None:
+        """Start or join the engine of a rig; a world file is for a simulated rig."""
+        self.drum.connect_rig(rig, world)
+
+    def join_engine(self, engine: EngineFile) -> None:
+        """Join a running engine in the panel of its experiment."""
+        is_finger = engine.experiment == FINGER_EXPERIMENT
+        self.show_panel("finger" if is_finger else "operate")
+        connect = self.finger_tab.connect_rig if is_finger else self.connect_rig
+        connect(joined_rig(engine))
+
+    def stop(self) -> None:
+        """Stop this window's engines, then all others; never asks and never waits."""
+        self.report("stop", "STOP")
+        self.engine_link.stop()
+        self.finger_tab.link.stop_own()
+
+    def report(self, kind: str, text: str) -> None:
+        """Show an event in the log and the status line; a digest only in the log."""
+        self.event_log.add(kind, text)
+        if kind != "digest":
+            self.status_line.show_event(kind, text)
+
+    def show_replay(self, *_: object, is_shown: bool) -> None:
+        """Show the page that replays recorded trials, or the one that was there before."""
+        self._replays = is_shown
+        self._show_view()
+
+    def show_panel(self, name: str) -> None:
+        """Bring a panel to the front: operate, protocol, analysis or finger."""
+        self.docks.show_panel(name)
+
+    def set_theme(self, choice: ThemeChoice) -> None:
+        """Apply another theme."""
+        self._theme_choice = choice
+        theme = apply_theme(choice)
+        self.live_plots.set_theme(theme)
+        self.replay_page.set_theme(theme)
+        self.analysis_tab.set_theme(theme)
+        self.finger_tab.view.set_theme(theme)
+        self.event_log.reset_colours()
+
+    def set_text_size(self, percent: int) -> None:
+        """Show all texts larger or smaller, in percent of the usual size."""
+        self.settings.set_value("text_percent", percent)
+        scale_texts(percent / 100)
+        self.set_theme(self._theme_choice)
+
+    def _choose_theme(self, choice: ThemeChoice) -> None:
+        self.settings.set_value("theme", choice.name)
+        self.set_theme(choice)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Stop on Esc with every focus; an open menu or list still gets the key and closes."""
+        if not isinstance(event, QKeyEvent) or event.key() != Qt.Key.Key_Escape:
+            return False
+        if event.type() == QEvent.Type.KeyRelease:
+            self._is_escape_down = False
+        if event.type() != QEvent.Type.KeyPress or not isinstance(watched, QWidget):
+            return False
+        if not event.isAutoRepeat():
+            self._stop_once()
+        return QApplication.activePopupWidget() is None
+
+    def _stop_once(self) -> None:
+        """Stop once for one press: Qt passes the key of an open list to its parents as well."""
+        if not self._is_escape_down:
+            self._is_escape_down = True
+            QTimer.singleShot(0, self._forget_escape)
+            self.stop()
+
+    def _forget_escape(self) -> None:
+        self._is_escape_down = False
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        """Leave the engines, which continue a run, and end the worker processes.
+
+        During a run a strip asks first, unless the system ends the user's session.
+        """
+        app = QApplication.instance()
+        is_logout = isinstance(app, QGuiApplication) and app.isSavingSession()
+        if not is_logout and not self.attach.may_close():
+            event.ignore()
+            return
+        self.timer.stop()
+        self.memory.close()
+        self.attach.close()
+        self.tools.close()
+        self.analysis_tab.close()
+        self.replay_page.close_files()
+        self.drum.close()
+        self.finger_tab.close()
+        self.engine_link.wait_closed()
+        super().closeEvent(event)
+
+    def _remember(self) -> None:
+        """Restore what the settings hold, and tell what in them is damaged."""
+        self.memory.keep_number("speed_mm_s", self.operate_panel.speed)
+        self.memory.keep_number("force_g", self.operate_panel.force)
+        self.memory.keep_text("save_in", self.protocol_panel.out)
+        self.memory.restore_layout()
+        self._show_view()
+        if complaint := self.settings.complaint():
+            self.report("check", complaint)
+
+    def _lay_out(self) -> None:
+        self.health = QStackedWidget()
+        self.toolbar.add_page(self.finger_tab.bar)
+        for strip in (self.health_strip, self.finger_tab.health):
+            self.health.addWidget(strip)
+        self._add_pages()
+        self._add_docks()
+        run_end = self.analysis_tab.run_end_strip
+        questions = (self.prompt_panel, self.finger_tab.prompt_panel, run_end)
+        strips = (self.drum.safety.alarms.strip, *self.attach.strips, *questions)
+        body = vbox(*strips, self.docks, self.status_line, spacing=3, margins=(8, 0, 8, 0))
+        body.setStretch(len(strips), 1)
+        column = vbox(self.toolbar, self.health, body, spacing=3, margins=(0, 0, 0, 3))
+        column.setStretch(2, 1)
+        self.setCentralWidget(container(column))
+        screen = QGuiApplication.primaryScreen().availableSize()
+        self.resize(min(WIDTH_PX, screen.width()), min(HEIGHT_PX, screen.height()))
+
+    def _add_pages(self) -> None:
+        analysis = self.analysis_tab
+        pages: dict[str, QWidget] = {
+            "live": self.live_page,
+            "protocol": self.protocol_panel.page,
+            "replay": self.replay_page,
+            "finger": self.finger_tab.view,
+            "trial": analysis.trial_view,
+            "figure": analysis.figure_view,
+            "results": analysis.results_panel,
+            "files": self.file_browser,
+            "help": self.help.page,
+            "engines": self.attach.engines,
+        }
+        for name, page in pages.items():
+            self.stack.add_page(name, page)
+        self.stack.show_page("live")
+
+    def _add_docks(self) -> None:
+        add = self.docks.add
+        add("operate", "Operate", scroll_area(self.operate_panel), _LEFT)
+        tabs = {
+            "protocol": ("Protocol", self.protocol_panel),
+            "analysis": ("Analysis", self.analysis_tab.panel),
+            "finger": ("Finger", self.finger_tab.panel),
+        }
+        for name, (title, panel) in tabs.items():
+            add(name, title, scroll_area(panel), _LEFT, tabbed_with="operate")
+        add("log", "Log", self.event_log, _BOTTOM)
+        self.docks.keep_on_screen("log")
+        self.docks.set_first_size("operate", LEFT_PX, Qt.Orientation.Horizontal)
+        self.docks.set_first_size("log", LOG_PX, Qt.Orientation.Vertical)
+        self.docks.docks["operate"].raise_()
+
+    def _add_menus(self) -> None:
+        menus = self.menus
+        self._add_alarm_sound()
+        self._add_rig_actions()
+        self._add_view_actions()
+        tip = "List the engines that run already, and join one of them"
+        menus.add("Rig", "&Running engines", self.attach.list_engines, tip=tip)
+        spans = {f"{span_s} s": span_s for span_s in SPANS_S}
+        menus.add_choices("View", "Time &span", spans, SPANS_S[3], self.live_plots.set_span)
+        show = partial(self.show_replay, is_shown=True)
+        tip = "Play recorded trials in the live views, at any speed"
+        menus.add("File", "&Replay a session", show, shortcut="Ctrl+R", tip=tip)
+        page = self.live_page
+        tip = "Look back while samples go on to arrive, or follow them again"
+        menus.add("View", "&Pause or follow", page.toggle_pause, shortcut="Ctrl+Space", tip=tip)
+        tip = "Save the live plots as they are now"
+        menus.add("File", "Save &picture", page.save_picture, shortcut="Ctrl+Shift+P", tip=tip)
+        menus.add_separator("File")
+        menus.add("File", "&Quit", self.close, shortcut="Ctrl+Q", tip="Close the window")
+        hints = QApplication.styleHints()
+        hints.colorSchemeChanged.connect(lambda _: self._follow_system_theme())
+
+    def _add_alarm_sound(self) -> None:
+        announcer, key = self.drum.safety.alarms.announcer, "alarm_sound"
+
+        def switch(sounds: bool) -> None:
+            announcer.sounds = sounds
+            self.settings.set_value(key, sounds)
+
+        tip = "Beep until an alarm is over or silenced"
+        action = self.menus.add("Rig", "Alarm &sound", switch, tip=tip, checkable=True)
+        action.setChecked(self.settings.value(key, True))
+        announcer.sounds = action.isChecked()
+
+    def _add_rig_actions(self) -> None:
+        add = self.menus.add
+        click = self.toolbar.connect_button.click
+        add("Rig", "&Connect or disconnect", click, shortcut="Ctrl+R", tip="The chosen rig")
+        add("Rig", "&STOP", self.stop, tip="Stop and lift the drum, and end every run (Esc)")
+        for button in self.operate_panel.buttons.values():
+            add("Rig", button.text(), button.click, tip=button.toolTip())
+
+    def _add_view_actions(self) -> None:
+        menus, docks = self.menus, self.docks
+        for number, (name, dock) in enumerate(docks.docks.items(), start=1):
+            show = partial(docks.show_panel, name)
+            menus.add("View", dock.windowTitle(), show, shortcut=f"Ctrl+{number}", tip=SHOWS)
+        menus.add("View", "&Reset the layout", docks.reset, tip="Put all panels back")
+        themes = {choice.value: choice for choice in ThemeChoice}
+        menus.add_choices("View", "&Theme", themes, self._theme_choice, self._choose_theme)
+        sizes = {f"{percent} %": percent for percent in TEXT_SIZES_PERCENT}
+        size = self.settings.value("text_percent", 100)
+        menus.add_choices("View", "Te&xt size", sizes, size, self.set_text_size)
+
+    def _open_session(self) -> None:
+        self.show_panel("analysis")
+        self._browse(PathKind.SESSION, self.analysis_tab.open_session)
+
+    def _reopen_session(self, path: str) -> None:
+        self.show_panel("analysis")
+        self.analysis_tab.open_session(path)
+
+    def _follow_system_theme(self) -> None:
+        if self._theme_choice is ThemeChoice.SYSTEM:
+            self.set_theme(self._theme_choice)
+
+    def _connect_panels(self) -> None:
+        self.toolbar.stop_requested.connect(self.stop)
+        self.drum.title_changed.connect(self.setWindowTitle)
+        boxes = (self.toolbar.rig, self.toolbar.world)
+        panels = (self.operate_panel, self.protocol_panel, self.analysis_tab.panel, self.finger_tab)
+        self.replay_page.closed.connect(partial(self.show_replay, is_shown=False))
+        self.replay_page.reported.connect(self.report)
+        strips = (self.live_page.save_strip, self.live_page.encoder_strip, self.replay_page)
+        for widget in (*boxes, *panels, *strips, self.tools):
+            widget.path_requested.connect(self._browse)
+        for source in (self.drum, self.finger_tab, self.analysis_tab):
+            source.reported.connect(self.report)
+        self._connect_attach()
+        self.analysis_tab.view_changed.connect(self._show_view)
+        run_end = self.analysis_tab.run_end_strip
+        self.engine_link.status_changed.connect(run_end.show_status)
+        run_end.analyse_requested.connect(self._analyse)
+        self.docks.panel_used.connect(self._use_panel)
+        self.analysis_tab.panel.open_requested.connect(self.sessions.remember)
+        self.sessions.open_requested.connect(self._reopen_session)
+        self.sessions.browse_requested.connect(self._open_session)
+        self.help.reported.connect(self.report)
+        self.help.shown.connect(partial(self.stack.show_page, "help"))
+        for pages in (self.file_browser, self.tools, self.help.page):
+            pages.closed.connect(self._show_view)
+        self.protocol_panel.page_changed.connect(self._show_view)
+
+    def _connect_attach(self) -> None:
+        attach = self.attach
+        attach.join_requested.connect(self.join_engine)
+        attach.start_requested.connect(self.drum.start_another)
+        attach.start_finger_requested.connect(self.finger_tab.start_another)
+        attach.engines.shown.connect(lambda: self.stack.show_page("engines"))
+        attach.engines.closed.connect(self._show_view)
+        attach.close_confirmed.connect(self.close)
+        attach.reported.connect(self.report)
+        attach.history_received.connect(self._show_history)
+
+    def _show_history(self, lines: list[PastLine]) -> None:
+        """Show what was logged before the window joined, with the times of then."""
+        for at, kind, text in lines:
+            self.event_log.add(kind, text, at.time())
+
+    def _analyse(self, session: str) -> None:
+        """Open a session in the Analysis panel and bring it to the front."""
+        self.show_panel("analysis")
+        self.analysis_tab.open_session(session)
+
+    def _browse(self, kind: PathKind, selected: Callable[[str], None]) -> None:
+        self.file_browser.open(kind, selected)
+        self.stack.setCurrentWidget(self.file_browser)
+
+    def _use_panel(self, name: str) -> None:
+        """Let heading, health figures and the middle follow the panel that is used."""
+        if name != "log" and name != self._panel:
+            self._panel, self._replays = name, False
+            self._show_view()
+
+    def _show_view(self) -> None:
+        views = {"analysis": self.analysis_tab.view, "finger": self.finger_tab.view}
+        if self.protocol_panel.shows_page:
+            views["protocol"] = self.protocol_panel.page
+        view = views.get(self._panel, self.live_page)
+        self.stack.setCurrentWidget(self.replay_page if self._replays else view)
+        for pages in (self.toolbar.pages, self.health):
+            pages.setCurrentIndex(int(self._panel == "finger"))
+
+
+def _text_scale(settings: UserSettings) -> float:
+    percent = settings.value("text_percent", 100)
+    return percent / 100 if percent in TEXT_SIZES_PERCENT else 1.0

@@ -1,0 +1,120 @@
+"""A page that runs one command of ``rigctl`` in a process of its own and shows what it prints."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from PySide6.QtCore import QProcess, Qt, Signal
+from PySide6.QtWidgets import QHBoxLayout, QPlainTextEdit, QWidget
+
+from gui.widgets.labels import label, set_property
+from gui.widgets.layouts import hbox, push_button, vbox
+
+_KILL_MS = 1000
+
+
+class CommandPage(QWidget):
+    """Title, explanation, Run and Cancel, and the output; a subclass says what to run."""
+
+    closed = Signal()
+    """The user wants to see the page from before."""
+
+    def __init__(self, title: str, explanation: str, run_text: str) -> None:
+        super().__init__()
+        self.run_button = push_button(run_text, self.run)
+        self.cancel_button = push_button("Cancel", self.cancel)
+        self.close_button = push_button("Close", self.closed.emit)
+        self.verdict = label("", "heading", wraps=True)
+        self.output = QPlainTextEdit(readOnly=True)
+        self.output.setAccessibleName(f"{title}: output")
+        self._process: QProcess | None = None
+        self._inputs = QHBoxLayout()
+        buttons = hbox(self.run_button, self.cancel_button, self.close_button, wide=-1)
+        buttons.addStretch(1)
+        rows = (label(title, "heading"), label(explanation, "muted", wraps=True), self._inputs)
+        column = vbox(*rows, buttons, self.verdict, self.output, spacing=6, margins=(9, 4, 9, 4))
+        column.setStretch(5, 1)
+        self.setLayout(column)
+        self._show_running(False)
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the command runs."""
+        return self._process is not None
+
+    def words(self) -> Sequence[str]:
+        """Return the command and its arguments."""
+        raise NotImplementedError
+
+    def refusal(self) -> str:
+        """Return why the command cannot run now, empty if it can."""
+        return ""
+
+    def run(self) -> None:
+        """Start the command, or say why it cannot start."""
+        if self.is_running:
+            return
+        self.output.clear()
+        if refusal := self.refusal():
+            self._show_verdict(refusal, "bad")
+            return
+        process = self._process = QProcess(self)
+        process.setProcessChannelMode(QProcess.ProcessChannelMode.MergedChannels)
+        process.readyReadStandardOutput.connect(self._read)
+        process.finished.connect(self._finish)
+        self._show_verdict("Running …", "muted")
+        self._show_running(True)
+        process.start(sys.executable, ["-m", "rigctl", *self.words()])
+
+    def cancel(self) -> None:
+        """End the command."""
+        process, self._process = self._process, None
+        if process is not None:
+            process.finished.disconnect(self._finish)
+            process.finished.connect(process.deleteLater)
+            process.kill()
+            self._show_verdict("Cancelled.", "muted")
+            self._show_running(False)
+
+    def close_process(self) -> None:
+        """End the command before the window closes."""
+        process = self._process
+        self.cancel()
+        if process is not None:
+            process.waitForFinished(_KILL_MS)
+
+    def _read(self) -> None:
+        if self._process is not None:
+            data = self._process.readAllStandardOutput().data()
+            cursor = self.output.textCursor()
+            cursor.movePosition(cursor.MoveOperation.End)
+            cursor.insertText(bytes(data).decode("utf-8", errors="replace"))
+
+    def _finish(self, exit_code: int) -> None:
+        self._read()
+        process, self._process = self._process, None
+        if process is not None:
+            process.deleteLater()
+        lines = self.output.toPlainText().splitlines() or ["it printed nothing"]
+        if exit_code == 0:
+            self._show_verdict(self.success(lines), "heading")
+        else:
+            self._show_verdict(lines[-1], "bad")
+        self._show_running(False)
+
+    def success(self, lines: Sequence[str]) -> str:
+        """Return the sentence above the lines that the command printed."""
+        return lines[-1]
+
+    def add_input(self, widget: QWidget, stretch: int = 0) -> None:
+        """Add a field above the buttons."""
+        self._inputs.addWidget(widget, stretch, Qt.AlignmentFlag.AlignVCenter)
+
+    def _show_verdict(self, text: str, role: str) -> None:
+        self.verdict.setText(text)
+        set_property(self.verdict, "role", role)
+
+    def _show_running(self, running: bool) -> None:
+        self.run_button.setEnabled(not running)
+        self.cancel_button.setEnabled(running)

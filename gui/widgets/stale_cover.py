@@ -1,0 +1,69 @@
+"""A grey veil over a plot whose newest data are too old, with their age."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QRectF, Qt
+from PySide6.QtGui import QColor, QFont, QPainter
+from PySide6.QtWidgets import QGraphicsItem, QGraphicsWidget
+
+from gui.widgets.data_ages import DataAges, stale_words
+from gui.widgets.theme import applied_theme
+
+_VEIL_ALPHA = 175
+_ABOVE_ALL = 1000.0
+
+
+class StaleCover(QGraphicsItem):
+    """Covers its parent and names the age; hidden, and free of cost, over live data."""
+
+    def __init__(self, covered: QGraphicsWidget, what: str) -> None:
+        super().__init__(covered)
+        self.text = ""
+        self._covered, self._what = covered, what
+        self.setZValue(_ABOVE_ALL)
+        self.setAcceptedMouseButtons(Qt.MouseButton.NoButton)
+        self.setVisible(False)
+
+    def show_age(self, words: str) -> None:
+        """Cover the plot with the age of its data; empty words uncover it."""
+        if words == self.text:
+            return
+        self.text = words
+        self.setVisible(bool(words))
+        self.prepareGeometryChange()
+        self.update()
+
+    def boundingRect(self) -> QRectF:
+        """Return the whole parent."""
+        return QRectF(self._covered.rect())
+
+    def paint(self, painter: QPainter, *_: object) -> None:
+        """Draw the veil and, in its middle, what is old and how old it is."""
+        theme = applied_theme()
+        veil = QColor(theme.line)
+        veil.setAlpha(_VEIL_ALPHA)
+        painter.fillRect(self.boundingRect(), veil)
+        font = QFont(painter.font())
+        font.setWeight(QFont.Weight.DemiBold)
+        painter.setFont(font)
+        painter.setPen(QColor(theme.text))
+        text = f"not live: {self._what} {self.text}"
+        painter.drawText(self.boundingRect(), Qt.AlignmentFlag.AlignCenter, text)
+
+
+class StaleCovers:
+    """The covers of all live plots, by the source of their data."""
+
+    def __init__(
+        self, force: QGraphicsWidget, drum: QGraphicsWidget, *taxels: QGraphicsWidget
+    ) -> None:
+        self.force = StaleCover(force, "load cell")
+        self.drum = StaleCover(drum, "drum")
+        self.taxels = [StaleCover(item, "taxels") for item in taxels]
+
+    def show_ages(self, ages: DataAges) -> None:
+        """Cover the plots whose newest data are too old."""
+        self.force.show_age(stale_words(ages.loadcell_s))
+        self.drum.show_age(stale_words(ages.drum_s))
+        for cover in self.taxels:
+            cover.show_age(stale_words(ages.taxels_s))

@@ -1,0 +1,196 @@
+"""Engines that run before the window: announced, joined, shared, and left on purpose."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PySide6.QtWidgets import QApplication
+from shiboken6 import delete
+
+from gui.engine_clients import JOIN, followed_session, remote_engine
+from gui.shell.main_window import MainWindow
+from rigctl.acquisition.rpc.client import EngineClient
+from rigctl.acquisition.rpc.engine_files import running_engines, write_engine_file
+from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE, runtime_folder
+from tests.gui.forwarded_socket import forwarded
+from tests.gui.running_engine import start_protocol
+from tests.gui.steps import click, wait_until
+
+TIMEOUT_MS = 120_000
+OpenWindow = Callable[[], MainWindow]
+
+
+@pytest.fixture(scope="module")
+def running(app: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterator[EngineClient]:
+    """Yield a client of an engine whose protocol goes on, as after a window that was closed."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(FOLDER_VARIABLE, str(tmp_path_factory.mktemp("attach")))
+        engine = start_protocol(tmp_path_factory.mktemp("running"))
+        yield engine
+        engine.request("take_control")
+        engine.shut_down()
+
+
+@pytest.fixture
+def open_window(running: EngineClient) -> Iterator[OpenWindow]:
+    """Yield what opens a window at the size of a small screen; all are closed at the end."""
+    with ExitStack() as stack:
+
+        def open_one() -> MainWindow:
+            window = MainWindow()
+            window.resize(1024, 700)
+            window.show()
+            stack.callback(delete, window)
+            stack.callback(window.attach.leave)
+            return window
+
+        yield open_one
+
+
+def joined(window: MainWindow) -> MainWindow:
+    """Let a window announce the engine, and join it."""
+    window.attach.announce()
+    wait_until(window.attach.engines.isVisible, TIMEOUT_MS)
+    click(window.attach.engines.join_buttons[-1])
+    wait_until(lambda: window.attach.shared[0].number > 0, TIMEOUT_MS)
+    return window
+
+
+def test_a_window_tells_of_the_run_and_joins_it(
+    running: EngineClient, open_window: OpenWindow
+) -> None:
+    """It told of nothing, and its log was empty after it had joined."""
+    window = open_window()
+    window.attach.announce()
+    wait_until(window.attach.engines.isVisible, TIMEOUT_MS)
+    engines = window.attach.engines
+    assert "1 engine runs already" in engines.text.text()
+    row = engines.join_buttons[0].toolTip()
+    assert f"process {running.engine_file.pid}" in row
+    click(engines.join_buttons[0])
+    wait_until(lambda: window.engine_link.status.run.is_active, TIMEOUT_MS)
+    wait_until(lambda: "the run begins" in window.event_log.toPlainText())
+    assert not engines.isVisible()
+
+
+def test_connect_starts_no_second_engine_silently(
+    running: EngineClient, open_window: OpenWindow
+) -> None:
+    window = open_window()
+    window.toolbar.rig.choose("virtual")
+    click(window.toolbar.connect_button)
+    engines = window.attach.engines
+    wait_until(engines.isVisible, TIMEOUT_MS)
+    assert "runs already" in engines.text.text()
+    assert len(running_engines(runtime_folder())) == 1
+    assert window.toolbar.connect_button.text() == "Connect"
+    click(engines.start_button)
+    wait_until(lambda: window.engine_link.live is not None, TIMEOUT_MS)
+    assert len(running_engines(runtime_folder())) == 2
+    second = open_window()
+    second.toolbar.rig.choose(JOIN)
+    click(second.toolbar.connect_button)
+    wait_until(second.attach.engines.isVisible, TIMEOUT_MS)
+    assert len(second.attach.engines.join_buttons) == 2
+    click(window.toolbar.connect_button)
+    window.engine_link.wait_closed()
+    assert [e.name for e in running_engines(runtime_folder())] == [running.engine_file.name]
+
+
+def test_two_windows_share_the_control(running: EngineClient, open_window: OpenWindow) -> None:
+    first, second = joined(open_window()), joined(open_window())
+    has, watches = first.attach.controls[0], second.attach.controls[0]
+    wait_until(watches.isVisible)
+    assert "has control" in watches.text.text() and not has.isVisible()
+    second.engine_link.request("pause")
+    wait_until(lambda: "this client only watches" in second.event_log.toPlainText())
+    click(watches.ask)
+    wait_until(has.isVisible)
+    assert "asks for control" in has.text.text() and not watches.ask.isEnabled()
+    click(has.give)
+    wait_until(lambda: second.attach.shared[0].has_control and has.isVisible())
+    assert not watches.isVisible()
+    second.engine_link.request("pause")
+    wait_until(lambda: second.engine_link.status.run.state == "paused", TIMEOUT_MS)
+    click(has.take)
+    wait_until(lambda: first.attach.shared[0].has_control)
+    first.engine_link.request("resume")
+    wait_until(lambda: first.engine_link.status.run.state == "running", TIMEOUT_MS)
+
+
+def test_closing_a_window_during_a_run_asks(
+    running: EngineClient, open_window: OpenWindow, tmp_path: Path
+) -> None:
+    window = joined(open_window())
+    wait_until(lambda: window.engine_link.status.run.is_active, TIMEOUT_MS)
+    strip = window.attach.closing
+    assert not window.close() and strip.isVisible()
+    assert "goes on without this window" in strip.text.text()
+    click(strip.stay)
+    assert window.isVisible() and not strip.isVisible()
+    window.close()
+    click(strip.leave)
+    assert not window.isVisible()
+    assert running.request("status")["run"]["state"] == "running"
+
+
+def test_a_growing_session_is_followed_and_cannot_be_acted_on(
+    running: EngineClient, open_window: OpenWindow
+) -> None:
+    """As ``rigctl gui --follow`` on another computer that reads the folder."""
+    folder = running.request("status")["run"]["session"]
+    window = open_window()
+    window.connect_rig(followed_session(folder))
+    status = window.engine_link
+    wait_until(lambda: status.live is not None and status.live.taxel_head > 1000, TIMEOUT_MS)
+    committed = status.status.run.trials_committed
+    wait_until(lambda: status.status.run.trials_committed > committed, TIMEOUT_MS)
+    assert status.status.run.state == "running" and status.status.recording.active
+    strip = window.attach.controls[0]
+    assert "Nothing here reaches the rig" in strip.text.text() and not strip.take.isVisible()
+    status.request("pause")
+    wait_until(lambda: "cannot act on its rig" in window.event_log.toPlainText())
+    status.stop_own()
+    wait_until(lambda: "STOP does not reach the rig" in window.event_log.toPlainText())
+    assert running.request("status")["run"]["state"] == "running"
+    assert window.close()
+
+
+def test_a_folder_that_is_no_session_is_refused(
+    running: EngineClient, open_window: OpenWindow, tmp_path: Path
+) -> None:
+    window = open_window()
+    window.connect_rig(followed_session(str(tmp_path)))
+    wait_until(lambda: "is not a session" in window.status_line.text(), TIMEOUT_MS)
+
+
+def test_an_engine_on_another_computer_is_seen_and_controlled(
+    running: EngineClient, open_window: OpenWindow, tmp_path: Path
+) -> None:
+    """On loopback: the engine's file is a copy, its socket is forwarded, its memory is not."""
+    engine = running.engine_file
+    copy = write_engine_file(tmp_path, replace(engine, live="/on/the/other/computer.live"))
+    with forwarded(tmp_path / f"{engine.name}.sock", engine.socket):
+        window = open_window()
+        window.connect_rig(remote_engine(str(copy)))
+        link = window.engine_link
+        wait_until(lambda: link.live is not None and link.live.taxel_head > 1000, TIMEOUT_MS)
+        assert link.live is not None
+        seen, own = link.live.taxels(500), running.live.taxels(30_000)
+        rows = np.searchsorted(own.counters, seen.counters)
+        assert seen.samples.tolist() == own.samples[rows].tolist()
+        assert seen.spikes.tolist() == own.spikes[rows].tolist()
+        wait_until(lambda: window.attach.shared[0].number > 0, TIMEOUT_MS)
+        link.request("take_control")
+        link.request("pause")
+        wait_until(lambda: link.status.run.state == "paused", TIMEOUT_MS)
+        link.request("resume")
+        wait_until(lambda: link.status.run.state == "running", TIMEOUT_MS)
+        link.close()
+        link.wait_closed()
+    assert running.request("status")["run"]["state"] == "running"

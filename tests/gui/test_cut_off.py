@@ -1,0 +1,66 @@
+"""No text of the window is cut off, in any page, theme and size of the screen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import QSize
+from PySide6.QtWidgets import QApplication
+
+from gui.widgets.theme import ThemeChoice
+from tests.analysis.recordings import record
+from tests.gui.fake_finger import FakeFinger
+from tests.gui.steps import SharedWindow
+from tests.gui.texts.cut import cut_texts
+from tests.gui.texts.piece import CutText
+from tests.gui.texts.scenes import SESSION_NAME, SILENT, Stage, scenes
+
+LAYOUT_PASSES = 4  # a wrapped text asks for its height once it has its width
+SIZES = ((1024, 700), (1280, 800), (1920, 1080))
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a session with a long name."""
+    return record(tmp_path_factory.mktemp("recorded") / SESSION_NAME, repeats=1)
+
+
+def _measure(stage: Stage) -> list[str]:
+    """Return a line for each text that is cut in a state and a size."""
+    window, found = stage.window, []
+    for scene in scenes(stage):
+        for size in SIZES:
+            window.resize(*size)
+            QApplication.processEvents()
+            if scene != SILENT:
+                stage.update()
+            for _ in range(LAYOUT_PASSES):
+                QApplication.processEvents()
+            cuts = cut_texts(window)
+            if window.size() != QSize(*size):
+                width, height = window.size().toTuple()
+                cuts.append(CutText("window", window.windowTitle(), f"needs {width} × {height} px"))
+            at = f"{scene}, {size[0]}×{size[1]}"
+            found += [f"{at}: {cut}" for cut in cuts]
+    return found
+
+
+@pytest.mark.parametrize("choice", [ThemeChoice.LIGHT, ThemeChoice.DARK])
+def test_no_text_is_cut_off(
+    disconnected: SharedWindow, session: Path, tmp_path: Path, choice: ThemeChoice
+) -> None:
+    window, finger = disconnected.window, FakeFinger(tmp_path)
+    disconnected.finger = finger
+    before = window.size()
+    assert disconnected.engine is not None
+    window.set_theme(choice)
+    try:
+        found = _measure(Stage(window, disconnected.engine, finger, session))
+    finally:
+        window.finger_tab.link.close()
+        window.finger_tab.link.wait_closed()
+        window.finger_tab.link.poll()
+        window.set_theme(ThemeChoice.LIGHT)
+        window.resize(before)
+    assert not found, "\n".join(found)

@@ -1,0 +1,99 @@
+"""Neither a slow disk, a slow engine nor a slow analysis makes the window wait."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from rigctl.wire.drum.states import State
+from tests.analysis.recordings import record
+from tests.gui.fake_engine import FakeEngine
+from tests.gui.steps import Harness, SharedWindow, click, press_escape
+from tests.gui.watchdog.qt_thread import QtThreadWatchdog
+from tests.gui.watchdog.slow_disk import slow_disk
+
+SLOW_S = 0.4
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a session with four textures."""
+    return record(tmp_path_factory.mktemp("recorded") / "session", repeats=1)
+
+
+@pytest.fixture
+def watchdog() -> Iterator[QtThreadWatchdog]:
+    """Yield a watchdog that must have found nothing at the end."""
+    with QtThreadWatchdog() as watchdog:
+        yield watchdog
+    assert [str(call) for call in (*watchdog.blocked, *watchdog.busy)] == []
+
+
+class SlowEngine(FakeEngine):
+    """An engine that never replies and takes its time to end."""
+
+    replies = False
+
+    def shut_down(self, timeout_s: float = 30.0) -> int | None:
+        """End slowly, as an engine that lifts the drum."""
+        time.sleep(SLOW_S)
+        return super().shut_down()
+
+
+def test_an_engine_that_opens_ends_and_answers_slowly(
+    disconnected: SharedWindow, tmp_path: Path, watchdog: QtThreadWatchdog
+) -> None:
+    window = disconnected.window
+    (tmp_path / "slow").mkdir()
+    engine = disconnected.engine = SlowEngine(tmp_path / "slow")
+    engine.replies = False
+    watchdog.run(lambda: window.connect_rig("virtual"))
+    watchdog.run_until(lambda: window.engine_link.live is not None)
+    engine.send_status(state=int(State.ARMED))
+    watchdog.run_until(window.operate_panel.buttons["home"].isEnabled)
+    for name in ("home", "tare", "disarm"):
+        watchdog.run(lambda name=name: click(window.operate_panel.buttons[name]))
+    watchdog.run(lambda: press_escape(window))
+    watchdog.run(window.engine_link.close)
+    watchdog.run_until(lambda: engine.is_closed)
+    assert engine.commands[:3] == ["home", "tare", "disarm"]
+
+
+def test_a_slow_disk(
+    harness: Harness, session: Path, tmp_path: Path, watchdog: QtThreadWatchdog
+) -> None:
+    window = harness.window
+    protocol, analysis = window.protocol_panel, window.analysis_tab
+    with slow_disk(str(tmp_path.parent)), slow_disk(str(session.parent)):
+        for panel in ("operate", "protocol", "analysis", "finger"):
+            watchdog.run(lambda panel=panel: window.show_panel(panel))
+        watchdog.run(lambda: protocol.out.setText(str(tmp_path)))
+        watchdog.run(lambda: protocol.add_protocol(str(tmp_path / "none.toml")))
+        watchdog.run_until(lambda: bool(protocol.problem.text()))
+        watchdog.run(lambda: protocol.protocol.setCurrentIndex(0))
+        watchdog.run_until(lambda: not protocol.problem.text() and not protocol.worker.is_busy)
+        window.show_panel("analysis")
+        analysis.panel.folder.setText(str(session))
+        watchdog.run(lambda: click(analysis.panel.open_button))
+        watchdog.run_until(lambda: analysis.trial_view.data is not None)
+        watchdog.run(lambda: analysis.panel.table.selectRow(7))
+        watchdog.run_until(lambda: not analysis.worker.is_busy)
+
+
+def test_an_analysis_that_is_slow_and_is_cancelled(
+    harness: Harness, session: Path, watchdog: QtThreadWatchdog
+) -> None:
+    window = harness.window
+    window.show_panel("analysis")
+    analysis, box = window.analysis_tab, window.analysis_tab.panel.run_box
+    analysis.panel.folder.setText(str(session))
+    watchdog.run(lambda: click(analysis.panel.open_button))
+    watchdog.run_until(lambda: not analysis.worker.is_busy)
+    watchdog.run(lambda: box.method.setCurrentIndex(0))
+    watchdog.run(lambda: click(box.run_button))
+    watchdog.run_until(box.cancel_button.isEnabled)
+    watchdog.run(lambda: click(box.cancel_button))
+    watchdog.run_until(box.run_button.isEnabled)

@@ -1,0 +1,111 @@
+"""A recorded session plays in the views of live samples, with v(t) and a movie."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QAction
+from PySide6.QtTest import QTest
+
+from gui.live.replay.player import Player
+from rigctl.encoding.encoder import encode_trial
+from rigctl.encoding.normalisation import Normalisation
+from rigctl.session.read.session import Session
+from tests.analysis.recordings import record
+from tests.gui.steps import SharedWindow, click, wait_until
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a session on the simulated bench."""
+    return record(tmp_path_factory.mktemp("recorded") / "session", repeats=1)
+
+
+def test_a_session_replays_with_v_of_t_and_becomes_a_movie(
+    disconnected: SharedWindow, session: Path
+) -> None:
+    window = disconnected.window
+    page = window.replay_page
+    actions = {action.text(): action for action in window.findChildren(QAction)}
+    actions["&Replay a session"].trigger()
+    assert window.stack.currentWidget() is page
+    page.session.setText(str(session))
+    QTest.keyClick(page.session, Qt.Key.Key_Return)
+    wait_until(lambda: page.player.length > 0 and not page.worker.is_busy)
+    with Session.open(session) as recorded:
+        samples = np.ascontiguousarray(recorded.samples(0))
+    timeline = page.plots.data.timeline
+    assert np.array_equal(timeline.samples.between(0, len(samples)), samples)
+    assert "Trial " in page.sentence.text()
+
+    page.speed.setValue(100.0)
+    click(page.play)
+    wait_until(lambda: page.player.has_ended)
+    assert page.play.text() == "Play"
+    assert page.plots.navigation.window.right == len(samples) - 1
+    assert page.plots.time_plots.raster_plot.getAxis("bottom").labelText == "Time in the trial (s)"
+
+    page.place.setValue(400)
+    assert page.plots.navigation.window.right == 400
+    time_s, shown_mv = page.voltage.curves[0].getData()
+    assert time_s[-1] == pytest.approx(0.4, abs=0.002)
+    spikes = timeline.spikes.between(0, 401)[:, 0]
+    assert np.array_equal(shown_mv[:401] >= 30.0, spikes > 0)
+
+    click(page.movie)
+    wait_until(lambda: not page.worker.is_busy, 120_000)
+    (movie,) = session.parent.glob("session-attempt1-T1-*.gif")
+    assert movie.stat().st_size > 10_000 and str(movie) in page.sentence.text()
+    window.show_replay(is_shown=False)
+    assert window.stack.currentWidget() is window.live_page
+
+
+def test_the_next_trial_follows_where_asked(disconnected: SharedWindow, session: Path) -> None:
+    window = disconnected.window
+    page = window.replay_page
+    window.show_replay(is_shown=True)
+    page.open(str(session))
+    wait_until(lambda: page.player.length > 0 and not page.worker.is_busy)
+    page.whole_session.setChecked(True)
+    page.speed.setValue(1000.0)
+    click(page.play)
+    wait_until(lambda: page.trial.value() >= 2 and not page.worker.is_busy)
+    page.whole_session.setChecked(False)
+    assert "Trial " in page.sentence.text()
+    page.player.stop()
+    window.show_replay(is_shown=False)
+
+
+def test_a_folder_that_is_no_session_is_refused_in_a_sentence(
+    disconnected: SharedWindow, tmp_path: Path
+) -> None:
+    page = disconnected.window.replay_page
+    disconnected.window.show_replay(is_shown=True)
+    page.open(str(tmp_path))
+    wait_until(lambda: not page.worker.is_busy)
+    assert str(tmp_path) in page.sentence.text() and "Traceback" not in page.sentence.text()
+    disconnected.window.show_replay(is_shown=False)
+
+
+def test_a_replay_keeps_within_the_trial() -> None:
+    player = Player()
+    player.length = 100
+    player.move_to(1e9)
+    assert player.position == 99 and player.has_ended
+    player.play()
+    assert player.position == 0 and player.is_playing
+    player.stop()
+    player.move_to(-5)
+    assert player.position == 0 and not player.is_playing
+
+
+def test_voltage_and_spikes_are_of_one_encoder() -> None:
+    from rigctl.encoding.encoder import membrane_mv
+
+    samples = np.random.default_rng(1).integers(200, 800, (300, 1)).astype(np.uint16)
+    ranges = Normalisation(np.array([200], np.uint16), np.array([800], np.uint16))
+    fired = np.flatnonzero(membrane_mv(samples, ranges)[:, 0] >= 30.0)
+    assert np.array_equal(np.unique(encode_trial(samples, ranges).train(0)), fired)

@@ -1,0 +1,105 @@
+"""The window's frame: what is always on the screen, docks, and the colours of the log."""
+
+from __future__ import annotations
+
+import pytest
+from PySide6.QtCore import QPoint, QRect, QSize, Qt
+from PySide6.QtGui import QGuiApplication
+from PySide6.QtWidgets import QApplication, QScrollArea, QWidget
+
+from gui.shell.main_window import MainWindow
+from gui.widgets.theme import ThemeChoice, applied_theme
+from rigctl.wire.drum.states import State
+from tests.gui.fake_engine import FakeEngine
+from tests.gui.steps import Harness, wait_until
+
+SMALL = QSize(1024, 700)
+PROMPT = {"id": 1, "text": "mount plate L, then continue", "texture": "L"}
+
+
+def _is_whole(window: QWidget, widget: QWidget) -> bool:
+    """Return whether every pixel of a widget is inside the window."""
+    place = QRect(widget.mapTo(window, QPoint()), widget.size())
+    return widget.isVisibleTo(window) and window.rect().contains(place)
+
+
+def _fits(window: QWidget, size: QSize) -> bool:
+    """Resize a window; return whether it took the size. Its layout follows a little later."""
+    window.resize(size)
+    return window.size() == size
+
+
+@pytest.mark.parametrize("panel", ["operate", "protocol", "analysis", "finger"])
+def test_small_screen_shows_heading_stop_and_log_beside_a_question(
+    harness: Harness, panel: str
+) -> None:
+    window, before = harness.window, harness.window.size()
+    window.show_panel(panel)
+    waiting = {"state": "prompt", "reasons": ["prompt"], "prompt": PROMPT}
+    harness.update(state=int(State.FAULT_OFF), fault=2, fault_words="too much force", run=waiting)
+    try:
+        wait_until(lambda: _fits(window, SMALL))
+        for widget in (window.toolbar, window.toolbar.stop_button, window.event_log):
+            assert _is_whole(window, widget)
+    finally:
+        window.resize(before)
+
+
+def test_window_opens_no_larger_than_the_screen(app: QApplication, engine: FakeEngine) -> None:
+    window = MainWindow(lambda *_: engine, ThemeChoice.LIGHT)
+    try:
+        screen = QGuiApplication.primaryScreen().availableSize()
+        assert window.width() <= max(screen.width(), window.minimumSizeHint().width())
+        assert window.height() <= screen.height()
+        assert window.minimumSizeHint().expandedTo(SMALL) == SMALL
+    finally:
+        window.close()
+
+
+def test_panels_are_never_narrower_than_their_contents(harness: Harness) -> None:
+    window = harness.window
+    for name in ("operate", "protocol", "analysis", "finger"):
+        window.show_panel(name)
+        area = window.docks.docks[name].widget()
+        assert isinstance(area, QScrollArea)
+        window.docks.resizeDocks([window.docks.docks[name]], [50], Qt.Orientation.Horizontal)
+        QApplication.processEvents()
+        assert area.viewport().width() >= area.widget().minimumSizeHint().width()
+
+
+def test_errors_of_the_log_stay_red_in_another_theme(harness: Harness) -> None:
+    window = harness.window
+    window.report("fault", "the emergency stop is pressed")
+    window.set_theme(ThemeChoice.DARK)
+    try:
+        assert applied_theme().bad in window.event_log.document().toHtml()
+        assert "the emergency stop is pressed" in window.event_log.toPlainText()
+    finally:
+        window.set_theme(ThemeChoice.LIGHT)
+
+
+def test_red_line_fades_when_nothing_follows(harness: Harness) -> None:
+    line = harness.window.status_line
+    harness.window.report("refused", "approach: tare first")
+    assert line.property("role") == "bad"
+    line.red_timer.start(0)
+    wait_until(lambda: line.property("role") == "muted")
+    assert line.text() == "approach: tare first"
+
+
+def test_middle_follows_the_panel_that_is_used(harness: Harness) -> None:
+    window = harness.window
+    window.show_panel("analysis")
+    assert window.stack.currentWidget() is window.analysis_tab.view
+    window.docks.docks["analysis"].close()
+    window.show_panel("operate")
+    assert window.stack.currentWidget() is window.live_page
+    window.show_panel("analysis")
+    assert window.docks.docks["analysis"].isVisibleTo(window)
+
+
+def test_log_can_neither_be_closed_nor_float(harness: Harness) -> None:
+    dock = harness.window.docks.docks["log"]
+    features = dock.features()
+    assert not features & dock.DockWidgetFeature.DockWidgetClosable
+    assert not features & dock.DockWidgetFeature.DockWidgetFloatable

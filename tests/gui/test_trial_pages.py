@@ -1,0 +1,129 @@
+"""A recorded trial shows its force, speed and features, and is saved as picture or table."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QImage
+from PySide6.QtTest import QTest
+
+from tests.analysis.recordings import record
+from tests.gui.steps import Harness, click, wait_until
+
+
+@pytest.fixture
+def shown(harness: Harness, tmp_path: Path) -> Iterator[Harness]:
+    """Yield the window with the first trial of a session."""
+    kind = {"repeats": 2, "travel_mm": 24.0, "speeds": (40,), "forces": (250,)}
+    session = record(tmp_path / "session", "BD", **kind)
+    harness.window.show_panel("analysis")
+    tab = harness.window.analysis_tab
+    tab.open_session(str(session))
+    wait_until(lambda: tab.trial_view.data is not None and not tab.reader.is_busy)
+    yield harness
+    tab.panel.show_unopened("No session is open.")
+    tab.trial_view.show_trial(None)
+    tab.trial_view.setCurrentIndex(0)
+    harness.window.status_line.clear()
+
+
+def turn_to(harness: Harness, name: str) -> None:
+    """Click on a page of the trial."""
+    pages = harness.window.analysis_tab.trial_view
+    bar = pages.tabBar()
+    at = [pages.tabText(i) for i in range(pages.count())].index(name)
+    QTest.mouseClick(bar, Qt.MouseButton.LeftButton, pos=bar.tabRect(at).center())
+    assert pages.currentIndex() == at
+
+
+def save(harness: Harness, suffix: str) -> Path:
+    """Save the page in front; return the file."""
+    tab = harness.window.analysis_tab
+    before = harness.window.event_log.toPlainText()
+    actions = {action.text(): action for action in tab.trial_view.save_button.formats.actions()}
+    actions[suffix.upper()].trigger()
+    wait_until(lambda: f".{suffix}" in harness.window.event_log.toPlainText()[len(before) :])
+    return Path(harness.window.event_log.toPlainText().rpartition("saved ")[2].strip())
+
+
+def test_force_and_speed_stand_beside_what_was_planned(shown: Harness) -> None:
+    turn_to(shown, "Force and speed")
+    view = shown.window.analysis_tab.trial_view.course
+    assert view.course is not None and len(view.course.force_g) > 10
+    assert abs(np.median(view.course.force_g) - 250) < 5
+    assert view.course.planned_mm_s == 40 and view.course.planned_g == 250
+    low, high = view.force_plot.viewRange()[1]
+    assert low <= 0 and high > 250
+
+
+def test_a_feature_is_read_with_its_unit(shown: Harness) -> None:
+    turn_to(shown, "Features")
+    view = shown.window.analysis_tab.trial_view.features
+    assert view.features is not None and view.features.values.shape == (36, 2)
+    image, plot = view.images[0], view.plots[0]
+    assert image.image is not None
+    place = plot.getViewBox().mapViewToScene(plot.getViewBox().viewRect().center())
+    view.scene().sigMouseMoved.emit(place)
+    assert "SA of taxel 10, window 2: " in plot.titleLabel.text and " Hz" in plot.titleLabel.text
+    assert view.value_text(18, 0).startswith("RA of taxel 1, window 1: ")
+
+
+def test_every_page_is_saved_in_two_clicks_and_nothing_is_overwritten(shown: Harness) -> None:
+    picture = save(shown, "png")
+    assert picture.parent.name == "session-figures"
+    assert picture.name == "trial-1-readings-and-spikes.png"
+    assert not QImage(str(picture)).isNull()
+    assert save(shown, "png").name == "trial-1-readings-and-spikes-2.png"
+    turn_to(shown, "Force and speed")
+    assert save(shown, "svg").read_text().startswith("<?xml")
+    assert save(shown, "pdf").read_bytes().startswith(b"%PDF")
+    with save(shown, "csv").open() as file:
+        rows = list(csv.DictReader(file))
+    data = shown.window.analysis_tab.trial_view.data
+    assert data is not None and data.course is not None
+    assert [float(row["force (g)"]) for row in rows] == data.course.force_g.tolist()
+    turn_to(shown, "Readings and spikes")
+    with save(shown, "csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(data.samples) and rows[5]["T3 (counts)"] == str(data.samples[5, 2])
+    spikes = sum(int(row["SA 1 (spikes)"]) for row in rows)
+    assert spikes == int((data.spike_row == 0).sum())
+
+
+def test_a_folder_that_cannot_be_written_is_said(shown: Harness, tmp_path: Path) -> None:
+    (tmp_path / "session-figures").write_text("in the way")
+    button = shown.window.analysis_tab.trial_view.save_button
+    button.formats.actions()[0].trigger()
+    assert "session-figures cannot be made" in shown.window.status_line.text()
+
+
+def test_conditions_are_compared_by_raster_and_mean_rate(shown: Harness) -> None:
+    tab = shown.window.analysis_tab
+    turn_to(shown, "Compare")
+    view = tab.trial_view.compare
+    assert view.neuron.count() == 36
+    view.neuron.setCurrentIndex(view.neuron.findText("SA 10"))
+    click(view.button)
+    wait_until(lambda: view.grid is not None)
+    assert view.grid is not None and view.note.text().startswith("SA 10. Line: mean")
+    names = [condition.name for condition in view.grid.conditions]
+    assert names == ["B, 40 mm/s, 250 g", "D, 40 mm/s, 250 g"]
+    first = view.grid.conditions[0]
+    assert len(first.spikes_s) == 2 and len(view.rasters) == len(view.rates) == 2
+    pooled = sum(map(len, first.spikes_s)) / 2
+    assert first.mean_hz.sum() * 0.05 == pytest.approx(pooled, abs=1)
+    assert first.sd_hz.max() > 0
+    with save(shown, "csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(first.at_s)
+    assert float(rows[3]["B, 40 mm/s, 250 g: mean (Hz)"]) == pytest.approx(first.mean_hz[3])
+    tab.panel.trials.filter.setText("D")
+    click(view.button)
+    wait_until(lambda: view.grid is not None and len(view.grid.conditions) == 1)
+    tab.panel.trials.filter.clear()
+    view.show_grid(None)

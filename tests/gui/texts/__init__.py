@@ -1,0 +1,1 @@
+"""Measure the texts of the window against the places that they have."""

@@ -1,0 +1,196 @@
+"""The states of the window in which its texts are measured: crowded, faulty, running, waiting."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from PySide6.QtWidgets import QApplication
+
+from gui.analysis.results import AnalysisResults, ResultsPage
+from gui.shell.main_window import MainWindow
+from gui.widgets.file_browser import PathKind
+from rigctl.wire.drum.states import State
+from tests.gui.fake_engine import STATUS, FakeEngine
+from tests.gui.fake_finger import RUNNING, FakeFinger
+from tests.gui.steps import click, wait_until
+from tests.gui.texts.attach_scenes import attach_scenes
+
+SESSION_NAME = "dense-coding-of-surface-textures-20261123-205501"
+FAULT_WORDS = "force above the limit: check the sensor and the plate, then clear the fault"
+REFUSAL = (
+    "approach: the drum is 1.4 mm from its place and the load cell reads 12 g without contact: "
+    "retract, tare the load cell, then approach again"
+)
+SILENT = "Operate, the engine is silent"
+CROWDED: dict[str, Any] = {
+    "force_g": -1234.5,
+    "speed_mm_s": 199.9,
+    "actuator_position_um": 123_450,
+    "angle_deg": -359.9,
+    "frame_rate_hz": 1013.7,
+    "lost_samples": 123_456,
+    "gaps": 1234,
+    "last_block_age_s": 12.345,
+    "poll_age_s": 12.345,
+    "poll_retries": 123,
+    "loadcell_lost": 12_345,
+    "clock_ppm": {"drum": -5187.0, "taxels": 5904.0},
+}
+RECORDING: dict[str, Any] = {
+    "active": True,
+    "samples_on_disk": 123_456_789,
+    "samples_last_s": 1000,
+    "folder": f"/data/{SESSION_NAME}",
+    "disk_free_bytes": 999_900_000_000,
+    "hours_left": 1234.5,
+}
+RUN: dict[str, Any] = {
+    "state": "running",
+    "trial_id": 23_456,
+    "trials_planned": 24_000,
+    "trials_committed": 23_455,
+    "trials_rejected": 1234,
+    "eta_s": 359_000.0,
+    "current": {"texture": "L", "speed_mm_s": 120.0, "force_g": 1000.0, "repeat": 10, "mount": 3},
+    "prompt": None,
+    "session": f"/data/{SESSION_NAME}",
+}
+PROMPT: dict[str, Any] = {
+    "id": 7,
+    "text": "mount plate L (mounting 3), check that it is flush, then continue",
+    "texture": "L",
+}
+
+
+class Stage(NamedTuple):
+    """The window, its two engines, and a session to open."""
+
+    window: MainWindow
+    engine: FakeEngine
+    finger: FakeFinger
+    session: Path
+
+    def update(self, **changes: Any) -> None:
+        """Send a status of the drum's engine with some changes."""
+        self.engine.send_status(**changes)
+        self.window.poll()
+
+
+def scenes(stage: Stage) -> Iterator[str]:
+    """Bring the window into one state after the other, and yield the name of each."""
+    shown = (_not_connected, _operate, _protocol, _attach, _analysis, _finger, _tools, _files)
+    for scene in shown:
+        yield from scene(stage)
+
+
+def _show(stage: Stage, panel: str) -> None:
+    stage.window.show_panel(panel)
+    QApplication.processEvents()
+
+
+def _not_connected(stage: Stage) -> Iterator[str]:
+    stage.window.status_line.setText("")  # whatever another test has left there
+    for name in ("Operate", "Protocol", "Analysis", "Finger"):
+        _show(stage, name.lower())
+        yield f"{name}, not connected"
+
+
+def _operate(stage: Stage) -> Iterator[str]:
+    window = stage.window
+    _show(stage, "operate")
+    window.connect_rig("virtual")
+    wait_until(lambda: window.engine_link.live is not None)
+    stage.engine.write_samples(6000)
+    stage.update(**STATUS)
+    yield "Operate, connected"
+    stage.update(**CROWDED, state=int(State.RUN), recording=RECORDING, run=RUN)
+    yield "Operate, crowded figures"
+    failure = {"active": False, "failure": "the disk is full: free some space, then continue"}
+    state = {"state": int(State.FAULT_OFF), "fault": 2}
+    stage.update(**state, fault_words=FAULT_WORDS, recording=failure)
+    stage.window.report("refused", REFUSAL)
+    yield "Operate, fault and full disk"
+    stage.window.engine_link.silent.emit(12.0)
+    yield SILENT
+
+
+def _protocol(stage: Stage) -> Iterator[str]:
+    panel = stage.window.protocol_panel
+    _show(stage, "protocol")
+    wait_until(lambda: not panel.worker.is_busy)
+    calm = {"state": int(State.RUN), "fault": 0, "fault_words": ""}
+    stage.update(**calm, recording=RECORDING | {"failure": None}, run=RUN)
+    yield "Protocol, running"
+    waiting = {"state": "prompt", "reasons": ["prompt", "link", "disk"], "prompt": PROMPT}
+    stage.update(run=RUN | waiting)
+    yield "Protocol, waiting for a plate"
+    stage.update(run=RUN | {"state": "failed", "text": f"the recorder failed: {FAULT_WORDS}"})
+    yield "Protocol, failed"
+
+
+def _attach(stage: Stage) -> Iterator[str]:
+    _show(stage, "operate")
+    yield from attach_scenes(stage.window, stage.engine, RUN)
+
+
+def _analysis(stage: Stage) -> Iterator[str]:
+    tab = stage.window.analysis_tab
+    _show(stage, "analysis")
+    stage.update(recording=STATUS["recording"], run=STATUS["run"])
+    tab.panel.folder.setText(str(stage.session))
+    click(tab.panel.open_button)
+    wait_until(lambda: not tab.worker.is_busy and tab.trial_view.data is not None)
+    box = tab.panel.run_box
+    for index in range(box.method.count()):
+        box.method.setCurrentIndex(index)
+        QApplication.processEvents()
+        yield f"Analysis, {box.method.itemText(index)}"
+    names = ("Table 1", "Accuracy", "Confusion", "One taxel", "Presets", "Remarks")
+    pages = tuple(ResultsPage(name, html="<p>A sentence.</p>") for name in names)
+    tab.results_view.show_results(AnalysisResults("98.85 ± 0.16 % of 48 trials right", pages))
+    stage.window.stack.setCurrentWidget(tab.results_view)
+    yield "Analysis, results"
+
+
+def _finger(stage: Stage) -> Iterator[str]:
+    window, tab, engine = stage.window, stage.window.finger_tab, stage.finger
+    _show(stage, "finger")
+    for stage_name in ("train", "calibrate", "run"):
+        tab.setup.choose_stage(stage_name)
+        QApplication.processEvents()
+        yield f"Finger, {stage_name}"
+    tab.connect_rig("virtual")
+    wait_until(lambda: tab.link.live is not None)
+    engine.send_instruction("D", "fast-to-slow")
+    engine.write_samples(np.zeros((300, 9), np.uint8), in_scan=True, first=True)
+    engine.send_batch(1, 123.4, 12.3)
+    engine.send_prediction("B", 0.62, texture_set=["A", "B", "L"])
+    engine.send_status(run=RUNNING | {"classified": 10, "right": 9}, lost_samples=123_456)
+    window.poll()
+    yield "Finger, running"
+    engine.send_prediction("L", 0.999, is_final=True, known=False)
+    window.poll()
+    yield "Finger, an unknown plate"
+
+
+def _tools(stage: Stage) -> Iterator[str]:
+    tools = stage.window.tools
+    tools.accept_page.folder.clear()
+    for name, page in (("accept", tools.accept_page), ("ports", tools.ports_page)):
+        stage.window.stack.show_page(name)
+        page.verdict.setText(REFUSAL)
+        QApplication.processEvents()
+        yield f"Tools, {name}"
+
+
+def _files(stage: Stage) -> Iterator[str]:
+    window = stage.window
+    for kind in (PathKind.PROTOCOL, PathKind.SESSION):
+        window.file_browser.open(kind, lambda path: None)
+        window.stack.setCurrentWidget(window.file_browser)
+        QApplication.processEvents()
+        yield f"File browser, {kind.value[0]}"
+    window.file_browser.dismiss()
