@@ -11,6 +11,7 @@ import json
 import signal
 import traceback
 from collections.abc import Awaitable, Callable
+from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
@@ -58,8 +59,11 @@ DRUM: tuple[tuple[str, dict[str, Any]], ...] = (
     *(("jog", {"mm": 5.0}), ("set", {"speed_mm_s": 80.0}), ("set", {"force_g": 300.0})),
     *(("set", {"travel_mm": 20.0, "run_in_mm": 10.0}), ("clear_fault", {}), ("test_taxels", {})),
     *(("plate", {"texture": "L"}), ("calibrate_range", {"seconds": 1.0})),
+    *(("record", {"out": "hand", "note": "By hand."}), ("end_record", {})),
+    *(("note", {"text": "The edge is worn."}), ("repeat", {"trial_id": 0})),
+    ("repeat", {"trial_id": 1, "text": "The plate was loose."}),
     *(("start", {"protocol": "drum.toml", "out": "new", "seed": 3, "yes": True}),) * 2,
-    ("start", {"resume": "new", "yes": True}),
+    ("start", {"resume": "new", "yes": True, "operator": "Ada", "sensor": "S 3", "notes": "New."}),
 )
 FINGER: tuple[tuple[str, dict[str, Any]], ...] = (
     *SHARED,
@@ -120,7 +124,7 @@ class Requests:
 
     def _damage(self, message: dict[str, Any]) -> None:
         random, args = self.random, message.get("args")
-        odd = random.choice(ODD)
+        odd = deepcopy(random.choice(ODD))  # or later damage would put it into itself
         kind = random.randrange(7)
         if kind == 0:
             message[random.choice(("command", "args", "id", "extra"))] = odd

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from random import Random
 
+import pytest
+
+from rigctl.acquisition.rpc.command_handler import CommandHandler
+from rigctl.realtime.finger_commands import FingerCommands
 from tests.fuzz.campaign import Campaign
 from tests.fuzz.kinds.every_kind import KINDS
+from tests.fuzz.requests import DRUM, FINGER, Requests
 
 FILES = 6
 SEED = 18
@@ -16,3 +23,18 @@ def test_no_mutated_file_does_more_than_be_refused(tmp_path: Path) -> None:
     campaign.run(FILES, list(KINDS), processes=2)
     assert not campaign.causes, campaign.report()
     assert campaign.done == dict.fromkeys(KINDS, FILES)
+
+
+@pytest.mark.parametrize(
+    ("handler", "valid"), [(CommandHandler, DRUM), (FingerCommands, FINGER)], ids=["drum", "finger"]
+)
+def test_every_declared_command_is_among_the_requests(
+    handler: type[CommandHandler | FingerCommands], valid: Sequence[tuple[str, object]]
+) -> None:
+    assert handler.declared_commands().keys() - {"shutdown"} <= {name for name, _ in valid}
+
+
+def test_a_line_of_damage_is_one_that_can_be_sent() -> None:
+    requests = Requests(FINGER, Random("lines"))
+    for number in range(20_000):
+        assert b"\n" not in requests.line(number)

@@ -19,7 +19,6 @@ from tests.realtime.harness import open_finger_session
 
 SIZE = (1400, 900)
 SECONDS = 120.0
-FINGER_TAB = 3
 NOTE = (
     "virtual finger in real time in its engine's process, window 1400x900 offscreen; from the "
     f"sending of a velocity to the window's report that it has painted the answer; {LINK}"
@@ -42,7 +41,7 @@ def screen_latencies_ms(folder: Path) -> NDArray[np.float64]:
     from PySide6.QtTest import QTest
 
     from gui.engine_clients import JOIN
-    from gui.main_window import MainWindow
+    from gui.shell.main_window import MainWindow
     from gui.widgets.theme import ThemeChoice
 
     model = calibrated_model(folder)
@@ -55,7 +54,7 @@ def screen_latencies_ms(folder: Path) -> NDArray[np.float64]:
     try:
         window.resize(*SIZE)
         window.show()
-        window.tabs.setCurrentIndex(FINGER_TAB)
+        window.show_panel("finger")
         window.finger_tab.connect_rig(JOIN)
         end_s = time.monotonic() + SECONDS
         while time.monotonic() < end_s:

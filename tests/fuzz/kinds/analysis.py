@@ -28,7 +28,7 @@ from rigctl.session.files.force_matrix_file import load_force
 from rigctl.session.files.model_file import Model, TrainingInfo, load_model, save_model
 from rigctl.session.files.seal import SEALED
 from rigctl.session.files.spike_file import EncodingInfo, SpikeFileWriter
-from rigctl.session.format.sensor_layout import SensorLayout
+from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from tests.fuzz.kind import Kind, Place
 from tests.fuzz.mutations.bytes import BYTES
 from tests.fuzz.mutations.hdf5 import HDF5

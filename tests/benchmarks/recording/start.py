@@ -1,0 +1,93 @@
+"""Benchmark the start: processor time of the help, and until the window is visible."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from statistics import median
+from typing import Any
+
+ROUNDS = 5
+MOST_HELP_S, MOST_WINDOW_S = 0.3, 1.5
+HELP = """
+import sys
+from runpy import run_module
+sys.argv = [sys.argv[1], "--help"]
+try:
+    run_module(sys.argv[0], run_name="__main__")
+except SystemExit:
+    pass
+"""
+WINDOW = """
+from gui.app import check_display
+check_display()
+import pyqtgraph as pg
+from gui.shell.main_window import MainWindow
+from gui.widgets.theme import ThemeChoice
+app = pg.mkQApp()
+window = MainWindow(choice=ThemeChoice.LIGHT)
+window.show()
+app.processEvents()
+"""
+EXAMPLES = """
+import pyqtgraph as pg
+app = pg.mkQApp()
+from pyqtgraph.examples.ExampleApp import ExampleLoader
+window = ExampleLoader()
+window.show()
+app.processEvents()
+"""
+COUNT = """
+import os, sys
+print("\\n%.3f" % sum(os.times()[:4]))
+sys.stdout.flush()
+os._exit(0)
+"""
+HELP_NOTE = "rigctl --help and pip --help in turns, median of 5; user and system time"
+WINDOW_NOTE = (
+    "from the start of Python until the window has handled its first events, offscreen, with the "
+    "trial of the display; in turns, median of 5; user and system time"
+)
+
+
+def measure() -> Iterator[dict[str, Any]]:
+    """Yield ``start.help_s`` and ``start.window_s``."""
+    help_s, pip_s = _in_turns((HELP, "rigctl"), (HELP, "pip"))
+    yield _row("start.help_s", help_s, "pip --help", pip_s, MOST_HELP_S, HELP_NOTE)
+    window_s, examples_s = _in_turns((WINDOW, ""), (EXAMPLES, ""))
+    peer = "pyqtgraph's example browser"
+    yield _row("start.window_s", window_s, peer, examples_s, MOST_WINDOW_S, WINDOW_NOTE)
+
+
+def _in_turns(*programs: tuple[str, str]) -> list[float]:
+    """Return the median processor time of each program in s; the first round warms the disk."""
+    rounds = [[_seconds(source, word) for source, word in programs] for _ in range(ROUNDS + 1)]
+    return [median(times_s) for times_s in zip(*rounds[1:], strict=True)]
+
+
+def _seconds(source: str, word: str) -> float:
+    done = subprocess.run(
+        [sys.executable, "-c", source + COUNT, word],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "QT_QPA_PLATFORM": "offscreen"},
+    )
+    return float(done.stdout.split()[-1])
+
+
+def _row(
+    name: str, value_s: float, peer: str, peer_s: float, limit_s: float, note: str
+) -> dict[str, Any]:
+    return {
+        "name": name,
+        "value": round(value_s, 3),
+        "unit": "s",
+        "peer": peer,
+        "peer_value": round(peer_s, 3),
+        "ratio": round(value_s / peer_s, 2),
+        "limit": limit_s,
+        "note": note,
+    }
