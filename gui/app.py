@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
     from gui.engine_clients import JOIN
     from gui.shell.crash_reports import CrashReporter
     from gui.shell.main_window import MainWindow
-    from gui.shell.user_settings import UserSettings
+    from gui.shell.memory.user_settings import UserSettings
     from gui.widgets.theme import ThemeChoice
     from rigctl.simulation.bench.world_file import load_world
 

@@ -10,22 +10,23 @@ import pyqtgraph as pg
 from numpy.typing import NDArray
 
 from gui.analysis.task_values import TrialData
-from gui.live.train_rows import TrainRows
+from gui.live.spikes.train_rows import TrainRows
 from gui.widgets.plot_axes import colour_axes, taxel_ticks, time_plot
+from gui.widgets.plot_grid import PlotGrid
 from gui.widgets.theme import Theme
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
 
 
-class TrialView(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has no types
+class TrialView(PlotGrid):
     """Traces and spikes of a trial; drag moves and the wheel zooms both in time."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self._theme = theme
         self.data: TrialData | None = None
-        self.samples_plot = time_plot(self.ci, 0, "Taxels (own range)", last=False)
-        self.spikes_plot = time_plot(self.ci, 1, "Spikes", last=True)
+        self.samples_plot = time_plot(self.cells, 0, "Taxels (own range)", last=False)
+        self.spikes_plot = time_plot(self.cells, 1, "Spikes", last=True)
         self.spikes_plot.setLabel("bottom", "Time in the trial (s)")
         self.spikes_plot.setXLink(self.samples_plot)
         for plot in (self.samples_plot, self.spikes_plot):
@@ -36,7 +37,7 @@ class TrialView(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
         self._theme = theme
-        self.setBackground(theme.panel)
+        self.colour_background(theme)
         for plot in (self.samples_plot, self.spikes_plot):
             colour_axes(plot, theme)
         self.show_trial(self.data)

@@ -6,7 +6,7 @@ from PySide6.QtCore import QRectF, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
-from gui.live.scrolling_image import blend
+from gui.widgets.colours import blend
 from gui.widgets.labels import elastic, label, show_text
 from gui.widgets.layouts import vbox
 from gui.widgets.theme import applied_theme

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gui.live.health_cell import (
+from gui.live.health.health_cell import (
     CellSpec,
     HealthRow,
     Reading,

@@ -8,7 +8,7 @@ from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
-from gui.live.scrolling_image import blend
+from gui.widgets.colours import blend
 from gui.widgets.theme import Theme, applied_theme
 from rigctl.protocol.finger import MARKS_MM, PLATE_MM, PLATE_WIDTH_MM
 from rigctl.realtime.messages import FingerEngineStatus

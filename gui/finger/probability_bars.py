@@ -7,7 +7,7 @@ from PySide6.QtGui import QColor, QFont, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
 from gui.finger.scan_record import ScanRecord
-from gui.live.scrolling_image import blend
+from gui.widgets.colours import blend
 from gui.widgets.theme import applied_theme
 
 ROW_PX = 22

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QGraphicsItem
 
 from gui.finger.scan_record import ScanRecord
 from gui.live.history import History
-from gui.live.scrolling_image import blend, rgb
+from gui.widgets.colours import blend, rgb
 from gui.widgets.theme import Theme
 from rigctl.finger_values import N_FINGER_TAXELS
 from rigctl.values import SAMPLE_RATE_HZ

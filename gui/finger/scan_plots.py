@@ -11,6 +11,7 @@ from gui.finger.scan_record import ScanRecord
 from gui.live.heatmap import HeatMap
 from gui.live.history import History
 from gui.widgets.plot_axes import LEFT_PX, colour_axes, fixed_plot
+from gui.widgets.plot_grid import PlotGrid
 from gui.widgets.theme import Theme
 from rigctl.finger_values import N_FINGER_TAXELS
 from rigctl.protocol.finger import VelocityProfile
@@ -30,7 +31,7 @@ _LEAST_TOP_MM_S = 250.0
 _ROW_STRETCH = (3, 4)
 
 
-class ScanPlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has no types
+class ScanPlots(PlotGrid):
     """Plots of one scan; :meth:`refresh` pulls the samples that they show."""
 
     def __init__(self, theme: Theme) -> None:
@@ -42,11 +43,11 @@ class ScanPlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
         self._build_velocity_plot()
         self._build_raster_plot(theme)
         self.heat_map = HeatMap(theme, SensorLayout.default(N_FINGER_TAXELS))
-        self.ci.addItem(self.heat_map, row=0, col=1, rowspan=2)
-        self.ci.layout.setColumnFixedWidth(1, _RIGHT_PX)
-        self.ci.layout.setHorizontalSpacing(10)
+        self.cells.addItem(self.heat_map, row=0, col=1, rowspan=2)
+        self.cells.layout.setColumnFixedWidth(1, _RIGHT_PX)
+        self.cells.layout.setHorizontalSpacing(10)
         for row, stretch in enumerate(_ROW_STRETCH):
-            self.ci.layout.setRowStretchFactor(row, stretch)
+            self.cells.layout.setRowStretchFactor(row, stretch)
         self.set_theme(theme)
         self._refresh_velocity(ScanRecord())
 
@@ -80,7 +81,7 @@ class ScanPlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme to all plots."""
-        self.setBackground(theme.panel)
+        self.colour_background(theme)
         self.raster.set_theme(theme)
         self.heat_map.set_theme(theme)
         for plot in (self._velocity_plot, self._raster_plot):
@@ -103,7 +104,7 @@ class ScanPlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
         return self._quality.slow_max_mm_s, self._quality.fast_min_mm_s
 
     def _build_velocity_plot(self) -> None:
-        plot = self._velocity_plot = fixed_plot(self.ci, 0, 0)
+        plot = self._velocity_plot = fixed_plot(self.cells, 0, 0)
         plot.setLabel("left", "mm/s")  # the line above names the velocity
         plot.setLabel("bottom", "Time (s)")
         plot.getAxis("left").setWidth(LEFT_PX)
@@ -120,7 +121,7 @@ class ScanPlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
             line.setValue(mm_s)
 
     def _build_raster_plot(self, theme: Theme) -> None:
-        plot = self._raster_plot = fixed_plot(self.ci, 1, 0)
+        plot = self._raster_plot = fixed_plot(self.cells, 1, 0)
         self.raster = ScaledRaster(theme)
         plot.setLabel("left", "Spikes")
         plot.setLabel("bottom", "Scaled time (mm)")

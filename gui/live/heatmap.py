@@ -9,7 +9,7 @@ from PySide6.QtCore import QRectF, Qt
 from PySide6.QtGui import QColor, QFont, QPainter
 from PySide6.QtWidgets import QGraphicsWidget
 
-from gui.live.train_rows import layer_titles
+from gui.live.spikes.train_rows import layer_titles
 from gui.live.value_scale import ValueScale
 from gui.widgets.theme import Theme
 from rigctl.session.format.metadata.sensor_layout import SensorLayout

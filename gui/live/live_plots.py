@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pyqtgraph as pg
 from PySide6.QtCore import QElapsedTimer, QPointF, QRectF, Signal
 from PySide6.QtGui import QResizeEvent
 
@@ -11,11 +10,12 @@ from gui.live.heatmap import HeatMap
 from gui.live.live_data import LiveData
 from gui.live.review.cursors import Cursors
 from gui.live.review.navigation import Navigation
-from gui.live.spike_rates import FULL_SCALE_HZ, RATE_TICKS_HZ, WINDOW_S, RateBars
+from gui.live.spikes.spike_rates import FULL_SCALE_HZ, RATE_TICKS_HZ, WINDOW_S, RateBars
 from gui.live.time_plots import NOW, PAUSED, TimePlots
 from gui.live.value_scale import ValueScale
 from gui.widgets.data_ages import DataAges
 from gui.widgets.plot_axes import colour_axes, fixed_plot
+from gui.widgets.plot_grid import PlotGrid
 from gui.widgets.stale_cover import StaleCovers
 from gui.widgets.theme import Theme
 from rigctl.acquisition.live_buffer import LiveReader
@@ -27,7 +27,7 @@ _SLOW_REFRESH_MS = 100  # numbers that change thirty times a second are unreadab
 _MAP_SAMPLES = 32
 
 
-class LivePlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has no types
+class LivePlots(PlotGrid):
     """All plots of :class:`gui.live.live_data.LiveData`; :meth:`refresh` pulls what they show."""
 
     lines_changed = Signal()
@@ -42,7 +42,7 @@ class LivePlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
         self.value_scale = ValueScale()
         self.caption_paused = PAUSED
         self._since_numbers = QElapsedTimer()
-        self.time_plots = TimePlots(self.ci, theme, self.sensor_layout)
+        self.time_plots = TimePlots(self.cells, theme, self.sensor_layout)
         self._build_right_column(theme)
         boxes = [plot.getViewBox() for plot in self.time_plots.plots]
         self.stale_covers = StaleCovers(*boxes, self.heat_map, self._rate_plot.getViewBox())
@@ -161,7 +161,7 @@ class LivePlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme to all plots."""
-        self.setBackground(theme.panel)
+        self.colour_background(theme)
         for item in (self.time_plots, self.rate_bars, self.heat_map):
             item.set_theme(theme)
         colour_axes(self._rate_plot, theme)
@@ -177,8 +177,8 @@ class LivePlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
     def _build_right_column(self, theme: Theme) -> None:
         self.heat_map = HeatMap(theme, self.sensor_layout)
         self.rate_bars = RateBars(theme, self.sensor_layout)
-        self.ci.addItem(self.heat_map, row=0, col=1, rowspan=3)
-        self._rate_plot = fixed_plot(self.ci, 3, 1)
+        self.cells.addItem(self.heat_map, row=0, col=1, rowspan=3)
+        self._rate_plot = fixed_plot(self.cells, 3, 1)
         self._rate_plot.setLabel("bottom", "Rate in the last second (Hz)")
         axis, time_axis = (
             plot.getAxis("bottom") for plot in (self._rate_plot, self.time_plots.raster_plot)
@@ -189,8 +189,8 @@ class LivePlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
         self._rate_plot.setXRange(0, FULL_SCALE_HZ, padding=0)
         self._rate_plot.invertY(True)
         self._rate_plot.addItem(self.rate_bars)
-        self.ci.layout.setHorizontalSpacing(16)
-        self.ci.layout.setColumnFixedWidth(1, _RIGHT_PX)
+        self.cells.layout.setHorizontalSpacing(16)
+        self.cells.layout.setColumnFixedWidth(1, _RIGHT_PX)
         self._show_rate_rows()
 
     def _show_rate_rows(self) -> None:
@@ -205,7 +205,7 @@ class LivePlots(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has
     def _area(self, plot: int) -> QRectF:
         """Return the inside of a plot in pixels of the widget."""
         view = self.time_plots.plots[plot].getViewBox()
-        return QRectF(self.mapFromScene(view.sceneBoundingRect()).boundingRect())
+        return QRectF(self.graphics.mapFromScene(view.sceneBoundingRect()).boundingRect())
 
     def _show_lines(self) -> None:
         window = self.navigation.window

@@ -11,13 +11,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QRectF
-from PySide6.QtGui import QColor, QImage, QPainter, QTransform
+from PySide6.QtGui import QImage, QPainter, QTransform
 from PySide6.QtWidgets import QGraphicsItem
 
 from gui.live.history import SPAN_S
 from gui.live.store.pixel_columns import PixelColumns
 from gui.live.store.time_window import TimeWindow
 from gui.live.store.timeline import Timeline
+from gui.widgets.colours import rgb
 from gui.widgets.theme import Theme
 from rigctl.values import SAMPLE_RATE_HZ
 
@@ -130,19 +131,3 @@ class ScrollingImage(QGraphicsItem):
         n_before_seam = min(n, width - at)
         self._pixels[:, at : at + n_before_seam] = pixels[:, :n_before_seam]
         self._pixels[:, : n - n_before_seam] = pixels[:, n_before_seam:]
-
-
-def rgb(colour: str) -> int:
-    """Return a colour as a 32-bit pixel of QImage's RGB32 format."""
-    return int(QColor(colour).rgb())
-
-
-def blend(colour: str, background: str, share: float) -> str:
-    """Return ``colour`` over ``background`` with opacity ``share``."""
-    over, under = QColor(colour), QColor(background)
-    # PySide6 declares getRgb() to return an object; it is a tuple of four integers.
-    mixed = [
-        round(share * a + (1 - share) * b)
-        for a, b in zip(over.getRgb()[:3], under.getRgb()[:3], strict=True)  # type: ignore[index]
-    ]
-    return QColor(*mixed).name()

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from PySide6.QtCore import QRectF
 
 from gui.live.force_speed import SetPointPlot
-from gui.live.raster import Raster
 from gui.live.review.overlay import MarkLine, Overlay
 from gui.live.scrolling_image import ScrollingImage
+from gui.live.spikes.raster import Raster
+from gui.live.spikes.train_rows import TrainRows
 from gui.live.store.drum_course import DrumCourse
 from gui.live.store.time_window import TimeWindow
 from gui.live.store.timeline import Timeline
 from gui.live.traces import Traces
-from gui.live.train_rows import TrainRows
 from gui.live.value_scale import ValueScale
 from gui.widgets.plot_axes import MAX_TICKS, colour_axes, time_plot, time_ticks
 from gui.widgets.theme import Theme

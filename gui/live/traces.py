@@ -7,10 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gui.live.scrolling_image import ScrollingImage, blend, rgb
+from gui.live.scrolling_image import ScrollingImage
+from gui.live.spikes.train_rows import TrainRows
 from gui.live.store.pixel_columns import PixelColumns
 from gui.live.store.timeline import Timeline
-from gui.live.train_rows import TrainRows
+from gui.widgets.colours import blend, rgb
 from gui.widgets.theme import Theme
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from PySide6.QtCore import QEvent, QObject, Qt, QTimer
-from PySide6.QtGui import QCloseEvent, QGuiApplication, QKeyEvent
+from PySide6.QtCore import Qt, QTimer
+from PySide6.QtGui import QCloseEvent, QGuiApplication
 from PySide6.QtWidgets import QApplication, QMainWindow, QStackedWidget, QWidget
 
 from gui.analysis.analysis_tab import AnalysisTab
@@ -18,15 +18,17 @@ from gui.live.replay.replay_page import ReplayPage
 from gui.live.review.navigation import SPANS_S
 from gui.operate.event_log import EventLog, StatusLine
 from gui.shell.actions import ActionRegistry
+from gui.shell.controllers.drum_controller import DrumController
+from gui.shell.controllers.help_controller import HelpController
+from gui.shell.controllers.protocol_controller import ProtocolController
+from gui.shell.controllers.tools_controller import ToolsController
 from gui.shell.docks import DockArea
-from gui.shell.drum_controller import DrumController
-from gui.shell.help_controller import HelpController
+from gui.shell.escape_key import EscapeKey
+from gui.shell.memory.recent_sessions import RecentSessions
+from gui.shell.memory.user_settings import UserSettings
+from gui.shell.memory.window_memory import WindowMemory
 from gui.shell.page_stack import PageStack
-from gui.shell.protocol_controller import ProtocolController
-from gui.shell.recent_sessions import RecentSessions
-from gui.shell.tools_controller import ToolsController
-from gui.shell.user_settings import UserSettings
-from gui.shell.window_memory import WindowMemory
+from gui.shell.rig_menu import add_rig_menu
 from gui.widgets.file_browser import FileBrowser, PathKind
 from gui.widgets.layouts import container, scroll_area, vbox
 from gui.widgets.theme import ThemeChoice, apply_theme, scale_texts
@@ -81,15 +83,12 @@ class MainWindow(QMainWindow):
         self.help = HelpController(self.menus)
         self.tools = ToolsController(self.stack, self.menus, self.engine_link)
         self._panel = "operate"
-        self._is_escape_down = False
         self._lay_out()
         self._add_menus()
         self._connect_panels()
         self.memory = WindowMemory(self.settings, self, self.docks)
         self._remember()
-        app = QApplication.instance()
-        assert app is not None
-        app.installEventFilter(self)
+        EscapeKey(self).pressed.connect(self.stop)
         self.timer = QTimer(self)
         self.timer.setTimerType(Qt.TimerType.PreciseTimer)
         self.timer.timeout.connect(self.poll)
@@ -154,28 +153,6 @@ class MainWindow(QMainWindow):
     def _choose_theme(self, choice: ThemeChoice) -> None:
         self.settings.set_value("theme", choice.name)
         self.set_theme(choice)
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Stop on Esc with every focus; an open menu or list still gets the key and closes."""
-        if not isinstance(event, QKeyEvent) or event.key() != Qt.Key.Key_Escape:
-            return False
-        if event.type() == QEvent.Type.KeyRelease:
-            self._is_escape_down = False
-        if event.type() != QEvent.Type.KeyPress or not isinstance(watched, QWidget):
-            return False
-        if not event.isAutoRepeat():
-            self._stop_once()
-        return QApplication.activePopupWidget() is None
-
-    def _stop_once(self) -> None:
-        """Stop once for one press: Qt passes the key of an open list to its parents as well."""
-        if not self._is_escape_down:
-            self._is_escape_down = True
-            QTimer.singleShot(0, self._forget_escape)
-            self.stop()
-
-    def _forget_escape(self) -> None:
-        self._is_escape_down = False
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Leave the engines, which continue a run, and end the worker processes.
@@ -262,16 +239,14 @@ class MainWindow(QMainWindow):
 
     def _add_menus(self) -> None:
         menus = self.menus
-        self._add_alarm_sound()
-        self._add_rig_actions()
+        engines = self.attach.list_engines
+        add_rig_menu(menus, self.drum, self.settings, stop=self.stop, list_engines=engines)
         self._add_view_actions()
-        tip = "List the engines that run already, and join one of them"
-        menus.add("Rig", "&Running engines", self.attach.list_engines, tip=tip)
         spans = {f"{span_s} s": span_s for span_s in SPANS_S}
         menus.add_choices("View", "Time &span", spans, SPANS_S[3], self.live_plots.set_span)
         show = partial(self.show_replay, is_shown=True)
         tip = "Play recorded trials in the live views, at any speed"
-        menus.add("File", "&Replay a session", show, shortcut="Ctrl+R", tip=tip)
+        menus.add("File", "&Replay a session", show, shortcut="Ctrl+Shift+R", tip=tip)
         page = self.live_page
         tip = "Look back while samples go on to arrive, or follow them again"
         menus.add("View", "&Pause or follow", page.toggle_pause, shortcut="Ctrl+Space", tip=tip)
@@ -281,26 +256,6 @@ class MainWindow(QMainWindow):
         menus.add("File", "&Quit", self.close, shortcut="Ctrl+Q", tip="Close the window")
         hints = QApplication.styleHints()
         hints.colorSchemeChanged.connect(lambda _: self._follow_system_theme())
-
-    def _add_alarm_sound(self) -> None:
-        announcer, key = self.drum.safety.alarms.announcer, "alarm_sound"
-
-        def switch(sounds: bool) -> None:
-            announcer.sounds = sounds
-            self.settings.set_value(key, sounds)
-
-        tip = "Beep until an alarm is over or silenced"
-        action = self.menus.add("Rig", "Alarm &sound", switch, tip=tip, checkable=True)
-        action.setChecked(self.settings.value(key, True))
-        announcer.sounds = action.isChecked()
-
-    def _add_rig_actions(self) -> None:
-        add = self.menus.add
-        click = self.toolbar.connect_button.click
-        add("Rig", "&Connect or disconnect", click, shortcut="Ctrl+R", tip="The chosen rig")
-        add("Rig", "&STOP", self.stop, tip="Stop and lift the drum, and end every run (Esc)")
-        for button in self.operate_panel.buttons.values():
-            add("Rig", button.text(), button.click, tip=button.toolTip())
 
     def _add_view_actions(self) -> None:
         menus, docks = self.menus, self.docks

@@ -23,17 +23,21 @@ class AcceptPage(CommandPage):
             "Judges force, drift, speed, steps and losses of a rig by a session that was recorded "
             "with the protocol “acceptance”, as rigctl accept does."
         )
-        super().__init__("Accept a rig", explanation, "Judge the rig")
+        super().__init__(
+            "Accept a rig",
+            explanation,
+            "Judge the rig",
+            words=self._accept_words,
+            refusal=self._missing_session,
+        )
         self.folder = QLineEdit(placeholderText="Session of the acceptance protocol")
         self.folder.returnPressed.connect(self.run)
         self.add_input(label("Session"))
         self.add_input(self.folder, 1)
         self.add_input(browse_button(self.path_requested, PathKind.SESSION, self.folder.setText))
 
-    def words(self) -> Sequence[str]:
-        """Return the command for the chosen session."""
+    def _accept_words(self) -> Sequence[str]:
         return ("accept", "--", str(Path(self.folder.text().strip()).expanduser()))
 
-    def refusal(self) -> str:
-        """Ask for a session if there is none."""
+    def _missing_session(self) -> str:
         return "" if self.folder.text().strip() else "Choose the folder of a session first."

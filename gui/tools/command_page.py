@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from PySide6.QtCore import QProcess, Qt, Signal
 from PySide6.QtWidgets import QHBoxLayout, QPlainTextEdit, QWidget
@@ -15,13 +15,27 @@ _KILL_MS = 1000
 
 
 class CommandPage(QWidget):
-    """Title, explanation, Run and Cancel, and the output; a subclass says what to run."""
+    """Title, explanation, Run and Cancel, and the output.
+
+    ``words`` returns the command and its arguments, ``refusal`` why it cannot run now, empty if it
+    can, ``success`` the sentence above the lines that it has printed.
+    """
 
     closed = Signal()
     """The user wants to see the page from before."""
 
-    def __init__(self, title: str, explanation: str, run_text: str) -> None:
+    def __init__(
+        self,
+        title: str,
+        explanation: str,
+        run_text: str,
+        *,
+        words: Callable[[], Sequence[str]],
+        refusal: Callable[[], str],
+        success: Callable[[Sequence[str]], str] = lambda lines: lines[-1],
+    ) -> None:
         super().__init__()
+        self._words, self._refusal, self._success = words, refusal, success
         self.run_button = push_button(run_text, self.run)
         self.cancel_button = push_button("Cancel", self.cancel)
         self.close_button = push_button("Close", self.closed.emit)
@@ -43,20 +57,12 @@ class CommandPage(QWidget):
         """Whether the command runs."""
         return self._process is not None
 
-    def words(self) -> Sequence[str]:
-        """Return the command and its arguments."""
-        raise NotImplementedError
-
-    def refusal(self) -> str:
-        """Return why the command cannot run now, empty if it can."""
-        return ""
-
     def run(self) -> None:
         """Start the command, or say why it cannot start."""
         if self.is_running:
             return
         self.output.clear()
-        if refusal := self.refusal():
+        if refusal := self._refusal():
             self._show_verdict(refusal, "bad")
             return
         process = self._process = QProcess(self)
@@ -65,7 +71,7 @@ class CommandPage(QWidget):
         process.finished.connect(self._finish)
         self._show_verdict("Running …", "muted")
         self._show_running(True)
-        process.start(sys.executable, ["-m", "rigctl", *self.words()])
+        process.start(sys.executable, ["-m", "rigctl", *self._words()])
 
     def cancel(self) -> None:
         """End the command."""
@@ -98,14 +104,10 @@ class CommandPage(QWidget):
             process.deleteLater()
         lines = self.output.toPlainText().splitlines() or ["it printed nothing"]
         if exit_code == 0:
-            self._show_verdict(self.success(lines), "heading")
+            self._show_verdict(self._success(lines), "heading")
         else:
             self._show_verdict(lines[-1], "bad")
         self._show_running(False)
-
-    def success(self, lines: Sequence[str]) -> str:
-        """Return the sentence above the lines that the command printed."""
-        return lines[-1]
 
     def add_input(self, widget: QWidget, stretch: int = 0) -> None:
         """Add a field above the buttons."""

@@ -15,20 +15,19 @@ class PortsPage(CommandPage):
             "Asks the board on every serial port for its name, firmware and self-test, as "
             "rigctl ports does. Opening a port resets its board."
         )
-        super().__init__("Serial ports", explanation, "List the ports")
-        self._refusal = refusal
+        super().__init__(
+            "Serial ports",
+            explanation,
+            "List the ports",
+            words=lambda: ("ports",),
+            refusal=refusal,
+            success=_count_ports,
+        )
 
-    def words(self) -> Sequence[str]:
-        """Return the command."""
-        return ("ports",)
 
-    def refusal(self) -> str:
-        """Refuse while this window uses boards."""
-        return self._refusal()
-
-    def success(self, lines: Sequence[str]) -> str:
-        """Return how many ports there are."""
-        ports = [line for line in lines if not line.startswith(" ") and ": " in line]
-        if lines[0].startswith("no serial port"):
-            return lines[0]
-        return f"{len(ports)} port{'' if len(ports) == 1 else 's'}"
+def _count_ports(lines: Sequence[str]) -> str:
+    """Return how many ports there are."""
+    ports = [line for line in lines if not line.startswith(" ") and ": " in line]
+    if lines[0].startswith("no serial port"):
+        return lines[0]
+    return f"{len(ports)} port{'' if len(ports) == 1 else 's'}"

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QMenu
 
 from gui.alarm.announcer import Announcer
 from rigctl.errors import LinkLost
@@ -126,7 +126,8 @@ def test_the_sound_can_be_switched_off_for_good(harness: Harness, listener: List
     window = harness.window
     (action,) = [a for a in window.menuBar().actions() if a.text() == "&Rig"]
     menu = action.menu()
-    (sound,) = [a for a in menu.actions() if "sound" in a.text()]  # type: ignore[attr-defined]
+    assert isinstance(menu, QMenu)
+    (sound,) = [a for a in menu.actions() if "sound" in a.text()]
     assert sound.isChecked()
     sound.trigger()
     assert window.settings.value("alarm_sound", True) is False

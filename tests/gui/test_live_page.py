@@ -57,7 +57,7 @@ def point(page: LivePage, plot: int, share: float, height: float = 0.5) -> QPoin
 
 def move(page: LivePage, plot: int, share: float, height: float = 0.5) -> None:
     """Move the pointer without a button."""
-    view, at = page.plots.viewport(), point(page, plot, share, height)
+    view, at = page.plots.graphics.viewport(), point(page, plot, share, height)
     no_button, none = Qt.MouseButton.NoButton, Qt.KeyboardModifier.NoModifier
     kind, where = QEvent.Type.MouseMove, QPointF(view.mapToGlobal(at))
     QApplication.sendEvent(view, QMouseEvent(kind, QPointF(at), where, no_button, no_button, none))
@@ -65,7 +65,7 @@ def move(page: LivePage, plot: int, share: float, height: float = 0.5) -> None:
 
 def turn(page: LivePage, share: float, steps: int) -> None:
     """Turn the wheel over the force plot."""
-    at, view = QPointF(point(page, 0, share)), page.plots.viewport()
+    at, view = QPointF(point(page, 0, share)), page.plots.graphics.viewport()
     arguments = (at, QPointF(view.mapToGlobal(at)), QPoint(), QPoint(0, 120 * steps))
     no_button, none = Qt.MouseButton.NoButton, Qt.KeyboardModifier.NoModifier
     phase = Qt.ScrollPhase.NoScrollPhase
@@ -84,7 +84,7 @@ def test_pause_keeps_the_view_while_samples_arrive(page: LivePage, engine: FakeE
 
 
 def test_dragging_and_the_scroll_bar_look_back(page: LivePage, engine: FakeEngine) -> None:
-    view = page.plots.viewport()
+    view = page.plots.graphics.viewport()
     QTest.mousePress(view, LEFT, pos=point(page, 2, 0.2))
     QTest.mouseMove(view, point(page, 2, 0.7))
     QTest.mouseRelease(view, LEFT, pos=point(page, 2, 0.7))
@@ -132,7 +132,7 @@ def test_the_span_is_chosen_from_one_second_to_a_minute(page: LivePage) -> None:
 def test_the_cursor_shows_values_and_differences(page: LivePage) -> None:
     click(page.bar.pause)
     move(page, 2, 0.4, 4.5 / 18)
-    QTest.mouseClick(page.plots.viewport(), LEFT, pos=point(page, 2, 0.4, 4.5 / 18))
+    QTest.mouseClick(page.plots.graphics.viewport(), LEFT, pos=point(page, 2, 0.4, 4.5 / 18))
     move(page, 2, 0.6)
     text, difference = page.cursor_label.text(), page.difference_label.text()
     reading = page.plots.data.reading_at(
@@ -185,13 +185,13 @@ def test_taxels_are_chosen_and_one_is_enlarged(page: LivePage) -> None:
     click(page.taxel_strip.buttons[3])
     assert 3 not in page.plots.time_plots.taxels
     at = point(page, 2, 0.5, 3.5 / 8)
-    QTest.mouseDClick(page.plots.viewport(), LEFT, pos=at)
+    QTest.mouseDClick(page.plots.graphics.viewport(), LEFT, pos=at)
     assert page.plots.time_plots.taxels == (4,)
     axis = page.plots.time_plots.trace_plot.getAxis("left")
     assert "T5" in axis.labelText and "counts" in axis.labelText
     page.bar.unit.setCurrentText(VOLTS)
     assert "(V)" in axis.labelText
-    QTest.mouseDClick(page.plots.viewport(), LEFT, pos=at)
+    QTest.mouseDClick(page.plots.graphics.viewport(), LEFT, pos=at)
     assert len(page.plots.time_plots.taxels) == 18
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from PySide6.QtWidgets import QApplication
 
-from gui.live.raster import Raster
 from gui.live.scrolling_image import ScrollingImage
+from gui.live.spikes.raster import Raster
 from gui.live.store.drum_course import thin_out
 from gui.live.store.ring import Ring
 from gui.live.store.time_window import TimeWindow

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +11,14 @@ from PySide6.QtWidgets import QApplication
 
 from gui.live.history import History
 from gui.live.live_plots import LivePlots
-from gui.live.raster import Raster
-from gui.live.scrolling_image import ScrollingImage, rgb
-from gui.live.spike_rates import RateBars
+from gui.live.scrolling_image import ScrollingImage
+from gui.live.spikes.raster import Raster
+from gui.live.spikes.spike_rates import RateBars
+from gui.live.spikes.train_rows import TrainRows, layer_titles
 from gui.live.store.time_window import TimeWindow
 from gui.live.store.timeline import Timeline
 from gui.live.traces import Traces
-from gui.live.train_rows import TrainRows, layer_titles
+from gui.widgets.colours import rgb
 from gui.widgets.theme import DARK, LIGHT
 from rigctl.acquisition.live_buffer import LiveReader, LiveWriter
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
@@ -42,14 +44,14 @@ def _write(
 
 
 @pytest.fixture
-def writer(tmp_path: Path):  # type: ignore[no-untyped-def]
+def writer(tmp_path: Path) -> Iterator[LiveWriter]:
     buffer = LiveWriter(tmp_path / "live")
     yield buffer
     buffer.close()
 
 
 @pytest.fixture
-def view(writer: LiveWriter):  # type: ignore[no-untyped-def]
+def view(writer: LiveWriter) -> Iterator[LiveReader]:
     buffer = LiveReader(writer.path)
     yield buffer
     buffer.close()

@@ -68,7 +68,7 @@ def test_a_feature_is_read_with_its_unit(shown: Harness) -> None:
     image, plot = view.images[0], view.plots[0]
     assert image.image is not None
     place = plot.getViewBox().mapViewToScene(plot.getViewBox().viewRect().center())
-    view.scene().sigMouseMoved.emit(place)
+    view.graphics.scene().sigMouseMoved.emit(place)
     assert "SA of taxel 10, window 2: " in plot.titleLabel.text and " Hz" in plot.titleLabel.text
     assert view.value_text(18, 0).startswith("RA of taxel 1, window 1: ")
 

@@ -9,18 +9,19 @@ from PySide6.QtCore import Qt
 
 from gui.analysis.task_values import TrialCourse
 from gui.widgets.plot_axes import colour_axes, time_plot
+from gui.widgets.plot_grid import PlotGrid
 from gui.widgets.theme import Theme
 
 
-class CourseView(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has no types
+class CourseView(PlotGrid):
     """Two plots over the time since the trial's first sample; dashes are what was planned."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self._theme = theme
         self.course: TrialCourse | None = None
-        self.force_plot = time_plot(self.ci, 0, "Force (g)", last=False)
-        self.speed_plot = time_plot(self.ci, 1, "Speed (mm/s)", last=True)
+        self.force_plot = time_plot(self.cells, 0, "Force (g)", last=False)
+        self.speed_plot = time_plot(self.cells, 1, "Speed (mm/s)", last=True)
         self.speed_plot.setLabel("bottom", "Time since the first sample (s)")
         self.speed_plot.setXLink(self.force_plot)
         for plot in (self.force_plot, self.speed_plot):
@@ -30,7 +31,7 @@ class CourseView(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph ha
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
         self._theme = theme
-        self.setBackground(theme.panel)
+        self.colour_background(theme)
         for plot in (self.force_plot, self.speed_plot):
             colour_axes(plot, theme)
         self.show_course(self.course)

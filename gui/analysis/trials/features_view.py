@@ -8,12 +8,13 @@ from PySide6.QtCore import QPointF
 
 from gui.analysis.task_values import TrialFeatures
 from gui.widgets.plot_axes import colour_axes, time_plot
+from gui.widgets.plot_grid import PlotGrid
 from gui.widgets.theme import Theme
 
 HINT = "Point at a window to read its value"
 
 
-class FeaturesView(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has no types
+class FeaturesView(PlotGrid):
     """SA and RA features; the title says what the pointer is on."""
 
     def __init__(self, theme: Theme) -> None:
@@ -21,7 +22,7 @@ class FeaturesView(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph 
         self._theme = theme
         self.features: TrialFeatures | None = None
         self.plots = [
-            time_plot(self.ci, row, f"{kind} neuron", last=bool(row))
+            time_plot(self.cells, row, f"{kind} neuron", last=bool(row))
             for row, kind in enumerate(("SA", "RA"))
         ]
         self.images = [pg.ImageItem(axisOrder="row-major") for _ in self.plots]
@@ -29,13 +30,13 @@ class FeaturesView(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph 
             plot.addItem(image)
             image.setColorMap(pg.colormap.get("viridis"))
         self.plots[1].setXLink(self.plots[0])
-        self.scene().sigMouseMoved.connect(self._point_at)
+        self.graphics.scene().sigMouseMoved.connect(self._point_at)
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
         self._theme = theme
-        self.setBackground(theme.panel)
+        self.colour_background(theme)
         for plot in self.plots:
             colour_axes(plot, theme)
         self._show_text(HINT)

@@ -28,17 +28,18 @@ class Pointer(QObject):
         self._plots, self.taxel = plots, 0
         self._press: tuple[float, int] | None = None
         self._is_drag = False
-        plots.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
-        plots.setMouseTracking(True)
-        plots.viewport().setMouseTracking(True)
-        plots.viewport().installEventFilter(self)
-        plots.installEventFilter(self)
+        graphics = plots.graphics
+        graphics.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        graphics.setMouseTracking(True)
+        graphics.viewport().setMouseTracking(True)
+        graphics.viewport().installEventFilter(self)
+        graphics.installEventFilter(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Take the events that move; pyqtgraph gets all others."""
         if isinstance(event, QKeyEvent) and event.type() == QEvent.Type.KeyPress:
-            return watched is self._plots and self._press_key(event)
-        if watched is self._plots:
+            return watched is self._plots.graphics and self._press_key(event)
+        if watched is self._plots.graphics:
             return False
         if isinstance(event, QWheelEvent):
             return self._turn_wheel(event)
@@ -54,7 +55,7 @@ class Pointer(QObject):
         if kind == QEvent.Type.MouseMove:
             self._drag_or_point(at)
         elif kind == QEvent.Type.MouseButtonPress and event.button() == Qt.MouseButton.LeftButton:
-            self._plots.setFocus(Qt.FocusReason.MouseFocusReason)
+            self._plots.graphics.setFocus(Qt.FocusReason.MouseFocusReason)
             self._press = (at.x(), self._plots.navigation.window.right)
             self._is_drag = False
         elif kind == QEvent.Type.MouseButtonRelease and self._press is not None:

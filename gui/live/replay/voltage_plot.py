@@ -9,6 +9,7 @@ from PySide6.QtCore import QRectF
 
 from gui.live.review.overlay import Overlay
 from gui.widgets.plot_axes import colour_axes, time_plot
+from gui.widgets.plot_grid import PlotGrid
 from gui.widgets.theme import Theme
 from rigctl.values import SAMPLE_RATE_HZ
 
@@ -19,14 +20,15 @@ _LEFT_PX, _RIGHT_PX = 9, 241
 _TICKS = [(-70.0, "−70"), (30.0, "30")]
 
 
-class VoltagePlot(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph has no types
+class VoltagePlot(PlotGrid):
     """v(t) of SA and RA of one taxel, as in the paper's Figure 2D, below plots with the times."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         names = ("SA", "RA")
         self.plots = [
-            time_plot(self.ci, row, f"{name}<br>(mV)", last=False) for row, name in enumerate(names)
+            time_plot(self.cells, row, f"{name}<br>(mV)", last=False)
+            for row, name in enumerate(names)
         ]
         self.curves = [pg.PlotCurveItem(skipFiniteCheck=True) for _ in names]
         self.overlays = [Overlay(theme, names_marks=False) for _ in names]
@@ -38,13 +40,13 @@ class VoltagePlot(pg.GraphicsLayoutWidget):  # type: ignore[misc]  # pyqtgraph h
             plot.addItem(overlay, ignoreBounds=True)
         self.plots[1].setXLink(self.plots[0])
         self.setFixedHeight(HEIGHT_PX)
-        self.ci.layout.setContentsMargins(_LEFT_PX, 0, _RIGHT_PX, 0)
+        self.cells.layout.setContentsMargins(_LEFT_PX, 0, _RIGHT_PX, 0)
         self._voltage: NDArray[np.float64] = np.zeros((0, 2))
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
-        self.setBackground(theme.panel)
+        self.colour_background(theme)
         for plot, curve, colour, overlay in zip(
             self.plots, self.curves, theme.groups[:2], self.overlays, strict=True
         ):

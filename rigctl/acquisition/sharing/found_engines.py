@@ -11,6 +11,7 @@ from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.engine_files import FOLLOWED, EngineFile, running_engines
 from rigctl.acquisition.rpc.runtime_folder import runtime_folder
 from rigctl.acquisition.sharing.control import parse_control
+from rigctl.errors import RigctlError
 
 ASK_TIMEOUT_S = 3.0
 _ACTIVE = ("running", "paused", "prompt")
@@ -71,6 +72,6 @@ def _ask(engine: EngineFile) -> FoundEngine:
         with closing(EngineClient(engine)) as client:
             status = client.request("status", timeout_s=ASK_TIMEOUT_S)
             control = parse_control(client.request("clients", timeout_s=ASK_TIMEOUT_S))
-    except Exception as error:  # noqa: BLE001 - top of a thread: the user must see every failure
+    except (RigctlError, OSError) as error:
         return FoundEngine(engine, {}, failure=str(error))
     return FoundEngine(engine, dict(status["run"]), control.holder_name)

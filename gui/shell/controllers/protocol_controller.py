@@ -6,7 +6,7 @@ from PySide6.QtCore import QObject
 
 from gui.protocol.protocol_form import REMEMBERED
 from gui.protocol.protocol_panel import ProtocolPanel
-from gui.shell.user_settings import UserSettings
+from gui.shell.memory.user_settings import UserSettings
 
 
 class ProtocolController(QObject):

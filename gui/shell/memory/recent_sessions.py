@@ -8,7 +8,7 @@ from pathlib import Path
 from PySide6.QtCore import QObject, Signal
 
 from gui.shell.actions import ActionRegistry
-from gui.shell.user_settings import UserSettings
+from gui.shell.memory.user_settings import UserSettings
 
 _KEY = "sessions"
 

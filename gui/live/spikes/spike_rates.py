@@ -8,7 +8,7 @@ from PySide6.QtCore import QRectF
 from PySide6.QtGui import QColor, QPainter
 from PySide6.QtWidgets import QGraphicsItem
 
-from gui.live.train_rows import TrainRows
+from gui.live.spikes.train_rows import TrainRows
 from gui.widgets.theme import Theme
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.values import SAMPLE_RATE_HZ

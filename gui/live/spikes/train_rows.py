@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from gui.live.scrolling_image import blend
+from gui.widgets.colours import blend
 from gui.widgets.theme import Theme
 from rigctl.session.format.metadata.sensor_layout import LAYER_NAMES, SensorLayout
 

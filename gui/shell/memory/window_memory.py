@@ -9,7 +9,7 @@ from PySide6.QtCore import QByteArray, QObject, QTimer
 from PySide6.QtWidgets import QDoubleSpinBox, QLineEdit, QWidget
 
 from gui.shell.docks import DockArea
-from gui.shell.user_settings import UserSettings
+from gui.shell.memory.user_settings import UserSettings
 
 SAVE_MS = 5000
 """A crash loses at most the changes of this time."""

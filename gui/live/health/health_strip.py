@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from gui.live.health_cell import (
+from gui.live.health.health_cell import (
     CellSpec,
     HealthRow,
     Reading,

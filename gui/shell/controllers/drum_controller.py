@@ -8,14 +8,14 @@ from PySide6.QtCore import QObject, Signal
 
 from gui.engine_clients import another_on, shown_rig
 from gui.engine_link import DRUM, NOT_CONNECTED, ClientFactory, EngineLink
-from gui.live.health import HealthStrip
+from gui.live.health.health_strip import HealthStrip
 from gui.live.page.live_page import LivePage
 from gui.operate.action_results import action_result
 from gui.operate.operate_panel import OperatePanel
 from gui.operate.prompt import PromptPanel
 from gui.operate.toolbar import Toolbar
 from gui.protocol.protocol_panel import ProtocolPanel
-from gui.shell.drum_safety import DrumSafety
+from gui.shell.controllers.drum_safety import DrumSafety
 from gui.widgets.theme import Theme
 from rigctl.acquisition.health.notices import wiring_notice
 from rigctl.acquisition.rpc.messages import EngineStatus

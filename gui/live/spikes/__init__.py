@@ -1,0 +1,1 @@
+"""Spike trains on the screen: raster, rates, and the order of their rows."""
