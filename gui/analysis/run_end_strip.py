@@ -36,8 +36,10 @@ class RunEndStrip(QFrame):
         if run.is_active:
             self._watched = run.session or ""
             self.hide()
-        elif self._watched and run.has_ended:
-            self.session, self._watched = self._watched, ""
+            return
+        watched, self._watched = self._watched, ""
+        if watched and run.has_ended and run.session in (None, watched):
+            self.session = watched
             n = run.trials_committed
             self.text.setText(f"The run {Path(self.session).name} has ended with {n:,} trials.")
             self.show()

@@ -18,6 +18,8 @@ from rigctl.realtime.live_file import FingerLiveReader
 from rigctl.realtime.messages import FingerEngineStatus, FingerRunStatus
 
 _RIGHT_PX = 316
+_PLOTS_PX = 320
+"""Less is too narrow for the labels of the axes."""
 _TRACK_ROWS = 4096
 _PATH_S = 10.0
 
@@ -88,6 +90,7 @@ class FingerView(QWidget):
         banner.setProperty("role", "card")
         head = hbox(self.task, self.progress, spacing=10)
         banner.setLayout(vbox(head, self.notice, spacing=0, margins=(10, 4, 10, 4)))
+        self.plots.setMinimumWidth(_PLOTS_PX)
         left = vbox(self.plate, self.planned, self.plots, spacing=3)
         left.setStretch(2, 1)
         right = vbox(self.answer, self.bars, self.confusion, spacing=6)

@@ -15,9 +15,14 @@ class EscapeKey(QObject):
     def __init__(self, parent: QObject) -> None:
         super().__init__(parent)
         self._is_down = False
-        app = QApplication.instance()
-        assert app is not None
-        app.installEventFilter(self)
+        self._app = QApplication.instance()
+        assert self._app is not None
+        self._app.installEventFilter(self)
+
+    def release(self) -> None:
+        """Leave the key to other windows of this process."""
+        assert self._app is not None
+        self._app.removeEventFilter(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Take Esc before the widget with the focus gets it."""

@@ -88,7 +88,8 @@ class MainWindow(QMainWindow):
         self._connect_panels()
         self.memory = WindowMemory(self.settings, self, self.docks)
         self._remember()
-        EscapeKey(self).pressed.connect(self.stop)
+        self._escape_key = EscapeKey(self)
+        self._escape_key.pressed.connect(self.stop)
         self.timer = QTimer(self)
         self.timer.setTimerType(Qt.TimerType.PreciseTimer)
         self.timer.timeout.connect(self.poll)
@@ -165,6 +166,7 @@ class MainWindow(QMainWindow):
             event.ignore()
             return
         self.timer.stop()
+        self._escape_key.release()
         self.memory.close()
         self.attach.close()
         self.tools.close()

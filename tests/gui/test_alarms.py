@@ -155,4 +155,4 @@ def test_one_press_of_escape_in_an_open_list_is_one_stop(harness: Harness) -> No
     assert harness.engine.commands == ["stop"]
     QTest.qWait(10)  # the next press is another turn of the event loop
     press_escape(harness.window)
-    wait_until(lambda: harness.engine.commands == ["stop", "stop"])
+    assert harness.engine.commands == ["stop", "stop"]

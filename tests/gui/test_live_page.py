@@ -97,7 +97,7 @@ def test_dragging_and_the_scroll_bar_look_back(page: LivePage, engine: FakeEngin
 
 def test_ten_minutes_are_there_to_scroll_through(page: LivePage, engine: FakeEngine) -> None:
     stream(page, engine, 630_000)
-    QTest.keyClick(page.plots, Qt.Key.Key_Home)
+    QTest.keyClick(page.plots.graphics, Qt.Key.Key_Home)
     window = page.plots.navigation.window
     assert page.plots.navigation.newest - window.left >= 600_000
     low, high = page.plots.data.timeline.extremes(
@@ -107,7 +107,7 @@ def test_ten_minutes_are_there_to_scroll_through(page: LivePage, engine: FakeEng
 
 
 def test_the_wheel_zooms_about_the_pointer_in_a_pause(page: LivePage) -> None:
-    QTest.keyClick(page.plots, Qt.Key.Key_Space)
+    QTest.keyClick(page.plots.graphics, Qt.Key.Key_Space)
     before = page.plots.navigation.window.position_of(0.25)
     turn(page, 0.25, 3)
     window = page.plots.navigation.window
@@ -160,7 +160,7 @@ def test_volts_use_the_supply_that_the_board_measures(page: LivePage) -> None:
 
 
 def test_keys_alone_move_cursor_time_and_taxel(page: LivePage) -> None:
-    press, control = partial(QTest.keyClick, page.plots), Qt.KeyboardModifier.ControlModifier
+    press, control = partial(QTest.keyClick, page.plots.graphics), Qt.KeyboardModifier.ControlModifier
     press(Qt.Key.Key_Space)
     press(Qt.Key.Key_Left)
     assert page.plots.navigation.window.right == 28_999

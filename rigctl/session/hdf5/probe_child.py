@@ -117,8 +117,8 @@ def _read_hdf5(request: dict[str, Any]) -> None:
         gc.collect()
         file.close()
     except _ERRORS:
-        # Without an answer: HDF5 dies of names looked up in a group that it cannot list, and what
-        # it cannot close stays open for ever.
+        # Without an answer: HDF5 dies of names looked up in a group or of attributes that it cannot
+        # list, and what it cannot close stays open for ever.
         os._exit(1)
 
 
@@ -136,7 +136,8 @@ def _source(request: dict[str, Any]) -> str | mmap.mmap:
 def _walk(root: Any) -> None:
     """Open every object once, its attributes and its index of chunks.
 
-    What is wrong with one object, the program meets itself. Raises where a group cannot be listed.
+    What is wrong with one object, the program meets itself. Raises where a group or the attributes
+    of an object cannot be listed.
     """
     places, seen = [root], set[int]()
     while places and len(seen) < MOST_OBJECTS:
@@ -146,14 +147,15 @@ def _walk(root: Any) -> None:
             if address in seen:
                 continue
             seen.add(address)
-            _read_object(node)
+        names: list[bytes] = []
+        h5a.iterate(node, names.append)
+        with suppress(*_ERRORS):
+            _read_object(node, names)
         if isinstance(node, h5g.GroupID):
             places += _open_links(node, list(node))
 
 
-def _read_object(node: Any) -> None:
-    names: list[bytes] = []
-    h5a.iterate(node, names.append)
+def _read_object(node: Any, names: Sequence[bytes]) -> None:
     for name in names:
         h5a.open(node, name).get_type()
     if isinstance(node, h5d.DatasetID):
