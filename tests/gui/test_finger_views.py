@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QLabel, QScrollArea
 
@@ -149,3 +150,16 @@ def test_controls_fit(finger: FingerWindow, size: tuple[int, int], stage: str) -
         if text.isVisible() and not text.wordWrap() and text.objectName() == "":
             assert text.width() >= text.fontMetrics().horizontalAdvance(text.text()), text.text()
     window.resize(1280, 800)
+
+
+def test_a_wide_panel_leaves_the_plots_room_for_their_labels(finger: FingerWindow) -> None:
+    window, dock = finger.window, finger.window.docks.docks["finger"]
+    before = window.size()
+    window.docks.resizeDocks([dock], [500], Qt.Orientation.Horizontal)
+    window.resize(1024, 700)
+    QTest.qWait(1)
+    try:
+        assert window.width() == 1024 and finger.tab.view.plots.width() >= 320
+    finally:
+        window.resize(before)
+        window.docks.reset()

@@ -160,7 +160,10 @@ def test_volts_use_the_supply_that_the_board_measures(page: LivePage) -> None:
 
 
 def test_keys_alone_move_cursor_time_and_taxel(page: LivePage) -> None:
-    press, control = partial(QTest.keyClick, page.plots.graphics), Qt.KeyboardModifier.ControlModifier
+    press, control = (
+        partial(QTest.keyClick, page.plots.graphics),
+        Qt.KeyboardModifier.ControlModifier,
+    )
     press(Qt.Key.Key_Space)
     press(Qt.Key.Key_Left)
     assert page.plots.navigation.window.right == 28_999

@@ -87,6 +87,20 @@ def test_no_byte_of_a_b_tree_ends_the_process(tmp_path: Path) -> None:
     assert any(DIES in text for text in refusals)
 
 
+def test_attributes_that_cannot_be_listed_are_refused_before_they_are_read(tmp_path: Path) -> None:
+    """HDF5 frees the same memory twice where it gets none for a node of 256 MB."""
+    path = tmp_path / "file.h5"
+    data = bytearray(many_attributes(path))
+    block = next(b for b in find_blocks(bytes(data)) if data[b.start : b.start + 4] == B_TREE)
+    node_size, records = block.start + 6, block.start + 26
+    data[node_size : node_size + 4] = (0x10000200).to_bytes(4, "little")
+    data[records : records + 2] = (0x8021).to_bytes(2, "little")
+    repair(data, block)
+    path.write_bytes(data)
+    with pytest.raises(SessionError, match=DIES):
+        Hdf5File(path)
+
+
 def test_deadly_files_leave_the_helper_alive(tmp_path: Path, helper: ProbeHelper) -> None:
     sound, deadly = tmp_path / "sound.h5", tmp_path / "deadly.h5"
     many_attributes(sound)
