@@ -65,9 +65,9 @@ def serve(pipe: Connection) -> None:
     while True:
         try:
             task, args = pipe.recv()
-        except (EOFError, OSError, KeyboardInterrupt):
+            pipe.send(_run(getattr(tasks, task), args))
+        except (EOFError, OSError, KeyboardInterrupt):  # the window has ended, perhaps by force
             return
-        pipe.send(_run(getattr(tasks, task), args))
 
 
 def _run(task: Callable[..., Any], args: dict[str, Any]) -> tuple[str, Any]:
