@@ -1,4 +1,4 @@
-"""Sessions of both experiments: their parts, their folders, the truth of a simulated bench."""
+"""Sessions of both experiments: parts, folders, truth of a simulated bench, notes."""
 
 from __future__ import annotations
 
@@ -10,9 +10,14 @@ from typing import Any
 import h5py
 
 from rigctl.analysis.data.trial_set import join_sessions, open_trials
+from rigctl.errors import SessionError
 from rigctl.protocol.loader import parse_protocol
 from rigctl.session.files.analysis_file import content_digest
 from rigctl.session.format.layout import DIGEST_LINES_FILE
+from rigctl.session.notes.note_files import PATTERN as NOTES
+from rigctl.session.notes.note_files import damaged_notes, read_notes
+from rigctl.session.notes.session_note import Mark, SessionNote
+from rigctl.session.notes.write_note import add_note
 from rigctl.session.read.finger_session import FingerSession
 from rigctl.session.read.recovery_file import PATTERN, read_recovery
 from rigctl.session.read.session import Session
@@ -67,6 +72,21 @@ def build_recovered(folder: Path) -> None:
     second.with_name("part-0002 (copy).h5").write_bytes(b"copy")
     second.write_bytes(second.read_bytes()[:-100])
     recover(folder, "2026-11-23T14:00:00Z")
+
+
+def build_noted(folder: Path) -> None:
+    """Record a small session, add a note on it and mark one of its trials bad."""
+    building.record_plan(folder)
+    add_note(folder, SessionNote("2026-11-24T09:00:00Z", "the room was warm"))
+    why = "the sensor slipped"
+    add_note(folder, SessionNote("2026-11-24T09:00:01Z", why, 1, 1, Mark.BAD, "Jörg"))
+
+
+def read_all_notes(folder: Path) -> object:
+    """Read the notes. Raises SessionError for one that is damaged."""
+    if lines := damaged_notes(folder):
+        raise SessionError(lines[0])
+    return read_notes(folder)
 
 
 def read_recovery_files(folder: Path) -> object:
@@ -213,5 +233,12 @@ SESSION_KINDS = (
         (Place(PATTERN, TEXT),),
         (read_recovery_files, *DRUM_DOORS),
         lambda folder, reports: reports,
+    ),
+    Kind(
+        "notes",
+        build_noted,
+        (Place(NOTES, TEXT),),
+        (read_all_notes, *DRUM_DOORS),
+        lambda folder, notes: notes,
     ),
 )
