@@ -17,6 +17,10 @@ CLOCK_RESOLUTION_S = 1e-6
 MAX_LAG_S = 0.5
 """A paced simulation drops a longer lag instead of catching up: people are watching it."""
 
+PACED_SLICE_US = 5_000
+"""A paced simulation works in small steps: what falls due at the end of a step, such as a delivery
+of the cable, is late by the cost of simulating that step."""
+
 TURNS_PER_SELECT = 8
 """A free-running simulation polls its files once in this many turns: each poll is a system call,
 and no sample depends on what a file delivers."""
@@ -53,13 +57,17 @@ class _SimulationSelector(selectors.DefaultSelector):
         if (timeout is not None and timeout <= 0) or (ready and self._pace is None):
             return ready
         now_us = self._simulation.time_us
-        until_us = now_us + self._simulation.slice_us
+        until_us = now_us + self._slice_us()
         if timeout is not None:
             until_us = min(until_us, now_us + max(1, round(timeout * 1e6)))
         if self._pace is None:
             self._simulation.advance(until_us)
             return ready
         return self._advance_paced(until_us, ready, self._pace)
+
+    def _slice_us(self) -> int:
+        longest_us = self._simulation.slice_us
+        return longest_us if self._pace is None else min(longest_us, PACED_SLICE_US)
 
     def _poll(self) -> _Ready:
         """Return the files that are ready; a free-running simulation sees them some turns late."""

@@ -30,10 +30,12 @@ _STRIPS = {
     ENCODER: "Show the spikes of another encoder from now on",
     SAVE: "Save what is on the screen as a picture or a table",
 }
-LOOK_MS = 8
+LOOK_MS = 4
 """Period in which the page looks for new samples, which costs microseconds."""
-_DRAW_MS = 15
+_DRAW_MS = 10
 """Between two redraws, so that a board with small blocks does not fill the processor."""
+_SILENT_MS = 60
+"""Without samples for so long, force and speed are drawn alone."""
 _TEXT_MS = 100
 
 
@@ -61,6 +63,7 @@ class LivePage(QWidget):
         self._live: LiveReader | None = None
         self._head = 0
         self._since_draw, self._since_texts = QElapsedTimer(), QElapsedTimer()
+        self._since_samples = QElapsedTimer()
         self.timer = QTimer(self)
         self.timer.setTimerType(Qt.TimerType.PreciseTimer)
         self.timer.timeout.connect(self._look)
@@ -83,6 +86,8 @@ class LivePage(QWidget):
 
     def refresh(self, live: LiveReader) -> None:
         """Take new samples; draw them if the page is shown and follows them."""
+        if live.taxel_head != self._head:
+            self._since_samples.start()
         self._head = live.taxel_head
         self.plots.pull(live)
         self.encoder_strip.set_ranges(self.plots.data.low, self.plots.data.high)
@@ -97,7 +102,9 @@ class LivePage(QWidget):
 
     def refresh_slowly(self, live: LiveReader) -> None:
         """Take and draw what came without new samples, such as force without a taxel board."""
-        if live.taxel_head == self._head or not self.isVisible():
+        is_new = live.taxel_head != self._head
+        is_silent = not self._since_samples.isValid() or self._since_samples.hasExpired(_SILENT_MS)
+        if not self.isVisible() or (is_silent and not is_new):
             self.refresh(live)
 
     def _look(self) -> None:

@@ -65,6 +65,11 @@ class Timeline:
         return self.counters.end - self.counters.first
 
     @property
+    def head(self) -> int:
+        """Rows that the engine has written and this took, or came too late for."""
+        return self._head
+
+    @property
     def oldest(self) -> int:
         """Position of the oldest sample."""
         if not len(self):

@@ -21,8 +21,8 @@ from rigctl.encoding.encoder import Encoder
 from rigctl.session.write.recorder import Recorder
 from rigctl.values import SAMPLE_RATE_HZ, Block
 
-REAL_TIME_BATCH_SAMPLES = 20
-"""Samples per batch in real time: at most 20 ms of delay, fifty batches a second."""
+REAL_TIME_BATCH_SAMPLES = 10
+"""Samples per batch in real time: at most 10 ms of delay, a hundred batches a second."""
 FAST_BATCH_SAMPLES = 100
 """Samples per batch where simulated time is faster than real time and no user can watch."""
 MAX_QUEUED_SAMPLES = 30_000
