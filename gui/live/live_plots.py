@@ -11,7 +11,9 @@ from gui.live.live_data import LiveData
 from gui.live.review.cursors import Cursors
 from gui.live.review.navigation import Navigation
 from gui.live.spikes.spike_rates import FULL_SCALE_HZ, RATE_TICKS_HZ, WINDOW_S, RateBars
-from gui.live.time_plots import NOW, PAUSED, TimePlots
+from gui.live.sweeps.earlier_trials import EarlierTrials
+from gui.live.sweeps.trial_starts import TrialSweep
+from gui.live.time_plots import NOW, PAUSED, SINCE_START, TimePlots
 from gui.live.value_scale import ValueScale
 from gui.widgets.data_ages import DataAges
 from gui.widgets.plot_axes import colour_axes, fixed_plot
@@ -43,6 +45,8 @@ class LivePlots(PlotGrid):
         self.caption_paused = PAUSED
         self._since_numbers = QElapsedTimer()
         self.time_plots = TimePlots(self.cells, theme, self.sensor_layout)
+        self._earlier_trials = EarlierTrials(self.time_plots, theme)
+        self._earlier: tuple[list[TrialSweep], int] = ([], 0)
         self._build_right_column(theme)
         boxes = [plot.getViewBox() for plot in self.time_plots.plots]
         self.stale_covers = StaleCovers(*boxes, self.heat_map, self._rate_plot.getViewBox())
@@ -76,12 +80,17 @@ class LivePlots(PlotGrid):
         self.time_plots.set_range(data.low, data.high)
         self.time_plots.refresh(data.timeline, data.drum, window, self.devicePixelRatioF())
         self._show_lines()
+        self._show_earlier()
         is_due = not self._since_numbers.isValid() or self._since_numbers.hasExpired(
             _SLOW_REFRESH_MS
         )
         if is_due or self.navigation.is_paused:
             self._since_numbers.start()
-            self._refresh_right_column(window.right)
+            self._refresh_right_column(min(window.right, self.navigation.newest))
+
+    def show_earlier(self, trials: list[TrialSweep], taxel: int) -> None:
+        """Put trials behind the one that begins at the left, with the readings of a taxel."""
+        self._earlier = (trials, taxel)
 
     def draw_lines(self) -> None:
         """Draw events and cursors only."""
@@ -120,6 +129,8 @@ class LivePlots(PlotGrid):
         """Remove all samples, as when another rig is connected."""
         self.data.clear()
         self.navigation.resume()
+        self.navigation.align_to(None)
+        self.show_earlier([], 0)
         self.cursors.clear()
         self._since_numbers.invalidate()
 
@@ -162,7 +173,7 @@ class LivePlots(PlotGrid):
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme to all plots."""
         self.colour_background(theme)
-        for item in (self.time_plots, self.rate_bars, self.heat_map):
+        for item in (self.time_plots, self.rate_bars, self.heat_map, self._earlier_trials):
             item.set_theme(theme)
         colour_axes(self._rate_plot, theme)
         self.draw()
@@ -211,7 +222,15 @@ class LivePlots(PlotGrid):
         window = self.navigation.window
         self.time_plots.show_lines(self.data.marks.lines(window), *self.cursors.lines(window))
 
+    def _show_earlier(self) -> None:
+        trials, taxel = self._earlier
+        if trials and self.navigation.is_aligned:
+            self._earlier_trials.show(self.data, self.navigation.window, trials, taxel)
+        else:
+            self._earlier_trials.clear()
+
     def _follow(self) -> None:
-        timeline, drum = self.data.timeline, self.data.drum
-        self.navigation.follow(timeline.oldest, timeline.newest, drum.newest)
-        self.time_plots.set_caption(self.caption_paused if self.navigation.is_paused else NOW)
+        timeline, drum, navigation = self.data.timeline, self.data.drum, self.navigation
+        navigation.follow(timeline.oldest, timeline.newest, drum.newest)
+        still = self.caption_paused if navigation.is_paused else NOW
+        self.time_plots.set_caption(SINCE_START if navigation.is_aligned else still)

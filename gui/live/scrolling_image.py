@@ -40,6 +40,7 @@ class ScrollingImage(QGraphicsItem):
         self._pixels = np.zeros((1, 1), np.uint32)
         self._head = 0
         self._drawn = (0, -1)
+        self._last = -1
         self._ratio = 1.0
         self._source: tuple[Timeline | None, int] = (None, -1)
         self._is_stale = True
@@ -111,14 +112,17 @@ class ScrollingImage(QGraphicsItem):
         width = self._pixels.shape[1]
         first, last = self._head - width + 1, self._head
         drawn_first, drawn_last = self._drawn
+        newest = timeline.newest * width // self.shown.span
         if drawn_first > last or drawn_last < first or drawn_first > drawn_last:
             self._draw(timeline, first, last)
         else:
             if first < drawn_first:
                 self._draw(timeline, first, drawn_first - 1)
-            if last > drawn_last:
-                self._draw(timeline, drawn_last + 1, last)
-        newest = timeline.newest * width // self.shown.span
+            # Where the right edge stands still, columns behind the newest are blank already.
+            end = min(last, newest) if last == self._last else last
+            if end > drawn_last:
+                self._draw(timeline, drawn_last + 1, end)
+        self._last = last
         self._drawn = (first, min(last, newest - 1))
 
     def _draw(self, timeline: Timeline, first: int, last: int) -> None:

@@ -29,6 +29,7 @@ _ROW_PX, _LAST_ROW_PX, _LONG_LABEL_PX = 48, 88, 84
 OWN_RANGE = "Taxels<br>(own range)"
 _ROW_STRETCH = (2, 2, 5, 6)
 NOW, PAUSED = "Time relative to now (s)", "Time relative to the pause (s)"
+SINCE_START = "Time since the trial began (s)"
 
 
 class TimePlots:

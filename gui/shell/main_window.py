@@ -252,6 +252,8 @@ class MainWindow(QMainWindow):
         page = self.live_page
         tip = "Look back while samples go on to arrive, or follow them again"
         menus.add("View", "&Pause or follow", page.toggle_pause, shortcut="Ctrl+Space", tip=tip)
+        tip = "Begin each trial at the left edge of the live plots, or let them scroll"
+        menus.add("View", "Begin at each t&rial", page.toggle_sweeps, tip=tip)
         tip = "Save the live plots as they are now"
         menus.add("File", "Save &picture", page.save_picture, shortcut="Ctrl+Shift+P", tip=tip)
         menus.add_separator("File")

@@ -13,6 +13,7 @@ from rigctl.acquisition.live_buffer import LiveReader, LiveWriter
 from rigctl.acquisition.rpc.engine_files import EngineFile
 from rigctl.errors import RigctlError
 from rigctl.wire.drum.states import State
+from rigctl.wire.taxels.frames import Flag
 
 STATUS: dict[str, Any] = {
     "at_s": 1.0,
@@ -214,8 +215,11 @@ class FakeEngine(FakeClient):
         self.live = LiveReader(folder / "live")
         super().__init__(folder / "live", STATUS, self.live, self._writer)
 
-    def write_samples(self, n: int, dense: float = 0.05, skip: int = 0) -> None:
-        """Write ``n`` taxel samples and those of the load cell; ``skip`` lost samples precede."""
+    def write_samples(self, n: int, dense: float = 0.05, skip: int = 0, sync: bool = False) -> None:
+        """Write ``n`` taxel samples and those of the load cell; ``skip`` lost samples precede.
+
+        ``sync``: the level of the sync line, which is high during a trial.
+        """
         self._counter += skip
         counters = np.arange(self._counter, self._counter + n, dtype=np.int64)
         time_s = counters / 1000.0
@@ -228,7 +232,7 @@ class FakeEngine(FakeClient):
             time_s=time_s,
             counters=counters,
             samples=samples,
-            flags=np.zeros(n, np.uint8),
+            flags=np.full(n, Flag.SYNC if sync else 0, np.uint8),
             spikes=spikes,
         )
         drum_s = time_s[::12]

@@ -17,6 +17,8 @@ from gui.live.page.pointer import Pointer
 from gui.live.page.readout import cursor_text, difference_text
 from gui.live.page.taxel_strip import TaxelStrip
 from gui.live.recode.encoder_strip import EncoderStrip
+from gui.live.sweeps.sweep_mode import SweepMode
+from gui.live.sweeps.sweep_strip import SweepStrip
 from gui.live.value_scale import NOMINAL_SUPPLY_V, ValueScale
 from gui.widgets.labels import elastic, label, show_text
 from gui.widgets.layouts import vbox
@@ -24,9 +26,10 @@ from gui.widgets.theme import Theme
 from rigctl.acquisition.live_buffer import LiveReader
 from rigctl.acquisition.rpc.messages import EngineStatus
 
-TAXELS, ENCODER, SAVE = "Taxels", "Encoder", "Save"
+TAXELS, TRIALS, ENCODER, SAVE = "Taxels", "Trials", "Encoder", "Save"
 _STRIPS = {
     TAXELS: "Choose the taxels to show",
+    TRIALS: "Begin each trial at the left edge, with earlier ones behind it",
     ENCODER: "Show the spikes of another encoder from now on",
     SAVE: "Save what is on the screen as a picture or a table",
 }
@@ -52,10 +55,13 @@ class LivePage(QWidget):
         self.bar = LiveBar(self.plots.navigation, _STRIPS)
         self.taxel_strip = TaxelStrip(self.plots.sensor_layout)
         self.encoder_strip, self.save_strip = EncoderStrip(self.plots.data), SaveStrip()
+        self.sweep_strip = SweepStrip()
+        self.sweeps = SweepMode(self.plots, self.sweep_strip)
         self.saver = Saver()
         self.cursor_label, self.difference_label = elastic(label()), elastic(label())
         self._strips: dict[str, QWidget] = {
             TAXELS: self.taxel_strip,
+            TRIALS: self.sweep_strip,
             ENCODER: self.encoder_strip,
             SAVE: self.save_strip,
         }
@@ -90,6 +96,7 @@ class LivePage(QWidget):
             self._since_samples.start()
         self._head = live.taxel_head
         self.plots.pull(live)
+        self.sweeps.follow()
         self.encoder_strip.set_ranges(self.plots.data.low, self.plots.data.high)
         if not self.isVisible():
             return
@@ -122,6 +129,7 @@ class LivePage(QWidget):
             if self.plots.sensor_layout == layout:
                 self.taxel_strip.set_sensor_layout(layout)
         self.encoder_strip.show_status(status)
+        self.sweeps.show_status(status)
         board = status.boards.get("taxels")
         supply_v = board.supply_v if board is not None else None
         self._supply_v = supply_v or NOMINAL_SUPPLY_V
@@ -135,6 +143,10 @@ class LivePage(QWidget):
         """Look back, or follow the newest samples again."""
         navigation = self.plots.navigation
         (navigation.resume if navigation.is_paused else navigation.pause)()
+
+    def toggle_sweeps(self) -> None:
+        """Begin each trial at the left, or scroll again."""
+        self.sweep_strip.align.toggle()
 
     def save_picture(self) -> None:
         """Save the plots as they are now into the folder of the strip Save."""
@@ -173,6 +185,7 @@ class LivePage(QWidget):
         self.taxel_strip.chosen.connect(self.plots.show_taxels)
         self.pointer.enlarge_requested.connect(self._enlarge)
         self.pointer.taxel_changed.connect(lambda _: self.show_texts())
+        self.pointer.taxel_changed.connect(self.sweeps.show_taxel)
         self.plots.lines_changed.connect(self.show_texts)
         self.plots.navigation.changed.connect(self.show_texts)
 
@@ -198,5 +211,6 @@ class LivePage(QWidget):
     def _enlarge(self, taxel: int) -> None:
         """Show one taxel alone, or all again."""
         self.pointer.taxel = taxel
+        self.sweeps.show_taxel(taxel)
         self.plots.toggle_alone(taxel)
         self.taxel_strip.show_chosen(self.plots.time_plots.taxels)

@@ -16,7 +16,8 @@ _LATE_SAMPLES = 300  # without samples for so long, the time axis follows the dr
 class Navigation(QObject):
     """Position, length and zero of the time axis; positions are sample numbers.
 
-    Live, the right edge follows the newest sample. Paused, it stays until the user moves it, and
+    Live, the right edge follows the newest sample, or the left one stands at ``trial_start`` and
+    the right one stays until the samples reach it. Paused, it stays until the user moves it, and
     samples go on to arrive.
     """
 
@@ -29,13 +30,27 @@ class Navigation(QObject):
         self.oldest = self.newest = 0
         self._span = self._live_span = 10 * SAMPLE_RATE_HZ
         self._right = self._origin = 0
+        self.trial_start: int | None = None
 
     @property
     def window(self) -> TimeWindow:
         """The part of the time axis that is shown now."""
         if self.is_paused:
             return TimeWindow(self._right, self._span, self._origin)
+        if (start := self.trial_start) is not None:
+            return TimeWindow(max(start + self._span, self.newest), self._span, start)
         return TimeWindow(self.newest, self._span, self.newest)
+
+    @property
+    def is_aligned(self) -> bool:
+        """Whether time 0 is the beginning of a trial."""
+        return self.trial_start is not None and self.window.origin == self.trial_start
+
+    def align_to(self, trial_start: int | None) -> None:
+        """Begin at a trial from now on, None: follow the newest samples; a look back stays."""
+        if trial_start != self.trial_start:
+            self.trial_start = trial_start
+            self.changed.emit()
 
     @property
     def span_s(self) -> float:
@@ -48,10 +63,11 @@ class Navigation(QObject):
         self.oldest, self.newest = oldest, round(drum_newest) if late else newest
 
     def pause(self) -> None:
-        """Stay at the present moment, which becomes time 0."""
+        """Stay at the present moment, which becomes time 0 where no trial is."""
         if not self.is_paused:
+            window = self.window
             self.is_paused = True
-            self._right = self._origin = self.newest
+            self._right, self._origin = window.right, window.origin
             self.changed.emit()
 
     def look_at(self, right: int, origin: int) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from PySide6.QtWidgets import QApplication
 
 from gui.analysis.results import AnalysisResults, ResultsPage
+from gui.live.page.live_page import TRIALS
 from gui.shell.main_window import MainWindow
 from gui.widgets.file_browser import PathKind
 from rigctl.wire.drum.states import State
@@ -108,6 +109,7 @@ def _operate(stage: Stage) -> Iterator[str]:
     yield "Operate, connected"
     stage.update(**CROWDED, state=int(State.RUN), recording=RECORDING, run=RUN)
     yield "Operate, crowded figures"
+    yield from _trials(stage)
     failure = {"active": False, "failure": "the disk is full: free some space, then continue"}
     state = {"state": int(State.FAULT_OFF), "fault": 2}
     stage.update(**state, fault_words=FAULT_WORDS, recording=failure)
@@ -115,6 +117,20 @@ def _operate(stage: Stage) -> Iterator[str]:
     yield "Operate, fault and full disk"
     stage.window.engine_link.silent.emit(12.0)
     yield SILENT
+
+
+def _trials(stage: Stage) -> Iterator[str]:
+    page = stage.window.live_page
+    click(page.bar.buttons[TRIALS])
+    page.toggle_sweeps()
+    for _ in range(2):
+        stage.engine.write_samples(1000)
+        page.refresh(stage.engine.live)
+        stage.engine.write_samples(2000, sync=True)
+        page.refresh(stage.engine.live)
+    yield "Trials from the left edge"
+    page.toggle_sweeps()
+    click(page.bar.buttons[TRIALS])
 
 
 def _protocol(stage: Stage) -> Iterator[str]:
