@@ -296,3 +296,25 @@ def test_c_scales_the_current_of_the_present_force(page: LivePage, tmp_path: Pat
     strip.model.editingFinished.emit()
     wait_until(lambda: "not.h5" in strip.sentence.text())
     page.close_files()
+
+
+def test_a_typed_c_scales_all_taxels(page: LivePage, engine: FakeEngine) -> None:
+    strip = page.encoder_strip
+    click(page.bar.buttons[ENCODER])
+    strip.scaling.setCurrentIndex(strip.scaling.findText("C, typed"))
+    strip.scaling.activated.emit(strip.scaling.currentIndex())
+    assert strip.c.isVisible() and not strip.model.isVisible()
+    strip.c.selectAll()
+    QTest.keyClicks(strip.c, "2.5")
+    QTest.keyClick(strip.c, Qt.Key.Key_Return)
+    assert "C = 2.5 for all taxels; the record stays as it is" in strip.sentence.text()
+    before = page.plots.data.timeline.spikes.end
+    stream(page, engine, 5000)
+    shown = page.plots.data.timeline.spikes.between(before, before + 5000)
+    samples = page.plots.data.timeline.samples.between(before, before + 5000)
+    ranges = Normalisation(np.full(18, 200, np.uint16), np.full(18, 800, np.uint16))
+    encoder = Encoder(ranges, preset("default"), np.full(18, 2.5))
+    assert np.array_equal(shown, encoder.encode(np.ascontiguousarray(samples)))
+    strip.scaling.setCurrentIndex(0)
+    strip.scaling.activated.emit(0)
+    assert page.plots.data.timeline.recode is None and strip.model.isVisible()

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QLineEdit, QWidget
+from PySide6.QtWidgets import QDoubleSpinBox, QLineEdit, QWidget
 
 from gui.live.live_data import LiveData
 from gui.live.recode.recoder import Recoder
@@ -21,7 +21,8 @@ from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import PRESETS, preset
 from rigctl.errors import RigctlError, WrongUse
 
-ENGINE, NO_C, BLIND, OF_PLATE = "engine", "none", "blind", "plate"
+ENGINE, NO_C, BLIND, OF_PLATE, TYPED = "engine", "none", "blind", "plate", "typed"
+_HIGHEST_C = 20.0
 _LIVE_PRESETS = tuple(name for name, known in PRESETS.items() if not known.filters_whole_trials)
 
 
@@ -41,18 +42,26 @@ class EncoderStrip(QWidget):
         self._thread: threading.Thread | None = None
         self._condition = ("", 0.0, 0.0)
         self.preset = combo_box({"the engine's": ENGINE, **{name: name for name in _LIVE_PRESETS}})
-        self.scaling = combo_box({"no C": NO_C, "C, blind": BLIND, "C of the plate": OF_PLATE})
+        scalings = {"no C": NO_C, "C, blind": BLIND, "C of the plate": OF_PLATE, "C, typed": TYPED}
+        self.scaling = combo_box(scalings)
+        self.c = QDoubleSpinBox(minimum=0.01, maximum=_HIGHEST_C, value=1.0, singleStep=0.1)
+        self.c.setPrefix("C = ")
+        self.c.setToolTip("One factor on the SA current of all taxels, without a unit")
+        self.c.setKeyboardTracking(False)
         self.model = QLineEdit()
         self.model.setPlaceholderText("model file with C")
         self.sentence = elastic(label("", "muted"))
         browse = browse_button(self.path_requested, PathKind.MODEL, self._choose_model)
+        self._of_model = (self.model, browse)
         first = (label("Encoder"), self.preset, label("Force scaling"), self.scaling)
-        row = hbox(*first, self.model, browse, wide=4)
+        row = hbox(*first, self.c, self.model, browse, wide=5)
         self.setLayout(vbox(row, self.sentence, spacing=2, margins=(6, 0, 6, 0)))
         self.preset.activated.connect(lambda _: self._apply())
-        self.scaling.activated.connect(lambda _: self._load())
+        self.scaling.activated.connect(lambda _: self._choose_scaling())
+        self.c.valueChanged.connect(lambda _: self._apply())
         self.model.editingFinished.connect(self._load)
         self._loaded.connect(self._take)
+        self._show_fields()
 
     def show_status(self, status: EngineStatus) -> None:
         """Take plate, speed and force, of which C depends."""
@@ -72,6 +81,17 @@ class EncoderStrip(QWidget):
         if self._thread is not None:
             self._thread.join()
 
+    def _choose_scaling(self) -> None:
+        self._show_fields()
+        self._load()
+
+    def _show_fields(self) -> None:
+        """Show the number to type or the file to read C from."""
+        is_typed = self.scaling.currentData() == TYPED
+        self.c.setVisible(is_typed)
+        for field in self._of_model:
+            field.setVisible(not is_typed)
+
     def _choose_model(self, path: str) -> None:
         self.model.setText(path)
         self._load()
@@ -79,7 +99,7 @@ class EncoderStrip(QWidget):
     def _load(self) -> None:
         """Read C in a thread, as a disk may be slow."""
         path = self.model.text().strip()
-        if self.scaling.currentData() == NO_C or not path:
+        if self.scaling.currentData() in (NO_C, TYPED) or not path:
             self._take(None)
             return
         self.wait()
@@ -123,6 +143,9 @@ class EncoderStrip(QWidget):
 
     def _scale(self, scaling: str) -> tuple[NDArray[np.float64], str]:
         """Return C of the present condition, and words. Raises WrongUse without one."""
+        if scaling == TYPED:
+            c = self.c.value()
+            return np.full(len(self._data.low), c), f"C = {c:g} for all taxels"
         if self._force is None:
             raise WrongUse("name a model file that has C")
         plate, speed_mm_s, force_g = self._condition
