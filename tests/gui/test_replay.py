@@ -55,10 +55,26 @@ def test_a_session_replays_with_v_of_t_and_becomes_a_movie(
     spikes = timeline.spikes.between(0, 401)[:, 0]
     assert np.array_equal(shown_mv[:401] >= 30.0, spikes > 0)
 
-    click(page.movie)
-    wait_until(lambda: not page.worker.is_busy, 120_000)
+    click(page.movies.button)
+    assert page.movies.button.text() == "Cancel"
+    wait_until(lambda: "%" in page.sentence.text(), 120_000)
+    click(page.movies.button)
+    assert page.sentence.text() == "The movie is cancelled."
+    assert [path.name for path in session.parent.glob("*attempt*")] == []
+
+    page.movies.length.setValue(0.2)
+    click(page.movies.button)
+    wait_until(lambda: not page.movies.worker.is_busy, 120_000)
     (movie,) = session.parent.glob("session-attempt1-T1-*.gif")
     assert movie.stat().st_size > 10_000 and str(movie) in page.sentence.text()
+
+    page.movies.kind.setCurrentText("MP4")
+    click(page.movies.button)
+    wait_until(lambda: not page.movies.worker.is_busy, 120_000)
+    wants_ffmpeg = "needs ffmpeg" in page.sentence.text()
+    assert wants_ffmpeg or len(list(session.parent.glob("session-attempt1-T1-*.mp4"))) == 1
+    assert page.movies.button.text() == "Movie"
+    page.movies.kind.setCurrentText("GIF")
     window.show_replay(is_shown=False)
     assert window.stack.currentWidget() is window.live_page
 

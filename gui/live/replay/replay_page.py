@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
@@ -13,6 +12,7 @@ from gui.analysis.worker import Worker
 from gui.live.live_plots import LivePlots
 from gui.live.page.pointer import Pointer
 from gui.live.page.readout import cursor_text
+from gui.live.replay.movie_maker import MovieMaker
 from gui.live.replay.player import Player
 from gui.live.replay.replay_data import fill
 from gui.live.replay.voltage_plot import VoltagePlot
@@ -20,8 +20,8 @@ from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import elastic, label, show_text
 from gui.widgets.layouts import hbox, push_button, vbox
 from gui.widgets.theme import Theme
+from rigctl.values import SAMPLE_RATE_HZ
 
-MOVIE_S = 1.0
 NO_SESSION = "Open a session to replay its trials."
 
 
@@ -53,6 +53,7 @@ class ReplayPage(QWidget):
     def poll(self) -> None:
         """Take results of the worker, and show the present moment."""
         self.worker.poll()
+        self.movies.worker.poll()
         if not self.isVisible() or not self.player.is_playing:
             return
         self.player.advance()
@@ -71,6 +72,7 @@ class ReplayPage(QWidget):
     def close_files(self) -> None:
         """End the worker process, as before the window closes."""
         self.worker.cancel()
+        self.movies.cancel()
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
@@ -101,18 +103,19 @@ class ReplayPage(QWidget):
         self.speed.setPrefix("× ")
         self.speed.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
         self.speed.setToolTip("Speed of the replay in times real time")
-        self.movie = push_button(
-            "Movie",
-            self._write_movie,
-            "Write the second before this moment of the chosen taxel as a GIF beside the session",
-        )
-        self._play_row = (self.play, self.place, self.speed, self.movie)
+        self.movies = MovieMaker()
+        self._play_row = (self.play, self.place, self.speed, *self.movies.controls)
 
     def _connect(self) -> None:
         worker, pointer = self.worker, self.pointer
         worker.finished.connect(self._finish)
         worker.failed.connect(self._fail)
         worker.progressed.connect(self._show_progress)
+        movies = self.movies
+        movies.requested.connect(self._write_movie)
+        movies.told.connect(lambda words: show_text(self.sentence, words))
+        movies.saved.connect(self._show_saved)
+        movies.failed.connect(lambda sentence: self._fail("trial_movie", sentence))
         self.session.returnPressed.connect(lambda: self.open(self.session.text()))
         self.trial.valueChanged.connect(lambda number: self._load(number - 1))
         self.speed.valueChanged.connect(lambda speed: setattr(self.player, "speed", speed))
@@ -156,9 +159,6 @@ class ReplayPage(QWidget):
         elif task == "neuron_voltage":
             self.voltage.show_voltage(self.pointer.taxel, result)
             self._follow_window()
-        elif task == "trial_movie":
-            show_text(self.sentence, f"saved {result}")
-            self.reported.emit("saved", f"saved {result}")
 
     def _show_table(self, table: SessionTable) -> None:
         if table.experiment != DRUM or not table.n_rows:
@@ -210,10 +210,9 @@ class ReplayPage(QWidget):
         if self._row < 0:
             show_text(self.sentence, NO_SESSION)
             return
-        start_s = max(0.0, self.player.position / 1000 - MOVIE_S)
-        folder, taxel = Path(self._table.path).expanduser(), self.pointer.taxel
-        name = f"{folder.name}-attempt{self._row + 1}-T{taxel + 1}-{start_s:.3f}s.gif"
-        place = {"path": self._table.path, "row": self._row, "taxel": taxel}
-        out = str(folder.with_name(name))
-        self.worker.submit("trial_movie", **place, section_s=(start_s, MOVIE_S), out=out)
-        show_text(self.sentence, f"drawing {out} …")
+        end_s = self.player.position / SAMPLE_RATE_HZ
+        self.movies.write(self._table.path, self._row, self.pointer.taxel, end_s)
+
+    def _show_saved(self, path: str) -> None:
+        show_text(self.sentence, f"saved {path}")
+        self.reported.emit("saved", f"saved {path}")
