@@ -143,6 +143,8 @@ shots: boards
 soak: firmware
 	$(SAY) "an hour of world time on virtual boards, ten minutes on the chips"
 	@$(BIN)/python -m pytest -q -o python_files="soak_*.py" tests/soak/soak_hour.py
+	$(SAY) "an hour of streaming into the window and onto the disk: memory, redraw, latency"
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -q -s -o python_files="soak_*.py" tests/soak/soak_live.py
 
 # FUZZ_SEED=… has the same mutations again; FUZZ_FILES (of each kind), FUZZ_REQUESTS, FUZZ_SECONDS.
 FUZZER := build/fuzz/atheris

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rigctl.acquisition.live_buffer import LiveReader, LiveWriter
 from rigctl.acquisition.rpc.engine_files import EngineFile
@@ -235,6 +236,16 @@ class FakeEngine(FakeClient):
             flags=np.full(n, Flag.SYNC if sync else 0, np.uint8),
             spikes=spikes,
         )
+        self.write_drum(time_s)
+        self._counter += n
+
+    @property
+    def writer(self) -> LiveWriter:
+        """The live data, for a test that writes samples itself."""
+        return self._writer
+
+    def write_drum(self, time_s: NDArray[np.float64]) -> None:
+        """Write the load cell's samples of a time, one for twelve of the taxels."""
         drum_s = time_s[::12]
         force = 500 + 4 * self._random.standard_normal(len(drum_s))
         self._writer.add_drum(
@@ -245,4 +256,3 @@ class FakeEngine(FakeClient):
             speed_set_mm_s=80.0,
             state=int(State.RUN),
         )
-        self._counter += n
