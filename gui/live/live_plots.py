@@ -10,7 +10,8 @@ from gui.live.heatmap import HeatMap
 from gui.live.live_data import LiveData
 from gui.live.review.cursors import Cursors
 from gui.live.review.navigation import Navigation
-from gui.live.spikes.spike_rates import FULL_SCALE_HZ, RATE_TICKS_HZ, WINDOW_S, RateBars
+from gui.live.spikes.rate_axis import label_rates
+from gui.live.spikes.spike_rates import FULL_SCALE_HZ, WINDOW_S, RateBars
 from gui.live.sweeps.earlier_trials import EarlierTrials
 from gui.live.sweeps.trial_starts import TrialSweep
 from gui.live.time_plots import NOW, PAUSED, SINCE_START, TimePlots
@@ -44,6 +45,7 @@ class LivePlots(PlotGrid):
         self.value_scale = ValueScale()
         self.caption_paused = PAUSED
         self._since_numbers = QElapsedTimer()
+        self._theme, self._is_per_mm = theme, False
         self.time_plots = TimePlots(self.cells, theme, self.sensor_layout)
         self._earlier_trials = EarlierTrials(self.time_plots, theme)
         self._earlier: tuple[list[TrialSweep], int] = ([], 0)
@@ -170,8 +172,16 @@ class LivePlots(PlotGrid):
             self.time_plots.set_value_scale(scale)
             self.heat_map.set_value_scale(scale)
 
+    def set_rates_per_mm(self, is_per_mm: bool) -> None:
+        """Show spikes per mm of texture that passed, or per second."""
+        self._is_per_mm = is_per_mm
+        label_rates(self._rate_plot, self._theme, is_per_mm)
+        self._since_numbers.invalidate()
+        self.draw()
+
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme to all plots."""
+        self._theme = theme
         self.colour_background(theme)
         for item in (self.time_plots, self.rate_bars, self.heat_map, self._earlier_trials):
             item.set_theme(theme)
@@ -190,12 +200,11 @@ class LivePlots(PlotGrid):
         self.rate_bars = RateBars(theme, self.sensor_layout)
         self.cells.addItem(self.heat_map, row=0, col=1, rowspan=3)
         self._rate_plot = fixed_plot(self.cells, 3, 1)
-        self._rate_plot.setLabel("bottom", "Rate in the last second (Hz)")
         axis, time_axis = (
             plot.getAxis("bottom") for plot in (self._rate_plot, self.time_plots.raster_plot)
         )
         axis.setHeight(time_axis.height())
-        axis.setTicks([[(hz, f"{hz}") for hz in RATE_TICKS_HZ], []])
+        label_rates(self._rate_plot, theme, self._is_per_mm)
         self._rate_plot.hideAxis("left")
         self._rate_plot.setXRange(0, FULL_SCALE_HZ, padding=0)
         self._rate_plot.invertY(True)
@@ -211,7 +220,9 @@ class LivePlots(PlotGrid):
     def _refresh_right_column(self, position: int) -> None:
         data = self.data
         self.heat_map.refresh(data.samples_before(position, _MAP_SAMPLES), data.low, data.high)
-        self.rate_bars.refresh(data.spikes_before(position, round(WINDOW_S * SAMPLE_RATE_HZ)))
+        n_samples = round(WINDOW_S * SAMPLE_RATE_HZ)
+        travelled_mm = data.drum.travelled_mm(position, n_samples) if self._is_per_mm else None
+        self.rate_bars.refresh(data.spikes_before(position, n_samples), travelled_mm)
 
     def _area(self, plot: int) -> QRectF:
         """Return the inside of a plot in pixels of the widget."""

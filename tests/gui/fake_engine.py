@@ -222,11 +222,18 @@ class FakeEngine(FakeClient):
         ``sync``: the level of the sync line, which is high during a trial.
         """
         self._counter += skip
-        counters = np.arange(self._counter, self._counter + n, dtype=np.int64)
-        time_s = counters / 1000.0
+        time_s = np.arange(self._counter, self._counter + n) / 1000.0
         wave = np.sin(2 * np.pi * time_s[:, None] * np.linspace(4, 21, 18) / 3)
         noise = self._random.standard_normal((n, 18))
-        samples = (500 + 180 * wave + 12 * noise).astype(np.uint16)
+        self.write_readings((500 + 180 * wave + 12 * noise).astype(np.uint16), dense, sync)
+
+    def write_readings(
+        self, samples: NDArray[np.uint16], dense: float = 0.05, sync: bool = False
+    ) -> None:
+        """Write these readings, (n, 18), with spikes at random."""
+        n = len(samples)
+        counters = np.arange(self._counter, self._counter + n, dtype=np.int64)
+        time_s = counters / 1000.0
         rate = dense * (1 + np.sin(2 * np.pi * 0.7 * time_s))[:, None]
         spikes = (self._random.random((n, 36)) < rate).astype(np.uint8)
         self._writer.add_taxels(

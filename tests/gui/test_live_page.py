@@ -318,3 +318,21 @@ def test_a_typed_c_scales_all_taxels(page: LivePage, engine: FakeEngine) -> None
     strip.scaling.setCurrentIndex(0)
     strip.scaling.activated.emit(0)
     assert page.plots.data.timeline.recode is None and strip.model.isVisible()
+
+
+def test_rates_are_per_mm_of_the_texture_that_passed(page: LivePage, engine: FakeEngine) -> None:
+    click(page.bar.buttons[ENCODER])
+    QTest.keyClick(page.encoder_strip.per_mm, Qt.Key.Key_Space)
+    bars = page.plots.rate_bars
+    assert bars.rates_a_mm is not None
+    assert bars.rates_a_mm == pytest.approx(bars.rates_hz / 80.0, rel=0.01)
+    axis = page.plots._rate_plot.getAxis("bottom")
+    assert axis.labelText == "Spikes in the last second (1/mm)"
+    QTest.keyClick(page.encoder_strip.per_mm, Qt.Key.Key_Space)
+    assert bars.rates_a_mm is None and axis.labelText == "Rate in the last second (Hz)"
+
+
+def test_a_drum_at_rest_has_no_rate_per_mm(page: LivePage) -> None:
+    bars = page.plots.rate_bars
+    bars.refresh(np.ones((1000, 36), np.uint8), travelled_mm=0.4)
+    assert bars.rates_a_mm is not None and not bars.rates_a_mm.any()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from copy import deepcopy
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +21,8 @@ from gui.live.sweeps.sweep_strip import WAITS
 from gui.live.time_plots import NOW, SINCE_START
 from gui.widgets.theme import LIGHT
 from rigctl.acquisition.rpc.messages import parse_status
+from rigctl.session.read.session import Session
+from tests.analysis.recordings import record
 from tests.gui.fake_engine import STATUS, FakeEngine
 from tests.gui.steps import Harness, click, wait_until
 
@@ -162,3 +165,19 @@ def test_the_menu_switches_and_another_rig_begins_anew(harness: Harness) -> None
     wait_until(lambda: caption(page) == NOW)
     action.trigger()
     assert not page.sweep_strip.align.isChecked()
+
+
+def test_a_recorded_session_is_cut_where_it_was(
+    page: LivePage, engine: FakeEngine, tmp_path: Path
+) -> None:
+    with Session.open(record(tmp_path / "session", repeats=1)) as session:
+        attempts = [np.ascontiguousarray(session.samples(row)) for row in range(2)]
+    for samples in attempts:
+        arrive(page, engine, PAUSE)
+        engine.write_readings(samples, sync=True)
+        page.refresh(engine.live)
+    first, second = page.sweeps.starts.trials
+    assert first.end is not None and first.end - first.start == len(attempts[0])
+    assert navigation(page).window.left == second.start
+    shown = page.plots.data.timeline.samples.between(second.start, second.start + len(samples))
+    assert np.array_equal(shown, attempts[1])

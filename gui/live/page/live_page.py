@@ -178,6 +178,7 @@ class LivePage(QWidget):
         self.bar.strip_toggled.connect(self._show_strip)
         self.bar.unit.currentTextChanged.connect(lambda _: self._set_unit())
         self.encoder_strip.changed.connect(self._mark_encoder)
+        self.encoder_strip.per_mm_toggled.connect(self.plots.set_rates_per_mm)
         self.save_strip.picture_requested.connect(lambda _: self.save_picture())
         self.save_strip.table_requested.connect(self._save_table)
         self.saver.saved.connect(lambda path: self.reported.emit("saved", f"saved {path}"))

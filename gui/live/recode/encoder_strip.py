@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QDoubleSpinBox, QLineEdit, QWidget
+from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QLineEdit, QWidget
 
 from gui.live.live_data import LiveData
 from gui.live.recode.recoder import Recoder
@@ -33,6 +33,8 @@ class EncoderStrip(QWidget):
     """A :class:`PathKind`, and the function that takes the chosen path."""
     changed = Signal(str)
     """What the views show from now on, in words."""
+    per_mm_toggled = Signal(bool)
+    """Whether to show spikes per mm of texture instead of per second."""
     _loaded = Signal(object)
 
     def __init__(self, data: LiveData) -> None:
@@ -55,7 +57,13 @@ class EncoderStrip(QWidget):
         self._of_model = (self.model, browse)
         first = (label("Encoder"), self.preset, label("Force scaling"), self.scaling)
         row = hbox(*first, self.c, self.model, browse, wide=5)
-        self.setLayout(vbox(row, self.sentence, spacing=2, margins=(6, 0, 6, 0)))
+        self.per_mm = QCheckBox("speed scaling: rates per mm")
+        self.per_mm.setToolTip(
+            "Spikes in the last second divided by the texture that passed in it, so that rates at\n"
+            "different speeds compare; nothing while less than 1 mm passes"
+        )
+        self.per_mm.toggled.connect(self.per_mm_toggled)
+        self.setLayout(vbox(row, self.per_mm, self.sentence, spacing=2, margins=(6, 0, 6, 0)))
         self.preset.activated.connect(lambda _: self._apply())
         self.scaling.activated.connect(lambda _: self._choose_scaling())
         self.c.valueChanged.connect(lambda _: self._apply())

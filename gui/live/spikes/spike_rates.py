@@ -15,17 +15,26 @@ from rigctl.values import SAMPLE_RATE_HZ
 
 FULL_SCALE_HZ = 300.0
 RATE_TICKS_HZ = (0, 100, 200)
+FULL_SCALE_A_MM = 6.0
+RATE_TICKS_A_MM = (0, 2, 4)
+LEAST_TRAVEL_MM = 1.0
+"""With less in the window, spikes per mm would be a division by nearly nothing: no bars."""
 WINDOW_S = 1.0
 
 
 class RateBars(QGraphicsItem):
-    """Horizontal bars from 0 to the rate in Hz, in the raster's row order."""
+    """Horizontal bars from 0 to the rate, in the raster's row order.
+
+    ``rates_hz``: spikes a second, (n_rows,). ``rates_a_mm``: spikes a mm of texture where these
+    are shown, else None.
+    """
 
     def __init__(self, theme: Theme, layout: SensorLayout) -> None:
         super().__init__()
         self.theme = theme
         self.rows = TrainRows(layout)
         self.rates_hz = np.zeros(len(self.rows))
+        self.rates_a_mm: NDArray[np.float64] | None = None
 
     def set_sensor_layout(self, layout: SensorLayout) -> None:
         """Order the bars by the layers of another sensor with as many taxels."""
@@ -35,18 +44,25 @@ class RateBars(QGraphicsItem):
         """Show other rows of the trains."""
         self.prepareGeometryChange()
         self.rows = rows
-        self.rates_hz = np.zeros(len(rows))
+        self.rates_hz, self.rates_a_mm = np.zeros(len(rows)), None
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
         self.theme = theme
         self.update()
 
-    def refresh(self, spikes: NDArray[np.uint8]) -> None:
-        """Show the rates of the newest second of spikes, uint8 (n, n_rows), encoder's order."""
+    def refresh(self, spikes: NDArray[np.uint8], travelled_mm: float | None = None) -> None:
+        """Show the rates of the newest second of spikes, uint8 (n, n_rows), encoder's order.
+
+        ``travelled_mm``: show spikes per mm of this texture instead of per second.
+        """
         newest = spikes[-round(WINDOW_S * SAMPLE_RATE_HZ) :]
         seconds = max(len(newest), 1) / SAMPLE_RATE_HZ
-        self.rates_hz = newest.sum(axis=0, dtype=np.int64)[self.rows.order] / seconds
+        counts = newest.sum(axis=0, dtype=np.int64)[self.rows.order]
+        self.rates_hz, self.rates_a_mm = counts / seconds, None
+        if travelled_mm is not None:
+            has_moved = travelled_mm >= LEAST_TRAVEL_MM
+            self.rates_a_mm = counts / travelled_mm if has_moved else np.zeros(len(counts))
         self.update()
 
     def boundingRect(self) -> QRectF:
@@ -56,6 +72,9 @@ class RateBars(QGraphicsItem):
     def paint(self, painter: QPainter, *_: object) -> None:
         """Draw one rectangle per row."""
         colours = [QColor(colour) for colour in self.rows.group_colours(self.theme)]
-        for row, rate in enumerate(np.minimum(self.rates_hz, FULL_SCALE_HZ)):
+        shown = self.rates_hz
+        if self.rates_a_mm is not None:
+            shown = self.rates_a_mm * (FULL_SCALE_HZ / FULL_SCALE_A_MM)
+        for row, rate in enumerate(np.minimum(shown, FULL_SCALE_HZ)):
             colour = colours[self.rows.group_of[row]]
             painter.fillRect(QRectF(0.0, row + 0.12, float(rate), 0.76), colour)

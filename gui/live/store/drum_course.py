@@ -74,6 +74,13 @@ class DrumCourse:
         time_s = (ring.between(first, end) - window.origin) / SAMPLE_RATE_HZ
         return time_s, {name: self._rings[name].between(first, end) for name in COLUMNS}
 
+    def travelled_mm(self, position: int, n_samples: int) -> float:
+        """Return the texture that passed in the samples up to a position, 0 where unknown."""
+        _, columns = self.within(TimeWindow(position, n_samples, position))
+        speed_mm_s = columns["speed_mm_s"]
+        seconds = n_samples / SAMPLE_RATE_HZ
+        return float(np.abs(speed_mm_s).mean() * seconds) if len(speed_mm_s) else 0.0
+
     def at(self, position: float) -> dict[str, float] | None:
         """Return the values that held at a position, None before the first row."""
         ring = self._rings["position"]

@@ -10,7 +10,7 @@ import numpy as np
 from PySide6.QtWidgets import QApplication
 
 from gui.analysis.results import AnalysisResults, ResultsPage
-from gui.live.page.live_page import TRIALS
+from gui.live.page.live_page import ENCODER, TRIALS
 from gui.shell.main_window import MainWindow
 from gui.widgets.file_browser import PathKind
 from rigctl.wire.drum.states import State
@@ -130,7 +130,11 @@ def _trials(stage: Stage) -> Iterator[str]:
         page.refresh(stage.engine.live)
     yield "Trials from the left edge"
     page.toggle_sweeps()
-    click(page.bar.buttons[TRIALS])
+    click(page.bar.buttons[ENCODER])
+    click(page.encoder_strip.per_mm)
+    yield "Encoder of the live views, rates per mm"
+    click(page.encoder_strip.per_mm)
+    click(page.bar.buttons[ENCODER])
 
 
 def _protocol(stage: Stage) -> Iterator[str]:
