@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from PySide6.QtCore import QPoint, QRect, QSize, Qt
-from PySide6.QtGui import QGuiApplication
+from PySide6.QtGui import QAccessible, QGuiApplication
 from PySide6.QtWidgets import QApplication, QScrollArea, QWidget
 
 from gui.shell.main_window import MainWindow
@@ -85,6 +85,27 @@ def test_red_line_fades_when_nothing_follows(harness: Harness) -> None:
     line.red_timer.start(0)
     wait_until(lambda: line.property("role") == "muted")
     assert line.text() == "approach: tare first"
+
+
+def test_a_long_event_is_shortened_in_the_line_and_whole_beside_it(harness: Harness) -> None:
+    """The end of a long refusal, which is its cure, was cut off without a sign."""
+    window, line = harness.window, harness.window.status_line
+    before = window.size()
+    sentence = f"approach: {'the load cell reads 12 g without contact, ' * 8}tare it first"
+    try:
+        window.resize(1024, 700)
+        window.report("refused", sentence)
+        wait_until(lambda: line.width() < 1024)
+        assert line.shown_text.endswith("…") and sentence.startswith(line.shown_text[:-1])
+        assert line.fontMetrics().horizontalAdvance(line.shown_text) <= line.width()
+        assert line.toolTip() == sentence
+        interface = QAccessible.queryAccessibleInterface(line)
+        assert interface.text(QAccessible.Text.Name) == sentence
+        assert sentence in window.event_log.toPlainText()
+        window.status_line.show_event("refused", "tare first")
+        assert line.shown_text == "tare first"
+    finally:
+        window.resize(before)
 
 
 def test_middle_follows_the_panel_that_is_used(harness: Harness) -> None:
