@@ -86,11 +86,13 @@ def run(args: argparse.Namespace) -> int:
     """Show the window until it closes; return the exit code. Raises WrongUse."""
     check_display()
     import pyqtgraph as pg
+    from shiboken6 import delete
 
     from gui.engine_clients import JOIN
     from gui.shell.crash_reports import CrashReporter
     from gui.shell.main_window import MainWindow
     from gui.shell.memory.user_settings import UserSettings
+    from gui.shell.small_screen import screen_complaint
     from gui.widgets.theme import ThemeChoice
     from rigctl.simulation.bench.world_file import load_world
 
@@ -110,14 +112,18 @@ def run(args: argparse.Namespace) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: window.attach.leave())
     window.show()
-    Thread(target=_load_compiler, daemon=True).start()
+    if complaint := screen_complaint(*window.screen().availableSize().toTuple()):
+        window.report("check", complaint)
+    Thread(target=_load_compiler).start()
     if rig is not None:
         window.connect_rig(rig, str(world or ""))
-        return int(app.exec())
-    if world is not None:
-        window.toolbar.world.choose(str(world))
-    window.attach.announce()
-    return int(app.exec())
+    else:
+        if world is not None:
+            window.toolbar.world.choose(str(world))
+        window.attach.announce()
+    code = int(app.exec())
+    delete(window)  # while there is an application: widgets that outlive it crash Python's end
+    return code
 
 
 def _chosen_rig(args: argparse.Namespace) -> str | None:
@@ -136,7 +142,10 @@ def _chosen_rig(args: argparse.Namespace) -> str | None:
 
 
 def _load_compiler() -> None:
-    """Load what compiles the encoder while the user looks at the window, before it is wanted."""
+    """Load what compiles the encoder while the user looks at the window, before it is wanted.
+
+    A window that closes meanwhile waits for it, unseen: Python cannot end while native code loads.
+    """
     import_module("rigctl.encoding.encoder")
 
 

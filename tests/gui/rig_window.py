@@ -69,14 +69,19 @@ class RigWindow(NamedTuple):
         click(bench.inject)
 
     def bring_up(self) -> None:
-        """Press Next until the drum can approach."""
+        """Press Next until the drum can approach; clear the faults on the way."""
         self.window.show_panel("operate")
         box = self.window.operate_panel.bring_up
-        while box.missing.text() != READY:
-            before = box.next.text()
-            self.until(box.next.isEnabled)
-            click(box.next)
-            self.until(partial(self._has_gone_on, before))
+        clear = self.window.operate_panel.buttons["clear_fault"]
+        while box.missing.text() != READY or self.status.fault:
+            self.until(lambda: box.next.isEnabled() or clear.isEnabled())
+            if self.status.fault:
+                self.press("clear_fault")
+                self.until(lambda: not self.status.fault)
+            else:
+                before = box.next.text()
+                click(box.next)
+                self.until(partial(self._has_gone_on, before))
 
     def start(self, protocol: Path, out: Path) -> None:
         """Choose a protocol file and a folder, press Start, and confirm the first plate."""
@@ -95,7 +100,8 @@ class RigWindow(NamedTuple):
 
     def _has_gone_on(self, before: str) -> bool:
         box = self.window.operate_panel.bring_up
-        return box.next.text() != before or box.missing.text() == READY
+        is_ready = box.missing.text() == READY or bool(self.status.fault)
+        return box.next.text() != before or is_ready
 
 
 @contextmanager

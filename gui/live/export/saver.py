@@ -9,10 +9,11 @@ from datetime import datetime
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from PySide6.QtCore import QObject, Signal
-from PySide6.QtGui import QImage
+from PySide6.QtCore import QBuffer, QByteArray, QIODevice, QObject, Signal
+from PySide6.QtGui import QImage, QImageWriter
 
 from gui.live.export.table_file import ShownSamples, write_table
+from rigctl.analysis.data.atomic_file import atomic_file
 from rigctl.errors import RigctlError
 
 _CLOSE_TIMEOUT_S = 30.0
@@ -71,8 +72,18 @@ def new_path(folder: Path, suffix: str) -> Path:
 
 
 def _write_picture(image: QImage, path: Path) -> str:
-    """Write a PNG; return what went wrong, empty if nothing did."""
-    return "" if image.save(str(path)) else f"{path} could not be written"
+    """Write a PNG, whole or not at all; return what went wrong, empty if nothing did."""
+    buffer = QBuffer()
+    buffer.open(QIODevice.OpenModeFlag.WriteOnly)
+    writer = QImageWriter(buffer, QByteArray(b"png"))
+    if not writer.write(image):
+        return writer.errorString()
+    try:
+        with atomic_file(path) as partial:
+            partial.write_bytes(buffer.data().data())
+    except RigctlError as error:
+        return str(error)
+    return ""
 
 
 def _write_in_process(shown: ShownSamples, path: Path) -> str:

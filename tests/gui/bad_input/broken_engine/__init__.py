@@ -1,0 +1,1 @@
+"""Faults in a real engine's process that no client can cause; ``sitecustomize`` makes them."""

@@ -1,0 +1,159 @@
+"""Sessions and settings that are damaged or newer, and disks that take nothing more."""
+
+from __future__ import annotations
+
+import resource
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import h5py
+import pytest
+from PySide6.QtWidgets import QApplication, QLabel
+
+from gui.shell.main_window import MainWindow
+from gui.shell.memory.user_settings import UserSettings
+from gui.widgets.theme import ThemeChoice
+from tests.analysis.recordings import record
+from tests.gui.fake_engine import FakeEngine
+from tests.gui.steps import Harness, click, wait_until
+from tests.session.damage import record_four_parts, zero
+
+
+@pytest.fixture(autouse=True)
+def leave_nothing(harness: Harness) -> Iterator[None]:
+    """Leave no session and no long sentence in the window that the tests share."""
+    yield
+    harness.window.analysis_tab.panel.show_unopened("No session is open.")
+    harness.window.status_line.clear()
+
+
+def _newer(folder: Path) -> None:
+    for path in folder.glob("part-*.h5"):
+        with h5py.File(path, "r+") as file:
+            file.attrs["layout_version"] = 99
+
+
+def _all_zero(folder: Path) -> None:
+    for path in folder.glob("part-*.h5"):
+        zero(path)
+
+
+def _no_parts(folder: Path) -> None:
+    for path in folder.glob("part-*.h5"):
+        path.unlink()
+
+
+DAMAGES: list[tuple[Callable[[Path], None], str]] = [
+    (_newer, "layout version 99, this program reads"),
+    (_all_zero, "is damaged"),
+    (_no_parts, "session"),
+]
+
+
+def _open_in_analysis(harness: Harness, folder: Path) -> QLabel:
+    tab = harness.window.analysis_tab
+    harness.window.show_panel("analysis")
+    tab.panel.folder.setText(str(folder))
+    click(tab.panel.open_button)
+    wait_until(lambda: not tab.reader.is_busy)
+    return tab.panel.about
+
+
+def _open_in_replay(harness: Harness, folder: Path) -> QLabel:
+    page = harness.window.replay_page
+    harness.window.show_replay(is_shown=True)
+    page.session.setText(str(folder))
+    page.session.returnPressed.emit()
+    wait_until(lambda: not page.worker.is_busy)
+    harness.window.show_replay(is_shown=False)
+    return page.sentence
+
+
+@pytest.mark.parametrize("open_page", [_open_in_analysis, _open_in_replay])
+@pytest.mark.parametrize(("damage", "sentence"), DAMAGES)
+def test_a_session_that_cannot_be_read_is_named(
+    harness: Harness,
+    tmp_path: Path,
+    open_page: Callable[[Harness, Path], QLabel],
+    damage: Callable[[Path], None],
+    sentence: str,
+) -> None:
+    folder = tmp_path / "lab-session"
+    record_four_parts(folder)
+    damage(folder)
+    shown = open_page(harness, folder)
+    assert sentence in shown.text() and "lab-session" in shown.text()
+    assert "Traceback" not in shown.text() + harness.window.event_log.toPlainText()
+
+
+def test_a_newer_session_says_which_program_reads_it(harness: Harness, tmp_path: Path) -> None:
+    folder = tmp_path / "s"
+    record_four_parts(folder)
+    _newer(folder)
+    assert "use the rigctl that recorded it" in _open_in_analysis(harness, folder).text()
+
+
+@pytest.mark.parametrize("method", [0, 1])
+@pytest.mark.parametrize("textures", ["A", "AB"])
+def test_an_analysis_of_too_few_trials_says_what_it_needs(
+    harness: Harness, tmp_path: Path, textures: str, method: int
+) -> None:
+    folder, tab = tmp_path / "few", harness.window.analysis_tab
+    record(folder, textures, speeds=(80,), forces=(500,))
+    _open_in_analysis(harness, folder)
+    box = tab.panel.run_box
+    box.method.setCurrentIndex(method)
+    click(box.run_button)
+    wait_until(lambda: not tab.worker.is_busy and box.run_button.isEnabled())
+    assert any(words in box.result.text() for words in ("needs", "too few", "record at least"))
+    assert box.result.property("role") == "bad"
+    assert "Traceback" not in box.result.text() + harness.window.event_log.toPlainText()
+    box.method.setCurrentIndex(0)
+
+
+@contextmanager
+def _full_disk(limit_bytes: int) -> Iterator[None]:
+    """Let no file of this process grow beyond a limit, as on a disk without room."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.parametrize("kind", ["picture", "table"])
+def test_a_picture_or_table_without_room_says_so_and_leaves_no_half(
+    harness: Harness, tmp_path: Path, kind: str
+) -> None:
+    window, strip = harness.window, harness.window.live_page.save_strip
+    folder, before = tmp_path / "pictures", harness.window.live_page.save_strip.folder.text()
+    harness.engine.write_samples(3000)
+    harness.update()
+    strip.folder.setText(str(folder))
+    with _full_disk(512):
+        click(strip.picture if kind == "picture" else strip.table)
+        wait_until(lambda: "nothing was saved" in window.event_log.toPlainText())
+    strip.folder.setText(before)
+    assert "choose another folder" in window.status_line.text()
+    assert str(folder) in window.event_log.toPlainText()
+    assert list(folder.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "garbage", [b"\xff\xfe\x00", b"[General]\nlayout=@ByteArray(\x01\x02)\n" * 500, b"=\n[[[\n%%%"]
+)
+def test_garbage_in_the_settings_opens_the_window_with_its_defaults(
+    app: QApplication, engine: FakeEngine, tmp_path: Path, garbage: bytes
+) -> None:
+    path = tmp_path / "window.ini"
+    path.write_bytes(garbage)
+    settings = UserSettings(path)
+    window = MainWindow(lambda *_: engine, ThemeChoice.LIGHT, settings=settings)
+    window.show()
+    app.processEvents()
+    assert window.isVisible() and "Traceback" not in window.event_log.toPlainText()
+    window.memory.save()
+    window.close()
+    window.deleteLater()

@@ -1,0 +1,127 @@
+"""A board is unplugged in each state of the drum: a strip names it, and the work goes on after."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from rigctl.session.read.session import Session
+from rigctl.session.verify.session import verify
+from rigctl.wire.drum.states import State
+from tests.gui.rig_window import RigWindow
+from tests.gui.steps import click, press_escape
+
+BOARDS = {"drum": "No drum board answers", "taxels": "No taxel board answers"}
+CURE = "check its cable and its supply"
+LONG = """
+name = "long"
+textures = ["D"]
+speeds_mm_s = [60]
+forces_g = [500]
+repeats = 50
+"""
+
+
+def _is_back(rig: RigWindow) -> bool:
+    return rig.status.drum_connected and rig.status.taxels_connected
+
+
+def _unplug_and_plug_in(rig: RigWindow, board: str) -> None:
+    """Unplug a board, read the alarm, plug the board in, and see the alarm go."""
+    strip = rig.window.drum.safety.alarms.strip
+    rig.window.show_panel("operate")
+    rig.inject(f"Unplug the {board}")
+    rig.until(lambda: strip.isVisible() and BOARDS[board] in strip.text.text())
+    assert CURE in strip.text.text() and strip.title.text().startswith("BOARD LOST")
+    rig.inject(f"Plug in the {board}")
+    rig.until(partial(_is_back, rig))
+    rig.until(lambda: BOARDS[board] not in strip.text.text() or not strip.isVisible())
+
+
+def _reach(rig: RigWindow, state: State) -> None:
+    """Bring the drum by hand from wherever it is into a state."""
+    if rig.status.state is State.HOLD:
+        rig.press("retract")
+        rig.until_state(State.ARMED)
+    rig.bring_up()
+    if state is State.IDLE:
+        rig.press("disarm")
+    if state in (State.HOLD, State.RUN):
+        rig.press("approach")
+        rig.until_state(State.HOLD)
+    if state is State.RUN:
+        rig.press("run")
+    rig.until_state(state)
+
+
+@pytest.mark.parametrize("board", BOARDS)
+@pytest.mark.parametrize("state", [State.IDLE, State.ARMED, State.HOLD, State.RUN])
+def test_by_hand(rig: RigWindow, state: State, board: str, tmp_path: Path) -> None:
+    box = rig.window.operate_panel.record_box
+    _reach(rig, state)
+    box.folder.setText(str(tmp_path))
+    click(box.button)
+    rig.until(lambda: rig.status.recording.samples_on_disk > 500)
+    before = rig.status.recording.samples_on_disk
+    _unplug_and_plug_in(rig, board)
+    rig.until(lambda: rig.status.recording.samples_on_disk > before + 500)
+    click(box.button)
+    rig.until(lambda: box.button.text() == "Record")
+    (folder,) = tmp_path.iterdir()
+    assert verify(folder).problems == []
+    rig.until_state(State.IDLE, State.ARMED, State.HOLD, State.FAULT_OFF)
+    assert "Traceback" not in rig.log
+
+
+def _run(rig: RigWindow, folder: Path) -> None:
+    """Start a long protocol, and wait until it turns in its second trial."""
+    protocol = folder / "long.toml"
+    protocol.write_text(LONG)
+    rig.start(protocol, folder)
+    rig.until(lambda: rig.status.run.trials_committed == 1)
+    rig.until_state(State.RUN)
+
+
+def _verified(rig: RigWindow) -> None:
+    """Demand that the session is whole and has what was recorded before."""
+    folder = Path(rig.status.run.session)
+    assert verify(folder).problems == [] and "Traceback" not in rig.log
+    with Session.open(folder) as session:
+        assert len(session.committed()) >= 1
+
+
+def test_a_run_without_its_drum_ends_and_says_how_to_go_on(rig: RigWindow, tmp_path: Path) -> None:
+    strip = rig.window.drum.safety.alarms.strip
+    _run(rig, tmp_path)
+    _unplug_and_plug_in(rig, "drum")
+    rig.until(lambda: rig.status.run.state == "failed")
+    _verified(rig)
+    if rig.status.fault:
+        rig.press("clear_fault")
+    rig.until(lambda: strip.title.text() == "RUN FAILED")
+    assert "plug the board in again" in strip.text.text()
+    assert "1 of 50 trials) is kept" in strip.text.text()
+    assert "Continue a session" in strip.text.text()
+    click(strip.dismiss)
+
+
+@pytest.mark.parametrize("is_paused", [False, True])
+def test_a_run_without_taxels_waits_for_them(
+    rig: RigWindow, is_paused: bool, tmp_path: Path
+) -> None:
+    panel = rig.window.protocol_panel
+    _run(rig, tmp_path)
+    if is_paused:
+        click(panel.buttons["Pause"])
+        rig.until(lambda: rig.status.run.state == "paused")
+    _unplug_and_plug_in(rig, "taxels")
+    if is_paused:
+        rig.window.show_panel("protocol")
+        rig.until(panel.buttons["Resume"].isEnabled)
+        click(panel.buttons["Resume"])
+    rig.until(lambda: rig.status.run.trials_committed >= 2)
+    press_escape(rig.window)
+    rig.until(lambda: rig.status.run.state == "aborted")
+    _verified(rig)
