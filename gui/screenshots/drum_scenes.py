@@ -1,0 +1,110 @@
+"""The drum rig: bring-up, a run with its pages, the list of engines."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from PySide6.QtWidgets import QScrollArea, QWidget
+
+from gui.protocol.protocol_panel import LIVE_BUTTON
+from gui.screenshots.scene import SAVE_IN, Scene, Studio
+from gui.shell.main_window import MainWindow
+from gui.widgets.file_browser import PathKind
+from rigctl.wire.drum.states import State
+
+RIDGES = """\
+name = "ridges"
+description = "Three ridged plates, for pictures."
+textures = ["D", "I", "L"]
+speeds_mm_s = [40, 60]
+forces_g = [500]
+repeats = 6
+"""
+MIN_TRIALS = 2
+CALIBRATION_S = 2.0
+
+
+def drum_scenes(studio: Studio) -> Iterator[Scene]:
+    """Show a connected rig, then a run; it goes on at the end."""
+    window = studio.window
+    window.show_panel("operate")
+    window.operate_panel.record_box.folder.setText(SAVE_IN)
+    _scroll_to(window.operate_panel.bring_up)
+    yield Scene("bring-up")
+    window.attach.list_engines()
+    studio.camera.wait(window.attach.engines.isVisible)
+    yield Scene("engines")
+    window.attach.engines.closed.emit()
+    _start_run(studio)
+    window.show_panel("operate")
+    _scroll_to(window.operate_panel.buttons["arm"])
+    yield Scene("window", lambda: advance_run(window))
+    window.show_panel("protocol")
+    yield Scene("protocol", lambda: advance_run(window))
+    yield from _protocol_pages(studio)
+
+
+def advance_run(window: MainWindow) -> bool:
+    """Confirm a prompt, if any; return whether the drum turns under force at its set speed."""
+    status = window.engine_link.status
+    if status.run.prompt is not None and window.prompt_panel.isVisible():
+        window.prompt_panel.confirm.click()
+    return status.state is State.RUN and status.speed_mm_s > 0.99 * status.speed_set_mm_s
+
+
+def _start_run(studio: Studio) -> None:
+    """Start the protocol and confirm its prompts until some trials are on disk."""
+    window, wait = studio.window, studio.camera.wait
+    link, panel = window.engine_link, window.protocol_panel
+    panel.out.setText(str(studio.work))
+    ridges = studio.work / "ridges.toml"
+    ridges.write_text(RIDGES, encoding="utf-8")
+    window.show_panel("protocol")
+    panel.add_protocol(str(ridges))
+    wait(panel.buttons["Start"].isEnabled)
+    panel.buttons["Start"].click()
+    wait(lambda: advance_run(window))
+    panel.out.setText(SAVE_IN)
+    link.request("calibrate_range", seconds=CALIBRATION_S)
+    wait(lambda: advance_run(window) and link.status.run.trials_committed >= MIN_TRIALS)
+
+
+def _protocol_pages(studio: Studio) -> Iterator[Scene]:
+    """Show each tab of the run's page; the last one is the editor."""
+    panel, tabs = studio.window.protocol_panel, studio.window.protocol_panel.page.tabs
+    panel.show_page(shows_page=True)
+    assert panel.page_button.text() == LIVE_BUTTON
+    panel.form.edit_button.click()
+    studio.camera.wait(lambda: not panel.worker.is_busy)
+    for index in range(tabs.count()):
+        tabs.setCurrentIndex(index)
+        yield Scene(f"protocol-{file_name(tabs.tabText(index))}", lambda: not panel.worker.is_busy)
+    panel.show_page(shows_page=False)
+
+
+def page_scenes(studio: Studio) -> Iterator[Scene]:
+    """Show the pages that need no rig: tools, shortcuts, the file browser."""
+    window, stack = studio.window, studio.window.stack
+    for name in ("accept", "ports"):
+        stack.show_page(name)
+        yield Scene(name)
+    window.help.shown.emit()
+    yield Scene("shortcuts")
+    window.file_browser.open(PathKind.SESSION, lambda _: None)
+    stack.show_page("files")
+    yield Scene("files")
+    window.file_browser.dismiss()
+
+
+def file_name(text: str) -> str:
+    """Return the text of a tab as a part of a file's name."""
+    return text.lower().replace(" ", "-").replace(",", "")
+
+
+def _scroll_to(widget: QWidget) -> None:
+    """Scroll the panel of a widget, so that the widget is in view."""
+    parent: QWidget | None = widget
+    while parent is not None and not isinstance(parent, QScrollArea):
+        parent = parent.parentWidget()
+    if isinstance(parent, QScrollArea):
+        parent.ensureWidgetVisible(widget)

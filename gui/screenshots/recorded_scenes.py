@@ -1,0 +1,71 @@
+"""A recorded session: its trials, what the analyses say, and a replay."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+
+from gui.analysis.run_box import METHODS, PAPER, QUICK
+from gui.screenshots.drum_scenes import file_name
+from gui.screenshots.scene import Scene, Studio
+
+REPLAYED_MS = 1200
+FEW_DRAWS = 2
+
+
+def recorded_scenes(studio: Studio) -> Iterator[Scene]:
+    """Show the pages of a trial, the figure of the quick check, a report, and the replay."""
+    window, wait = studio.window, studio.camera.wait
+    wait(lambda: studio.recordings.has_session)
+    window.show_panel("analysis")
+    window.analysis_tab.panel.open_session(str(studio.recordings.session))
+    yield from _trial_pages(studio)
+    yield from _analyses(studio)
+    yield from _replay(studio)
+
+
+def _is_idle(studio: Studio) -> bool:
+    tab = studio.window.analysis_tab
+    return not (tab.worker.is_busy or tab.reader.is_busy)
+
+
+def _trial_pages(studio: Studio) -> Iterator[Scene]:
+    panel, pages = studio.window.analysis_tab.panel, studio.window.analysis_tab.trial_view
+    idle = partial(_is_idle, studio)
+    studio.camera.wait(lambda: idle() and panel.model.rowCount() > 0)
+    panel.table.selectRow(panel.model.rowCount() // 2 + 1)
+    studio.camera.wait(idle)
+    for index in range(pages.count()):
+        pages.setCurrentIndex(index)
+        if pages.currentWidget() is pages.compare:
+            panel.table.selectAll()
+            pages.compare.button.click()
+            studio.camera.wait(idle)
+        yield Scene(f"trial-{file_name(pages.tabText(index))}", idle)
+    pages.setCurrentIndex(0)
+
+
+def _analyses(studio: Studio) -> Iterator[Scene]:
+    tab, box = studio.window.analysis_tab, studio.window.analysis_tab.panel.run_box
+    box.form.draws.setValue(FEW_DRAWS)
+    for name, method in (("classified", QUICK), ("results", PAPER)):
+        box.method.setCurrentText(METHODS[method].name)
+        box.run_button.click()
+        studio.camera.wait(partial(_is_idle, studio))
+        yield Scene(name)
+    results = tab.results_view
+    for index in range(1, results.count()):
+        results.setCurrentIndex(index)
+        yield Scene(f"results-{file_name(results.tabText(index))}")
+
+
+def _replay(studio: Studio) -> Iterator[Scene]:
+    window, page = studio.window, studio.window.replay_page
+    window.show_replay(is_shown=True)
+    page.open(str(studio.recordings.session))
+    studio.camera.wait(lambda: not page.worker.is_busy and page.play.isEnabled())
+    page.play.click()
+    studio.camera.wait(lambda: page.player.position > REPLAYED_MS)
+    page.play.click()
+    yield Scene("replay", lambda: not page.worker.is_busy)
+    window.show_replay(is_shown=False)
