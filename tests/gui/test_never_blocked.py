@@ -97,3 +97,25 @@ def test_an_analysis_that_is_slow_and_is_cancelled(
     watchdog.run_until(box.cancel_button.isEnabled)
     watchdog.run(lambda: click(box.cancel_button))
     watchdog.run_until(box.run_button.isEnabled)
+
+
+def test_an_analysis_is_slow_while_samples_scroll(
+    harness: Harness, session: Path, watchdog: QtThreadWatchdog
+) -> None:
+    window, engine, tab = harness.window, harness.engine, harness.window.analysis_tab
+    window.show_panel("analysis")
+    tab.panel.folder.setText(str(session))
+    watchdog.run(lambda: click(tab.panel.open_button))
+    watchdog.run_until(lambda: not tab.reader.is_busy)
+    box = tab.panel.run_box
+    watchdog.run(lambda: box.method.setCurrentIndex(1))
+    watchdog.run(lambda: click(box.run_button))
+    watchdog.run(lambda: window.show_panel("operate"))
+    before = len(window.live_plots.data.timeline)
+    while tab.worker.is_busy and len(window.live_plots.data.timeline) < before + 5_000:
+        engine.write_samples(100)
+        watchdog.run(window.poll)
+    assert len(window.live_plots.data.timeline) > before
+    watchdog.run(lambda: click(box.cancel_button))
+    watchdog.run_until(lambda: not tab.worker.is_busy)
+    watchdog.run(lambda: box.method.setCurrentIndex(0))
