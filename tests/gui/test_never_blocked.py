@@ -119,3 +119,22 @@ def test_an_analysis_is_slow_while_samples_scroll(
     watchdog.run(lambda: click(box.cancel_button))
     watchdog.run_until(lambda: not tab.worker.is_busy)
     watchdog.run(lambda: box.method.setCurrentIndex(0))
+
+
+def test_a_board_that_answers_slowly(
+    harness: Harness, monkeypatch: pytest.MonkeyPatch, watchdog: QtThreadWatchdog
+) -> None:
+    """Polls grow old, and commands have no answer, while samples and statuses go on to come."""
+    window, engine = harness.window, harness.engine
+    window.show_panel("operate")
+    monkeypatch.setattr(engine, "replies", False)
+    engine.send_status(state=int(State.ARMED))
+    watchdog.run_until(window.operate_panel.buttons["home"].isEnabled)
+    for name in ("home", "tare"):
+        watchdog.run(lambda name=name: click(window.operate_panel.buttons[name]))
+    for tenths in range(30):
+        engine.write_samples(100)
+        engine.send_status(state=int(State.ARMED), poll_age_s=tenths / 10, poll_retries=tenths)
+        watchdog.run(window.poll)
+    watchdog.run(lambda: press_escape(window))
+    watchdog.run_until(lambda: engine.commands[-1] == "stop")
