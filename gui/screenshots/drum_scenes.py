@@ -28,7 +28,6 @@ def drum_scenes(studio: Studio) -> Iterator[Scene]:
     """Show a connected rig, then a run; it goes on at the end."""
     window = studio.window
     window.show_panel("operate")
-    window.operate_panel.record_box.folder.setText(SAVE_IN)
     _scroll_to(window.operate_panel.bring_up)
     yield Scene("bring-up")
     window.attach.list_engines()

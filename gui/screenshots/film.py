@@ -12,7 +12,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QPushButton
 
 from gui.screenshots.camera import pixels
-from gui.screenshots.scene import Studio
+from gui.screenshots.scene import SAVE_IN, Studio
 from gui.widgets.theme import ThemeChoice
 from rigctl.wire.drum.states import State
 
@@ -81,6 +81,7 @@ class Film:
 def film_session(studio: Studio) -> Film:
     """Connect, bring up, approach, run and stop by hand; leave the drum armed."""
     window, film = studio.window, Film(studio)
+    window.operate_panel.record_box.folder.setText(SAVE_IN)
     window.set_theme(ThemeChoice.DARK)
     window.resize(*SIZE)
     link, buttons = window.engine_link, window.operate_panel.buttons
@@ -94,7 +95,7 @@ def film_session(studio: Studio) -> Film:
     film.roll_until(lambda: link.status.state is State.HOLD)
     film.click(buttons["run"])
     film.roll_until(lambda: link.status.speed_mm_s > 0.9 * link.status.speed_set_mm_s > 0)
-    film.roll(30)
+    film.roll(10)
     film.click(window.toolbar.stop_button)
     film.roll_until(lambda: link.status.state is State.ARMED)
     film.roll(8)
