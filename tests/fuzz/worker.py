@@ -80,7 +80,7 @@ class Worker:
     def seed_bytes(self, number: int) -> bytes:
         """Return the bytes of the kind's first file: whole at number 0, else damaged."""
         folder = self._copy(number)
-        (target,) = folder.glob(self._kind.places[0].pattern)
+        target = min(folder.glob(self._kind.places[0].pattern))
         if number:
             self._kind.places[0].mutations[number % len(self._kind.places[0].mutations)](
                 Random(number), target
@@ -94,7 +94,7 @@ class Worker:
         folder = self._workplace / "guided"
         if not folder.exists():
             self._copy(-2).rename(folder)
-        (target,) = folder.glob(self._kind.places[0].pattern)
+        target = min(folder.glob(self._kind.places[0].pattern))
         target.write_bytes(data)
         return self._guard.judge(self._kind, folder, self._content, self._kind.doors)
 

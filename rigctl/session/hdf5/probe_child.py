@@ -7,6 +7,7 @@ than h5py needs: a fork of so small a process is quick, and sound on every syste
 
 from __future__ import annotations
 
+import ctypes
 import faulthandler
 import gc
 import json
@@ -35,6 +36,7 @@ _ERRORS = (
 )
 """What h5py raises for damage: a refusal in order, which the program meets itself."""
 _CONTROL_S = 5.0
+_EXIT = ctypes.CDLL(None).exit
 
 
 def serve() -> None:
@@ -63,27 +65,28 @@ def survives(work: Callable[[], object], processor_s: float) -> bool:
     reader, writer = os.pipe()
     child = os.fork()
     if not child:
-        _work_and_exit(work, processor_s, writer)
+        _work_and_exit(work, processor_s)
     os.close(writer)
-    ready, _, _ = select.select([reader], [], [], LONGEST_S)
-    survived = bool(ready) and os.read(reader, 1) == SURVIVED
+    has_ended, _, _ = select.select([reader], [], [], LONGEST_S)  # which closes its end
     os.close(reader)
-    if not survived:
+    if not has_ended:
         os.kill(child, signal.SIGKILL)
-    os.waitpid(child, 0)
-    return survived
+    _, status = os.waitpid(child, 0)
+    return status == 0
 
 
-def _work_and_exit(work: Callable[[], object], processor_s: float, writer: int) -> None:
-    """Work as the fork; answer, and end without any clean-up whatever happened."""
+def _work_and_exit(work: Callable[[], object], processor_s: float) -> None:
+    """Work as the fork and exit as a program in C does, which lets HDF5 free its memory.
+
+    What a file has damaged in it is noticed then at the latest.
+    """
     try:
         faulthandler.disable()  # what the fork dies of is told in a sentence
         signal.signal(signal.SIGPROF, signal.SIG_DFL)
         signal.setitimer(signal.ITIMER_PROF, processor_s)
         work()
     finally:
-        os.write(writer, SURVIVED)
-        os._exit(0)
+        _EXIT(0)
 
 
 def _read_control() -> None:
@@ -117,7 +120,7 @@ def _read_hdf5(request: dict[str, Any]) -> None:
         gc.collect()
         file.close()
     except _ERRORS:
-        # Without an answer: HDF5 dies of names looked up in a group or of attributes that it cannot
+        # As one that died: HDF5 dies of names looked up in a group or of attributes that it cannot
         # list, and what it cannot close stays open for ever.
         os._exit(1)
 
@@ -149,6 +152,8 @@ def _walk(root: Any) -> None:
             seen.add(address)
         names: list[bytes] = []
         h5a.iterate(node, names.append)
+        if len(names) != h5a.get_num_attrs(node):
+            raise OSError("the index of the attributes does not agree with their number")
         with suppress(*_ERRORS):
             _read_object(node, names)
         if isinstance(node, h5g.GroupID):

@@ -74,7 +74,8 @@ def find_blocks(data: bytes) -> list[Block]:
 
 @lru_cache(maxsize=8)
 def _find_blocks(_: bytes, data: bytes) -> tuple[Block, ...]:
-    blocks = [Block(0, 48, 44)] if data[:4] == b"\x89HDF" and data[8] in (2, 3) else []
+    has_head = data[:4] == b"\x89HDF" and len(data) >= 48 and data[8] in (2, 3)
+    blocks = [Block(0, 48, 44)] if has_head else []
     array = np.frombuffer(data + bytes(16), np.uint8)
     for signature in SIGNATURES:
         at = data.find(signature)

@@ -101,6 +101,21 @@ def test_attributes_that_cannot_be_listed_are_refused_before_they_are_read(tmp_p
         Hdf5File(path)
 
 
+def test_an_index_that_names_a_removed_attribute_is_refused(tmp_path: Path) -> None:
+    """HDF5 reads what stood there before, and frees what it never got."""
+    path = tmp_path / "file.h5"
+    many_attributes(path)
+    with h5py.File(path, "r+", libver=LIBVER) as file:
+        del file.attrs["attribute 19"]
+    data = bytearray(path.read_bytes())
+    block = next(b for b in find_blocks(bytes(data)) if data[b.start : b.start + 4] == B_TREE)
+    data[block.start + 24] = 20
+    repair(data, block)
+    path.write_bytes(data)
+    with pytest.raises(SessionError, match=DIES):
+        Hdf5File(path)
+
+
 def test_deadly_files_leave_the_helper_alive(tmp_path: Path, helper: ProbeHelper) -> None:
     sound, deadly = tmp_path / "sound.h5", tmp_path / "deadly.h5"
     many_attributes(sound)
