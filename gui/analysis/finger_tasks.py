@@ -18,6 +18,7 @@ from gui.analysis.task_values import (
     analysis_settings,
 )
 from gui.analysis.trials.trial_table import AttemptColumn
+from gui.analysis.trials.verdicts import shown_reasons, shown_verdicts
 from rigctl.errors import WrongUse
 
 if TYPE_CHECKING:
@@ -46,8 +47,8 @@ def columns(session: FingerSession) -> tuple[AttemptColumn, ...]:
         AttemptColumn.of_texts(
             "Named", list(map(_named, trials)), "The answer, and whether it was right"
         ),
-        AttemptColumn.of_texts("Verdict", trials["verdict"], "Whether the attempt counts"),
-        AttemptColumn.of_texts("Why", trials["reasons"], "Why the attempt does not count"),
+        AttemptColumn.of_texts("Verdict", shown_verdicts(session), "Whether the attempt counts"),
+        AttemptColumn.of_texts("Why", shown_reasons(session), "Why the attempt does not count"),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from PySide6.QtTest import QTest
 
 from gui.analysis.trials.trial_list import TrialList
 from gui.analysis.trials.trial_table import AttemptColumn, join_tables
+from rigctl.session.notes.session_note import Mark, SessionNote
+from rigctl.session.notes.write_note import add_note
 from rigctl.values import Verdict
 from tests.analysis.recordings import record
 from tests.gui.steps import Harness, click, wait_until
@@ -136,6 +139,23 @@ def test_a_session_that_is_recorded_is_followed(analysis: Harness, tmp_path: Pat
     assert "It is being recorded" not in panel.about.text()
     assert len(panel.digest.text()) == 64
     assert column(panel.trials, "Why")[1] == "2 samples lost; force off"
+
+
+def test_a_trial_that_was_marked_bad_is_left_out_and_says_why(
+    analysis: Harness, sessions: tuple[Path, Path], tmp_path: Path
+) -> None:
+    folder = Path(shutil.copytree(sessions[0], tmp_path / "marked"))
+    add_note(folder, SessionNote("2026-11-24T09:00:00Z", "it slipped", 2, 1, Mark.BAD))
+    open_session(analysis, folder)
+    panel = analysis.window.analysis_tab.panel
+    row = column(panel.trials, "Trial").index("2")
+    expected = ["left out" if number == row else "committed" for number in range(4)]
+    assert column(panel.trials, "Verdict") == expected
+    assert "it slipped" in column(panel.trials, "Why")[row]
+    panel.table.selectRow(row)
+    assert panel.trials.reason.text().startswith("⚠ Trial 2 is left out: marked bad")
+    panel.trials.filter.setText("left")
+    assert panel.model.rowCount() == 1
 
 
 def test_verify_is_in_the_window_with_the_words_of_the_command(

@@ -10,6 +10,7 @@ import numpy as np
 from gui.analysis import finger_tasks
 from gui.analysis.task_values import DRUM, FINGER, ScanPicture, SessionTable, TrialData
 from gui.analysis.trials.trial_table import AttemptColumn
+from gui.analysis.trials.verdicts import shown_reasons, shown_verdicts
 from rigctl.errors import SessionError
 
 if TYPE_CHECKING:
@@ -129,8 +130,13 @@ def _about(session: Session) -> str:
 
 
 def _columns(session: Session) -> tuple[AttemptColumn, ...]:
-    trials = session.trials
-    return tuple(_column(name, trials[field], tip) for name, field, tip in _COLUMNS)
+    texts = {"verdict": shown_verdicts, "reasons": shown_reasons}
+    return tuple(
+        AttemptColumn.of_texts(name, texts[field](session), tip)
+        if field in texts
+        else _column(name, session.trials[field], tip)
+        for name, field, tip in _COLUMNS
+    )
 
 
 def _column(name: str, values: Any, meaning: str) -> AttemptColumn:
