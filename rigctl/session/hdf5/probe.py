@@ -39,25 +39,27 @@ _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 def check_survivable(path: Path, image: mmap | None, options: dict[str, Any]) -> None:
     """Raise SessionError where a process that reads the structure of the file would die of it.
 
-    ``image``: the file's bytes with another head. A file that came through is not tried again until
-    it changes.
+    ``image``: the file's bytes with another head. A file is not tried again until it changes.
     """
     status = path.stat()
     known = (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, image is None)
-    if known in _survivors():
-        return
-    head = bytes(image[:_HEAD_BYTES]).hex() if image is not None else ""
-    if not survives("hdf5", path, PROCESSOR_S, head=head, options=options):
+    judged = _judged()
+    if known not in judged:
+        head = bytes(image[:_HEAD_BYTES]).hex() if image is not None else ""
+        judged[known] = survives("hdf5", path, PROCESSOR_S, head=head, options=options)
+    if not judged[known]:
         raise SessionError(
             f"{path} is damaged: a process that reads its structure dies of it, or never ends"
         )
-    _survivors().add(known)
 
 
 @cache
-def _survivors() -> set[tuple[int, ...]]:
-    """Return the files of this process that came through: device, number, size, time, image."""
-    return set()
+def _judged() -> dict[tuple[int, ...], bool]:
+    """Return whether each file that this process tried came through.
+
+    A file is known by its device, number, size, time, and whether it has another head.
+    """
+    return {}
 
 
 def survives(kind: str, path: Path, processor_s: float, **request: Any) -> bool:
