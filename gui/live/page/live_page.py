@@ -207,7 +207,10 @@ class LivePage(QWidget):
     def _save_table(self, folder: str) -> None:
         plots = self.plots
         shown = shown_samples(plots.data, plots.navigation.window, plots.time_plots.taxels)
-        self.saver.save_table(shown, folder)
+        if len(shown.position):
+            self.saver.save_table(shown, folder)
+        else:
+            self.reported.emit("refused", "no table was saved: there are no samples in view yet")
 
     def _enlarge(self, taxel: int) -> None:
         """Show one taxel alone, or all again."""

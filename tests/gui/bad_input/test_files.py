@@ -130,7 +130,7 @@ def test_a_picture_or_table_without_room_says_so_and_leaves_no_half(
     window, strip = harness.window, harness.window.live_page.save_strip
     folder, before = tmp_path / "pictures", harness.window.live_page.save_strip.folder.text()
     harness.engine.write_samples(3000)
-    harness.update()
+    harness.window.live_page.refresh(harness.engine.live)
     strip.folder.setText(str(folder))
     with _full_disk(512):
         click(strip.picture if kind == "picture" else strip.table)
@@ -139,6 +139,13 @@ def test_a_picture_or_table_without_room_says_so_and_leaves_no_half(
     assert "choose another folder" in window.status_line.text()
     assert str(folder) in window.event_log.toPlainText()
     assert list(folder.iterdir()) == []
+
+
+def test_a_table_of_no_samples_is_not_saved(harness: Harness, tmp_path: Path) -> None:
+    window, page = harness.window, harness.window.live_page
+    page.save_strip.table_requested.emit(str(tmp_path / "tables"))
+    assert "there are no samples in view yet" in window.event_log.toPlainText()
+    assert not (tmp_path / "tables").exists()
 
 
 @pytest.mark.parametrize(
