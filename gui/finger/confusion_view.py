@@ -13,6 +13,8 @@ from gui.widgets.theme import applied_theme
 from rigctl.realtime.messages import FingerRunStatus
 
 _AXIS_PX = 22
+_LEAST_CELL_PX = 18
+_LEAST_SIZE_PX = 150, 130
 
 
 class ConfusionMatrix(QWidget):
@@ -21,12 +23,14 @@ class ConfusionMatrix(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self._run = FingerRunStatus()
-        self.setMinimumSize(150, 130)
+        self.setMinimumSize(*_LEAST_SIZE_PX)
 
     def show_run(self, run: FingerRunStatus) -> None:
         """Show the counts of a run."""
         if (run.textures, run.confusion) != (self._run.textures, self._run.confusion):
             self._run = run
+            cells_px = 2 * _AXIS_PX + _LEAST_CELL_PX * len(run.textures)
+            self.setMinimumSize(*(max(cells_px, least) for least in _LEAST_SIZE_PX))
             self.update()
 
     def paintEvent(self, event: QPaintEvent) -> None:

@@ -12,7 +12,7 @@ from gui.finger.probability_bars import ProbabilityBars
 from gui.finger.scan_plots import ScanPlots, planned_words
 from gui.finger.scan_record import ScanRecord
 from gui.widgets.labels import label, set_property, show_text
-from gui.widgets.layouts import container, hbox, vbox
+from gui.widgets.layouts import container, hbox, scroll_area, vbox
 from gui.widgets.theme import Theme
 from rigctl.realtime.live_file import FingerLiveReader
 from rigctl.realtime.messages import FingerEngineStatus, FingerRunStatus
@@ -96,7 +96,7 @@ class FingerView(QWidget):
         right = vbox(self.answer, self.bars, self.confusion, spacing=6)
         for place, stretch in enumerate((4, 3, 4)):
             right.setStretch(place, stretch)
-        side = container(right)
+        side = scroll_area(container(right))
         side.setMinimumWidth(_RIGHT_PX)
         body = hbox(container(left), side, spacing=8)
         body.setStretch(0, 3)

@@ -12,6 +12,7 @@ from gui.widgets.theme import applied_theme
 
 ROW_PX = 22
 _TITLE_PX = 18
+_LEAST_ROWS, _LEAST_ROW_PX = 5, 18
 _NAME_PX, _VALUE_PX = 26, 96
 
 
@@ -24,7 +25,7 @@ class ProbabilityBars(QWidget):
         self._textures: tuple[str, ...] = ()
         self._set: tuple[str, ...] = ()
         self._named = ""
-        self.setMinimumHeight(_TITLE_PX + 5 * ROW_PX)
+        self._reserve_height()
 
     def show_record(self, record: ScanRecord) -> None:
         """Show the newest answer, or none."""
@@ -32,12 +33,14 @@ class ProbabilityBars(QWidget):
         self.probabilities = dict(row.probabilities) if row is not None else {}
         self._set = tuple(row.texture_set) if row is not None else ()
         self._named = row.texture if row is not None else ""
+        self._reserve_height()
         self.update()
 
     def show_textures(self, textures: tuple[str, ...]) -> None:
         """Show rows for the textures of a protocol, also before there is an answer."""
         if textures != self._textures:
             self._textures = textures
+            self._reserve_height()
             self.update()
 
     def paintEvent(self, event: QPaintEvent) -> None:
@@ -47,11 +50,19 @@ class ProbabilityBars(QWidget):
         painter.setPen(QColor(theme.muted))
         title = QRectF(0, 0, self.width(), _TITLE_PX)
         painter.drawText(title, Qt.AlignmentFlag.AlignVCenter, "Probability, and the set")
-        names = sorted(self.probabilities) or self._textures
+        names = self._names()
         room_px = (self.height() - _TITLE_PX) / max(len(names), 1)
         height = min(room_px, 1.4 * ROW_PX)
         for place, name in enumerate(names):
             self._paint_row(painter, name, _TITLE_PX + place * height, height)
+
+    def _names(self) -> tuple[str, ...]:
+        return tuple(sorted(self.probabilities)) or self._textures
+
+    def _reserve_height(self) -> None:
+        """Ask for rows as high as their text; the column scrolls where there is no room."""
+        rows = max(_LEAST_ROWS * ROW_PX, len(self._names()) * _LEAST_ROW_PX)
+        self.setMinimumHeight(_TITLE_PX + rows)
 
     def _paint_row(self, painter: QPainter, name: str, top: float, height: float) -> None:
         theme, share = applied_theme(), self.probabilities.get(name)

@@ -194,6 +194,10 @@ def _finger(stage: Stage) -> Iterator[str]:
     engine.send_prediction("L", 0.999, is_final=True, known=False)
     window.poll()
     yield "Finger, an unknown plate"
+    engine.send_prediction("L", 0.9, probabilities=dict.fromkeys("ABCDEFGHIJKL", 1 / 12))
+    engine.send_status(run=RUNNING | {"textures": list("ABCDEFGHIJKL")})
+    window.poll()
+    yield "Finger, twelve plates"
 
 
 def _tools(stage: Stage) -> Iterator[str]:
