@@ -20,6 +20,8 @@ class StaleCover(QGraphicsItem):
         super().__init__(covered)
         self.text = ""
         self._covered, self._what = covered, what
+        self._rect = QRectF(covered.rect())
+        covered.geometryChanged.connect(self._fit)
         self.setZValue(_ABOVE_ALL)
         self.setAcceptedMouseButtons(Qt.MouseButton.NoButton)
         self.setVisible(False)
@@ -34,8 +36,12 @@ class StaleCover(QGraphicsItem):
         self.update()
 
     def boundingRect(self) -> QRectF:
-        """Return the whole parent."""
-        return QRectF(self._covered.rect())
+        """Return the whole parent; Qt asks for it also while it deletes the parent."""
+        return self._rect
+
+    def _fit(self) -> None:
+        self.prepareGeometryChange()
+        self._rect = QRectF(self._covered.rect())
 
     def paint(self, painter: QPainter, *_: object) -> None:
         """Draw the veil and, in its middle, what is old and how old it is."""
