@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from random import Random
@@ -20,8 +21,8 @@ ODD_NAMES = ("../../x", "/etc/passwd", "a\0b", "\x1b[2J", "\u202etxt", "x" * 300
 ODD_NUMBERS = (0, -1, 1, 2**31 - 1, 2**31, 2**62, -(2**63), 1e308, float("nan"), float("inf"))
 
 _MOST_ROWS = 2**20
-"""Only these rows are changed: HDF5 keeps no more than 2³² chunks, and a write behind them harms
-this process."""
+"""Only these rows are changed, and none of more bytes: HDF5 keeps no more than 2³² chunks, and a
+write behind them harms this process."""
 
 Change = Callable[[Random, Any], str]
 
@@ -212,6 +213,8 @@ def change_values(random: Random, file: Any) -> str:
     node = _data_set(random, file)
     if not node.shape or not node.shape[0] or h5py.check_ref_dtype(node.dtype):
         return change_scalar(random, node)
+    if node.dtype.itemsize * math.prod(node.shape[1:]) > _MOST_ROWS:
+        return f"a row of {node.name} is too long to change"
     row = random.randrange(min(node.shape[0], _MOST_ROWS))
     raw = bytearray(np.asarray(node[row]).tobytes())
     at = random.randrange(len(raw))
