@@ -52,6 +52,8 @@ class AlarmStrip(QFrame):
         self.text.setText(alarm.text)
         self.act.setText(alarm.button)
         self.act.setVisible(bool(alarm.command))
+        self.act.setEnabled(not alarm.blocked)
+        self.act.setToolTip(alarm.blocked)
         self.dismiss.setVisible(alarm.stays)
 
     def _act(self) -> None:

@@ -8,14 +8,15 @@ from typing import NamedTuple
 from rigctl.acquisition.rpc.messages import EngineStatus, RunStatus
 from rigctl.wire.drum.states import State
 
+RELEASE_FIRST = "Release the emergency stop first"
 CONTINUE = "Protocol → Continue a session … runs the remaining trials"
 
 
 class Alarm(NamedTuple):
     """What is wrong, in a title and a text; ``command`` is what its button sends to the engine.
 
-    ``key`` is the same while it is the same alarm. One that ``stays`` is over only when the user
-    dismisses it.
+    ``blocked``: why the button is off, empty where it is on. ``key`` is the same while it is the
+    same alarm. One that ``stays`` is over only when the user dismisses it.
     """
 
     key: str
@@ -23,6 +24,7 @@ class Alarm(NamedTuple):
     text: str
     command: str = ""
     button: str = ""
+    blocked: str = ""
     stays: bool = False
 
 
@@ -53,7 +55,8 @@ def _fault(status: EngineStatus) -> Alarm | None:
     session = f" Session: {_session(status.run)}." if status.run.is_active else ""
     can_clear = status.state is State.FAULT_OFF and not status.run.is_active
     button = ("clear_fault", "Clear fault") if can_clear else ("", "")
-    return Alarm(f"fault {status.fault}", "FAULT", words + session, *button)
+    blocked = RELEASE_FIRST if status.estop_pressed else ""
+    return Alarm(f"fault {status.fault}", "FAULT", words + session, *button, blocked)
 
 
 def _contact(status: EngineStatus) -> Alarm | None:

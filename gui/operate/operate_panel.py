@@ -8,6 +8,7 @@ from typing import NamedTuple, Protocol
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QGridLayout, QGroupBox, QHBoxLayout, QWidget
 
+from gui.alarm.alarms import RELEASE_FIRST
 from gui.operate.bench_controls import BenchControls
 from gui.operate.bring_up import BringUpBox
 from gui.operate.jog import JogButtons
@@ -71,7 +72,7 @@ def is_possible(action: Action, status: EngineStatus) -> bool:
         return False
     if action is TARE:
         return status.state in (State.IDLE, State.ARMED) and not status.contact_may_stand
-    if action is APPROACH and not status.tared:
+    if (action is APPROACH and not status.tared) or (action is CLEAR and status.estop_pressed):
         return False
     return next_state(status.state, action.event) not in (None, status.state)
 
@@ -138,6 +139,8 @@ class OperatePanel(QWidget):
         is_untared = status.state is State.ARMED and not status.tared
         self.buttons["approach"].setToolTip(TARE_FIRST if is_untared else APPROACH.tooltip)
         self.buttons["tare"].setToolTip(ARM_FIRST if status.contact_may_stand else TARE.tooltip)
+        clear = RELEASE_FIRST if status.estop_pressed else CLEAR.tooltip
+        self.buttons["clear_fault"].setToolTip(clear)
         for part in self._parts:
             part.show_status(status)
         show_text(self.fault, status.fault_words if status.fault else "no fault")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from PySide6.QtCore import QSize
-from PySide6.QtWidgets import QStackedWidget, QWidget
+from PySide6.QtWidgets import QApplication, QStackedWidget, QWidget
 
 SMALLEST = QSize(400, 360)
 
@@ -25,6 +25,17 @@ class PageStack(QStackedWidget):
         """Add a page, whose name no other page has."""
         self._pages[name] = page
         self.addWidget(page)
+
+    def setCurrentWidget(self, page: QWidget) -> None:
+        """Show a page.
+
+        The focus stays in the middle: from a page that is hidden, Qt moves it to a panel, which
+        then counts as used and brings its own page while this one is being shown.
+        """
+        focus = QApplication.focusWidget()
+        if focus is not None and self.isAncestorOf(focus) and page is not self.currentWidget():
+            self.setFocus()
+        super().setCurrentWidget(page)
 
     def show_page(self, name: str) -> None:
         """Show the page with that name."""

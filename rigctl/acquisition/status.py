@@ -94,5 +94,6 @@ def _drum_fields(drum: DrumState, now_s: float) -> dict[str, Any]:
         "tared": has_status(drum, Status.TARED),
         "homed": has_status(drum, Status.HOMED),
         "contact_may_stand": has_status(drum, Status.CONTACT_MAY_STAND),
+        "estop_pressed": not has_status(drum, Status.ESTOP_CLOSED),
         "poll_age_s": now_s - drum.at_s,
     }

@@ -82,6 +82,17 @@ def test_clear_offers_the_lift_of_a_drum_that_is_still_in_contact(harness: Harne
     assert strip.isHidden()
 
 
+def test_a_fault_is_not_cleared_while_the_emergency_stop_is_pressed(harness: Harness) -> None:
+    strip = harness.window.drum.safety.alarms.strip
+    button = harness.window.operate_panel.buttons["clear_fault"]
+    harness.update(estop_pressed=True, **FAULT)
+    for clear in (strip.act, button):
+        assert not clear.isEnabled() and "Release the emergency stop" in clear.toolTip()
+    harness.update(estop_pressed=False)
+    for clear in (strip.act, button):
+        assert clear.isEnabled() and "Release" not in clear.toolTip()
+
+
 def test_an_untouched_drum_is_no_alarm_after_a_boot(harness: Harness) -> None:
     harness.update(state=int(State.IDLE), contact_may_stand=True, tared=False)
     assert harness.window.drum.safety.alarms.strip.isHidden()

@@ -119,6 +119,20 @@ def test_middle_follows_the_panel_that_is_used(harness: Harness) -> None:
     assert window.docks.docks["analysis"].isVisibleTo(window)
 
 
+def test_one_page_is_left_on_the_screen_wherever_the_focus_was(harness: Harness) -> None:
+    window, pages = harness.window, harness.window.analysis_tab.trial_view
+    window.activateWindow()
+    window.show_panel("analysis")
+    pages.setCurrentWidget(pages.features)
+    pages.features.graphics.setFocus()
+    wait_until(pages.features.graphics.hasFocus)
+    window.show_panel("finger")
+    every = [window.stack.widget(i) for i in range(window.stack.count())]
+    assert [page for page in every if page.isVisible()] == [window.finger_tab.view]
+    assert window.toolbar.pages.currentIndex() == 1
+    pages.setCurrentIndex(0)
+
+
 def test_log_can_neither_be_closed_nor_float(harness: Harness) -> None:
     dock = harness.window.docks.docks["log"]
     features = dock.features()

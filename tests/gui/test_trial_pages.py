@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QPointF, Qt
 from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
 
@@ -67,7 +67,7 @@ def test_a_feature_is_read_with_its_unit(shown: Harness) -> None:
     assert view.features is not None and view.features.values.shape == (36, 2)
     image, plot = view.images[0], view.plots[0]
     assert image.image is not None
-    place = plot.getViewBox().mapViewToScene(plot.getViewBox().viewRect().center())
+    place = plot.getViewBox().mapViewToScene(QPointF(1.5, 9.5))
     view.graphics.scene().sigMouseMoved.emit(place)
     assert "SA of taxel 10, window 2: " in plot.titleLabel.text and " Hz" in plot.titleLabel.text
     assert view.value_text(18, 0).startswith("RA of taxel 1, window 1: ")

@@ -159,10 +159,11 @@ class EngineStatus:
     """State of the rig, the recording and the run.
 
     ``state``: None where it is unknown to this program. ``fault``: value of ``Fault``.
-    ``contact_may_stand``: the drum may rest on the sensor. ``has_taxel_range``: it is calibrated or
-    measured. ``loadcell_calibrated``: date and masses, empty for the nominal scale.
-    ``last_block_age_s``, ``poll_age_s`` and ``loadcell_age_s``: loop time since the newest data,
-    None before any. ``limits``: set-points that the engine takes.
+    ``contact_may_stand``: the drum may rest on the sensor. ``estop_pressed``: it is pressed now, or
+    its wire is broken. ``has_taxel_range``: it is calibrated or measured. ``loadcell_calibrated``:
+    date and masses, empty for the nominal scale. ``last_block_age_s``, ``poll_age_s`` and
+    ``loadcell_age_s``: loop time since the newest data, None before any. ``limits``: set-points
+    that the engine takes.
     ``is_moved_by_hand``: a client's own command moves the drum, so no run can start.
     ``poll_retries``: repeated polls of the drum since the engine started.
     ``clock_ppm``: how fast each board's clock runs against the computer's, None before known.
@@ -189,6 +190,7 @@ class EngineStatus:
     actuator_position_um: int = 0
     tared: bool = False
     contact_may_stand: bool = False
+    estop_pressed: bool = False
     has_taxel_range: bool = False
     loadcell_calibrated: str = ""
     homed: bool = False

@@ -50,10 +50,10 @@ def _cut_pieces(widget: QWidget) -> list[CutText]:
     for piece in pieces(widget):
         if not piece.fits:
             found.append(CutText(where, piece.text, lacks(piece.needs, piece.place.size())))
-        elif not _is_reachable(
-            widget, _in_view(widget, piece.shown_in(widget, _alignment(widget)))
-        ):
-            found.append(CutText(where, piece.text, "lies beyond the edge of a parent"))
+            continue
+        hidden = _hidden_by(widget, _in_view(widget, piece.shown_in(widget, _alignment(widget))))
+        if hidden:
+            found.append(CutText(where, piece.text, hidden))
     return found
 
 
@@ -74,19 +74,21 @@ def _in_view(widget: QWidget, rect: QRect) -> QRect:
     return port.rect() if shown.isEmpty() else shown
 
 
-def _is_reachable(widget: QWidget, rect: QRect) -> bool:
-    """Return whether each parent shows the pixels, or can be scrolled to them."""
+def _hidden_by(widget: QWidget, rect: QRect) -> str:
+    """Return which parent neither shows the pixels nor can be scrolled to them; empty if none."""
     origin, parent = rect, widget
     while not parent.isWindow():
         origin = origin.translated(parent.pos())
         above = parent.parentWidget()
         if above is None:
-            return True
+            return ""
         origin = _scrolled(above, origin)
         if not above.rect().adjusted(-SLACK_PX, -SLACK_PX, SLACK_PX, SLACK_PX).contains(origin):
-            return False
+            name, (width, height) = type(above).__name__, above.size().toTuple()
+            at = f"({origin.left()}, {origin.top()}) to ({origin.right()}, {origin.bottom()})"
+            return f"lies beyond the edge of its {name}: {at} of {width} × {height} px"
         parent = above
-    return True
+    return ""
 
 
 def _scrolled(port: QWidget, rect: QRect) -> QRect:

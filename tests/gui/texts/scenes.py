@@ -171,7 +171,7 @@ def _analysis(stage: Stage) -> Iterator[str]:
     names = ("Table 1", "Accuracy", "Confusion", "One taxel", "Presets", "Remarks")
     pages = tuple(ResultsPage(name, html="<p>A sentence.</p>") for name in names)
     tab.results_view.show_results(AnalysisResults("98.85 ± 0.16 % of 48 trials right", pages))
-    stage.window.stack.setCurrentWidget(tab.results_view)
+    stage.window.stack.setCurrentWidget(tab.results_panel)
     yield "Analysis, results"
 
 
