@@ -115,6 +115,7 @@ def run(args: argparse.Namespace) -> int:
     if complaint := screen_complaint(*window.screen().availableSize().toTuple()):
         window.report("check", complaint)
     Thread(target=_load_compiler).start()
+    window.analysis_tab.prepare()
     if rig is not None:
         window.connect_rig(rig, str(world or ""))
     else:

@@ -69,7 +69,7 @@ class AnalysisTab(QObject):
         self.trial_view.save_button.export_requested.connect(self._export_trial)
         self.trial_view.compare.compare_requested.connect(self._compare)
         self.results_panel.refused.connect(lambda text: self.reported.emit("refused", text))
-        panel.shown.connect(self._prepare)
+        panel.shown.connect(self.prepare)
         worker.progressed.connect(panel.run_box.show_progress)
         for process in (worker, reader):
             process.finished.connect(self._finish)
@@ -81,6 +81,12 @@ class AnalysisTab(QObject):
     def open_session(self, path: str) -> None:
         """Open a session, as if the user had chosen its folder."""
         self.panel.open_session(path)
+
+    def prepare(self) -> None:
+        """Start the reader before it is needed: the first session then opens sooner."""
+        if not self._is_prepared:
+            self._is_prepared = True
+            self.reader.submit("prepare")
 
     def poll(self) -> None:
         """Process the messages of both worker processes."""
@@ -161,12 +167,6 @@ class AnalysisTab(QObject):
     def _compare(self, train: int, neuron: str) -> None:
         trials = self.panel.selected_trials()
         self.reader.submit("compare_trials", trials=trials, train=train, neuron=neuron)
-
-    def _prepare(self) -> None:
-        """Start the reader before it is needed: the first session then opens sooner."""
-        if not self._is_prepared:
-            self._is_prepared = True
-            self.reader.submit("prepare")
 
     def _follow(self) -> None:
         """Read what was recorded since the last time."""

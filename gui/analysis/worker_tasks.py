@@ -114,9 +114,14 @@ class WorkerTasks:
         return self._follower.read(folder)
 
     def prepare(self) -> None:
-        """Load the modules that reading a session takes."""
-        for name in ("encoding.encoder", "session.read.finger_session", "session.read.session"):
+        """Load what reading a session and drawing its first trial take, before they are wanted."""
+        from gui.analysis.trials.read_trial import load_encoder
+        from rigctl.session.hdf5.probe import start_helper
+
+        start_helper()
+        for name in ("session.read.finger_session", "session.read.session"):
             import_module(f"rigctl.{name}")
+        load_encoder()
 
     def open_session(self, path: str) -> SessionTable:
         """Read a session's trial table. Raises SessionError."""

@@ -17,7 +17,7 @@ from rigctl.session.notes.session_note import Mark, SessionNote
 from rigctl.session.notes.write_note import add_note
 from rigctl.values import Verdict
 from tests.analysis.recordings import record
-from tests.gui.steps import Harness, click, wait_until
+from tests.gui.steps import Harness, SharedWindow, click, wait_until
 from tests.session.building import SyntheticRig, plan, recorder
 from tests.session.damage import zero
 
@@ -156,6 +156,20 @@ def test_a_trial_that_was_marked_bad_is_left_out_and_says_why(
     assert panel.trials.reason.text().startswith("⚠ Trial 2 is left out: marked bad")
     panel.trials.filter.setText("left")
     assert panel.model.rowCount() == 1
+
+
+def test_the_reader_starts_with_the_window_and_only_once(
+    disconnected: SharedWindow, sessions: tuple[Path, Path]
+) -> None:
+    tab = disconnected.window.analysis_tab
+    tab.prepare()
+    tab.prepare()
+    wait_until(lambda: not tab.reader.is_busy)
+    disconnected.window.show_panel("analysis")
+    tab.panel.folder.setText(str(sessions[0]))
+    click(tab.panel.open_button)
+    wait_until(lambda: tab.panel.model.rowCount() == 4)
+    wait_until(lambda: tab.trial_view.data is not None)
 
 
 def test_verify_is_in_the_window_with_the_words_of_the_command(

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from rigctl.session.read.session import Session
     from rigctl.values import Spikes
 
+N_WARM_TAXELS, N_WARM_SAMPLES, WARM_MM_S = 18, 100, 40.0
+
 
 def read_trial(session: Session, row: int, taxel_range: Normalisation) -> TrialData:
     """Return the samples, spikes, drum and features of an attempt. Raises SessionError."""
@@ -36,6 +38,17 @@ def read_trial(session: Session, row: int, taxel_range: Normalisation) -> TrialD
         _course(session, row),
         _features(spikes, float(trial["speed_mm_s"])),
     )
+
+
+def load_encoder() -> None:
+    """Load the compiled encoder by a trial of zeros, so that the first trial is drawn at once."""
+    from rigctl.encoding.encoder import encode_trials
+    from rigctl.encoding.normalisation import Normalisation
+
+    full = np.full(N_WARM_TAXELS, 1023, np.uint16)
+    taxel_range = Normalisation(np.zeros_like(full), full, "none")
+    (spikes,) = encode_trials([np.zeros((N_WARM_SAMPLES, len(full)), np.uint16)], taxel_range)
+    _features(spikes, WARM_MM_S)
 
 
 def _course(session: Session, row: int) -> TrialCourse:

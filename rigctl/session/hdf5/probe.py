@@ -18,6 +18,7 @@ import select
 import subprocess
 import sys
 import threading
+from contextlib import suppress
 from functools import cache
 from mmap import mmap
 from pathlib import Path
@@ -76,6 +77,12 @@ def survives(kind: str, path: Path, processor_s: float, **request: Any) -> bool:
     )
 
 
+def start_helper() -> None:
+    """Start this process's helper before the first file needs it; nothing happens on Windows."""
+    if sys.platform != "win32":
+        _helper().start()
+
+
 @cache
 def _helper() -> ProbeHelper:
     """Return this process's helper."""
@@ -95,6 +102,7 @@ class ProbeHelper:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
+        self._is_ready = False
 
     def survives(self, request: dict[str, Any]) -> bool:
         """Return whether a fork of the helper comes through a file.
@@ -105,6 +113,13 @@ class ProbeHelper:
         with self._lock:
             answer = self._ask(line) or self._ask(line)
         return answer != DIED
+
+    def start(self) -> None:
+        """Start the process without a file; the first file waits until it is ready."""
+        with self._lock:
+            if self._process is None:
+                with suppress(OSError):  # the first file tries again
+                    self._process, self._is_ready = _start(), False
 
     def close(self) -> None:
         """End the helper."""
@@ -130,9 +145,10 @@ class ProbeHelper:
         """Return the helper's answer, empty where it died or could not be started."""
         try:
             if self._process is None:
-                self._process = _start()
-                if _read_answer(self._process, START_S) != SURVIVED:
-                    raise BrokenPipeError
+                self._process, self._is_ready = _start(), False
+            if not self._is_ready and _read_answer(self._process, START_S) != SURVIVED:
+                raise BrokenPipeError
+            self._is_ready = True
             _write(self._process, line)
             answer = _read_answer(self._process, 2 * LONGEST_S + END_S)
         except OSError:

@@ -207,3 +207,21 @@ def test_a_group_that_cannot_be_listed_kills_the_helper_and_not_this_process(
     path.write_bytes(gzip.decompress((DATA / "unlisted_group.h5.gz").read_bytes()))
     with pytest.raises(SessionError, match=DIES):
         Hdf5File(path)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no fork")
+def test_a_helper_that_was_started_before_reads_the_first_file(tmp_path: Path) -> None:
+    path = tmp_path / "sound.h5"
+    many_attributes(path)
+    helper = ProbeHelper()
+    helper.start()
+    started = helper._process
+    helper.start()
+    assert started is not None and helper._process is started
+    assert helper.survives(request(path)) and helper._process is started
+    helper.close()
+    helper.start()
+    assert helper._process is not None
+    os.kill(helper._process.pid, signal.SIGKILL)
+    assert helper.survives(request(path)), "one that died before its first file is replaced"
+    helper.close()
