@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from random import Random
@@ -38,3 +40,24 @@ def test_a_line_of_damage_is_one_that_can_be_sent() -> None:
     requests = Requests(FINGER, Random("lines"))
     for number in range(20_000):
         assert b"\n" not in requests.line(number)
+
+
+GUIDED = """
+import json
+import sys
+from pathlib import Path
+from tests.fuzz.kinds.every_kind import KINDS
+from tests.fuzz.worker import Worker
+
+worker = Worker(KINDS["engine-file"], Path(sys.argv[1]), 18)
+worker.prepare(limited=False)
+dead = json.dumps(json.loads(worker.seed_bytes(0)) | {"pid": 2**22 - 3, "live": ""}).encode()
+assert [worker.judge_bytes(dead) for _ in range(2)] == [[], []]
+"""
+"""Runs apart, as a worker hooks the signals of its process."""
+
+
+def test_guided_bytes_are_written_anew_where_a_reading_removes_their_file(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", GUIDED, str(tmp_path / "work")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr

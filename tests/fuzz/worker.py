@@ -40,6 +40,7 @@ class Worker:
         self._workplace = workplace / str(os.getpid())
         self._workplace.mkdir(exist_ok=True)
         self._guard = Guard(self._workplace)
+        self._guided_file: Path | None = None
 
     def prepare(self, limited: bool = True) -> None:
         """Read the whole case, as the measure of time, memory and content; limit the memory."""
@@ -92,10 +93,10 @@ class Worker:
     def judge_bytes(self, data: bytes) -> list[Finding]:
         """Judge a case whose first file has these bytes."""
         folder = self._workplace / "guided"
-        if not folder.exists():
+        if self._guided_file is None:
             self._copy(-2).rename(folder)
-        target = min(folder.glob(self._kind.places[0].pattern))
-        target.write_bytes(data)
+            self._guided_file = min(folder.glob(self._kind.places[0].pattern))
+        self._guided_file.write_bytes(data)  # a reading may have removed it, as a dead engine's
         return self._guard.judge(self._kind, folder, self._content, self._kind.doors)
 
     def rebuild(self, number: int, kept: Path) -> None:
