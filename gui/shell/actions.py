@@ -11,6 +11,10 @@ from PySide6.QtWidgets import QMenu, QMenuBar
 MENUS = ("File", "Rig", "View", "Tools", "Help")
 
 
+BELOW = " → "
+"""Stands between a menu and its submenu."""
+
+
 class ActionRow(NamedTuple):
     """A line of the shortcut sheet: menu, text, shortcut (empty without one) and what it does."""
 
@@ -54,7 +58,11 @@ class ActionRegistry:
         return self.add_action(menu, action)
 
     def add_action(self, menu: str, action: QAction) -> QAction:
-        """Add an action that Qt made, such as the one that shows a dock."""
+        """Add an action that Qt made, such as the one that shows a dock.
+
+        ``menu`` may be a submenu, ``Rig → Protocol``, which is made where it is absent.
+        """
+        action.setParent(self._menu(menu))
         self._menu(menu).addAction(action)
         self._actions.append((menu, action))
         return action
@@ -76,7 +84,7 @@ class ActionRegistry:
             action.setCheckable(True)
             action.setChecked(value == checked)
             action.triggered.connect(lambda _=False, value=value: chosen(value))
-            self._actions.append((f"{menu} → {text.replace('&', '')}", action))
+            self._actions.append((f"{menu}{BELOW}{text.replace('&', '')}", action))
             actions[value] = action
         return actions
 
@@ -88,6 +96,10 @@ class ActionRegistry:
         """Add a line between two groups of actions."""
         self._menus[menu].addSeparator()
 
+    def actions(self) -> list[tuple[str, QAction]]:
+        """Return all actions, each with the path of its menu."""
+        return list(self._actions)
+
     def rows(self) -> list[ActionRow]:
         """Return all actions in the order of the menus."""
         order = {name: place for place, name in enumerate(MENUS)}
@@ -95,7 +107,11 @@ class ActionRegistry:
         return [_row(menu, action) for menu, action in rows]
 
     def _menu(self, name: str) -> QMenu:
-        self._menus[name].menuAction().setVisible(True)
+        top, _, below = name.partition(BELOW)
+        self._menus[top].menuAction().setVisible(True)
+        if name not in self._menus:
+            self._menus[name] = self._menus[top].addMenu(f"&{below}")
+            self._menus[name].setToolTipsVisible(True)
         return self._menus[name]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 
 from PySide6.QtCore import QByteArray, Qt, Signal
@@ -75,6 +76,21 @@ class DockArea(QMainWindow):
         dock.show()
         dock.raise_()
         self.panel_used.emit(name)
+
+    def side_widths_px(self) -> dict[str, int]:
+        """Return the widths of the panels at the left and right, of tabs that of the front one."""
+        sides = (Qt.DockWidgetArea.LeftDockWidgetArea, Qt.DockWidgetArea.RightDockWidgetArea)
+        return {
+            name: dock.width()
+            for name, dock in self.docks.items()
+            if self.dockWidgetArea(dock) in sides
+            and not (dock.isFloating() or dock.isHidden() or dock.visibleRegion().isEmpty())
+        }
+
+    def set_side_widths(self, widths_px: Mapping[str, int]) -> None:
+        """Give panels their widths, as far as the texts in them and in the middle allow."""
+        docks = [self.docks[name] for name in widths_px]
+        self.resizeDocks(docks, list(widths_px.values()), Qt.Orientation.Horizontal)
 
     def reset(self) -> None:
         """Return to the layout of the first start."""

@@ -18,6 +18,7 @@ from gui.live.replay.replay_page import ReplayPage
 from gui.live.review.navigation import SPANS_S
 from gui.operate.event_log import EventLog, StatusLine
 from gui.shell.actions import ActionRegistry
+from gui.shell.button_menus import add_panel_menus
 from gui.shell.controllers.drum_controller import DrumController
 from gui.shell.controllers.help_controller import HelpController
 from gui.shell.controllers.protocol_controller import ProtocolController
@@ -28,7 +29,7 @@ from gui.shell.memory.recent_sessions import RecentSessions
 from gui.shell.memory.user_settings import UserSettings
 from gui.shell.memory.window_memory import WindowMemory
 from gui.shell.page_stack import PageStack
-from gui.shell.rig_menu import add_rig_menu
+from gui.shell.rig_menu import add_alarm_sound, add_rig_menu
 from gui.widgets.file_browser import FileBrowser, PathKind
 from gui.widgets.layouts import container, scroll_area, vbox
 from gui.widgets.theme import ThemeChoice, apply_theme, scale_texts
@@ -147,9 +148,12 @@ class MainWindow(QMainWindow):
 
     def set_text_size(self, percent: int) -> None:
         """Show all texts larger or smaller, in percent of the usual size."""
+        before, widths_px = _text_scale(self.settings), self.docks.side_widths_px()
         self.settings.set_value("text_percent", percent)
         scale_texts(percent / 100)
         self.set_theme(self._theme_choice)
+        factor = percent / 100 / before
+        self.docks.set_side_widths({name: round(px * factor) for name, px in widths_px.items()})
 
     def _choose_theme(self, choice: ThemeChoice) -> None:
         self.settings.set_value("theme", choice.name)
@@ -242,7 +246,12 @@ class MainWindow(QMainWindow):
     def _add_menus(self) -> None:
         menus = self.menus
         engines = self.attach.list_engines
-        add_rig_menu(menus, self.drum, self.settings, stop=self.stop, list_engines=engines)
+        add_rig_menu(menus, self.drum, stop=self.stop, list_engines=engines)
+        panels = (self.operate_panel, self.protocol_panel, self.finger_tab, self.analysis_tab)
+        menus.add_separator("Rig")
+        add_panel_menus(menus, *panels)
+        menus.add_separator("Rig")
+        add_alarm_sound(menus, self.drum, self.settings)
         self._add_view_actions()
         spans = {f"{span_s} s": span_s for span_s in SPANS_S}
         menus.add_choices("View", "Time &span", spans, SPANS_S[3], self.live_plots.set_span)

@@ -1,4 +1,4 @@
-"""The Rig menu: connect, STOP, the buttons of the Operate panel, the sound of alarms."""
+"""The Rig menu: connect, STOP, the running engines, the sound of alarms."""
 
 from __future__ import annotations
 
@@ -14,23 +14,20 @@ SOUND_KEY = "alarm_sound"
 def add_rig_menu(
     menus: ActionRegistry,
     drum: DrumController,
-    settings: UserSettings,
     *,
     stop: Callable[[], object],
     list_engines: Callable[[], object],
 ) -> None:
     """Add the actions of the drum rig."""
-    _add_alarm_sound(menus, drum, settings)
     click = drum.toolbar.connect_button.click
     menus.add("Rig", "&Connect or disconnect", click, shortcut="Ctrl+R", tip="The chosen rig")
     menus.add("Rig", "&STOP", stop, tip="Stop and lift the drum, and end every run (Esc)")
-    for button in drum.operate_panel.buttons.values():
-        menus.add("Rig", button.text(), button.click, tip=button.toolTip())
     tip = "List the engines that run already, and join one of them"
     menus.add("Rig", "&Running engines", list_engines, tip=tip)
 
 
-def _add_alarm_sound(menus: ActionRegistry, drum: DrumController, settings: UserSettings) -> None:
+def add_alarm_sound(menus: ActionRegistry, drum: DrumController, settings: UserSettings) -> None:
+    """Add the switch of the sound, which the settings keep."""
     announcer = drum.safety.alarms.announcer
 
     def switch(sounds: bool) -> None:

@@ -125,6 +125,8 @@ def test_menu_works_a_button_of_the_rig(harness: Harness) -> None:
 def test_texts_scale(harness: Harness) -> None:
     window, usual = harness.window, QApplication.font().pointSizeF()
     height = window.toolbar.state.sizeHint().height()
+    widths_px = window.docks.side_widths_px()
+    assert widths_px
     try:
         window.set_text_size(150)
         assert QApplication.font().pointSizeF() == pytest.approx(1.5 * usual)
@@ -134,6 +136,7 @@ def test_texts_scale(harness: Harness) -> None:
     finally:
         window.set_text_size(100)
     assert QApplication.font().pointSizeF() == pytest.approx(usual)
+    assert window.docks.side_widths_px() == pytest.approx(widths_px, abs=2)
 
 
 def test_unexpected_error_becomes_a_sentence_and_a_file(harness: Harness, tmp_path: Path) -> None:

@@ -1,0 +1,75 @@
+"""The buttons of the panels as lines of the menus, so that each has a key and a place on a list."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from PySide6.QtCore import QEvent, QObject
+from PySide6.QtGui import QAction
+from PySide6.QtWidgets import QAbstractButton, QMenu
+
+from gui.analysis.analysis_tab import AnalysisTab
+from gui.finger.finger_tab import FingerTab
+from gui.operate.operate_panel import OperatePanel
+from gui.protocol.protocol_panel import ProtocolPanel
+from gui.shell.actions import ActionRegistry
+
+
+class ButtonAction(QObject):
+    """Lets an action click a button, be grey with it and take its text and tooltip.
+
+    It belongs to the action, and lives as long.
+    """
+
+    def __init__(self, action: QAction, button: QAbstractButton) -> None:
+        super().__init__(action)
+        self._action, self._button = action, button
+        action.triggered.connect(lambda _=False: button.click())
+        button.installEventFilter(self)
+        menu = action.parent()
+        assert isinstance(menu, QMenu)
+        menu.aboutToShow.connect(self._follow)  # no event tells of another text
+        self._follow()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Follow a change of the button."""
+        if event.type() in (QEvent.Type.EnabledChange, QEvent.Type.ToolTipChange):
+            self._follow()
+        return False
+
+    def _follow(self) -> None:
+        self._action.setText(self._button.text())
+        self._action.setEnabled(self._button.isEnabled())
+        self._action.setToolTip(self._button.toolTip())
+
+
+def add_buttons(menus: ActionRegistry, menu: str, buttons: Sequence[QAbstractButton]) -> None:
+    """Add a line for each button to a menu, named as in :data:`~gui.shell.actions.MENUS`.
+
+    A submenu has the name of its menu, an arrow and its own: ``Rig → Protocol``.
+    """
+    for button in buttons:
+        ButtonAction(menus.add_action(menu, QAction(button.text())), button)
+
+
+def add_panel_menus(
+    menus: ActionRegistry,
+    operate: OperatePanel,
+    protocol: ProtocolPanel,
+    finger: FingerTab,
+    analysis: AnalysisTab,
+) -> None:
+    """Add the buttons of all panels."""
+    add_buttons(menus, "Rig", [*operate.buttons.values(), operate.set_button])
+    add_buttons(menus, "Rig", [operate.bring_up.next, operate.record_box.button])
+    queue = protocol.queue
+    queued = (queue.add_button, queue.remove_button, queue.next_button)
+    runs = (*protocol.buttons.values(), protocol.continue_button, protocol.page_button)
+    add_buttons(menus, "Rig → Protocol", [*runs, *queued])
+    scans = finger.run_box
+    moving = (*scans.buttons.values(), scans.continue_button, scans.models_button)
+    add_buttons(menus, "Rig → Finger", moving)
+    panel = analysis.panel
+    box = panel.run_box
+    tasks = (panel.verify_button, box.run_button, box.cancel_button, box.results_button)
+    add_buttons(menus, "Tools → Analysis", tasks)
