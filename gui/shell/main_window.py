@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QApplication, QMainWindow, QStackedWidget, QWidget
 
 from gui.analysis.analysis_tab import AnalysisTab
 from gui.attach.attach_controller import AttachController, PastLine
+from gui.attach.control_lock import ControlLock
 from gui.engine_clients import joined_rig, open_client, open_finger_client
 from gui.engine_link import ClientFactory
 from gui.finger.finger_tab import FingerTab
@@ -29,6 +30,7 @@ from gui.shell.memory.recent_sessions import RecentSessions
 from gui.shell.memory.user_settings import UserSettings
 from gui.shell.memory.window_memory import WindowMemory
 from gui.shell.page_stack import PageStack
+from gui.shell.rig_controls import drum_controls, finger_controls
 from gui.shell.rig_menu import add_alarm_sound, add_rig_menu
 from gui.widgets.file_browser import FileBrowser, PathKind
 from gui.widgets.layouts import container, scroll_area, vbox
@@ -331,6 +333,13 @@ class MainWindow(QMainWindow):
         attach.close_confirmed.connect(self.close)
         attach.reported.connect(self.report)
         attach.history_received.connect(self._show_history)
+        panels = (self.operate_panel, self.protocol_panel)
+        controls = (drum_controls(*panels, self.prompt_panel), finger_controls(self.finger_tab))
+        self._locks = tuple(map(ControlLock, attach.shared, controls))
+        for panel in panels:
+            self._locks[0].released.connect(
+                lambda panel=panel: panel.show_status(self.engine_link.status)
+            )
 
     def _show_history(self, lines: list[PastLine]) -> None:
         """Show what was logged before the window joined, with the times of then."""

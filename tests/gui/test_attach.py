@@ -107,6 +107,10 @@ def test_two_windows_share_the_control(running: EngineClient, open_window: OpenW
     has, watches = first.attach.controls[0], second.attach.controls[0]
     wait_until(watches.isVisible)
     assert "has control" in watches.text.text() and not has.isVisible()
+    pause, resume = (second.protocol_panel.buttons[name] for name in ("Pause", "Resume"))
+    assert first.protocol_panel.buttons["Pause"].isEnabled()
+    assert not pause.isEnabled() and "has control: ask for it" in pause.toolTip()
+    assert second.toolbar.stop_button.isEnabled()
     second.engine_link.request("pause")
     wait_until(lambda: "this client only watches" in second.event_log.toPlainText())
     click(watches.ask)
@@ -115,7 +119,9 @@ def test_two_windows_share_the_control(running: EngineClient, open_window: OpenW
     click(has.give)
     wait_until(lambda: second.attach.shared[0].has_control and has.isVisible())
     assert not watches.isVisible()
-    second.engine_link.request("pause")
+    wait_until(lambda: not first.protocol_panel.buttons["Pause"].isEnabled())
+    assert pause.isEnabled() and not resume.isEnabled() and "control" not in pause.toolTip()
+    click(pause)
     wait_until(lambda: second.engine_link.status.run.state == "paused", TIMEOUT_MS)
     click(has.take)
     wait_until(lambda: first.attach.shared[0].has_control)
@@ -153,6 +159,8 @@ def test_a_growing_session_is_followed_and_cannot_be_acted_on(
     assert status.status.run.state == "running" and status.status.recording.active
     strip = window.attach.controls[0]
     assert "Nothing here reaches the rig" in strip.text.text() and not strip.take.isVisible()
+    abort = window.protocol_panel.buttons["Abort"]
+    assert not abort.isEnabled() and "nothing here reaches the rig" in abort.toolTip()
     status.request("pause")
     wait_until(lambda: "cannot act on its rig" in window.event_log.toPlainText())
     status.stop_own()
