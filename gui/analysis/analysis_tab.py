@@ -31,7 +31,14 @@ from gui.widgets.theme import Theme
 from rigctl.errors import RigctlError
 
 FOLLOW_MS = 1000
-READING = ("open_session", "follow_session", "load_trial", "compare_trials", "save_values")
+READING = (
+    "open_session",
+    "follow_session",
+    "load_trial",
+    "compare_trials",
+    "save_values",
+    "leave_out",
+)
 """Tasks of the reader."""
 
 
@@ -56,7 +63,7 @@ class AnalysisTab(QObject):
         self._settings = ""
         self.view: QWidget = self.trial_view
         self._last_results: QWidget = self.figure_view
-        self._report_folder = ""
+        self._report_folder = self._verified = ""
         self._is_prepared = False
         self._wanted_trial: tuple[str, int] | None = None
         panel, worker, reader = self.panel, self.worker, self.reader
@@ -133,6 +140,7 @@ class AnalysisTab(QObject):
         self.panel.show_busy()
         kept = "with the digest that was kept" if digest else "without a kept digest"
         self._settings = f"Session: {path}; {kept}"
+        self._verified = path
         self.worker.submit("verify_session", path=path, digest=digest)
 
     def _load_trial(self, path: str, row: int) -> None:
@@ -200,6 +208,8 @@ class AnalysisTab(QObject):
             self._show_results(result.sentence, self.figure_view)
         elif isinstance(result, AnalysisResults):
             self._report_folder = ""
+            if result.altered:
+                self.reader.submit("leave_out", path=self._verified, altered=result.altered)
             self.results_panel.show_results(result, self._settings)
             self._show_results(result.sentence, self.results_panel)
         if not self.reader.is_busy:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -35,11 +35,15 @@ class ResultsPage(NamedTuple):
 
 
 class AnalysisResults(NamedTuple):
-    """The result in a sentence, its pages, and the folder of its report if it has one."""
+    """The result in a sentence, its pages, and the folder of its report if it has one.
+
+    ``altered``: index and reason of each attempt whose rows are not those that were recorded.
+    """
 
     sentence: str
     pages: tuple[ResultsPage, ...]
     folder: str = ""
+    altered: tuple[tuple[int, str], ...] = ()
 
 
 def report_results(report: ReportResult) -> AnalysisResults:
@@ -90,7 +94,7 @@ def prediction_results(classification: Classification) -> AnalysisResults:
     return AnalysisResults(summary(classification), pages)
 
 
-def verify_results(report: VerifyReport, path: Path) -> AnalysisResults:
+def verify_results(report: VerifyReport, path: Path, altered: Mapping[int, str]) -> AnalysisResults:
     """Return what a check of a session found, in the words of ``rigctl verify``."""
     from rigctl.session.verify.words import answer, finding_lines
 
@@ -98,7 +102,8 @@ def verify_results(report: VerifyReport, path: Path) -> AnalysisResults:
     digest = f"<p>digest: {escape(report.closing_digest)}</p>" if report.closing_digest else ""
     findings = _bullets(finding_lines(report), "Nothing to note.")
     page = f"<h3>{escape(sentence)}</h3>{findings}{digest}"
-    return AnalysisResults(sentence, (ResultsPage("Verify", page),))
+    pages = (ResultsPage("Verify", page),)
+    return AnalysisResults(sentence, pages, altered=tuple(altered.items()))
 
 
 def table(head: list[str], rows: list[list[str]]) -> str:

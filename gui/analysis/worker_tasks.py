@@ -172,7 +172,12 @@ class WorkerTasks:
 
         folder = Path(path).expanduser()
         report = verify(folder, show, parse_digest(digest) if digest else "")
-        return verify_results(report, folder)
+        altered = {} if report.whole else self._sessions.altered(path)
+        return verify_results(report, folder, altered)
+
+    def leave_out(self, path: str, altered: tuple[tuple[int, str], ...]) -> SessionTable:
+        """Leave attempts out of an open session; return its table, which marks them."""
+        return self._sessions.leave_out(path, dict(altered))
 
     def quick_check(self, path: str) -> QuickCheckResult:
         """Classify a session's textures as the demo does; write the figures into the session."""

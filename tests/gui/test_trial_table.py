@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from PySide6.QtCore import QPoint, Qt
@@ -13,11 +14,14 @@ from PySide6.QtTest import QTest
 
 from gui.analysis.trials.trial_list import TrialList
 from gui.analysis.trials.trial_table import AttemptColumn, join_tables
+from rigctl.session.format.layout import SAMPLES
 from rigctl.session.notes.session_note import Mark, SessionNote
 from rigctl.session.notes.write_note import add_note
+from rigctl.session.read.session import Session
 from rigctl.values import Verdict
 from tests.analysis.recordings import record
 from tests.gui.steps import Harness, SharedWindow, click, wait_until
+from tests.session.block_session import record_in_blocks
 from tests.session.building import SyntheticRig, plan, recorder
 from tests.session.damage import zero
 
@@ -193,6 +197,31 @@ def test_verify_is_in_the_window_with_the_words_of_the_command(
     click(panel.verify_button)
     click(box.cancel_button)
     assert panel.verify_button.isEnabled() and not tab.worker.is_busy
+
+
+def flip_sample_of_trial(folder: Path, row: int) -> None:
+    """Flip a bit in a sample of an attempt."""
+    with Session.open(folder) as session:
+        trial = session.trials[row]
+        part, at = int(trial["part"]), int(trial["first_sample"]) + 20
+    with h5py.File(folder / f"part-{part:04d}.h5", "r+") as file:
+        file[SAMPLES][at, 0] ^= 1
+
+
+def test_verify_marks_altered_trials_in_the_table(analysis: Harness, tmp_path: Path) -> None:
+    folder = tmp_path / "altered"
+    record_in_blocks(folder)
+    flip_sample_of_trial(folder, 5)
+    open_session(analysis, folder)
+    panel = analysis.window.analysis_tab.panel
+    assert "left out" not in column(panel.trials, "Verdict")
+    click(panel.verify_button)
+    wait_until(lambda: "is not whole" in panel.run_box.result.text())
+    wait_until(lambda: "left out" in column(panel.trials, "Verdict"))
+    verdicts = column(panel.trials, "Verdict")
+    assert [place for place, text in enumerate(verdicts) if text == "left out"] == [5]
+    panel.trials.table.selectRow(5)
+    assert "is left out: " in panel.trials.reason.text()
 
 
 def test_a_trial_is_shown_while_an_analysis_runs(

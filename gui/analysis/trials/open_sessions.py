@@ -69,6 +69,26 @@ class OpenSessions:
         table = self._table(path)
         return table if not table.is_growing or len(session.trials) > before else None
 
+    def altered(self, path: str) -> dict[int, str]:
+        """Return index and reason of each attempt whose rows are not those that were recorded.
+
+        Empty where the session does not open, which its check says.
+        """
+        from rigctl.session.read.damage import damaged_trials
+
+        try:
+            return damaged_trials(self._session(path))
+        except SessionError:
+            return {}
+        finally:
+            if path in self._open:
+                self._open.pop(path).close()
+
+    def leave_out(self, path: str, reasons: dict[int, str]) -> SessionTable:
+        """Leave attempts of an open session out, and return its trials again."""
+        self._session(path).leave_out(reasons)
+        return self._table(path)
+
     def trial(self, path: str, row: int, pictures: Path) -> TrialData | ScanPicture:
         """Read an attempt and encode it as the live encoder does.
 
