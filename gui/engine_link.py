@@ -77,6 +77,8 @@ class EngineLink(QObject, Generic[_Status, _Live]):
     """A connection to one engine. All signals arrive in the window's thread."""
 
     opened = Signal()
+    opening = Signal(float)
+    """Seconds since :meth:`open`, on each poll until it has an end."""
     closed = Signal(str)
     """The reason."""
     replied = Signal(str)
@@ -103,7 +105,10 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         self._dialect = dialect
         self._client: EngineClient | None = None
         self._notifier: QSocketNotifier | None = None
-        self._opened: SimpleQueue[EngineClient | Exception] = SimpleQueue()
+        self._opened: SimpleQueue[tuple[int, EngineClient | Exception]] = SimpleQueue()
+        """Number of each attempt that has an end, and what came of it."""
+        self._attempt = 0
+        self._opening_since_ms = 0
         self._threads: list[threading.Thread] = []
         self._pending: dict[int, tuple[str, int]] = {}
         """Command and time in ms of each request without a reply, by its number."""
@@ -140,7 +145,10 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         if self._is_opening or self._client is not None:
             return
         self._is_opening = True
-        self._run_in_thread(lambda: self._opened.put(self._try_open(*engine)))
+        self._attempt += 1
+        self._opening_since_ms = self._clock.elapsed()
+        number = self._attempt
+        self._run_in_thread(lambda: self._opened.put((number, self._try_open(*engine))))
 
     def request(self, command: str, **args: Any) -> None:
         """Send a request; :attr:`replied` or :attr:`refused` follows."""
@@ -184,7 +192,13 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         self._check_timeouts()
 
     def close(self) -> None:
-        """Disconnect; the engine ends unless it has another client or runs a protocol."""
+        """Disconnect; the engine ends unless it has another client or runs a protocol.
+
+        While the link opens, this gives up; an engine that then starts is left in the same way.
+        """
+        if self._is_opening:
+            self._is_opening = False
+            self.closed.emit(NOT_CONNECTED)
         if self._client is not None:
             leave = self._client.leave
             self._drop_notifier()
@@ -196,8 +210,7 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         for thread in self._threads:
             thread.join(CLOSE_TIMEOUT_S)
         while not self._opened.empty():
-            if not isinstance(client := self._opened.get(), Exception):
-                _leave(client.leave)
+            _leave_opened(self._opened.get()[1])
 
     def _run_in_thread(self, action: Callable[[], object]) -> None:
         self._threads = [thread for thread in self._threads if thread.is_alive()]
@@ -228,8 +241,13 @@ class EngineLink(QObject, Generic[_Status, _Live]):
 
     def _take_opened(self) -> None:
         try:
-            result = self._opened.get_nowait()
+            number, result = self._opened.get_nowait()
         except Empty:
+            if self._is_opening:
+                self.opening.emit((self._clock.elapsed() - self._opening_since_ms) / 1000)
+            return
+        if number != self._attempt or not self._is_opening:
+            self._run_in_thread(lambda: _leave_opened(result))
             return
         self._is_opening = False
         if isinstance(result, Exception):
@@ -308,6 +326,12 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         self._stop_number = 0
         self.status = self._dialect.parse({})
         self._last_message_ms = self._clock.elapsed()
+
+
+def _leave_opened(result: EngineClient | Exception) -> None:
+    """Leave an engine that opened for nobody."""
+    if not isinstance(result, Exception):
+        _leave(result.leave)
 
 
 def _leave(leave: Callable[[], object]) -> None:

@@ -92,6 +92,7 @@ class FingerTab(QObject):
 
     def _connect_engine(self) -> None:
         link = self.link
+        link.opening.connect(self.bar.show_opening)
         link.opened.connect(self._on_opened)
         link.closed.connect(self._on_closed)
         link.refused.connect(self._on_refused)

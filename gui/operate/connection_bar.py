@@ -33,15 +33,20 @@ class ConnectionBar(QFrame):
             elastic(label(NOT_CONNECTED, "muted", wraps=True)),
         )
         self.recording_display = RecordingDisplay()
-        self._is_connected = False
+        self._is_connected = self._is_connecting = False
         self._level, self._words = "ok", NOT_CONNECTED
 
     def show_connecting(self) -> None:
         """Show that the chosen rig's engine is starting."""
-        self._show_connection("Connecting …", connected=False, locked=True)
-        self.connect_button.setEnabled(False)
-        starting = f"starting the engine for {self.rig.currentText()} …"
-        show_text(self.state_words, "joining the running engine …" if self._joins else starting)
+        self._show_connection("Cancel", connected=False, locked=True)
+        self._is_connecting = True
+        self.show_opening(0.0)
+
+    def show_opening(self, seconds: float) -> None:
+        """Show for how long the window has tried to connect."""
+        starting = f"starting the engine for {self.rig.currentText()}"
+        what = "joining the running engine" if self._joins else starting
+        show_text(self.state_words, f"{what} … {seconds:.0f} s")
 
     def show_connected(self) -> None:
         """Show that the engine answers."""
@@ -84,13 +89,13 @@ class ConnectionBar(QFrame):
         show_text(self.state_words, words)
 
     def _show_connection(self, button: str, *, connected: bool, locked: bool) -> None:
-        self._is_connected = connected
+        self._is_connected, self._is_connecting = connected, False
         self.connect_button.setText(button)
         self.connect_button.setEnabled(True)
         self.rig.setEnabled(not locked)
 
     def _toggle_connection(self) -> None:
-        if self._is_connected:
+        if self._is_connected or self._is_connecting:
             self.disconnect_requested.emit()
         else:
             self.connect_clicked.emit()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
 from gui.engine_clients import JOIN
+from gui.engine_link import NOT_CONNECTED
 from gui.shell.main_window import MainWindow
 from gui.widgets.status_lamp import Level
 from rigctl.errors import LinkLost, WrongUse
@@ -21,7 +23,7 @@ def test_connect_button_opens_the_chosen_rig(disconnected: SharedWindow) -> None
     window.toolbar.world.choose("")
     window.toolbar.rig.choose("firmware")
     click(window.toolbar.connect_button)
-    assert not window.toolbar.connect_button.isEnabled()
+    assert window.toolbar.connect_button.text() == "Cancel"
     wait_until(lambda: window.engine_link.live is not None)
     assert disconnected.opened == [("firmware", "")]
     assert window.toolbar.connect_button.text() == "Disconnect"
@@ -63,7 +65,7 @@ def test_empty_wiring_is_explained_once(
     disconnected.error = WrongUse("no board answers")
     for _ in range(2):
         window.connect_rig(str(rig))
-        wait_until(window.toolbar.connect_button.isEnabled)
+        wait_until(lambda: window.toolbar.connect_button.text() == "Connect")
     assert disconnected.opened == [(str(rig), "")] * 2
     assert window.event_log.toPlainText().count("[taxels] wiring is empty") == 1
 
@@ -76,6 +78,30 @@ def test_failed_connection_shows_the_reason(disconnected: SharedWindow) -> None:
     wait_until(lambda: "in use" in window.status_line.text())
     assert window.toolbar.connect_button.isEnabled()
     assert window.toolbar.state_words.text() == reason
+
+
+def test_connecting_is_cancelled_and_an_engine_that_comes_late_is_left(
+    app: QApplication, tmp_path: Path
+) -> None:
+    engine, gate = FakeEngine(tmp_path), threading.Event()
+
+    def open_late(rig: str, world: str) -> FakeEngine:
+        gate.wait(60)
+        return engine
+
+    window = MainWindow(open_late)
+    window.show()
+    button, words = window.toolbar.connect_button, window.toolbar.state_words
+    click(button)
+    wait_until(lambda: words.text().endswith(" … 0 s") and button.text() == "Cancel")
+    wait_until(lambda: words.text().endswith(" … 1 s"))
+    click(button)
+    assert button.text() == "Connect" and words.text() == NOT_CONNECTED
+    gate.set()
+    wait_until(lambda: engine.is_closed)
+    assert button.text() == "Connect" and not window.engine_link.is_connected
+    window.close()
+    delete(window)
 
 
 def test_closing_during_connection_leaves_no_engine(app: QApplication, tmp_path: Path) -> None:

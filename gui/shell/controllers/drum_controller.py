@@ -75,6 +75,7 @@ class DrumController(QObject):
 
     def _connect_engine(self) -> None:
         link = self.link
+        link.opening.connect(self.toolbar.show_opening)
         link.opened.connect(self._on_opened)
         link.closed.connect(self._on_closed)
         link.replied.connect(self.operate_panel.finish_command)
