@@ -16,7 +16,9 @@ def test_a_second_window_gets_control_and_leaves(rig: RigWindow) -> None:
         click(second.engines.join_buttons[-1])
         other.until(second.controls[0].isVisible)
         other.until(lambda: other.status.drum_connected)
-        other.press("arm")
+        arm = other.window.operate_panel.buttons["arm"]
+        assert not arm.isEnabled() and "has control: ask for it" in arm.toolTip()
+        other.window.engine_link.request("arm")
         other.until(lambda: "this client only watches" in other.log)
         click(second.controls[0].ask)
         rig.until(first.controls[0].isVisible)
