@@ -208,7 +208,7 @@ class AnalysisTab(QObject):
             self._show_results(result.sentence, self.figure_view)
         elif isinstance(result, AnalysisResults):
             self._report_folder = ""
-            if result.altered:
+            if result.altered and self._verified in self.panel.sessions:
                 self.reader.submit("leave_out", path=self._verified, altered=result.altered)
             self.results_panel.show_results(result, self._settings)
             self._show_results(result.sentence, self.results_panel)

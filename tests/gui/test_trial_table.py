@@ -224,6 +224,23 @@ def test_verify_marks_altered_trials_in_the_table(analysis: Harness, tmp_path: P
     assert "is left out: " in panel.trials.reason.text()
 
 
+def test_a_check_that_ends_late_brings_no_other_session_back(
+    analysis: Harness, sessions: tuple[Path, Path], tmp_path: Path
+) -> None:
+    folder = tmp_path / "altered"
+    record_in_blocks(folder)
+    flip_sample_of_trial(folder, 5)
+    tab = analysis.window.analysis_tab
+    open_session(analysis, folder)
+    wait_until(lambda: str(folder) in tab.panel.sessions)
+    click(tab.panel.verify_button)
+    open_session(analysis, sessions[0])
+    wait_until(lambda: list(tab.panel.sessions) == [str(sessions[0])])
+    wait_until(lambda: "is not whole" in tab.panel.run_box.result.text())
+    wait_until(lambda: not tab.reader.is_busy)
+    assert list(tab.panel.sessions) == [str(sessions[0])]
+
+
 def test_a_trial_is_shown_while_an_analysis_runs(
     analysis: Harness, sessions: tuple[Path, Path]
 ) -> None:
