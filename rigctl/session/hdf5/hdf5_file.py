@@ -94,7 +94,6 @@ class Hdf5File:
 
     def check(self, schemas: Iterable[DataSetSchema]) -> None:
         """Check data sets against what is declared; from now on they can be read."""
-        file_bytes = self.path.stat().st_size
         for schema in schemas:
             node = self._find(schema.path)
             if node is None and schema.optional:
@@ -103,6 +102,8 @@ class Hdf5File:
                 what = "is missing" if node is None else "is not a data set"
                 raise damage(self.path, schema.path, what)
             checked = check_dataset(node, schema, self.path)
+            # Later than the shape: a living writer lengthens the file before it claims the rows.
+            file_bytes = self.path.stat().st_size
             check_size(checked, self.path, schema.path, file_bytes, self._is_cut)
             self._datasets[schema.path] = checked
 
