@@ -103,8 +103,9 @@ def run(args: argparse.Namespace) -> int:
         load_world(world)
     app = pg.mkQApp("rigctl")
     settings = UserSettings.of_user()
-    theme = (args.theme or settings.value("theme", "system")).upper()
-    choice = ThemeChoice.__members__.get(theme, ThemeChoice.SYSTEM)
+    themes = ThemeChoice.__members__
+    kept = settings.value("theme", ThemeChoice.SYSTEM.name, themes.__contains__)
+    choice = themes[(args.theme or kept).upper()]
     window = MainWindow(choice=choice, settings=settings)
     crashes = CrashReporter(settings.folder / "crash-reports", window.event_log.toPlainText)
     crashes.reported.connect(window.report)

@@ -26,9 +26,9 @@ from gui.shell.controllers.protocol_controller import ProtocolController
 from gui.shell.controllers.tools_controller import ToolsController
 from gui.shell.docks import DockArea
 from gui.shell.escape_key import EscapeKey
-from gui.shell.memory.recent_sessions import RecentSessions
+from gui.shell.memory.recent_paths import RecentRigs, RecentSessions
 from gui.shell.memory.user_settings import UserSettings
-from gui.shell.memory.window_memory import WindowMemory
+from gui.shell.memory.window_memory import SPAN_KEY, WindowMemory, is_span
 from gui.shell.page_stack import PageStack
 from gui.shell.rig_controls import drum_controls, finger_controls
 from gui.shell.rig_menu import add_alarm_sound, add_rig_menu
@@ -64,7 +64,7 @@ class MainWindow(QMainWindow):
         self.setWindowTitle("rigctl")
         self.settings = settings if settings is not None else UserSettings(None)
         self._theme_choice = choice
-        scale_texts(_text_scale(self.settings))
+        scale_texts(_text_percent(self.settings) / 100)
         theme = apply_theme(choice)
         self.drum = DrumController(theme, factory)
         self.engine_link, self.toolbar = self.drum.link, self.drum.toolbar
@@ -150,7 +150,7 @@ class MainWindow(QMainWindow):
 
     def set_text_size(self, percent: int) -> None:
         """Show all texts larger or smaller, in percent of the usual size."""
-        before, widths_px = _text_scale(self.settings), self.docks.side_widths_px()
+        before, widths_px = _text_percent(self.settings) / 100, self.docks.side_widths_px()
         self.settings.set_value("text_percent", percent)
         scale_texts(percent / 100)
         self.set_theme(self._theme_choice)
@@ -188,6 +188,7 @@ class MainWindow(QMainWindow):
         self.memory.keep_number("speed_mm_s", self.operate_panel.speed)
         self.memory.keep_number("force_g", self.operate_panel.force)
         self.memory.keep_text("save_in", self.protocol_panel.out)
+        self.memory.keep_live_views(self.live_page)
         self.memory.restore_layout()
         self._show_view()
         if complaint := self.settings.complaint():
@@ -249,6 +250,7 @@ class MainWindow(QMainWindow):
         menus = self.menus
         engines = self.attach.list_engines
         add_rig_menu(menus, self.drum, stop=self.stop, list_engines=engines)
+        self.rigs = RecentRigs(menus, self.settings, self.toolbar)
         panels = (self.operate_panel, self.protocol_panel, self.finger_tab, self.analysis_tab)
         menus.add_separator("Rig")
         add_panel_menus(menus, *panels)
@@ -256,7 +258,8 @@ class MainWindow(QMainWindow):
         add_alarm_sound(menus, self.drum, self.settings)
         self._add_view_actions()
         spans = {f"{span_s} s": span_s for span_s in SPANS_S}
-        menus.add_choices("View", "Time &span", spans, SPANS_S[3], self.live_plots.set_span)
+        span_s = self.settings.value(SPAN_KEY, float(SPANS_S[3]), is_span)
+        menus.add_choices("View", "Time &span", spans, span_s, self.live_plots.set_span)
         show = partial(self.show_replay, is_shown=True)
         tip = "Play recorded trials in the live views, at any speed"
         menus.add("File", "&Replay a session", show, shortcut="Ctrl+Shift+R", tip=tip)
@@ -281,7 +284,7 @@ class MainWindow(QMainWindow):
         themes = {choice.value: choice for choice in ThemeChoice}
         menus.add_choices("View", "&Theme", themes, self._theme_choice, self._choose_theme)
         sizes = {f"{percent} %": percent for percent in TEXT_SIZES_PERCENT}
-        size = self.settings.value("text_percent", 100)
+        size = _text_percent(self.settings)
         menus.add_choices("View", "Te&xt size", sizes, size, self.set_text_size)
 
     def _open_session(self) -> None:
@@ -371,6 +374,5 @@ class MainWindow(QMainWindow):
             pages.setCurrentIndex(int(self._panel == "finger"))
 
 
-def _text_scale(settings: UserSettings) -> float:
-    percent = settings.value("text_percent", 100)
-    return percent / 100 if percent in TEXT_SIZES_PERCENT else 1.0
+def _text_percent(settings: UserSettings) -> int:
+    return settings.value("text_percent", 100, TEXT_SIZES_PERCENT.__contains__)

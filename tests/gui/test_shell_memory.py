@@ -74,9 +74,7 @@ def test_closed_panel_comes_back(open_window: WindowMaker) -> None:
     assert not window.docks.docks["operate"].isFloating()
 
 
-@pytest.mark.parametrize(
-    "garbage", [b"\x00\xff\x13[garbage", b"[General]\nlayout=12\ngeometry=x\n"]
-)
+@pytest.mark.parametrize("garbage", [b"\x00\xff\x13[garbage", b"[General]\ndocks=12\nwindow=x\n"])
 def test_garbage_in_the_settings_is_reported_once(
     open_window: WindowMaker, ini: Path, garbage: bytes
 ) -> None:

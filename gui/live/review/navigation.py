@@ -57,6 +57,11 @@ class Navigation(QObject):
         """Length of the time axis."""
         return self._span / SAMPLE_RATE_HZ
 
+    @property
+    def live_span_s(self) -> float:
+        """Length of the time axis that returns after a look back."""
+        return self._live_span / SAMPLE_RATE_HZ
+
     def follow(self, oldest: int, newest: int, drum_newest: float) -> None:
         """Take the positions of the oldest and newest samples, and of the drum's newest row."""
         late = drum_newest - newest > _LATE_SAMPLES

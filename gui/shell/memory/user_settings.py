@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import TypeVar
+from unicodedata import category
 
 from PySide6.QtCore import QSettings
 
 MAX_RECENT = 8
+MAX_LETTERS = 4096
+"""No path of a file is longer."""
 _Value = TypeVar("_Value", str, int, float, bool, list[str])
 
 
@@ -39,17 +43,19 @@ class UserSettings:
         """Folder of the file, the home folder without one."""
         return Path(self._file.fileName()).parent if self._file is not None else Path.home()
 
-    def value(self, key: str, default: _Value) -> _Value:
-        """Return the value of a key, or the default if there is none of the default's type."""
+    def value(
+        self, key: str, default: _Value, fits: Callable[[_Value], bool] | None = None
+    ) -> _Value:
+        """Return the value of a key, or the default if there is none of its type that ``fits``."""
         text = self._read(key)
         if text is None:
             return default
         value = None
-        with suppress(ValueError, RecursionError):
+        with suppress(ValueError, RecursionError, OverflowError):
             value = json.loads(text)
-        if isinstance(default, float) and type(value) is int:
-            value = float(value)
-        if type(value) is type(default) and _is_list_of_texts(value):
+            if isinstance(default, float) and type(value) is int:
+                value = float(value)
+        if type(value) is type(default) and _is_plain(value) and (fits is None or fits(value)):
             return value
         self._complaints.append(f"the setting {key!r} is damaged: its default is used")
         self._forget(key)
@@ -68,9 +74,10 @@ class UserSettings:
         return self.value(key, list[str]())
 
     def add_recent(self, key: str, text: str) -> None:
-        """Put a text at the front of the recent ones."""
-        others = (other for other in self.recent(key) if other != text)
-        self.set_value(key, [text, *others][:MAX_RECENT])
+        """Put a text at the front of the recent ones, unless a menu could not show it."""
+        if _is_plain([text]):
+            others = (other for other in self.recent(key) if other != text)
+            self.set_value(key, [text, *others][:MAX_RECENT])
 
     def write(self) -> None:
         """Write changes to the file now; a crash then loses none of them."""
@@ -117,5 +124,12 @@ def _is_text(path: Path) -> bool:
         return True
 
 
-def _is_list_of_texts(value: object) -> bool:
-    return not isinstance(value, list) or all(isinstance(item, str) for item in value)
+def _is_plain(value: object) -> bool:
+    """Return whether every text in a value can be shown: no control characters, no half ones."""
+    if isinstance(value, list):
+        return all(isinstance(item, str) and len(item) <= MAX_LETTERS for item in value) and all(
+            _is_plain(item) for item in value
+        )
+    return not isinstance(value, str) or all(
+        category(letter) not in ("Cc", "Cs") for letter in value
+    )

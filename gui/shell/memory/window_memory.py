@@ -1,18 +1,25 @@
-"""Layout, theme, set-points and folders that return when the window opens again."""
+"""Layout, set-points, folders and views that return when the window opens again."""
 
 from __future__ import annotations
 
 from base64 import b64decode, b64encode
-from binascii import Error as Base64Error
+from collections.abc import Callable
+from typing import TypeVar
+from zlib import crc32
 
 from PySide6.QtCore import QByteArray, QObject, QTimer
 from PySide6.QtWidgets import QDoubleSpinBox, QLineEdit, QWidget
 
+from gui.live.page.live_page import LivePage
+from gui.live.review.navigation import SPANS_S
 from gui.shell.docks import DockArea
-from gui.shell.memory.user_settings import UserSettings
+from gui.shell.memory.user_settings import MAX_LETTERS, UserSettings
 
 SAVE_MS = 5000
 """A crash loses at most the changes of this time."""
+SPAN_KEY = "span_s"
+_SEAL_BYTES = 4
+_Value = TypeVar("_Value", str, float, bool)
 
 
 class WindowMemory(QObject):
@@ -21,26 +28,31 @@ class WindowMemory(QObject):
     def __init__(self, settings: UserSettings, window: QWidget, docks: DockArea) -> None:
         super().__init__(window)
         self._settings, self._window, self._docks = settings, window, docks
-        self._numbers: dict[str, QDoubleSpinBox] = {}
-        self._texts: dict[str, QLineEdit] = {}
+        self._kept: dict[str, Callable[[], str | float | bool]] = {}
         self._timer = QTimer(self, interval=SAVE_MS)
         self._timer.timeout.connect(self.save)
 
     def keep_number(self, key: str, box: QDoubleSpinBox) -> None:
         """Restore a number, and remember it from now on."""
-        box.setValue(self._settings.value(key, box.value()))
-        self._numbers[key] = box
+        self._keep(key, box.value, box.setValue, lambda n: box.minimum() <= n <= box.maximum())
 
     def keep_text(self, key: str, field: QLineEdit) -> None:
         """Restore a text such as a folder, and remember it from now on."""
-        field.setText(self._settings.value(key, field.text()))
-        self._texts[key] = field
+        self._keep(key, field.text, field.setText, lambda text: len(text) <= MAX_LETTERS)
+
+    def keep_live_views(self, page: LivePage) -> None:
+        """Restore time span, unit of the readings and unit of the rates, and remember them."""
+        navigation, unit = page.plots.navigation, page.bar.unit
+        per_mm = page.encoder_strip.per_mm
+        self._keep(SPAN_KEY, lambda: navigation.live_span_s, navigation.set_span, is_span)
+        self._keep("unit", unit.currentText, unit.setCurrentText, lambda t: unit.findText(t) >= 0)
+        self._keep("rates_per_mm", per_mm.isChecked, per_mm.setChecked, lambda _: True)
 
     def restore_layout(self) -> None:
         """Restore size and docks, and begin to remember changes."""
-        if geometry := self._bytes("geometry"):
+        if geometry := self._bytes("window"):
             self._window.restoreGeometry(QByteArray(geometry))
-        if layout := self._bytes("layout"):
+        if layout := self._bytes("docks"):
             self._docks.restore(layout)
         self._timer.start()
 
@@ -52,20 +64,42 @@ class WindowMemory(QObject):
     def save(self) -> None:
         """Remember everything now."""
         settings = self._settings
-        settings.set_value("geometry", _text(bytes(self._window.saveGeometry().data())))
-        settings.set_value("layout", _text(self._docks.save()))
-        for key, box in self._numbers.items():
-            settings.set_value(key, box.value())
-        for key, field in self._texts.items():
-            settings.set_value(key, field.text())
+        settings.set_value("window", _sealed(bytes(self._window.saveGeometry().data())))
+        settings.set_value("docks", _sealed(self._docks.save()))
+        for key, read in self._kept.items():
+            settings.set_value(key, read())
         settings.write()
 
+    def _keep(
+        self,
+        key: str,
+        read: Callable[[], _Value],
+        write: Callable[[_Value], object],
+        fits: Callable[[_Value], bool],
+    ) -> None:
+        write(self._settings.value(key, read(), fits))
+        self._kept[key] = read
+
     def _bytes(self, key: str) -> bytes:
-        try:
-            return b64decode(self._settings.value(key, ""), validate=True)
-        except (Base64Error, ValueError):
-            return b""
+        text = self._settings.value(key, "", lambda text: not text or bool(_unsealed(text)))
+        return _unsealed(text)
 
 
-def _text(data: bytes) -> str:
-    return b64encode(data).decode()
+def is_span(span_s: float) -> bool:
+    """Return whether the menus offer a time span."""
+    return span_s in SPANS_S
+
+
+def _sealed(data: bytes) -> str:
+    """Return bytes as text with a checksum: Qt would take damaged ones as far as they go."""
+    return b64encode(crc32(data).to_bytes(_SEAL_BYTES) + data).decode()
+
+
+def _unsealed(text: str) -> bytes:
+    """Return the bytes of a sealed text, none of a damaged one."""
+    try:
+        data = b64decode(text, validate=True)
+    except ValueError:
+        return b""
+    seal, data = data[:_SEAL_BYTES], data[_SEAL_BYTES:]
+    return data if crc32(data).to_bytes(_SEAL_BYTES) == seal else b""
