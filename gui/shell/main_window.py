@@ -23,6 +23,7 @@ from gui.shell.button_menus import add_panel_menus
 from gui.shell.controllers.drum_controller import DrumController
 from gui.shell.controllers.help_controller import HelpController
 from gui.shell.controllers.protocol_controller import ProtocolController
+from gui.shell.controllers.start_controller import StartController
 from gui.shell.controllers.tools_controller import ToolsController
 from gui.shell.docks import DockArea
 from gui.shell.escape_key import EscapeKey
@@ -84,6 +85,7 @@ class MainWindow(QMainWindow):
         self.menus = ActionRegistry(self.menuBar())
         self.sessions = RecentSessions(self.menus, self.settings)
         self.help = HelpController(self.menus)
+        self.start = StartController(self.stack, self.menus, self.toolbar)
         self.tools = ToolsController(self.stack, self.menus, self.engine_link)
         self._panel = "operate"
         self._lay_out()
@@ -191,6 +193,8 @@ class MainWindow(QMainWindow):
         self.memory.keep_live_views(self.live_page)
         self.memory.restore_layout()
         self._show_view()
+        if self.settings.is_first:
+            self.start.show()
         if complaint := self.settings.complaint():
             self.report("check", complaint)
 
@@ -322,7 +326,10 @@ class MainWindow(QMainWindow):
         self.sessions.browse_requested.connect(self._open_session)
         self.help.reported.connect(self.report)
         self.help.shown.connect(partial(self.stack.show_page, "help"))
-        for pages in (self.file_browser, self.tools, self.help.page):
+        self.start.virtual_requested.connect(self.connect_rig)
+        self.start.reported.connect(self.report)
+        self.start.page.session_requested.connect(self._open_session)
+        for pages in (self.file_browser, self.tools, self.help.page, self.start):
             pages.closed.connect(self._show_view)
         self.protocol_panel.page_changed.connect(self._show_view)
 

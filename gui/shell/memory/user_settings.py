@@ -28,6 +28,8 @@ class UserSettings:
         self._values: dict[str, str] = {}
         self._complaints: list[str] = []
         self._file: QSettings | None = None
+        self.is_first = path is not None and not path.exists()
+        """Whether the user had no settings yet, not even damaged ones."""
         if path is not None:
             self._file = self._open(path)
 

@@ -82,7 +82,17 @@ class Stage(NamedTuple):
 
 def scenes(stage: Stage) -> Iterator[str]:
     """Bring the window into one state after the other, and yield the name of each."""
-    shown = (_not_connected, _operate, _protocol, _attach, _analysis, _finger, _tools, _files)
+    shown = (
+        _not_connected,
+        _start,
+        _operate,
+        _protocol,
+        _attach,
+        _analysis,
+        _finger,
+        _tools,
+        _files,
+    )
     for scene in shown:
         yield from scene(stage)
 
@@ -97,6 +107,13 @@ def _not_connected(stage: Stage) -> Iterator[str]:
     for name in ("Operate", "Protocol", "Analysis", "Finger"):
         _show(stage, name.lower())
         yield f"{name}, not connected"
+
+
+def _start(stage: Stage) -> Iterator[str]:
+    stage.window.start.show()
+    QApplication.processEvents()
+    yield "Start page"
+    click(stage.window.start.page.back)
 
 
 def _operate(stage: Stage) -> Iterator[str]:

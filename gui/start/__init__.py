@@ -1,0 +1,1 @@
+"""What a user sees who opens the window for the first time."""
