@@ -16,9 +16,9 @@ from gui.engine_clients import joined_rig, open_client, open_finger_client
 from gui.engine_link import ClientFactory
 from gui.finger.finger_tab import FingerTab
 from gui.live.replay.replay_page import ReplayPage
-from gui.live.review.navigation import SPANS_S
 from gui.operate.event_log import EventLog, StatusLine
 from gui.shell.actions import ActionRegistry
+from gui.shell.appearance import Appearance
 from gui.shell.button_menus import add_panel_menus
 from gui.shell.controllers.drum_controller import DrumController
 from gui.shell.controllers.help_controller import HelpController
@@ -29,20 +29,19 @@ from gui.shell.docks import DockArea
 from gui.shell.escape_key import EscapeKey
 from gui.shell.memory.recent_paths import RecentRigs, RecentSessions
 from gui.shell.memory.user_settings import UserSettings
-from gui.shell.memory.window_memory import SPAN_KEY, WindowMemory, is_span
+from gui.shell.memory.window_memory import WindowMemory
 from gui.shell.page_stack import PageStack
 from gui.shell.rig_controls import drum_controls, finger_controls
 from gui.shell.rig_menu import add_alarm_sound, add_rig_menu
+from gui.shell.view_menus import add_live_actions, add_panel_actions
 from gui.widgets.file_browser import FileBrowser, PathKind
 from gui.widgets.layouts import container, scroll_area, vbox
-from gui.widgets.theme import ThemeChoice, apply_theme, scale_texts
+from gui.widgets.theme import Theme, ThemeChoice
 from rigctl.acquisition.rpc.engine_files import FINGER_EXPERIMENT, EngineFile
 
 FRAME_MS = 33
 WIDTH_PX, HEIGHT_PX = 1280, 800
 LEFT_PX, LOG_PX = 330, 88
-TEXT_SIZES_PERCENT = (90, 100, 115, 130, 150)
-SHOWS = "Bring this panel to the front"
 _LEFT = Qt.DockWidgetArea.LeftDockWidgetArea
 _BOTTOM = Qt.DockWidgetArea.BottomDockWidgetArea
 
@@ -64,9 +63,10 @@ class MainWindow(QMainWindow):
         super().__init__()
         self.setWindowTitle("rigctl")
         self.settings = settings if settings is not None else UserSettings(None)
-        self._theme_choice = choice
-        scale_texts(_text_percent(self.settings) / 100)
-        theme = apply_theme(choice)
+        self.stack = PageStack()
+        self.docks = DockArea(self.stack)
+        self.appearance = Appearance(self.settings, choice, self.docks)
+        theme = self.appearance.theme
         self.drum = DrumController(theme, factory)
         self.engine_link, self.toolbar = self.drum.link, self.drum.toolbar
         self.health_strip, self.prompt_panel = self.drum.health_strip, self.drum.prompt_panel
@@ -80,8 +80,6 @@ class MainWindow(QMainWindow):
         self.attach = AttachController((self.engine_link, self.finger_tab.link))
         self.file_browser, self.event_log = FileBrowser(), EventLog()
         self.status_line = StatusLine("Choose a rig and press Connect.")
-        self.stack = PageStack()
-        self.docks = DockArea(self.stack)
         self.menus = ActionRegistry(self.menuBar())
         self.sessions = RecentSessions(self.menus, self.settings)
         self.help = HelpController(self.menus)
@@ -142,26 +140,11 @@ class MainWindow(QMainWindow):
 
     def set_theme(self, choice: ThemeChoice) -> None:
         """Apply another theme."""
-        self._theme_choice = choice
-        theme = apply_theme(choice)
-        self.live_plots.set_theme(theme)
-        self.replay_page.set_theme(theme)
-        self.analysis_tab.set_theme(theme)
-        self.finger_tab.view.set_theme(theme)
-        self.event_log.reset_colours()
+        self.appearance.set_theme(choice)
 
     def set_text_size(self, percent: int) -> None:
         """Show all texts larger or smaller, in percent of the usual size."""
-        before, widths_px = _text_percent(self.settings) / 100, self.docks.side_widths_px()
-        self.settings.set_value("text_percent", percent)
-        scale_texts(percent / 100)
-        self.set_theme(self._theme_choice)
-        factor = percent / 100 / before
-        self.docks.set_side_widths({name: round(px * factor) for name, px in widths_px.items()})
-
-    def _choose_theme(self, choice: ThemeChoice) -> None:
-        self.settings.set_value("theme", choice.name)
-        self.set_theme(choice)
+        self.appearance.set_text_size(percent)
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Leave the engines, which continue a run, and end the worker processes.
@@ -260,36 +243,14 @@ class MainWindow(QMainWindow):
         add_panel_menus(menus, *panels)
         menus.add_separator("Rig")
         add_alarm_sound(menus, self.drum, self.settings)
-        self._add_view_actions()
-        spans = {f"{span_s} s": span_s for span_s in SPANS_S}
-        span_s = self.settings.value(SPAN_KEY, float(SPANS_S[3]), is_span)
-        menus.add_choices("View", "Time &span", spans, span_s, self.live_plots.set_span)
+        add_panel_actions(menus, self.docks)
+        self.appearance.add_menus(menus)
         show = partial(self.show_replay, is_shown=True)
         tip = "Play recorded trials in the live views, at any speed"
         menus.add("File", "&Replay a session", show, shortcut="Ctrl+Shift+R", tip=tip)
-        page = self.live_page
-        tip = "Look back while samples go on to arrive, or follow them again"
-        menus.add("View", "&Pause or follow", page.toggle_pause, shortcut="Ctrl+Space", tip=tip)
-        tip = "Begin each trial at the left edge of the live plots, or let them scroll"
-        menus.add("View", "Begin at each t&rial", page.toggle_sweeps, tip=tip)
-        tip = "Save the live plots as they are now"
-        menus.add("File", "Save &picture", page.save_picture, shortcut="Ctrl+Shift+P", tip=tip)
+        add_live_actions(menus, self.live_page, self.settings)
         menus.add_separator("File")
         menus.add("File", "&Quit", self.close, shortcut="Ctrl+Q", tip="Close the window")
-        hints = QApplication.styleHints()
-        hints.colorSchemeChanged.connect(lambda _: self._follow_system_theme())
-
-    def _add_view_actions(self) -> None:
-        menus, docks = self.menus, self.docks
-        for number, (name, dock) in enumerate(docks.docks.items(), start=1):
-            show = partial(docks.show_panel, name)
-            menus.add("View", dock.windowTitle(), show, shortcut=f"Ctrl+{number}", tip=SHOWS)
-        menus.add("View", "&Reset the layout", docks.reset, tip="Put all panels back")
-        themes = {choice.value: choice for choice in ThemeChoice}
-        menus.add_choices("View", "&Theme", themes, self._theme_choice, self._choose_theme)
-        sizes = {f"{percent} %": percent for percent in TEXT_SIZES_PERCENT}
-        size = _text_percent(self.settings)
-        menus.add_choices("View", "Te&xt size", sizes, size, self.set_text_size)
 
     def _open_session(self) -> None:
         self.show_panel("analysis")
@@ -299,12 +260,9 @@ class MainWindow(QMainWindow):
         self.show_panel("analysis")
         self.analysis_tab.open_session(path)
 
-    def _follow_system_theme(self) -> None:
-        if self._theme_choice is ThemeChoice.SYSTEM:
-            self.set_theme(self._theme_choice)
-
     def _connect_panels(self) -> None:
         self.toolbar.stop_requested.connect(self.stop)
+        self.appearance.theme_changed.connect(self._show_theme)
         self.drum.title_changed.connect(self.setWindowTitle)
         boxes = (self.toolbar.rig, self.toolbar.world)
         panels = (self.operate_panel, self.protocol_panel, self.analysis_tab.panel, self.finger_tab)
@@ -371,6 +329,14 @@ class MainWindow(QMainWindow):
             self._panel, self._replays = name, False
             self._show_view()
 
+    def _show_theme(self, theme: Theme) -> None:
+        """Give the plots, which have colours of their own, those of another theme."""
+        self.live_plots.set_theme(theme)
+        self.replay_page.set_theme(theme)
+        self.analysis_tab.set_theme(theme)
+        self.finger_tab.view.set_theme(theme)
+        self.event_log.reset_colours()
+
     def _show_view(self) -> None:
         views = {"analysis": self.analysis_tab.view, "finger": self.finger_tab.view}
         if self.protocol_panel.shows_page:
@@ -379,7 +345,3 @@ class MainWindow(QMainWindow):
         self.stack.setCurrentWidget(self.replay_page if self._replays else view)
         for pages in (self.toolbar.pages, self.health):
             pages.setCurrentIndex(int(self._panel == "finger"))
-
-
-def _text_percent(settings: UserSettings) -> int:
-    return settings.value("text_percent", 100, TEXT_SIZES_PERCENT.__contains__)

@@ -1,0 +1,35 @@
+"""The actions of the File and View menus that concern panels and live plots."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from gui.live.page.live_page import LivePage
+from gui.live.review.navigation import SPANS_S
+from gui.shell.actions import ActionRegistry
+from gui.shell.docks import DockArea
+from gui.shell.memory.user_settings import UserSettings
+from gui.shell.memory.window_memory import SPAN_KEY, is_span
+
+_SHOWS = "Bring this panel to the front"
+
+
+def add_panel_actions(menus: ActionRegistry, docks: DockArea) -> None:
+    """Add an action for each panel, and the one that puts all of them back."""
+    for number, (name, dock) in enumerate(docks.docks.items(), start=1):
+        show = partial(docks.show_panel, name)
+        menus.add("View", dock.windowTitle(), show, shortcut=f"Ctrl+{number}", tip=_SHOWS)
+    menus.add("View", "&Reset the layout", docks.reset, tip="Put all panels back")
+
+
+def add_live_actions(menus: ActionRegistry, page: LivePage, settings: UserSettings) -> None:
+    """Add time span, pause, the alignment of trials, and the picture of the live plots."""
+    spans = {f"{span_s} s": span_s for span_s in SPANS_S}
+    span_s = settings.value(SPAN_KEY, float(SPANS_S[3]), is_span)
+    menus.add_choices("View", "Time &span", spans, span_s, page.plots.set_span)
+    tip = "Look back while samples go on to arrive, or follow them again"
+    menus.add("View", "&Pause or follow", page.toggle_pause, shortcut="Ctrl+Space", tip=tip)
+    tip = "Begin each trial at the left edge of the live plots, or let them scroll"
+    menus.add("View", "Begin at each t&rial", page.toggle_sweeps, tip=tip)
+    tip = "Save the live plots as they are now"
+    menus.add("File", "Save &picture", page.save_picture, shortcut="Ctrl+Shift+P", tip=tip)
