@@ -32,6 +32,16 @@ def age(seconds: float) -> str:
     return f"{seconds * 1000:.0f} ms" if seconds < 1 else duration(seconds)
 
 
+def ago(seconds: float) -> str:
+    """Return how long ago something was, in one unit, so that it fits into a narrow cell."""
+    if seconds < 100:
+        return f"{max(0, seconds):.0f} s ago"
+    for unit, unit_s, limit_s in (("min", 60, 6000), ("h", 3600, 180_000)):
+        if seconds < limit_s:
+            return f"{seconds // unit_s:.0f} {unit} ago"
+    return f"{seconds // 86400:.0f} d ago"
+
+
 def day_time(seconds: float, now: datetime | None = None) -> str:
     """Return the time of day in ``seconds`` from now, with the day unless it is today."""
     now = now or datetime.now()

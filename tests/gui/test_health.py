@@ -53,6 +53,21 @@ def test_each_figure_has_a_verdict(
     assert tuple(_read(**changes)[cell]) == (text, level)
 
 
+@pytest.mark.parametrize(
+    ("age_s", "text"),
+    [
+        (8.4, "8 s ago"),
+        (99.4, "99 s ago"),
+        (100.0, "1 min ago"),
+        (5999.0, "99 min ago"),
+        (6000.0, "1 h ago"),
+        (200_000.0, "2 d ago"),
+    ],
+)
+def test_the_last_trial_was_so_long_ago_in_one_unit(age_s: float, text: str) -> None:
+    assert _read(run={**STATUS["run"], "trial_age_s": age_s})["trial"].text == text
+
+
 def test_disk_is_judged_by_the_remaining_time() -> None:
     recording = {**STATUS["recording"], "active": True, "hours_left": 0.4}
     assert _read(recording=recording)["disk"].level is Level.BAD

@@ -14,7 +14,7 @@ from gui.live.health.health_cell import (
     judge,
 )
 from gui.widgets.data_ages import DataAges, stale_words
-from gui.widgets.formatting import duration
+from gui.widgets.formatting import ago
 from gui.widgets.status_lamp import Level
 from rigctl.acquisition.rpc.messages import BoardStatus, EngineStatus
 from rigctl.values import SAMPLE_RATE_HZ
@@ -61,7 +61,7 @@ CELLS = {
     ),
     "trial": CellSpec(
         "Last trial",
-        86,
+        93,
         "Time since the last committed trial of this sitting: at most 3 min during a run",
     ),
 }
@@ -181,4 +181,4 @@ def _trial(age_s: float | None, running: bool) -> Reading:
     if age_s is None:
         return Reading("–", Level.OFF)
     level = judge(age_s <= TRIAL_AGE_LIMIT_S) if running else Level.OFF
-    return Reading(f"{duration(age_s)} ago", level)
+    return Reading(ago(age_s), level)

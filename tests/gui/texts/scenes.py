@@ -55,6 +55,7 @@ RUN: dict[str, Any] = {
     "trials_committed": 23_455,
     "trials_rejected": 1234,
     "eta_s": 359_000.0,
+    "trial_age_s": 5999.0,
     "current": {"texture": "L", "speed_mm_s": 120.0, "force_g": 1000.0, "repeat": 10, "mount": 3},
     "prompt": None,
     "session": f"/data/{SESSION_NAME}",
