@@ -144,7 +144,7 @@ def _bench(path: Path, config: RigConfig) -> Rig:
     except BaseException:
         loop.close()
         raise
-    return Rig(BENCH, config.about.name, config, loop, drum, taxels)
+    return Rig(BENCH, config.about.name, config, loop, drum, taxels, path=path.resolve())
 
 
 def _find_ports(config: RigConfig, loop: asyncio.AbstractEventLoop) -> dict[str, str]:

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from rigctl.acquisition.boards import Boards
+from rigctl.acquisition.calibration.calibration import Calibration
 from rigctl.acquisition.health.heartbeat import HeartbeatGate
 from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.manual.manual_recorder import ManualRecorder
@@ -48,15 +49,17 @@ class Engine(ServedEngine[Run, RunRequest]):
             REAL_TIME_BATCH_SAMPLES if real_time else FAST_BATCH_SAMPLES,
         )
         self.manual = ManualRecorder(self.boards, self.event_bus)
+        self.calibration = Calibration(rig, self.boards, self._today)
         self._utc_now = utc_now
         self._texture = rig.plate
-        self._status_builder = StatusBuilder(rig, self.boards)
+        self._status_builder = StatusBuilder(rig, self.boards, self.calibration)
 
     def start(self, request: RunRequest) -> Run:
         """Start a run.
 
         Raises where the request or the disk is at fault, WrongUse while the drum is moved by hand.
         """
+        self.calibration.measurement.require_none()
         if self.boards.motion.is_moved_by_hand:
             raise WrongUse(
                 "the drum is moved by hand: wait until that has ended, or stop it; then start again"
@@ -112,6 +115,7 @@ class Engine(ServedEngine[Run, RunRequest]):
             self.run.control.abort(text)
         self.boards.motion.stop_count += 1
         await self.rig.drum.stop()
+        self.calibration.measurement.cancel()
         self.event_bus.publish("stop", text)
 
     def _context(self, operator: str = "", sensor: str = "") -> RunContext:
@@ -123,6 +127,10 @@ class Engine(ServedEngine[Run, RunRequest]):
         if self.run is None or self.run.ended:
             raise WrongUse("no run is active: start one first")
         return self.run
+
+    def _today(self) -> str:
+        """Return the date in UTC."""
+        return datetime.fromisoformat(self._utc_now()).astimezone(UTC).strftime("%Y-%m-%d")
 
     def _note(self, text: str) -> SessionNote:
         made = datetime.fromisoformat(self._utc_now()).astimezone(UTC)
@@ -173,6 +181,7 @@ class Engine(ServedEngine[Run, RunRequest]):
     async def _make_safe(self) -> None:
         if self.manual.is_recording:
             self.manual.end()
+        await self.calibration.measurement.end()
         if self.boards.drum_poller.connected and self.boards.drum_poller.state is not None:
             await self.boards.motion.disarm()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ class Rig:
     ``kind``: virtual, firmware or bench. ``seed``: that of a simulated rig. ``simulation``: the
     :class:`rigctl.simulation.simulated_rig.SimulatedRig` behind the boards, which the engine must
     not import; None at the bench. ``world``: what a session stores about a simulated rig.
+    ``path``: the ``rig.toml`` of a bench, which takes its calibrations.
     """
 
     kind: str
@@ -36,6 +38,7 @@ class Rig:
     seed: int = 0
     simulation: Any = None
     world: dict[str, Any] = field(default_factory=dict)
+    path: Path | None = None
     _truth_log: TruthLog | None = None
 
     @property
@@ -68,6 +71,15 @@ class Rig:
         """Load a simulated load cell; False at the bench, where a person has to place the mass."""
         if self.simulated:
             self.simulation.faults.push(mass_g)
+        return self.simulated
+
+    def touch_sensor(self, places: Collection[int], unplugged: bool) -> bool:
+        """Press places of a simulated sensor; False at the bench, where a person has to.
+
+        ``unplugged``: the bottom layer's read lines are unplugged.
+        """
+        if self.simulated:
+            self.simulation.faults.touch_sensor(places, unplugged)
         return self.simulated
 
     def begin_truth(self, folder: Path, start: Start) -> None:

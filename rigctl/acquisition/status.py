@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections import deque
+from statistics import fmean, pstdev
 from typing import Any
 
 from rigctl.acquisition.boards import Boards
+from rigctl.acquisition.calibration.calibration import Calibration
+from rigctl.acquisition.calibration.calibrator import READINGS
 from rigctl.acquisition.drum.contact import contact_words, has_status
 from rigctl.acquisition.health.rate_meter import RateMeter
 from rigctl.acquisition.rig import Rig
@@ -20,8 +24,10 @@ RATE_WINDOW_S = 1.0
 class StatusBuilder:
     """Builds the status message of one engine."""
 
-    def __init__(self, rig: Rig, boards: Boards) -> None:
+    def __init__(self, rig: Rig, boards: Boards, calibration: Calibration) -> None:
         self._rig = rig
+        self._calibration = calibration
+        self._raw_counts: deque[int] = deque(maxlen=READINGS)
         self._layout = SensorLayout.of_rig(rig.config.taxels)
         self._boards = boards
         self._frame_rate = RateMeter(RATE_WINDOW_S)
@@ -67,8 +73,12 @@ class StatusBuilder:
             limits=self._rig.config.limits,
             has_taxel_range=boards.has_taxel_range,
             loadcell_calibrated=self._rig.config.loadcell.calibrated,
+            scale_ug_per_count=self._rig.config.loadcell.scale_ug_per_count,
+            has_taxel_order=self._calibration.has_taxel_order,
+            calibration=self._calibration.status(),
             recording=recording,
             run=run,
+            **(self._raw_reading() if self._raw_counts else {}),
             **(_drum_fields(drum, now_s) if drum else {}),
         )
 
@@ -76,6 +86,14 @@ class StatusBuilder:
         self._loadcell_lost += drum.loadcell_lost
         if drum.loadcell:
             self._loadcell_s = drum.at_s
+            self._raw_counts.extend(sample.raw_counts for sample in drum.loadcell)
+
+    def _raw_reading(self) -> dict[str, Any]:
+        """Return mean and spread of the last second of the load cell."""
+        return {
+            "loadcell_counts": fmean(self._raw_counts),
+            "loadcell_sd_counts": pstdev(self._raw_counts),
+        }
 
 
 def _state_words(drum: DrumState) -> str:

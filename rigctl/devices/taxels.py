@@ -96,12 +96,14 @@ class Taxels:
         """True from a successful connect until the link is closed or lost."""
         return self._watch.running
 
-    def on_block(self, callback: OnBlock) -> None:
+    def on_block(self, callback: OnBlock) -> Callable[[], None]:
         """Subscribe ``callback`` to every block, in order, in the loop's thread.
 
-        A callback that raises is reported through :meth:`on_fault` and unsubscribed.
+        Returns the function that unsubscribes it. A callback that raises is reported through
+        :meth:`on_fault` and unsubscribed.
         """
         self._blocks.add(callback)
+        return lambda: self._blocks.remove(callback)
 
     def on_fault(self, callback: OnFault) -> None:
         """Subscribe ``callback`` to lost links, reboots and failed callbacks."""

@@ -16,6 +16,7 @@ from msgspec import Meta
 
 from rigctl.errors import LinkLost
 from rigctl.simulation.bench.ground_truth import GroundTruth
+from rigctl.simulation.bench.touch import N_PLACES, NO_TOUCH, Touch
 from rigctl.wire.drum.codes import Signal
 
 DRUM = "drum"
@@ -27,6 +28,7 @@ Direction = Literal["to_host", "to_board"]
 Rate = Annotated[float, Meta(ge=0, le=1)]
 """A share of bytes."""
 Push = Annotated[float, Meta(ge=-100_000, le=100_000)]
+Places = Annotated[Collection[Annotated[int, Meta(ge=0, lt=N_PLACES)]], Meta(max_length=N_PLACES)]
 Wires = Annotated[Collection[Signal], Meta(max_length=len(Signal))]
 
 
@@ -47,6 +49,7 @@ class Disturbances:
     motor_jammed: bool = False
     push_g: float = 0.0
     loadcell: LoadcellFault = LoadcellFault.NONE
+    touch: Touch = NO_TOUCH
     absent: frozenset[Signal] = frozenset()
     inverted: frozenset[Signal] = frozenset()
 
@@ -214,6 +217,11 @@ class FaultInjection:
     def push(self, force_g: Push) -> None:
         """Press on the load cell with an extra force; 0 releases it."""
         self._disturbances.push_g = force_g
+        self._on_change()
+
+    def touch_sensor(self, places: Places = (), unplugged: bool = False) -> None:
+        """Press these places by hand; ``unplugged``: without the bottom layer's read lines."""
+        self._disturbances.touch = Touch(frozenset(places), unplugged)
         self._on_change()
 
     def rewire(self, absent: Wires = (), inverted: Wires = ()) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from rigctl.cli.rig import calibrate_wiring
 from rigctl.config.rig_config import RigConfig, load_config
 from rigctl.errors import LinkLost, RigFault
 from rigctl.values import DRAWN_WIRING, Block
-from tests.acquisition.taxels.pressed_sensor import PER_LAYER, PressedSensor, wiring_of
+from tests.acquisition.calibration.pressed_sensor import PER_LAYER, PressedSensor, wiring_of
 from tests.devices.memory_link import JumpingLoop
 
 SOLDERED = wiring_of([2, 0, 1], [4, 1, 0, 5, 3, 2], False)
@@ -42,8 +42,9 @@ class PressedTaxels:
         self._consumers: list[Callable[[Block], None]] = []
         self._fault: Callable[[RigFault], None] = lambda fault: None
 
-    def on_block(self, consumer: Callable[[Block], None]) -> None:
+    def on_block(self, consumer: Callable[[Block], None]) -> Callable[[], None]:
         self._consumers.append(consumer)
+        return lambda: self._consumers.remove(consumer)
 
     def on_fault(self, consumer: Callable[[RigFault], None]) -> None:
         self._fault = consumer
@@ -59,7 +60,7 @@ class PressedTaxels:
         samples = np.tile(row.round().astype(np.uint16), (50, 1))
         zeros = np.zeros(50, np.uint8)
         block = Block(np.arange(50, dtype=np.int64), samples, zeros, zeros, (), self._loop.time())
-        for consume in self._consumers:
+        for consume in tuple(self._consumers):
             consume(block)
         self._loop.call_later(0.05, self._send)
 
@@ -92,7 +93,10 @@ class TaxelRig:
 
     def __init__(self, config: RigConfig, taxels: PressedTaxels, loop: JumpingLoop) -> None:
         assert config.taxels.order == tuple(range(18))
-        self.taxels, self.loop = taxels, loop
+        self.config, self.taxels, self.loop = config, taxels, loop
+
+    def touch_sensor(self, places: Sequence[int], unplugged: bool) -> bool:
+        return False
 
     def close(self) -> None:
         self.loop.close()
@@ -214,7 +218,7 @@ def test_lost_board_ends_the_calibration(
     ("text", "words", "sentence"),
     [
         ("", ["--yes"], "needs a person who unplugs"),
-        ('[ports]\nsimulate = "virtual"', [], "a simulated sensor cannot be unplugged"),
+        ('[ports]\nsimulate = "virtual"', [], "a simulated sensor is soldered as drawn"),
         ("[taxels]\nrows = 1\ncolumns = 9", [], "3 × 3 taxels in two layers"),
     ],
 )

@@ -24,8 +24,8 @@ from rigctl.acquisition.drum.motion import DrumMotion
 from rigctl.acquisition.engine import Engine
 from rigctl.acquisition.protocol.run_request import RunRequest
 from rigctl.acquisition.rpc.arguments import NoteText, Number, PathText, TextureName
+from rigctl.acquisition.rpc.calibration_commands import CalibrationCommands
 from rigctl.acquisition.rpc.declared_commands import EngineCommand, Result, summary_of
-from rigctl.acquisition.rpc.engine_commands import EngineCommands
 from rigctl.config.rig_config import RigLimits
 from rigctl.errors import WrongUse
 from rigctl.values import DrumState
@@ -64,7 +64,7 @@ Magnitude = Annotated[float, Meta(ge=0, le=100_000)] | None
 Note = Annotated[str, Meta(max_length=500, pattern=r"\A[^\x00-\x1f\x7f]*\Z")]
 
 
-class CommandHandler(EngineCommands[Engine]):
+class CommandHandler(CalibrationCommands):
     """Executes requests to the engine of a drum rig."""
 
     request_type = RunRequest
@@ -157,8 +157,12 @@ class CommandHandler(EngineCommands[Engine]):
         return {"found": taxels.findings}
 
     def _by_hand(self) -> AbstractContextManager[DrumMotion]:
-        """Hold the drum's motion against a run that would begin. Raises WrongUse during a run."""
+        """Hold the drum's motion against a run that would begin. Raises WrongUse during a run.
+
+        A calibration moves the drum itself, so it is refused meanwhile, too.
+        """
         self._refuse_during_run()
+        self._engine.calibration.measurement.require_none()
         return self._engine.boards.motion.by_hand()
 
 

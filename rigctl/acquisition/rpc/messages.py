@@ -24,6 +24,11 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import msgspec
 from msgspec import Meta
 
+from rigctl.acquisition.calibration.calibration_values import (
+    CalibrationStatus,
+    ForceLoopGains,
+    MassReading,
+)
 from rigctl.config.names import shorten
 from rigctl.config.rig_config import RigLimits
 from rigctl.errors import WrongUse
@@ -38,6 +43,7 @@ SHOWN_LETTERS = 100
 STATUS_PERIOD_S = 0.1
 PAPER_SENSOR = SensorLayout.default(N_TAXELS)
 NOMINAL_LIMITS = RigLimits()
+NO_CALIBRATION = CalibrationStatus()
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -163,7 +169,9 @@ class EngineStatus:
     its wire is broken. ``has_taxel_range``: it is calibrated or measured. ``loadcell_calibrated``:
     date and masses, empty for the nominal scale. ``last_block_age_s``, ``poll_age_s`` and
     ``loadcell_age_s``: loop time since the newest data, None before any. ``limits``: set-points
-    that the engine takes.
+    that the engine takes. ``loadcell_counts``, ``loadcell_sd_counts``: mean and spread of the
+    last second, None before any. ``has_taxel_order``: rig.toml says which reading is which taxel,
+    or they are identified.
     ``is_moved_by_hand``: a client's own command moves the drum, so no run can start.
     ``poll_retries``: repeated polls of the drum since the engine started.
     ``clock_ppm``: how fast each board's clock runs against the computer's, None before known.
@@ -193,6 +201,10 @@ class EngineStatus:
     estop_pressed: bool = False
     has_taxel_range: bool = False
     loadcell_calibrated: str = ""
+    loadcell_counts: float | None = None
+    loadcell_sd_counts: float | None = None
+    scale_ug_per_count: int = 0
+    has_taxel_order: bool = False
     homed: bool = False
     is_moved_by_hand: bool = False
     frame_rate_hz: float = 0.0
@@ -209,6 +221,7 @@ class EngineStatus:
     limits: RigLimits = NOMINAL_LIMITS
     recording: RecordingStatus = RecordingStatus()
     run: RunStatus = RunStatus()
+    calibration: CalibrationStatus = NO_CALIBRATION
 
     @property
     def is_left_in_contact(self) -> bool:
@@ -253,6 +266,12 @@ PARSERS: FieldParsers = {
 }
 """Parsers of the fields that statuses share."""
 
+_CALIBRATION_PARSERS: FieldParsers = {
+    "masses": lambda rows: tuple(MassReading(*row) for row in rows),
+    "gains": lambda row: ForceLoopGains(*row),
+    "imbalance_g": tuple,
+    "wiring": tuple,
+}
 _STATUS_PARSERS: FieldParsers = {
     **PARSERS,
     "boards": lambda boards: {
@@ -260,6 +279,7 @@ _STATUS_PARSERS: FieldParsers = {
     },
     "run": lambda data: parse_fields(RunStatus, data, PARSERS),
     "limits": lambda data: parse_fields(RigLimits, data, {}),
+    "calibration": lambda data: parse_fields(CalibrationStatus, data, _CALIBRATION_PARSERS),
     "sensor_layout": lambda data: parse_fields(SensorLayout, data, {"layers": tuple}),
 }
 

@@ -66,7 +66,8 @@ class Bench:
         self._mountings += count
 
     def apply_disturbances(self) -> None:
-        """Pass changed disturbances to the mechanics."""
+        """Pass changed disturbances to the mechanics and the sensor."""
+        self.skin.touch = self.disturbances.touch
         self.plant.set_disturbances(self.disturbances.motor_jammed, self.disturbances.push_g)
 
     def set_sync(self, level: int, at_us: int) -> None:

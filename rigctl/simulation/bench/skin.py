@@ -35,6 +35,7 @@ from rigctl.simulation.bench.noise import NoiseRows, NoiseStream, random_generat
 from rigctl.simulation.bench.numba_options import compiled, inlined, modulo
 from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.bench.textures import GRID_MM
+from rigctl.simulation.bench.touch import NO_TOUCH
 from rigctl.values import DRAWN_WIRING, N_TAXELS
 
 FULL_COUNTS = 1023
@@ -172,7 +173,7 @@ class Skin:
 
     ``levels``: float64 (RING_MS, 18); row ``ms % RING_MS`` holds the share of the supply at each
     reading's divider at that millisecond, without the converter's noise. ``executor``, if given,
-    computes noise in advance.
+    computes noise in advance. ``touch``: what a person does to the sensor now.
     """
 
     def __init__(
@@ -197,6 +198,7 @@ class Skin:
         self._contact_gains = self._mounting_gains = np.ones(N_TAXELS)
         self._contact = 0
         self.time_ms = 0
+        self.touch = NO_TOUCH
         rest = parameters.rest_conductance / (1.0 + parameters.rest_conductance)
         self.levels = np.full((RING_MS, N_TAXELS), rest)
 
@@ -250,11 +252,17 @@ class Skin:
             self.time_ms + 1,
             count,
         )
-        for readings, level in ((self._p.dead_taxels, 0.0), (self._p.stuck_taxels, STUCK_LEVEL)):
-            for reading in readings:
-                rows = np.arange(self.time_ms + 1, self.time_ms + 1 + count) % RING_MS
-                self.levels[rows, reading] = level
+        if self.touch != NO_TOUCH or self._p.dead_taxels or self._p.stuck_taxels:
+            self._change_levels(np.arange(self.time_ms + 1, self.time_ms + 1 + count) % RING_MS)
         self.time_ms += count
+
+    def _change_levels(self, rows: NDArray[np.int64]) -> None:
+        """Apply what a person does, and taxels that are dead or stuck."""
+        levels = self.levels[rows]
+        self.touch.apply(levels)
+        levels[:, list(self._p.dead_taxels)] = 0.0
+        levels[:, list(self._p.stuck_taxels)] = STUCK_LEVEL
+        self.levels[rows] = levels
 
     def _begin_contact(self, contact: int) -> None:
         """Draw the small changes of skin and fabric that each contact brings."""

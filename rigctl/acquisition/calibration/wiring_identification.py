@@ -26,6 +26,10 @@ SIDE = 3
 PER_LAYER = SIDE * SIDE
 
 
+class ContradictoryPresses(WrongUse):
+    """The presses together are no sensor: the identification begins again."""
+
+
 class WiringIdentification:
     """Identification from the presses so far; ``upper``, ``lower``: inputs of each layer."""
 
@@ -73,10 +77,17 @@ class WiringIdentification:
         upper, lower = (f"{_reading_name(r)} by {change[r]:.0f} counts" for r in pair)
         return f"{place_name(self.place - 1)}: {upper}, below it {lower}"
 
+    def remove_press(self) -> None:
+        """Forget the last press. Raises WrongUse where there is none."""
+        if not self._pairs:
+            raise WrongUse("no place has been pressed yet: press the one that is asked for")
+        self._pairs.pop()
+
     def wiring(self) -> tuple[int, ...]:
         """Return the reading at each place, the top layer first.
 
-        Raises WrongUse where a layer does not have one line per row and one input per column.
+        Raises ContradictoryPresses where a layer does not have one line per row and one input per
+        column.
         """
         layers = list(zip(*self._pairs, strict=True))
         for readings, name in zip(layers, ("top", "bottom"), strict=True):
@@ -104,7 +115,7 @@ def _strongest(change: MeanReadings, inputs: Sequence[int], layer: str) -> int:
 
 
 def _validate_crossing(readings: Sequence[int], layer: str) -> None:
-    """Raise WrongUse unless the readings' lines are the rows and their inputs the columns.
+    """Raise ContradictoryPresses unless the lines are the rows and the inputs the columns.
 
     The transpose is valid too: the sensor may be turned.
     """
@@ -113,7 +124,7 @@ def _validate_crossing(readings: Sequence[int], layer: str) -> None:
         lines, inputs = grid // N_INPUTS, grid % N_INPUTS
         if (lines == lines[:, :1]).all() and (inputs == inputs[:1]).all():
             return
-    raise WrongUse(
+    raise ContradictoryPresses(
         f"the presses on the {layer} layer do not form rows of one line and columns of one input: "
         "a press was at a wrong place, or a wire came loose; begin again"
     )

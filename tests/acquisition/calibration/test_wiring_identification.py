@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from rigctl.acquisition.taxels.wiring_identification import PER_LAYER, WiringIdentification
+from rigctl.acquisition.calibration.wiring_identification import PER_LAYER, WiringIdentification
 from rigctl.errors import WrongUse
 from rigctl.values import DRAWN_WIRING
-from tests.acquisition.taxels.pressed_sensor import PressedSensor, wiring_of
+from tests.acquisition.calibration.pressed_sensor import PressedSensor, wiring_of
 
 ALL = range(PER_LAYER)
 

@@ -1,0 +1,1 @@
+"""Calibration of load cell, force loop, imbalance and wiring, by any client."""

@@ -1,0 +1,227 @@
+"""The calibrations of an engine: what was measured of each part, until it is saved or discarded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rigctl.acquisition.boards import Boards
+from rigctl.acquisition.calibration.calibration_values import (
+    FORCE,
+    IMBALANCE,
+    LOADCELL,
+    WIRING,
+    CalibrationStatus,
+    ForceLoopGains,
+    MassReading,
+)
+from rigctl.acquisition.calibration.calibrator import Calibrator
+from rigctl.acquisition.calibration.mass_readings import MassReadings
+from rigctl.acquisition.calibration.measurement import Measurement
+from rigctl.acquisition.calibration.rig_file import (
+    BOARD,
+    CalibratedValues,
+    force_values,
+    loadcell_values,
+    wiring_values,
+)
+from rigctl.acquisition.calibration.wiring_steps import (
+    WiringStep,
+    WiringSteps,
+    mean_readings,
+    require_identifiable,
+)
+from rigctl.acquisition.rig import Rig
+from rigctl.config.toml_edit import replace_file
+from rigctl.errors import DiskFault, LinkLost, WrongUse
+
+NO_RIG_FILE = "a simulated rig has no rig.toml: the order is not saved"
+CONNECT_AGAIN = "the order holds from the next connection on: disconnect, then connect again"
+
+
+class Calibration:
+    """Measures with the boards of one engine and holds the results.
+
+    ``today`` returns the date that goes into ``rig.toml``.
+    """
+
+    def __init__(self, rig: Rig, boards: Boards, today: Callable[[], str]) -> None:
+        self._rig, self._boards, self._today = rig, boards, today
+        self._calibrator = Calibrator(rig, boards.motion)
+        self.measurement = Measurement(self._calibrator, rig.loop)
+        self._masses = MassReadings()
+        self._gains: ForceLoopGains | None = None
+        self._imbalance_g: list[float] = []
+        self._steps = self._new_steps()
+        self._saved: dict[str, str] = {}
+
+    @property
+    def has_taxel_order(self) -> bool:
+        """Whether rig.toml says which reading is which taxel, or they are identified."""
+        return bool(self._rig.config.taxels.wiring or self._steps.wiring)
+
+    async def read_mass(self, mass_g: float) -> MassReading:
+        """Read the load cell with a mass on the lifted drum, without one first.
+
+        The first reading lifts the drum and switches it off.
+        """
+        self.measurement.require_none()
+        self._masses.validate_next(mass_g)
+        if self._masses.readings:
+            self._calibrator.require_off("calibrate the load cell")
+        reading = await self.measurement.run(LOADCELL, self._read_mass(mass_g))
+        self._masses.add(reading)
+        self._saved.pop(LOADCELL, None)
+        return reading
+
+    def forget_mass(self, mass_g: float) -> None:
+        """Remove the reading with a mass. Raises WrongUse where there is none."""
+        self.measurement.require_none()
+        self._masses.remove(mass_g)
+        self._saved.pop(LOADCELL, None)
+
+    async def tune_gains(self, force_g: float) -> ForceLoopGains:
+        """Press, make a small step, lift, and return the gains that fit."""
+        self.measurement.require_none()
+        self._gains = await self.measurement.run(FORCE, self._calibrator.tune_gains(force_g))
+        self._saved.pop(FORCE, None)
+        return self._gains
+
+    async def measure_imbalance(self) -> list[float]:
+        """Turn the lifted drum once; return the error of each sixteenth of the turn in g."""
+        self.measurement.require_none()
+        table_g = await self.measurement.run(IMBALANCE, self._calibrator.measure_imbalance())
+        self._imbalance_g = [round(value, 3) for value in table_g]
+        self._saved.pop(IMBALANCE, None)
+        return self._imbalance_g
+
+    async def take_wiring_step(self) -> str:
+        """Measure what the present step of the identification asks for; return what was found."""
+        self.measurement.require_none()
+        require_identifiable(self._rig.config.taxels, "this sensor")
+        if self._steps.step is WiringStep.DONE:
+            raise WrongUse("all taxels are identified: save the order, or discard it")
+        if self._steps.step is not WiringStep.UNPLUG:
+            self._calibrator.require_off("identify the taxels")
+        return await self.measurement.run(WIRING, self._take_wiring_step())
+
+    def undo_press(self) -> None:
+        """Ask for the last place again. Raises WrongUse where none was pressed."""
+        self.measurement.require_none()
+        self._steps.undo_press()
+        self._saved.pop(WIRING, None)
+
+    def discard(self, part: str) -> None:
+        """Forget what was measured of a part."""
+        self.measurement.require_none()
+        if part == LOADCELL:
+            self._masses = MassReadings()
+        elif part == FORCE:
+            self._gains = None
+        elif part == IMBALANCE:
+            self._imbalance_g = []
+        else:
+            self._steps.end()
+            self._steps = self._new_steps()
+        self._saved.pop(part, None)
+
+    async def save(self, part: str) -> tuple[list[str], str]:
+        """Save the result of a part on the board and in ``rig.toml``; return where, and a remark.
+
+        Raises WrongUse where there is no plausible result, DiskFault where rig.toml cannot be
+        written.
+        """
+        self.measurement.require_none()
+        values = self._values(part)
+        path = self._rig.path if values.keys else None
+        text = values.edited(path) if path else ""
+        places = [] if part == WIRING else [BOARD]
+        if places:
+            await self.measurement.run(part, self._calibrator.save_settings(**values.settings))
+            self._use(values)
+        if path:
+            _write(path, text, places)
+            places.append(str(path))
+        self._saved[part] = " and ".join(places)
+        return places, values.remark
+
+    def status(self) -> CalibrationStatus:
+        """Return what clients see."""
+        scale, steps = self._masses.scale, self._steps
+        return CalibrationStatus(
+            measuring=self.measurement.part,
+            elapsed_s=self.measurement.elapsed_s,
+            masses=self._masses.readings,
+            scale_ug_per_count=scale.ug_per_count if scale else None,
+            nonlinearity_share=scale.nonlinearity_share if scale else None,
+            scale_problem=self._masses.problem,
+            gains=self._gains,
+            imbalance_g=tuple(self._imbalance_g),
+            wiring_step=steps.number,
+            wiring_question=steps.question,
+            wiring_place=steps.place,
+            wiring=steps.wiring,
+            saved=dict(self._saved),
+            rig_file=str(self._rig.path or ""),
+        )
+
+    def _new_steps(self) -> WiringSteps:
+        return WiringSteps(self._rig, partial(mean_readings, self._rig, self._check_taxels))
+
+    async def _read_mass(self, mass_g: float) -> MassReading:
+        if not self._masses.readings:
+            await self._calibrator.lift()
+        self._rig.lay_mass(mass_g)
+        try:
+            return await self._calibrator.read_mass(mass_g)
+        finally:
+            self._rig.lay_mass(0.0)
+
+    async def _take_wiring_step(self) -> str:
+        if self._steps.step is WiringStep.UNPLUG:
+            await self._calibrator.lift()  # hands come near the drum
+        return await self._steps.take()
+
+    def _check_taxels(self) -> None:
+        if not self._boards.taxels_connected:
+            raise LinkLost("the taxel board is lost: check its cable")
+
+    def _values(self, part: str) -> CalibratedValues:
+        """Return what is saved of a part. Raises WrongUse without a result."""
+        if part == LOADCELL:
+            scale = self._masses.fitted_scale()
+            return loadcell_values(scale, self._masses.masses_g, self._today())
+        if part == FORCE and self._gains is not None:
+            return force_values(self._gains)
+        if part == IMBALANCE and self._imbalance_g:
+            return CalibratedValues()
+        if part == WIRING and self._steps.wiring:
+            return self._wiring_values()
+        raise WrongUse(f"nothing of {part} has been measured: measure it first, then save it")
+
+    def _wiring_values(self) -> CalibratedValues:
+        if self._rig.path is None:
+            raise WrongUse(NO_RIG_FILE)
+        values = wiring_values(self._rig.config.taxels, self._steps.wiring)
+        return replace(values, remark="; ".join(filter(None, (values.remark, CONNECT_AGAIN))))
+
+    def _use(self, values: CalibratedValues) -> None:
+        """Let the engine use what the board has from now on."""
+        if not values.keys:
+            return
+        config = self._rig.config
+        table = replace(getattr(config, values.table), **values.keys)
+        changed: Any = {values.table: table}
+        self._rig.config = self._boards.motion.config = replace(config, **changed)
+
+
+def _write(path: Path, text: str, places: list[str]) -> None:
+    """Write rig.toml. Raises DiskFault, which says where else the values are."""
+    try:
+        replace_file(path, text)
+    except DiskFault as fault:
+        has = f": {places[0]} has the new values, rig.toml the old ones" if places else ""
+        raise DiskFault(f"{fault}{has}; make it writable, then save again") from fault

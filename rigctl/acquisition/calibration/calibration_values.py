@@ -1,0 +1,71 @@
+"""The results of calibrations, and what clients see of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+LOADCELL, FORCE, IMBALANCE, WIRING = PARTS = ("loadcell", "force", "imbalance", "wiring")
+
+
+class MassReading(NamedTuple):
+    """A known mass with the mean and standard deviation of the load cell's raw counts."""
+
+    mass_g: float
+    mean_counts: float
+    sd_counts: float
+
+
+class LoadCellScale(NamedTuple):
+    """Slope with its sign; ``nonlinearity_share``: largest deviation over the largest mass."""
+
+    ug_per_count: int
+    nonlinearity_share: float
+
+
+class ScaleLine(NamedTuple):
+    """Mass = ``g_per_count`` · counts + ``offset_g``; ``residuals_g``: each mass less the line."""
+
+    g_per_count: float
+    offset_g: float
+    residuals_g: tuple[float, ...]
+
+
+class ForceLoopGains(NamedTuple):
+    """Gains that a step test proposes, with the measured stiffness and delay."""
+
+    gain_p_per_s: float
+    gain_i_per_s: float
+    stiffness_g_per_mm: float
+    delay_ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationStatus:
+    """What has been measured and not been discarded, of each part.
+
+    ``measuring``: the part that is measured now, empty for none, for ``elapsed_s``.
+    ``masses``: the readings with known masses, 0 g first; ``scale_ug_per_count`` and
+    ``nonlinearity_share``: None without a plausible line, and ``scale_problem`` says why.
+    ``imbalance_g``: contribution of each sixteenth of a turn. ``wiring_question``: what a person
+    does before the next of the steps, which have numbers from 0; ``wiring_place``: the place to
+    press, row by row from 0; ``wiring``: the reading at each place, empty before all are known.
+    ``saved``: where the result of a part is saved, in words.
+    """
+
+    measuring: str = ""
+    elapsed_s: float = 0.0
+    masses: tuple[MassReading, ...] = ()
+    scale_ug_per_count: int | None = None
+    nonlinearity_share: float | None = None
+    scale_problem: str = ""
+    gains: ForceLoopGains | None = None
+    imbalance_g: tuple[float, ...] = ()
+    wiring_step: int = 0
+    wiring_question: str = ""
+    wiring_place: int | None = None
+    wiring: tuple[int, ...] = ()
+    saved: Mapping[str, str] = field(default_factory=dict)
+    rig_file: str = ""
+    """The rig.toml that takes the results of a bench, empty for a simulated rig."""

@@ -1,0 +1,136 @@
+"""Calibration of load cell, force loop and imbalance, with the drum board alone."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+
+import numpy as np
+
+from rigctl.acquisition.calibration.calibration_values import ForceLoopGains, MassReading
+from rigctl.acquisition.drum.contact import has_status
+from rigctl.acquisition.drum.motion import DrumMotion
+from rigctl.acquisition.drum.poller import DrumPoller
+from rigctl.acquisition.drum.settings import press_settings
+from rigctl.acquisition.rig import Rig
+from rigctl.errors import RigFault, WrongUse
+from rigctl.wire.drum.codes import Command, Status
+from rigctl.wire.drum.register_table import BY_NAME
+from rigctl.wire.drum.states import State
+
+READINGS = 80
+"""A second of the load cell, after a second in which it comes to rest."""
+REST_S = 1.0
+TUNE_TIMEOUT_S, TURN_TIMEOUT_S = 10.0, 120.0
+
+
+class Calibrator:
+    """Measures with one drum board that is connected and polled."""
+
+    def __init__(self, rig: Rig, motion: DrumMotion) -> None:
+        self._rig = rig
+        self._poller = motion.poller
+        self.motion = motion
+
+    async def switch_off(self) -> None:
+        """Leave the drum lifted and switched off, unless it is lost or has lifted at a fault."""
+        for _ in range(2):  # a poll that is under way may be older than a STOP
+            await self._poller.wait_cycle()
+        if self._poller.connected and not self._poller.fault_latched:
+            await self.motion.disarm()
+
+    async def read_mass(self, mass_g: float) -> MassReading:
+        """Return a reading at rest. Raises RigFault while the drum is not switched off."""
+        self.require_off("calibrate the load cell")
+        await asyncio.sleep(REST_S)
+        counts: list[int] = []
+        unsubscribe = self._poller.subscribe(
+            lambda state: counts.extend(sample.raw_counts for sample in state.loadcell)
+        )
+        try:
+            while len(counts) < READINGS:
+                await self._poller.wait_cycle()
+                self._poller.healthy_state()
+        finally:
+            unsubscribe()
+        return MassReading(mass_g, float(np.mean(counts)), float(np.std(counts)))
+
+    def require_off(self, action: str) -> None:
+        """Raise RigFault unless the drum is switched off; ``action`` begins its sentence."""
+        if self._poller.healthy_state().state != State.IDLE:
+            raise RigFault(f"{action} with the drum lifted and switched off")
+
+    async def lift(self) -> None:
+        """Lift off and switch off, unless that is so, so that only a mass loads the load cell."""
+        state = self._poller.healthy_state()
+        if state.state != State.IDLE or has_status(state, Status.CONTACT_MAY_STAND):
+            await self.motion.arm()
+            await self.motion.disarm()
+
+    async def tune_gains(self, force_g: float) -> ForceLoopGains:
+        """Press, hold, step and lift; return the gains.
+
+        Raises WrongUse for a force outside the rig's limits, RigFault for a bad response.
+        """
+        limits = self._rig.config.limits
+        if not limits.force_min_g <= force_g <= limits.force_max_g:
+            raise WrongUse(
+                f"{force_g:g} g: this rig presses with {limits.force_min_g:g} to "
+                f"{limits.force_max_g:g} g"
+            )
+        await self.motion.arm()
+        await self.motion.tare()
+        await self.motion.home()
+        await self.motion.write_settings(**press_settings(force_g))
+        await self.motion.approach()
+        if not await self.motion.execute(Command.TUNE, TUNE_TIMEOUT_S, "the step test"):
+            raise RigFault(
+                "the force did not respond to the step as expected: check the plate, "
+                "the mechanics and the load cell's scale"
+            )
+        found = await self._poller.drum.get(
+            "proposed_gain_p", "proposed_gain_i", "tuned_stiffness_g_per_mm", "tuned_delay"
+        )
+        return ForceLoopGains(*(round(value, 2) for value in found.values()))
+
+    async def tare(self, anyway: bool) -> int:
+        """Tare the lifted drum and return the counts; ``anyway`` allows any zero."""
+        await self.motion.arm()
+        await self.motion.tare(anyway)
+        return round((await self._poller.drum.get("tare_counts"))["tare_counts"])
+
+    async def measure_imbalance(self) -> list[float]:
+        """Tare over a turn and return the table in grams. Raises RigFault where it failed."""
+        await self.motion.arm()
+        await self.motion.home()
+        if not await self.motion.execute(Command.TARE_TURN, TURN_TIMEOUT_S, "the turn"):
+            raise RigFault("the tare over a turn failed: check that the drum turns freely")
+        names = [name for name in BY_NAME if name.startswith("tare_place_")]
+        counts = await self._poller.drum.get(*names)
+        scale = self._rig.config.loadcell.scale_ug_per_count
+        return [counts[name] * scale * 1e-6 for name in names]
+
+    async def save_settings(self, **settings: float) -> None:
+        """Write settings to the board and store them in its EEPROM."""
+        await self.motion.disarm()
+        await self.motion.write_settings(**settings)
+        if not await self.motion.execute(Command.SAVE, TUNE_TIMEOUT_S, "saving"):
+            raise RigFault("the board did not save its settings: try again")
+
+
+async def calibrate_alone(rig: Rig, work: Callable[[Calibrator], Awaitable[object]]) -> None:
+    """Connect the drum board alone, do the work, and always leave the drum lifted and off."""
+    poller = DrumPoller(rig.drum, rig.loop)
+    calibrator = Calibrator(rig, DrumMotion(poller, rig.config))
+    await poller.connect()
+    polling = asyncio.ensure_future(poller.run())
+    try:
+        await poller.wait_cycle()
+        await calibrator.motion.configure()
+        await work(calibrator)
+    finally:
+        try:
+            await calibrator.switch_off()
+        finally:
+            polling.cancel()
+            await asyncio.gather(polling, return_exceptions=True)
