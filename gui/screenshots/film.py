@@ -19,6 +19,7 @@ from rigctl.wire.drum.states import State
 SIZE = (1024, 700)
 FRAME_MS = 125
 MAX_FRAMES = 300  # of one action
+WAIT_FRAMES = 16  # of the wait for an engine, which nobody wants to watch
 MAX_BYTES = 3_000_000
 COLOURS = 256
 RING_PX, RING_FRAMES = 22, 2
@@ -46,13 +47,16 @@ class Film:
                 painter.end()
             self.frames.append(pixels(picture.toImage()))
 
-    def roll_until(self, done: Callable[[], bool]) -> None:
-        """Take frames until a condition is true."""
+    def roll_until(self, done: Callable[[], bool], most: int = MAX_FRAMES) -> None:
+        """Take frames until a condition is true, but not more than ``most`` of a long wait."""
         n = 0
         while not done():
-            self.roll(1)
+            if n < most:
+                self.roll(1)
+            else:
+                QTest.qWait(FRAME_MS)
             n += 1
-            if n > 300:
+            if n > MAX_FRAMES:
                 raise SystemExit(
                     f"the film came to no end:\n{self._window.event_log.toPlainText()}"
                 )
@@ -87,15 +91,17 @@ def film_session(studio: Studio) -> Film:
     link, buttons = window.engine_link, window.operate_panel.buttons
     film.roll(3)
     film.click(window.toolbar.connect_button)
-    film.roll_until(lambda: link.status.drum_connected and link.status.taxels_connected)
+    film.roll_until(
+        lambda: link.status.drum_connected and link.status.taxels_connected, WAIT_FRAMES
+    )
     film.click(buttons["arm"])
     film.roll_until(lambda: link.status.state is State.ARMED)
     film.click(buttons["tare"])
     film.click(buttons["approach"])
-    film.roll_until(lambda: link.status.state is State.HOLD)
+    film.roll_until(lambda: link.status.state is State.HOLD, 2 * WAIT_FRAMES)
     film.click(buttons["run"])
     film.roll_until(lambda: link.status.speed_mm_s > 0.9 * link.status.speed_set_mm_s > 0)
-    film.roll(10)
+    film.roll(24)
     film.click(window.toolbar.stop_button)
     film.roll_until(lambda: link.status.state is State.ARMED)
     film.roll(8)
