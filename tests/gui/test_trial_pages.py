@@ -102,6 +102,15 @@ def test_a_folder_that_cannot_be_written_is_said(shown: Harness, tmp_path: Path)
     assert "session-figures cannot be made" in shown.window.status_line.text()
 
 
+@pytest.mark.parametrize(
+    ("n_trials", "numbers"), [(1, "1"), (2, "1 2"), (4, "1 2 3 4"), (20, "1 6 11 16")]
+)
+def test_rows_of_a_raster_have_whole_numbers(n_trials: int, numbers: str) -> None:
+    ticks = trial_ticks(n_trials)
+    assert " ".join(text for _, text in ticks) == numbers
+    assert all(place == int(text) - 0.5 for place, text in ticks)
+
+
 def test_conditions_are_compared_by_raster_and_mean_rate(shown: Harness) -> None:
     tab = shown.window.analysis_tab
     turn_to(shown, "Compare")

@@ -15,6 +15,7 @@ from gui.widgets.theme import Theme
 
 HINT = "Choose a neuron; Compare shows the selected trials, or all that the filter lets through."
 COLUMNS, LEFT_PX = 3, 44
+MOST_TICKS = 4
 
 
 class CompareView(QWidget):
@@ -83,7 +84,9 @@ class CompareView(QWidget):
             plot.getAxis("left").setWidth(LEFT_PX)
             plot.setXRange(0, end_s, padding=0)
             colour_axes(plot, self._theme)
-        raster.setYRange(0, len(condition.spikes_s), padding=0)
+        n_trials = len(condition.spikes_s)
+        raster.setYRange(0, n_trials, padding=0)
+        raster.getAxis("left").setTicks([trial_ticks(n_trials)])
         rate.setYRange(0, 1.05 * top_hz, padding=0)
         self._draw(raster, rate, condition)
         self.rasters.append(raster)
@@ -100,3 +103,9 @@ class CompareView(QWidget):
             band = np.maximum(condition.mean_hz + sign * condition.sd_hz, 0.0)
             rate.addItem(pg.PlotCurveItem(condition.at_s, band, pen=dashes))
         rate.addItem(pg.PlotCurveItem(condition.at_s, condition.mean_hz, pen=pen))
+
+
+def trial_ticks(n_trials: int) -> list[tuple[float, str]]:
+    """Return places and numbers of at most four trials: each stands in the middle of its row."""
+    step = max(1, -(-n_trials // MOST_TICKS))
+    return [(index + 0.5, str(index + 1)) for index in range(0, n_trials, step)]
