@@ -12,6 +12,7 @@ from PySide6.QtCore import QPointF, Qt
 from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
 
+from gui.analysis.compare.compare_view import trial_ticks
 from tests.analysis.recordings import record
 from tests.gui.steps import Harness, click, wait_until
 
