@@ -6,6 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from rigctl.acquisition.calibration.calibration_values import ForceLoopGains, MassReading
+from rigctl.acquisition.calibration.words import gains_words, imbalance_words
+
 _DONE = {
     "arm": "armed, lifted",
     "disarm": "lifted, motors off",
@@ -14,6 +17,7 @@ _DONE = {
     "approach": "the force is reached",
     "run": "the drum has turned over the plate",
     "retract": "lifted",
+    "discard_calibration": "forgotten",
     "clear_fault": "the fault is cleared",
 }
 
@@ -30,6 +34,19 @@ def _measured(command: str, result: Mapping[str, Any]) -> str:
             return f"{result['moved_mm']:+.1f} mm".replace("-", "−")
         case "set" if "speed_mm_s" in result and "force_g" in result:
             return f"the drum has {result['speed_mm_s']:.1f} mm/s and {result['force_g']:.0f} g"
+        case "calibrate_loadcell" if "mass_g" in result:
+            reading = MassReading(**result)
+            counts, spread = reading.mean_counts, reading.sd_counts
+            return f"{reading.mass_g:g} g: {counts:.0f} counts ± {spread:.0f}"
+        case "calibrate_force" if "gain_p_per_s" in result:
+            return gains_words(ForceLoopGains(**result))
+        case "calibrate_imbalance" if "table_g" in result:
+            return imbalance_words(result["table_g"])
+        case "calibrate_wiring" if "found" in result:
+            return str(result["found"])
+        case "save_calibration" if "kept_in" in result:
+            saved = f"{result['part']} is saved in {' and '.join(result['kept_in'])}"
+            return f"{saved}; {result['remark']}" if result.get("remark") else saved
         case "calibrate_range" if "low" in result:
             return f"the ranges of {len(result['low'])} taxels are measured"
         case "test_taxels" if "found" in result:

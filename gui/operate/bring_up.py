@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 from PySide6.QtCore import Signal
@@ -10,9 +11,11 @@ from PySide6.QtWidgets import QGridLayout, QGroupBox, QLabel
 from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import push_button
 from gui.widgets.status_lamp import Level, StatusLamp
+from rigctl.acquisition.calibration.calibration_values import LOADCELL, WIRING
 from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.wire.drum.states import State
 
+CALIBRATE_TIP = "Calibrate load cell and force loop, measure the imbalance, identify the taxels"
 READY = "Ready to approach"
 _ON = (State.ARMED, State.POSITION, State.APPROACH, State.HOLD, State.RUN, State.RETRACT)
 
@@ -20,13 +23,15 @@ _ON = (State.ARMED, State.POSITION, State.APPROACH, State.HOLD, State.RUN, State
 class BringUpStep(NamedTuple):
     """A step: whether it is done, in words, and the command that does it.
 
-    ``is_needed``: the drum cannot approach without it.
+    ``part``: the part of the page Calibrate that does it, empty for a command. ``is_needed``: the
+    drum cannot approach without it.
     """
 
     name: str
     is_done: bool
     words: str
     command: str = ""
+    part: str = ""
     is_needed: bool = False
 
 
@@ -50,7 +55,13 @@ def bring_up_steps(status: EngineStatus) -> list[BringUpStep]:
             "known" if status.has_taxel_range else "not measured",
             "calibrate_range",
         ),
-        BringUpStep("Load cell", bool(calibrated), calibrated or "nominal scale"),
+        BringUpStep("Load cell", bool(calibrated), calibrated or "nominal scale", part=LOADCELL),
+        BringUpStep(
+            "Taxel order",
+            status.has_taxel_order,
+            "identified" if status.has_taxel_order else "as drawn, not identified",
+            part=WIRING,
+        ),
     ]
 
 
@@ -68,6 +79,8 @@ class BringUpBox(QGroupBox):
     """A lamp and words for each step, the sentence before approach, and the next step."""
 
     command_requested = Signal(str, dict)
+    calibrate_requested = Signal(str)
+    """Show this part of the page Calibrate."""
 
     def __init__(self) -> None:
         super().__init__("Bring-up")
@@ -82,9 +95,12 @@ class BringUpBox(QGroupBox):
                 grid.addWidget(widget, row, column)
         self.missing = label("", "heading", wraps=True)
         self.next = push_button("Next step", self._do_next, "Do the first step that is missing")
-        self._command = ""
-        grid.addWidget(self.missing, len(self.rows), 0, 1, 2)
-        grid.addWidget(self.next, len(self.rows), 2)
+        show_page = partial(self.calibrate_requested.emit, LOADCELL)
+        self.calibrate = push_button("Calibrate …", show_page, CALIBRATE_TIP)
+        self._next_step: BringUpStep | None = None
+        grid.addWidget(self.missing, len(self.rows), 0, 1, 3)
+        grid.addWidget(self.calibrate, len(self.rows) + 1, 0, 1, 2)
+        grid.addWidget(self.next, len(self.rows) + 1, 2)
         grid.setColumnStretch(2, 1)
 
     def show_status(self, status: EngineStatus) -> None:
@@ -93,8 +109,8 @@ class BringUpBox(QGroupBox):
         for step in steps:
             self._show_step(step)
         show_text(self.missing, missing_words(steps))
-        undone = [step for step in steps if step.command and not step.is_done]
-        self._command = undone[0].command if undone else ""
+        undone = [step for step in steps if not step.is_done]
+        self._next_step = undone[0] if undone else None
         self.next.setText(f"Next: {undone[0].name}" if undone else "All done")
         is_free = status.drum_connected and not (status.run.is_active or status.is_moved_by_hand)
         self.next.setEnabled(bool(undone) and is_free and not status.fault)
@@ -106,4 +122,8 @@ class BringUpBox(QGroupBox):
         set_property(words, "role", "warn" if step.is_needed and not step.is_done else "muted")
 
     def _do_next(self) -> None:
-        self.command_requested.emit(self._command, {})
+        step = self._next_step
+        if step is not None and step.part:
+            self.calibrate_requested.emit(step.part)
+        elif step is not None:
+            self.command_requested.emit(step.command, {})

@@ -290,6 +290,7 @@ class MainWindow(QMainWindow):
         for pages in (self.file_browser, self.tools, self.help.page, self.start):
             pages.closed.connect(self._show_view)
         self.protocol_panel.page_changed.connect(self._show_view)
+        self.operate_panel.bring_up.calibrate_requested.connect(self.tools.show_calibration)
 
     def _connect_attach(self) -> None:
         attach = self.attach
@@ -302,7 +303,8 @@ class MainWindow(QMainWindow):
         attach.reported.connect(self.report)
         attach.history_received.connect(self._show_history)
         panels = (self.operate_panel, self.protocol_panel)
-        controls = (drum_controls(*panels, self.prompt_panel), finger_controls(self.finger_tab))
+        drum = drum_controls(*panels, self.prompt_panel, self.tools.calibrate_page)
+        controls = (drum, finger_controls(self.finger_tab))
         self._locks = tuple(map(ControlLock, attach.shared, controls))
         for panel in panels:
             self._locks[0].released.connect(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from PySide6.QtWidgets import QWidget
 
+from gui.calibrate.calibrate_page import CalibratePage
 from gui.finger.finger_tab import FingerTab
 from gui.operate.operate_panel import OperatePanel
 from gui.operate.prompt import PromptPanel
@@ -11,7 +12,7 @@ from gui.protocol.protocol_panel import ProtocolPanel
 
 
 def drum_controls(
-    operate: OperatePanel, protocol: ProtocolPanel, prompt: PromptPanel
+    operate: OperatePanel, protocol: ProtocolPanel, prompt: PromptPanel, calibrate: CalibratePage
 ) -> list[QWidget]:
     """Return what acts on the drum rig, but STOP."""
     bench, queue = operate.bench, protocol.queue
@@ -24,6 +25,7 @@ def drum_controls(
         *protocol.buttons.values(),
         *(protocol.continue_button, queue.next_button),
         *(prompt.confirm, prompt.abort),
+        *calibrate.controls,
     ]
 
 

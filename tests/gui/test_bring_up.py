@@ -34,7 +34,8 @@ def test_bring_up_leads_from_step_to_step_until_the_drum_can_approach(harness: H
     assert box.missing.text() == READY
     click(box.next)
     assert harness.engine.commands == ["arm", "home", "tare", "calibrate_range"]
-    harness.update(has_taxel_range=True, loadcell_calibrated="2026-11-23 with 500 g")
+    known = {"has_taxel_range": True, "has_taxel_order": True}
+    harness.update(**known, loadcell_calibrated="2026-11-23 with 500 g")
     assert box.next.text() == "All done" and not box.next.isEnabled()
     assert box.rows["Load cell"][1].text() == "2026-11-23 with 500 g"
 

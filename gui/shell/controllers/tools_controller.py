@@ -1,9 +1,13 @@
-"""The pages of the Tools menu: accept a rig, list the serial ports."""
+"""The pages of the Tools menu: calibrate or accept a rig, list the serial ports."""
 
 from __future__ import annotations
 
+from functools import partial
+from typing import Any
+
 from PySide6.QtCore import QObject, Signal
 
+from gui.calibrate.calibrate_page import CalibratePage
 from gui.engine_link import EngineLink
 from gui.shell.actions import ActionRegistry
 from gui.shell.page_stack import PageStack
@@ -29,20 +33,45 @@ class ToolsController(QObject):
         self._stack, self._link = stack, link
         self.accept_page, self.ports_page = AcceptPage(), PortsPage(self._ports_refusal)
         self.accept_page.path_requested.connect(self._choose_path)
-        tip = "Judge a rig by a session of the acceptance protocol"
+        judge = "Judge a rig by a session of the acceptance protocol"
         pages = (
-            ("accept", self.accept_page, "&Accept a rig", tip),
+            ("accept", self.accept_page, "&Accept a rig", judge),
             ("ports", self.ports_page, "&Serial ports", "List the ports and the board on each"),
         )
+        self.calibrate_page = CalibratePage()
+        stack.add_page("calibrate", self.calibrate_page)
+        self.calibrate_page.closed.connect(self.closed)
+        show = partial(stack.show_page, "calibrate")
+        tip = "Calibrate load cell and force loop, measure the imbalance, identify the taxels"
+        menus.add("Tools", "&Calibrate", show, shortcut="Ctrl+Shift+C", tip=tip)
         for name, page, text, tooltip in pages:
             stack.add_page(name, page)
             page.closed.connect(self.closed)
             menus.add("Tools", text, lambda name=name: stack.show_page(name), tip=tooltip)
 
+        self._connect_calibration()
+
+    def show_calibration(self, part: str) -> None:
+        """Show a part of the page Calibrate."""
+        self.calibrate_page.show_part(part)
+        self._stack.show_page("calibrate")
+
     def close(self) -> None:
         """End the commands that still run."""
         for page in (self.accept_page, self.ports_page):
             page.close_process()
+
+    def _connect_calibration(self) -> None:
+        link, page = self._link, self.calibrate_page
+        page.command_requested.connect(self._request)
+        link.status_changed.connect(page.show_status)
+        link.closed.connect(lambda _: page.show_status(EngineStatus()))
+        link.silent.connect(page.load_cell.show_old)
+        link.refused.connect(page.show_refusal)
+        link.answered.connect(page.show_answer)
+
+    def _request(self, command: str, args: dict[str, Any]) -> None:
+        self._link.request(command, **args)
 
     def _choose_path(self, kind: object, selected: object) -> None:
         """Let the user choose a file, and come back to the page."""

@@ -163,6 +163,7 @@ class Calibration:
             wiring_step=steps.number,
             wiring_question=steps.question,
             wiring_place=steps.place,
+            wiring_pressed=steps.pressed,
             wiring=steps.wiring,
             saved=dict(self._saved),
             rig_file=str(self._rig.path or ""),

@@ -50,7 +50,8 @@ class CalibrationStatus:
     ``nonlinearity_share``: None without a plausible line, and ``scale_problem`` says why.
     ``imbalance_g``: contribution of each sixteenth of a turn. ``wiring_question``: what a person
     does before the next of the steps, which have numbers from 0; ``wiring_place``: the place to
-    press, row by row from 0; ``wiring``: the reading at each place, empty before all are known.
+    press, row by row from 0; ``wiring_pressed``: the readings of both layers at each place so
+    far; ``wiring``: the reading at each place, empty before all are known.
     ``saved``: where the result of a part is saved, in words.
     """
 
@@ -65,6 +66,7 @@ class CalibrationStatus:
     wiring_step: int = 0
     wiring_question: str = ""
     wiring_place: int | None = None
+    wiring_pressed: tuple[tuple[int, int], ...] = ()
     wiring: tuple[int, ...] = ()
     saved: Mapping[str, str] = field(default_factory=dict)
     rig_file: str = ""

@@ -43,6 +43,11 @@ class WiringIdentification:
         """The place to press next, row by row from 0; 9 where all are known."""
         return len(self._pairs)
 
+    @property
+    def pairs(self) -> tuple[tuple[int, int], ...]:
+        """The readings at the places so far: of the top layer, and of the bottom layer."""
+        return tuple(self._pairs)
+
     def add_unplugged_press(self, rest: MeanReadings, pressed: MeanReadings) -> str:
         """Add a press on the whole sensor with the bottom layer's read lines unplugged.
 
@@ -70,11 +75,11 @@ class WiringIdentification:
             for place, other in enumerate(self._pairs):
                 if reading in other:
                     raise WrongUse(
-                        f"{_reading_name(reading)} responded, as it did at {place_name(place)}: "
+                        f"{reading_name(reading)} responded, as it did at {place_name(place)}: "
                         f"press {place_name(self.place)}"
                     )
         self._pairs.append(pair)
-        upper, lower = (f"{_reading_name(r)} by {change[r]:.0f} counts" for r in pair)
+        upper, lower = (f"{reading_name(r)} by {change[r]:.0f} counts" for r in pair)
         return f"{place_name(self.place - 1)}: {upper}, below it {lower}"
 
     def remove_press(self) -> None:
@@ -108,7 +113,7 @@ def _strongest(change: MeanReadings, inputs: Sequence[int], layer: str) -> int:
         raise WrongUse(f"no taxel of the {layer} layer responded: press harder, with a blunt tip")
     if change[first] < MIN_CHANGE_RATIO * change[second]:
         raise WrongUse(
-            f"{_reading_name(first)} and {_reading_name(second)} of the {layer} layer responded "
+            f"{reading_name(first)} and {reading_name(second)} of the {layer} layer responded "
             "alike: press one place only, with a tip of about 3 mm"
         )
     return first
@@ -135,6 +140,7 @@ def _input_names(numbers: Sequence[int]) -> str:
     return f"input{'s' * (len(names) != 1)} {', '.join(names)}" if names else "no input"
 
 
-def _reading_name(reading: int) -> str:
+def reading_name(reading: int) -> str:
+    """Return a reading as its line and its input."""
     line, input_ = divmod(reading, N_INPUTS)
     return f"{LINE_PINS[line]}·{INPUT_PINS[input_]}"

@@ -86,6 +86,11 @@ class WiringSteps:
             return before.index(self.step)
         return len(before) + self._identification.place
 
+    @property
+    def pressed(self) -> tuple[tuple[int, int], ...]:
+        """The two readings of each place that was pressed, the top layer's first."""
+        return self._identification.pairs
+
     async def take(self) -> str:
         """Measure the step; return a sentence on its result.
 

@@ -270,6 +270,7 @@ _CALIBRATION_PARSERS: FieldParsers = {
     "masses": lambda rows: tuple(MassReading(*row) for row in rows),
     "gains": lambda row: ForceLoopGains(*row),
     "imbalance_g": tuple,
+    "wiring_pressed": lambda pairs: tuple(map(tuple, pairs)),
     "wiring": tuple,
 }
 _STATUS_PARSERS: FieldParsers = {

@@ -22,6 +22,7 @@ from rigctl.acquisition.calibration.rig_file import (
     force_values,
     loadcell_values,
 )
+from rigctl.acquisition.calibration.words import gains_words, imbalance_words, scale_words
 from rigctl.acquisition.health.notices import wiring_notice
 from rigctl.acquisition.rig import Rig
 from rigctl.cli.data.world import add_world, chosen_world
@@ -112,9 +113,7 @@ class _CalibrationSession:
             "scale_ug_per_count": scale.ug_per_count,
             "curve_share": scale.nonlinearity_share,
         }
-        self._lines.append(
-            f"{scale.ug_per_count} µg a count, nonlinearity {100 * scale.nonlinearity_share:.2f} %"
-        )
+        self._lines.append(scale_words(scale.ug_per_count, scale.nonlinearity_share))
         today = datetime.now(UTC).strftime("%Y-%m-%d")
         await self._save(calibrator, loadcell_values(scale, self._args.mass, today))
 
@@ -130,10 +129,7 @@ class _CalibrationSession:
         self._ask("Mount a plate and keep clear of the drum.")
         found = await calibrator.tune_gains(self._args.force)
         self.result |= found._asdict()
-        self._lines.append(
-            f"gain_p {found.gain_p_per_s:g} /s, gain_i {found.gain_i_per_s:g} /s, stiffness "
-            f"{found.stiffness_g_per_mm:g} g/mm, delay {found.delay_ms:g} ms"
-        )
+        self._lines.append(gains_words(found))
         await self._save(calibrator, force_values(found))
 
     async def imbalance(self, calibrator: Calibrator) -> None:
@@ -141,7 +137,7 @@ class _CalibrationSession:
         self._ask("Take the plate off, or leave it on as in use, and keep clear of the drum.")
         table_g = await calibrator.measure_imbalance()
         self.result["table_g"] = [round(value, 3) for value in table_g]
-        self._lines.append(f"imbalance {(max(table_g) - min(table_g)) / 2:.2f} g")
+        self._lines.append(imbalance_words(table_g))
         await self._save(calibrator, CalibratedValues())
 
     def report(self) -> None:

@@ -20,13 +20,14 @@ from rigctl.acquisition.calibration.wiring_steps import (
     mean_readings,
     require_identifiable,
 )
+from rigctl.acquisition.calibration.words import wiring_words
 from rigctl.acquisition.rig import Rig
 from rigctl.cli.options.terminal import ask
 from rigctl.config.rig_config import RigConfig, TaxelArray, load_config
 from rigctl.config.toml_edit import replace_file
 from rigctl.errors import RigFault, WrongUse
 from rigctl.rig import open_rig
-from rigctl.values import DRAWN_WIRING, N_TAXELS
+from rigctl.values import N_TAXELS
 
 
 def run(args: argparse.Namespace) -> int:
@@ -36,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     with closing(open_rig(args.rig, config=replace(config, taxels=taxels))) as rig:
         session = _WiringSession(rig, print if not args.json else lambda text: None)
         wiring = rig.loop.run_until_complete(session.find())
-    lines = [f"wiring = {list(wiring)}{', as drawn' if wiring == DRAWN_WIRING else ''}"]
+    lines = [wiring_words(wiring)]
     if args.dry:
         lines.append("nothing was saved (--dry)")
     else:

@@ -60,6 +60,25 @@ RUN: dict[str, Any] = {
     "prompt": None,
     "session": f"/data/{SESSION_NAME}",
 }
+CALIBRATED: dict[str, Any] = {
+    "loadcell_counts": -8_123_456.0,
+    "loadcell_sd_counts": 12_345.0,
+    "scale_ug_per_count": -2400,
+    "calibration": {
+        "masses": [[mass_g, 80_000.0 - 417 * mass_g, 1234.5] for mass_g in range(0, 1200, 150)],
+        "scale_ug_per_count": -2397,
+        "nonlinearity_share": 0.0007,
+        "gains": [7.52, 5.31, 1652.25, 138.25],
+        "imbalance_g": [place - 8.125 for place in range(16)],
+        "wiring_step": 4,
+        "wiring_question": "Press row 1, column 2 with a blunt tip of about 3 mm and hold it.",
+        "wiring_place": 1,
+        "wiring_pressed": [[0, 3]],
+        "saved": dict.fromkeys(
+            ("loadcell", "force", "imbalance"), f"the board's EEPROM and /data/{SESSION_NAME}.toml"
+        ),
+    },
+}
 PROMPT: dict[str, Any] = {
     "id": 7,
     "text": "mount plate L (mounting 3), check that it is flush, then continue",
@@ -220,6 +239,13 @@ def _finger(stage: Stage) -> Iterator[str]:
 
 def _tools(stage: Stage) -> Iterator[str]:
     tools = stage.window.tools
+    stage.update(fault=0, **CALIBRATED)
+    for part in tools.calibrate_page.parts:
+        tools.show_calibration(part)
+        QApplication.processEvents()
+        yield f"Calibrate, {part}"
+        tools.calibrate_page.parts[part].show_refusal(REFUSAL)
+        yield f"Calibrate, {part}, refused"
     tools.accept_page.folder.clear()
     for name, page in (("accept", tools.accept_page), ("ports", tools.ports_page)):
         stage.window.stack.show_page(name)

@@ -1,0 +1,1 @@
+"""The page that calibrates the connected rig, with the words of ``rigctl calibrate``."""

@@ -1,0 +1,217 @@
+"""The page Calibrate: asked, measured, repeated, cancelled, saved, with an engine of the test."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+
+from gui.calibrate.calibrate_page import CalibratePage
+from gui.calibrate.load_cell_part import EMPTY, MORE, NEXT
+from gui.calibrate.wiring_part import ALL_KNOWN, REHEARSED
+from rigctl.wire.drum.states import State
+from tests.gui.steps import Harness, click
+
+MASSES = [[0.0, 80_000.0, 120.0], [200.0, 163_333.0, 118.0], [500.0, 288_333.0, 121.0]]
+SCALE: dict[str, Any] = {
+    "masses": MASSES,
+    "scale_ug_per_count": 2400,
+    "nonlinearity_share": 0.0004,
+}
+PRESS: dict[str, Any] = {
+    "wiring_step": 4,
+    "wiring_question": "Press row 1, column 2 with a blunt tip of about 3 mm and hold it.",
+    "wiring_place": 1,
+    "wiring_pressed": [[0, 3]],
+}
+
+
+def page_of(harness: Harness) -> CalibratePage:
+    return harness.window.tools.calibrate_page
+
+
+@pytest.fixture
+def page(harness: Harness) -> CalibratePage:
+    harness.update(state=int(State.IDLE), calibration={})
+    harness.window.tools.show_calibration("loadcell")
+    return page_of(harness)
+
+
+def test_masses_are_asked_for_one_after_another(harness: Harness, page: CalibratePage) -> None:
+    part = page.load_cell
+    assert part.task.text() == EMPTY and not part.mass.isEnabled()
+    click(part.measure_button)
+    harness.update(calibration={"masses": MASSES[:1]})
+    assert part.task.text().startswith(NEXT) and not part.save_button.isEnabled()
+    part.mass.setFocus()
+    part.mass.selectAll()
+    QTest.keyClicks(part.mass, "500")
+    QTest.keyClick(part.mass, Qt.Key.Key_Tab)
+    click(part.measure_button)
+    sent = harness.engine.requests
+    assert [args["mass_g"] for _, args in sent] == [0.0, 500.0]
+    harness.update(calibration=SCALE)
+    assert part.task.text().startswith(MORE)
+    assert part.result_label.text() == "2400 µg a count, nonlinearity 0.04 %"
+    assert [mass for mass, _ in part.plot.points] == [0, 200, 500]
+    click(part.save_button)
+    assert harness.engine.requests[-1] == ("save_calibration", {"part": "loadcell"})
+    harness.update(calibration=SCALE | {"saved": {"loadcell": "the board's EEPROM"}})
+    assert part.result_label.text().endswith("saved in the board's EEPROM")
+    assert not part.save_button.isEnabled()
+
+
+def test_the_live_reading_says_whether_the_mass_is_at_rest(
+    harness: Harness, page: CalibratePage
+) -> None:
+    reading = {"scale_ug_per_count": 2400, "loadcell_counts": 163_333.0, "loadcell_age_s": 0.05}
+    harness.update(**reading, loadcell_sd_counts=120.0, calibration={"masses": MASSES[:1]})
+    assert "163,333 counts ± 120 in the last second: at rest" in page.load_cell.live.text()
+    harness.update(loadcell_sd_counts=5000.0)
+    assert "not at rest (at most ± 2,083 for 500 g)" in page.load_cell.live.text()
+    harness.update(loadcell_age_s=3.0)
+    assert page.load_cell.live.text() == "The load cell's last reading is 3 s old"
+    harness.update(loadcell_age_s=None, loadcell_counts=None)
+
+
+def test_a_reading_that_does_not_fit_is_named_and_removed(
+    harness: Harness, page: CalibratePage
+) -> None:
+    part = page.load_cell
+    problem = "the readings are not proportional to the masses (9.0 % off): check the masses"
+    harness.update(calibration={"masses": MASSES, "scale_problem": problem})
+    assert part.result_label.text() == problem and not part.save_button.isEnabled()
+    assert not part.remove_button.isEnabled()
+    part.table.selectRow(2)
+    harness.update()
+    click(part.remove_button)
+    assert harness.engine.requests == [("forget_mass", {"mass_g": 500.0})]
+
+
+def test_a_measurement_shows_its_seconds_and_is_cancelled(
+    harness: Harness, page: CalibratePage
+) -> None:
+    harness.window.tools.show_calibration("force")
+    page.force.force.setValue(400)
+    click(page.force.measure_button)
+    harness.update(calibration={"measuring": "force", "elapsed_s": 7.2}, is_moved_by_hand=True)
+    assert page.force.state.text() == "Measuring: 7 s"
+    assert not page.force.measure_button.isEnabled() and not page.imbalance.save_button.isEnabled()
+    click(page.force.cancel_button)
+    assert harness.engine.requests == [
+        ("calibrate_force", {"force_g": 400.0}),
+        ("cancel_calibration", {}),
+    ]
+    harness.update(calibration={}, is_moved_by_hand=False)
+    assert page.force.measure_button.isEnabled() and not page.force.cancel_button.isEnabled()
+
+
+def test_gains_and_imbalance_have_the_words_of_the_command_line(
+    harness: Harness, page: CalibratePage
+) -> None:
+    table_g = [-0.8 + 0.1 * place for place in range(16)]
+    harness.update(calibration={"gains": [7.5, 5.3, 652.0, 38.2], "imbalance_g": table_g})
+    words = "gain_p 7.5 /s, gain_i 5.3 /s, stiffness 652 g/mm, delay 38.2 ms"
+    assert page.force.result_label.text() == words
+    assert page.imbalance.result_label.text() == "imbalance 0.75 g"
+    assert "until it is switched off" in page.imbalance.table.text()
+    harness.window.tools.show_calibration("imbalance")
+    click(page.imbalance.discard_button)
+    click(page.imbalance.measure_button)
+    assert harness.engine.commands == ["discard_calibration", "calibrate_imbalance"]
+
+
+def test_one_taxel_after_another_is_asked_for_on_the_map(
+    harness: Harness, page: CalibratePage
+) -> None:
+    part = page.wiring
+    harness.window.tools.show_calibration("wiring")
+    harness.update(calibration=PRESS)
+    assert part.task.text().startswith("Step 5 of 12. Press row 1, column 2")
+    assert part.map.text_of(1) == "Press" and part.map.text_of(2) == "?"
+    assert part.map.text_of(0) == "✓\nD4·A0\nD4·A3"
+    assert "row 1, column 2: Press" in part.map.accessibleDescription()
+    click(part.measure_button)
+    harness.window.poll()
+    click(part.repeat_button)
+    assert harness.engine.commands == ["calibrate_wiring", "repeat_press"]
+    flat = {"wiring_step": 1, "wiring_question": "Press the whole sensor flat and hold it."}
+    harness.update(calibration=flat)
+    assert {part.map.text_of(place) for place in range(9)} == {"Press all"}
+
+
+def test_an_order_that_is_complete_is_saved_at_a_bench_only(
+    harness: Harness, page: CalibratePage
+) -> None:
+    part, done = page.wiring, {"wiring_step": 12, "wiring": list(range(18))}
+    harness.update(calibration=done)
+    assert part.task.text() == ALL_KNOWN and not part.measure_button.isEnabled()
+    assert part.result_label.text().endswith(REHEARSED) and not part.save_button.isEnabled()
+    harness.update(calibration=done | {"rig_file": "/lab/rig.toml"})
+    harness.window.tools.show_calibration("wiring")
+    click(part.save_button)
+    assert harness.engine.requests == [("save_calibration", {"part": "wiring"})]
+
+
+def test_a_refusal_stands_where_it_was_asked_for(harness: Harness, page: CalibratePage) -> None:
+    harness.update(calibration=PRESS)
+    harness.window.tools.show_calibration("wiring")
+    sentence = "no taxel of the top layer responded: press harder, with a blunt tip"
+    harness.engine.refusals["calibrate_wiring"] = sentence
+    click(page.wiring.measure_button)
+    harness.update()
+    harness.update()
+    assert page.wiring.state.text() == sentence and page.load_cell.state.text() == ""
+    assert sentence in harness.window.event_log.toPlainText()
+    harness.engine.refusals.clear()
+    click(page.wiring.measure_button)
+    harness.update()
+    assert page.wiring.state.text() == ""
+
+
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [
+        ({"run": {"state": "running"}}, "A protocol is running"),
+        ({"fault": 2, "state": int(State.FAULT_OFF)}, "Clear the fault first"),
+        ({"is_moved_by_hand": True}, "moves by hand"),
+        ({"drum_connected": False}, "Connect to a rig first"),
+    ],
+)
+def test_nothing_is_measured_at_a_wrong_moment(
+    harness: Harness, page: CalibratePage, status: dict[str, Any], words: str
+) -> None:
+    harness.update(**status)
+    for part in page.parts.values():
+        assert words in part.state.text()
+        assert not part.measure_button.isEnabled()
+        assert not part.save_button.isEnabled()
+
+
+def test_bring_up_leads_to_the_page(harness: Harness, page: CalibratePage) -> None:
+    box, window = harness.window.operate_panel.bring_up, harness.window
+    window.show_panel("operate")
+    click(page.close_button)
+    assert window.stack.currentWidget() is window.live_page
+    click(box.calibrate)
+    assert window.stack.currentWidget() is page and page.tabs.currentIndex() == 0
+    known = {"tared": True, "homed": True, "has_taxel_range": True, "state": int(State.ARMED)}
+    harness.update(**known, loadcell_calibrated="2026-11-23 with 500 g", has_taxel_order=False)
+    assert box.next.text() == "Next: Taxel order"
+    click(box.next)
+    assert page.tabs.tabText(page.tabs.currentIndex()) == "Taxel order"
+    harness.update(has_taxel_order=True)
+    assert box.next.text() == "All done"
+
+
+def test_a_window_that_watches_cannot_calibrate(harness: Harness, page: CalibratePage) -> None:
+    clients = [{"id": 1, "name": "this window"}, {"id": 2, "name": "another"}]
+    harness.engine.send_event("control", "", clients=clients, holder=2, asking=[])
+    harness.update(calibration=SCALE)
+    assert not page.load_cell.measure_button.isEnabled()
+    assert "another has control" in page.load_cell.save_button.toolTip()
+    harness.engine.send_event("control", "", clients=clients, holder=1, asking=[])
+    harness.update()
+    assert page.load_cell.measure_button.isEnabled()
