@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import field, fields
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from rigctl.config.toml_field import FieldType, TomlField
 from rigctl.config.toml_reader import TomlTable
 
 if TYPE_CHECKING:
@@ -44,45 +45,43 @@ def flag(default: bool, doc: str) -> Any:
     return field(default=default, metadata={"unit": "", "doc": doc})
 
 
+def section_fields(kind: type[Any]) -> tuple[TomlField, ...]:
+    """Return the keys of a section as its dataclass declares them."""
+    return tuple(_toml_field(item) for item in fields(kind))
+
+
 def read_section(table: TomlTable, kind: type[_Section]) -> _Section:
     """Return the dataclass ``kind`` with the table's values; a missing key has its default.
 
     Raises the error of the table's text for an unknown key or an invalid value.
     """
-    values = {f.name: _read_value(table, f) for f in fields(kind)}
+    values = {item.key: item.read(table) for item in section_fields(kind)}
     table.finish()
     return kind(**values)
 
 
-def _read_value(table: TomlTable, item: Any) -> Any:
-    meta, default = item.metadata, item.default
-    if isinstance(default, bool):
-        return table.flag(item.name, default)
-    if isinstance(default, str):
-        if meta["choices"]:
-            return table.choice(item.name, meta["choices"], default)
-        return table.text(item.name, default)
-    if "longest_bytes" in meta:
-        most, longest_bytes = meta["most"], meta["longest_bytes"]
-        return table.names(item.name, most=most, longest_bytes=longest_bytes, may_be_empty=True)
-    if item.type == "tuple[str, ...]":
-        return _read_texts(table, item)
-    if item.type == "tuple[float, ...]":
-        given = table.numbers(item.name, unit=meta["unit"], low=meta["low"], high=meta["high"])
-        return given or default
-    if isinstance(default, tuple):
-        return table.integers(item.name, default, low=meta["low"], high=meta["high"])
-    if item.type == "int":
-        return table.integer(item.name, default, low=meta["low"], high=meta["high"])
-    return table.number(item.name, default, unit=meta["unit"], low=meta["low"], high=meta["high"])
+def _toml_field(item: Any) -> TomlField:
+    is_name_list = "longest_bytes" in item.metadata
+    return TomlField(
+        item.name, _field_type(item), default=item.default, may_be_empty=is_name_list,
+        **item.metadata,
+    )  # fmt: skip
 
 
-def _read_texts(table: TomlTable, item: Any) -> tuple[str, ...]:
-    if item.name not in table:
-        default: tuple[str, ...] = item.default
-        return default
-    given, choices = table.texts(item.name), item.metadata["choices"]
-    for value in given:
-        if value not in choices:
-            table.fail(item.name, f"{value!r} is none of {', '.join(choices)}")
-    return given
+def _field_type(item: Any) -> FieldType:
+    if isinstance(item.default, bool):
+        return FieldType.FLAG
+    if isinstance(item.default, str):
+        return FieldType.CHOICE if item.metadata["choices"] else FieldType.TEXT
+    if "longest_bytes" in item.metadata:
+        return FieldType.NAMES
+    return _TYPES[item.type]
+
+
+_TYPES = {
+    "int": FieldType.INTEGER,
+    "float": FieldType.NUMBER,
+    "tuple[str, ...]": FieldType.CHOICES,
+    "tuple[int, ...]": FieldType.INTEGERS,
+    "tuple[float, ...]": FieldType.NUMBERS,
+}

@@ -14,7 +14,7 @@ from rigctl.config.names import name_problem, shorten
 from rigctl.config.toml_reader import TomlTable
 from rigctl.errors import WrongUse
 from rigctl.exchange.units import DEPTH, Conversion, read_force_unit, read_speed_unit
-from rigctl.protocol.loader import TEXTURE_BYTES
+from rigctl.protocol.fields import TEXTURE_BYTES
 from rigctl.values import SAMPLE_RATE_HZ, PlannedTrial
 
 LABELS = ("texture", "speed", "force", "repeat", "mount")

@@ -9,12 +9,13 @@ from itertools import pairwise, product
 from pathlib import Path
 from random import Random
 
+from rigctl.config.toml_field import FieldType, TomlField
 from rigctl.config.toml_reader import TomlTable, TomlText
-from rigctl.config.toml_section import number, read_section
+from rigctl.config.toml_section import number, read_section, section_fields
 from rigctl.errors import ProtocolError
+from rigctl.protocol.fields import ORDER_SEED, ORDERS, TEXTURES, FieldGroup, name_group
 from rigctl.protocol.finger import PROTOCOL_KEYS, FingerTrial, Stage, VelocityProfile
-from rigctl.protocol.loader import MAX_DESCRIPTION_LETTERS, ORDERS, read_textures
-from rigctl.protocol.plan import MAX_SEED, checked_seed, digest_of, shuffled
+from rigctl.protocol.plan import checked_seed, digest_of, shuffled
 
 MAX_SCANS = 20_000
 
@@ -58,6 +59,48 @@ class ScanQuality:
     max_tracker_gap_ms: float = number(100.0, "ms", 10, 10_000, "longest time without a position")
     min_contact_percent: float = number(98.0, "%", 0, 100, "part of the scan in contact")
     attempts: int = number(5, "", 1, 100, "highest number of attempts at a scan")
+
+
+SCANS_GROUP = FieldGroup(
+    "Scans",
+    "",
+    (
+        replace(TEXTURES, doc="names of the plates, two or more", default=None),
+        TomlField(
+            "profiles", FieldType.CHOICES,
+            "velocity profiles of the scans: `slow`, `medium`, `fast`, `slow-to-fast`, "
+            "`fast-to-slow`",
+            tuple(profile.value for profile in VelocityProfile),
+            choices=tuple(profile.value for profile in VelocityProfile),
+        ),
+        TomlField(
+            "reference_mm_s", FieldType.NUMBER,
+            "reference speed of scaled time: a window is 10 mm at any", 100.0,
+            unit="mm/s", low=1, high=10_000,
+        ),
+    ),
+)  # fmt: skip
+ORDER_GROUP = FieldGroup(
+    "Order",
+    "order",
+    (
+        TomlField(
+            "kind", FieldType.CHOICE,
+            "`blocked`: plate by plate; `shuffled`: by the seed within each stage, plates too",
+            "blocked", choices=ORDERS,
+        ),
+        replace(ORDER_SEED, doc="required if shuffled; the same seed always gives the same order"),
+    ),
+)  # fmt: skip
+STAGES_GROUP = FieldGroup(
+    "Stages", "stages", section_fields(StageRepeats), (StageRepeats.__doc__ or "").strip()
+)
+QUALITY_GROUP = FieldGroup("Quality", "quality", section_fields(ScanQuality))
+
+
+def finger_groups() -> tuple[FieldGroup, ...]:
+    """Return all keys of a protocol of the moving finger."""
+    return name_group(), SCANS_GROUP, ORDER_GROUP, STAGES_GROUP, QUALITY_GROUP
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,32 +185,23 @@ def parse_finger_protocol(text: str, name: str) -> FingerProtocol:
 def _parse(text: TomlText, stem: str) -> FingerProtocol:
     root = text.root
     order = root.table("order")
+    names, scans = name_group(stem).read(root), SCANS_GROUP.read(root)
+    ordered = ORDER_GROUP.read(order)
     protocol = FingerProtocol(
-        name=root.name("name", stem),
         text=text.source,
-        description=root.text("description", "", most=MAX_DESCRIPTION_LETTERS),
-        textures=read_textures(root),
-        profiles=_profiles(root),
-        reference_mm_s=root.number("reference_mm_s", 100, unit="mm/s", low=1, high=10_000),
+        **names,
+        textures=scans["textures"],
+        profiles=tuple(map(VelocityProfile, scans["profiles"])),
+        reference_mm_s=scans["reference_mm_s"],
         stages=read_section(root.table("stages"), StageRepeats),
         quality=_quality(root.table("quality")),
-        order=order.choice("kind", ORDERS, "blocked"),
-        order_seed=order.integer("seed", 0, low=0, high=MAX_SEED),
+        order=ordered["kind"],
+        order_seed=ordered["seed"],
     )
     for table in (order, root):
         table.finish()
     _validate(protocol, root, order)
     return protocol
-
-
-def _profiles(root: TomlTable) -> tuple[VelocityProfile, ...]:
-    known = {profile.value: profile for profile in VelocityProfile}
-    names = root.texts("profiles") if "profiles" in root else tuple(known)
-    root.allow("profiles")
-    for name in names:
-        if name not in known:
-            root.fail("profiles", f"{name!r} is not one of {', '.join(known)}")
-    return tuple(known[name] for name in names)
 
 
 def _quality(table: TomlTable) -> ScanQuality:

@@ -4,39 +4,40 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from rigctl.config.rig_config import RigConfig
 from rigctl.config.toml_reader import TomlTable, TomlText
 from rigctl.config.toml_section import read_section
 from rigctl.errors import ProtocolError
-from rigctl.protocol.finger import PROTOCOL_KEYS
-from rigctl.protocol.plan import (
-    MAX_SEED,
-    FreeStep,
-    Protocol,
-    Quality,
-    Settle,
-    register_range,
+from rigctl.protocol.fields import (
+    EVERY,
+    FORCE_MODE,
+    KIND,
+    MAX_TRIALS,
+    ORDER_GROUP,
+    PLACE,
+    PLATES_GROUP,
+    TRIAL_GROUP,
+    name_group,
+    step_fields,
+    trials_group,
 )
+from rigctl.protocol.finger import PROTOCOL_KEYS
+from rigctl.protocol.plan import FreeStep, Protocol, Quality, Settle
 from rigctl.protocol.steps import ApproachOnly, Baseline, Message, Rest, Step, Tare, Turn, ramp_mm
 
-PLACES = ("start", "plate_start", "between_plates", "plate_end", "end", "every")
-DIRECTIONS = ("forward", "backward", "alternate")
-FORCE_MODES = ("hold", "lock", "position")
-ORDERS = ("blocked", "shuffled")
-MAX_TRIALS = 100_000
 MAX_STEPS = 200_000
 """Steps of a plan, trials and changes of plates included."""
 MAX_FREE_STEPS = 100
-MAX_TEXTURES = 1000
-MAX_MOUNTS = 100
-MAX_PROMPT_LETTERS = 300
-MAX_DESCRIPTION_LETTERS = 10_000
-MAX_SECONDS = 86_400.0
-MAX_TURNS = 100
-TEXTURE_BYTES = 16
-"""Length of a texture's name in a session's trial row."""
+KINDS: dict[str, Callable[..., Step]] = {
+    "tare": Tare,
+    "rest": Rest,
+    "approach_only": ApproachOnly,
+    "baseline": Baseline,
+    "turn": Turn,
+    "message": Message,
+}
+"""The class of each kind of free step, whose attributes are the keys of the step."""
 
 
 def load_protocol(path: Path, config: RigConfig | None = None) -> Protocol:
@@ -55,30 +56,19 @@ def parse_protocol(text: str, name: str, config: RigConfig | None = None) -> Pro
 def _parse(text: TomlText, stem: str, config: RigConfig) -> Protocol:
     root = text.root
     _refuse_finger_protocol(root)
-    root.allow("textures")
     order, trial, plates = root.table("order"), root.table("trial"), root.table("plates")
-    force_mode = trial.choice("force_mode", FORCE_MODES, "hold")
-    _refuse_other_presses(root, force_mode)
+    _refuse_other_presses(root, FORCE_MODE.read(trial))
+    conditions = name_group(stem).read(root) | trials_group(config).read(root)
+    ordered = ORDER_GROUP.read(order)
     protocol = Protocol(
-        name=root.name("name", stem),
         text=text.source,
         config=config,
-        description=root.text("description", "", most=MAX_DESCRIPTION_LETTERS),
-        textures=read_textures(root) if "textures" in root else (),
-        speeds_mm_s=root.numbers("speeds_mm_s", **_speed_range(config)),
-        forces_g=root.numbers("forces_g", **_force_range(config)),
-        depths_mm=root.numbers("depths_mm", unit="mm", **register_range("depth_set_um", 1e-3)),
-        repeats=root.integer("repeats", 1, low=1, high=MAX_TRIALS),
-        mounts=root.integer("mounts", 1, low=1, high=MAX_MOUNTS),
-        order=order.choice("kind", ORDERS, "blocked"),
-        order_seed=order.integer("seed", 0, low=0, high=MAX_SEED),
-        across_plates=order.flag("across_plates", False),
-        travel_mm=trial.number("travel_mm", 240, unit="mm", **register_range("travel_set")),
-        force_mode=force_mode,
-        direction=trial.choice("direction", DIRECTIONS, "forward"),
-        plate_prompt=plates.text(
-            "prompt", "Mount plate {texture}, then confirm.", most=MAX_PROMPT_LETTERS
-        ),
+        **conditions,
+        **TRIAL_GROUP.read(trial),
+        order=ordered["kind"],
+        order_seed=ordered["seed"],
+        across_plates=ordered["across_plates"],
+        plate_prompt=PLATES_GROUP.read(plates)["prompt"],
         settle=_settle(root.table("settle")),
         quality=read_section(root.table("quality"), Quality),
         steps=_free_steps(root, config),
@@ -90,21 +80,6 @@ def _parse(text: TomlText, stem: str, config: RigConfig) -> Protocol:
     _validate_steps(protocol, root)
     _validate_travel(protocol, root, trial)
     return protocol
-
-
-def read_textures(root: TomlTable) -> tuple[str, ...]:
-    """Return the names of the plates, which fit into a session's trial row."""
-    return root.names("textures", most=MAX_TEXTURES, longest_bytes=TEXTURE_BYTES)
-
-
-def _speed_range(config: RigConfig) -> dict[str, Any]:
-    limits = config.limits
-    return {"unit": "mm/s", "low": limits.speed_min_mm_s, "high": limits.speed_max_mm_s}
-
-
-def _force_range(config: RigConfig) -> dict[str, Any]:
-    limits = config.limits
-    return {"unit": "g", "low": limits.force_min_g, "high": limits.force_max_g}
 
 
 def _refuse_finger_protocol(root: TomlTable) -> None:
@@ -138,34 +113,12 @@ def _free_steps(root: TomlTable, config: RigConfig) -> tuple[FreeStep, ...]:
 
 
 def _free_step(table: TomlTable, config: RigConfig) -> FreeStep:
-    place = table.choice("at", PLACES)
-    every = table.integer("trials", low=1, high=MAX_TRIALS) if place == "every" else 0
-    step = _KINDS[table.choice("kind", _KINDS)](table, config)
+    place = PLACE.read(table)
+    every = EVERY.read(table) if place == "every" else 0
+    kind = KIND.read(table)
+    values = {item.key: item.read(table) for item in step_fields(config)[kind]}
     table.finish()
-    return FreeStep(place, step, every)
-
-
-def _seconds(table: TomlTable) -> float:
-    return table.number("seconds", unit="s", low=0.01, high=MAX_SECONDS)
-
-
-def _approach_only(table: TomlTable, config: RigConfig) -> Step:
-    return ApproachOnly(table.number("force_g", **_force_range(config)), _seconds(table))
-
-
-def _turn(table: TomlTable, config: RigConfig) -> Step:
-    speed_mm_s = table.number("speed_mm_s", **_speed_range(config))
-    return Turn(speed_mm_s, table.integer("turns", low=1, high=MAX_TURNS))
-
-
-_KINDS: dict[str, Callable[[TomlTable, RigConfig], Step]] = {
-    "tare": lambda table, config: Tare(),
-    "rest": lambda table, config: Rest(_seconds(table)),
-    "approach_only": _approach_only,
-    "baseline": lambda table, config: Baseline(_seconds(table)),
-    "turn": _turn,
-    "message": lambda table, config: Message(table.text("text"), table.flag("wait", False)),
-}
+    return FreeStep(place, KINDS[kind](**values), every)
 
 
 def _validate_order(protocol: Protocol, order: TomlTable) -> None:

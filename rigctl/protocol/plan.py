@@ -22,6 +22,7 @@ from rigctl.wire.drum.register_table import BY_NAME
 _Trial = TypeVar("_Trial")
 
 MAX_SEED = 2**63 - 1
+DEFAULT_PROMPT = "Mount plate {texture}, then confirm."
 
 BYTES_PER_TRIAL = 700
 BYTES_PER_POLL = 102
@@ -49,19 +50,33 @@ def register_range(register: str, unit: float = 1.0) -> dict[str, Any]:
 class Settle:
     """When the force counts as settled, before the drum turns."""
 
-    band_percent: float = number(2.0, "%", **register_range("settle_band", 0.1))
-    time_s: float = number(0.3, "s", **register_range("settle_time_ms", 1e-3))
-    timeout_s: float = number(10.0, "s", **register_range("approach_timeout_ms", 1e-3))
+    band_percent: float = number(
+        2.0, "%", **register_range("settle_band", 0.1), doc="force band, of the set-point"
+    )
+    time_s: float = number(
+        0.3,
+        "s",
+        **register_range("settle_time_ms", 1e-3),
+        doc="time in the band before the drum turns",
+    )
+    timeout_s: float = number(
+        10.0,
+        "s",
+        **register_range("approach_timeout_ms", 1e-3),
+        doc="longest time to settle; more is a fault",
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class Quality:
     """Limits that a trial must keep to be committed, and the number of attempts."""
 
-    max_lost_samples: int = number(0, "", 0, 1000)
-    force_tolerance_percent: float = number(5.0, "%", 0.1, 100)
-    speed_tolerance_percent: float = number(1.0, "%", 0.01, 100)
-    attempts: int = number(3, "", 1, 100)
+    max_lost_samples: int = number(0, "", 0, 1000, "a trial that loses more is rejected")
+    force_tolerance_percent: float = number(
+        5.0, "%", 0.1, 100, "mean force over the window, of the set-point"
+    )
+    speed_tolerance_percent: float = number(1.0, "%", 0.01, 100, "mean speed, of the set-point")
+    attempts: int = number(3, "", 1, 100, "highest number of attempts at a trial")
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +114,7 @@ class Protocol:
     travel_mm: float = 240.0
     force_mode: str = "hold"
     direction: str = "forward"
-    plate_prompt: str = "Mount plate {texture}, then confirm."
+    plate_prompt: str = DEFAULT_PROMPT
     settle: Settle = Settle()
     quality: Quality = Quality()
     steps: tuple[FreeStep, ...] = ()

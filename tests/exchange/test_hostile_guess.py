@@ -16,7 +16,7 @@ from rigctl.errors import ConfigError, WrongUse
 from rigctl.exchange.column_map import parse_map
 from rigctl.exchange.guess.guess import GuessedMap, guess_map
 from rigctl.exchange.guess.map_text import short_textures
-from rigctl.protocol.loader import TEXTURE_BYTES
+from rigctl.protocol.fields import TEXTURE_BYTES
 
 NAME = "felt_12mms_1"
 WIDE = 4_000

@@ -55,7 +55,7 @@ def test_a_blocked_order_keeps_the_plates_together() -> None:
     [
         ("", "textures: is missing"),
         ('textures = ["A"]', "needs at least two plates"),
-        (SMALL + 'profiles = ["hasty"]', "line 2: profiles: 'hasty' is not one of slow, medium"),
+        (SMALL + 'profiles = ["hasty"]', "line 2: profiles: 'hasty' is none of slow, medium"),
         (SMALL + "[stages]\ntrain = -1", "line 3: stages.train: -1 is outside 0 to 1000"),
         (SMALL + "[stages]\nnormalise=0\ntrain=0\ncalibrate=0\nrun=0", "make 0 scans"),
         (SMALL + '[order]\nkind = "shuffled"', "order.seed: is missing"),

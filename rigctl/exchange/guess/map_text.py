@@ -16,7 +16,7 @@ from rigctl.exchange.guess.sample import RecordingSample
 from rigctl.exchange.guess.words import find_unit, words_of
 from rigctl.exchange.labels import LABELS
 from rigctl.exchange.units import DEPTH
-from rigctl.protocol.loader import TEXTURE_BYTES
+from rigctl.protocol.fields import TEXTURE_BYTES
 
 ASSUMED_RATE_HZ = 1000.0
 _NEEDS = {"rpm": ("radius_mm", "from the axis to the sensor"), "kPa": ("area_mm2", "that presses")}
