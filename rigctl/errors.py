@@ -17,9 +17,16 @@ class CheckFailed(RigctlError):
 
 
 class WrongUse(RigctlError):
-    """The request was impossible; nothing was changed."""
+    """The request was impossible; nothing was changed.
+
+    ``key_path``, ``line`` and ``reason`` are those of a wrong key of a TOML text, else empty: the
+    path of the key, the line from 1, and the message without the place.
+    """
 
     exit_code = 2
+    key_path: tuple[str | int, ...] = ()
+    line: int = 0
+    reason: str = ""
 
 
 class ConfigError(WrongUse):

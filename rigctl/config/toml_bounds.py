@@ -23,7 +23,7 @@ KeyPath = tuple[str | int, ...]
 """The path of a key: the names of tables, the indices of repeated tables, the key."""
 
 # What is not closed reaches to the end: a shorter match would make the search quadratic.
-_TEXTS_AND_COMMENTS = re.compile(
+TEXTS_AND_COMMENTS = re.compile(
     r'"""(?:\\[\s\S]|[^\\])*?(?:"""|\Z)'
     r"|'''[\s\S]*?(?:'''|\Z)"
     r'|"(?:\\.|[^"\\\n])*+"?'
@@ -78,7 +78,7 @@ def _items(path: KeyPath, value: Any) -> Iterator[tuple[KeyPath, Any]]:
 
 def _refuse_long_keys(text: str) -> None:
     """Raise OutOfBounds for a dotted key of too many parts, whose parsing would take minutes."""
-    plain = _TEXTS_AND_COMMENTS.sub("-", text)
+    plain = TEXTS_AND_COMMENTS.sub("-", text)
     for number, line in enumerate(plain.split("\n"), start=1):
         if any(part.count(".") >= MAX_DEPTH for part in _BETWEEN_KEYS.split(line)):
             raise OutOfBounds(f"has a key of more than {MAX_DEPTH} parts (about line {number})")

@@ -54,7 +54,9 @@ class TomlText:
         where = f"{self.name}, line {line}" if line else self.name
         key = _dotted(path)
         sentence = f"{where}: {key}: {message}" if key else f"{where}: {message}"
-        raise self.error(visible_line(sentence))
+        error = self.error(visible_line(sentence))
+        error.key_path, error.line, error.reason = path, line or 0, visible_line(message)
+        raise error
 
     def _line_of(self, path: KeyPath) -> int | None:
         """Return the line of the key, or of the longest part of its path that has one."""
@@ -78,6 +80,10 @@ class TomlTable:
     def __iter__(self) -> Iterator[str]:
         """Yield the keys of this table in the order of the text."""
         return iter(self._data)
+
+    def as_written(self, key: str) -> Any:
+        """Return the value of a key without a check; None where it is missing."""
+        return self._data.get(key)
 
     def is_text(self, key: str) -> bool:
         """Return whether the key has a text: of one that may be a text or a table."""
