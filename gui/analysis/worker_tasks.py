@@ -35,7 +35,8 @@ from gui.analysis.task_values import (
     model_path,
 )
 from gui.analysis.trials.open_sessions import OpenSessions
-from gui.protocol import run_tasks, text_tasks
+from gui.protocol import run_tasks
+from gui.protocol.editor import text_tasks
 from gui.protocol.run_values import (
     CheckedText,
     PlanSummary,

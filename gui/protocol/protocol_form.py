@@ -58,7 +58,9 @@ class ProtocolForm(QWidget):
         self.open_button = browse_button(requested, PathKind.PROTOCOL, self.add_protocol)
         self.out_button = browse_button(requested, PathKind.OUTPUT, self.out.setText)
         self.edit_button = QPushButton("Edit")
-        self.edit_button.setToolTip("Edit the protocol as text; one of the program is saved anew")
+        self.edit_button.setToolTip(
+            "Edit in a form or as text; a protocol of the program is saved anew"
+        )
         self.description = label("", wraps=True)
         self.plan_rows = {name: label("–", wraps=True) for name in (*PLAN_ROWS, FINISH_ROW)}
         self.problem = label("", "bad", wraps=True)

@@ -8,7 +8,7 @@ from typing import Any
 
 from PySide6.QtCore import Signal
 from PySide6.QtGui import QShowEvent
-from PySide6.QtWidgets import QGridLayout, QGroupBox, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QAbstractButton, QGridLayout, QGroupBox, QVBoxLayout, QWidget
 
 from gui.analysis.worker import Worker
 from gui.protocol.protocol_form import ProtocolForm
@@ -78,6 +78,12 @@ class ProtocolPanel(QWidget):
     def add_protocol(self, path: str) -> None:
         """Add a file to the list and choose it."""
         self.form.add_protocol(path)
+
+    def editing_buttons(self) -> tuple[QAbstractButton, ...]:
+        """Return the buttons that edit the chosen protocol."""
+        editor, steps = self.page.editor, self.page.editor.form.steps
+        views = (editor.form_button, editor.text_button, editor.undo_button, editor.redo_button)
+        return (self.form.edit_button, *views, editor.save_button, *steps.buttons.values())
 
     def continue_session(self, folder: str) -> None:
         """Run the remaining trials of a session."""
@@ -155,7 +161,7 @@ class ProtocolPanel(QWidget):
 
     def _finish_save(self, saved: SavedProtocol) -> None:
         self.page.editor.show_saved(saved)
-        if not saved.problem:
+        if not saved.problem and not self.page.editor.is_finger:
             self.form.add_protocol(saved.path)
 
     def _submit_next(self) -> None:

@@ -94,11 +94,16 @@ class ProtocolText(NamedTuple):
 
 
 class CheckedText(NamedTuple):
-    """A text, what it plans, and why it is no protocol; empty if it is one."""
+    """A text, what it plans, and why it is no protocol; empty if it is one.
+
+    ``key_path`` and ``reason``: which key is wrong, and what is wrong with it.
+    """
 
     text: str
     summary: str = ""
     problem: str = ""
+    key_path: tuple[str | int, ...] = ()
+    reason: str = ""
 
 
 class SavedProtocol(NamedTuple):

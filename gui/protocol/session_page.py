@@ -7,7 +7,7 @@ from typing import Any
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QLineEdit, QListWidget, QTabWidget, QWidget
 
-from gui.protocol.protocol_editor import ProtocolEditor
+from gui.protocol.editor.protocol_editor import ProtocolEditor
 from gui.protocol.rows_table import AttemptModel, OrderModel, table_view
 from gui.protocol.run_values import (
     BAD,

@@ -67,7 +67,7 @@ def add_panel_menus(
     queue = protocol.queue
     queued = (queue.add_button, queue.remove_button, queue.next_button)
     runs = (*protocol.buttons.values(), protocol.continue_button, protocol.page_button)
-    add_buttons(menus, "Rig → Protocol", [*runs, *queued])
+    add_buttons(menus, "Rig → Protocol", [*runs, *queued, *protocol.editing_buttons()])
     scans = finger.run_box
     moving = (*scans.buttons.values(), scans.continue_button, scans.models_button)
     add_buttons(menus, "Rig → Finger", moving)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gui.protocol.protocol_editor import ProtocolEditor
+from gui.protocol.editor.protocol_editor import ProtocolEditor
 from gui.protocol.protocol_panel import ProtocolPanel
 from rigctl.config import resources
 from tests.gui.steps import Harness, click, wait_until
@@ -40,7 +40,7 @@ def write(editor: ProtocolEditor, text: str) -> None:
 def test_the_line_of_an_error_is_marked_until_it_is_mended(panel: ProtocolPanel) -> None:
     editor = panel.page.editor
     write(editor, MINE.replace("80", "8000"))
-    wait_until(lambda: editor.marked_line == 3)
+    wait_until(lambda: editor.text.marked_line == 3)
     assert "speeds_mm_s: 8000 is outside" in editor.verdict.text()
     assert not editor.save_button.isEnabled()
     write(editor, MINE + "x = [\n")
@@ -48,7 +48,7 @@ def test_the_line_of_an_error_is_marked_until_it_is_mended(panel: ProtocolPanel)
     assert not editor.save_button.isEnabled()
     write(editor, MINE)
     wait_until(editor.save_button.isEnabled)
-    assert editor.marked_line == 0
+    assert editor.text.marked_line == 0
     assert editor.verdict.text().startswith("No errors: 2 trials, 2 plate changes")
 
 

@@ -18,6 +18,7 @@ from tests.gui.fake_engine import STATUS, FakeEngine
 from tests.gui.fake_finger import RUNNING, FakeFinger
 from tests.gui.steps import click, wait_until
 from tests.gui.texts.attach_scenes import attach_scenes
+from tests.gui.texts.editor_scenes import editor_scenes
 
 SESSION_NAME = "dense-coding-of-surface-textures-20261123-205501"
 FAULT_WORDS = "force above the limit: check the sensor and the plate, then clear the fault"
@@ -186,6 +187,7 @@ def _protocol(stage: Stage) -> Iterator[str]:
     yield "Protocol, waiting for a plate"
     stage.update(run=RUN | {"state": "failed", "text": f"the recorder failed: {FAULT_WORDS}"})
     yield "Protocol, failed"
+    yield from editor_scenes(panel)
 
 
 def _attach(stage: Stage) -> Iterator[str]:

@@ -18,6 +18,7 @@ from PySide6.QtWidgets import (
     QHeaderView,
     QLabel,
     QLineEdit,
+    QListView,
     QMenuBar,
     QProgressBar,
     QPushButton,
@@ -195,7 +196,7 @@ def _item_view(view: QAbstractItemView) -> Iterator[Piece]:
         return
     port = view.viewport().rect()
     for row in range(model.rowCount(root)):
-        for column in range(model.columnCount(root)):
+        for column in range(1 if isinstance(view, QListView) else model.columnCount(root)):
             index = model.index(row, column, root)
             place = view.visualRect(index)
             if place.isEmpty() or not port.intersects(place):

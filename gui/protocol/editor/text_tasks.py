@@ -6,10 +6,11 @@ from pathlib import Path
 
 from gui.protocol.run_tasks import summarise
 from gui.protocol.run_values import PLAN_ROWS, CheckedText, ProtocolText, SavedProtocol
+from gui.widgets.formatting import duration, size
 from rigctl.config import resources
 from rigctl.config.text_file import read_text
 from rigctl.config.toml_bounds import MAX_BYTES
-from rigctl.errors import ProtocolError, RigctlError
+from rigctl.errors import ProtocolError, RigctlError, WrongUse
 
 OWN_FOLDER = "rigctl-protocols"
 
@@ -18,7 +19,8 @@ def read_protocol(path: str) -> ProtocolText:
     """Return the text of a protocol's file."""
     file = Path(path)
     own = Path.home() / OWN_FOLDER / file.name
-    is_built_in = file.parent.resolve() == resources.protocols().resolve()
+    built_in = (resources.protocols().resolve(), resources.finger_protocols().resolve())
+    is_built_in = file.parent.resolve() in built_in
     try:
         text = read_text(file, MAX_BYTES, ProtocolError)
     except RigctlError as error:
@@ -27,16 +29,32 @@ def read_protocol(path: str) -> ProtocolText:
 
 
 def check_text(text: str) -> CheckedText:
-    """Return whether a text is a protocol, and the numbers of its plan."""
+    """Return whether a text is a protocol of drum or finger, and the numbers of its plan."""
+    from rigctl.config.rig_config import RigConfig
+    from rigctl.protocol.form_content import NAME, read_content
     from rigctl.protocol.loader import parse_protocol
 
     try:
-        plan = parse_protocol(text, "protocol.toml").plan()
-    except RigctlError as error:
-        return CheckedText(text, problem=str(error))
+        if read_content(text, RigConfig()).is_finger:
+            return CheckedText(text, _finger_summary(text))
+        plan = parse_protocol(text, NAME).plan()
+    except WrongUse as error:
+        return CheckedText(text, "", str(error), error.key_path, error.reason)
     rows = dict(zip(PLAN_ROWS, summarise(plan).texts, strict=True))
     numbers = (f"{rows[name]} {name.lower()}" for name in ("Trials", "Plate changes"))
-    return CheckedText(text, f"No errors: {', '.join(numbers)}, {rows['Duration']}")
+    return CheckedText(
+        text, f"No errors: {', '.join(numbers)}, {rows['Duration']}, {rows['Disk space']} on disk"
+    )
+
+
+def _finger_summary(text: str) -> str:
+    from rigctl.protocol.finger import Stage
+    from rigctl.protocol.finger_plan import parse_finger_protocol
+    from rigctl.protocol.form_content import NAME
+
+    plan = parse_finger_protocol(text, NAME).plan(list(Stage))
+    time, disk = duration(plan.duration_s), size(plan.bytes_estimate)
+    return f"No errors: {len(plan.trials):,} scans of the moving finger, {time}, {disk} on disk"
 
 
 def save_protocol(path: str, text: str, may_replace: bool) -> SavedProtocol:
