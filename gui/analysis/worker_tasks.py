@@ -5,7 +5,9 @@ This module does not import Qt, and each task imports its own slow modules.
 
 from __future__ import annotations
 
+import os
 import shutil
+import sys
 import tempfile
 from collections.abc import Callable
 from datetime import UTC, datetime
@@ -51,9 +53,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rigctl.analysis.execution.executor import Progress
+    from rigctl.analysis.learning.session_curve import SessionCurve, SessionCurves
     from rigctl.analysis.report.report_folder import ReportRequest
 
 FIGURES = "figures"
+ENGINE_FIRST = 10
+"""By how much a process is nicer than the engine, beside which it works through a whole run."""
 
 
 def serve(pipe: Connection) -> None:
@@ -88,6 +93,7 @@ class WorkerTasks:
         self._sessions = OpenSessions()
         self._pictures = tempfile.TemporaryDirectory(prefix="rigctl-scans-")
         self._follower = run_tasks.SessionFollower()
+        self._curves: SessionCurves | None = None
 
     def plan_protocol(self, path: str, seed: int | None, out: str = "") -> PlanSummary:
         """Plan a protocol as ``rigctl check`` does; None takes the protocol's own seed."""
@@ -108,6 +114,16 @@ class WorkerTasks:
     def follow_run(self, folder: str, known: int) -> SessionNews:
         """Read the attempts of a session after the first ``known`` ones, and its notes."""
         return self._follower.read(folder, known)
+
+    def learning_curve(self, folder: str) -> SessionCurve:
+        """Return the learning curve of a session's trials so far. Raises SessionError."""
+        from rigctl.analysis.learning.session_curve import SessionCurves
+
+        if self._curves is None:
+            self._curves = SessionCurves()
+            if sys.platform != "win32":
+                os.nice(ENGINE_FIRST)
+        return self._curves.curve(folder, self._progress)
 
     def write_note(self, folder: str, **note: Any) -> SessionNews:
         """Add a note to a session; return the session anew."""

@@ -11,6 +11,7 @@ from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QAbstractButton, QGridLayout, QGroupBox, QVBoxLayout, QWidget
 
 from gui.analysis.worker import Worker
+from gui.protocol.learning.learning_link import LearningLink
 from gui.protocol.protocol_form import ProtocolForm
 from gui.protocol.run_queue import RunQueue
 from gui.protocol.run_state_box import RunStateBox
@@ -33,6 +34,8 @@ class ProtocolPanel(QWidget):
 
     command_requested = Signal(str, dict)
     path_requested = Signal(object, object)
+    reported = Signal(str, str)
+    """Kind and text for the event log."""
     page_changed = Signal()
     """:attr:`shows_page` has changed."""
 
@@ -55,6 +58,7 @@ class ProtocolPanel(QWidget):
             self.run_box.state,
         )
         self.session_link = SessionLink(self.worker, self.page, self.form.people)
+        self.learning_link = LearningLink(self.page.learning)
         self.continue_button = browse_button(
             self.path_requested,
             PathKind.INTERRUPTED,
@@ -74,6 +78,16 @@ class ProtocolPanel(QWidget):
         self._lay_out()
         self._connect()
         self.show_status(EngineStatus())
+
+    def poll(self) -> None:
+        """Process the messages of both worker processes."""
+        self.worker.poll()
+        self.learning_link.worker.poll()
+
+    def close_workers(self) -> None:
+        """End both worker processes."""
+        self.worker.cancel()
+        self.learning_link.worker.cancel()
 
     def add_protocol(self, path: str) -> None:
         """Add a file to the list and choose it."""
@@ -175,6 +189,8 @@ class ProtocolPanel(QWidget):
         self.form.planned.connect(self.page.show_plan)
         self.queue.start_requested.connect(partial(self.command_requested.emit, "start"))
         self.session_link.command_requested.connect(self.command_requested)
+        self.session_link.advanced.connect(self.learning_link.show_session)
+        self.learning_link.reported.connect(self.reported)
         self.form.edit_button.clicked.connect(lambda: self._read_protocol())
         editor = self.page.editor
         editor.check_requested.connect(lambda text: self.worker.submit("check_text", text=text))

@@ -28,6 +28,8 @@ class SessionLink(QObject):
     """
 
     command_requested = Signal(str, dict)
+    advanced = Signal(str, int, int)
+    """The session's folder, its trials that count, and its attempts that are read."""
 
     def __init__(
         self, worker: Worker, page: SessionPage, people: Callable[[], Mapping[str, str]]
@@ -46,7 +48,7 @@ class SessionLink(QObject):
         """Look for new attempts where the run has changed."""
         before, self._run = self._run, run
         if run.session and run.session != before.session:
-            self._page.show_session(run.session)
+            self._show_session(run.session)
         self._page.show_run(run)
         if _stage(run) != _stage(before):
             self._looks = MAX_LOOKS
@@ -57,6 +59,7 @@ class SessionLink(QObject):
         if news.folder != self._page.folder:
             return
         self._page.show_news(news)
+        self.advanced.emit(news.folder, news.committed, len(self._page.attempts.rows))
         if task == "write_note":
             self._page.finish_note()
         if news.committed >= self._run.trials_committed:  # an attempt that failed may follow
@@ -79,9 +82,13 @@ class SessionLink(QObject):
 
     def _open(self, folder: str) -> None:
         """Show a session that is not the run's."""
-        self._page.show_session(folder)
+        self._show_session(folder)
         self._looks = 1
         self.submit()
+
+    def _show_session(self, folder: str) -> None:
+        self._page.show_session(folder)
+        self.advanced.emit(folder, 0, 0)
 
     def _take_note(self, note: dict[str, Any]) -> None:
         is_running = self._run.is_active and self._run.session == self._page.folder

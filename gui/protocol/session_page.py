@@ -8,6 +8,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QLineEdit, QListWidget, QTabWidget, QWidget
 
 from gui.protocol.editor.protocol_editor import ProtocolEditor
+from gui.protocol.learning.learning_page import LearningPage
 from gui.protocol.rows_table import AttemptModel, OrderModel, table_view
 from gui.protocol.run_values import (
     BAD,
@@ -50,7 +51,7 @@ class SessionPage(QWidget):
         self.order, self.attempts = OrderModel(ORDER_COLUMNS), AttemptModel()
         self.order_view = table_view(self.order, len(ORDER_COLUMNS) - 1)
         self.attempt_view = table_view(self.attempts, len(TRIAL_COLUMNS) - 1)
-        self.editor = ProtocolEditor()
+        self.learning, self.editor = LearningPage(), ProtocolEditor()
         self.notes = QListWidget()
         self.notes.setWordWrap(True)
         self.text = QLineEdit(maxLength=MAX_NOTE_LETTERS)
@@ -160,6 +161,7 @@ class SessionPage(QWidget):
     def _lay_out(self) -> None:
         self.tabs.addTab(self.attempt_view, "Trials")
         self.tabs.addTab(self.notes, "Notes")
+        self.tabs.addTab(self.learning, "Learning curve")
         self.tabs.addTab(self.order_view, "Planned order")
         self.tabs.addTab(self.editor, "Edit protocol")
         self.problem.hide()

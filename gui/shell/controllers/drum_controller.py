@@ -48,7 +48,7 @@ class DrumController(QObject):
         """Process messages; take the live data, and draw them while the plots are visible."""
         self.link.poll()
         self.safety.poll()
-        self.protocol_panel.worker.poll()
+        self.protocol_panel.poll()
         if self.link.live is not None:
             self.live_page.refresh_slowly(self.link.live)
 
@@ -68,8 +68,8 @@ class DrumController(QObject):
         self.connect_rig(another_on(self.toolbar.rig.currentData()), self.toolbar.chosen_world)
 
     def close(self) -> None:
-        """Leave the engine, which continues a run, and end the worker process."""
-        self.protocol_panel.worker.cancel()
+        """Leave the engine, which continues a run, and end the worker processes."""
+        self.protocol_panel.close_workers()
         self.live_page.close_files()
         self.link.close()
 
@@ -91,6 +91,7 @@ class DrumController(QObject):
         self.toolbar.connect_requested.connect(self.connect_rig)
         self.toolbar.disconnect_requested.connect(self.link.close)
         self.live_page.reported.connect(self.reported)
+        self.protocol_panel.reported.connect(self.reported)
         self.safety.title_changed.connect(self._show_alarm)
         strip = self.safety.alarms.strip
         for panel in (self.operate_panel, self.protocol_panel, self.prompt_panel, strip):

@@ -11,8 +11,12 @@ from PySide6.QtWidgets import QApplication
 
 from gui.analysis.results import AnalysisResults, ResultsPage
 from gui.live.page.live_page import ENCODER, TRIALS
+from gui.protocol.learning.learning_page import NO_SESSION
+from gui.protocol.protocol_panel import ProtocolPanel
 from gui.shell.main_window import MainWindow
 from gui.widgets.file_browser import PathKind
+from rigctl.analysis.learning.learning_curve import CurvePoint
+from rigctl.analysis.learning.session_curve import SessionCurve, describe_shortfall
 from rigctl.wire.drum.states import State
 from tests.gui.fake_engine import STATUS, FakeEngine
 from tests.gui.fake_finger import RUNNING, FakeFinger
@@ -188,6 +192,29 @@ def _protocol(stage: Stage) -> Iterator[str]:
     stage.update(run=RUN | {"state": "failed", "text": f"the recorder failed: {FAULT_WORDS}"})
     yield "Protocol, failed"
     yield from editor_scenes(panel)
+    yield from _learning_curve(panel)
+
+
+def _learning_curve(panel: ProtocolPanel) -> Iterator[str]:
+    click(panel.page_button)
+    page = panel.page.learning
+    panel.page.tabs.setCurrentWidget(page)
+    page.show_text(describe_shortfall({"A": {(60.0, 250.0, 0.0): [0]}, "B": {}}))
+    page.show_progress("encoding trials", 0.5)
+    QApplication.processEvents()
+    yield "Protocol, learning curve without trials"
+    plates = tuple("ABCDEFGHIJKLMNOP")
+    points = [
+        CurvePoint(n, plates, 15, 180 * n, 240 * n, 230 * n, 0.92, 0.97) for n in (1, 50, 100)
+    ]
+    remark = "Without L: too few trials for the last point"
+    page.show_curve(SessionCurve("/data/s", tuple(points), 24_000, 24_000, True, "", (remark,) * 3))
+    QApplication.processEvents()
+    yield "Protocol, learning curve"
+    page.show_text(NO_SESSION)
+    page.show_idle()
+    panel.page.tabs.setCurrentIndex(0)
+    click(panel.page_button)
 
 
 def _attach(stage: Stage) -> Iterator[str]:

@@ -1,0 +1,1 @@
+"""The learning curve on the page of a run."""

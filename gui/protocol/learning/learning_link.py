@@ -1,0 +1,118 @@
+"""Keeps the learning curve up to date: a worker process computes it while the tab is shown."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QObject, Signal
+
+from gui.analysis.export.export_button import TABLE
+from gui.analysis.export.picture_file import new_file, save_picture
+from gui.analysis.worker import Worker
+from gui.protocol.learning.curve_texts import VALUE_NAMES, values
+from gui.protocol.learning.learning_page import (
+    CANCELLED,
+    FAILED,
+    NO_SESSION,
+    NO_TRIAL,
+    LearningPage,
+)
+from rigctl.errors import RigctlError
+
+CURVE = "learning_curve"
+Stage = tuple[str, int, int]
+"""A session's folder, its trials that count, and all attempts: what changes the curve."""
+
+
+class LearningLink(QObject):
+    """Asks for a curve whenever the session of the page has got further.
+
+    It has a process of its own, so that neither the trial table nor an analysis waits for it.
+    """
+
+    reported = Signal(str, str)
+
+    def __init__(self, page: LearningPage) -> None:
+        super().__init__()
+        self.worker = Worker()
+        self._page = page
+        self._stage: Stage = ("", 0, 0)
+        self._computed: Stage | None = None
+        self._is_cancelled = False
+        page.shown.connect(self.submit)
+        page.pressed.connect(self._press)
+        page.export_requested.connect(self._export)
+        self.worker.progressed.connect(page.show_progress)
+        self.worker.finished.connect(self._finish)
+        self.worker.failed.connect(self._fail)
+
+    def show_session(self, folder: str, committed: int, attempts: int) -> None:
+        """Take note of how far the session of the page is."""
+        stage = folder, committed, attempts
+        if stage == self._stage:
+            return
+        if folder != self._stage[0]:
+            self._leave(folder)
+        self._stage = stage
+        self.submit()
+
+    def submit(self) -> None:
+        """Ask for the curve, if it is looked at and the process is free."""
+        folder, committed, _ = self._stage
+        is_due = self._computed != self._stage and committed > 0 and not self._is_cancelled
+        if not is_due or self.worker.is_busy or not self._page.isVisible():
+            return
+        self._computed = self._stage
+        self._page.show_computing()
+        self.worker.submit(CURVE, folder=folder)
+
+    def _leave(self, folder: str) -> None:
+        """Show another session, and end what is computed for the one before."""
+        if self.worker.is_busy:
+            self.worker.cancel()
+        self._computed, self._is_cancelled = None, False
+        self._page.show_idle()
+        self._page.show_text(NO_TRIAL if folder else NO_SESSION)
+
+    def _press(self) -> None:
+        if self.worker.is_busy:
+            self.worker.cancel()
+            self._is_cancelled = True
+            self._page.show_idle(CANCELLED)
+            return
+        self._is_cancelled, self._computed = False, None
+        self.submit()
+
+    def _finish(self, task: str, result: Any) -> None:
+        if task == CURVE and result.folder == self._stage[0]:
+            self._page.show_curve(result)
+            self._page.show_idle()
+        elif task != CURVE:
+            self.reported.emit("analysis", f"saved {result}")
+        self.submit()
+
+    def _fail(self, task: str, sentence: str) -> None:
+        if task == CURVE:
+            self._page.show_idle(FAILED)
+            self._page.show_text(sentence)
+        else:
+            self.reported.emit("refused", sentence)
+
+    def _export(self, suffix: str) -> None:
+        """Save the curve beside its session."""
+        curve = self._page.curve
+        if curve is None:
+            return
+        session = Path(curve.folder).expanduser().absolute()
+        try:
+            path = new_file(session.with_name(f"{session.name}-figures"), "learning-curve", suffix)
+            if suffix == TABLE:
+                table = {"names": VALUE_NAMES, "columns": values(curve)}
+                self.worker.submit("save_values", path=str(path), **table)
+                return
+            save_picture(self._page.figure, path)
+        except RigctlError as error:
+            self.reported.emit("refused", str(error))
+        else:
+            self.reported.emit("analysis", f"saved {path}")

@@ -1,0 +1,1 @@
+"""How well textures are told apart after so many trials, while a session grows."""
