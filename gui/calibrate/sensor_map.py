@@ -29,7 +29,8 @@ class SensorMap(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.asked: tuple[int, ...] = ()
-        self.known: list[tuple[int, int]] = []
+        self.known: tuple[tuple[int, int], ...] = ()
+        self.setAccessibleName("Map of the sensor")
         self.setMinimumSize(280, 170)
 
     def sizeHint(self) -> QSize:
@@ -38,9 +39,10 @@ class SensorMap(QWidget):
 
     def show_places(self, asked: Sequence[int], known: Sequence[tuple[int, int]]) -> None:
         """Show the places to press, and the two readings of each place that is known."""
-        self.asked, self.known = tuple(asked), list(known)
+        if (tuple(asked), tuple(known)) == (self.asked, self.known):
+            return
+        self.asked, self.known = tuple(asked), tuple(known)
         words = [f"{place_name(place)}: {self.text_of(place)}" for place in range(PER_LAYER)]
-        self.setAccessibleName("Map of the sensor")
         self.setAccessibleDescription("; ".join(words).replace("\n", " "))
         self.update()
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 
 from PySide6.QtWidgets import QScrollArea, QWidget
 
+from gui.calibrate.part_page import PartPage
 from gui.protocol.protocol_panel import LIVE_BUTTON
 from gui.screenshots.scene import SAVE_IN, Scene, Studio
 from gui.shell.main_window import MainWindow
@@ -22,6 +24,7 @@ repeats = 6
 """
 MIN_TRIALS = 2
 CALIBRATION_S = 2.0
+MASSES_G, STEPS = (200.0, 500.0), 7
 
 
 def drum_scenes(studio: Studio) -> Iterator[Scene]:
@@ -30,6 +33,7 @@ def drum_scenes(studio: Studio) -> Iterator[Scene]:
     window.show_panel("operate")
     _scroll_to(window.operate_panel.bring_up)
     yield Scene("bring-up")
+    yield from _calibration_scenes(studio)
     window.attach.list_engines()
     studio.camera.wait(window.attach.engines.isVisible)
     yield Scene("engines")
@@ -41,6 +45,40 @@ def drum_scenes(studio: Studio) -> Iterator[Scene]:
     window.show_panel("protocol")
     yield Scene("protocol", lambda: advance_run(window))
     yield from _protocol_pages(studio)
+
+
+def _calibration_scenes(studio: Studio) -> Iterator[Scene]:
+    """Calibrate the load cell, and identify some taxels."""
+    window, page = studio.window, studio.window.tools.calibrate_page
+    part = page.load_cell
+    window.tools.show_calibration(part.part)
+    for number, mass_g in enumerate((MASSES_G[0], *MASSES_G)):
+        part.mass.setValue(mass_g)
+        _press_and_wait(studio, part, partial(_has_masses, window, number + 1))
+    yield Scene("calibrate-load-cell")
+    window.tools.show_calibration(page.wiring.part)
+    for step in range(STEPS):
+        _press_and_wait(studio, page.wiring, partial(_is_at_step, window, step + 1))
+    yield Scene("calibrate-taxel-order")
+    page.wiring.discard_button.click()
+    page.closed.emit()
+
+
+def _press_and_wait(studio: Studio, part: PartPage, is_done: Callable[[], bool]) -> None:
+    """Measure, and wait until the page shows the result."""
+    wait = studio.camera.wait
+    wait(part.measure_button.isEnabled)
+    part.measure_button.click()
+    wait(is_done)
+    wait(part.measure_button.isEnabled)
+
+
+def _has_masses(window: MainWindow, count: int) -> bool:
+    return len(window.engine_link.status.calibration.masses) == count
+
+
+def _is_at_step(window: MainWindow, step: int) -> bool:
+    return window.engine_link.status.calibration.wiring_step == step
 
 
 def advance_run(window: MainWindow) -> bool:
