@@ -88,12 +88,13 @@ def run(args: argparse.Namespace) -> int:
     import pyqtgraph as pg
     from shiboken6 import delete
 
-    from gui.engine_clients import JOIN
+    from gui.engine_clients import JOIN, experiment_elsewhere, is_elsewhere
     from gui.shell.crash_reports import CrashReporter
     from gui.shell.main_window import MainWindow
     from gui.shell.memory.user_settings import UserSettings
     from gui.shell.small_screen import screen_complaint
     from gui.widgets.theme import ThemeChoice
+    from rigctl.acquisition.rpc.engine_files import FINGER_EXPERIMENT
     from rigctl.simulation.bench.world_file import load_world
 
     rig, world = _chosen_rig(args), args.world
@@ -101,6 +102,8 @@ def run(args: argparse.Namespace) -> int:
         if rig == JOIN:
             raise WrongUse("the running engine already has a world: join it without --world")
         load_world(world)
+    has_experiment = rig is not None and is_elsewhere(rig)
+    is_finger = has_experiment and experiment_elsewhere(str(rig)) == FINGER_EXPERIMENT
     app = pg.mkQApp("rigctl")
     settings = UserSettings.of_user()
     themes = ThemeChoice.__members__
@@ -117,7 +120,10 @@ def run(args: argparse.Namespace) -> int:
         window.report("check", complaint)
     Thread(target=_load_compiler).start()
     window.analysis_tab.prepare()
-    if rig is not None:
+    if rig is not None and is_finger:
+        window.show_panel("finger")
+        window.finger_tab.connect_rig(rig)
+    elif rig is not None:
         window.connect_rig(rig, str(world or ""))
     else:
         if world is not None:

@@ -137,6 +137,11 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         """Whether there is no rig behind the engine, only the folder of a session."""
         return self._client is not None and self._client.engine_file.experiment == FOLLOWED
 
+    @property
+    def is_elsewhere(self) -> bool:
+        """Whether the engine is on another computer, or only follows a session."""
+        return self._client is not None and (self.follows or not self._client.shares_memory)
+
     def open(self, *engine: Any) -> None:
         """Start to connect; ``engine``: the factory's arguments.
 

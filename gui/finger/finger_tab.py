@@ -27,16 +27,15 @@ from gui.operate.prompt import PromptPanel
 from gui.widgets.layouts import container, vbox
 from gui.widgets.theme import Theme
 from rigctl.errors import RigctlError
-from rigctl.protocol.finger_plan import load_finger_protocol
 from rigctl.realtime.finger_rig import RUN_FIRST_SLIDE
 from rigctl.realtime.live_file import FingerLiveReader
 from rigctl.realtime.messages import FingerEngineStatus, FingerRunStatus, parse_finger_status
-from rigctl.session.format.layout import PROTOCOL_FILE
 
 FINGER: Dialect[FingerEngineStatus, FingerLiveReader] = Dialect(
     parse_finger_status, FingerLiveReader
 )
 ENGINE_SILENT = "the finger's engine does not answer"
+ELSEWHERE = "The session is on the rig's computer: make its models in a window there"
 _NEXT = {TRAIN: CALIBRATE, CALIBRATE: RUN}
 _UNTOLD = ("batch", "prediction")
 """Events of every 100 ms, which would flood the log."""
@@ -63,7 +62,6 @@ class FingerTab(QObject):
         self._stage = self._folder = ""
         """Stage and session of the run that this window started, until its models are made."""
         self._is_silent = False
-        self._session = ""
         self._connect_engine()
         self._connect_controls()
         self._show_state()
@@ -162,7 +160,6 @@ class FingerTab(QObject):
 
     def _on_opened(self) -> None:
         self._is_silent = False
-        self._session = ""
         self.view.clear()
         self.bar.show_connected()
         self.reported.emit("rig", "finger: connected")
@@ -218,7 +215,6 @@ class FingerTab(QObject):
         if (scan := status.run.scan) is not None and self.view.record.scan < 0:
             self.view.record.announce(scan.texture, scan.profile)
         self.view.show_status(status)
-        self._read_protocol(status.run.session)
         self._show_state()
         if status.run.state == "done" and self._stage in _NEXT and self._is_own(status.run):
             self._make_models()
@@ -229,18 +225,6 @@ class FingerTab(QObject):
             run.session is not None and Path(run.session).resolve() == Path(self._folder).resolve()
         )
 
-    def _read_protocol(self, session: str | None) -> None:
-        """Show the limits of the run's own protocol."""
-        if session is None or session == self._session:
-            return
-        self._session = session
-        try:
-            protocol = load_finger_protocol(Path(session) / PROTOCOL_FILE)
-        except RigctlError as error:
-            self.reported.emit("log", str(error))
-        else:
-            self.view.plots.set_quality(protocol.quality)
-
     def _show_state(self) -> None:
         status = self.link.status
         is_busy = self.worker.is_busy or self._waiting is not None
@@ -248,7 +232,7 @@ class FingerTab(QObject):
         self.run_box.show_status(status, self.setup.can_start, is_busy)
 
     def _report_shown(self, scan: int, sent_s: float) -> None:
-        if self.link.is_connected:
+        if self.link.is_connected and not self.link.is_elsewhere:
             self.link.request("shown", scan=scan, sent_s=sent_s)
 
     def _make_models(self) -> None:
@@ -256,6 +240,9 @@ class FingerTab(QObject):
         self._stage = ""
         session = self.link.status.run.session
         if session is None or self.worker.is_busy:
+            return
+        if self.link.is_elsewhere:
+            self.run_box.show_models(ELSEWHERE, "bad")
             return
         self.run_box.show_models("Making the models …")
         self.worker.submit(

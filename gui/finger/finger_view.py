@@ -70,6 +70,8 @@ class FingerView(QWidget):
         show_text(self.progress, _progress_words(status))
         self.bars.show_textures(run.textures)
         self.answer.coverage = run.coverage
+        if run.quality != self.plots.quality:
+            self.plots.set_quality(run.quality)
         self.confusion.show_run(run)
 
     def show_record(self, sent_s: float | None = None) -> None:

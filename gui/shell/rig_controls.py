@@ -32,5 +32,5 @@ def drum_controls(
 def finger_controls(finger: FingerTab) -> list[QWidget]:
     """Return what acts on the rig of the moving finger, but STOP."""
     box, prompt = finger.run_box, finger.prompt_panel
-    runs = (*box.buttons.values(), box.continue_button, box.inject)
+    runs = (*box.buttons.values(), box.continue_button, box.models_button, box.inject)
     return [*runs, prompt.confirm, prompt.abort]

@@ -23,7 +23,7 @@ MAGIC = 0x3152_474E_4947_4952  # "RIGINGR1", low byte first
 TAXEL_ROWS = 1 << 15
 TRACK_ROWS = 1 << 13
 
-_LAYOUT = LiveLayout(
+FINGER_LIVE = LiveLayout(
     MAGIC,
     N_TAXELS,
     taxel_columns={
@@ -69,7 +69,7 @@ class FingerLiveWriter(LiveFileWriter):
     """The engine's side: creates the file and appends rows."""
 
     def __init__(self, path: Path) -> None:
-        super().__init__(path, _LAYOUT, TAXEL_ROWS, TRACK_ROWS)
+        super().__init__(path, FINGER_LIVE, TAXEL_ROWS, TRACK_ROWS)
 
     def add_block(self, block: FingerBlock, arrived_s: float) -> None:
         """Append samples; the last one was taken when the block arrived."""
@@ -97,12 +97,16 @@ class FingerLiveWriter(LiveFileWriter):
             valid=float(valid),
         )
 
+    def add_track(self, time_s: NDArray[np.float64], **columns: NDArray[np.generic]) -> None:
+        """Append positions, oldest first, with the columns of :class:`TrackWindow`."""
+        self._file.other.append(len(time_s), time_s=time_s, **columns)
+
 
 class FingerLiveReader(LiveFileReader):
     """A window's side: copies of the newest rows at any time."""
 
     def __init__(self, path: Path) -> None:
-        super().__init__(path, _LAYOUT)
+        super().__init__(path, FINGER_LIVE)
 
     def taxels(self, n: int) -> FingerWindow:
         """Return the newest ``n`` samples, or all if there are fewer."""

@@ -19,6 +19,9 @@ from rigctl.acquisition.rpc.messages import (
     RecordingStatus,
     parse_fields,
 )
+from rigctl.protocol.finger_plan import ScanQuality
+
+NOMINAL_QUALITY = ScanQuality()
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +43,7 @@ class FingerRunStatus:
     ``reasons``: what the run waits for. ``text``: one sentence on how it ended, empty before.
     ``correct`` of ``classified`` scans were named correctly. ``confusion``: the number of scans by
     true and predicted texture. ``coverage``: share of the sets that hold the true texture.
+    ``quality``: the limits of the protocol.
     """
 
     state: str = "idle"
@@ -58,6 +62,7 @@ class FingerRunStatus:
     correct: int = 0
     confusion: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
     coverage: float = 0.95
+    quality: ScanQuality = NOMINAL_QUALITY
 
     @property
     def is_active(self) -> bool:
@@ -113,6 +118,7 @@ def parse_finger_status(data: Mapping[str, Any]) -> FingerEngineStatus:
 _RUN_PARSERS: FieldParsers = {
     **PARSERS,
     "textures": tuple,
+    "quality": lambda data: parse_fields(ScanQuality, data, {}),
     "scan": lambda data: parse_fields(CurrentScan, data, {}),
 }
 _PARSERS: FieldParsers = {

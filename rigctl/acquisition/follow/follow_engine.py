@@ -7,13 +7,12 @@ It reads the folder alone, from any computer that can, and refuses every command
 from __future__ import annotations
 
 import asyncio
-from typing import Any
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Protocol
 
-from rigctl.acquisition.follow.followed_live import FollowedLive
-from rigctl.acquisition.follow.followed_status import FollowedStatus
-from rigctl.acquisition.follow.growing_session import GrowingSession
-from rigctl.acquisition.live_buffer import LiveWriter
-from rigctl.acquisition.rpc.messages import EngineStatus, as_dict
+from rigctl.acquisition.live_file import LiveFileWriter
+from rigctl.acquisition.rpc.messages import as_dict
 from rigctl.acquisition.served_engine import ServedEngine
 from rigctl.errors import SessionError, WrongUse
 from rigctl.values import Event
@@ -23,16 +22,38 @@ REFRESH_S = 0.25
 SHOWN_PAST_EVENTS = 200
 
 
+class FollowedSession(Protocol):
+    """A session of either experiment that grows, with live data and a status made of it."""
+
+    @property
+    def path(self) -> Path:
+        """The session's folder."""
+
+    @property
+    def newest_s(self) -> float:
+        """Loop time of the recorder at the newest row, s."""
+
+    def refresh(self) -> None:
+        """Update to what the recorder has flushed. Raises SessionError, OSError."""
+
+    def take(self, now_s: float) -> Iterator[list[Event]]:
+        """Make live data of the new rows, and yield the new events; ``now_s``: of this process."""
+
+    def status(self, now_s: float) -> Any:
+        """Return the status message at the time of :meth:`take`; reads no file."""
+
+    def close(self) -> None:
+        """Close the files."""
+
+
 class FollowEngine(ServedEngine[Any, Any]):
-    """Follows one session; raises SessionError where it cannot be opened."""
+    """Follows one session."""
 
     def __init__(
-        self, loop: asyncio.AbstractEventLoop, growing: GrowingSession, writer: LiveWriter
+        self, loop: asyncio.AbstractEventLoop, followed: FollowedSession, writer: LiveFileWriter
     ) -> None:
-        super().__init__(loop, str(growing.session.path), writer)
-        self._growing = growing
-        self._live = FollowedLive(writer, growing.session.header)
-        self._status = FollowedStatus(growing.session)
+        super().__init__(loop, str(followed.path), writer)
+        self._followed = followed
         self._refreshed_s = loop.time()
         self._failure = ""
 
@@ -40,9 +61,9 @@ class FollowEngine(ServedEngine[Any, Any]):
         """Refuse a run."""
         raise WrongUse(refusal("start"))
 
-    def status(self) -> EngineStatus:
+    def status(self) -> Any:
         """Return the status message."""
-        return self._status.build(self.loop.time() - REFRESH_S)
+        return self._followed.status(self.loop.time() - REFRESH_S)
 
     async def _connect(self) -> None:
         self._take(is_first=True)
@@ -52,7 +73,7 @@ class FollowEngine(ServedEngine[Any, Any]):
             return
         self._refreshed_s = self.loop.time()
         try:
-            self._growing.refresh()
+            self._followed.refresh()
             self._take()
         except (SessionError, OSError) as error:
             self._publish_failure(str(error))
@@ -66,15 +87,11 @@ class FollowEngine(ServedEngine[Any, Any]):
         self._failure = sentence
 
     def _take(self, is_first: bool = False) -> None:
-        for rows in self._growing.take_rows():
-            for block in rows.blocks:
-                self._live.add_block(block)
-            self._live.add_drum(rows.polls, rows.loadcell)
-            self._status.update(rows, self.loop.time())
+        for events in self._followed.take(self.loop.time()):
             if is_first:
-                self._remember(rows.events[-SHOWN_PAST_EVENTS:])
+                self._remember(events[-SHOWN_PAST_EVENTS:])
             else:
-                self._tell(rows.events)
+                self._tell(events)
 
     def _tell(self, events: list[Event]) -> None:
         for event in events:
@@ -82,7 +99,7 @@ class FollowEngine(ServedEngine[Any, Any]):
 
     def _remember(self, events: list[Event]) -> None:
         """Keep events of before, as old as the newest rows say."""
-        ahead_s = self.loop.time() - self._status.newest_s
+        ahead_s = self.loop.time() - self._followed.newest_s
         for event in events:
             self._history.add(Event(event.at_s + ahead_s, event.kind, event.text))
 
@@ -90,7 +107,7 @@ class FollowEngine(ServedEngine[Any, Any]):
         """Do nothing: there is no rig."""
 
     def _disconnect(self) -> None:
-        self._growing.close()
+        self._followed.close()
 
 
 class FollowCommands:

@@ -9,28 +9,33 @@ from typing import Any
 
 import msgspec
 
-from rigctl.acquisition.live_buffer import DRUM_LIVE, DRUM_ROWS, TAXEL_ROWS
-from rigctl.acquisition.live_file import LiveFile
+from rigctl.acquisition.live_file import LiveFile, LiveLayout
 from rigctl.acquisition.rpc.client import EngineClient
-from rigctl.acquisition.rpc.engine_files import DRUM_EXPERIMENT, EngineFile
+from rigctl.acquisition.rpc.engine_files import EngineFile
 from rigctl.acquisition.rpc.runtime_folder import ENGINE_FILE, LIVE, SOCKET
 from rigctl.acquisition.sharing.sample_stream import append_samples
-from rigctl.errors import WrongUse
+from rigctl.errors import LinkLost, WrongUse
 
 FILE_LIMIT_BYTES = 1 << 16
+KEPT_ROWS = (1 << 15, 1 << 13)
+"""Of both rings: half a minute, as the engine keeps."""
 
 
 class RemoteClient(EngineClient):
     """One connection to an engine whose memory is elsewhere.
 
     The engine streams its live data; they are kept in a file of this computer, which has the place
-    of the engine's own in ``engine_file``. Raises LinkLost where nothing answers.
+    of the engine's own in ``engine_file``. ``layout``: of its experiment.
+    Raises LinkLost where nothing answers.
     """
 
-    def __init__(self, engine: EngineFile) -> None:
+    shares_memory = False
+
+    def __init__(self, engine: EngineFile, layout: LiveLayout) -> None:
+        self._layout = layout
         self._folder = tempfile.TemporaryDirectory(prefix="rigctl-remote-")
         path = Path(self._folder.name) / (engine.name + LIVE)
-        self._file = LiveFile.create(path, DRUM_LIVE, TAXEL_ROWS, DRUM_ROWS)
+        self._file = LiveFile.create(path, layout, *KEPT_ROWS)
         try:
             super().__init__(replace(engine, live=str(path)))
             self.send("stream")
@@ -38,13 +43,15 @@ class RemoteClient(EngineClient):
             self._remove_file()
             raise
 
-    def drain(self) -> list[dict[str, Any]]:
-        """Return what :meth:`EngineClient.drain` does, without the samples, which are stored."""
-        messages = super().drain()
-        for message in messages:
-            if message.get("event") == "samples":
-                append_samples(self._file, DRUM_LIVE, message.get("data") or {})
-        return [message for message in messages if message.get("event") != "samples"]
+    def _keep(self, message: dict[str, Any]) -> None:
+        """Store samples as they come, whether or not somebody takes the messages."""
+        if message.get("event") != "samples":
+            super()._keep(message)
+            return
+        try:
+            append_samples(self._file, self._layout, message.get("data") or {})
+        except LinkLost as error:
+            self._link_error = str(error)
 
     def close(self) -> None:
         """Close the connection; the engine continues."""
@@ -63,8 +70,6 @@ def read_remote_engine(path: Path) -> EngineFile:
     Raises WrongUse where the file or the socket is not there.
     """
     engine = _read(path)
-    if engine.experiment != DRUM_EXPERIMENT:
-        raise WrongUse(f"{path} is of an engine of the moving finger: samples of the drum only")
     beside = path.absolute().parent / (path.name.removesuffix(ENGINE_FILE) + SOCKET)
     if engine.socket and not beside.exists():
         raise WrongUse(

@@ -7,14 +7,26 @@ import asyncio
 from contextlib import closing
 from pathlib import Path
 
-from rigctl.acquisition.follow.follow_engine import FollowCommands, FollowEngine
+from rigctl.acquisition.follow.follow_engine import (
+    FollowCommands,
+    FollowedSession,
+    FollowEngine,
+)
+from rigctl.acquisition.follow.followed_drum import FollowedDrum
 from rigctl.acquisition.follow.growing_session import GrowingSession
 from rigctl.acquisition.live_buffer import LiveWriter
+from rigctl.acquisition.live_file import LiveFileWriter
 from rigctl.acquisition.rpc.engine_files import FOLLOWED
 from rigctl.cli.options.arguments import path_or_name, whole_number
 from rigctl.cli.rig.engine_process import EngineProcess
 from rigctl.errors import WrongUse
+from rigctl.finger_values import N_FINGER_TAXELS
 from rigctl.protocol.plan import MAX_SEED
+from rigctl.realtime.follow.followed_finger import FollowedFinger
+from rigctl.realtime.follow.growing_finger_session import GrowingFingerSession
+from rigctl.realtime.live_file import FingerLiveWriter
+from rigctl.session.read.finger_session import is_finger_session
+from rigctl.session.read.session_reader import SessionReader
 from rigctl.values import N_TAXELS
 
 
@@ -28,14 +40,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Open the session, announce the follower, wait for its first client, serve."""
-    growing = GrowingSession(Path(args.rig))
-    if (n_taxels := growing.session.header.n_taxels) != N_TAXELS:
+    path = Path(args.rig)
+    if is_finger_session(path):
+        finger = GrowingFingerSession(path)
+        _check_taxels(finger.session, N_FINGER_TAXELS)
+        process = EngineProcess(args.name, args.rig, FOLLOWED)
+        with closing(FingerLiveWriter(process.live_path)) as live:
+            return _serve(process, FollowedFinger(finger, live), live)
+    drum = GrowingSession(path)
+    _check_taxels(drum.session, N_TAXELS)
+    process = EngineProcess(args.name, args.rig, FOLLOWED)
+    with closing(LiveWriter(process.live_path)) as live:
+        return _serve(process, FollowedDrum(drum, live), live)
+
+
+def _serve(process: EngineProcess, followed: FollowedSession, live: LiveFileWriter) -> int:
+    with closing(asyncio.SelectorEventLoop()) as loop:
+        engine = FollowEngine(loop, followed, live)
+        return process.serve(engine, FollowCommands(engine).handle, None)
+
+
+def _check_taxels(session: SessionReader, shown: int) -> None:
+    """Raise WrongUse for a session that the live views cannot show."""
+    if (n_taxels := session.header.n_taxels) != shown:
         raise WrongUse(
-            f"{args.rig} has {n_taxels} taxels, but live views have {N_TAXELS}: open it in the "
+            f"{session.path} has {n_taxels} taxels, but live views have {shown}: open it in the "
             "panel Analysis"
         )
-    process = EngineProcess(args.name, args.rig, FOLLOWED)
-    loop = asyncio.SelectorEventLoop()
-    with closing(loop), closing(LiveWriter(process.live_path)) as live:
-        engine = FollowEngine(loop, growing, live)
-        return process.serve(engine, FollowCommands(engine).handle, None)

@@ -27,7 +27,7 @@ class FingerProgress:
         self.planned = len(plan.trials)
         self.committed = len(done)
         self.rejected = rejected
-        self.textures = plan.protocol.textures
+        self.textures, self.quality = plan.protocol.textures, plan.protocol.quality
         self.confusion = {true: dict.fromkeys(self.textures, 0) for true in self.textures}
         self._remaining = self.planned - self.committed
         self._finished = 0
@@ -90,4 +90,5 @@ def run_status(
         classified=progress.classified,
         correct=progress.correct,
         confusion=progress.confusion,
+        quality=progress.quality,
     )

@@ -1,0 +1,95 @@
+"""What a follower tells of every growing session: samples, trials, losses, run, and their ages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rigctl.acquisition.follow.followed_run import FollowedRun
+from rigctl.acquisition.follow.growing_reader import PartOrigin
+from rigctl.acquisition.health.rate_meter import RateMeter
+from rigctl.acquisition.rpc.messages import RecordingStatus
+from rigctl.session.read.session_reader import SessionReader
+from rigctl.values import Event, Verdict
+
+RATE_WINDOW_S = 1.0
+QUIET_S = 3.0
+"""Without new rows for this long the recorder is said to write nothing."""
+
+
+class FollowedGrowth:
+    """Counts what came at each look, so that a status needs no file. Ages count from that look."""
+
+    def __init__(self, session: SessionReader) -> None:
+        self._session = session
+        self._rate = RateMeter(RATE_WINDOW_S)
+        self._samples = 0
+        self._sampled_s: float | None = None
+        self._origin: PartOrigin | None = None
+        self.run = FollowedRun()
+        self.newest_s = 0.0
+        """Loop time of the recorder at the newest row, s."""
+        self._count()
+
+    def update(
+        self, origin: PartOrigin, samples: int, events: Sequence[Event], now_s: float
+    ) -> None:
+        """Take note of new rows of one part that were read at ``now_s``."""
+        self._samples += samples
+        self._rate.update(now_s, self._samples)
+        if samples:
+            self._sampled_s = now_s
+        if origin != self._origin:
+            self._origin = origin
+            self.run.begin_part(origin.sitting)
+        self.run.update(events)
+        for event in events:
+            self.see(event.at_s)
+        self._count()
+
+    def see(self, at_s: float) -> None:
+        """Take the loop time of a new row."""
+        self.newest_s = max(self.newest_s, at_s)
+
+    @property
+    def rate_hz(self) -> float:
+        """Samples of the last second."""
+        return self._rate.per_s
+
+    @property
+    def state(self) -> str:
+        """The state of the run."""
+        return self.run.state(has_ended=self.has_ended)
+
+    def sample_age_s(self, now_s: float) -> float | None:
+        """Return the time since new samples came, None before any."""
+        return age_s(self._sampled_s, now_s)
+
+    def is_growing(self, rows_age_s: float | None) -> bool:
+        """Return whether rows of this age say that the recorder writes."""
+        return not self.has_ended and rows_age_s is not None and rows_age_s < QUIET_S
+
+    def recording(self, now_s: float) -> RecordingStatus:
+        """Return what has reached the disk."""
+        grows = self.is_growing(self.sample_age_s(now_s))
+        return RecordingStatus(
+            active=grows,
+            samples_on_disk=self.samples_on_disk,
+            samples_last_s=round(self._rate.per_s) if grows else 0,
+            folder=str(self._session.path),
+        )
+
+    def _count(self) -> None:
+        session = self._session
+        self.has_ended = session.finished
+        self.samples_on_disk = session.n_samples
+        gaps = session.gaps
+        self.gaps, self.lost_samples = len(gaps), int(gaps["count"].sum())
+        self.trials_committed = len(session.committed())
+        self.trials_rejected = int(np.sum(session.trials["verdict"] == Verdict.REJECTED.value))
+
+
+def age_s(seen_s: float | None, now_s: float) -> float | None:
+    """Return the time since a look, None before it."""
+    return None if seen_s is None else max(0.0, now_s - seen_s)
