@@ -17,7 +17,8 @@ from rigctl.acquisition.live_file import LiveFileWriter
 from rigctl.acquisition.protocol.run_reasons import DISK, RunReasons
 from rigctl.acquisition.rpc.door import Door
 from rigctl.acquisition.rpc.messages import STATUS_PERIOD_S, engine_message
-from rigctl.acquisition.rpc.server import ConnectedClient, RequestHandler, Server
+from rigctl.acquisition.rpc.queues.connected_client import ConnectedClient
+from rigctl.acquisition.rpc.server import RequestHandler, Server
 from rigctl.acquisition.sharing.client_commands import ClientCommands
 from rigctl.acquisition.sharing.control import Control
 from rigctl.acquisition.sharing.event_history import EventHistory, PastEvent
@@ -170,6 +171,7 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
             self._check_idle()
             self._send_status()
             self.stream.send()
+            self._tend_clients()
 
     def _serve_boards(self) -> None:
         """Do what the boards need ten times a second."""
@@ -193,7 +195,13 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
 
     def _send_status(self) -> None:
         if len(self._server):
-            self._server.broadcast(engine_message("status", "", self.status(), self._now_s()))
+            message = engine_message("status", "", self.status(), self._now_s())
+            self._server.broadcast_status(message)
+
+    def _tend_clients(self) -> None:
+        """Tell clients what they missed; the others learn who was disconnected."""
+        for number in self._server.tend(self._now_s()):
+            self.control.drop(number, "stopped reading and was disconnected")
 
     def _report_failure(self, sentence: str) -> None:
         """Publish that a request failed inside the engine, which goes on."""

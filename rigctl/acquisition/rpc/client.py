@@ -10,7 +10,6 @@ import struct
 import subprocess
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -28,12 +27,19 @@ from rigctl.acquisition.rpc.engine_launch import (
     spawn_engine,
     wait_for_engine_file,
 )
-from rigctl.acquisition.rpc.messages import LINE_LIMIT_BYTES, decode_message, encode_message
+from rigctl.acquisition.rpc.messages import (
+    DISCONNECTED,
+    LINE_LIMIT_BYTES,
+    decode_message,
+    encode_message,
+)
+from rigctl.acquisition.rpc.queues.message_queue import MessageQueue
 from rigctl.acquisition.rpc.runtime_folder import new_engine_name, runtime_folder
 from rigctl.errors import LinkLost, RigctlError, RigFault, WrongUse
 
 START_TIMEOUT_S = 60.0
 WAIT_TIMEOUT_S = 10
+READ_BYTES, MAX_READS = 1 << 18, 8
 NAME_LETTERS = 80
 """Of a client's name."""
 ENGINE_COMMAND, FINGER_ENGINE_COMMAND = "engine", "finger-engine"
@@ -46,17 +52,22 @@ class EngineClient:
     All calls are from one thread.
     """
 
+    shares_memory = True
+    """Whether the live data are the engine's own."""
+
     def __init__(
         self, engine_file: EngineFile, process: subprocess.Popen[bytes] | None = None
     ) -> None:
         self.engine_file = engine_file
         self.process = process
-        self._messages: deque[dict[str, Any]] = deque(maxlen=100_000)
+        self._messages = MessageQueue()
         self._replies: dict[int, dict[str, Any]] = {}  # of awaited requests, empty before it comes
         self._received = bytearray()
+        self.received_bytes = 0
         self._last_id = 0
         self._live: LiveReader | None = None
         self._link_error = ""
+        self._is_disconnected = False
         self._socket = _connect(engine_file)
         self._write({"token": engine_file.token})
 
@@ -142,8 +153,7 @@ class EngineClient:
         Raises LinkLost once the link is lost and all messages are returned.
         """
         self._receive(0.0)
-        drained = list(self._messages)
-        self._messages.clear()
+        drained = self._messages.take()
         if self._link_error and not drained:
             raise LinkLost(self._link_error)
         return drained
@@ -165,12 +175,13 @@ class EngineClient:
     def shut_down(self, timeout_s: float = 30.0) -> int | None:
         """End the engine, which makes the rig safe; return its exit code where it is our process.
 
-        Raises RigFault where it does not end in time.
+        An engine that has disconnected this client goes on. Raises RigFault where it does not end
+        in time.
         """
         if not self._link_error:
             self.send("shutdown")
         self.close()
-        return self._wait_ended(timeout_s)
+        return None if self._is_disconnected else self._wait_ended(timeout_s)
 
     def leave(self, timeout_s: float = 30.0) -> int | None:
         """End the engine as :meth:`shut_down` where nobody else uses it and nothing runs.
@@ -179,6 +190,7 @@ class EngineClient:
         """
         try:
             ends = bool(self._link_error) or bool(self.request("leave")["ends"])
+            ends = ends and not self._is_disconnected
         finally:
             self.close()
         if ends:
@@ -222,14 +234,21 @@ class EngineClient:
             self._receive(remaining_s)
 
     def _receive(self, timeout_s: float) -> None:
-        """Read what has arrived, after a wait of up to the timeout for the first byte."""
-        while not self._link_error and select.select([self._socket], [], [], timeout_s)[0]:
+        """Read what has arrived, after a wait of up to the timeout for the first byte.
+
+        What is more than a few reads stays for the next call, so that an engine that sends faster
+        than this program reads does not keep it here.
+        """
+        for _ in range(MAX_READS):
+            if self._link_error or not select.select([self._socket], [], [], timeout_s)[0]:
+                break
             timeout_s = 0.0
             try:
-                data = self._socket.recv(1 << 18)
+                data = self._socket.recv(READ_BYTES)
             except OSError as error:
                 self._set_lost(error.strerror or "connection broken")
                 break
+            self.received_bytes += len(data)
             if not data:
                 self._set_lost("it closed the connection")
             self._split_lines(data)
@@ -246,10 +265,17 @@ class EngineClient:
             except ValueError:
                 self._set_lost("it sent a line that is no message")
                 return
-            if message.get("reply") in self._replies:
-                self._replies[message["reply"]] = message
-            else:
-                self._messages.append(message)
+            self._keep(message)
+
+    def _keep(self, message: dict[str, Any]) -> None:
+        """Keep a message until somebody takes it."""
+        if message.get("reply") in self._replies:
+            self._replies[message["reply"]] = message
+        elif message.get("event") == DISCONNECTED:
+            self._is_disconnected = True
+            self._link_error = str(message.get("text"))
+        else:
+            self._messages.put(message)
 
     def _write(self, message: dict[str, Any]) -> None:
         try:
@@ -259,6 +285,8 @@ class EngineClient:
             raise LinkLost(self._link_error) from error
 
     def _set_lost(self, why: str) -> None:
+        if self._link_error:
+            return  # the engine has said why
         self._link_error = f"the engine ended ({why}): start it again; the session it wrote is kept"
 
 

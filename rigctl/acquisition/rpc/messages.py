@@ -41,6 +41,8 @@ REQUEST_LIMIT_BYTES = 1 << 16
 SHOWN_LETTERS = 100
 """Of what a refusal cites from a request."""
 STATUS_PERIOD_S = 0.1
+DISCONNECTED = "disconnected"
+"""The last event that a client gets which the engine disconnects; its text is the reason."""
 PAPER_SENSOR = SensorLayout.default(N_TAXELS)
 NOMINAL_LIMITS = RigLimits()
 NO_CALIBRATION = CalibrationStatus()

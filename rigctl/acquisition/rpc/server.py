@@ -1,6 +1,6 @@
 """The engine's server: clients that the door let in send one JSON line per request, get events.
 
-The server drops a client that does not read before it costs memory; no client can block the loop.
+What is queued for a client that does not read is bounded, and no client can block the loop.
 It sets no timer, so clients that come and go change nothing in a simulated run.
 """
 
@@ -17,9 +17,10 @@ from rigctl.acquisition.rpc.messages import (
     decode_request,
     encode_message,
 )
+from rigctl.acquisition.rpc.queues.connected_client import MAX_UNDER_WAY, ConnectedClient
 from rigctl.errors import RigctlError, WrongUse
 
-UNREAD_LIMIT_BYTES = 4 << 20
+MAX_CLIENTS = 64
 REFUSAL_LETTERS = 500
 """Of the longest refusal: it may cite a path of a request, which has up to 4096 letters."""
 RequestHandler = Callable[[str, dict[str, Any]], Awaitable[dict[str, Any]]]
@@ -34,31 +35,6 @@ class ClientDesk(Protocol):
 
     def close(self) -> None:
         """Take note that the client has left."""
-
-
-class ConnectedClient:
-    """One client that the door let in. ``number``: its own, never given again."""
-
-    def __init__(self, number: int, writer: asyncio.StreamWriter) -> None:
-        self.number = number
-        self._writer = writer
-
-    @property
-    def unread_bytes(self) -> int:
-        """Bytes that the client has not read yet."""
-        return int(self._writer.transport.get_write_buffer_size())
-
-    def send(self, line: bytes) -> None:
-        """Send a line, or drop a client that has stopped reading."""
-        if self._writer.is_closing():
-            return
-        self._writer.write(line)
-        if self.unread_bytes > UNREAD_LIMIT_BYTES:
-            self._writer.transport.abort()
-
-    def close(self) -> None:
-        """Close the connection."""
-        self._writer.close()
 
 
 DeskFactory = Callable[[ConnectedClient], ClientDesk]
@@ -96,7 +72,7 @@ class Server:
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
     def __len__(self) -> int:
-        return len(self._clients)
+        return sum(not client.is_dropped for client in self._clients)
 
     def set_greeting(self, message: dict[str, Any]) -> None:
         """Send a message to every present client, and to each future one when it connects."""
@@ -111,12 +87,25 @@ class Server:
         for client in tuple(self._clients):
             client.send(line)
 
+    def broadcast_status(self, message: dict[str, Any]) -> None:
+        """Send a status to every client that keeps up."""
+        line = encode_message(message) if self._clients else b""
+        for client in tuple(self._clients):
+            client.send_status(line)
+
+    def tend(self, now_s: float) -> list[int]:
+        """Tell clients what was left out; return the numbers of those disconnected just now."""
+        return [client.number for client in tuple(self._clients) if client.tend(now_s)]
+
     def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.get_running_loop().create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
     async def _admit(self, client: LoggedIn) -> None:
+        if len(self._clients) >= MAX_CLIENTS:
+            client.connection.close()
+            return
         await self._serve(*await self._connect(client))
 
     async def _connect(self, client: LoggedIn) -> tuple[asyncio.StreamReader, ConnectedClient]:
@@ -161,7 +150,15 @@ class Server:
         except WrongUse as error:
             client.send(encode_message({"reply": None, **_refusal(error)}))
             return
-        client.send(await self._answer(desk, request))
+        if client.under_way >= MAX_UNDER_WAY and request.command != "stop":
+            full = WrongUse(f"{MAX_UNDER_WAY} requests are under way: wait for their replies")
+            client.send(encode_message({"reply": request.id, **_refusal(full)}))
+            return
+        client.under_way += 1
+        try:
+            client.send(await self._answer(desk, request))
+        finally:
+            client.under_way -= 1
 
     async def _answer(self, desk: ClientDesk, request: EngineRequest) -> bytes:
         """Return the reply to a request, whatever happens to it."""

@@ -12,7 +12,7 @@ from msgspec import Meta
 
 from rigctl.acquisition.rpc.arguments import Number, read_arguments
 from rigctl.acquisition.rpc.declared_commands import Result, declared_methods
-from rigctl.acquisition.rpc.server import ConnectedClient
+from rigctl.acquisition.rpc.queues.connected_client import ConnectedClient
 from rigctl.acquisition.sharing.control import Control
 from rigctl.acquisition.sharing.event_history import KEPT_EVENTS, PastEvent
 from rigctl.acquisition.sharing.sample_stream import SampleStream

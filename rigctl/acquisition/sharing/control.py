@@ -68,13 +68,17 @@ class Control:
 
     def leave(self, client: int) -> None:
         """Remove a client; control goes to the one that asked first, else to nobody."""
+        self.drop(client, "has left")
+
+    def drop(self, client: int, why: str) -> None:
+        """Remove a client as :meth:`leave` does; ``why``: what it has done, for the others."""
         name = self._names.pop(client, None)
         self._asking = [number for number in self._asking if number != client]
         if self._holder == client:
             self._holder = self._asking.pop(0) if self._asking else None
-            self._changed(f"{_named(client, name)} has left; {self._who()} has control")
+            self._changed(f"{_named(client, name)} {why}; {self._who()} has control")
         elif name is not None:
-            self._changed(f"{name} has left")
+            self._changed(f"{name} {why}")
 
     def require(self, client: int) -> None:
         """Give a client control where nobody has it. Raises WrongUse where another one has it."""

@@ -20,13 +20,11 @@ from numpy.typing import NDArray
 
 from rigctl.acquisition.live_file import LiveFile, LiveLayout, RingBuffer, RingColumns
 from rigctl.acquisition.rpc.messages import encode_message, engine_message
-from rigctl.acquisition.rpc.server import ConnectedClient
+from rigctl.acquisition.rpc.queues.connected_client import ConnectedClient
 from rigctl.errors import LinkLost
 
 MAX_ROWS = 2048
 """In one message; a client that is further behind misses the rows between."""
-MAX_UNREAD_BYTES = 1 << 18
-"""A client with more unread gets no samples until it has caught up."""
 
 _Text = Annotated[str, Meta(max_length=1 << 20)]
 
@@ -64,10 +62,12 @@ class SampleStream:
     def send(self) -> None:
         """Send each client what is new, unless it has much unread."""
         for client, (taxels, other) in tuple(self._heads.items()):
-            if client.unread_bytes > MAX_UNREAD_BYTES:
+            if not client.takes_samples:
                 continue
             rings = (self._file.taxels, self._file.other)
             self._heads[client] = (rings[0].head, rings[1].head)
+            if taxels:
+                client.leave_out_rows(max(0, rings[0].head - taxels - MAX_ROWS))
             data = {
                 "taxels": _ring_message(rings[0], taxels),
                 "other": _ring_message(rings[1], other),

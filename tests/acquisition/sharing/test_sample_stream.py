@@ -10,7 +10,7 @@ import pytest
 
 from rigctl.acquisition.live_buffer import DRUM_LIVE, LiveReader, LiveWriter
 from rigctl.acquisition.rpc.engine_files import EngineFile, write_engine_file
-from rigctl.acquisition.sharing import sample_stream
+from rigctl.acquisition.rpc.queues import connected_client
 from rigctl.acquisition.sharing.remote_client import read_remote_engine
 from rigctl.acquisition.sharing.sample_stream import append_samples
 from rigctl.errors import LinkLost, WrongUse
@@ -48,7 +48,7 @@ def test_streamed_rows_are_those_of_the_engine(harness: EngineHarness) -> None:
 def test_a_client_that_does_not_read_gets_no_samples_until_it_has_caught_up(
     harness: EngineHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sample_stream, "MAX_UNREAD_BYTES", -1)
+    monkeypatch.setattr(connected_client, "SAMPLES_LIMIT_BYTES", -1)
 
     async def scenario(harness: EngineHarness) -> None:
         client = await ClientConnection.connect(harness.address)

@@ -1,0 +1,1 @@
+"""What is queued between an engine and its clients: a bounded amount on both sides."""

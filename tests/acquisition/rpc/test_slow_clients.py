@@ -1,0 +1,171 @@
+"""Clients that stop reading cost the engine neither memory nor time, and learn what they missed."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from typing import Any
+
+import pytest
+
+from rigctl.acquisition.rpc.client import EngineClient
+from rigctl.acquisition.rpc.engine_files import EngineFile
+from rigctl.acquisition.rpc.messages import LINE_LIMIT_BYTES, encode_message
+from rigctl.acquisition.rpc.queues import connected_client, message_queue
+from rigctl.acquisition.rpc.queues.connected_client import MAX_UNDER_WAY, UNREAD_LIMIT_BYTES
+from rigctl.acquisition.rpc.queues.message_queue import MessageQueue
+from rigctl.acquisition.sharing.control import Control
+from rigctl.errors import LinkLost
+from tests.acquisition.engine_harness import EngineHarness
+from tests.acquisition.sharing.client_connection import ClientConnection
+
+
+@contextmanager
+def deaf_client(harness: EngineHarness, *commands: bytes) -> Iterator[socket.socket]:
+    """Yield a connection that sends requests and never reads; the system keeps little for it."""
+    with socket.socket(socket.AF_INET) as connection:
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        connection.connect(harness.address)
+        connection.sendall(b'{"token":"token"}\n' + b"".join(commands))
+        yield connection
+
+
+def request(number: int, command: str, **args: Any) -> bytes:
+    return encode_message({"id": number, "command": command, "args": args})
+
+
+def all_clients(harness: EngineHarness) -> list[Any]:
+    return list(harness.engine._server._clients)
+
+
+def test_a_run_goes_on_beside_a_client_that_never_reads(harness: EngineHarness) -> None:
+    """It streams as well; the run commits all of its trials, and what waits is bounded."""
+    most: list[int] = []
+
+    async def scenario(harness: EngineHarness) -> None:
+        with deaf_client(harness, request(1, "introduce", name="deaf"), request(2, "stream")):
+            while not harness.has_ended():
+                await harness.wait(0.5)
+                most.append(max(client.unread_bytes for client in all_clients(harness)))
+
+    harness.run(scenario, harness.request())
+    assert harness.engine.status().run.trials_committed == 4
+    assert connected_client.SAMPLES_LIMIT_BYTES < max(most) < LINE_LIMIT_BYTES
+
+
+def test_who_reads_again_learns_what_was_left_out(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        client = await ClientConnection.connect(harness.address, "slow")
+        await client.request("stream")
+        client._reader._transport.pause_reading()  # type: ignore[attr-defined]
+        await harness.until(lambda: max(c.unread_bytes for c in all_clients(harness)) > 1 << 17)
+        await harness.wait(20.0)
+        for number in range(3):
+            harness.engine.event_bus.publish("log", f"event {number}")
+        client._reader._transport.resume_reading()  # type: ignore[attr-defined]
+        told = await client.until("left_out")
+        assert told["data"]["rows"] > 10_000 and "no event is missing" in told["text"]
+        history = (await client.request("history"))["events"]
+        assert [e["text"] for e in history if e["text"].startswith("event ")] == [
+            "event 0",
+            "event 1",
+            "event 2",
+        ]
+        await client.close()
+
+    harness.run(scenario)
+
+
+def test_the_hopeless_is_disconnected_and_the_others_learn_it(harness: EngineHarness) -> None:
+    """A thousand replies of 250 kB: what has not been read by then is too much."""
+
+    async def scenario(harness: EngineHarness) -> None:
+        for number in range(500):
+            harness.engine.event_bus.publish("log", f"{number} " + 480 * "x")
+        asks = [request(number, "history", count=500) for number in range(3, 60)]
+        first = request(1, "introduce", name="deaf")
+        with deaf_client(harness, first, *asks):
+            await harness.until(lambda: bool(harness.engine.control.state.holder))
+            other = await ClientConnection.connect(harness.address, "other")
+            while "stopped reading" not in (told := await other.until("control"))["text"]:
+                assert max(c.unread_bytes for c in all_clients(harness)) < (
+                    UNREAD_LIMIT_BYTES + LINE_LIMIT_BYTES
+                )
+            assert told["text"] == "deaf stopped reading and was disconnected; nobody has control"
+            await other.request("arm")
+            await harness.until(lambda: len(all_clients(harness)) == 1)
+            await other.close()
+
+    harness.run(scenario)
+
+
+def test_too_many_requests_at_once_are_refused_and_stop_is_not(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        client = await ClientConnection.connect(harness.address, "many")
+        for number in range(1000, 1000 + MAX_UNDER_WAY):
+            client._writer.write(request(number, "calibrate_range", seconds=5))
+        assert f"{MAX_UNDER_WAY} requests are under way" in await client.refusal("status")
+        await client.request("stop")
+        await harness.wait(6.0)
+        await client.request("status")
+        await client.close()
+
+    harness.run(scenario)
+
+
+def test_the_65th_client_is_sent_away(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        clients = [await ClientConnection.connect(harness.address, f"c{n}") for n in range(64)]
+        reader, writer = await asyncio.open_connection(*harness.address)
+        writer.write(b'{"token":"token"}\n')
+        assert await reader.read() == b""
+        writer.close()
+        await writer.wait_closed()
+        for client in clients:
+            await client.close()
+
+    harness.run(scenario)
+
+
+def test_a_client_that_is_busy_keeps_the_newest_status_and_counts_lost_events(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(message_queue, "KEPT_MESSAGES", 10)
+    queue = MessageQueue()
+    for number in range(1000):
+        queue.put({"event": "status", "data": number})
+    queue.put({"event": "log", "text": "then"})
+    assert queue.take() == [{"event": "status", "data": 999}, {"event": "log", "text": "then"}]
+    for number in range(25):
+        queue.put({"event": "log", "text": str(number)})
+    first, *rest = queue.take()
+    assert first["event"] == "left_out" and first["data"] == {"messages": 15}
+    assert [message["text"] for message in rest] == [str(number) for number in range(15, 25)]
+    assert queue.take() == []
+
+
+def test_a_client_that_was_disconnected_knows_the_reason() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        file = EngineFile("e", 1, listener.getsockname()[1], "t", "virtual", "")
+        with closing(EngineClient(file)) as client:
+            engine, _ = listener.accept()
+            text = "the engine has disconnected this client: join it again"
+            engine.sendall(encode_message({"event": "disconnected", "text": text, "data": {}}))
+            engine.close()
+            with pytest.raises(LinkLost, match="join it again"):
+                while True:
+                    client.wait(5.0)
+            assert client.shut_down() is None
+
+
+def test_control_tells_why_a_client_is_gone() -> None:
+    told: list[str] = []
+    control = Control(told.append)
+    control.join(1, "A")
+    control.join(2, "B")
+    control.drop(2, "stopped reading and was disconnected")
+    assert told[-1] == "B stopped reading and was disconnected"
+    control.leave(2)
+    assert len(told) == 3
