@@ -62,14 +62,18 @@ class Server:
         door.open(asyncio.get_running_loop(), lambda client: self._spawn(self._admit(client)))
 
     async def close(self) -> None:
-        """Send what is written, then close all connections."""
+        """Send what clients can take now, then close all connections."""
         if self._door is not None:
             self._door.close()
-        for client in self._clients:
+        clients = tuple(self._clients)
+        for client in clients:
             client.close()
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
+        for client in clients:
+            client.abort_unread()
+        await asyncio.sleep(0)
 
     def __len__(self) -> int:
         return sum(not client.is_dropped for client in self._clients)

@@ -88,6 +88,11 @@ class ConnectedClient:
         """Close the connection."""
         self._writer.close()
 
+    def abort_unread(self) -> None:
+        """Close the connection of a client that has left something unread until now."""
+        if self.unread_bytes:
+            self._writer.transport.abort()
+
     def _may_tell(self, now_s: float) -> bool:
         is_time = self._told_s is None or now_s - self._told_s >= TELL_EVERY_S
         return is_time and self.unread_bytes <= CAUGHT_UP_BYTES
