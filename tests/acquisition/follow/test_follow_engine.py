@@ -1,0 +1,99 @@
+"""A follower outlives a folder that vanishes, and files with strange numbers."""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from rigctl.acquisition.follow.follow_engine import FollowCommands, FollowEngine
+from rigctl.acquisition.follow.followed_drum import FollowedDrum
+from rigctl.acquisition.follow.followed_run import FollowedRun
+from rigctl.acquisition.follow.growing_reader import finite
+from rigctl.acquisition.follow.growing_session import GrowingSession
+from rigctl.acquisition.live_buffer import LiveWriter
+from rigctl.acquisition.rpc.door import Door, open_listener
+from rigctl.values import Event
+from tests.acquisition.engine_harness import EngineHarness
+from tests.acquisition.sharing.client_connection import ClientConnection
+
+
+@contextmanager
+def follow_engine(session: Path, folder: Path) -> Iterator[FollowEngine]:
+    loop = asyncio.SelectorEventLoop()
+    writer = LiveWriter(folder / "followed.live")
+    yield FollowEngine(loop, FollowedDrum(GrowingSession(session), writer), writer)
+    writer.close()
+    loop.close()
+
+
+def copy_unended(harness: EngineHarness, folder: Path) -> None:
+    """Record two plates, and copy the session as it was while its second part grew."""
+
+    async def scenario(harness: EngineHarness) -> None:
+        await harness.until(lambda: harness.engine.status().run.trials_committed > 2)
+        shutil.copytree(harness.session, folder)
+        await harness.until(harness.has_ended)
+
+    harness.run(scenario, harness.request())
+
+
+def test_a_folder_that_vanishes_and_returns(harness: EngineHarness, tmp_path: Path) -> None:
+    session, away = tmp_path / "copy", tmp_path / "away"
+    copy_unended(harness, session)
+
+    async def watch(engine: FollowEngine, client: ClientConnection) -> None:
+        while not (await client.until("status"))["data"]["recording"]["samples_on_disk"]:
+            pass
+        session.rename(away)
+        lost = await client.until("lost")
+        assert "the session cannot be read now" in lost["text"]
+        for _ in range(5):
+            status = (await client.until("status"))["data"]
+            assert status["run"]["trials_committed"] == 3
+        away.rename(session)
+        shutil.copytree(harness.session, session, dirs_exist_ok=True)
+        while (status := (await client.until("status"))["data"])["run"]["state"] != "done":
+            pass
+        assert status["run"]["trials_committed"] == 4
+        await client.close()
+        engine.shut_down("the test is over")
+
+    with follow_engine(session, tmp_path) as engine, open_listener() as listener:
+
+        async def both() -> int:
+            door = Door(listener, "token")
+            serving = asyncio.ensure_future(engine.serve(door, FollowCommands(engine).handle, None))
+            client = await ClientConnection.connect(listener.getsockname(), "watcher")
+            await watch(engine, client)
+            return await serving
+
+        assert engine.loop.run_until_complete(asyncio.wait_for(both(), 60)) == 0
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
+def test_a_number_that_no_message_can_hold_is_zero(value: float) -> None:
+    assert finite(value) == 0.0
+    assert finite(1.5) == 1.5
+
+
+def test_the_events_tell_what_a_run_waits_for() -> None:
+    run = FollowedRun()
+    run.begin_part("at noon")
+    run.update([Event(1.0, "pause", "", {"reason": "operator"}), Event(1.1, "pause", "", {})])
+    assert run.state(has_ended=False) == "paused" and run.reasons == ("operator", "None")
+    run.update([Event(2.0, "resume", "", {"reason": "operator"})])
+    run.begin_part("after a crash")
+    assert run.state(has_ended=False) == "running"
+    run.update([Event(3.0, "prompt", "mount B", {"id": True, "texture": 7})])
+    assert run.prompt is not None and (run.prompt.id, run.prompt.texture) == (0, None)
+    run.update([Event(4.0, "log", "something else")])
+    assert run.state(has_ended=False) == "prompt" and run.reasons == ("prompt",)
+    run.update([Event(5.0, "trial", "")])
+    assert run.state(has_ended=False) == "running"
+    run.update([Event(6.0, "session_end", "", {"outcome": "failed"})])
+    assert run.state(has_ended=True) == "failed"
