@@ -112,11 +112,11 @@ class LoadCellPart(PartPage):
             self._show_reading(status, counts, spread)
 
     def _show_reading(self, status: EngineStatus, counts: float, spread: float) -> None:
-        force = f"{status.force_g:.1f} g" if status.tared else "no zero yet"
+        force = f"{status.force_g:.1f} g, " if status.tared else ""
         scale_ug = abs(status.scale_ug_per_count)
         allowed = MAX_SPREAD_SHARE * self.mass.value() * 1e6 / scale_ug
         rest = "at rest" if spread <= allowed else "not at rest"
-        text = f"Now {force}, {counts:,.0f} counts ± {spread:,.0f} in the last second: {rest}"
+        text = f"Now {force}{counts:,.0f} counts ± {spread:,.0f} in the last second: {rest}"
         show_text(self.live, f"{text} (at most ± {allowed:,.0f} for {self.mass.value():g} g)")
 
     def _show_readings(self) -> None:
