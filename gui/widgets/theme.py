@@ -209,6 +209,7 @@ def _style_sheet(theme: Theme) -> str:
         subcontrol-origin: margin; left: 8px; padding: 0 3px; color: {theme.muted};
     }}
     QPlainTextEdit, QTableView {{ border: 1px solid {theme.line}; border-radius: 4px; }}
+    QPushButton:checked {{ color: {theme.accent}; text-decoration: underline; }}
     QPushButton#stop {{
         background: #c81e1e; color: white; border: 2px solid #7d0f0f; border-radius: 6px;
         font-size: 16pt; font-weight: 800; padding: 2px 26px;
