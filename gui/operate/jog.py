@@ -47,7 +47,6 @@ class JogButtons(QWidget):
         self.buttons = {mm: self._button(mm, keys) for mm, keys in STEPS_MM.items()}
         self._obstacle = _NOT_CONNECTED
         self._is_jogging = False
-        self._focused: QPushButton | None = None
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(4)
@@ -74,23 +73,9 @@ class JogButtons(QWidget):
 
     def _update_buttons(self) -> None:
         obstacle = self._obstacle or ("the drum is moving" if self._is_jogging else "")
-        if obstacle:
-            self._hold_focus()
         for mm, button in self.buttons.items():
             button.setEnabled(not obstacle)
             button.setToolTip(_tooltip(mm, obstacle))
-        if self._focused is not None and self.hasFocus() and not obstacle:
-            self._focused.setFocus()
-
-    def _hold_focus(self) -> None:
-        """Take the focus from a button before it is disabled: the next key must not press another.
-
-        Qt moves the focus of a disabled button to the next one.
-        """
-        for button in self.buttons.values():
-            if button.hasFocus():
-                self._focused = button
-                self.setFocus()
 
     def _button(self, mm: int, keys: str) -> QPushButton:
         button = QPushButton(f"{mm:+d}".replace("-", "−"))

@@ -16,8 +16,16 @@ from gui.widgets.layouts import hbox, push_button, vbox
 
 FIXED_KEYS = (
     ActionRow("Always", "STOP", "Esc", "Stop and lift the drum, and end every run"),
-    ActionRow("Always", "Next or previous field", "Tab, Shift+Tab", "Move the keyboard's focus"),
+    ActionRow("Always", "Next or previous control", "Tab, Shift+Tab", "Move the keyboard's focus"),
+    ActionRow("Always", "Press a button", "Return, Space", "The one that has the focus"),
     ActionRow("Operate", "Jog 1 mm", "Alt+Left, Alt+Right", "With Shift 10 mm"),
+    ActionRow("Plots", "Pause or follow", "Space; End", "End follows the newest samples again"),
+    ActionRow("Plots", "Look back", "Left, Right", "A tenth of the axis; Page up, Page down: all"),
+    ActionRow("Plots", "Oldest samples", "Home", "Up to eleven minutes ago"),
+    ActionRow("Plots", "Zoom", "+, −", "In a pause"),
+    ActionRow("Plots", "Move the cursor", "Ctrl+Left, Ctrl+Right", "Values stand below the plots"),
+    ActionRow("Plots", "Set the reference", "C", "The second line then shows differences from it"),
+    ActionRow("Plots", "Choose a taxel", "Up, Down", "Return shows it alone, or all again"),
 )
 
 

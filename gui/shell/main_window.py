@@ -7,7 +7,7 @@ from functools import partial
 
 from PySide6.QtCore import Qt, QTimer
 from PySide6.QtGui import QCloseEvent, QGuiApplication
-from PySide6.QtWidgets import QApplication, QMainWindow, QStackedWidget, QWidget
+from PySide6.QtWidgets import QApplication, QStackedWidget, QWidget
 
 from gui.analysis.analysis_tab import AnalysisTab
 from gui.attach.attach_controller import AttachController, PastLine
@@ -26,14 +26,16 @@ from gui.shell.controllers.protocol_controller import ProtocolController
 from gui.shell.controllers.start_controller import StartController
 from gui.shell.controllers.tools_controller import ToolsController
 from gui.shell.docks import DockArea
-from gui.shell.escape_key import EscapeKey
+from gui.shell.keyboard.escape_key import EscapeKey
+from gui.shell.keyboard.regions import Regions
+from gui.shell.keyboard.steady_focus import SteadyFocusWindow
 from gui.shell.memory.recent_paths import RecentRigs, RecentSessions
 from gui.shell.memory.user_settings import UserSettings
 from gui.shell.memory.window_memory import WindowMemory
 from gui.shell.page_stack import PageStack
 from gui.shell.rig_controls import drum_controls, finger_controls
 from gui.shell.rig_menu import add_alarm_sound, add_rig_menu
-from gui.shell.view_menus import add_live_actions, add_panel_actions
+from gui.shell.view_menus import add_live_actions
 from gui.widgets.file_browser import FileBrowser, PathKind
 from gui.widgets.layouts import container, scroll_area, vbox
 from gui.widgets.theme import Theme, ThemeChoice
@@ -46,7 +48,7 @@ _LEFT = Qt.DockWidgetArea.LeftDockWidgetArea
 _BOTTOM = Qt.DockWidgetArea.BottomDockWidgetArea
 
 
-class MainWindow(QMainWindow):
+class MainWindow(SteadyFocusWindow):
     """A window on the drum rig and the moving finger.
 
     ``factory`` and ``finger_factory`` start or join the engines of their rigs. Without
@@ -191,6 +193,7 @@ class MainWindow(QMainWindow):
         run_end = self.analysis_tab.run_end_strip
         questions = (self.prompt_panel, self.finger_tab.prompt_panel, run_end)
         strips = (self.drum.safety.alarms.strip, *self.attach.strips, *questions)
+        self.regions = Regions(self.toolbar, strips, self.docks)
         body = vbox(*strips, self.docks, self.status_line, spacing=3, margins=(8, 0, 8, 0))
         body.setStretch(len(strips), 1)
         column = vbox(self.toolbar, self.health, body, spacing=3, margins=(0, 0, 0, 3))
@@ -243,7 +246,7 @@ class MainWindow(QMainWindow):
         add_panel_menus(menus, *panels)
         menus.add_separator("Rig")
         add_alarm_sound(menus, self.drum, self.settings)
-        add_panel_actions(menus, self.docks)
+        self.regions.add_menus(menus)
         self.appearance.add_menus(menus)
         show = partial(self.show_replay, is_shown=True)
         tip = "Play recorded trials in the live views, at any speed"

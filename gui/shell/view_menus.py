@@ -1,25 +1,12 @@
-"""The actions of the File and View menus that concern panels and live plots."""
+"""The actions of the File and View menus that concern the live plots."""
 
 from __future__ import annotations
-
-from functools import partial
 
 from gui.live.page.live_page import LivePage
 from gui.live.review.navigation import SPANS_S
 from gui.shell.actions import ActionRegistry
-from gui.shell.docks import DockArea
 from gui.shell.memory.user_settings import UserSettings
 from gui.shell.memory.window_memory import SPAN_KEY, is_span
-
-_SHOWS = "Bring this panel to the front"
-
-
-def add_panel_actions(menus: ActionRegistry, docks: DockArea) -> None:
-    """Add an action for each panel, and the one that puts all of them back."""
-    for number, (name, dock) in enumerate(docks.docks.items(), start=1):
-        show = partial(docks.show_panel, name)
-        menus.add("View", dock.windowTitle(), show, shortcut=f"Ctrl+{number}", tip=_SHOWS)
-    menus.add("View", "&Reset the layout", docks.reset, tip="Put all panels back")
 
 
 def add_live_actions(menus: ActionRegistry, page: LivePage, settings: UserSettings) -> None:

@@ -7,7 +7,18 @@ from enum import Enum
 from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal, SignalInstance
-from PySide6.QtWidgets import QFileDialog, QHeaderView, QListView, QPushButton, QTreeView, QWidget
+from PySide6.QtGui import QShowEvent
+from PySide6.QtWidgets import (
+    QApplication,
+    QFileDialog,
+    QHeaderView,
+    QLineEdit,
+    QListView,
+    QPushButton,
+    QTreeView,
+    QWidget,
+)
+from shiboken6 import isValid
 
 from gui.widgets.labels import label
 from gui.widgets.layouts import push_button, vbox
@@ -61,10 +72,12 @@ class FileBrowser(QWidget):
         self._column = vbox(self.title, spacing=6)
         self.setLayout(self._column)
         self.dialog: QFileDialog | None = None
+        self._asker: QWidget | None = None
 
     def open(self, kind: PathKind, selected: Callable[[str], None]) -> None:
         """Show the dialog; ``selected`` gets the path unless the user cancels."""
         self.dismiss()
+        self._asker = QApplication.focusWidget()
         title, name_filter, _ = kind.value
         self.title.setText(title)
         dialog = QFileDialog(self, title, str(Path.home()))
@@ -86,6 +99,12 @@ class FileBrowser(QWidget):
         self.dialog = dialog
         self._column.addWidget(dialog, 1)
         dialog.show()
+        self._focus_name()
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Let the user type a path at once."""
+        super().showEvent(event)
+        self._focus_name()
 
     def dismiss(self) -> None:
         """Close the dialog."""
@@ -96,3 +115,11 @@ class FileBrowser(QWidget):
         self._column.removeWidget(dialog)
         dialog.deleteLater()
         self.closed.emit()
+        asker, self._asker = self._asker, None
+        if asker is not None and isValid(asker) and asker.isVisible():
+            asker.setFocus(Qt.FocusReason.ShortcutFocusReason)
+
+    def _focus_name(self) -> None:
+        if self.dialog is not None and self.isVisible():
+            for name in self.dialog.findChildren(QLineEdit, "fileNameEdit"):
+                name.setFocus(Qt.FocusReason.ShortcutFocusReason)

@@ -208,8 +208,13 @@ def _style_sheet(theme: Theme) -> str:
     QGroupBox::title {{
         subcontrol-origin: margin; left: 8px; padding: 0 3px; color: {theme.muted};
     }}
-    QPlainTextEdit, QTableView {{ border: 1px solid {theme.line}; border-radius: 4px; }}
     QPushButton:checked {{ color: {theme.accent}; text-decoration: underline; }}
+    QPlainTextEdit, QTableView, QListWidget, QTextBrowser {{
+        border: 1px solid {theme.line}; border-radius: 4px;
+    }}
+    QGraphicsView {{ border: 1px solid {theme.window}; }}
+    QPlainTextEdit:focus, QTableView:focus, QListWidget:focus, QTextBrowser:focus,
+    QGraphicsView:focus {{ border-color: {theme.accent}; }}
     QPushButton#stop {{
         background: #c81e1e; color: white; border: 2px solid #7d0f0f; border-radius: 6px;
         font-size: 16pt; font-weight: 800; padding: 2px 26px;

@@ -90,6 +90,7 @@ class TrialList(QWidget):
         table.setMinimumHeight(150)
         table.setAlternatingRowColors(True)
         table.setWordWrap(False)
+        table.setTabKeyNavigation(False)  # Tab leaves a table of 24,000 trials
         self.reason.hide()
         self.filter.textChanged.connect(self._filter)
         self.model.modelReset.connect(self._restore)
