@@ -19,7 +19,7 @@ from gui.protocol.run_values import PlanSummary, ProtocolText, SavedProtocol
 from gui.protocol.session_link import SessionLink
 from gui.protocol.session_page import SessionPage
 from gui.widgets.file_browser import PathKind, browse_button
-from gui.widgets.layouts import group_box, hbox, push_button, vbox
+from gui.widgets.layouts import group_box, hbox, push_button, scroll_to_top, vbox
 from rigctl.acquisition.rpc.messages import EngineStatus
 
 PAGE_BUTTON, LIVE_BUTTON = "Trials and notes", "Live plots"
@@ -215,6 +215,7 @@ class ProtocolPanel(QWidget):
         if self._column.indexOf(self._run_group) != place:
             self._column.removeWidget(self._run_group)
             self._column.insertWidget(place, self._run_group)
+            scroll_to_top(self)
 
     def _run_box_group(self) -> QGroupBox:
         box, column = group_box("Run", QVBoxLayout())

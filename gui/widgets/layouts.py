@@ -104,6 +104,14 @@ def scroll_area(widget: QWidget) -> QScrollArea:
     return PanelArea(widget)
 
 
+def scroll_to_top(panel: QWidget) -> None:
+    """Show the top of a panel that is in a :func:`scroll_area`."""
+    viewport = panel.parentWidget()
+    area = viewport.parentWidget() if viewport is not None else None
+    if isinstance(area, PanelArea):
+        area.verticalScrollBar().setValue(0)
+
+
 def combo_box(items: dict[str, str]) -> QComboBox:
     """Return a box of texts, each with its data; it may be narrower than its longest text."""
     policy = QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon

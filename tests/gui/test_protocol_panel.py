@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from PySide6.QtWidgets import QApplication
 
 from gui.protocol.protocol_panel import ProtocolPanel
 from tests.gui.steps import Harness, click, wait_until
@@ -166,3 +167,21 @@ def test_a_run_needs_a_folder_to_save_in(
     assert panel.problem.isVisible() and "Save in" in panel.problem.text()
     panel.out.setText(str(tmp_path))
     assert panel.buttons["Start"].isEnabled() and not panel.problem.isVisible()
+
+
+def test_a_run_that_begins_is_in_view_on_a_small_screen(harness: Harness) -> None:
+    """The panel stayed where Start is, below the fold, and Pause was out of view."""
+    window, panel = harness.window, harness.window.protocol_panel
+    before = window.size()
+    window.show_panel("protocol")
+    window.resize(1024, 700)
+    try:
+        harness.update(run={"state": "idle"})
+        area = window.docks.docks["protocol"].widget()
+        area.ensureWidgetVisible(panel.queue.add_button)
+        harness.update(run={"state": "running", "session": "/data/s"})
+        QApplication.processEvents()
+        for name in ("Pause", "Abort"):
+            assert not panel.buttons[name].visibleRegion().isEmpty()
+    finally:
+        window.resize(before)
