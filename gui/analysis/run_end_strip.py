@@ -41,7 +41,8 @@ class RunEndStrip(QFrame):
         if watched and run.has_ended and run.session in (None, watched):
             self.session = watched
             n = run.trials_committed
-            self.text.setText(f"The run {Path(self.session).name} has ended with {n:,} trials.")
+            trials = "1 trial" if n == 1 else f"{n:,} trials"
+            self.text.setText(f"The run {Path(self.session).name} has ended with {trials}.")
             self.show()
 
     def _analyse(self) -> None:

@@ -48,3 +48,11 @@ def test_the_offer_is_declined_and_a_new_run_hides_it(harness: Harness, tmp_path
             harness.update(run=run_status("running", tmp_path))
         assert not strip.isVisible()
     harness.update(run=asdict(RunStatus()))
+
+
+def test_one_trial_is_no_plural(harness: Harness, tmp_path: Path) -> None:
+    strip = harness.window.analysis_tab.run_end_strip
+    harness.update(run=run_status("running", tmp_path / "short"))
+    harness.update(run=run_status("aborted", tmp_path / "short", 1))
+    assert strip.text.text() == "The run short has ended with 1 trial."
+    click(strip.close_button)
