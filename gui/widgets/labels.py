@@ -29,9 +29,9 @@ class WrappedLabel(QLabel):
         self._reserve_height()
 
     def _reserve_height(self) -> None:
-        height_px = max(0, self.heightForWidth(self.width())) if self.text() else 0
-        if height_px != self.minimumHeight():
-            self.setMinimumHeight(height_px)
+        self.setMinimumHeight(0)  # Qt's height for a width is never below it: a text must shrink
+        if self.text():
+            self.setMinimumHeight(max(0, self.heightForWidth(self.width())))
 
 
 def label(text: str = "", role: str = "", wraps: bool = False) -> QLabel:

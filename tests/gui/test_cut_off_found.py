@@ -131,3 +131,15 @@ def test_labels_and_ticks_of_plots_are_measured(app: QApplication) -> None:
     QApplication.processEvents()
     reasons = {cut.text: cut.reason for cut in cut_texts(plot)}
     assert "overlaps" in reasons["its neighbour"] and LONG in reasons
+
+
+def test_a_wrapped_text_gives_room_back_when_it_is_wider_or_shorter(app: QApplication) -> None:
+    wrapped = label("off, it may rest on the sensor", wraps=True)
+    wrapped.resize(40, 20)
+    wrapped.show()
+    app.processEvents()
+    tall_px = wrapped.minimumHeight()
+    wrapped.resize(400, tall_px)
+    app.processEvents()
+    assert wrapped.minimumHeight() < tall_px
+    wrapped.close()
