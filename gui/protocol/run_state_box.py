@@ -45,7 +45,7 @@ class RunStateBox(QVBoxLayout):
         run = status.run
         show_text(self.state, run_sentence(run))
         set_property(self.state, "role", "bad" if run.state == "failed" else "heading")
-        self.bar.setMaximum(max(run.trials_planned, 1))
+        self.bar.setMaximum(max(run.trials_planned - run.trials_ended_early, 1))
         self.bar.setValue(run.trials_committed)
         texts = {
             "Progress": progress_sentence(run),
@@ -75,7 +75,8 @@ def progress_sentence(run: RunStatus) -> str:
     if not run.trials_planned:
         return "–"
     left = f", {duration(run.eta_s)} left" if run.is_active and run.eta_s is not None else ""
-    return f"{run.trials_committed} of {run.trials_planned} trials{left}"
+    early = f", {run.trials_ended_early} left out by an early end" if run.trials_ended_early else ""
+    return f"{run.trials_committed} of {run.trials_planned} trials{early}{left}"
 
 
 def finish_sentence(run: RunStatus) -> str:

@@ -139,12 +139,16 @@ class SessionFollower:
         self._session, self._notes = None, ()
 
     def _news(self, session: Session, folder: str, known: int) -> SessionNews:
+        from rigctl.session.early_end import describe_ends, ended_early
+
         notes = tuple(f"{note.made_utc}  {note.describe()}" for note in session.notes)
         if notes != self._notes or known > len(session.trials):
             self._notes, known = notes, 0
         gaps = session.gaps
         rows = tuple(_attempt(session, index, gaps) for index in range(known, len(session.trials)))
-        return SessionNews(folder, known, rows, notes, len(session.committed()))
+        ends = tuple(describe_ends(ended_early(session)))
+        committed = len(session.committed())
+        return SessionNews(folder, known, rows, notes, committed, early_ends=ends)
 
 
 def _attempt(session: Session, index: int, gaps: Any) -> AttemptRow:

@@ -73,7 +73,8 @@ class SessionNews(NamedTuple):
     """The attempts of a session from number ``first`` on, and all its notes as lines.
 
     Where ``first`` is 0, the rows replace those before. ``committed``: trials that count in the
-    whole session. ``problem``: why it cannot be read, empty if it can.
+    whole session. ``problem``: why it cannot be read, empty if it can. ``early_ends``: a sentence
+    for each condition that ended early, with the trials that are not recorded.
     """
 
     folder: str
@@ -82,6 +83,7 @@ class SessionNews(NamedTuple):
     notes: tuple[str, ...] = ()
     committed: int = 0
     problem: str = ""
+    early_ends: tuple[str, ...] = ()
 
 
 class ProtocolText(NamedTuple):

@@ -25,6 +25,7 @@ from gui.widgets.layouts import container, hbox, push_button, vbox
 from rigctl.acquisition.rpc.messages import RunStatus
 
 MAX_NOTE_LETTERS = 2000
+SHOWN_ENDS = 3
 _NO_SESSION = "No session: start a run, or open one to add notes."
 _NEEDS_TEXT = "Write the note first"
 _NEEDS_TRIAL = "Choose a trial in the table"
@@ -48,6 +49,7 @@ class SessionPage(QWidget):
         self._is_active = False
         self.heading = elastic(label(_NO_SESSION, "heading"))
         self.problem = label("", "bad", wraps=True)
+        self.early_ends = label("", "muted", wraps=True)
         self.order, self.attempts = OrderModel(ORDER_COLUMNS), AttemptModel()
         self.order_view = table_view(self.order, len(ORDER_COLUMNS) - 1)
         self.attempt_view = table_view(self.attempts, len(TRIAL_COLUMNS) - 1)
@@ -82,6 +84,7 @@ class SessionPage(QWidget):
             self.folder = folder
             self.attempts.clear()
             self.notes.clear()
+            self.early_ends.hide()
             self._enable()
         show_text(self.heading, folder or _NO_SESSION)
 
@@ -107,6 +110,8 @@ class SessionPage(QWidget):
             self.notes.addItems(news.notes)
         elif news.first == len(self.attempts.rows):
             self.attempts.append(news.rows)
+        show_text(self.early_ends, _shown_ends(news.early_ends))
+        self.early_ends.setVisible(bool(news.early_ends))
         if self._is_active:
             self.attempt_view.scrollToBottom()
         self._enable()
@@ -165,11 +170,18 @@ class SessionPage(QWidget):
         self.tabs.addTab(self.order_view, "Planned order")
         self.tabs.addTab(self.editor, "Edit protocol")
         self.problem.hide()
+        self.early_ends.hide()
         top = hbox(self.heading, self.open_button, spacing=6)
         bottom = hbox(self.text, *self.buttons.values(), spacing=6)
         column = vbox(
-            container(top), self.tabs, self.problem, container(bottom), spacing=6,
+            container(top), self.tabs, self.early_ends, self.problem, container(bottom), spacing=6,
             margins=(6, 2, 6, 2),
         )  # fmt: skip
         column.setStretch(1, 1)
         self.setLayout(column)
+
+
+def _shown_ends(ends: tuple[str, ...]) -> str:
+    """Return the newest sentences on conditions that ended early, and how many there are."""
+    lines = [f"Early ends: {len(ends)}, the newest below"] if len(ends) > SHOWN_ENDS else []
+    return "\n".join((*lines, *ends[-SHOWN_ENDS:]))

@@ -10,6 +10,8 @@ from pathlib import Path
 
 from rigctl.acquisition.boards import Boards
 from rigctl.acquisition.calibration.calibration import Calibration
+from rigctl.acquisition.early_end.condition_end import ConditionEnd
+from rigctl.acquisition.early_end.judge_link import JudgeLink
 from rigctl.acquisition.health.heartbeat import HeartbeatGate
 from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.manual.manual_recorder import ManualRecorder
@@ -50,6 +52,8 @@ class Engine(ServedEngine[Run, RunRequest]):
         )
         self.manual = ManualRecorder(self.boards, self.event_bus)
         self.calibration = Calibration(rig, self.boards, self._today)
+        self.judge: JudgeLink | None = None
+        """Judges the conditions of the run, where its protocol lets them end early."""
         self._utc_now = utc_now
         self._texture = rig.plate
         self._status_builder = StatusBuilder(rig, self.boards, self.calibration)
@@ -73,6 +77,9 @@ class Engine(ServedEngine[Run, RunRequest]):
         self.run = Run(self.boards, self.event_bus, opened, check_in, self.set_plate)
         if first_note is not None:
             self.run.add_note(first_note)
+        rule = opened.plan.protocol.early_end
+        if rule is not None:
+            self.judge = JudgeLink(self.run.folder.absolute(), rule, self.event_bus.publish)
         self._run_task = self.spawn(self._execute(self.run))
         folder = str(self.run.folder)
         self.event_bus.publish("run", f"the run begins: {folder}", session=folder)
@@ -88,6 +95,11 @@ class Engine(ServedEngine[Run, RunRequest]):
         Raises WrongUse without a run, and for a trial that cannot be repeated now.
         """
         self._active_run().repeat(trial_id, self._note(text))
+
+    def end_condition(self, end: ConditionEnd) -> None:
+        """End a condition of the run early. Raises WrongUse where that cannot be now."""
+        if not self._active_run().end_condition(end):
+            raise WrongUse("nothing is recorded now: send it again when the run goes on")
 
     def record_by_hand(self, folder: Path, note: str) -> Path:
         """Begin to record operation by hand; see :meth:`ManualRecorder.begin`."""
@@ -146,6 +158,9 @@ class Engine(ServedEngine[Run, RunRequest]):
         try:
             await run.execute()
         finally:
+            if self.judge is not None:
+                self.judge.close()
+                self.judge = None
             self.heartbeat_gate.check_out("runner")
             self.heartbeat_gate.check_out("recorder")
             with self._publish_disk_fault():
@@ -162,6 +177,8 @@ class Engine(ServedEngine[Run, RunRequest]):
 
     def _serve_boards(self) -> None:
         self.boards.pipeline.flush()
+        if self.judge is not None and self.run is not None:
+            self.judge.poll(self.run.status().trials_committed, self.run.end_condition)
         with self._publish_disk_fault():
             self.rig.save_truth()
         self.heartbeat_gate.check_in("pipeline")

@@ -10,6 +10,7 @@ from rigctl.config.rig_config import RigConfig
 from rigctl.config.toml_field import FieldType, TomlField
 from rigctl.config.toml_reader import TomlTable
 from rigctl.config.toml_section import section_fields
+from rigctl.protocol.early_end import EarlyEnd
 from rigctl.protocol.plan import (
     DEFAULT_PROMPT,
     MAX_SEED,
@@ -159,6 +160,7 @@ ORDER_GROUP = FieldGroup(
 )  # fmt: skip
 SETTLE_GROUP = FieldGroup("Settling", "settle", section_fields(Settle))
 QUALITY_GROUP = FieldGroup("Quality", "quality", section_fields(Quality))
+EARLY_END_GROUP = FieldGroup("Early end", "early_end", section_fields(EarlyEnd))
 PLATES_GROUP = FieldGroup(
     "Plates",
     "plates",
@@ -181,6 +183,7 @@ def field_groups(config: RigConfig) -> tuple[FieldGroup, ...]:
         ORDER_GROUP,
         SETTLE_GROUP,
         QUALITY_GROUP,
+        EARLY_END_GROUP,
         PLATES_GROUP,
     )
 

@@ -9,6 +9,7 @@ from rigctl.config.rig_config import RigConfig
 from rigctl.config.toml_reader import TomlTable, TomlText
 from rigctl.config.toml_section import read_section
 from rigctl.errors import ProtocolError
+from rigctl.protocol.early_end import EarlyEnd
 from rigctl.protocol.fields import (
     EVERY,
     FORCE_MODE,
@@ -72,11 +73,13 @@ def _parse(text: TomlText, stem: str, config: RigConfig) -> Protocol:
         settle=_settle(root.table("settle")),
         quality=read_section(root.table("quality"), Quality),
         steps=_free_steps(root, config),
+        early_end=_early_end(root),
     )
     for table in (order, trial, plates, root):
         table.finish()
     _validate_order(protocol, order)
     _validate_trials(protocol, root)
+    _validate_early_end(protocol, root)
     _validate_steps(protocol, root)
     _validate_travel(protocol, root, trial)
     return protocol
@@ -103,6 +106,15 @@ def _settle(table: TomlTable) -> Settle:
     if settle.timeout_s <= settle.time_s:
         table.fail("timeout_s", f"must be longer than time_s, which is {settle.time_s:g} s")
     return settle
+
+
+def _early_end(root: TomlTable) -> EarlyEnd | None:
+    if "early_end" not in root:
+        return None
+    table = root.table("early_end")
+    if "half_width_hz" not in table:
+        table.fail("half_width_hz", "is missing: say how narrowly the mean rate has to be known")
+    return read_section(table, EarlyEnd)
 
 
 def _free_steps(root: TomlTable, config: RigConfig) -> tuple[FreeStep, ...]:
@@ -147,6 +159,23 @@ def _validate_trials(protocol: Protocol, root: TomlTable) -> None:
     if (trials := protocol.n_trials) > MAX_TRIALS:
         key = "mounts" if protocol.mounts > 1 else "repeats"
         root.fail(key, f"make {trials:,} trials; a session holds up to {MAX_TRIALS:,}")
+
+
+def _validate_early_end(protocol: Protocol, root: TomlTable) -> None:
+    """Raise where no condition could end before its repeats."""
+    rule = protocol.early_end
+    if rule is None:
+        return
+    if not protocol.n_trials:
+        root.fail("early_end", "needs trials: give textures, speeds_mm_s and forces_g")
+    if protocol.mounts > 1:
+        root.fail("early_end", "goes with one mounting: trials of another one are no repeats")
+    if rule.least_trials >= protocol.repeats:
+        root.fail(
+            "early_end",
+            f"least_trials is {rule.least_trials} and repeats {protocol.repeats}: no condition "
+            "could end early, so give more repeats",
+        )
 
 
 def _validate_steps(protocol: Protocol, root: TomlTable) -> None:

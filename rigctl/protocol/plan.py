@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 from rigctl.config.rig_config import RigConfig
 from rigctl.config.toml_section import number
 from rigctl.errors import WrongUse
+from rigctl.protocol.early_end import EarlyEnd
 from rigctl.protocol.steps import ChangePlate, RunTrial, Step, rig_seconds
 from rigctl.values import SAMPLE_RATE_HZ, PlannedTrial
 from rigctl.wire.drum.register_table import BY_NAME
@@ -95,6 +96,7 @@ class Protocol:
     ``order`` is ``blocked`` (texture by texture, force by force, speed by speed, repeats last)
     or ``shuffled`` by ``order_seed``, within the plates unless ``across_plates``. ``mounts``: how
     often each plate is mounted, with ``repeats`` each time; all plates come before one comes again.
+    ``early_end``: when a condition ends before its repeats, None for never.
     Forces are in grams; force mode ``position`` has depths in mm instead. ``text`` is the source.
     """
 
@@ -118,6 +120,7 @@ class Protocol:
     settle: Settle = Settle()
     quality: Quality = Quality()
     steps: tuple[FreeStep, ...] = ()
+    early_end: EarlyEnd | None = None
 
     @property
     def n_trials(self) -> int:
@@ -146,6 +149,14 @@ class Plan:
         return tuple(step.trial for step in self.steps if isinstance(step, RunTrial))
 
     @property
+    def fewest_trials(self) -> int:
+        """The number of trials if every condition ends as early as it may."""
+        protocol = self.protocol
+        if protocol.early_end is None:
+            return len(self.trials)
+        return len(self.trials) // protocol.repeats * protocol.early_end.least_trials
+
+    @property
     def plate_changes(self) -> int:
         """How often a person mounts a plate, including the first."""
         return sum(isinstance(step, ChangePlate) for step in self.steps)
@@ -167,7 +178,8 @@ class Plan:
     @cached_property
     def hash(self) -> str:
         """Digest of the steps and the limits for settling and quality, 32 hexadecimal digits."""
-        parts: list[Any] = [self.protocol.settle, self.protocol.quality, *self.steps]
+        rule = () if self.protocol.early_end is None else (self.protocol.early_end,)
+        parts: list[Any] = [self.protocol.settle, self.protocol.quality, *rule, *self.steps]
         return digest_of(parts)
 
 

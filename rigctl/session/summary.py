@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.session.early_end import describe_ends, ended_early
 from rigctl.session.files.ground_truth import summarise_truth
 from rigctl.session.format import layout
 from rigctl.session.format.data_sets import TableLayout
@@ -158,6 +159,8 @@ def _combine(rows: list[dict[str, Any]]) -> dict[str, Any]:
 def _trials(session: SessionReader) -> dict[str, Any]:
     trials = session.trials
     committed = len(set(trials["trial_id"][session.committed()].tolist()))
+    ended = ended_early(session) if isinstance(session, Session) else {}
+    early = {"trials_ended_early": len(ended), "early_ends": describe_ends(ended)}
 
     def attempts(verdict: Verdict) -> int:
         return int(np.count_nonzero(trials["verdict"] == verdict.value))
@@ -165,7 +168,8 @@ def _trials(session: SessionReader) -> dict[str, Any]:
     return {
         "trials_planned": session.header.trials_planned,
         "trials_committed": committed,
-        "trials_remaining": session.header.trials_planned - committed,
+        **(early if ended else {}),
+        "trials_remaining": session.header.trials_planned - committed - len(ended),
         "attempts_rejected": attempts(Verdict.REJECTED),
         "attempts_aborted": attempts(Verdict.ABORTED),
         "textures": sorted(set(trials["texture"].tolist())),

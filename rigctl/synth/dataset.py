@@ -10,6 +10,7 @@ from pathlib import Path
 import tomlkit
 
 from rigctl.acquisition.protocol.run_request import check_disk_space, session_header
+from rigctl.errors import WrongUse
 from rigctl.protocol.loader import load_protocol, parse_protocol
 from rigctl.protocol.plan import Plan
 from rigctl.protocol.steps import RunTrial
@@ -67,6 +68,11 @@ def load_plan(
     The text of the protocol changes too, because the session stores it. Raises ProtocolError.
     """
     protocol = load_protocol(path, world.rig_config())
+    if protocol.early_end is not None:
+        raise WrongUse(
+            f"{path}: a virtual data set has every trial of its protocol, so it takes no "
+            "[early_end]: remove the table"
+        )
     if repeats is not None:
         document = tomlkit.parse(protocol.text)
         document["repeats"] = repeats

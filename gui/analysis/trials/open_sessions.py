@@ -141,10 +141,13 @@ class OpenSessions:
 
 
 def _about(session: Session) -> str:
-    header = session.header
+    from rigctl.session.early_end import ended_early
+
+    header, ended = session.header, len(ended_early(session))
+    early = f", {ended} left out by an early end" if ended else ""
     return (
         f"{session.path.name}: {len(session.committed())} of {header.trials_planned} trials "
-        f"committed, {'simulated' if header.simulated else 'real'} rig, "
+        f"committed{early}, {'simulated' if header.simulated else 'real'} rig, "
         f"started {header.start_utc}"
     )
 

@@ -8,6 +8,7 @@ from rigctl.acquisition.follow.followed_growth import FollowedGrowth, age_s
 from rigctl.acquisition.follow.growing_reader import finite
 from rigctl.acquisition.follow.growing_session import NewRows
 from rigctl.acquisition.rpc.messages import CurrentTrial, EngineStatus, RunStatus
+from rigctl.session.early_end import EARLY_END_KIND, ended_early
 from rigctl.session.read.session import Session
 from rigctl.wire.drum.codes import Status
 from rigctl.wire.drum.states import FAULT_TEXT, STATE_TEXT, Fault, State
@@ -21,6 +22,7 @@ class FollowedStatus:
         self._growth = FollowedGrowth(session)
         self._poll: Any = None
         self._polled_s: float | None = None
+        self._ended_early = len(ended_early(session))
 
     @property
     def newest_s(self) -> float:
@@ -32,6 +34,8 @@ class FollowedStatus:
         if len(rows.polls):
             self._poll, self._polled_s = rows.polls[-1], now_s
             self._growth.see(finite(self._poll["at_s"]))
+        if any(event.kind == EARLY_END_KIND for event in rows.events):
+            self._ended_early = len(ended_early(self._session))
         self._growth.update(rows.origin, sum(map(len, rows.blocks)), rows.events, now_s)
 
     def build(self, now_s: float) -> EngineStatus:
@@ -90,6 +94,7 @@ class FollowedStatus:
             trials_planned=session.header.trials_planned,
             trials_committed=growth.trials_committed,
             trials_rejected=growth.trials_rejected,
+            trials_ended_early=self._ended_early,
             current=None if last is None else _trial(last),
             prompt=growth.run.prompt,
             session=str(session.path),

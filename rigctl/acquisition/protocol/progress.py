@@ -15,7 +15,8 @@ MIN_PACED_TRIALS = 2
 class RunProgress:
     """Counts trials; a resumed run starts with the trials committed before.
 
-    ``now_s`` returns loop time. Pauses and questions do not count for the pace.
+    ``ended``: trials that an early end left out. ``now_s`` returns loop time. Pauses and questions
+    do not count for the pace.
     """
 
     def __init__(
@@ -24,12 +25,14 @@ class RunProgress:
         done: frozenset[int],
         planned_s: float,
         now_s: Callable[[], float],
+        ended: frozenset[int] = frozenset(),
     ) -> None:
-        remaining = [trial for trial in trials if trial.trial_id not in done]
+        remaining = [trial for trial in trials if trial.trial_id not in done | ended]
         self.clock = RunClock(now_s)
         self.planned = len(trials)
-        self.committed = self.planned - len(remaining)
+        self.committed = len(done)
         self.rejected = 0
+        self.ended_early = len(ended)
         self._remaining = len(remaining)
         self._remaining_windows_s = sum(trial.duration_s for trial in remaining)
         planned_windows_s = sum(trial.duration_s for trial in trials)
@@ -51,6 +54,17 @@ class RunProgress:
         busy_s = self.clock.busy_s
         self._overheads_s.append(busy_s - self._last_busy_s - trial.duration_s)
         self._last_busy_s = busy_s
+
+    def end_early(self, trials: Sequence[PlannedTrial]) -> None:
+        """Count trials as not needed: their condition has ended."""
+        self.ended_early += len(trials)
+        self._remaining -= len(trials)
+        self._remaining_windows_s -= sum(trial.duration_s for trial in trials)
+
+    @property
+    def missing(self) -> int:
+        """Trials of the plan that neither count nor were left out by an early end."""
+        return self.planned - self.committed - self.ended_early
 
     def reopen(self, trial: PlannedTrial, *, was_committed: bool) -> None:
         """Count a finished trial as one that is to come."""

@@ -19,6 +19,7 @@ from rigctl.config.text_file import refuse_link_outside
 from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.protocol.loader import load_protocol
 from rigctl.protocol.plan import Plan
+from rigctl.session.early_end import ended_early
 from rigctl.session.format import layout
 from rigctl.session.format.metadata.header import CUT_BY_CLOCK, CUT_BY_WIRE, SessionHeader
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
@@ -67,8 +68,9 @@ class OpenedRun:
     """A plan, the recorder of its session, and the results of earlier sittings.
 
     ``unattended``: plates change without an operator and questions are skipped. ``done``: trials
-    committed before; ``attempts``: number of previous attempts at each trial. ``missing``: a
-    sentence for each part that cannot be read and for trials that are left out.
+    committed before; ``ended``: trials whose conditions ended early; ``attempts``: number of
+    previous attempts at each trial. ``missing``: a sentence for each part that cannot be read and
+    for trials that are left out.
     """
 
     plan: Plan
@@ -76,6 +78,7 @@ class OpenedRun:
     unattended: bool
     resumed: bool = False
     done: frozenset[int] = frozenset()
+    ended: frozenset[int] = frozenset()
     attempts: Mapping[int, int] = field(default_factory=dict)
     missing: tuple[str, ...] = ()
 
@@ -90,9 +93,19 @@ def open_run(request: RunRequest, context: RunContext) -> OpenedRun:
         return _resume(Path(request.resume), context, unattended)
     assert request.protocol is not None
     plan = load_protocol(find_protocol(request.protocol), context.rig.config).plan(request.seed)
+    _check_early_end(plan)
     folder = Path(request.out) if request.out else _default_folder(plan, context.start_utc)
     check_disk_space(folder, plan.bytes_estimate)
     return OpenedRun(plan, open_recorder(folder, plan, context, resume=False), unattended)
+
+
+def _check_early_end(plan: Plan) -> None:
+    """Raise WrongUse where rates would depend on trials that are to come."""
+    if plan.protocol.early_end is not None and not plan.protocol.config.taxels.low:
+        raise WrongUse(
+            "early_end needs the range of the taxels, because rates depend on it: calibrate the "
+            "range and write it as low and high under [taxels] into rig.toml, or remove [early_end]"
+        )
 
 
 def _default_folder(plan: Plan, start_utc: str) -> Path:
@@ -118,6 +131,7 @@ def _resume(folder: Path, context: RunContext, unattended: bool) -> OpenedRun:
         header, attempts = session.header, Counter(session.trials["trial_id"].tolist())
         done = frozenset(session.trials["trial_id"][session.committed()].tolist())
         missing = tuple(session.describe_missing())
+        ended = frozenset(ended_early(session))
     if header.rig != rig.kind:
         raise SessionError(
             f"{folder} was recorded on the {header.rig} rig and this is the {rig.kind} one: "
@@ -126,12 +140,16 @@ def _resume(folder: Path, context: RunContext, unattended: bool) -> OpenedRun:
     check_same_world(folder, header.simulation, rig.world)
     refuse_link_outside(folder / layout.PROTOCOL_FILE)
     plan = load_protocol(folder / layout.PROTOCOL_FILE, rig.config).plan(header.seed)
-    if len(done) == len(plan.trials):
-        raise SessionError(f"{folder} is complete: every planned trial is committed")
-    remaining = 1 - len(done) / max(1, len(plan.trials))
+    if len(done) + len(ended) == len(plan.trials):
+        why = "every planned trial is committed" + (
+            ", or its condition ended early" if ended else ""
+        )
+        raise SessionError(f"{folder} is complete: {why}")
+    _check_early_end(plan)
+    remaining = 1 - (len(done) + len(ended)) / max(1, len(plan.trials))
     check_disk_space(folder, round(remaining * plan.bytes_estimate))
     recorder = open_recorder(folder, plan, context, resume=True)
-    return OpenedRun(plan, recorder, unattended, True, done, attempts, missing)
+    return OpenedRun(plan, recorder, unattended, True, done, ended, attempts, missing)
 
 
 def open_recorder(folder: Path, plan: Plan, context: RunContext, resume: bool) -> Recorder:

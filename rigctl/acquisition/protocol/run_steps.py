@@ -43,13 +43,14 @@ class RunSteps:
         self._steps.insert(self._end_of_trials(), RunTrial(trial))
 
     def drop(self, trials: Iterable[PlannedTrial]) -> None:
-        """Leave out trials that are to come."""
+        """Leave out trials that are to come, and plates that none of them need any longer."""
         dropped = set(trials)
         self._steps = deque(
             step
             for step in self._steps
             if not (isinstance(step, RunTrial) and step.trial in dropped)
         )
+        self._steps = deque(_with_trials(self._steps))
 
     def trials(self) -> list[PlannedTrial]:
         """Return the trials that are to come."""
@@ -72,3 +73,22 @@ class RunSteps:
         """Return the place behind the last trial before the next change of plates."""
         places = (i for i, step in enumerate(self._on_plate(), 1) if isinstance(step, RunTrial))
         return max(places, default=0)
+
+
+def _with_trials(steps: Iterable[Step]) -> Iterator[Step]:
+    """Yield steps without the changes to plates that have no trial.
+
+    The steps of such a plate go too, but those after the last change, as the end of the plan is
+    among them.
+    """
+    blocks: list[list[Step]] = [[]]
+    for step in steps:
+        if isinstance(step, ChangePlate):
+            blocks.append([])
+        blocks[-1].append(step)
+    yield from blocks[0]
+    for number, block in enumerate(blocks[1:], start=2):
+        if any(isinstance(step, RunTrial) for step in block):
+            yield from block
+        elif number == len(blocks):
+            yield from block[1:]

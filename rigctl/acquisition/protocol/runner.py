@@ -21,6 +21,8 @@ from pathlib import Path
 
 from rigctl.acquisition.boards import Boards
 from rigctl.acquisition.drum.settings import settle_settings
+from rigctl.acquisition.early_end.condition_end import ConditionEnd
+from rigctl.acquisition.early_end.early_ends import EarlyEnds
 from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.health.boards import END
 from rigctl.acquisition.health.disk import DiskMonitor
@@ -67,11 +69,15 @@ class Run:
         self._pipeline = boards.pipeline
         self._poller = boards.drum_poller
         self._now_s = boards.drum_poller.loop.time
-        self._progress = RunProgress(plan.trials, opened.done, plan.duration_s, self._now_s)
-        self._steps = RunSteps(remaining_steps(plan.steps, opened.done))
+        self._progress = RunProgress(
+            plan.trials, opened.done, plan.duration_s, self._now_s, opened.ended
+        )
+        self._steps = RunSteps(remaining_steps(plan.steps, opened.done | opened.ended))
         self._step_runner = StepRunner(
             boards, event_bus.publish, opened, self.control, self._progress, set_plate
         )
+        counting, publish = self._step_runner.committed_attempt, event_bus.publish
+        self._early_ends = EarlyEnds(plan, self._steps, counting, self._progress, publish)
 
     @property
     def ended(self) -> bool:
@@ -85,8 +91,8 @@ class Run:
 
     @property
     def complete(self) -> bool:
-        """Whether every planned trial is committed."""
-        return self._progress.committed == self._progress.planned
+        """Whether every planned trial is committed, or was left out by an early end."""
+        return self._progress.missing == 0
 
     async def execute(self) -> None:
         """Run the plan's steps; faults end the run and are published, not raised."""
@@ -124,6 +130,7 @@ class Run:
             trials_planned=progress.planned,
             trials_committed=progress.committed,
             trials_rejected=progress.rejected,
+            trials_ended_early=progress.ended_early,
             eta_s=None if self.ended else progress.eta_s(),
             elapsed_s=progress.clock.elapsed_s,
             trial_age_s=progress.trial_age_s(),
@@ -156,6 +163,16 @@ class Run:
             self.add_note(replace(note, trial_id=trial_id, attempt=attempt, mark=Mark.BAD))
         self._progress.reopen(trial, was_committed=bool(attempt))
 
+    def end_condition(self, end: ConditionEnd) -> bool:
+        """End a condition early; return False while its event could not be recorded.
+
+        Raises WrongUse where the protocol's rule does not allow it.
+        """
+        if not self._pipeline.is_recording:
+            return False
+        self._early_ends.end(end)
+        return True
+
     def _next_plate(self) -> NextPlate | None:
         texture, trials = self._steps.next_plate, self._steps.trials_on_plate()
         if texture is None:
@@ -186,7 +203,9 @@ class Run:
                 return "aborted", self.control.abort_reason
             self._event_bus.publish("fault", str(fault))
             return "failed", str(fault)
-        missing = self._progress.planned - self._progress.committed
+        missing, early = self._progress.missing, self._progress.ended_early
+        if not missing and early:
+            return "done", f"every condition is recorded; {early} trials were left out: early end"
         if missing:
             return "done", f"{missing} trials could not be committed: see their reasons"
         return (

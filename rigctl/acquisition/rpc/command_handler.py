@@ -21,6 +21,7 @@ from rigctl.acquisition.drum.contact import (
     is_left_in_contact,
 )
 from rigctl.acquisition.drum.motion import DrumMotion
+from rigctl.acquisition.early_end.condition_end import Amount, ConditionEnd
 from rigctl.acquisition.engine import Engine
 from rigctl.acquisition.protocol.run_request import RunRequest
 from rigctl.acquisition.rpc.arguments import NoteText, Number, PathText, TextureName
@@ -113,6 +114,20 @@ class CommandHandler(CalibrationCommands):
     async def on_repeat(self, trial_id: Number, text: NoteText = "repeated") -> None:
         """Run a trial again while its plate is on; the attempt that counted is marked bad."""
         self._engine.repeat(trial_id, text)
+
+    async def on_end_condition(
+        self,
+        texture: TextureName,
+        speed_mm_s: Amount,
+        force_g: Amount,
+        trials: Number,
+        mean_hz: Amount,
+        half_width_hz: Amount,
+        depth_mm: Amount = 0.0,
+    ) -> None:
+        """End a condition of the run early, as the protocol's rule allows it."""
+        values = (texture, speed_mm_s, force_g, depth_mm, trials, mean_hz, half_width_hz)
+        self._engine.end_condition(ConditionEnd(*values))
 
     async def on_stop(self) -> None:
         """Stop and lift immediately; a run ends."""

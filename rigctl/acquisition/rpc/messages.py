@@ -107,7 +107,8 @@ class RunStatus:
     """Progress of the protocol; ``state`` idle|running|paused|prompt|done|aborted|failed.
 
     ``reasons``: what the run waits for, words such as operator, prompt, link, disk.
-    ``text``: one sentence on how it ended, empty before. ``trial_age_s``: time since a trial was
+    ``text``: one sentence on how it ended, empty before. ``trials_ended_early``: planned trials
+    that an early end of their condition left out. ``trial_age_s``: time since a trial was
     committed, None before one was in this sitting. ``next_plate``: None if no other one follows.
     """
 
@@ -118,6 +119,7 @@ class RunStatus:
     trials_planned: int = 0
     trials_committed: int = 0
     trials_rejected: int = 0
+    trials_ended_early: int = 0
     eta_s: float | None = None
     elapsed_s: float = 0.0
     trial_age_s: float | None = None
@@ -125,6 +127,11 @@ class RunStatus:
     current: CurrentTrial | None = None
     prompt: PromptStatus | None = None
     session: str | None = None
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether every planned trial is committed, or was left out by an early end."""
+        return self.trials_committed + self.trials_ended_early == self.trials_planned
 
     @property
     def is_active(self) -> bool:

@@ -10,6 +10,7 @@ import argparse
 import json
 import shutil
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from rigctl.config.finger_config import load_finger_config
 from rigctl.config.resources import find_any_protocol
 from rigctl.config.rig_config import RigConfig, load_config
 from rigctl.errors import CheckFailed
+from rigctl.protocol.early_end import QUANTITY_NAMES
 from rigctl.protocol.finger import Stage
 from rigctl.protocol.finger_plan import is_finger_protocol, load_finger_protocol
 from rigctl.protocol.loader import load_protocol
@@ -91,6 +93,7 @@ def describe(plan: Plan) -> dict[str, Any]:
         **{name: getattr(protocol, name) for name in values},
         "seed": plan.seed,
         "trials": len(plan.trials),
+        **_early_end(plan),
         "steps": len(plan.steps),
         "plate_changes": plan.plate_changes,
         "trial_seconds": round(sum(t.duration_s for t in plan.trials), 3),
@@ -99,6 +102,12 @@ def describe(plan: Plan) -> dict[str, Any]:
         "bytes": plan.bytes_estimate,
         "hash": plan.hash,
     }
+
+
+def _early_end(plan: Plan) -> dict[str, Any]:
+    """Return the rule, and the fewest trials with it; empty without one."""
+    rule = plan.protocol.early_end
+    return {} if rule is None else {"fewest_trials": plan.fewest_trials, "early_end": asdict(rule)}
 
 
 def table(summary: dict[str, Any]) -> str:
@@ -111,6 +120,7 @@ def table(summary: dict[str, Any]) -> str:
         (presses, _numbers(summary[f"{presses}_{unit}"], unit)),
         ("order", _order(summary)),
         ("trials", f"{summary['trials']:,} of {summary['travel_mm']:g} mm"),
+        *_early_end_rows(summary),
         ("steps", f"{summary['steps']:,}"),
         ("plate changes", _changes(summary)),
         ("samples", f"{_time(summary['trial_seconds'])} of trials"),
@@ -120,6 +130,18 @@ def table(summary: dict[str, Any]) -> str:
         ("plan", summary["hash"]),
     )
     return _columns(rows)
+
+
+def _early_end_rows(summary: dict[str, Any]) -> tuple[tuple[str, str], ...]:
+    """Return the row of the rule; all other rows are those of a run that it leaves as planned."""
+    if "early_end" not in summary:
+        return ()
+    rule, name = summary["early_end"], QUANTITY_NAMES[summary["early_end"]["of"]]
+    text = (
+        f"at ± {rule['half_width_hz']:g} Hz of the {name}, from {rule['least_trials']} trials of a "
+        f"condition on: {summary['fewest_trials']:,} trials at least"
+    )
+    return (("early end", text),)
 
 
 def finger_table(summary: dict[str, Any]) -> str:

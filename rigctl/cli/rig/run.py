@@ -1,8 +1,8 @@
 """Run a protocol into a session.
 
-Run a protocol into a session. Exit code 0: every trial is committed; 1: the run ended without
-some trials; 2: wrong use; 3: the rig or the disk failed; 130: interrupted. The session is whole
-in every case.
+Run a protocol into a session. Exit code 0: every trial is committed, or left out by an early end
+of its condition; 1: the run ended without some trials; 2: wrong use; 3: the rig or the disk failed;
+130: interrupted. The session is whole in every case.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from rigctl.session.read.closing_digest import read_closing_digest
 from rigctl.session.read.session import Session
 
 POLL_S = 0.1
-TOLD_EVENTS = ("fault", "link", "pause", "resume", "message", "stop", "control")
+TOLD_EVENTS = ("early_end", "fault", "link", "pause", "resume", "message", "stop", "control")
 """Events that the user reads while the run goes on."""
 EXIT_CODES = {"aborted": INTERRUPTED, "failed": 3}
 KEYS = "p pause · r resume · a abort · c clear a fault · t take control · each with Enter"
@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
     ended = watch_run(client, ProgressLine(sys.stderr, quiet=args.json))
     _report(ended, args.json)
     if ended.state == "done":
-        return 0 if ended.trials_committed == ended.trials_planned else 1
+        return 0 if ended.is_complete else 1
     return EXIT_CODES[ended.state]
 
 
@@ -245,6 +245,8 @@ def _status_line(status: EngineStatus, elapsed_wall_s: float) -> str:
     parts = [f"{run.trials_committed}/{run.trials_planned} trials", run.state]
     if now := run.current:
         parts.append(f"{now.texture} {now.speed_mm_s:g} mm/s {now.force_g:g} g")
+    if run.trials_ended_early:
+        parts.append(f"{run.trials_ended_early} left out")
     if run.trials_rejected:
         parts.append(f"{run.trials_rejected} rejected")
     if run.eta_s is not None and run.elapsed_s > 0:

@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from rigctl.errors import SessionError
+from rigctl.session.early_end import describe_ends, ended_early
 from rigctl.session.files.truth_file import log_paths
 from rigctl.session.format.metadata.sensor_layout import layouts_match
 from rigctl.session.format.metadata.wiring import session_wiring
@@ -142,7 +143,9 @@ def _check_committed(session: SessionReader, report: VerifyReport) -> None:
         for number, count in counts.items()
         if count > 1
     ]
-    missing = session.header.trials_planned - len(counts)
+    ended = ended_early(session) if isinstance(session, Session) else {}
+    report.notes += describe_ends(ended)
+    missing = session.header.trials_planned - len(counts) - len(ended)
     if missing > 0:
         report.notes.append(
             f"{missing} of {session.header.trials_planned} planned trials are not committed"

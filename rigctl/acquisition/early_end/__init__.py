@@ -1,0 +1,1 @@
+"""Conditions that end before their repeats: a process of its own judges what is recorded."""
