@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from rigctl.acquisition.follow.followed_run import FollowedRun
-from rigctl.acquisition.follow.growing_reader import PartOrigin
 from rigctl.acquisition.health.rate_meter import RateMeter
 from rigctl.acquisition.rpc.messages import RecordingStatus
 from rigctl.session.read.session_reader import SessionReader
@@ -26,23 +25,21 @@ class FollowedGrowth:
         self._rate = RateMeter(RATE_WINDOW_S)
         self._samples = 0
         self._sampled_s: float | None = None
-        self._origin: PartOrigin | None = None
+        self._part = 0
         self.run = FollowedRun()
         self.newest_s = 0.0
         """Loop time of the recorder at the newest row, s."""
         self._count()
 
-    def update(
-        self, origin: PartOrigin, samples: int, events: Sequence[Event], now_s: float
-    ) -> None:
+    def update(self, part: int, samples: int, events: Sequence[Event], now_s: float) -> None:
         """Take note of new rows of one part that were read at ``now_s``."""
         self._samples += samples
         self._rate.update(now_s, self._samples)
         if samples:
             self._sampled_s = now_s
-        if origin != self._origin:
-            self._origin = origin
-            self.run.begin_part(origin.sitting)
+        if part != self._part:
+            self._part = part
+            self.run.begin_part()
         self.run.update(events)
         for event in events:
             self.see(event.at_s)

@@ -21,7 +21,6 @@ class FollowedRun:
         self.prompt: PromptStatus | None = None
         self._reasons: list[str] = []
         self._outcome = ""
-        self._sitting = ""
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -41,15 +40,13 @@ class FollowedRun:
             return "prompt"
         return "paused" if self._reasons else "running"
 
-    def begin_part(self, sitting: str) -> None:
-        """Take a part's begin: a question is answered, and what another sitting waited for is past.
+    def begin_part(self) -> None:
+        """Take a part's begin: a run that goes on in a new part waits for nothing.
 
-        ``sitting``: the wall clock at which the part's sitting began.
+        A pause and a change of plates end the part, so the record has no event of their end.
         """
         self.prompt = None
-        if sitting != self._sitting:
-            self._sitting = sitting
-            self._reasons.clear()
+        self._reasons.clear()
 
     def _take(self, event: Event) -> None:
         reason = str(event.data.get("reason"))

@@ -36,7 +36,7 @@ class FollowedStatus:
             self._growth.see(finite(self._poll["at_s"]))
         if any(event.kind == EARLY_END_KIND for event in rows.events):
             self._ended_early = len(ended_early(self._session))
-        self._growth.update(rows.origin, sum(map(len, rows.blocks)), rows.events, now_s)
+        self._growth.update(rows.part, sum(map(len, rows.blocks)), rows.events, now_s)
 
     def build(self, now_s: float) -> EngineStatus:
         """Return the status; ``now_s`` is the clock of :meth:`update`."""

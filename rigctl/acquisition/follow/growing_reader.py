@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from typing import Generic, NamedTuple, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -24,13 +24,6 @@ MAX_SAMPLES = 10_000
 _SAMPLES = layout.TAXEL_ARRAYS[0].path
 
 _Session = TypeVar("_Session", bound=SessionReader)
-
-
-class PartOrigin(NamedTuple):
-    """Where rows come from: the part, and the wall clock at which its sitting began."""
-
-    number: int
-    sitting: str
 
 
 class GrowingReader(Generic[_Session]):
@@ -88,11 +81,6 @@ class GrowingReader(Generic[_Session]):
         arrivals = part.rows(layout.ARRIVALS, max(0, part.n_rows(layout.ARRIVALS) - LOOKBACK_ROWS))
         before = arrivals[arrivals["first_row"] < stop]
         return finite(before["arrived_s"][-1]) if len(before) else 0.0
-
-
-def origin_of(part: PartReader) -> PartOrigin:
-    """Return the origin of a part's rows."""
-    return PartOrigin(part.number, part.header.start_utc)
 
 
 def finite(value: float) -> float:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.acquisition.follow.growing_reader import GrowingReader, PartOrigin, origin_of
+from rigctl.acquisition.follow.growing_reader import GrowingReader
 from rigctl.session.format import layout
 from rigctl.session.read.part import PartReader, StructuredArray
 from rigctl.session.read.session import Session
@@ -19,7 +19,7 @@ from rigctl.values import Block, Event
 class NewRows(NamedTuple):
     """New rows of one part: of the taxels, the drum and the load cell, and events."""
 
-    origin: PartOrigin
+    part: int
     blocks: list[Block]
     polls: StructuredArray
     loadcell: StructuredArray
@@ -39,7 +39,7 @@ class GrowingSession(GrowingReader[Session]):
         """Yield the rows since the last call, part by part."""
         for part in self.new_parts():
             yield NewRows(
-                origin_of(part),
+                part.number,
                 [self._block(part, start, stop) for start, stop in self.slices(part)],
                 self.rows(part, layout.DRUM),
                 self.rows(part, layout.LOADCELL),

@@ -42,8 +42,8 @@ class FollowedFinger:
     def take(self, now_s: float) -> Iterator[list[Event]]:
         """Make live data of the new rows, and yield the new events, batches and answers too."""
         for rows in self._growing.take_rows():
-            if rows.origin.number != self._part:
-                self._part = rows.origin.number
+            if rows.part != self._part:
+                self._part = rows.part
                 self._writer.set_range(rows.ranges.low, rows.ranges.high)
             for block, arrived_s in rows.blocks:
                 self._writer.add_block(block, arrived_s)

@@ -63,7 +63,7 @@ class FollowedFingerStatus:
         for event in rows.events:
             self._take_task(event)
         samples = sum(len(block.counters) for block, _ in rows.blocks)
-        self._growth.update(rows.origin, samples, rows.events, now_s)
+        self._growth.update(rows.part, samples, rows.events, now_s)
         self._named = self._confusion()
 
     def build(self, now_s: float) -> FingerEngineStatus:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from rigctl.acquisition.follow.growing_reader import GrowingReader, PartOrigin, finite, origin_of
+from rigctl.acquisition.follow.growing_reader import GrowingReader, finite
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.finger_values import PredictionRow
 from rigctl.session.format import finger_layout
@@ -21,7 +21,7 @@ from rigctl.wire.finger.decoder import FingerBlock
 class NewFingerRows(NamedTuple):
     """New rows of one part. ``blocks``: with the loop time at which the last sample arrived."""
 
-    origin: PartOrigin
+    part: int
     ranges: Normalisation
     blocks: list[tuple[FingerBlock, float]]
     track: StructuredArray
@@ -46,7 +46,7 @@ class GrowingFingerSession(GrowingReader[FingerSession]):
         for part in self.new_parts():
             answers = self.rows(part, finger_layout.PREDICTIONS)
             yield NewFingerRows(
-                origin_of(part),
+                part.number,
                 board_ranges(part.header),
                 [self._block(part, start, stop) for start, stop in self.slices(part)],
                 self.rows(part, finger_layout.TRACK),

@@ -75,6 +75,36 @@ def test_a_folder_that_vanishes_and_returns(harness: EngineHarness, tmp_path: Pa
         assert engine.loop.run_until_complete(asyncio.wait_for(both(), 60)) == 0
 
 
+def test_a_pause_is_seen_and_its_end(harness: EngineHarness, tmp_path: Path) -> None:
+    """A pause ends the part, so its end stands in no event: a new part says it."""
+    states: list[str] = []
+
+    async def scenario(harness: EngineHarness) -> None:
+        run = harness.engine.run
+        assert run is not None
+        await harness.until(lambda: harness.engine.status().run.trials_committed > 0)
+        writer = LiveWriter(tmp_path / "followed.live")
+        followed = FollowedDrum(GrowingSession(harness.session), writer)
+
+        def state() -> str:
+            followed.refresh()
+            for _ in followed.take(0.0):
+                pass
+            return followed.status(0.0).run.state
+
+        run.control.pause()
+        await harness.until(lambda: state() == "paused")
+        run.control.resume()
+        await harness.until(lambda: state() == "running")
+        await harness.until(harness.has_ended)
+        states.append(state())
+        followed.close()
+        writer.close()
+
+    harness.run(scenario, harness.request())
+    assert states == ["done"]
+
+
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
 def test_a_number_that_no_message_can_hold_is_zero(value: float) -> None:
     assert finite(value) == 0.0
@@ -83,11 +113,11 @@ def test_a_number_that_no_message_can_hold_is_zero(value: float) -> None:
 
 def test_the_events_tell_what_a_run_waits_for() -> None:
     run = FollowedRun()
-    run.begin_part("at noon")
+    run.begin_part()
     run.update([Event(1.0, "pause", "", {"reason": "operator"}), Event(1.1, "pause", "", {})])
     assert run.state(has_ended=False) == "paused" and run.reasons == ("operator", "None")
     run.update([Event(2.0, "resume", "", {"reason": "operator"})])
-    run.begin_part("after a crash")
+    run.begin_part()
     assert run.state(has_ended=False) == "running"
     run.update([Event(3.0, "prompt", "mount B", {"id": True, "texture": 7})])
     assert run.prompt is not None and (run.prompt.id, run.prompt.texture) == (0, None)
