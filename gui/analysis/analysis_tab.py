@@ -10,17 +10,17 @@ from PySide6.QtWidgets import QWidget
 
 from gui.analysis.compare.responses import ResponseGrid
 from gui.analysis.export.export_button import TABLE
-from gui.analysis.export.picture_file import new_file, save_picture
+from gui.analysis.export.picture_file import picture_bytes, widget_picture
+from gui.analysis.figures.picture_page import FigureView
 from gui.analysis.results import AnalysisResults
 from gui.analysis.results_panel import ResultsPanel
-from gui.analysis.results_view import FigureView, ResultsView
+from gui.analysis.results_view import ResultsView
 from gui.analysis.run_box import MODEL, PAPER, REALTIME
 from gui.analysis.run_end_strip import RunEndStrip
 from gui.analysis.session_panel import SessionPanel
 from gui.analysis.task_values import (
     DRUM,
     FINGER,
-    QuickCheckResult,
     ScanPicture,
     SessionTable,
     describe_request,
@@ -28,7 +28,6 @@ from gui.analysis.task_values import (
 from gui.analysis.trials.trial_pages import TrialPages
 from gui.analysis.worker import Worker
 from gui.widgets.theme import Theme
-from rigctl.errors import RigctlError
 
 FOLLOW_MS = 1000
 READING = (
@@ -37,6 +36,7 @@ READING = (
     "load_trial",
     "compare_trials",
     "save_values",
+    "save_file",
     "leave_out",
 )
 """Tasks of the reader."""
@@ -57,12 +57,11 @@ class AnalysisTab(QObject):
         super().__init__()
         self.panel, self.worker, self.reader = SessionPanel(), Worker(), Worker()
         self.trial_view, self.figure_view = TrialPages(theme), FigureView()
-        self.results_view = ResultsView(documentMode=True)
+        self.results_view = ResultsView()
         self.results_panel = ResultsPanel(self.results_view)
         self.run_end_strip = RunEndStrip()
-        self._settings = ""
+        self._settings = self._analysed = ""
         self.view: QWidget = self.trial_view
-        self._last_results: QWidget = self.figure_view
         self._report_folder = self._verified = ""
         self._is_prepared = False
         self._wanted_trial: tuple[str, int] | None = None
@@ -72,8 +71,9 @@ class AnalysisTab(QObject):
         panel.run_requested.connect(self._run)
         panel.verify_requested.connect(self._verify)
         panel.run_box.cancel_requested.connect(self._cancel)
-        panel.run_box.results_requested.connect(lambda: self._show(self._last_results))
-        self.trial_view.save_button.export_requested.connect(self._export_trial)
+        panel.run_box.results_requested.connect(lambda: self._show(self.results_panel))
+        for save_button in (self.trial_view.save_button, self.results_view.save_button):
+            save_button.export_requested.connect(self.save_page)
         self.trial_view.compare.compare_requested.connect(self._compare)
         self.results_panel.refused.connect(lambda text: self.reported.emit("refused", text))
         panel.shown.connect(self.prepare)
@@ -109,6 +109,7 @@ class AnalysisTab(QObject):
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme to the views."""
         self.trial_view.set_theme(theme)
+        self.results_view.set_theme(theme)
 
     @property
     def views(self) -> tuple[QWidget, ...]:
@@ -118,6 +119,7 @@ class AnalysisTab(QObject):
     def _run(self, method: str, path: str) -> None:
         run_box = self.panel.run_box
         self.panel.show_busy()
+        self._analysed = path
         if method == PAPER:
             request = run_box.form.request()
             self._report_folder = request.folder
@@ -134,13 +136,14 @@ class AnalysisTab(QObject):
             self._settings = f"Sessions: {names}; model: {run_box.model.text()}"
             self.worker.submit("classify", model=run_box.model.text(), sessions=sessions)
         else:
+            self._settings = f"Session: {path}; {run_box.description.text()}"
             self.worker.submit("quick_check", path=path)
 
     def _verify(self, path: str, digest: str) -> None:
         self.panel.show_busy()
         kept = "with the digest that was kept" if digest else "without a kept digest"
         self._settings = f"Session: {path}; {kept}"
-        self._verified = path
+        self._verified = self._analysed = path
         self.worker.submit("verify_session", path=path, digest=digest)
 
     def _load_trial(self, path: str, row: int) -> None:
@@ -154,23 +157,38 @@ class AnalysisTab(QObject):
             (path, row), self._wanted_trial = self._wanted_trial, None
             self.reader.submit("load_trial", path=path, row=row)
 
-    def _export_trial(self, suffix: str) -> None:
-        """Save the page of the trial beside its session."""
-        session = Path(self.panel.path).expanduser().absolute()
-        folder, pages = session.with_name(f"{session.name}-figures"), self.trial_view
-        try:
-            path = new_file(folder, pages.file_stem(), suffix)
-            if suffix == TABLE:
-                names, columns = pages.values()
-                self.reader.submit("save_values", path=str(path), names=names, columns=columns)
-                return
-            page = pages.currentWidget()
-            assert page is not None
-            save_picture(page, path)
-        except RigctlError as error:
-            self.reported.emit("refused", str(error))
+    def save_page(self, suffix: str) -> None:
+        """Save the page in front as a new file beside the session that it is about."""
+        if self.view is self.results_panel and self.results_view.count():
+            self._save_results(suffix)
+        elif self.view is self.trial_view and self.trial_view.data is not None:
+            self._save_trial(suffix)
         else:
-            self.reported.emit("analysis", f"saved {path}")
+            self.reported.emit("refused", "there is no page to save: choose a trial first")
+
+    def _save_trial(self, suffix: str) -> None:
+        pages, folder = self.trial_view, _figures_folder(self.panel.path)
+        stem, page = pages.file_stem(), pages.currentWidget()
+        if suffix == TABLE:
+            names, columns = pages.values()
+            values = {"names": names, "columns": columns}
+            self.reader.submit("save_values", folder=folder, stem=stem, **values)
+        elif page is not None:
+            content = picture_bytes(widget_picture(page), suffix, stem)
+            self._submit_file(folder, stem, suffix, content)
+
+    def _save_results(self, suffix: str) -> None:
+        view, folder = self.results_view, _figures_folder(self._analysed)
+        stem = view.file_stem()
+        if suffix == TABLE:
+            content = view.csv().encode()
+        else:
+            content = picture_bytes(view.page.picture(), suffix, stem)
+        self._submit_file(folder, stem, suffix, content)
+
+    def _submit_file(self, folder: str, stem: str, suffix: str, content: bytes) -> None:
+        file = {"stem": stem, "suffix": suffix, "content": content}
+        self.reader.submit("save_file", folder=folder, **file)
 
     def _compare(self, train: int, neuron: str) -> None:
         trials = self.panel.selected_trials()
@@ -191,7 +209,7 @@ class AnalysisTab(QObject):
         self.reported.emit("analysis", "analysis cancelled")
 
     def _finish(self, task: str, result: Any) -> None:
-        if task == "save_values":
+        if task in ("save_values", "save_file"):
             self.reported.emit("analysis", f"saved {result}")
         elif isinstance(result, ResponseGrid):
             self.trial_view.compare.show_grid(result)
@@ -203,15 +221,14 @@ class AnalysisTab(QObject):
         elif task == "load_trial":
             self.trial_view.show_trial(result)
             self._show(self.trial_view)
-        elif isinstance(result, QuickCheckResult):
-            self.figure_view.show_file(result.figure)
-            self._show_results(result.sentence, self.figure_view)
         elif isinstance(result, AnalysisResults):
             self._report_folder = ""
             if result.altered and self._verified in self.panel.sessions:
                 self.reader.submit("leave_out", path=self._verified, altered=result.altered)
             self.results_panel.show_results(result, self._settings)
-            self._show_results(result.sentence, self.results_panel)
+            self.panel.show_result(result.sentence)
+            self._show(self.results_panel)
+            self.reported.emit("analysis", result.sentence)
         if not self.reader.is_busy:
             self._read_wanted()
 
@@ -230,12 +247,12 @@ class AnalysisTab(QObject):
             self._show(self.trial_view)
         self.reported.emit("refused", sentence)
 
-    def _show_results(self, sentence: str, view: QWidget) -> None:
-        self.panel.show_result(sentence)
-        self._last_results = view
-        self._show(view)
-        self.reported.emit("analysis", sentence)
-
     def _show(self, view: QWidget) -> None:
         self.view = view
         self.view_changed.emit()
+
+
+def _figures_folder(session: str) -> str:
+    """Return the folder beside a session for saved pages."""
+    path = Path(session).expanduser().absolute()
+    return str(path.with_name(f"{path.name}-figures"))

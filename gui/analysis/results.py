@@ -7,63 +7,112 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from gui.analysis.export.value_file import rows_csv
+from gui.analysis.figures import finger_tables, held_out, read_results
+from gui.analysis.figures.accuracy import AccuracyPlot
+from gui.analysis.figures.confusion import ConfusionPlot
 from rigctl.analysis.data.notes import summarise_notes
 
 if TYPE_CHECKING:
     from rigctl.analysis.classification.classify_sessions import Classification
     from rigctl.analysis.finger.report import FingerReport
+    from rigctl.analysis.report.demo import DemoResult
     from rigctl.analysis.report.report_folder import ReportResult
     from rigctl.session.verify.report import VerifyReport
 
-FIGURES = (("fig3", "Accuracy"), ("confusion", "Confusion"), ("fig2c", "One taxel"))
-FINGER_FIGURES = (
-    ("fig4b", "Figure 4B"),
-    ("fig4c", "Figure 4C"),
-    ("figs5", "Figure S5"),
-    ("evidence", "Evidence"),
-    ("promises", "Promises"),
-    ("latencies", "Latencies"),
-)
+FINGER_ACCURACY = {"Figure 4B": "Fig. 4B", "Figure 4C": "Fig. 4C", "Figure S5": "Fig. S5"}
+"""Page and figure of the moving finger's curves."""
+
+
+PREDICTION_NAMES = (
+    "session", "trial", "true texture", "speed (mm/s)", "force (g)", "predicted texture", "right",
+    "posterior probability", "runner-up", "margin (log posterior)", "model was trained on it",
+)  # fmt: skip
 
 
 class ResultsPage(NamedTuple):
-    """One page: an HTML text or the path of a figure."""
+    """One page: numbers to plot, the path of a figure, or an HTML text.
+
+    ``csv``: the numbers of the page, with their units.
+    """
 
     name: str
     html: str = ""
     figure: str = ""
+    plot: AccuracyPlot | ConfusionPlot | None = None
+    csv: str = ""
 
 
 class AnalysisResults(NamedTuple):
     """The result in a sentence, its pages, and the folder of its report if it has one.
 
     ``altered``: index and reason of each attempt whose rows are not those that were recorded.
+    ``name``: begins the names of files. ``simulated``: whether any of the data is.
     """
 
     sentence: str
     pages: tuple[ResultsPage, ...]
     folder: str = ""
     altered: tuple[tuple[int, str], ...] = ()
+    name: str = "results"
+    simulated: bool = False
+
+
+def plot_page(name: str, plot: AccuracyPlot | ConfusionPlot) -> ResultsPage:
+    """Return a page that plots numbers."""
+    return ResultsPage(name, plot=plot, csv=plot.to_csv())
 
 
 def report_results(report: ReportResult) -> AnalysisResults:
     """Return the results of a report: Table 1, its figures and its remarks."""
     out = report.folder
-    pages = [ResultsPage("Table 1", _table_1(report))]
-    pages += [ResultsPage(title, figure=str(out / f"{stem}.png")) for stem, title in FIGURES]
+    values = read_results.read_values(out)
+    origin = read_results.origin_words(values, out)
+    pages = [
+        ResultsPage("Table 1", _table_1(report), csv=_text(out / "table1.csv")),
+        plot_page("Accuracy", read_results.drum_accuracy(values, origin)),
+        plot_page("Confusion", read_results.drum_confusion(values, origin)),
+        ResultsPage("One taxel", figure=str(out / "fig2c.png"), csv=_text(out / "fig2c.csv")),
+    ]
     if (out / "sensitivity.csv").exists():
-        pages.append(ResultsPage("Presets", _csv_table(out / "sensitivity.csv")))
-    pages.append(ResultsPage("Remarks", _bullets(summarise_notes(report.remarks))))
-    return AnalysisResults(_report_sentence(report), tuple(pages), str(out))
+        presets = out / "sensitivity.csv"
+        pages.append(ResultsPage("Presets", _csv_table(presets), csv=_text(presets)))
+    pages.append(_words_page("Remarks", summarise_notes(report.remarks)))
+    sentence = _report_sentence(report)
+    return AnalysisResults(
+        sentence, tuple(pages), str(out), name=out.name, simulated=report.simulated
+    )
 
 
 def finger_results(report: FingerReport) -> AnalysisResults:
     """Return the results of a report on the moving finger: its sentences and figures."""
     out = report.page.parent
-    figures = [(title, out / f"{stem}.png") for stem, title in FINGER_FIGURES]
-    pages = [ResultsPage(title, figure=str(path)) for title, path in figures if path.exists()]
-    pages.append(ResultsPage("In words", _bullets(report.lines)))
-    return AnalysisResults(f"The report is {report.page}", tuple(pages), str(out))
+    values = read_results.read_values(out)
+    origin = read_results.origin_words(values, out)
+    pages = []
+    for name, figure in FINGER_ACCURACY.items():
+        if (plot := read_results.finger_accuracy(values, figure, origin)) is not None:
+            pages.append(plot_page(name, plot))
+    for title, key, to_csv in finger_tables.FIGURES:
+        if (path := out / f"{key}.png").exists():
+            pages.append(ResultsPage(title, figure=str(path), csv=to_csv(values)))
+    pages.append(_words_page("In words", report.lines))
+    sentence = f"The report is {report.page}"
+    return AnalysisResults(
+        sentence, tuple(pages), str(out), name=out.name, simulated=values["simulated"]
+    )
+
+
+def quick_results(demo: DemoResult) -> AnalysisResults:
+    """Return the results of the quick check: accuracy, confusion, spikes of a trial, remarks."""
+    sentence = ". ".join((demo.sentence, *demo.remarks))
+    pages = (
+        plot_page("Accuracy", held_out.accuracy_plot(demo)),
+        plot_page("Confusion", held_out.confusion_plot(demo)),
+        ResultsPage("Spikes", figure=str(demo.raster), csv=held_out.spikes_csv(demo)),
+        _words_page("In words", (demo.sentence, *demo.remarks)),
+    )
+    return AnalysisResults(sentence, pages, name="quick-check", simulated=demo.simulated)
 
 
 def prediction_results(classification: Classification) -> AnalysisResults:
@@ -86,12 +135,14 @@ def prediction_results(classification: Classification) -> AnalysisResults:
         for p in classification.predictions
     ]  # fmt: skip
     predictions = f"<h3>{escape(summary(classification))}</h3>{table(head, cells)}"
+    csv = rows_csv(PREDICTION_NAMES, classification.predictions)
     pages = (
-        ResultsPage("Predictions", predictions),
-        ResultsPage("Confusion", _confusion(classification)),
-        ResultsPage("Remarks", _bullets(summarise_notes(classification.remarks))),
+        ResultsPage("Predictions", predictions, csv=csv),
+        plot_page("Confusion", held_out.model_confusion(classification)),
+        _words_page("Remarks", summarise_notes(classification.remarks)),
     )
-    return AnalysisResults(summary(classification), pages)
+    simulated = classification.trials.simulated
+    return AnalysisResults(summary(classification), pages, name="predictions", simulated=simulated)
 
 
 def verify_results(report: VerifyReport, path: Path, altered: Mapping[int, str]) -> AnalysisResults:
@@ -102,8 +153,9 @@ def verify_results(report: VerifyReport, path: Path, altered: Mapping[int, str])
     digest = f"<p>digest: {escape(report.closing_digest)}</p>" if report.closing_digest else ""
     findings = _bullets(finding_lines(report), "Nothing to note.")
     page = f"<h3>{escape(sentence)}</h3>{findings}{digest}"
-    pages = (ResultsPage("Verify", page),)
-    return AnalysisResults(sentence, pages, altered=tuple(altered.items()))
+    csv = rows_csv(("finding",), [[line] for line in finding_lines(report)])
+    pages = (ResultsPage("Verify", page, csv=csv),)
+    return AnalysisResults(sentence, pages, altered=tuple(altered.items()), name="verify")
 
 
 def table(head: list[str], rows: list[list[str]]) -> str:
@@ -158,19 +210,13 @@ def _percent(row: dict[str, Any] | None, absent: str) -> str:
     return f"{row['mean_percent']:.2f}{sd}<br><small>{paper}</small>"
 
 
-def _confusion(classification: Classification) -> str:
-    """Return the matrix of the trials that the model was not trained on, else of all."""
-    unseen = classification.unseen
-    which = "Trials that the model was trained on; the counts say nothing about others."
-    if unseen.n_scored:
-        classification, which = unseen, "Trials that the model was not trained on."
-    names = classification.model.classes
-    rows = [
-        [f"<b>{escape(name)}</b>", *(str(count or "·") for count in row)]
-        for name, row in zip(names, classification.confusion.tolist(), strict=True)
-    ]
-    note = f"<p>{which} Rows: true texture; columns: predicted texture.</p>"
-    return note + table(["", *map(escape, names)], rows)
+def _words_page(name: str, sentences: Sequence[str]) -> ResultsPage:
+    csv = rows_csv((name.lower(),), [[sentence] for sentence in sentences])
+    return ResultsPage(name, _bullets(sentences), csv=csv)
+
+
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
 
 
 def _csv_table(path: Path) -> str:

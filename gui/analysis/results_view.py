@@ -1,63 +1,73 @@
-"""Views of analysis results: a figure, and tabs for tables, figures and remarks."""
+"""The pages of analysis results: plots that can be read, pictures, tables and remarks."""
 
 from __future__ import annotations
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QPainter, QPaintEvent, QPixmap
-from PySide6.QtWidgets import QTabWidget, QTextBrowser, QWidget
+from PySide6.QtWidgets import QTabWidget
 
+from gui.analysis.export.export_button import ExportButton
+from gui.analysis.figures.accuracy import AccuracyPlot
+from gui.analysis.figures.accuracy_page import AccuracyPage
+from gui.analysis.figures.confusion import ConfusionPlot
+from gui.analysis.figures.confusion_page import ConfusionPage
+from gui.analysis.figures.picture_page import FigureView
+from gui.analysis.figures.text_page import TextPage
 from gui.analysis.results import AnalysisResults, ResultsPage
-from gui.widgets.labels import plain_tooltip
+from gui.widgets.theme import Theme, applied_theme
 
-
-class FigureView(QWidget):
-    """A PNG at the largest undistorted size, on white."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.pixmap = QPixmap()
-
-    def show_file(self, path: str) -> None:
-        """Show another figure."""
-        self.pixmap = QPixmap(path)
-        self.setToolTip(plain_tooltip(path))
-        self.update()
-
-    def paintEvent(self, event: QPaintEvent) -> None:
-        """Scale the original, so that the figure is sharp at every size."""
-        painter = QPainter(self)
-        painter.fillRect(self.rect(), Qt.GlobalColor.white)
-        if self.pixmap.isNull():
-            return
-        ratio = self.devicePixelRatioF()
-        scaled = self.pixmap.scaled(
-            self.size() * ratio,
-            Qt.AspectRatioMode.KeepAspectRatio,
-            Qt.TransformationMode.SmoothTransformation,
-        )
-        scaled.setDevicePixelRatio(ratio)
-        size = scaled.deviceIndependentSize()
-        left, top = (self.width() - size.width()) / 2, (self.height() - size.height()) / 2
-        painter.drawPixmap(round(left), round(top), scaled)
+ResultWidget = AccuracyPage | ConfusionPage | FigureView | TextPage
 
 
 class ResultsView(QTabWidget):
     """One tab per page of the latest results."""
 
+    def __init__(self) -> None:
+        super().__init__(documentMode=True)
+        self.save_button = ExportButton()
+        self.setCornerWidget(self.save_button, Qt.Corner.TopRightCorner)
+        self.results = AnalysisResults("", ())
+
+    @property
+    def page(self) -> ResultWidget:
+        """The page in front."""
+        widget = self.currentWidget()
+        assert isinstance(widget, ResultWidget)
+        return widget
+
     def show_results(self, results: AnalysisResults) -> None:
         """Replace the tabs; the first page comes to the front."""
+        self.results = results
         while (page := self.widget(0)) is not None:
             self.removeTab(0)
             page.deleteLater()
         for result in results.pages:
-            self.addTab(_view(result), result.name)
+            self.addTab(_view(result, applied_theme()), result.name)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Apply a theme to every page."""
+        for index in range(self.count()):
+            widget = self.widget(index)
+            assert isinstance(widget, ResultWidget)
+            widget.set_theme(theme)
+
+    def file_stem(self) -> str:
+        """Return results, page and origin as the beginning of a file's name."""
+        origin = "-simulated" if self.results.simulated else ""
+        name = f"{self.results.name}-{self.tabText(self.currentIndex())}{origin}"
+        return name.lower().replace(" ", "-")
+
+    def csv(self) -> str:
+        """Return the numbers of the page in front, empty without any."""
+        return self.results.pages[self.currentIndex()].csv
 
 
-def _view(page: ResultsPage) -> QWidget:
+def _view(page: ResultsPage, theme: Theme) -> ResultWidget:
+    if isinstance(page.plot, AccuracyPlot):
+        return AccuracyPage(theme, page.plot)
+    if isinstance(page.plot, ConfusionPlot):
+        return ConfusionPage(theme, page.plot)
     if page.figure:
         figure = FigureView()
         figure.show_file(page.figure)
         return figure
-    text = QTextBrowser()
-    text.setHtml(page.html)
-    return text
+    return TextPage(page.html)

@@ -89,13 +89,6 @@ class ScanPicture(NamedTuple):
     figure: str
 
 
-class QuickCheckResult(NamedTuple):
-    """The accuracy in a sentence, and the path of its figure."""
-
-    sentence: str
-    figure: str
-
-
 class FingerSessionInfo(NamedTuple):
     """A session of the moving finger: its stages, its simulated person, and the slides so far."""
 

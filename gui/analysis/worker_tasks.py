@@ -18,18 +18,18 @@ from typing import TYPE_CHECKING, Any
 
 from gui.analysis import finger_tasks
 from gui.analysis.compare.responses import ResponseGrid, compare_responses
-from gui.analysis.export.value_file import save_values
+from gui.analysis.export.value_file import columns_csv, save_new
 from gui.analysis.results import (
     AnalysisResults,
     finger_results,
     prediction_results,
+    quick_results,
     report_results,
     verify_results,
 )
 from gui.analysis.task_values import (
     AnalysisRequest,
     FingerSessionInfo,
-    QuickCheckResult,
     ScanPicture,
     SessionTable,
     TrialData,
@@ -158,10 +158,15 @@ class WorkerTasks:
         """Read the responses of a neuron in trials of open sessions, by condition."""
         return compare_responses(self._sessions, trials, train, neuron)
 
-    def save_values(self, path: str, names: tuple[str, ...], columns: tuple[Any, ...]) -> str:
-        """Write what a page shows as CSV; return its path."""
-        save_values(Path(path), names, columns)
-        return path
+    def save_values(
+        self, folder: str, stem: str, names: tuple[str, ...], columns: tuple[Any, ...]
+    ) -> str:
+        """Write what a page shows as a new CSV; return its path."""
+        return str(save_new(Path(folder), stem, "csv", columns_csv(names, columns)))
+
+    def save_file(self, folder: str, stem: str, suffix: str, content: bytes) -> str:
+        """Write a picture or a table as a new file; return its path."""
+        return str(save_new(Path(folder), stem, suffix, content))
 
     def neuron_voltage(self, path: str, row: int, taxel: int) -> NDArray[np.float64]:
         """Return v(t) of SA and RA of a taxel in an attempt of an open session, mV."""
@@ -196,13 +201,12 @@ class WorkerTasks:
         """Leave attempts out of an open session; return its table, which marks them."""
         return self._sessions.leave_out(path, dict(altered))
 
-    def quick_check(self, path: str) -> QuickCheckResult:
+    def quick_check(self, path: str) -> AnalysisResults:
         """Classify a session's textures as the demo does; write the figures into the session."""
         from rigctl.analysis.report.demo import analyse_session
 
         answer = analyse_session(Path(path), Path(path) / FIGURES, progress=self._progress)
-        sentence = ". ".join((answer.sentence, *answer.remarks))
-        return QuickCheckResult(sentence, str(answer.accuracy.with_suffix(".png")))
+        return quick_results(answer)
 
     def analyse(self, request: AnalysisRequest) -> AnalysisResults:
         """Write a report on sessions as ``rigctl analyse`` does."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -10,8 +11,11 @@ from PySide6.QtGui import QDesktopServices
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QComboBox, QTextBrowser
 
+from gui.analysis.figures.accuracy_page import AccuracyPage
+from gui.analysis.figures.confusion_page import ConfusionPage
+from gui.analysis.figures.picture_page import FigureView
 from gui.analysis.options_form import ENGINES, REPRESENTATIONS, TASKS
-from gui.analysis.results_view import FigureView, ResultsView
+from gui.analysis.results_view import ResultsView
 from rigctl.analysis.classification import sweep_engines
 from rigctl.analysis.features import representations
 from rigctl.analysis.paper import tasks
@@ -61,7 +65,14 @@ def test_classify_shows_a_sentence_and_a_figure(opened: Harness, session: Path) 
     assert not panel.run_box.run_button.isEnabled() and panel.run_box.cancel_button.isEnabled()
     wait_until(lambda: bool(panel.run_box.result.text()), timeout_ms=60_000)
     assert "chance" in panel.run_box.result.text()
-    assert not opened.window.analysis_tab.figure_view.pixmap.isNull()
+    view = opened.window.analysis_tab.results_view
+    names = [view.tabText(i) for i in range(view.count())]
+    assert names == ["Accuracy", "Confusion", "Spikes", "In words"]
+    assert isinstance(view.widget(0), AccuracyPage) and isinstance(view.widget(1), ConfusionPage)
+    figure = view.widget(2)
+    assert isinstance(figure, FigureView) and figure.is_shown
+    assert view.results.pages[2].csv.startswith("neuron,spike (s)\nSA 1,")
+    assert view.results.simulated and "SIMULATED" in view.results.pages[0].plot.origin.upper()
     assert panel.run_box.run_button.isEnabled() and not panel.run_box.cancel_button.isEnabled()
 
 
@@ -139,8 +150,19 @@ def test_paper_analysis_has_options_of_command_line(
     assert "trained on all 48 trials" in page_text(view, "Remarks")
     bar = view.tabBar()
     QTest.mouseClick(bar, Qt.MouseButton.LeftButton, pos=bar.tabRect(1).center())
-    figure = view.currentWidget()
-    assert isinstance(figure, FigureView) and not figure.pixmap.isNull()
+    page = view.currentWidget()
+    assert isinstance(page, AccuracyPage)
+    QTest.keyClick(page.plots.graphics, Qt.Key.Key_End)
+    saved = json.loads((report / "results.json").read_text())["tasks"]["textures"]
+    mean = 100 * saved["representations"]["original"]["mean"][0]
+    assert f"Original, 1 component: {mean:.2f}" in page.readout.label.text()
+    matrices = view.widget(2)
+    assert isinstance(matrices, ConfusionPage)
+    confusion = saved["representations"]["original"]["confusion"]
+    assert matrices.view.matrix.counts.tolist() == confusion
+    figure = view.widget(3)
+    assert isinstance(figure, FigureView) and figure.drawing.isValid()
+    assert "derivative 1/s" in view.results.pages[3].csv
 
     choose(box.method, "A trained model")
     box.model.setText(str(session.with_name("session-report-1-model.h5")))
@@ -148,7 +170,9 @@ def test_paper_analysis_has_options_of_command_line(
     wait_until(lambda: "trained on all 48 trials" in box.result.text(), timeout_ms=60_000)
     assert "says nothing about others" in page_text(view, "Predictions")
     assert "trained on 48 of these 48 trials" in page_text(view, "Remarks")
-    assert "Rows: true" in page_text(view, "Confusion")
+    matrices = view.widget(1)
+    assert isinstance(matrices, ConfusionPage)
+    assert "say nothing about others" in matrices.words.text()
     assert "no reading is outside them" in page_text(view, "Remarks")
     opened.window.analysis_tab.panel.table.selectRow(3)
     wait_until(lambda: opened.window.stack.currentWidget() is tab.trial_view)

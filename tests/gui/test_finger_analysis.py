@@ -5,8 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
 
-from gui.analysis.results_view import FigureView
+from gui.analysis.figures.accuracy_page import AccuracyPage
+from gui.analysis.figures.picture_page import FigureView
 from gui.analysis.run_box import REALTIME
 from rigctl.protocol.finger import Stage
 from tests.analysis.finger.made_sessions import write_session
@@ -35,7 +38,7 @@ def test_a_scan_is_shown_as_a_picture(harness: Harness, recorded: Path) -> None:
     _open(harness, recorded)
     tab = harness.window.analysis_tab
     assert "moving finger, normalise; 2 of 2 scans committed, simulated" in tab.panel.about.text()
-    wait_until(lambda: not tab.figure_view.pixmap.isNull(), 30_000)
+    wait_until(lambda: tab.figure_view.is_shown, 30_000)
     assert harness.window.stack.currentWidget() is tab.figure_view
     assert tab.panel.run_box.method.currentData() == REALTIME
     assert tab.panel.run_box.method.count() == 1, "the drum's methods do not fit"
@@ -62,5 +65,11 @@ def test_the_experiment_is_analysed_with_its_later_sessions(
     names = [view.tabText(i) for i in range(view.count())]
     assert names[:3] == ["Figure 4B", "Figure 4C", "Figure S5"]
     first = view.widget(0)
-    assert isinstance(first, FigureView) and not first.pixmap.isNull()
+    assert isinstance(first, AccuracyPage)
+    QTest.keyClick(first.plots.graphics, Qt.Key.Key_Right)
+    words = first.readout.label.text()
+    assert "Fig. 4B Same session · Original, 1 component" in words and "paper: 65.00" in words
+    evidence = view.widget(names.index("Evidence"))
+    assert isinstance(evidence, FigureView) and evidence.drawing.isValid()
+    assert "way (mm)" in view.results.pages[names.index("Evidence")].csv
     assert (tmp_path / "train-report-1" / "report.html").is_file()

@@ -100,7 +100,8 @@ def test_a_folder_that_cannot_be_written_is_said(shown: Harness, tmp_path: Path)
     (tmp_path / "session-figures").write_text("in the way")
     button = shown.window.analysis_tab.trial_view.save_button
     button.formats.actions()[0].trigger()
-    assert "session-figures cannot be made" in shown.window.status_line.text()
+    line = shown.window.status_line
+    wait_until(lambda: "session-figures cannot be made" in line.text())
 
 
 @pytest.mark.parametrize(

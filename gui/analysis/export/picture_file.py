@@ -1,71 +1,82 @@
-"""Write what a widget shows as PNG, SVG or PDF."""
+"""Encode a picture as PNG, SVG or PDF."""
 
 from __future__ import annotations
 
-from itertools import count
-from pathlib import Path
+from collections.abc import Callable
+from typing import NamedTuple
 
-from PySide6.QtCore import QMarginsF, QPoint, QRect, QSize, QSizeF
-from PySide6.QtGui import QPageLayout, QPageSize, QPainter, QPdfWriter
+from PySide6.QtCore import QBuffer, QByteArray, QIODevice, QMarginsF, QPoint, QRect, QSize, QSizeF
+from PySide6.QtGui import QImage, QImageWriter, QPageLayout, QPageSize, QPainter, QPdfWriter
 from PySide6.QtSvg import QSvgGenerator
 from PySide6.QtWidgets import QGraphicsView, QWidget
 
-from rigctl.errors import DiskFault
-
 PICTURES = ("png", "svg", "pdf")
 DOTS_PER_INCH, DOTS_PER_POINT = 96, 96 / 72
+PNG_RATIO = 2
+"""Pixels of a PNG for one of the screen, so that it is sharp in print."""
 
 
-def new_file(folder: Path, stem: str, suffix: str) -> Path:
-    """Return the path of a new file in a folder, which is made; no file is ever overwritten.
+class Picture(NamedTuple):
+    """A picture of some size that paints itself anywhere."""
 
-    Raises DiskFault.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DiskFault(f"{folder} cannot be made ({error}): choose another place") from error
-    names = (f"{stem}{f'-{n}' if n > 1 else ''}.{suffix}" for n in count(1))
-    return next(folder / name for name in names if not (folder / name).exists())
+    size: QSize
+    paint: Callable[[QPainter], None]
 
 
-def save_picture(widget: QWidget, path: Path) -> None:
-    """Write a widget's picture in the format of the file's name. Raises DiskFault."""
-    if path.suffix == ".png":
-        is_saved = widget.grab().save(str(path))
-    elif path.suffix == ".svg":
-        is_saved = _paint(widget, _svg(path, widget.size()))
+def widget_picture(widget: QWidget) -> Picture:
+    """Return what a widget shows."""
+
+    def paint(painter: QPainter) -> None:
+        if isinstance(widget, QGraphicsView):
+            target = QRect(QPoint(0, 0), widget.size())
+            widget.render(painter, target, widget.viewport().rect())
+        else:
+            widget.render(painter, QPoint(0, 0))
+
+    return Picture(widget.size(), paint)
+
+
+def picture_bytes(picture: Picture, suffix: str, title: str) -> bytes:
+    """Return a picture in a format of :data:`PICTURES`."""
+    data = QByteArray()
+    buffer = QBuffer(data)
+    buffer.open(QIODevice.OpenModeFlag.WriteOnly)
+    if suffix == "png":
+        QImageWriter(buffer, QByteArray(b"png")).write(_image(picture))
     else:
-        is_saved = _paint(widget, _pdf(path, widget.size()))
-    if not is_saved or not path.exists():
-        raise DiskFault(f"{path} cannot be written: free some space, or open another session")
+        encode = _svg if suffix == "svg" else _pdf
+        device = encode(buffer, picture.size, title)
+        painter = QPainter(device)
+        picture.paint(painter)
+        painter.end()
+    buffer.close()
+    return bytes(data.data())
 
 
-def _svg(path: Path, size: QSize) -> QSvgGenerator:
+def _image(picture: Picture) -> QImage:
+    image = QImage(picture.size * PNG_RATIO, QImage.Format.Format_RGB32)
+    image.setDevicePixelRatio(PNG_RATIO)
+    painter = QPainter(image)
+    picture.paint(painter)
+    painter.end()
+    return image
+
+
+def _svg(buffer: QBuffer, size: QSize, title: str) -> QSvgGenerator:
     device = QSvgGenerator()
-    device.setFileName(str(path))
+    device.setOutputDevice(buffer)
     device.setSize(size)
     device.setViewBox(QRect(QPoint(0, 0), size))
-    device.setTitle(path.stem)
+    device.setTitle(title)
     return device
 
 
-def _pdf(path: Path, size: QSize) -> QPdfWriter:
-    device = QPdfWriter(str(path))
+def _pdf(buffer: QBuffer, size: QSize, title: str) -> QPdfWriter:
+    device = QPdfWriter(buffer)
     device.setResolution(DOTS_PER_INCH)
+    device.setTitle(title)
     points = QSizeF(size.width() / DOTS_PER_POINT, size.height() / DOTS_PER_POINT)
     page = QPageSize(points, QPageSize.Unit.Point, "", QPageSize.SizeMatchPolicy.ExactMatch)
     layout = QPageLayout(page, QPageLayout.Orientation.Portrait, QMarginsF(0, 0, 0, 0))
     device.setPageLayout(layout)
     return device
-
-
-def _paint(widget: QWidget, device: QSvgGenerator | QPdfWriter) -> bool:
-    painter = QPainter()
-    if not painter.begin(device):
-        return False
-    if isinstance(widget, QGraphicsView):
-        widget.render(painter, painter.viewport(), widget.viewport().rect())
-    else:
-        widget.render(painter, QPoint(0, 0))
-    return painter.end()

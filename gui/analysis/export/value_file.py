@@ -1,22 +1,43 @@
-"""Write numbers as CSV. This module does not import Qt."""
+"""Write pictures and tables as new files, whole or not at all. This module does not import Qt."""
 
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 from typing import Any
 
+from rigctl.analysis.data.atomic_file import atomic_file
 from rigctl.errors import DiskFault
 
 
-def save_values(path: Path, names: Sequence[str], columns: Sequence[Any]) -> None:
-    """Write columns of equal length under their names; a new file. Raises DiskFault."""
-    rows = zip(*(column.tolist() for column in columns), strict=True)
+def save_new(folder: Path, stem: str, suffix: str, content: bytes) -> Path:
+    """Write a new file into a folder, which is made; no file is ever overwritten.
+
+    Raises DiskFault; then there is no file.
+    """
     try:
-        with path.open("x", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(names)
-            writer.writerows(rows)
+        folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise DiskFault(f"{path} cannot be written ({error}): free some space") from error
+        raise DiskFault(f"{folder} cannot be made ({error}): choose another place") from error
+    names = (f"{stem}{f'-{n}' if n > 1 else ''}.{suffix}" for n in count(1))
+    path = next(folder / name for name in names if not (folder / name).exists())
+    with atomic_file(path) as partial:
+        partial.write_bytes(content)
+    return path
+
+
+def columns_csv(names: Sequence[str], columns: Sequence[Any]) -> bytes:
+    """Return columns of equal length under their names."""
+    return rows_csv(names, zip(*(column.tolist() for column in columns), strict=True)).encode()
+
+
+def rows_csv(names: Sequence[str], rows: Any) -> str:
+    """Return rows under the names of their columns."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(names)
+    writer.writerows(rows)
+    return out.getvalue()

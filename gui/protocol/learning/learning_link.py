@@ -8,7 +8,7 @@ from typing import Any
 from PySide6.QtCore import QObject, Signal
 
 from gui.analysis.export.export_button import TABLE
-from gui.analysis.export.picture_file import new_file, save_picture
+from gui.analysis.export.picture_file import picture_bytes, widget_picture
 from gui.analysis.worker import Worker
 from gui.protocol.learning.curve_texts import VALUE_NAMES, values
 from gui.protocol.learning.learning_page import (
@@ -18,11 +18,12 @@ from gui.protocol.learning.learning_page import (
     NO_TRIAL,
     LearningPage,
 )
-from rigctl.errors import RigctlError
 
 CURVE = "learning_curve"
 Stage = tuple[str, int, int]
 """A session's folder, its trials that count, and all attempts: what changes the curve."""
+STEM = "learning-curve"
+"""Name of a saved file."""
 
 
 class LearningLink(QObject):
@@ -105,14 +106,10 @@ class LearningLink(QObject):
         if curve is None:
             return
         session = Path(curve.folder).expanduser().absolute()
-        try:
-            path = new_file(session.with_name(f"{session.name}-figures"), "learning-curve", suffix)
-            if suffix == TABLE:
-                table = {"names": VALUE_NAMES, "columns": values(curve)}
-                self.worker.submit("save_values", path=str(path), **table)
-                return
-            save_picture(self._page.figure, path)
-        except RigctlError as error:
-            self.reported.emit("refused", str(error))
+        file = {"folder": f"{session}-figures", "stem": STEM}
+        if suffix == TABLE:
+            table = {"names": VALUE_NAMES, "columns": values(curve)}
+            self.worker.submit("save_values", **file, **table)
         else:
-            self.reported.emit("analysis", f"saved {path}")
+            content = picture_bytes(widget_picture(self._page.figure), suffix, STEM)
+            self.worker.submit("save_file", **file, suffix=suffix, content=content)

@@ -26,13 +26,19 @@ from rigctl.session.read.session import Session
 
 @dataclass(frozen=True, slots=True)
 class DemoResult:
-    """A summary sentence, the figures, the predictions, and remarks."""
+    """A summary sentence, the figures, the predictions, and remarks.
+
+    ``shown``: the trial of the raster. ``origin``: the source of the data, in a few words.
+    """
 
     sentence: str
     raster: Path
     accuracy: Path
     held_out: HeldOutPredictions
     remarks: tuple[str, ...]
+    shown: RasterData
+    origin: str
+    simulated: bool
 
 
 def analyse_session(
@@ -50,9 +56,13 @@ def analyse_session(
     seed = trials.provenance[0]["seed"]
     held_out = classify_held_out(samples, Design.from_trials(trials), seed=seed, progress=progress)
     progress("drawing", 0, 1)
-    accuracy = draw_accuracy(held_out, _origin(trials), figures / "accuracy")
-    raster = draw_raster(_most_active_trial(trials, samples), figures / "raster")
-    return DemoResult(accuracy_sentence(held_out), raster, accuracy, held_out, trials.remarks)
+    origin, shown = _origin(trials), _most_active_trial(trials, samples)
+    accuracy = draw_accuracy(held_out, origin, figures / "accuracy")
+    raster = draw_raster(shown, figures / "raster")
+    return DemoResult(
+        accuracy_sentence(held_out), raster, accuracy, held_out, trials.remarks,
+        shown, origin, trials.simulated,
+    )  # fmt: skip
 
 
 def accuracy_sentence(held_out: HeldOutPredictions) -> str:

@@ -29,7 +29,7 @@ from rigctl.analysis.report.html_report import html_report
 from rigctl.analysis.report.paper_figures import draw_confusion, draw_curves
 from rigctl.analysis.settings.analysis_settings import AnalysisSettings
 from rigctl.analysis.settings.settings_file import differences_from_paper, to_toml
-from rigctl.analysis.taxel.taxel_course import load_course
+from rigctl.analysis.taxel.taxel_course import load_course, write_course
 from rigctl.analysis.taxel.taxel_figure import draw_taxel
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
@@ -171,6 +171,7 @@ def _write(folder: Path, request: ReportRequest, analysis: _Analysis, made_utc: 
     values = as_dict(
         representations, request.settings, results, analysis.remarks, made_utc, analysis.ablations
     )
+    write_course(taxel, folder / "fig2c.csv")
     values["sensitivity"] = table = sensitivity_dict(analysis.preset_rows)
     if table is not None:
         (folder / "sensitivity.csv").write_text(to_csv(table["rows"]), encoding="utf-8")

@@ -25,7 +25,7 @@ from tests.analysis.recordings import record
 
 FILES = {
     "analysis.toml", "report.html", "results.json", "table1.csv", "unconverged_c.csv",
-    "fig3.svg", "fig3.png", "confusion.svg", "confusion.png", "fig2c.svg", "fig2c.png",
+    "fig3.svg", "fig3.png", "confusion.svg", "confusion.png", "fig2c.svg", "fig2c.png", "fig2c.csv",
 }  # fmt: skip
 
 

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from PySide6.QtWidgets import QApplication
 
-from gui.analysis.results import AnalysisResults, ResultsPage
 from gui.live.page.live_page import ENCODER, TRIALS
 from gui.protocol.learning.learning_page import NO_SESSION
 from gui.protocol.protocol_panel import ProtocolPanel
@@ -23,6 +22,7 @@ from tests.gui.fake_finger import RUNNING, FakeFinger
 from tests.gui.steps import click, wait_until
 from tests.gui.texts.attach_scenes import attach_scenes
 from tests.gui.texts.editor_scenes import editor_scenes
+from tests.gui.texts.results_scenes import results_scenes
 
 SESSION_NAME = "dense-coding-of-surface-textures-20261123-205501"
 FAULT_WORDS = "force above the limit: check the sensor and the plate, then clear the fault"
@@ -234,11 +234,7 @@ def _analysis(stage: Stage) -> Iterator[str]:
         box.method.setCurrentIndex(index)
         QApplication.processEvents()
         yield f"Analysis, {box.method.itemText(index)}"
-    names = ("Table 1", "Accuracy", "Confusion", "One taxel", "Presets", "Remarks")
-    pages = tuple(ResultsPage(name, html="<p>A sentence.</p>") for name in names)
-    tab.results_view.show_results(AnalysisResults("98.85 ± 0.16 % of 48 trials right", pages))
-    stage.window.stack.setCurrentWidget(tab.results_panel)
-    yield "Analysis, results"
+    yield from results_scenes(stage.window)
 
 
 def _finger(stage: Stage) -> Iterator[str]:

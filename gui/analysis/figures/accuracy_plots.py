@@ -1,0 +1,261 @@
+"""Curves of accuracy over components, a plot for each task; any point can be chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Set as AbstractSet
+from math import ceil
+from typing import NamedTuple
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, Qt, Signal
+from PySide6.QtGui import QKeyEvent
+
+from gui.analysis.figures.accuracy import AccuracyCurve, AccuracyPanel, AccuracyPlot
+from gui.analysis.figures.curve_looks import LOOKS, PAPER_PX, PAPER_SYMBOL, SYMBOL_PX, CurveLook
+from gui.widgets.plot_axes import colour_axes
+from gui.widgets.plot_grid import PlotGrid
+from gui.widgets.theme import Theme
+
+COLUMNS, SYMBOLS = 2, 8
+TOP_PERCENT, ROOM, LEFT_PX = 104.0, 0.07, 44
+ROW_PX = 170
+"""Least height of a row of plots."""
+ZOOM = 1.25
+_Key = Qt.Key
+
+
+class AccuracyPoint(NamedTuple):
+    """A point: indices of the panel and of the curve in it, and the number of components."""
+
+    panel: int = 0
+    curve: int = 0
+    components: int = 0
+
+
+class AccuracyPlots(PlotGrid):
+    """The plots of the tasks that are shown. Pointer and arrow keys choose a point."""
+
+    point_changed = Signal(str)
+    """The chosen point in words, empty for none."""
+
+    def __init__(self, theme: Theme, plot: AccuracyPlot) -> None:
+        super().__init__()
+        self._theme, self.plot = theme, plot
+        self.hidden: AbstractSet[str] = frozenset()
+        self.alone: int | None = None
+        self.point: AccuracyPoint | None = None
+        self.plots: dict[int, pg.PlotItem] = {}
+        self._ring = pg.ScatterPlotItem()
+        self.graphics.scene().sigMouseMoved.connect(self._point_at)
+        self.graphics.installEventFilter(self)
+        self.graphics.setAccessibleName("Accuracy over the number of components")
+        self.set_theme(theme)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Apply a theme."""
+        self._theme = theme
+        self.colour_background(theme)
+        self._lay_out()
+
+    def show_alone(self, panel: int | None) -> None:
+        """Show one task large, or all."""
+        self.alone = panel
+        self._lay_out()
+
+    def hide_curves(self, keys: AbstractSet[str]) -> None:
+        """Leave out the curves of these representations."""
+        self.hidden = keys
+        for number in self.plots:
+            self._draw(number)
+        self._choose(None)
+
+    def show_whole_range(self) -> None:
+        """Undo the zoom."""
+        for number, plot in self.plots.items():
+            k_max = self.plot.panels[number].k_max
+            plot.setRange(xRange=(0, k_max * (1 + ROOM)), yRange=(0, TOP_PERCENT), padding=0)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Take the keys that choose a point or zoom."""
+        if isinstance(event, QKeyEvent) and event.type() is QEvent.Type.KeyPress:
+            return self._press(event)
+        return super().eventFilter(watched, event)
+
+    def _lay_out(self) -> None:
+        """Make the plots anew, in a grid."""
+        self.cells.clear()
+        self.plots.clear()
+        panels = range(len(self.plot.panels)) if self.alone is None else [self.alone]
+        columns = min(COLUMNS, len(panels))
+        self.setMinimumHeight(ROW_PX * ceil(len(panels) / columns))
+        for place, number in enumerate(panels):
+            row, column = divmod(place, columns)
+            is_last = place + columns >= len(panels)
+            self.plots[number] = self._add(row, column, self.plot.panels[number], is_last)
+            self._draw(number)
+        self.show_whole_range()
+        self._choose(None)
+
+    def _add(self, row: int, column: int, panel: AccuracyPanel, is_last: bool) -> pg.PlotItem:
+        plot = self.cells.addPlot(row=row, col=column, enableMenu=False)
+        plot.hideButtons()
+        plot.disableAutoRange()
+        plot.setLimits(xMin=0, xMax=panel.k_max * (1 + ROOM), yMin=0, yMax=TOP_PERCENT)
+        plot.setLimits(minXRange=2, minYRange=2)
+        plot.setTitle(panel.title, color=self._theme.text, size="9pt")
+        if not column:
+            plot.setLabel("left", "Accuracy (%)")
+        if is_last:
+            plot.setLabel("bottom", "Components")
+        for side in ("left", "bottom"):
+            plot.getAxis(side).enableAutoSIPrefix(False)
+        plot.getAxis("left").setWidth(LEFT_PX if not column else LEFT_PX - 14)
+        colour_axes(plot, self._theme)
+        return plot
+
+    def _draw(self, number: int) -> None:
+        plot, panel = self.plots[number], self.plot.panels[number]
+        plot.clear()
+        dots = pg.mkPen(self._theme.muted, width=1, style=Qt.PenStyle.DotLine)
+        plot.addItem(pg.InfiniteLine(panel.chance_percent, angle=0, pen=dots))
+        for curve in panel.curves:
+            if curve.key not in self.hidden:
+                _add_curve(plot, curve, LOOKS[curve.key], self._theme)
+                _add_paper(plot, curve, panel.k_max, self._theme)
+
+    def _point_at(self, place: QPointF) -> None:
+        for number, plot in self.plots.items():
+            view = plot.getViewBox()
+            if view.sceneBoundingRect().contains(place):
+                at = view.mapSceneToView(place)
+                self._choose(self._nearest(number, at.x(), at.y()))
+                return
+
+    def _nearest(self, number: int, x: float, y: float) -> AccuracyPoint | None:
+        """Return the point of a shown curve that is nearest in height at the nearest k."""
+        curves = self.plot.panels[number].curves
+        k = min(max(round(x), 1), self.plot.panels[number].k_max)
+        shown = [i for i in self._shown(number) if k <= len(curves[i].percent)]
+        if not shown:
+            return None
+        nearest = min(shown, key=lambda i: abs(curves[i].percent[k - 1] - y))
+        return AccuracyPoint(number, nearest, k)
+
+    def chosen_place(self) -> QPoint | None:
+        """Return the middle of the plot with the chosen point, in pixels of this widget."""
+        if self.point is None:
+            return None
+        centre: QPointF = self.plots[self.point.panel].sceneBoundingRect().center()
+        return centre.toPoint()
+
+    def _shown(self, number: int) -> list[int]:
+        curves = self.plot.panels[number].curves
+        return [i for i, curve in enumerate(curves) if curve.key not in self.hidden]
+
+    def _choose(self, point: AccuracyPoint | None) -> None:
+        self.point = point
+        if (view := self._ring.getViewBox()) is not None:
+            view.removeItem(self._ring)
+        words = ""
+        if point is not None:
+            panel = self.plot.panels[point.panel]
+            curve = panel.curves[point.curve]
+            words = panel.point_words(curve, point.components)
+            self._ring = pg.ScatterPlotItem(
+                [point.components],
+                [curve.percent[point.components - 1]],
+                size=14,
+                brush=None,
+                pen=pg.mkPen(self._theme.accent, width=3),
+            )
+            self.plots[point.panel].addItem(self._ring)
+        self.point_changed.emit(words)
+
+    def _press(self, event: QKeyEvent) -> bool:
+        key = event.key()
+        if key in (_Key.Key_Plus, _Key.Key_Equal, _Key.Key_Minus):
+            self._zoom(ZOOM if key == _Key.Key_Minus else 1 / ZOOM)
+        elif key == _Key.Key_0:
+            self.show_whole_range()
+        else:
+            return self._step(key)
+        return True
+
+    def _step(self, key: int) -> bool:
+        """Go to another point; the first key chooses the first point."""
+        numbers = list(self.plots)
+        point = self.point or AccuracyPoint(numbers[0], (self._shown(numbers[0]) or [0])[0], 1)
+        sideways = {_Key.Key_Left: -1, _Key.Key_Right: 1, _Key.Key_Home: -9999, _Key.Key_End: 9999}
+        if key in sideways:
+            step = sideways[_Key(key)] if self.point else 0
+            point = point._replace(components=point.components + step)
+        elif key in (_Key.Key_Up, _Key.Key_Down):
+            shown = self._shown(point.panel)
+            step = (-1 if key == _Key.Key_Up else 1) if self.point else 0
+            if shown:
+                at = shown.index(point.curve) + step
+                point = point._replace(curve=shown[min(max(at, 0), len(shown) - 1)])
+        elif key in (_Key.Key_PageUp, _Key.Key_PageDown):
+            at = numbers.index(point.panel) + (-1 if key == _Key.Key_PageUp else 1)
+            point = point._replace(panel=numbers[min(max(at, 0), len(numbers) - 1)])
+        else:
+            return False
+        self._choose(self._valid(point))
+        return True
+
+    def _valid(self, point: AccuracyPoint) -> AccuracyPoint | None:
+        """Return the point within its panel and its curve; None where no curve is shown."""
+        shown = self._shown(point.panel)
+        if not shown:
+            return None
+        curve = point.curve if point.curve in shown else shown[0]
+        n = len(self.plot.panels[point.panel].curves[curve].percent)
+        return AccuracyPoint(point.panel, curve, min(max(point.components, 1), n))
+
+    def _zoom(self, factor: float) -> None:
+        """Zoom about the chosen point, or about the middle of every plot."""
+        point = self.point
+        centre = None
+        if point is not None:
+            curve = self.plot.panels[point.panel].curves[point.curve]
+            centre = pg.Point(point.components, curve.percent[point.components - 1])
+        for number, plot in self.plots.items():
+            if point is None or number == point.panel:
+                plot.getViewBox().scaleBy((factor, factor), center=centre)
+
+
+def _add_curve(plot: pg.PlotItem, curve: AccuracyCurve, look: CurveLook, theme: Theme) -> None:
+    """Draw a curve with its bars, and a symbol at some of its points."""
+    k, percent = np.arange(1, len(curve.percent) + 1), np.array(curve.percent)
+    pen = look.pen(theme)
+    if curve.spread:
+        thin = pg.mkPen(look.colour(theme), width=1)
+        bars = pg.ErrorBarItem(x=k, y=percent, height=2 * np.array(curve.spread), pen=thin)
+        plot.addItem(bars)
+    plot.addItem(pg.PlotCurveItem(k, percent, pen=pen, antialias=True))
+    some = slice(0, None, ceil(len(k) / SYMBOLS))
+    marks = pg.ScatterPlotItem(
+        k[some], percent[some], symbol=look.symbol, size=SYMBOL_PX,
+        pen=pg.mkPen(look.colour(theme), width=1.5), brush=pg.mkBrush(theme.plot),
+    )  # fmt: skip
+    plot.addItem(marks)
+
+
+def _add_paper(plot: pg.PlotItem, curve: AccuracyCurve, k_max: int, theme: Theme) -> None:
+    """Mark the paper's value at its components, or right of the curves."""
+    if (paper := curve.paper) is None:
+        return
+    within = paper.components is not None and paper.components <= k_max
+    x = float(paper.components or 0) if within else k_max * (1 + ROOM / 2)
+    colour = LOOKS[curve.key].colour(theme)
+    if paper.sd_percent:
+        pen = pg.mkPen(colour, width=1)
+        height = 2 * paper.sd_percent
+        bars = pg.ErrorBarItem(x=np.array([x]), y=np.array([paper.percent]), height=height, pen=pen)
+        plot.addItem(bars)
+    mark = pg.ScatterPlotItem(
+        [x], [paper.percent], symbol=PAPER_SYMBOL, size=PAPER_PX,
+        pen=pg.mkPen(theme.plot, width=1), brush=pg.mkBrush(colour),
+    )  # fmt: skip
+    plot.addItem(mark)

@@ -1,0 +1,84 @@
+"""The page of confusion matrices: task and representation, the matrix, and a cell in words."""
+
+from __future__ import annotations
+
+from PySide6.QtWidgets import QWidget
+
+from gui.analysis.export.picture_file import Picture, widget_picture
+from gui.analysis.figures.confusion import ConfusionCounts, ConfusionPlot
+from gui.analysis.figures.confusion_plot import ConfusionPlotView
+from gui.analysis.figures.readout import Readout
+from gui.widgets.labels import label
+from gui.widgets.layouts import combo_box, container, hbox, push_button, vbox
+from gui.widgets.theme import Theme
+
+HINT = (
+    "Point at a cell to read it, or use the arrow keys; + and − zoom, 0 shows the whole matrix. "
+    "A number is the share of the true texture in %."
+)
+
+
+class ConfusionPage(QWidget):
+    """One matrix at a time."""
+
+    def __init__(self, theme: Theme, plot: ConfusionPlot) -> None:
+        super().__init__()
+        self._plot = plot
+        self.task = combo_box({m.task: m.task for m in plot.matrices})
+        self.task.setAccessibleName("Task")
+        self.representation = combo_box({})
+        self.representation.setAccessibleName("Representation")
+        self.view = ConfusionPlotView(theme, plot.matrices[0])
+        self.whole_button = push_button(
+            "Whole matrix", self.view.show_whole_range, "Undo the zoom (0)"
+        )
+        self.name, self.words = label("", "heading", wraps=True), label("", wraps=True)
+        self.readout = Readout(self.view.graphics, HINT)
+        self._lay_out()
+        self._offer_representations()
+        self.task.currentIndexChanged.connect(lambda _: self._offer_representations())
+        self.representation.currentIndexChanged.connect(lambda _: self._show())
+        self.view.cell_changed.connect(self.readout.show_words)
+        self._show()
+
+    def set_theme(self, theme: Theme) -> None:
+        """Apply a theme."""
+        self.view.set_theme(theme)
+
+    def picture(self) -> Picture:
+        """Return the matrix with what it is as a picture."""
+        return widget_picture(self._figure)
+
+    def _matrices(self) -> dict[str, ConfusionCounts]:
+        """Return the matrices of the task by their representation."""
+        task = self.task.currentData()
+        return {m.representation: m for m in self._plot.matrices if m.task == task}
+
+    def _offer_representations(self) -> None:
+        """Offer those of the task, and keep the one that is chosen."""
+        names, before = list(self._matrices()), self.representation.currentText()
+        self.representation.blockSignals(True)
+        self.representation.clear()
+        for name in names:
+            self.representation.addItem(name, name)
+        self.representation.setCurrentIndex(max(self.representation.findText(before), 0))
+        self.representation.blockSignals(False)
+        self._show()
+
+    def _show(self) -> None:
+        matrix = self._matrices()[self.representation.currentData()]
+        self.name.setText(f"{matrix.task} · {matrix.representation}")
+        self.words.setText(matrix.right_words())
+        self.view.show_matrix(matrix)
+
+    def _lay_out(self) -> None:
+        origin = label(self._plot.origin, "muted", wraps=True)
+        column = vbox(self.name, self.words, self.view, origin, spacing=2, margins=(8, 0, 8, 0))
+        column.setStretch(2, 1)
+        self._figure = container(column)
+        boxes = (self.task, self.representation, self.whole_button)
+        head = hbox(*boxes, wide=1, margins=(8, 6, 8, 2))
+        head.setStretch(0, 1)
+        rows = vbox(head, self._figure, self.readout)
+        rows.setStretch(1, 1)
+        self.setLayout(rows)

@@ -1,0 +1,142 @@
+"""A confusion matrix whose cells can be chosen with pointer or keys."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, Qt, Signal
+from PySide6.QtGui import QColor, QKeyEvent
+from PySide6.QtWidgets import QGraphicsRectItem
+
+from gui.analysis.figures.confusion import ConfusionCounts
+from gui.widgets.colours import blend
+from gui.widgets.plot_axes import colour_axes
+from gui.widgets.plot_grid import PlotGrid
+from gui.widgets.theme import Theme
+
+LEAST_TEXT_PX = 30, 15
+ZOOM = 1.25
+_Key = Qt.Key
+_STEPS = {
+    _Key.Key_Left: (0, -1), _Key.Key_Right: (0, 1), _Key.Key_Up: (-1, 0), _Key.Key_Down: (1, 0),
+}  # fmt: skip
+
+
+class ConfusionPlotView(PlotGrid):
+    """Rows are true classes, columns predicted ones; a cell shows its share of the row in %."""
+
+    cell_changed = Signal(str)
+    """The chosen cell in words, empty for none."""
+
+    def __init__(self, theme: Theme, matrix: ConfusionCounts) -> None:
+        super().__init__()
+        self._theme, self.matrix = theme, matrix
+        self.cell: tuple[int, int] | None = None
+        self.texts: list[pg.TextItem] = []
+        self._frame = QGraphicsRectItem()
+        self.item = self.cells.addPlot(enableMenu=False)
+        self.item.hideButtons()
+        self.item.invertY(True)
+        self.item.setLabels(left="True texture", bottom="Predicted texture")
+        self.item.getViewBox().sigRangeChanged.connect(lambda *_: self._show_texts())
+        self.item.getViewBox().sigResized.connect(lambda *_: self._show_texts())
+        self.graphics.scene().sigMouseMoved.connect(self._point_at)
+        self.graphics.installEventFilter(self)
+        self.graphics.setAccessibleName("Confusion matrix")
+        self.set_theme(theme)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Apply a theme."""
+        self._theme = theme
+        self.colour_background(theme)
+        colour_axes(self.item, theme)
+        self.show_matrix(self.matrix)
+
+    def show_matrix(self, matrix: ConfusionCounts) -> None:
+        """Show another matrix."""
+        self.matrix = matrix
+        n = len(matrix.classes)
+        self.item.clear()
+        share, theme = matrix.share, self._theme
+        image = pg.ImageItem(_colours(share, theme), axisOrder="row-major")
+        image.setRect(QRectF(0, 0, n, n))
+        self.item.addItem(image)
+        self.texts = []
+        for row, column in zip(*np.nonzero(matrix.counts), strict=True):
+            colour = theme.plot if share[row, column] > 0.5 else theme.text
+            text = pg.TextItem(f"{100 * share[row, column]:.0f}", color=colour, anchor=(0.5, 0.5))
+            text.setPos(column + 0.5, row + 0.5)
+            self.item.addItem(text)
+            self.texts.append(text)
+        for side in ("left", "bottom"):
+            names = [(place + 0.5, name) for place, name in enumerate(matrix.classes)]
+            self.item.getAxis(side).setTicks([names, []])
+        self.item.setLimits(xMin=0, xMax=n, yMin=0, yMax=n, minXRange=1, minYRange=1)
+        self._choose(None)
+        self.show_whole_range()
+
+    def show_whole_range(self) -> None:
+        """Undo the zoom."""
+        n = len(self.matrix.classes)
+        self.item.setRange(xRange=(0, n), yRange=(0, n), padding=0)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Take the keys that choose a cell or zoom."""
+        if isinstance(event, QKeyEvent) and event.type() is QEvent.Type.KeyPress:
+            return self._press(event)
+        return super().eventFilter(watched, event)
+
+    def _show_texts(self) -> None:
+        """Show the numbers where a cell has room for them."""
+        width, height = self.item.getViewBox().viewPixelSize()
+        has_room = 1 / width >= LEAST_TEXT_PX[0] and 1 / height >= LEAST_TEXT_PX[1]
+        (left, right), (top, bottom) = self.item.viewRange()
+        for text in self.texts:
+            at = text.pos()
+            inside = left < at.x() < right and top < at.y() < bottom
+            text.setVisible(has_room and inside)
+
+    def _point_at(self, place: QPointF) -> None:
+        view = self.item.getViewBox()
+        if view.sceneBoundingRect().contains(place):
+            at = view.mapSceneToView(place)
+            self._choose((int(np.floor(at.y())), int(np.floor(at.x()))))
+
+    def _choose(self, cell: tuple[int, int] | None) -> None:
+        """Choose a cell, or the nearest one of the matrix."""
+        if self._frame.scene() is not None:
+            self.item.removeItem(self._frame)
+        words = ""
+        if cell is not None:
+            most = len(self.matrix.classes) - 1
+            cell = min(max(cell[0], 0), most), min(max(cell[1], 0), most)
+            words = self.matrix.cell_words(*cell)
+            self._frame = QGraphicsRectItem(QRectF(cell[1], cell[0], 1, 1))
+            self._frame.setPen(pg.mkPen(self._theme.accent, width=3))
+            self._frame.setZValue(5)
+            self.item.addItem(self._frame, ignoreBounds=True)
+        self.cell = cell
+        self.cell_changed.emit(words)
+
+    def _press(self, event: QKeyEvent) -> bool:
+        key = event.key()
+        if key in _STEPS:
+            down, right = _STEPS[_Key(key)]
+            self._choose((self.cell[0] + down, self.cell[1] + right) if self.cell else (0, 0))
+        elif key in (_Key.Key_Plus, _Key.Key_Equal, _Key.Key_Minus):
+            factor = ZOOM if key == _Key.Key_Minus else 1 / ZOOM
+            at = pg.Point(self.cell[1] + 0.5, self.cell[0] + 0.5) if self.cell else None
+            self.item.getViewBox().scaleBy((factor, factor), center=at)
+        elif key == _Key.Key_0:
+            self.show_whole_range()
+        else:
+            return False
+        return True
+
+
+def _colours(share: np.ndarray, theme: Theme) -> np.ndarray:
+    """Return the colour of each cell, uint8 (n, n, 3): the plot's for 0, the accent for 1."""
+    ramp = [QColor(blend(theme.accent, theme.plot, step / 100)) for step in range(101)]
+    table = np.array([(c.red(), c.green(), c.blue()) for c in ramp], np.uint8)
+    colours: np.ndarray = table[np.rint(100 * share).astype(int)]
+    return colours

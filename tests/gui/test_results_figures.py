@@ -1,0 +1,226 @@
+"""Curves and confusion matrices are read by pointer and keys, and every page is saved."""
+
+from __future__ import annotations
+
+import csv
+import io
+import resource
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QPointF, Qt
+from PySide6.QtGui import QImage
+from PySide6.QtTest import QTest
+
+from gui.analysis.export.value_file import save_new
+from gui.analysis.figures.accuracy import (
+    AccuracyCurve,
+    AccuracyPanel,
+    AccuracyPlot,
+    PublishedAccuracy,
+)
+from gui.analysis.figures.accuracy_page import AccuracyPage
+from gui.analysis.figures.confusion import ConfusionCounts, ConfusionPlot
+from gui.analysis.figures.confusion_page import ConfusionPage
+from gui.analysis.results import AnalysisResults, ResultsPage, plot_page
+from gui.widgets.theme import DARK, LIGHT
+from rigctl.errors import DiskFault
+from tests.gui.steps import Harness, click, wait_until
+
+_Key = Qt.Key
+ORIGINAL = AccuracyCurve("original", "Original", (20.0, 40.0, 60.0), (1.0, 2.0, 3.0))
+SCALED = AccuracyCurve(
+    "speed", "Speed Scaled", (30.0, 60.0, 90.0), (0.5, 0.6, 0.7), PublishedAccuracy(97.76, 0.14, 50)
+)
+ACCURACY = AccuracyPlot(
+    (
+        AccuracyPanel("Fig. 3A Individual textures", 25.0, (ORIGINAL, SCALED), "sd over 4 draws"),
+        AccuracyPanel("Fig. 3B Texture groups", 50.0, (ORIGINAL, SCALED), "sd over 4 draws"),
+    ),
+    "SIMULATED data · report",
+    True,
+)
+COUNTS = np.array([[8, 2], [1, 9]])
+CONFUSION = ConfusionPlot(
+    (
+        ConfusionCounts("Fig. 3A Individual textures", "Original", 3, ("A", "B"), COUNTS),
+        ConfusionCounts("Fig. 3A Individual textures", "Speed Scaled", 3, ("A", "B"), COUNTS.T),
+    ),
+    "SIMULATED data · report",
+    True,
+)
+
+
+@pytest.fixture
+def shown(harness: Harness, tmp_path: Path) -> Iterator[Harness]:
+    """Yield the window with results that stand in for an analysis."""
+    window, tab = harness.window, harness.window.analysis_tab
+    window.show_panel("analysis")
+    words = ResultsPage("Remarks", html="<ul><li>One remark.</li></ul>", csv="remarks\nOne remark.")
+    pages = (plot_page("Accuracy", ACCURACY), plot_page("Confusion", CONFUSION), words)
+    results = AnalysisResults("done", pages, name="session-report-1", simulated=True)
+    tab.panel.verify_requested.emit(str(tmp_path / "session"), "")  # sets where pages are saved
+    wait_until(lambda: not tab.worker.is_busy)
+    tab._finish("analyse", results)
+    assert window.stack.currentWidget() is tab.results_panel
+    yield harness
+    tab.trial_view.show_trial(None)
+    tab._show(tab.trial_view)
+
+
+def accuracy_page(harness: Harness) -> AccuracyPage:
+    """Return the page of the curves."""
+    page = harness.window.analysis_tab.results_view.widget(0)
+    assert isinstance(page, AccuracyPage)
+    return page
+
+
+def confusion_page(harness: Harness) -> ConfusionPage:
+    """Bring the page of the matrices to the front."""
+    view = harness.window.analysis_tab.results_view
+    QTest.mouseClick(
+        view.tabBar(), Qt.MouseButton.LeftButton, pos=view.tabBar().tabRect(1).center()
+    )
+    page = view.currentWidget()
+    assert isinstance(page, ConfusionPage)
+    return page
+
+
+def test_the_pointer_names_the_nearest_point_of_a_curve(shown: Harness) -> None:
+    page = accuracy_page(shown)
+    plot = page.plots.plots[0]
+    place = plot.getViewBox().mapViewToScene(QPointF(2.2, 57.0))
+    page.plots.graphics.scene().sigMouseMoved.emit(place)
+    words = page.readout.label.text().replace("\u202f", "")
+    assert words == (
+        "Fig. 3A Individual textures · Speed Scaled, 2 components: 60.00% (± 0.60% sd over 4 "
+        "draws) · paper: 97.76 ± 0.14% with 50 components"
+    )
+    assert page.plots.graphics.accessibleDescription() == page.readout.label.text()
+
+
+def test_keys_walk_along_curves_and_between_tasks(shown: Harness) -> None:
+    page = accuracy_page(shown)
+    keys = (
+        (_Key.Key_Right, "Original, 1 component:"),
+        (_Key.Key_End, "Original, 3 components:"),
+        (_Key.Key_Down, "Speed Scaled, 3 components:"),
+        (_Key.Key_PageDown, "Texture groups · Speed Scaled, 3 components:"),
+        (_Key.Key_Home, "Speed Scaled, 1 component:"),
+    )
+    for key, words in keys:
+        QTest.keyClick(page.plots.graphics, key)
+        assert words in page.readout.label.text()
+
+
+def test_keys_zoom_about_the_point_and_back(shown: Harness) -> None:
+    page = accuracy_page(shown)
+    plot = page.plots.plots[0]
+    whole = plot.viewRange()
+    QTest.keyClick(page.plots.graphics, _Key.Key_Right)
+    QTest.keyClick(page.plots.graphics, _Key.Key_Plus)
+    assert plot.viewRange()[1][1] - plot.viewRange()[1][0] < whole[1][1] - whole[1][0]
+    click(page.whole_button)
+    assert plot.viewRange() == whole
+
+
+def test_the_legend_switches_curves_off_and_the_keys_pass_them_over(shown: Harness) -> None:
+    page = accuracy_page(shown)
+    page.legend["original"].click()
+    assert page.plots.hidden == {"original"}
+    QTest.keyClick(page.plots.graphics, _Key.Key_Right)
+    assert "Speed Scaled, 1 component:" in page.readout.label.text()
+    page.legend["speed"].click()
+    QTest.keyClick(page.plots.graphics, _Key.Key_Right)
+    assert page.readout.label.text().startswith("Point at a curve")
+    icons = [box.icon().pixmap(68, 28).toImage() for box in page.legend.values()]
+    assert icons[0] != icons[1]
+
+
+def test_one_task_alone_is_shown_large(shown: Harness) -> None:
+    page = accuracy_page(shown)
+    QTest.keyClick(page.task, _Key.Key_End)
+    assert list(page.plots.plots) == [1]
+    QTest.keyClick(page.task, _Key.Key_Home)
+    assert list(page.plots.plots) == [0, 1]
+
+
+def test_a_cell_is_named_by_pointer_and_keys(shown: Harness) -> None:
+    page = confusion_page(shown)
+    assert "17 of 20 trials right (85.00" in page.words.text()
+    place = page.view.item.getViewBox().mapViewToScene(QPointF(1.5, 0.5))
+    page.view.graphics.scene().sigMouseMoved.emit(place)
+    assert page.readout.label.text().startswith("true A, predicted B: 2 of 10 trials (20.0")
+    QTest.keyClick(page.view.graphics, _Key.Key_Left)
+    assert page.readout.label.text().startswith("true A, predicted A: 8 of 10 trials")
+    QTest.keyClick(page.representation, _Key.Key_Down)
+    assert "Speed Scaled" in page.name.text()
+    QTest.keyClick(page.view.graphics, _Key.Key_Right)
+    QTest.keyClick(page.view.graphics, _Key.Key_Right)
+    assert page.readout.label.text().startswith("true A, predicted B: 1 of 9 trials")
+
+
+def test_both_themes_draw_the_point_anew(shown: Harness) -> None:
+    tab = shown.window.analysis_tab
+    page = accuracy_page(shown)
+    light = page.grab().toImage().pixelColor(5, 60)
+    tab.set_theme(DARK)
+    assert len(page.plots.plots) == 2
+    tab.set_theme(LIGHT)
+    assert page.grab().toImage().pixelColor(5, 60) == light
+
+
+def save(harness: Harness, suffix: str) -> Path:
+    """Save the page in front; return the file that the log names."""
+    log = harness.window.event_log
+    before = log.toPlainText()
+    button = harness.window.analysis_tab.results_view.save_button
+    actions = {action.text(): action for action in button.formats.actions()}
+    actions[suffix.upper()].trigger()
+    wait_until(lambda: f".{suffix}" in log.toPlainText()[len(before) :])
+    return Path(log.toPlainText().rpartition("saved ")[2].strip())
+
+
+def test_every_page_is_saved_in_every_format_under_new_names(
+    shown: Harness, tmp_path: Path
+) -> None:
+    view = shown.window.analysis_tab.results_view
+    folder = tmp_path / "session-figures"
+    for index, name in enumerate(("accuracy", "confusion", "remarks")):
+        view.setCurrentIndex(index)
+        picture = save(shown, "png")
+        assert picture == folder / f"session-report-1-{name}-simulated.png"
+        assert QImage(str(picture)).width() > 400
+        assert save(shown, "png").name == f"session-report-1-{name}-simulated-2.png"
+        assert save(shown, "svg").read_text().startswith("<?xml")
+        assert save(shown, "pdf").read_bytes().startswith(b"%PDF")
+        save(shown, "csv")
+    text = (folder / "session-report-1-accuracy-simulated.csv").read_text()
+    rows = list(csv.DictReader(io.StringIO(text)))
+    assert len(rows) == 12
+    assert rows[5]["accuracy (%)"] == "90.0000" and rows[5]["spread (%)"] == "0.7000"
+    assert rows[5]["paper's accuracy (%)"] == "97.76" and rows[5]["simulated"] == "yes"
+    cells = list(csv.DictReader(io.StringIO(CONFUSION.to_csv())))
+    assert cells[1]["count (trials)"] == "2" and cells[1]["predicted texture"] == "B"
+    assert cells[1]["share of the true texture (%)"] == "20.0000"
+
+
+def test_a_full_disk_leaves_no_file(tmp_path: Path) -> None:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+    try:
+        with pytest.raises(DiskFault, match=r"accuracy\.csv cannot be written"):
+            save_new(tmp_path, "accuracy", "csv", bytes(8192))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_in_the_way_is_said(shown: Harness, tmp_path: Path) -> None:
+    (tmp_path / "session-figures").write_text("in the way")
+    button = shown.window.analysis_tab.results_view.save_button
+    button.formats.actions()[0].trigger()
+    wait_until(lambda: "session-figures cannot be made" in shown.window.event_log.toPlainText())
+    assert (tmp_path / "session-figures").is_file()
