@@ -20,6 +20,7 @@ from gui.engine_clients import EngineChoice
 from rigctl.acquisition.live_buffer import LiveReader
 from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.engine_files import FOLLOWED
+from rigctl.acquisition.rpc.engine_launch import EngineRefusal
 from rigctl.acquisition.rpc.messages import EngineStatus, parse_status
 from rigctl.acquisition.rpc.stop_all import StopResult, stop_engines
 from rigctl.errors import RigctlError
@@ -162,6 +163,9 @@ class EngineLink(QObject, Generic[_Status, _Live]):
             return
         try:
             number = self._client.send(command, **args)
+        except EngineRefusal as refusal:
+            self.refused.emit(command, str(refusal))
+            return
         except RigctlError as error:
             self._lose(str(error))
             return
@@ -170,10 +174,14 @@ class EngineLink(QObject, Generic[_Status, _Live]):
             self._stop_number = number
 
     def stop(self) -> None:
-        """Stop the connected engine, then all others in a thread; :attr:`stop_reported` follows."""
+        """Stop the connected engine, then all others in a thread; :attr:`stop_reported` follows.
+
+        A connected engine that has not read what came before gets STOP by a new connection, too.
+        """
         self.stop_own()
-        stopped = (self._client.engine_file.name,) if self._client is not None else ()
-        self._run_in_thread(lambda: self._stop_others(stopped))
+        client = self._client
+        stopped = (client.engine_file.name,) if client is not None and not client.is_behind else ()
+        self._run_in_thread(lambda: self._stop_others(stopped, is_linked=client is not None))
 
     def stop_own(self) -> None:
         """Stop the connected engine, if there is one."""
@@ -229,10 +237,13 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         except Exception as error:  # noqa: BLE001  # top of a thread: shown in the window
             return error
 
-    def _stop_others(self, stopped: Collection[str]) -> None:
-        """Stop every engine except ``stopped``. Qt passes the signal to the window's thread."""
+    def _stop_others(self, stopped: Collection[str], *, is_linked: bool) -> None:
+        """Stop every engine except ``stopped``. Qt passes the signal to the window's thread.
+
+        ``is_linked``: this window has an engine, which knows of STOP.
+        """
         try:
-            if not stop_engines(self._report_stop, stopped) and not stopped:
+            if not stop_engines(self._report_stop, stopped) and not is_linked:
                 self.stop_reported.emit("stop", NO_ENGINE)
         except RigctlError as error:
             self.stop_reported.emit("lost", f"STOP reached no engine: {error}")

@@ -112,6 +112,7 @@ class FakeClient:
     """A replacement for EngineClient. A subclass adds live data."""
 
     shares_memory = True
+    is_behind = False
 
     def __init__(self, live_path: Path, status: dict[str, Any], *live: LiveFile) -> None:
         self.engine_file = EngineFile("fake", 1, 9, "", "virtual", str(live_path))

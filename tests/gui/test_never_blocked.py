@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from PySide6.QtWidgets import QApplication
 
+from gui.engine_link import STOP_TIMED_OUT
+from rigctl.acquisition.rpc.engine_files import running_engines
+from rigctl.acquisition.rpc.runtime_folder import runtime_folder
 from rigctl.wire.drum.states import State
 from tests.analysis.recordings import record
 from tests.gui.fake_engine import FakeEngine
+from tests.gui.rig_window import rig_window
 from tests.gui.steps import Harness, SharedWindow, click, press_escape
 from tests.gui.watchdog.qt_thread import QtThreadWatchdog
 from tests.gui.watchdog.slow_disk import slow_disk
@@ -138,3 +145,32 @@ def test_a_board_that_answers_slowly(
         watchdog.run(window.poll)
     watchdog.run(lambda: press_escape(window))
     watchdog.run_until(lambda: engine.commands[-1] == "stop")
+
+
+def test_an_engine_that_is_suspended_while_the_window_floods_it(
+    app: QApplication, tmp_path: Path, watchdog: QtThreadWatchdog
+) -> None:
+    """A full socket held the window for ten seconds; STOP arrives once the engine goes on."""
+    with rig_window(app, "virtual", tmp_path) as rig:
+        rig.press("arm")
+        rig.until(lambda: rig.status.state is not State.IDLE)
+        link, window = rig.window.engine_link, rig.window
+        answers: list[str] = []
+        done: list[str] = []
+        link.replied.connect(done.append)
+        link.refused.connect(lambda command, error: answers.append(error))
+        link.interrupted.connect(lambda command: answers.append("ended by STOP"))
+        (engine,) = running_engines(runtime_folder())
+        os.kill(engine.pid, signal.SIGSTOP)
+        try:
+            while not any("has not read" in error for error in answers):
+                for _ in range(20):
+                    watchdog.run(lambda: link.request("note", text="x" * 1000))
+            watchdog.run(lambda: press_escape(window))
+            watchdog.run_until(lambda: STOP_TIMED_OUT in rig.log)
+            assert answers.count("ended by STOP") > 60
+        finally:
+            os.kill(engine.pid, signal.SIGCONT)
+        watchdog.run_until(lambda: "STOP reached virtual" in rig.log)
+        link.request("status")
+        watchdog.run_until(lambda: "status" in done)

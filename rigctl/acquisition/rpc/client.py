@@ -34,6 +34,7 @@ from rigctl.acquisition.rpc.messages import (
     encode_message,
 )
 from rigctl.acquisition.rpc.queues.message_queue import MessageQueue
+from rigctl.acquisition.rpc.queues.outbox import Outbox
 from rigctl.acquisition.rpc.runtime_folder import new_engine_name, runtime_folder
 from rigctl.errors import LinkLost, RigctlError, RigFault, WrongUse
 
@@ -42,6 +43,8 @@ WAIT_TIMEOUT_S = 10
 READ_BYTES, MAX_READS = 1 << 18, 8
 NAME_LETTERS = 80
 """Of a client's name."""
+BEHIND = "the engine has not read the requests before this one: wait, or press STOP"
+BEFORE_STOP = "STOP came before this request was sent"
 ENGINE_COMMAND, FINGER_ENGINE_COMMAND = "engine", "finger-engine"
 FOLLOW_ENGINE_COMMAND = "follow-engine"
 
@@ -62,6 +65,7 @@ class EngineClient:
         self.process = process
         self._messages = MessageQueue()
         self._replies: dict[int, dict[str, Any]] = {}  # of awaited requests, empty before it comes
+        self._outbox = Outbox()
         self._received = bytearray()
         self.received_bytes = 0
         self._last_id = 0
@@ -69,7 +73,8 @@ class EngineClient:
         self._link_error = ""
         self._is_disconnected = False
         self._socket = _connect(engine_file)
-        self._write({"token": engine_file.token})
+        self._outbox.put(encode_message({"token": engine_file.token}))
+        self._send_waiting()
 
     @classmethod
     def start(
@@ -123,10 +128,26 @@ class EngineClient:
         """Return the descriptor that is readable when messages have arrived."""
         return self._socket.fileno()
 
+    @property
+    def is_behind(self) -> bool:
+        """Whether requests wait because the engine does not read."""
+        return bool(self._outbox)
+
     def send(self, command: str, **args: Any) -> int:
-        """Send a request and return its id; :meth:`drain` returns its reply."""
+        """Send a request without waiting and return its id; :meth:`drain` returns its reply.
+
+        What the engine does not read waits here; :meth:`drain` and :meth:`wait` send it. STOP
+        takes the place of what waits. Raises EngineRefusal where too much waits, LinkLost.
+        """
+        if command == "stop":
+            self._give_up_waiting()
+        elif self._outbox.is_full:
+            raise EngineRefusal(BEHIND, LinkLost.exit_code)
         self._last_id += 1
-        self._write({"id": self._last_id, "command": command, "args": args})
+        message = {"id": self._last_id, "command": command, "args": args}
+        self._outbox.put(encode_message(message), self._last_id)
+        if not self._send_waiting():
+            raise LinkLost(self._link_error)
         return self._last_id
 
     def request(self, command: str, *, timeout_s: float = 10.0, **args: Any) -> dict[str, Any]:
@@ -180,6 +201,7 @@ class EngineClient:
         """
         if not self._link_error:
             self.send("shutdown")
+            self._wait_sent()
         self.close()
         return None if self._is_disconnected else self._wait_ended(timeout_s)
 
@@ -240,7 +262,7 @@ class EngineClient:
         than this program reads does not keep it here.
         """
         for _ in range(MAX_READS):
-            if self._link_error or not select.select([self._socket], [], [], timeout_s)[0]:
+            if self._link_error or not self._is_readable(timeout_s):
                 break
             timeout_s = 0.0
             try:
@@ -277,12 +299,34 @@ class EngineClient:
         else:
             self._messages.put(message)
 
-    def _write(self, message: dict[str, Any]) -> None:
+    def _is_readable(self, timeout_s: float) -> bool:
+        """Return whether something has arrived; send what waits as soon as the engine reads."""
+        writes = [self._socket] if self._outbox else []
+        readable, writable, _ = select.select([self._socket], writes, [], timeout_s)
+        if writable:
+            self._send_waiting()
+        return bool(readable)
+
+    def _send_waiting(self) -> bool:
+        """Send what the socket takes; return whether the link holds."""
         try:
-            self._socket.sendall(encode_message(message))
+            self._outbox.flush(self._socket)
         except OSError as error:
             self._set_lost(error.strerror or "connection broken")
-            raise LinkLost(self._link_error) from error
+            return False
+        return True
+
+    def _wait_sent(self) -> None:
+        """Wait until all is sent, for ten seconds at most."""
+        end_s = time.monotonic() + WAIT_TIMEOUT_S
+        while self._outbox and not self._link_error and time.monotonic() < end_s:
+            self._receive(max(0.0, end_s - time.monotonic()))
+
+    def _give_up_waiting(self) -> None:
+        """Refuse what waits to be sent, so that nothing of it is executed after a STOP."""
+        for number in self._outbox.drop_requests():
+            refusal = {"reply": number, "ok": False, "error": BEFORE_STOP}
+            self._keep(refusal | {"exit_code": LinkLost.exit_code})
 
     def _set_lost(self, why: str) -> None:
         if self._link_error:
@@ -314,11 +358,12 @@ def _connect(engine_file: EngineFile) -> socket.socket:
         ) from error
     if connection.family == socket.AF_INET:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    connection.setblocking(False)
     return connection
 
 
 def _limit_waits(connection: socket.socket) -> None:
-    """Let connecting and sending wait up to ten seconds.
+    """Let connecting wait up to ten seconds.
 
     With a timeout of Python's, a Unix socket would refuse at once where others are in its queue.
     """

@@ -12,10 +12,12 @@ import pytest
 
 from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.engine_files import EngineFile
+from rigctl.acquisition.rpc.engine_launch import EngineRefusal
 from rigctl.acquisition.rpc.messages import LINE_LIMIT_BYTES, encode_message
 from rigctl.acquisition.rpc.queues import connected_client, message_queue
 from rigctl.acquisition.rpc.queues.connected_client import MAX_UNDER_WAY, UNREAD_LIMIT_BYTES
 from rigctl.acquisition.rpc.queues.message_queue import MessageQueue
+from rigctl.acquisition.rpc.queues.outbox import MAX_WAITING
 from rigctl.acquisition.sharing.control import Control
 from rigctl.errors import LinkLost
 from tests.acquisition.engine_harness import EngineHarness
@@ -169,3 +171,51 @@ def test_control_tells_why_a_client_is_gone() -> None:
     assert told[-1] == "B stopped reading and was disconnected"
     control.leave(2)
     assert len(told) == 3
+
+
+@contextmanager
+def hung_engine() -> Iterator[tuple[EngineClient, socket.socket]]:
+    """Yield a client and the engine's end of its connection, which nobody reads."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        file = EngineFile("e", 1, listener.getsockname()[1], "t", "virtual", "")
+        with closing(EngineClient(file)) as client:
+            engine, _ = listener.accept()
+            with engine:
+                yield client, engine
+
+
+def flood(client: EngineClient) -> int:
+    """Send long requests until the client takes no more; return the number of the last."""
+    number = 0
+    with pytest.raises(EngineRefusal, match="has not read the requests before"):
+        while True:
+            number = client.send("note", text="x" * 60_000)
+    return number
+
+
+def test_an_engine_that_hangs_holds_nobody_who_sends() -> None:
+    with hung_engine() as (client, engine):
+        last = flood(client)
+        assert client.is_behind and last > MAX_WAITING
+        stop = client.send("stop")
+        refused = client.drain()
+        assert all("STOP came before" in message["error"] for message in refused)
+        numbers = [message["reply"] for message in refused]
+        assert numbers == list(range(numbers[0], stop)) and len(numbers) >= MAX_WAITING - 1
+        with engine.makefile("rb") as file:
+            sent: list[int] = []
+            assert b"token" in file.readline()
+            while stop not in sent:
+                client.drain()
+                sent.append(int(file.readline().split(b",")[0].split(b":")[1]))
+        assert sent == [*range(1, numbers[0]), stop]
+        assert not client.is_behind
+
+
+def test_an_engine_that_ends_while_requests_wait_is_lost() -> None:
+    with hung_engine() as (client, engine):
+        flood(client)
+        engine.close()
+        with pytest.raises(LinkLost, match="the engine ended"):
+            while True:
+                client.wait(5.0)
