@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
     from shiboken6 import delete
 
     from gui.engine_clients import JOIN, experiment_elsewhere, is_elsewhere
-    from gui.shell.crash_reports import CrashReporter
+    from gui.shell.crash_reports import REPORTS, CrashReporter
     from gui.shell.main_window import MainWindow
     from gui.shell.memory.user_settings import UserSettings
     from gui.shell.small_screen import screen_complaint
@@ -110,7 +110,7 @@ def run(args: argparse.Namespace) -> int:
     kept = settings.value("theme", ThemeChoice.SYSTEM.name, themes.__contains__)
     choice = themes[(args.theme or kept).upper()]
     window = MainWindow(choice=choice, settings=settings)
-    crashes = CrashReporter(settings.folder / "crash-reports", window.event_log.toPlainText)
+    crashes = CrashReporter(settings.folder / REPORTS, window.event_log.toPlainText)
     crashes.reported.connect(window.report)
     crashes.install()
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -14,6 +14,8 @@ from PySide6.QtCore import QObject, Signal
 
 from gui.shell.help_page import version_lines
 
+REPORTS = "crash-reports"
+"""Folder of the reports, beside the settings."""
 MAX_REPORTS = 20
 """In a sitting: an error in a timer repeats thirty times a second."""
 

@@ -56,13 +56,13 @@ def shortcut_table(rows: Iterable[ActionRow]) -> str:
     return f"<table cellpadding='3'>{head}{cells}</table>"
 
 
-def about_text() -> str:
-    """Return name, purpose and versions as HTML."""
+def about_text(docs: str) -> str:
+    """Return name, purpose, a link to the documentation and versions as HTML."""
     lines = "".join(f"<li>{escape(line)}</li>" for line in version_lines())
     return (
         "<p><b>rigctl</b> controls a drum rig of a tactile laboratory, records its sensor, "
         "encodes the readings as spikes and names textures.</p>"
-        f"<ul>{lines}</ul>"
+        f"<p><a href='{escape(docs, quote=True)}'>Documentation</a></p><ul>{lines}</ul>"
     )
 
 

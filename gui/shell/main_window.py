@@ -25,6 +25,7 @@ from gui.shell.controllers.help_controller import HelpController
 from gui.shell.controllers.protocol_controller import ProtocolController
 from gui.shell.controllers.start_controller import StartController
 from gui.shell.controllers.tools_controller import ToolsController
+from gui.shell.crash_reports import REPORTS
 from gui.shell.docks import DockArea
 from gui.shell.keyboard.escape_key import EscapeKey
 from gui.shell.keyboard.regions import Regions
@@ -84,7 +85,7 @@ class MainWindow(SteadyFocusWindow):
         self.status_line = StatusLine("Choose a rig and press Connect.")
         self.menus = ActionRegistry(self.menuBar())
         self.sessions = RecentSessions(self.menus, self.settings)
-        self.help = HelpController(self.menus)
+        self.help = HelpController(self.menus, self.settings.folder / REPORTS)
         self.start = StartController(self.stack, self.menus, self.toolbar)
         self.tools = ToolsController(self.stack, self.menus, self.engine_link)
         self._panel = "operate"
