@@ -9,7 +9,7 @@ from gui.widgets.labels import elastic, label, set_property, show_text
 from rigctl.acquisition.rpc.messages import EngineStatus
 
 NAMES = ("Force", "Speed", "Actuator", "Angle", "Tared", "Homed")
-LIVE = "Live"
+LIVE = "The readings are live"
 
 
 class ReadingBox(QGroupBox):

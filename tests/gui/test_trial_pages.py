@@ -118,10 +118,10 @@ def test_conditions_are_compared_by_raster_and_mean_rate(shown: Harness) -> None
     turn_to(shown, "Compare")
     view = tab.trial_view.compare
     assert view.neuron.count() == 36
-    view.neuron.setCurrentIndex(view.neuron.findText("SA 10"))
+    view.neuron.setCurrentIndex(view.neuron.findText("T_SA-10"))
     click(view.button)
     wait_until(lambda: view.grid is not None)
-    assert view.grid is not None and view.note.text().startswith("SA 10. Line: mean")
+    assert view.grid is not None and view.note.text().startswith("T_SA-10. Line: mean")
     names = [condition.name for condition in view.grid.conditions]
     assert names == ["B, 40 mm/s, 250 g", "D, 40 mm/s, 250 g"]
     first = view.grid.conditions[0]

@@ -22,7 +22,7 @@ class CompareView(QWidget):
     """Responses of one neuron by plate, speed and force."""
 
     compare_requested = Signal(int, str)
-    """The neuron's train (SA 1 … n, RA 1 … n) and its name."""
+    """The neuron's train (T_SA-1 … n, then T_RA-1 … n) and its name."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
@@ -45,7 +45,8 @@ class CompareView(QWidget):
         """Offer the neurons of a sensor."""
         if self.neuron.count() != 2 * n_taxels:
             self.neuron.clear()
-            self.neuron.addItems([f"{k} {i + 1}" for k in ("SA", "RA") for i in range(n_taxels)])
+            names = [f"T_{k}-{i + 1}" for k in ("SA", "RA") for i in range(n_taxels)]
+            self.neuron.addItems(names)
         self.button.setEnabled(n_taxels > 0)
 
     def set_theme(self, theme: Theme) -> None:
