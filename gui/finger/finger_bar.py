@@ -26,7 +26,7 @@ class FingerBar(ConnectionBar):
 
     def __init__(self) -> None:
         super().__init__(FileComboBox(RIGS, PathKind.FINGER_FILE, "Open a finger.toml …", 215))
-        self.rig.setToolTip("Rig of the moving finger")
+        self.rig.set_own_tooltip("Rig of the moving finger")
         self.connect_clicked.connect(self._request_connection)
         self.rig.currentIndexChanged.connect(lambda _: self.rig_changed.emit())
         state = vbox(self.state, self.state_words)

@@ -31,9 +31,9 @@ class Toolbar(ConnectionBar):
 
     def __init__(self) -> None:
         super().__init__(FileComboBox(RIGS, PathKind.RIG_FILE, "Open a rig.toml …", 205))
-        self.rig.setToolTip("Rig to connect to")
+        self.rig.set_own_tooltip("Rig to connect to")
         self.world = FileComboBox(WORLDS, PathKind.WORLD_FILE, "Open a world file …", 145)
-        self.world.setToolTip("World of a simulated rig: its plates, sensor and mechanics")
+        self.world.set_own_tooltip("World of a simulated rig: its plates, sensor and mechanics")
         # A running engine that the window joins already has its world.
         self.rig.currentIndexChanged.connect(lambda _: self.world.setHidden(self._joins))
         self.recording_lamp = self.recording_display.lamp

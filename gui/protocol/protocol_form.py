@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtWidgets import QComboBox, QLineEdit, QPushButton, QSpinBox, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLineEdit, QPushButton, QSpinBox, QVBoxLayout, QWidget
 
 from gui.analysis.worker import Worker
 from gui.protocol.run_values import PLAN_ROWS, PlanSummary
 from gui.widgets.file_browser import PathKind, browse_button
+from gui.widgets.file_combo_box import ElidedComboBox
 from gui.widgets.formatting import day_time, time_stamp
 from gui.widgets.labels import label, show_text
 from gui.widgets.layouts import form_layout, group_box, hbox
@@ -41,7 +42,7 @@ class ProtocolForm(QWidget):
         self._next_plan: tuple[str, int | None] | None = None
         self._plan = PlanSummary()
         self.is_planned = False
-        self.protocol = QComboBox()
+        self.protocol = ElidedComboBox()
         self.out = QLineEdit(str(Path.home() / "rigctl-sessions"))
         self.out.setToolTip("Every session gets a new folder in here")
         self.seed = QSpinBox(maximum=MAX_SEED)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, Qt
-from PySide6.QtGui import QColor
+from PySide6.QtGui import QColor, QResizeEvent
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView
 
 from gui.protocol.run_values import COMMITTED, TRIAL_COLUMNS, AttemptRow, Row
@@ -86,6 +86,19 @@ class AttemptModel(OrderModel):
         return super().data(index, role)
 
 
+class TitledHeader(QHeaderView):
+    """A header whose columns are never narrower than the title of the stretched one."""
+
+    def __init__(self, stretched: int) -> None:
+        super().__init__(Qt.Orientation.Horizontal)
+        self._stretched = stretched
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Follow a change of the texts' size, too."""
+        self.setMinimumSectionSize(self.sectionSizeFromContents(self._stretched).width())
+        super().resizeEvent(event)
+
+
 def table_view(model: OrderModel, stretched: int) -> QTableView:
     """Return a view that selects whole rows; one column takes the spare width."""
     view = QTableView()
@@ -95,7 +108,8 @@ def table_view(model: OrderModel, stretched: int) -> QTableView:
     view.setWordWrap(False)
     view.verticalHeader().hide()
     view.verticalHeader().setDefaultSectionSize(22)
-    header = view.horizontalHeader()
+    header = TitledHeader(stretched)
+    view.setHorizontalHeader(header)
     header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
     header.setResizeContentsPrecision(50)
     header.setSectionResizeMode(stretched, QHeaderView.ResizeMode.Stretch)

@@ -37,6 +37,7 @@ from PySide6.QtWidgets import (
 )
 
 from gui.operate.event_log import StatusLine
+from gui.widgets.file_combo_box import ElidedComboBox
 from gui.widgets.labels import plain_tooltip
 from tests.gui.texts.piece import Piece
 
@@ -129,10 +130,13 @@ def _tab_bar(bar: QTabBar) -> Iterator[Piece]:
 
 
 def _combo_box(box: QComboBox) -> Iterator[Piece]:
-    """Measure all choices: every one of them may be chosen, and the list is as wide as the box."""
+    """Measure all choices, each of which may be chosen; one that ends in … has a tooltip."""
     option = QStyleOptionComboBox()
     box.initStyleOption(option)
     style = box.style()
+    if isinstance(box, ElidedComboBox) and box.currentText() in box.toolTip():
+        yield Piece(box.shown_text(), _size(box, box.shown_text()), box.rect())
+        return
     place = style.subControlRect(_Control.CC_ComboBox, option, _Part.SC_ComboBoxEditField, box)
     for index in range(box.count()):
         yield Piece(box.itemText(index), _size(box, box.itemText(index)), place)
