@@ -1,4 +1,4 @@
-"""Bring-up: which steps are done, what is missing before approach, and a button for the next."""
+"""Bring-up: what is missing before approach, a button for the next step, and a list of all."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ from functools import partial
 from typing import NamedTuple
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QGridLayout, QGroupBox, QLabel
+from PySide6.QtWidgets import QGridLayout, QGroupBox, QLabel, QPushButton
 
 from gui.widgets.labels import label, set_property, show_text
-from gui.widgets.layouts import push_button
+from gui.widgets.layouts import container, push_button
 from gui.widgets.status_lamp import Level, StatusLamp
 from rigctl.acquisition.calibration.calibration_values import LOADCELL, WIRING
 from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.wire.drum.states import State
 
 CALIBRATE_TIP = "Calibrate load cell and force loop, measure the imbalance, identify the taxels"
+STEPS, STEPS_TIP = "All steps", "List each step of the bring-up, and whether it is done"
 READY = "Ready to approach"
 _ON = (State.ARMED, State.POSITION, State.APPROACH, State.HOLD, State.RUN, State.RETRACT)
 
@@ -76,7 +77,10 @@ def missing_words(steps: list[BringUpStep]) -> str:
 
 
 class BringUpBox(QGroupBox):
-    """A lamp and words for each step, the sentence before approach, and the next step."""
+    """The sentence before approach and the next step; a lamp and words for each step on request.
+
+    It folds only when the user asks: buttons below it must not move under the mouse.
+    """
 
     command_requested = Signal(str, dict)
     calibrate_requested = Signal(str)
@@ -87,21 +91,30 @@ class BringUpBox(QGroupBox):
         grid = QGridLayout(self)
         grid.setContentsMargins(8, 6, 8, 8)
         grid.setVerticalSpacing(2)
+        steps_grid = QGridLayout()
         self.rows: dict[str, tuple[StatusLamp, QLabel]] = {}
         for row, step in enumerate(bring_up_steps(EngineStatus())):
             lamp, words = StatusLamp(11), label("", "muted", wraps=True)
             self.rows[step.name] = (lamp, words)
             for column, widget in enumerate((lamp, label(step.name), words)):
-                grid.addWidget(widget, row, column)
+                steps_grid.addWidget(widget, row, column)
+        steps_grid.setColumnStretch(2, 1)
+        self.list = container(steps_grid)
+        self.list.hide()
+        self.steps = QPushButton(STEPS)
+        self.steps.setCheckable(True)
+        self.steps.setToolTip(STEPS_TIP)
+        self.steps.toggled.connect(self.list.setVisible)
         self.missing = label("", "heading", wraps=True)
         self.next = push_button("Next step", self._do_next, "Do the first step that is missing")
         show_page = partial(self.calibrate_requested.emit, LOADCELL)
         self.calibrate = push_button("Calibrate …", show_page, CALIBRATE_TIP)
         self._next_step: BringUpStep | None = None
-        grid.addWidget(self.missing, len(self.rows), 0, 1, 3)
-        grid.addWidget(self.calibrate, len(self.rows) + 1, 0, 1, 2)
-        grid.addWidget(self.next, len(self.rows) + 1, 2)
-        grid.setColumnStretch(2, 1)
+        grid.addWidget(self.missing, 0, 0, 1, 2)
+        grid.addWidget(self.next, 1, 0, 1, 2)
+        grid.addWidget(self.calibrate, 2, 0)
+        grid.addWidget(self.steps, 2, 1)
+        grid.addWidget(self.list, 3, 0, 1, 2)
 
     def show_status(self, status: EngineStatus) -> None:
         """Show the steps; the next one can be done while no protocol runs."""

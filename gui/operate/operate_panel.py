@@ -155,8 +155,8 @@ class OperatePanel(QWidget):
         grid.addWidget(self.jog, grid.rowCount(), 0, 1, 3)
         contact, _ = self._action_box("Contact", (APPROACH, RUN, RETRACT))
         boxes = (
-            *(drum, self.set_points, contact, self._fault_box(), self.reading_box),
-            *(self.bring_up, self.record_box),
+            *(self.bring_up, drum, self.set_points, contact, self._fault_box()),
+            *(self.reading_box, self.record_box),
         )
         column = vbox(*boxes, self.bench, spacing=4, margins=(6, 4, 6, 6))
         column.addStretch(1)

@@ -61,9 +61,9 @@ def add_panel_menus(
 ) -> None:
     """Add the buttons of all panels."""
     add_buttons(menus, "Rig", [*operate.buttons.values(), operate.set_button])
-    add_buttons(
-        menus, "Rig", [operate.bring_up.next, operate.bring_up.calibrate, operate.record_box.button]
-    )
+    steps = operate.bring_up
+    guided = [steps.next, steps.calibrate, steps.steps, operate.record_box.button]
+    add_buttons(menus, "Rig", guided)
     queue = protocol.queue
     queued = (queue.add_button, queue.remove_button, queue.next_button)
     runs = (*protocol.buttons.values(), protocol.continue_button, protocol.page_button)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from PySide6.QtCore import QPoint, QRect
 from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
@@ -38,6 +39,25 @@ def test_bring_up_leads_from_step_to_step_until_the_drum_can_approach(harness: H
     harness.update(**known, loadcell_calibrated="2026-11-23 with 500 g")
     assert box.next.text() == "All done" and not box.next.isEnabled()
     assert box.rows["Load cell"][1].text() == "2026-11-23 with 500 g"
+
+
+def test_bring_up_is_in_view_first_and_lists_its_steps_on_request(harness: Harness) -> None:
+    window, before = harness.window, harness.window.size()
+    box, area = window.operate_panel.bring_up, window.docks.docks["operate"].widget()
+    harness.update(state=int(State.IDLE), tared=False)
+    window.resize(1024, 700)
+    QApplication.processEvents()
+    try:
+        for widget in (box.missing, box.next, box.calibrate, box.steps):
+            place = QRect(widget.mapTo(area, QPoint()), widget.size())
+            assert area.rect().contains(place)
+        assert not box.list.isVisible()
+        click(box.steps)
+        assert box.list.isVisible() and box.rows["Arm"][1].text() == "off"
+        click(box.steps)
+        assert not box.list.isVisible()
+    finally:
+        window.resize(before)
 
 
 def test_bring_up_names_findings_and_waits_for_a_fault_or_a_run(harness: Harness) -> None:
