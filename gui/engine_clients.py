@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
+from rigctl.acquisition.follow.awaited_session import follows_finger
 from rigctl.acquisition.live_buffer import DRUM_LIVE
 from rigctl.acquisition.live_file import LiveLayout
 from rigctl.acquisition.rpc.client import (
@@ -24,7 +25,6 @@ from rigctl.acquisition.sharing.found_engines import FoundEngine, find_engines
 from rigctl.acquisition.sharing.remote_client import RemoteClient, read_remote_engine
 from rigctl.errors import WrongUse
 from rigctl.realtime.live_file import FINGER_LIVE
-from rigctl.session.read.finger_session import is_finger_session
 
 JOIN = "join"
 ANOTHER = "another"
@@ -84,7 +84,7 @@ def experiment_elsewhere(rig: str) -> str:
     kind, _, path = rig.partition(":")
     if kind == REMOTE:
         return read_remote_engine(Path(path)).experiment
-    return FINGER_EXPERIMENT if is_finger_session(Path(path)) else DRUM_EXPERIMENT
+    return FINGER_EXPERIMENT if follows_finger(Path(path)) else DRUM_EXPERIMENT
 
 
 def shown_rig(rig: str) -> str:

@@ -10,6 +10,7 @@ from gui.operate.connection_bar import ConnectionBar
 from gui.widgets.file_browser import PathKind
 from gui.widgets.file_combo_box import FileComboBox
 from gui.widgets.layouts import container, hbox, vbox
+from rigctl.acquisition.follow.awaited_session import NOTHING_YET
 from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.wire.drum.states import Fault
 
@@ -92,6 +93,6 @@ def _state_words(status: EngineStatus) -> str:
         return STILL_IN_CONTACT
     if status.fault:
         return fault_name(status.fault)
-    if not status.drum_connected:
+    if not status.drum_connected and status.state_words != NOTHING_YET:
         return "the drum board is not connected"
     return status.state_words

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,11 +14,12 @@ from shiboken6 import delete
 
 from gui.engine_clients import JOIN, followed_session, remote_engine
 from gui.shell.main_window import MainWindow
+from rigctl.acquisition.follow.awaited_session import NOTHING_YET
 from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.engine_files import running_engines, write_engine_file
 from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE, runtime_folder
 from tests.gui.forwarded_socket import forwarded
-from tests.gui.running_engine import start_protocol
+from tests.gui.running_engine import LONG, start_protocol
 from tests.gui.steps import click, wait_until
 
 TIMEOUT_MS = 120_000
@@ -202,3 +203,26 @@ def test_an_engine_on_another_computer_is_seen_and_controlled(
         link.close()
         link.wait_closed()
     assert running.request("status")["run"]["state"] == "running"
+
+
+def test_a_session_is_followed_before_its_first_plate(
+    running: EngineClient, open_window: OpenWindow, tmp_path: Path
+) -> None:
+    """A run that asked for its first plate was refused as no session."""
+    protocol, session = tmp_path / "long.toml", tmp_path / "asks"
+    protocol.write_text(LONG)
+    words = ["--protocol", str(protocol), "--out", str(session)]
+    with closing(EngineClient.start("virtual", paced=True, run=words)) as rig:
+        while (prompt := rig.request("status")["run"]["prompt"]) is None:
+            pass
+        window = open_window()
+        window.connect_rig(followed_session(str(session)))
+        link, log = window.engine_link, window.event_log
+        wait_until(lambda: NOTHING_YET in log.toPlainText(), TIMEOUT_MS)
+        wait_until(lambda: window.toolbar.state_words.text() == NOTHING_YET, TIMEOUT_MS)
+        assert not link.status.run.is_active and "cannot be read" not in log.toPlainText()
+        rig.request("answer", prompt_id=prompt["id"], answer="ok")
+        wait_until(lambda: link.live is not None and link.live.taxel_head > 0, TIMEOUT_MS)
+        wait_until(lambda: link.status.run.state == "running", TIMEOUT_MS)
+        assert "cannot be read" not in log.toPlainText()
+        rig.shut_down()

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 from rigctl.acquisition.live_file import LiveFileWriter
 from rigctl.acquisition.rpc.messages import as_dict
 from rigctl.acquisition.served_engine import ServedEngine
-from rigctl.errors import SessionError, WrongUse
+from rigctl.errors import WrongUse
 from rigctl.values import Event
 
 REFRESH_S = 0.25
@@ -34,7 +34,7 @@ class FollowedSession(Protocol):
         """Loop time of the recorder at the newest row, s."""
 
     def refresh(self) -> None:
-        """Update to what the recorder has flushed. Raises SessionError, OSError."""
+        """Update to what the recorder has flushed. Raises WrongUse, OSError."""
 
     def take(self, now_s: float) -> Iterator[list[Event]]:
         """Make live data of the new rows, and yield the new events; ``now_s``: of this process."""
@@ -75,7 +75,7 @@ class FollowEngine(ServedEngine[Any, Any]):
         try:
             self._followed.refresh()
             self._take()
-        except (SessionError, OSError) as error:
+        except (WrongUse, OSError) as error:
             self._publish_failure(str(error))
         else:
             self._failure = ""
