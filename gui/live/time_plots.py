@@ -20,7 +20,7 @@ from gui.live.store.time_window import TimeWindow
 from gui.live.store.timeline import Timeline
 from gui.live.traces import Traces
 from gui.live.value_scale import ValueScale
-from gui.widgets.plot_axes import MAX_TICKS, colour_axes, time_plot, time_ticks
+from gui.widgets.plot_axes import MAX_TICKS, colour_axes, most_ticks, time_plot, time_ticks
 from gui.widgets.theme import Theme
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
 
@@ -58,7 +58,7 @@ class TimePlots:
         for row, stretch in enumerate(_ROW_STRETCH):
             layout.layout.setRowStretchFactor(row, stretch)
             layout.layout.setRowMinimumHeight(row, _LAST_ROW_PX if row == 3 else _ROW_PX)
-        self._times_s = (0.0, 0.0)
+        self._times = (0.0, 0.0, 0.0)
         self.show_taxels(self._taxels)
 
     @property
@@ -152,10 +152,12 @@ class TimePlots:
             self._label_taxels()
 
     def _set_times(self, left_s: float, right_s: float) -> None:
-        if (left_s, right_s) == self._times_s:
+        width_px = self.raster_plot.getViewBox().width()
+        if (left_s, right_s, width_px) == self._times:
             return
-        self._times_s = (left_s, right_s)
-        self.raster_plot.getAxis("bottom").setTicks([time_ticks(left_s, right_s), []])
+        self._times = (left_s, right_s, width_px)
+        ticks = time_ticks(left_s, right_s, most_ticks(width_px))
+        self.raster_plot.getAxis("bottom").setTicks([ticks, []])
         self.plots[0].setXRange(left_s, right_s, padding=0)
         for course in (self.force, self.speed):
             course.set_times(left_s, right_s)

@@ -6,11 +6,10 @@ from collections import deque
 from html import escape
 from typing import NamedTuple
 
-from PySide6.QtCore import QElapsedTimer, Qt, QTime, QTimer
-from PySide6.QtGui import QPainter, QPaintEvent
-from PySide6.QtWidgets import QLabel, QPlainTextEdit
+from PySide6.QtCore import QElapsedTimer, QTime, QTimer
+from PySide6.QtWidgets import QPlainTextEdit
 
-from gui.widgets.labels import elastic, set_property, show_text
+from gui.widgets.labels import ElidedLabel, set_property, show_text
 from gui.widgets.theme import applied_theme
 
 MAX_LINES = 2000
@@ -63,7 +62,7 @@ class EventLog(QPlainTextEdit):
         )
 
 
-class StatusLine(QLabel):
+class StatusLine(ElidedLabel):
     """The latest event; an error stays for a while unless another error follows.
 
     An error that nothing has replaced loses its red: the log keeps it, with its time. A text that
@@ -71,10 +70,7 @@ class StatusLine(QLabel):
     """
 
     def __init__(self, text: str) -> None:
-        super().__init__(text)
-        self.setTextFormat(Qt.TextFormat.PlainText)
-        self.setProperty("role", "muted")
-        elastic(self)
+        super().__init__(text, "muted")
         self._since_error = QElapsedTimer()
         self.red_timer = QTimer(self, singleShot=True, interval=RED_MS)
         self.red_timer.timeout.connect(lambda: set_property(self, "role", "muted"))
@@ -89,18 +85,3 @@ class StatusLine(QLabel):
             return
         show_text(self, text)
         set_property(self, "role", "bad" if is_error else "muted")
-
-    @property
-    def shown_text(self) -> str:
-        """What the line shows of its text: the beginning of one that is too long."""
-        line, metrics = " ".join(self.text().split()), self.fontMetrics()
-        room_px = self.contentsRect().width()
-        return metrics.elidedText(line, Qt.TextElideMode.ElideRight, room_px)
-
-    def paintEvent(self, _: QPaintEvent) -> None:
-        """Paint the text, shortened where it is longer than the line."""
-        room, place = self.contentsRect(), int(self.alignment())
-        colours, role = self.palette(), self.foregroundRole()
-        painter = QPainter(self)
-        text = self.shown_text
-        self.style().drawItemText(painter, room, place, colours, self.isEnabled(), text, role)

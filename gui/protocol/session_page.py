@@ -20,12 +20,14 @@ from gui.protocol.run_values import (
     SessionNews,
 )
 from gui.widgets.file_browser import PathKind, browse_button
-from gui.widgets.labels import elastic, label, show_text
+from gui.widgets.flow_layout import FlowLayout
+from gui.widgets.labels import ElidedLabel, label, show_text
 from gui.widgets.layouts import container, hbox, push_button, vbox
 from rigctl.acquisition.rpc.messages import RunStatus
 
 MAX_NOTE_LETTERS = 2000
 SHOWN_ENDS = 3
+_TEXT_PX = 300
 _NO_SESSION = "No session: start a run, or open one to add notes."
 _NEEDS_TEXT = "Write the note first"
 _NEEDS_TRIAL = "Choose a trial in the table"
@@ -47,7 +49,7 @@ class SessionPage(QWidget):
         super().__init__()
         self.folder = ""
         self._is_active = False
-        self.heading = elastic(label(_NO_SESSION, "heading"))
+        self.heading = ElidedLabel(_NO_SESSION, "heading")
         self.problem = label("", "bad", wraps=True)
         self.early_ends = label("", "muted", wraps=True)
         self.order, self.attempts = OrderModel(ORDER_COLUMNS), AttemptModel()
@@ -57,7 +59,9 @@ class SessionPage(QWidget):
         self.notes = QListWidget()
         self.notes.setWordWrap(True)
         self.text = QLineEdit(maxLength=MAX_NOTE_LETTERS)
-        self.text.setPlaceholderText("A note: what was noticed, or why a trial is bad")
+        self.text.setPlaceholderText("A note on the session or a trial")
+        self.text.setToolTip("What was noticed, or why a trial is bad")
+        self.text.setMinimumWidth(_TEXT_PX)
         self.buttons = {
             "note": push_button("Add note", lambda: self._request("", about_trial=False)),
             "bad": push_button("Mark bad", lambda: self._request("bad")),
@@ -172,7 +176,7 @@ class SessionPage(QWidget):
         self.problem.hide()
         self.early_ends.hide()
         top = hbox(self.heading, self.open_button, spacing=6)
-        bottom = hbox(self.text, *self.buttons.values(), spacing=6)
+        bottom = FlowLayout(self.text, *self.buttons.values())
         column = vbox(
             container(top), self.tabs, self.early_ends, self.problem, container(bottom), spacing=6,
             margins=(6, 2, 6, 2),

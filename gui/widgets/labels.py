@@ -5,7 +5,7 @@ from __future__ import annotations
 from html import escape
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QResizeEvent
+from PySide6.QtGui import QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 
@@ -32,6 +32,35 @@ class WrappedLabel(QLabel):
         self.setMinimumHeight(0)  # Qt's height for a width is never below it: a text must shrink
         if self.text():
             self.setMinimumHeight(max(0, self.heightForWidth(self.width())))
+
+
+class ElidedLabel(QLabel):
+    """A line that ends in an ellipsis where it is too long.
+
+    :meth:`text` and the tooltip that :func:`show_text` gives it have all of it.
+    """
+
+    def __init__(self, text: str = "", role: str = "") -> None:
+        super().__init__(text)
+        self.setTextFormat(Qt.TextFormat.PlainText)
+        self.setProperty("role", role)
+        self.setToolTip(plain_tooltip(text))
+        elastic(self)
+
+    @property
+    def shown_text(self) -> str:
+        """What the line shows of its text: the beginning of one that is too long."""
+        line, metrics = " ".join(self.text().split()), self.fontMetrics()
+        room_px = self.contentsRect().width()
+        return metrics.elidedText(line, Qt.TextElideMode.ElideRight, room_px)
+
+    def paintEvent(self, _: QPaintEvent) -> None:
+        """Paint the text, shortened where it is longer than the line."""
+        room, place = self.contentsRect(), int(self.alignment())
+        colours, role = self.palette(), self.foregroundRole()
+        painter = QPainter(self)
+        text = self.shown_text
+        self.style().drawItemText(painter, room, place, colours, self.isEnabled(), text, role)
 
 
 def label(text: str = "", role: str = "", wraps: bool = False) -> QLabel:

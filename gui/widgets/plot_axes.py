@@ -5,7 +5,8 @@ from __future__ import annotations
 from math import ceil, floor, log10
 
 import pyqtgraph as pg
-from PySide6.QtWidgets import QGraphicsItem
+from PySide6.QtGui import QFontMetrics
+from PySide6.QtWidgets import QApplication, QGraphicsItem
 
 from gui.widgets.theme import Theme
 
@@ -15,6 +16,7 @@ _ROUND_STEPS_S = (
     0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0, 120.0,
 )  # fmt: skip
 _BOTTOM_PX = 34
+_LONG_TIME = "−10.0 "
 
 
 def fixed_plot(layout: pg.GraphicsLayout, row: int, column: int) -> pg.PlotItem:
@@ -61,12 +63,18 @@ def taxel_ticks(n_taxels: int) -> list[tuple[float, str]]:
     return [(taxel + 0.5, f"T{taxel + 1}") for taxel in range(0, n_taxels, step)]
 
 
-def time_ticks(left_s: float, right_s: float) -> list[tuple[float, str]]:
-    """Return at most eleven ticks at round times between two ends of an axis.
+def most_ticks(width_px: float) -> int:
+    """Return how many steps an axis of times has room for in the present size of the texts."""
+    label_px = QFontMetrics(QApplication.font()).horizontalAdvance(_LONG_TIME)
+    return max(1, min(MAX_TICKS, int(width_px / label_px)))
+
+
+def time_ticks(left_s: float, right_s: float, most: int = MAX_TICKS) -> list[tuple[float, str]]:
+    """Return ticks at round times between two ends of an axis, in at most ``most`` steps.
 
     pyqtgraph's own ticks cost more than the plots themselves while an axis scrolls.
     """
-    least_s = (right_s - left_s) / MAX_TICKS
+    least_s = (right_s - left_s) / most
     step_s = next((step for step in _ROUND_STEPS_S if step >= least_s), _ROUND_STEPS_S[-1])
     digits = max(0, -floor(log10(step_s)))
     numbers = range(ceil(left_s / step_s), floor(right_s / step_s) + 1)

@@ -112,6 +112,13 @@ def scale_texts(factor: float) -> None:
         app.setProperty(_APPLIED, "")
 
 
+def text_scale() -> float:
+    """Return how many times their usual size all texts have."""
+    app = QApplication.instance()
+    assert isinstance(app, QApplication)
+    return float(app.property(_SCALE) or 1.0)
+
+
 def _scaled(style_sheet: str, factor: float) -> str:
     """Return a style sheet whose sizes in points are ``factor`` times as large."""
     return re.sub(

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import pytest
 from PySide6.QtCore import QSize
 from PySide6.QtWidgets import QApplication, QWidget
 
+from gui.shell.appearance import TEXT_SIZES_PERCENT
 from gui.widgets.theme import ThemeChoice
 from tests.analysis.recordings import record
 from tests.gui.fake_finger import FakeFinger
 from tests.gui.steps import SharedWindow
 from tests.gui.texts.cut import cut_texts
 from tests.gui.texts.piece import CutText
-from tests.gui.texts.scenes import SESSION_NAME, SILENT, Stage, scenes
+from tests.gui.texts.scenes import SESSION_NAME, SILENT, Stage, large_text_scenes, scenes
 
 LAYOUT_PASSES = 4  # a wrapped text asks for its height once it has its width
+UNMEASURED = ("LivePlots/Graphics",)
+"""The plots, which need more room than a small screen has for large texts."""
 TRIES = 5  # a timer of the window may change a text after the last pass
 SIZES = ((1024, 700), (1280, 800), (1920, 1080))
 
@@ -27,11 +31,13 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record(tmp_path_factory.mktemp("recorded") / SESSION_NAME, repeats=1)
 
 
-def _measure(stage: Stage) -> list[str]:
+def _measure(
+    stage: Stage, shown: Iterable[str], sizes: Sequence[tuple[int, int]] = SIZES
+) -> list[str]:
     """Return a line for each text that is cut in a state and a size."""
     window, found = stage.window, []
-    for scene in scenes(stage):
-        for size in SIZES:
+    for scene in shown:
+        for size in sizes:
             window.resize(*size)
             QApplication.processEvents()
             if scene != SILENT:
@@ -64,13 +70,32 @@ def test_no_text_is_cut_off(
     disconnected.finger = finger
     before = window.size()
     assert disconnected.engine is not None
+    stage = Stage(window, disconnected.engine, finger, session)
     window.set_theme(choice)
     try:
-        found = _measure(Stage(window, disconnected.engine, finger, session))
+        found = _measure(stage, scenes(stage))
     finally:
         window.finger_tab.link.close()
         window.finger_tab.link.wait_closed()
         window.finger_tab.link.poll()
         window.set_theme(ThemeChoice.LIGHT)
+        window.resize(before)
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize("percent", TEXT_SIZES_PERCENT[3:])
+def test_no_larger_text_is_cut_off_on_a_small_screen(
+    disconnected: SharedWindow, session: Path, tmp_path: Path, percent: int
+) -> None:
+    window = disconnected.window
+    before = window.size()
+    assert disconnected.engine is not None
+    stage = Stage(window, disconnected.engine, FakeFinger(tmp_path), session)
+    window.set_text_size(percent)
+    try:
+        found = _measure(stage, large_text_scenes(stage), SIZES[:1])
+        found = [line for line in found if not any(part in line for part in UNMEASURED)]
+    finally:
+        window.set_text_size(100)
         window.resize(before)
     assert not found, "\n".join(found)

@@ -5,15 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QWidget
+from PySide6.QtCore import QEvent
+from PySide6.QtGui import QHideEvent, QResizeEvent, QShowEvent
+from PySide6.QtWidgets import QFrame, QGridLayout, QWidget
 
 from gui.widgets.formatting import age, size
 from gui.widgets.labels import elastic, label, set_property
+from gui.widgets.layouts import hbox, vbox
 from gui.widgets.status_lamp import Level, StatusLamp
+from gui.widgets.theme import text_scale
 from rigctl.acquisition.rpc.messages import RecordingStatus
 
 VERDICTS_PX = 1240
+_CELL_GAP_PX, _SIDES_PX = 2, 16
+_TEXT_CHANGES = (QEvent.Type.FontChange, QEvent.Type.StyleChange)
 DISK_HOURS_LIMIT = 1.0
 DISK_FREE_LIMIT_BYTES = 2_000_000_000
 
@@ -65,24 +70,59 @@ class HealthCell(QFrame):
 
 
 class HealthRow(QWidget):
-    """A row with a cell for each figure."""
+    """A row with a cell for each figure; two lines where the texts are too large for one."""
 
     def __init__(self, specs: Mapping[str, CellSpec]) -> None:
         super().__init__()
-        row = QHBoxLayout(self)
-        row.setContentsMargins(8, 0, 8, 0)
-        row.setSpacing(2)
+        self._stretches = {key: spec.stretch for key, spec in specs.items()}
+        self._lines = (hbox(spacing=2), hbox(spacing=2))
+        self._n_lines = 0
+        self.setLayout(vbox(*self._lines, spacing=2, margins=(8, 0, 8, 0)))
         self.cells = {key: HealthCell(spec) for key, spec in specs.items()}
-        for key, cell in self.cells.items():
-            row.addWidget(cell, specs[key].stretch)
+        self._fill_lines(1)
         self.setMinimumWidth(1)  # a strip that another one hides must not widen the window
         self.show_nothing()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Leave the verdicts to the shapes of the lamps where the words do not fit."""
         super().resizeEvent(event)
+        self._fit()
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Take a second line if it is needed."""
+        super().showEvent(event)
+        self._fit()
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        """Take no more height than one line behind another strip."""
+        super().hideEvent(event)
+        self._fill_lines(1)
+
+    def changeEvent(self, event: QEvent) -> None:
+        """Follow another size of the texts."""
+        super().changeEvent(event)
+        if hasattr(self, "cells") and event.type() in _TEXT_CHANGES:
+            self._fit()
+
+    def _fit(self) -> None:
+        """Use a second line, and leave the verdicts to the lamps, where the words do not fit."""
+        width_px = self.width() / text_scale()
+        needs_px = sum(self._stretches.values()) + _CELL_GAP_PX * (len(self.cells) - 1) + _SIDES_PX
+        n_lines = 1 if width_px >= needs_px or not self.isVisible() else 2
+        if n_lines != self._n_lines:
+            self._fill_lines(n_lines)
         for cell in self.cells.values():
-            cell.verdict.setHidden(self.width() < VERDICTS_PX)
+            cell.verdict.setHidden(width_px * n_lines < VERDICTS_PX)
+
+    def _fill_lines(self, n_lines: int) -> None:
+        """Share the cells among the lines in their order, so that both are about as long."""
+        self._n_lines = n_lines
+        most_px = sum(self._stretches.values()) / n_lines
+        used_px = 0
+        for key, cell in self.cells.items():
+            line = self._lines[min(int(used_px / most_px), n_lines - 1)]
+            line.addWidget(cell, self._stretches[key])
+            used_px += self._stretches[key]
 
     def show_nothing(self) -> None:
         """Show that no figure is known."""

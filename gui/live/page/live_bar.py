@@ -6,6 +6,7 @@ from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QComboBox, QPushButton, QScrollBar, QWidget
 
 from gui.live.review.navigation import SPANS_S, Navigation
+from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.labels import label
 from gui.widgets.layouts import hbox, push_button, vbox
 
@@ -34,10 +35,8 @@ class LiveBar(QWidget):
         self.scroll_bar = QScrollBar(Qt.Orientation.Horizontal)
         self.scroll_bar.setAccessibleName("Place in the last minutes")
         self.place = label("live", "muted")
-        self.place.setMinimumWidth(96)
-        first = hbox(self.pause, self.span, self.unit, *self.buttons.values(), label(), spacing=4)
-        first.setStretch(0, 0)
-        first.setStretch(first.count() - 1, 1)
+        self.place.setMinimumWidth(self.place.fontMetrics().horizontalAdvance("10:00 min ago"))
+        first = FlowLayout(self.pause, self.span, self.unit, *self.buttons.values())
         self.setLayout(vbox(first, hbox(self.scroll_bar, self.place), spacing=3))
         self.span.activated.connect(lambda _: navigation.set_span(self.span.currentData()))
         self.scroll_bar.valueChanged.connect(self._move)

@@ -20,7 +20,7 @@ from gui.live.recode.encoder_strip import EncoderStrip
 from gui.live.sweeps.sweep_mode import SweepMode
 from gui.live.sweeps.sweep_strip import SweepStrip
 from gui.live.value_scale import NOMINAL_SUPPLY_V, ValueScale
-from gui.widgets.labels import elastic, label, show_text
+from gui.widgets.labels import ElidedLabel, show_text
 from gui.widgets.layouts import vbox
 from gui.widgets.theme import Theme
 from rigctl.acquisition.live_buffer import LiveReader
@@ -58,7 +58,7 @@ class LivePage(QWidget):
         self.sweep_strip = SweepStrip()
         self.sweeps = SweepMode(self.plots, self.sweep_strip)
         self.saver = Saver()
-        self.cursor_label, self.difference_label = elastic(label()), elastic(label())
+        self.cursor_label, self.difference_label = ElidedLabel(), ElidedLabel()
         self._strips: dict[str, QWidget] = {
             TAXELS: self.taxel_strip,
             TRIALS: self.sweep_strip,

@@ -13,8 +13,9 @@ from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QLineEdit, QWidget
 from gui.live.live_data import LiveData
 from gui.live.recode.recoder import Recoder
 from gui.widgets.file_browser import PathKind, browse_button
-from gui.widgets.labels import elastic, label, show_text
-from gui.widgets.layouts import combo_box, hbox, vbox
+from gui.widgets.flow_layout import FlowLayout
+from gui.widgets.labels import ElidedLabel, label, show_text
+from gui.widgets.layouts import combo_box, vbox
 from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
@@ -24,6 +25,9 @@ from rigctl.errors import RigctlError, WrongUse
 ENGINE, NO_C, BLIND, OF_PLATE, TYPED = "engine", "none", "blind", "plate", "typed"
 _HIGHEST_C = 20.0
 _LIVE_PRESETS = tuple(name for name, known in PRESETS.items() if not known.filters_whole_trials)
+
+
+_LONGEST_NAME = 14  # letters
 
 
 class EncoderStrip(QWidget):
@@ -46,17 +50,20 @@ class EncoderStrip(QWidget):
         self.preset = combo_box({"the engine's": ENGINE, **{name: name for name in _LIVE_PRESETS}})
         scalings = {"no C": NO_C, "C, blind": BLIND, "C of the plate": OF_PLATE, "C, typed": TYPED}
         self.scaling = combo_box(scalings)
+        for box in (self.preset, self.scaling):
+            box.setMinimumContentsLength(_LONGEST_NAME)
         self.c = QDoubleSpinBox(minimum=0.01, maximum=_HIGHEST_C, value=1.0, singleStep=0.1)
         self.c.setPrefix("C = ")
         self.c.setToolTip("One factor on the SA current of all taxels, without a unit")
         self.c.setKeyboardTracking(False)
         self.model = QLineEdit()
         self.model.setPlaceholderText("model file with C")
-        self.sentence = elastic(label("", "muted"))
+        self.sentence = ElidedLabel("", "muted")
         browse = browse_button(self.path_requested, PathKind.MODEL, self._choose_model)
         self._of_model = (self.model, browse)
         first = (label("Encoder"), self.preset, label("Force scaling"), self.scaling)
-        row = hbox(*first, self.c, self.model, browse, wide=5)
+        self.model.setMinimumWidth(130)
+        row = FlowLayout(*first, self.c, self.model, browse)
         self.per_mm = QCheckBox("speed scaling: rates per mm")
         self.per_mm.setToolTip(
             "Spikes in the last second divided by the texture that passed in it, so that rates at\n"

@@ -8,6 +8,7 @@ from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QWidget
 
 from gui.analysis.worker import Worker
+from gui.widgets.labels import label
 from gui.widgets.layouts import push_button
 from rigctl.analysis.data.atomic_directory import PARTIAL
 
@@ -46,8 +47,8 @@ class MovieMaker(QObject):
 
     @property
     def controls(self) -> tuple[QWidget, ...]:
-        """Length, kind and button."""
-        return self.length, self.kind, self.button
+        """Length, kind and button, each with its label."""
+        return label("Last"), self.length, label("as"), self.kind, self.button
 
     def write(self, session: str, row: int, taxel: int, end_s: float) -> None:
         """Draw the time before a moment of an attempt for a taxel; rows and taxels from 0."""

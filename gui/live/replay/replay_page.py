@@ -17,8 +17,9 @@ from gui.live.replay.player import Player
 from gui.live.replay.replay_data import fill
 from gui.live.replay.voltage_plot import VoltagePlot
 from gui.widgets.file_browser import PathKind, browse_button
-from gui.widgets.labels import elastic, label, show_text
-from gui.widgets.layouts import hbox, push_button, vbox
+from gui.widgets.flow_layout import FlowLayout
+from gui.widgets.labels import ElidedLabel, label, show_text
+from gui.widgets.layouts import push_button, vbox
 from gui.widgets.theme import Theme
 from rigctl.values import SAMPLE_RATE_HZ
 
@@ -43,8 +44,8 @@ class ReplayPage(QWidget):
         self._table, self._row = SessionTable(), -1
         self._goes_on = False
         self._build_controls()
-        self.sentence, self.values = elastic(label(NO_SESSION, "muted")), elastic(label())
-        rows = (hbox(*self._session_row, wide=1), hbox(*self._play_row, wide=1))
+        self.sentence, self.values = ElidedLabel(NO_SESSION, "muted"), ElidedLabel()
+        rows = (FlowLayout(*self._session_row), FlowLayout(*self._play_row))
         column = vbox(*rows, self.sentence, self.plots, self.voltage, self.values, spacing=3)
         column.setStretch(3, 1)
         self.setLayout(column)
@@ -89,11 +90,17 @@ class ReplayPage(QWidget):
     def _build_controls(self) -> None:
         self.session = QLineEdit()
         self.session.setPlaceholderText("session folder")
-        self.session.setMinimumWidth(80)
-        self.trial = QSpinBox(minimum=1, maximum=1, prefix="attempt ")
+        self.session.setMinimumWidth(120)
+        self.trial = QSpinBox(minimum=1, maximum=1)
         self.whole_session = QCheckBox("go on to the next")
         browse = browse_button(self.path_requested, PathKind.SESSION, self.open)
-        row: tuple[QWidget, ...] = (label("Session"), self.session, browse, self.trial)
+        row: tuple[QWidget, ...] = (
+            label("Session"),
+            self.session,
+            browse,
+            label("Attempt"),
+            self.trial,
+        )
         back = push_button("Back", self.closed.emit, "Back to the live plots")
         self._session_row = (*row, self.whole_session, back)
         self.play = push_button("Play", self._toggle, "Play or stop")
@@ -104,7 +111,8 @@ class ReplayPage(QWidget):
         self.speed.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
         self.speed.setToolTip("Speed of the replay in times real time")
         self.movies = MovieMaker()
-        self._play_row = (self.play, self.place, self.speed, *self.movies.controls)
+        self.place.setMinimumWidth(120)
+        self._play_row = (self.play, self.place, label("Speed"), self.speed, *self.movies.controls)
 
     def _connect(self) -> None:
         worker, pointer = self.worker, self.pointer

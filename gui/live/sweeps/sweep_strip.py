@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QCheckBox, QSpinBox, QWidget
 
 from gui.live.spikes.spike_rates import FULL_SCALE_HZ
 from gui.live.sweeps.earlier_trials import BIN_S, MOST
-from gui.widgets.labels import elastic, label, show_text
+from gui.widgets.labels import ElidedLabel, label, show_text
 from gui.widgets.layouts import hbox, vbox
 
 OFF = "The time axis scrolls with the newest samples."
@@ -31,7 +31,7 @@ class SweepStrip(QWidget):
             f"neurons in bins of {1000 * BIN_S:.0f} ms"
         )
         self.count.setAccessibleName("Earlier trials behind the present one")
-        self.sentence = elastic(label(OFF, "muted"))
+        self.sentence = ElidedLabel(OFF, "muted")
         row = hbox(self.align, label("earlier trials"), self.count, label(), wide=3)
         self.setLayout(vbox(row, self.sentence, spacing=2, margins=(6, 0, 6, 0)))
         self.align.toggled.connect(lambda _: self.changed.emit())

@@ -122,6 +122,19 @@ def scenes(stage: Stage) -> Iterator[str]:
         yield from scene(stage)
 
 
+def large_text_scenes(stage: Stage) -> Iterator[str]:
+    """Bring the window into some states that are crowded when texts are large."""
+    for scene in (_operate, _replay):
+        yield from scene(stage)
+
+
+def _replay(stage: Stage) -> Iterator[str]:
+    stage.window.show_replay(is_shown=True)
+    QApplication.processEvents()
+    yield "Replay"
+    stage.window.show_replay(is_shown=False)
+
+
 def _show(stage: Stage, panel: str) -> None:
     stage.window.show_panel(panel)
     QApplication.processEvents()
@@ -149,6 +162,9 @@ def _operate(stage: Stage) -> Iterator[str]:
     stage.engine.write_samples(6000)
     stage.update(**STATUS)
     yield "Operate, connected"
+    click(window.operate_panel.bring_up.steps)
+    yield "Operate, all steps of the bring-up"
+    click(window.operate_panel.bring_up.steps)
     stage.update(**CROWDED, state=int(State.RUN), recording=RECORDING, run=RUN)
     yield "Operate, crowded figures"
     yield from _trials(stage)

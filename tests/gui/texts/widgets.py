@@ -36,9 +36,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from gui.operate.event_log import StatusLine
 from gui.widgets.file_combo_box import ElidedComboBox
-from gui.widgets.labels import plain_tooltip
+from gui.widgets.labels import ElidedLabel, plain_tooltip
 from tests.gui.texts.piece import Piece
 
 _Element, _Control, _Part = QStyle.SubElement, QStyle.ComplexControl, QStyle.SubControl
@@ -62,8 +61,8 @@ def _size(widget: QWidget, text: str) -> QSize:
 
 
 def _label(label: QLabel) -> Iterator[Piece]:
-    """Measure a label; the status line may be shortened where its tooltip has the whole text."""
-    if isinstance(label, StatusLine) and label.toolTip() == plain_tooltip(label.text()):
+    """Measure a label; one line may be shortened where its tooltip has the whole text."""
+    if isinstance(label, ElidedLabel) and label.toolTip() == plain_tooltip(label.text()):
         yield Piece(label.shown_text, _size(label, label.shown_text), label.rect())
         return
     if label.wordWrap():
