@@ -98,6 +98,9 @@ class PlateView(QWidget):
         plate = f"Plate {self._texture}" if self._texture else "Plate"
         title = f"{plate} from above, {PLATE_MM:.0f} × {PLATE_WIDTH_MM:.0f} mm"
         area = QRectF(4, 0, self.width() - 8, _TITLE_PX)
+        advance = painter.fontMetrics().horizontalAdvance
+        if advance(title) + advance(self.words) + 8 > area.width():
+            title = plate
         painter.setPen(QColor(theme.muted))
         painter.drawText(area, Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter, title)
         painter.setPen(QColor(theme.text))
@@ -117,13 +120,20 @@ class PlateView(QWidget):
         for mark in MARKS_MM:
             painter.drawLine(self._at(mark, half + 4), self._at(mark, -half - 4))
         painter.setPen(QColor(theme.muted))
-        top = self.height() - _AXIS_PX
-        for tick in range(0, round(PLATE_MM) + 1, _TICK_MM):
+        self._paint_ticks(painter)
+
+    def _paint_ticks(self, painter: QPainter) -> None:
+        """Draw the texts below the plate: the marks first, others where there is room."""
+        ticks = range(0, round(PLATE_MM) + 1, _TICK_MM)
+        drawn: list[QRectF] = []
+        for tick in sorted(ticks, key=lambda tick: tick not in MARKS_MM):
             text = _tick_text(tick)
             width = painter.fontMetrics().horizontalAdvance(text) + 2
             left = min(max(self._at(tick, 0).x() - width / 2, 0), self.width() - width)
-            area = QRectF(left, top, width, _AXIS_PX)
-            painter.drawText(area, Qt.AlignmentFlag.AlignCenter, text)
+            area = QRectF(left, self.height() - _AXIS_PX, width, _AXIS_PX)
+            if not any(area.adjusted(-4, 0, 4, 0).intersects(other) for other in drawn):
+                painter.drawText(area, Qt.AlignmentFlag.AlignCenter, text)
+                drawn.append(area)
 
     def _paint_path(self, painter: QPainter, theme: Theme) -> None:
         if len(self.path_mm) < 2:
