@@ -26,6 +26,10 @@ FIXED_KEYS = (
     ActionRow("Plots", "Move the cursor", "Ctrl+Left, Ctrl+Right", "Values stand below the plots"),
     ActionRow("Plots", "Set the reference", "C", "The second line then shows differences from it"),
     ActionRow("Plots", "Choose a taxel", "Up, Down", "Return shows it alone, or all again"),
+    ActionRow("Accuracy", "Choose components", "Left, Right", "Home, End: the first or the last"),
+    ActionRow("Accuracy", "Choose a curve", "Up, Down", "Page up, Page down: the task"),
+    ActionRow("Confusion", "Choose a cell", "Arrow keys", "The line below names its trials"),
+    ActionRow("Accuracy, Confusion", "Zoom", "+, −", "0 shows the whole plot again"),
 )
 
 

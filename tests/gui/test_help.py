@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QApplication, QMenuBar
 
 from gui.shell.actions import ActionRegistry
 from gui.shell.controllers.help_controller import DOCS, HelpController
+from gui.shell.help_page import shortcut_table
 from tests.gui.steps import SharedWindow
 
 
@@ -52,3 +53,10 @@ def test_about_leads_to_the_documentation(disconnected: SharedWindow, opened: li
     assert opened == [str(DOCS)] and DOCS.is_file()
     assert f"opened {DOCS}" in window.event_log.toPlainText()
     window.show_panel("operate")
+
+
+def test_the_shortcut_sheet_lists_the_keys_of_the_results() -> None:
+    table = shortcut_table(())
+    for action in ("Choose components", "Choose a curve", "Choose a cell", "Zoom"):
+        assert f"<td>{action}</td>" in table
+    assert "<td>Accuracy, Confusion</td>" in table
