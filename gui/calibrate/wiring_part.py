@@ -9,8 +9,7 @@ from gui.calibrate.sensor_map import SensorMap
 from gui.widgets.labels import label, show_text
 from gui.widgets.layouts import hbox, push_button, vbox
 from rigctl.acquisition.calibration.calibration_values import WIRING, CalibrationStatus
-from rigctl.acquisition.calibration.wiring_identification import PER_LAYER
-from rigctl.acquisition.calibration.wiring_steps import N_STEPS
+from rigctl.acquisition.calibration.wiring_identification import N_STEPS, PER_LAYER
 from rigctl.acquisition.calibration.words import wiring_words
 from rigctl.acquisition.rpc.messages import EngineStatus
 

@@ -67,6 +67,11 @@ DRUM: tuple[tuple[str, dict[str, Any]], ...] = (
     *(("record", {"out": "hand", "note": "By hand."}), ("end_record", {})),
     *(("note", {"text": "The edge is worn."}), ("repeat", {"trial_id": 0})),
     ("repeat", {"trial_id": 1, "text": "The plate was loose."}),
+    (
+        "end_condition",
+        {"texture": "A", "speed_mm_s": 100.0, "force_g": 300.0, "trials": 5, "mean_hz": 20.0}
+        | {"half_width_hz": 1.0},
+    ),
     *(("start", {"protocol": "drum.toml", "out": "new", "seed": 3, "yes": True}),) * 2,
     ("start", {"resume": "new", "yes": True, "operator": "Ada", "sensor": "S 3", "notes": "New."}),
 )

@@ -68,7 +68,7 @@ class Calibration:
 
         The first reading lifts the drum and switches it off.
         """
-        self.measurement.require_none()
+        self.measurement.require_ready()
         self._masses.validate_next(mass_g)
         if self._masses.readings:
             self._calibrator.require_off("calibrate the load cell")
@@ -85,14 +85,14 @@ class Calibration:
 
     async def tune_gains(self, force_g: float) -> ForceLoopGains:
         """Press, make a small step, lift, and return the gains that fit."""
-        self.measurement.require_none()
+        self.measurement.require_ready()
         self._gains = await self.measurement.run(FORCE, self._calibrator.tune_gains(force_g))
         self._saved.pop(FORCE, None)
         return self._gains
 
     async def measure_imbalance(self) -> list[float]:
         """Turn the lifted drum once; return the error of each sixteenth of the turn in g."""
-        self.measurement.require_none()
+        self.measurement.require_ready()
         table_g = await self.measurement.run(IMBALANCE, self._calibrator.measure_imbalance())
         self._imbalance_g = [round(value, 3) for value in table_g]
         self._saved.pop(IMBALANCE, None)
@@ -100,7 +100,7 @@ class Calibration:
 
     async def take_wiring_step(self) -> str:
         """Measure what the present step of the identification asks for; return what was found."""
-        self.measurement.require_none()
+        self.measurement.require_ready()
         require_identifiable(self._rig.config.taxels, "this sensor")
         if self._steps.step is WiringStep.DONE:
             raise WrongUse("all taxels are identified: save the order, or discard it")

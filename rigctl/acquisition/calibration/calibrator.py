@@ -13,7 +13,7 @@ from rigctl.acquisition.drum.motion import DrumMotion
 from rigctl.acquisition.drum.poller import DrumPoller
 from rigctl.acquisition.drum.settings import press_settings
 from rigctl.acquisition.rig import Rig
-from rigctl.errors import RigFault, WrongUse
+from rigctl.errors import CommandRefused, RigFault, WrongUse
 from rigctl.wire.drum.codes import Command, Status
 from rigctl.wire.drum.register_table import BY_NAME
 from rigctl.wire.drum.states import State
@@ -22,6 +22,7 @@ READINGS = 80
 """A second of the load cell, after a second in which it comes to rest."""
 REST_S = 1.0
 TUNE_TIMEOUT_S, TURN_TIMEOUT_S = 10.0, 120.0
+_PRESSING = (State.APPROACH, State.HOLD, State.RUN, State.RETRACT)
 
 
 class Calibrator:
@@ -59,6 +60,11 @@ class Calibrator:
         """Raise RigFault unless the drum is switched off; ``action`` begins its sentence."""
         if self._poller.healthy_state().state != State.IDLE:
             raise RigFault(f"{action} with the drum lifted and switched off")
+
+    def require_no_contact(self) -> None:
+        """Raise CommandRefused while the drum presses: no measurement ends a held force."""
+        if self._poller.healthy_state().state in _PRESSING:
+            raise CommandRefused("the drum presses on the sensor: retract it, then calibrate")
 
     async def lift(self) -> None:
         """Lift off and switch off, unless that is so, so that only a mass loads the load cell."""

@@ -38,6 +38,11 @@ class Measurement:
         if self.part:
             raise WrongUse(BUSY)
 
+    def require_ready(self) -> None:
+        """Raise WrongUse while something is measured, CommandRefused while the drum presses."""
+        self.require_none()
+        self._calibrator.require_no_contact()
+
     async def run(self, part: str, work: Coroutine[Any, Any, _Result]) -> _Result:
         """Return the result of the work; then the drum is lifted and switched off.
 

@@ -24,6 +24,8 @@ MIN_CHANGE_RATIO = 1.3
 """The pressed taxel changes by this factor more than any other of its layer."""
 SIDE = 3
 PER_LAYER = SIDE * SIDE
+N_STEPS = 3 + PER_LAYER
+"""Unplug, press flat, plug in, and a press of each place."""
 
 
 class ContradictoryPresses(WrongUse):

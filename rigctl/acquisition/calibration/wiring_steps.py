@@ -80,7 +80,7 @@ class WiringSteps:
 
     @property
     def number(self) -> int:
-        """Number of the next step, from 0 to :data:`N_STEPS`."""
+        """Number of the next step, from 0 to ``N_STEPS`` of the identification."""
         before = (WiringStep.UNPLUG, WiringStep.FLAT, WiringStep.PLUG)
         if self.step in before:
             return before.index(self.step)
@@ -143,7 +143,6 @@ class WiringSteps:
 
 
 _UNPLUGGED = (WiringStep.UNPLUG, WiringStep.FLAT)
-N_STEPS = 3 + PER_LAYER
 
 
 def require_identifiable(taxels: TaxelArray, name: str) -> None:

@@ -149,6 +149,28 @@ def test_a_calibration_ends_at_any_moment_with_the_drum_lifted_and_off(
     play(harness, scenario)
 
 
+@pytest.mark.parametrize(
+    ("command", "args"),
+    [
+        ("calibrate_loadcell", {"mass_g": 0}),
+        ("calibrate_force", {}),
+        ("calibrate_imbalance", {}),
+        ("calibrate_wiring", {}),
+    ],
+)
+def test_a_calibration_never_ends_a_held_force(
+    harness: EngineHarness, command: str, args: dict[str, Any]
+) -> None:
+    async def scenario(handle: Handle) -> None:
+        for name in ("arm", "tare", "home", "approach"):
+            await handle(name, {})
+        with pytest.raises(CommandRefused, match="presses on the sensor: retract it, then"):
+            await handle(command, args)
+        assert state_of(harness) is State.HOLD
+
+    play(harness, scenario)
+
+
 def test_a_reading_and_a_turn_can_be_cancelled(harness: EngineHarness) -> None:
     async def scenario(handle: Handle) -> None:
         for command, args in (("calibrate_loadcell", {"mass_g": 0}), ("calibrate_imbalance", {})):
