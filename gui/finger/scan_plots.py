@@ -24,6 +24,7 @@ HISTORY_S = 20
 """Longer than the slowest scan that counts."""
 _RIGHT_PX = 132
 _TICK_MM = 100  # ticks that a narrow plot can show
+_TICK_TAXELS = 4
 _BOTTOM_PX = 34
 _SLOW_REFRESH_FRAMES = 3
 _LEAST_SPAN_S = 2.0
@@ -130,7 +131,9 @@ class ScanPlots(PlotGrid):
         plot.invertY(True)
         plot.setXRange(0, SPAN_MM, padding=0)
         plot.setYRange(0, N_FINGER_TAXELS, padding=0)
-        names = [(taxel + 0.5, f"T{taxel + 1}") for taxel in range(N_FINGER_TAXELS)]
+        names = [
+            (taxel + 0.5, f"T{taxel + 1}") for taxel in range(0, N_FINGER_TAXELS, _TICK_TAXELS)
+        ]
         plot.getAxis("left").setTicks([names, []])
         ways = [(float(mm), f"{mm}") for mm in range(0, round(SPAN_MM), _TICK_MM)]
         plot.getAxis("bottom").setTicks([ways, []])
