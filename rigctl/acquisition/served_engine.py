@@ -214,6 +214,9 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
 
     def _send_event(self, event: Event) -> None:
         self._history.add(event)
+        self._broadcast(event)
+
+    def _broadcast(self, event: Event) -> None:
         self._server.broadcast(engine_message(event.kind, event.text, event.data, event.at_s))
 
     def _fail_run(self, fault: RigFault) -> None:

@@ -78,6 +78,8 @@ def test_a_growing_session_of_the_finger_is_followed(
     committed = tab.link.status.run.trials_committed
     wait_until(lambda: tab.link.status.run.trials_committed > committed, TIMEOUT_MS)
     wait_until(lambda: len(view.plots.shown_velocities_mm_s) >= 5, TIMEOUT_MS)
+    window.event_log.clear()
+    wait_until(lambda: "slide over the plate" in window.event_log.toPlainText(), TIMEOUT_MS)
     wait_until(lambda: len(view.plate.path_mm) > 20, TIMEOUT_MS)
     assert view.plots.quality.fast_min_mm_s == 131.0
     wait_until(lambda: bool(view.plots.raster.ticks.any()), TIMEOUT_MS)

@@ -83,7 +83,8 @@ class FollowEngine(ServedEngine[Any, Any]):
     def _publish_failure(self, sentence: str) -> None:
         """Say once that the folder cannot be read; the next look tries again."""
         if not self._failure:
-            self.event_bus.publish("lost", f"the session cannot be read now: {sentence}")
+            text = f"the session cannot be read now: {sentence}"
+            self._tell([Event(self._followed.newest_s, "lost", text, {})])
         self._failure = sentence
 
     def _take(self, is_first: bool = False) -> None:
@@ -94,8 +95,10 @@ class FollowEngine(ServedEngine[Any, Any]):
                 self._tell(events)
 
     def _tell(self, events: list[Event]) -> None:
+        """Send events with the times of the recorder, which the rows of the live file have."""
+        self._remember(events)
         for event in events:
-            self.event_bus.publish(event.kind, event.text, **event.data)
+            self._broadcast(event)
 
     def _remember(self, events: list[Event]) -> None:
         """Keep events of before, as old as the newest rows say."""

@@ -17,6 +17,7 @@ from rigctl.acquisition.follow.growing_reader import finite
 from rigctl.acquisition.follow.growing_session import GrowingSession
 from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.rpc.door import Door, open_listener
+from rigctl.session.read.session import Session
 from rigctl.values import Event
 from tests.acquisition.engine_harness import EngineHarness
 from tests.acquisition.sharing.client_connection import ClientConnection
@@ -42,6 +43,11 @@ def copy_unended(harness: EngineHarness, folder: Path) -> None:
     harness.run(scenario, harness.request())
 
 
+def _event_times_s(folder: Path) -> list[float]:
+    with Session.open(folder) as session:
+        return [event.at_s for event in session.events]
+
+
 def test_a_folder_that_vanishes_and_returns(harness: EngineHarness, tmp_path: Path) -> None:
     session, away = tmp_path / "copy", tmp_path / "away"
     copy_unended(harness, session)
@@ -57,6 +63,8 @@ def test_a_folder_that_vanishes_and_returns(harness: EngineHarness, tmp_path: Pa
             assert status["run"]["trials_committed"] == 3
         away.rename(session)
         shutil.copytree(harness.session, session, dirs_exist_ok=True)
+        trial = await client.until("trial")
+        assert trial["at_s"] in _event_times_s(session), "of the recorder, as those of the rows"
         while (status := (await client.until("status"))["data"])["run"]["state"] != "done":
             pass
         assert status["run"]["trials_committed"] == 4

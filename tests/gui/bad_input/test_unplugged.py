@@ -98,8 +98,10 @@ def test_a_run_without_its_drum_ends_and_says_how_to_go_on(rig: RigWindow, tmp_p
     _unplug_and_plug_in(rig, "drum")
     rig.until(lambda: rig.status.run.state == "failed")
     _verified(rig)
+    rig.until_state(State.FAULT_OFF, State.ARMED, State.IDLE)
     if rig.status.fault:
         rig.press("clear_fault")
+        rig.until_state(State.IDLE)
     rig.until(lambda: strip.title.text() == "RUN FAILED")
     assert "plug the board in again" in strip.text.text()
     assert "1 of 50 trials) is kept" in strip.text.text()
