@@ -30,7 +30,9 @@ CELLS = {
     ),
     "dropouts": CellSpec("Dropouts", 118, "Gaps in the tracker's positions that were bridged"),
     "outliers": CellSpec("Outliers", 114, "Positions that no finger can reach, left out"),
-    "late": CellSpec("Late speeds", 128, "Velocities that reached the board after their batch: 0"),
+    "late": CellSpec(
+        "Late velocities", 128, "Velocities that reached the board after their batch: 0"
+    ),
     FEATURES: CellSpec(
         "Features", 116, "From sending a velocity to its features, 99th percentile: at most 5 ms"
     ),

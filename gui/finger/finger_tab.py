@@ -21,8 +21,9 @@ from gui.engine_link import NOT_CONNECTED, ClientFactory, Dialect, EngineLink
 from gui.finger.finger_bar import FingerBar
 from gui.finger.finger_health import FingerHealthStrip
 from gui.finger.finger_view import FingerView
-from gui.finger.run_box import FingerRunBox
+from gui.finger.run_box import FAULTS, FingerRunBox
 from gui.finger.setup_form import CALIBRATE, RUN, TRAIN, FingerSetupForm, StartRequest
+from gui.operate.action_results import injected_words
 from gui.operate.prompt import PromptPanel
 from gui.widgets.layouts import container, vbox
 from gui.widgets.theme import Theme
@@ -94,6 +95,7 @@ class FingerTab(QObject):
         link.opened.connect(self._on_opened)
         link.closed.connect(self._on_closed)
         link.refused.connect(self._on_refused)
+        link.answered.connect(self._on_answered)
         link.event_received.connect(self._on_event)
         link.status_changed.connect(self._on_status)
         link.silent.connect(self._on_silent)
@@ -178,6 +180,10 @@ class FingerTab(QObject):
 
     def _on_refused(self, command: str, sentence: str) -> None:
         self.reported.emit("refused", f"{command}: {sentence}")
+
+    def _on_answered(self, command: str, result: dict[str, Any]) -> None:
+        if command == "inject" and "injected" in result:
+            self.reported.emit("done", f"bench: {injected_words(result['injected'], FAULTS)}")
 
     def _on_silent(self, seconds: float) -> None:
         self.bar.show_silent(seconds)

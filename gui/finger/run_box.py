@@ -15,7 +15,7 @@ from gui.widgets.labels import elastic, label, plain_tooltip, set_property, show
 from gui.widgets.layouts import combo_box, container, form_layout, hbox, push_button, vbox
 from rigctl.realtime.messages import FingerEngineStatus, FingerRunStatus
 
-_ROWS = ("Progress", "Stage", "Scan", "Repeated", "Session")
+_ROWS = ("Progress", "Stage", "Scan", "Rejected", "Session")
 _STATES = {
     "idle": "No run",
     "running": "Running",
@@ -103,7 +103,7 @@ class FingerRunBox(QGroupBox):
         texts = dict.fromkeys(_ROWS, "–")
         if run.trials_planned:
             texts["Progress"] = f"{run.trials_committed} of {run.trials_planned} scans{left}"
-            texts["Repeated"] = f"{run.trials_rejected} rejected"
+            texts["Rejected"] = str(run.trials_rejected)
         if run.scan is not None:
             texts["Stage"] = run.scan.stage
             texts["Scan"] = f"{run.scan.texture}, {run.scan.profile}, attempt {run.scan.attempt}"

@@ -1,4 +1,4 @@
-"""What an action of the Operate panel came to, as a line of the log."""
+"""What an action came to, as a line of the log; actions have the names of their buttons."""
 
 from __future__ import annotations
 
@@ -6,9 +6,21 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from gui.operate.bench_controls import FAULTS
 from rigctl.acquisition.calibration.calibration_values import ForceLoopGains, MassReading
 from rigctl.acquisition.calibration.words import gains_words, imbalance_words
 
+_NAMES = {
+    "calibrate_range": "taxel range",
+    "test_taxels": "taxel test",
+    "calibrate_loadcell": "load cell",
+    "calibrate_force": "force loop",
+    "calibrate_imbalance": "imbalance",
+    "calibrate_wiring": "taxel order",
+    "end_record": "record",
+    "inject": "bench",
+}
+"""Where a button has other words than its command."""
 _DONE = {
     "arm": "armed, lifted",
     "disarm": "lifted, motors off",
@@ -22,10 +34,21 @@ _DONE = {
 }
 
 
+def action_name(command: str) -> str:
+    """Return the name of an action for people."""
+    return _NAMES.get(command, command.replace("_", " "))
+
+
 def action_result(command: str, result: Mapping[str, Any]) -> str:
-    """Return what a command came to, empty for one that is no action of the panel."""
+    """Return what a command came to, empty for one that is no action of a panel."""
     words = _DONE.get(command) or _measured(command, result)
-    return f"{command.replace('_', ' ')}: {words}" if words else ""
+    return f"{action_name(command)}: {words}" if words else ""
+
+
+def injected_words(injected: Mapping[str, Any], texts: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return the text of an injected fault as its list has it, or the words of the engine."""
+    known = (text for text, args in texts.items() if args == injected)
+    return next(known, " ".join(str(value).replace("_", " ") for value in injected.values()))
 
 
 def _measured(command: str, result: Mapping[str, Any]) -> str:
@@ -49,6 +72,10 @@ def _measured(command: str, result: Mapping[str, Any]) -> str:
             return f"{saved}; {result['remark']}" if result.get("remark") else saved
         case "calibrate_range" if "low" in result:
             return f"the ranges of {len(result['low'])} taxels are measured"
+        case "plate" if "texture" in result:
+            return f"{result['texture']} is on the drum"
+        case "inject" if "injected" in result:
+            return injected_words(result["injected"], FAULTS)
         case "test_taxels" if "found" in result:
             return "; ".join(map(str, result["found"])) or "no findings"
         case "record" if "session" in result:

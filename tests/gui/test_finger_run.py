@@ -206,7 +206,12 @@ def test_simulated_faults_are_for_simulated_rigs(finger: FingerWindow) -> None:
     finger.update(run=RUNNING)
     box.fault.setCurrentIndex(box.fault.findText("Always lay plate C"))
     click(box.inject)
-    assert finger.engine.requests[-1] == ("inject", {"fault": "wrong_plate", "texture": "C"})
+    injected = {"fault": "wrong_plate", "texture": "C"}
+    assert finger.engine.requests[-1] == ("inject", injected)
+    finger.engine.welcome["inject"] = {"injected": injected}
+    click(box.inject)
+    finger.window.poll()
+    assert "done  bench: Always lay plate C" in finger.window.event_log.toPlainText()
     finger.update(simulated=False)
     assert not box.inject.isVisibleTo(finger.window)
     assert "SIMULATED" not in finger.tab.view.progress.text()

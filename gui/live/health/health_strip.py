@@ -30,7 +30,7 @@ MIN_FREE_STACK_PERCENT = 25
 
 
 CELLS = {
-    "rate": CellSpec("Frame rate", 91, "Taxel frames in the last second: 1000 Hz ± 2 %"),
+    "rate": CellSpec("Sample rate", 91, "Taxel samples in the last second: 1000 Hz ± 2 %"),
     "gaps": CellSpec("Gaps", 68, "Gaps in the stream of taxel samples since the engine started: 0"),
     "lost": CellSpec(
         "Lost", 68, "Taxel samples that the board took and the computer never received: 0"
@@ -89,7 +89,7 @@ class HealthStrip(HealthRow):
 def readings(status: EngineStatus) -> dict[str, Reading]:
     """Return the reading of each cell."""
     return {
-        "rate": _frame_rate(status),
+        "rate": _sample_rate(status),
         "gaps": count_reading(status.gaps, status.taxels_connected),
         "lost": count_reading(status.lost_samples, status.taxels_connected),
         "block": age_reading(status.last_block_age_s, BLOCK_AGE_LIMIT_S, status.taxels_connected),
@@ -103,7 +103,7 @@ def readings(status: EngineStatus) -> dict[str, Reading]:
     }
 
 
-def _frame_rate(status: EngineStatus) -> Reading:
+def _sample_rate(status: EngineStatus) -> Reading:
     error = abs(status.frame_rate_hz - SAMPLE_RATE_HZ) / SAMPLE_RATE_HZ
     level = judge(status.taxels_connected and error <= RATE_TOLERANCE)
     return Reading(f"{status.frame_rate_hz:.0f} Hz", level)

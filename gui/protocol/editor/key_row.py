@@ -15,7 +15,15 @@ from rigctl.config.toml_bounds import KeyPath
 from rigctl.config.toml_field import FieldType, TomlField
 from rigctl.protocol.typed_values import default_of, help_of, typed_of, value_of
 
-_UNITS = {"mm/s": "_mm_s", "mm": "_mm", "g": "_g", "s": "_s", "%": "_percent", "ms": "_ms"}
+_UNITS = {
+    "mm/s": "_mm_s",
+    "mm": "_mm",
+    "g": "_g",
+    "s": "_s",
+    "%": "_percent",
+    "ms": "_ms",
+    "Hz": "_hz",
+}
 _FIELD_PX = 150
 
 

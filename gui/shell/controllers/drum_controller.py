@@ -10,7 +10,7 @@ from gui.engine_clients import another_on, shown_rig
 from gui.engine_link import DRUM, NOT_CONNECTED, ClientFactory, EngineLink
 from gui.live.health.health_strip import HealthStrip
 from gui.live.page.live_page import LivePage
-from gui.operate.action_results import action_result
+from gui.operate.action_results import action_name, action_result
 from gui.operate.operate_panel import OperatePanel
 from gui.operate.prompt import PromptPanel
 from gui.operate.toolbar import Toolbar
@@ -121,7 +121,7 @@ class DrumController(QObject):
 
     def _on_refused(self, command: str, sentence: str) -> None:
         self.operate_panel.finish_command(command)
-        self.reported.emit("refused", f"{command.replace('_', ' ')}: {sentence}")
+        self.reported.emit("refused", f"{action_name(command)}: {sentence}")
 
     def _on_event(self, message: dict[str, Any]) -> None:
         kind, data = str(message.get("event")), message.get("data") or {}
@@ -156,7 +156,7 @@ class DrumController(QObject):
 
     def _on_interrupted(self, command: str) -> None:
         self.operate_panel.finish_command(command)
-        self.reported.emit("log", f"{command.replace('_', ' ')}: ended by STOP")
+        self.reported.emit("log", f"{action_name(command)}: ended by STOP")
 
     def _show_title(self, title: str) -> None:
         self._title = title

@@ -141,7 +141,7 @@ class CommandHandler(CalibrationCommands):
         """Store which plate is mounted; a simulated rig mounts it itself."""
         self._refuse_during_run()
         _require_room(self._engine.boards.drum_poller.state)
-        return {"changed": self._engine.set_plate(texture)}
+        return {"changed": self._engine.set_plate(texture), "texture": texture}
 
     async def on_record(self, out: PathText, note: Note = "") -> Result:
         """Record operation by hand into the new folder ``out``, without trials."""

@@ -64,7 +64,7 @@ class EngineCommands(Generic[_Engine]):
         """Execute one request. Raises WrongUse for an unknown command or wrong arguments."""
         if command == "inject":
             self._inject(args)
-            return {}
+            return {"injected": args}
         known = self._commands.get(command)
         if known is None:
             names = ", ".join(sorted((*self._commands, "inject")))

@@ -34,6 +34,7 @@ def _unplug_and_plug_in(rig: RigWindow, board: str) -> None:
     rig.window.show_panel("operate")
     rig.inject(f"Unplug the {board}")
     rig.until(lambda: strip.isVisible() and BOARDS[board] in strip.text.text())
+    rig.until(lambda: f"done  bench: Unplug the {board}" in rig.log)
     assert CURE in strip.text.text() and strip.title.text().startswith("BOARD LOST")
     rig.inject(f"Plug in the {board}")
     rig.until(partial(_is_back, rig))
