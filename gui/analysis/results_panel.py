@@ -28,6 +28,8 @@ class ResultsPanel(QWidget):
         self.folder_button = push_button(
             "Open folder", self._open_folder, "Show the report's files in the file manager"
         )
+        for button in (self.report_button, self.folder_button):
+            button.setEnabled(False)
         self._view = view
         self._folder = ""
         head = hbox(self.settings, self.report_button, self.folder_button, margins=(8, 6, 8, 4))
@@ -42,6 +44,7 @@ class ResultsPanel(QWidget):
         self._folder = results.folder
         for button in (self.report_button, self.folder_button):
             button.setVisible(bool(results.folder))
+            button.setEnabled(bool(results.folder))
 
     def _open_report(self) -> None:
         self._open(Path(self._folder) / "report.html")

@@ -9,7 +9,7 @@ from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QLineEdit, QWidget
 
 from gui.analysis.run_box import AnalysisRunBox
-from gui.analysis.task_values import SessionTable
+from gui.analysis.task_values import DRUM, SessionTable
 from gui.analysis.trials.trial_list import TrialList
 from gui.analysis.trials.trial_table import AttemptTable, join_tables
 from gui.widgets.file_browser import PathKind, browse_button
@@ -23,6 +23,8 @@ class SessionPanel(QWidget):
     open_requested = Signal(str)
     trial_requested = Signal(str, int)
     """The path of a session and the row of a trial in it."""
+    replay_requested = Signal(str, int)
+    """The path of a session of the drum and the row of a trial in it."""
     run_requested = Signal(str, str)
     """The key of the method, and the session folder."""
     verify_requested = Signal(str, str)
@@ -155,6 +157,7 @@ class SessionPanel(QWidget):
         joined = join_tables(names, [t.columns for t in tables]) if tables else AttemptTable()
         reasons = {(i, row): text for i, t in enumerate(tables) for row, text in t.reasons}
         self.trials.show_table(joined, reasons)
+        self.trials.offer_replay(not tables or tables[0].experiment == DRUM)
         growing = ". It is being recorded, and new trials appear"
         lines = [t.about + growing * t.is_growing for t in tables]
         self.about.setText("\n".join(lines) or "No session is open.")
@@ -191,6 +194,7 @@ class SessionPanel(QWidget):
         self.missing.hide()
         self.folder.returnPressed.connect(self._open)
         self.trials.trial_requested.connect(self._request_trial)
+        self.trials.replay_requested.connect(self._request_replay)
         self.run_box.run_requested.connect(lambda key: self.run_requested.emit(key, self.path))
         self.run_box.path_requested.connect(self.path_requested)
         self.run_box.form.sessions_changed.connect(self._keep_sessions)
@@ -206,6 +210,9 @@ class SessionPanel(QWidget):
 
     def _request_trial(self, session: int, row: int) -> None:
         self.trial_requested.emit(list(self.sessions)[session], row)
+
+    def _request_replay(self, session: int, row: int) -> None:
+        self.replay_requested.emit(list(self.sessions)[session], row)
 
     def _lay_out(self) -> None:
         folder = hbox(self.folder, self.folder_button, self.open_button)

@@ -60,12 +60,12 @@ def _analyses(studio: Studio) -> Iterator[Scene]:
 
 
 def _replay(studio: Studio) -> Iterator[Scene]:
-    window, page = studio.window, studio.window.replay_page
-    window.show_replay(is_shown=True)
+    window, page = studio.window, studio.window.replay.page
+    window.replay.show()
     page.open(str(studio.recordings.session))
     studio.camera.wait(lambda: not page.worker.is_busy and page.play.isEnabled())
     page.play.click()
     studio.camera.wait(lambda: page.player.position > REPLAYED_MS)
     page.play.click()
     yield Scene("replay", lambda: not page.worker.is_busy)
-    window.show_replay(is_shown=False)
+    window.replay.hide()

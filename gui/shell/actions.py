@@ -47,8 +47,8 @@ class ActionRegistry:
         tip: str = "",
         checkable: bool = False,
     ) -> QAction:
-        """Add an action to a menu of :data:`MENUS`; a checkable one passes its new state."""
-        action = QAction(text, self._menus[menu], checkable=checkable)
+        """Add an action to a menu or submenu; a checkable one passes its new state."""
+        action = QAction(text, self._menu(menu), checkable=checkable)
         action.setShortcut(QKeySequence(shortcut))
         action.setToolTip(tip)
         if checkable:

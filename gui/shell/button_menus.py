@@ -74,4 +74,5 @@ def add_panel_menus(
     panel = analysis.panel
     box = panel.run_box
     tasks = (panel.verify_button, box.run_button, box.cancel_button, box.results_button)
-    add_buttons(menus, "Tools → Analysis", tasks)
+    report = (analysis.results_panel.report_button, analysis.results_panel.folder_button)
+    add_buttons(menus, "Tools → Analysis", [*tasks, *report, panel.trials.replay_button])

@@ -15,7 +15,6 @@ from gui.attach.control_lock import ControlLock
 from gui.engine_clients import joined_rig, open_client, open_finger_client
 from gui.engine_link import ClientFactory
 from gui.finger.finger_tab import FingerTab
-from gui.live.replay.replay_page import ReplayPage
 from gui.operate.event_log import EventLog, StatusLine
 from gui.shell.actions import ActionRegistry
 from gui.shell.appearance import Appearance
@@ -23,6 +22,7 @@ from gui.shell.button_menus import add_panel_menus
 from gui.shell.controllers.drum_controller import DrumController
 from gui.shell.controllers.help_controller import HelpController
 from gui.shell.controllers.protocol_controller import ProtocolController
+from gui.shell.controllers.replay_controller import ReplayController
 from gui.shell.controllers.start_controller import StartController
 from gui.shell.controllers.tools_controller import ToolsController
 from gui.shell.crash_reports import REPORTS
@@ -36,7 +36,7 @@ from gui.shell.memory.window_memory import WindowMemory
 from gui.shell.page_stack import PageStack
 from gui.shell.rig_controls import drum_controls, finger_controls
 from gui.shell.rig_menu import add_alarm_sound, add_rig_menu
-from gui.shell.view_menus import add_live_actions
+from gui.shell.view_menus import add_live_actions, add_trial_actions
 from gui.widgets.file_browser import FileBrowser, PathKind
 from gui.widgets.layouts import container, scroll_area, vbox
 from gui.widgets.theme import Theme, ThemeChoice
@@ -75,7 +75,6 @@ class MainWindow(SteadyFocusWindow):
         self.health_strip, self.prompt_panel = self.drum.health_strip, self.drum.prompt_panel
         self.operate_panel = self.drum.operate_panel
         self.protocol_panel = self.drum.protocol_panel
-        self.replay_page, self._replays = ReplayPage(theme), False
         self.live_page, self.live_plots = self.drum.live_page, self.drum.live_page.plots
         self.protocol = ProtocolController(self.protocol_panel, self.settings)
         self.analysis_tab = AnalysisTab(theme)
@@ -85,6 +84,7 @@ class MainWindow(SteadyFocusWindow):
         self.status_line = StatusLine("Choose a rig and press Connect.")
         self.menus = ActionRegistry(self.menuBar())
         self.sessions = RecentSessions(self.menus, self.settings)
+        self.replay = ReplayController(theme, self.analysis_tab.panel, self.sessions)
         self.help = HelpController(self.menus, self.settings.folder / REPORTS)
         self.start = StartController(self.stack, self.menus, self.toolbar)
         self.tools = ToolsController(self.stack, self.menus, self.engine_link)
@@ -105,7 +105,7 @@ class MainWindow(SteadyFocusWindow):
         """Process the messages of engine and workers, and draw new samples; 30 times a second."""
         page = self.stack.currentWidget()
         self.drum.poll()
-        self.replay_page.poll()
+        self.replay.page.poll()
         self.analysis_tab.poll()
         self.finger_tab.poll(is_visible=page is self.finger_tab.view)
 
@@ -131,11 +131,6 @@ class MainWindow(SteadyFocusWindow):
         self.event_log.add(kind, text)
         if kind != "digest":
             self.status_line.show_event(kind, text)
-
-    def show_replay(self, *_: object, is_shown: bool) -> None:
-        """Show the page that replays recorded trials, or the one that was there before."""
-        self._replays = is_shown
-        self._show_view()
 
     def show_panel(self, name: str) -> None:
         """Bring a panel to the front: operate, protocol, analysis or finger."""
@@ -165,7 +160,7 @@ class MainWindow(SteadyFocusWindow):
         self.attach.close()
         self.tools.close()
         self.analysis_tab.close()
-        self.replay_page.close_files()
+        self.replay.page.close_files()
         self.drum.close()
         self.finger_tab.close()
         self.engine_link.wait_closed()
@@ -208,7 +203,7 @@ class MainWindow(SteadyFocusWindow):
         pages: dict[str, QWidget] = {
             "live": self.live_page,
             "protocol": self.protocol_panel.page,
-            "replay": self.replay_page,
+            "replay": self.replay.page,
             "finger": self.finger_tab.view,
             "trial": analysis.trial_view,
             "figure": analysis.figure_view,
@@ -245,13 +240,12 @@ class MainWindow(SteadyFocusWindow):
         panels = (self.operate_panel, self.protocol_panel, self.finger_tab, self.analysis_tab)
         menus.add_separator("Rig")
         add_panel_menus(menus, *panels)
+        add_trial_actions(menus, self.docks, self.analysis_tab.panel.trials)
         menus.add_separator("Rig")
         add_alarm_sound(menus, self.drum, self.settings)
         self.regions.add_menus(menus)
         self.appearance.add_menus(menus)
-        show = partial(self.show_replay, is_shown=True)
-        tip = "Play recorded trials in the live views, at any speed"
-        menus.add("File", "&Replay a session", show, shortcut="Ctrl+Shift+R", tip=tip)
+        self.replay.add_menu(menus)
         add_live_actions(menus, self.live_page, self.settings)
         menus.add_separator("File")
         menus.add("File", "&Quit", self.close, shortcut="Ctrl+Q", tip="Close the window")
@@ -270,9 +264,9 @@ class MainWindow(SteadyFocusWindow):
         self.drum.title_changed.connect(self.setWindowTitle)
         boxes = (self.toolbar.rig, self.toolbar.world)
         panels = (self.operate_panel, self.protocol_panel, self.analysis_tab.panel, self.finger_tab)
-        self.replay_page.closed.connect(partial(self.show_replay, is_shown=False))
-        self.replay_page.reported.connect(self.report)
-        strips = (self.live_page.save_strip, self.live_page.encoder_strip, self.replay_page)
+        self.replay.view_changed.connect(self._show_view)
+        self.replay.page.reported.connect(self.report)
+        strips = (self.live_page.save_strip, self.live_page.encoder_strip, self.replay.page)
         for widget in (*boxes, *panels, *strips, self.tools):
             widget.path_requested.connect(self._browse)
         for source in (self.drum, self.finger_tab, self.analysis_tab):
@@ -332,13 +326,14 @@ class MainWindow(SteadyFocusWindow):
     def _use_panel(self, name: str) -> None:
         """Let heading, health figures and the middle follow the panel that is used."""
         if name != "log" and name != self._panel:
-            self._panel, self._replays = name, False
+            self._panel = name
+            self.replay.leave()
             self._show_view()
 
     def _show_theme(self, theme: Theme) -> None:
         """Give the plots, which have colours of their own, those of another theme."""
         self.live_plots.set_theme(theme)
-        self.replay_page.set_theme(theme)
+        self.replay.page.set_theme(theme)
         self.analysis_tab.set_theme(theme)
         self.finger_tab.view.set_theme(theme)
         self.event_log.reset_colours()
@@ -348,6 +343,6 @@ class MainWindow(SteadyFocusWindow):
         if self.protocol_panel.shows_page:
             views["protocol"] = self.protocol_panel.page
         view = views.get(self._panel, self.live_page)
-        self.stack.setCurrentWidget(self.replay_page if self._replays else view)
+        self.stack.setCurrentWidget(self.replay.page if self.replay.is_shown else view)
         for pages in (self.toolbar.pages, self.health):
             pages.setCurrentIndex(int(self._panel == "finger"))

@@ -1,10 +1,14 @@
-"""The actions of the File and View menus that concern the live plots."""
+"""The actions of the menus that concern the live plots and the table of trials."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+from gui.analysis.trials.trial_list import TrialList
 from gui.live.page.live_page import LivePage
 from gui.live.review.navigation import SPANS_S
 from gui.shell.actions import ActionRegistry
+from gui.shell.docks import DockArea
 from gui.shell.memory.user_settings import UserSettings
 from gui.shell.memory.window_memory import SPAN_KEY, is_span
 
@@ -20,3 +24,22 @@ def add_live_actions(menus: ActionRegistry, page: LivePage, settings: UserSettin
     menus.add("View", "Begin at each t&rial", page.toggle_sweeps, tip=tip)
     tip = "Save the live plots as they are now"
     menus.add("File", "Save &picture", page.save_picture, shortcut="Ctrl+Shift+P", tip=tip)
+
+
+def add_trial_actions(menus: ActionRegistry, docks: DockArea, trials: TrialList) -> None:
+    """Add the ways into the filter and the columns of the trial table."""
+
+    def in_panel(give_focus: Callable[[], object]) -> Callable[[], None]:
+        def act() -> None:
+            docks.show_panel("analysis")
+            give_focus()
+
+        return act
+
+    menu = "Tools → Analysis"
+    tip = "Move the keyboard's focus to the filter of the trial table"
+    slot = in_panel(trials.filter_by_keys)
+    menus.add(menu, "&Filter the trials", slot, shortcut="Ctrl+F", tip=tip)
+    tip = "Move the keyboard's focus to the columns' names; Return sorts"
+    slot = in_panel(trials.sort_by_keys)
+    menus.add(menu, "&Sort the trials", slot, shortcut="Ctrl+Shift+S", tip=tip)

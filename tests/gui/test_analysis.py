@@ -19,6 +19,7 @@ from gui.analysis.results_view import ResultsView
 from rigctl.analysis.classification import sweep_engines
 from rigctl.analysis.features import representations
 from rigctl.analysis.paper import tasks
+from rigctl.cli import main
 from tests.analysis.recordings import record
 from tests.gui.steps import Harness, click, wait_until
 
@@ -111,7 +112,10 @@ def page_text(view: ResultsView, name: str) -> str:
 
 
 def test_paper_analysis_has_options_of_command_line(
-    opened: Harness, session: Path, monkeypatch: pytest.MonkeyPatch
+    opened: Harness,
+    session: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     box, tab = opened.window.analysis_tab.panel.run_box, opened.window.analysis_tab
     choose(box.method, "The paper's analysis")
@@ -169,6 +173,12 @@ def test_paper_analysis_has_options_of_command_line(
     click(box.run_button)
     wait_until(lambda: "trained on all 48 trials" in box.result.text(), timeout_ms=60_000)
     assert "says nothing about others" in page_text(view, "Predictions")
+    capsys.readouterr()
+    assert main(["classify", box.model.text(), str(session)]) == 0
+    printed = capsys.readouterr().out
+    assert box.result.text() == printed.splitlines()[-1], "the words of the command line"
+    assert "trial 1: " in printed and ", the model was trained on it" in printed
+    assert "trained on it" in page_text(view, "Predictions")
     assert "trained on 48 of these 48 trials" in page_text(view, "Remarks")
     matrices = view.widget(1)
     assert isinstance(matrices, ConfusionPage)

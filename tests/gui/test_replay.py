@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QPoint, Qt
 from PySide6.QtGui import QAction
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QPushButton, QTableView, QWidget
 
 from gui.live.replay.player import Player
 from rigctl.encoding.encoder import encode_trial
@@ -28,7 +29,7 @@ def test_a_session_replays_with_v_of_t_and_becomes_a_movie(
     disconnected: SharedWindow, session: Path
 ) -> None:
     window = disconnected.window
-    page = window.replay_page
+    page = window.replay.page
     actions = {action.text(): action for action in window.findChildren(QAction)}
     actions["&Replay a session"].trigger()
     assert window.stack.currentWidget() is page
@@ -75,14 +76,14 @@ def test_a_session_replays_with_v_of_t_and_becomes_a_movie(
     assert wants_ffmpeg or len(list(session.parent.glob("session-attempt1-T1-*.mp4"))) == 1
     assert page.movies.button.text() == "Movie"
     page.movies.kind.setCurrentText("GIF")
-    window.show_replay(is_shown=False)
+    window.replay.hide()
     assert window.stack.currentWidget() is window.live_page
 
 
 def test_the_next_trial_follows_where_asked(disconnected: SharedWindow, session: Path) -> None:
     window = disconnected.window
-    page = window.replay_page
-    window.show_replay(is_shown=True)
+    page = window.replay.page
+    window.replay.show()
     page.open(str(session))
     wait_until(lambda: page.player.length > 0 and not page.worker.is_busy)
     page.whole_session.setChecked(True)
@@ -92,18 +93,104 @@ def test_the_next_trial_follows_where_asked(disconnected: SharedWindow, session:
     page.whole_session.setChecked(False)
     assert "Trial " in page.sentence.text()
     page.player.stop()
-    window.show_replay(is_shown=False)
+    window.replay.hide()
+
+
+def test_the_trial_that_is_chosen_in_analysis_is_replayed(
+    disconnected: SharedWindow, session: Path, tmp_path: Path
+) -> None:
+    window = disconnected.window
+    page, trials = window.replay.page, window.analysis_tab.panel.trials
+    page.speed.setValue(1.0)
+    window.show_panel("analysis")
+    window.analysis_tab.panel.folder.setText(str(session))
+    click(window.analysis_tab.panel.open_button)
+    wait_until(lambda: trials.has_choice and not window.analysis_tab.reader.is_busy)
+    trials.table.selectRow(2)
+    click(trials.replay_button)
+    assert window.stack.currentWidget() is page
+    wait_until(lambda: page.player.is_playing and "Trial 3:" in page.sentence.text())
+    assert (page.session.text(), page.trial.value()) == (str(session), 3)
+
+    click_row(trials.table, 4)
+    wait_until(lambda: "Trial 5:" in page.sentence.text() and not page.player.is_playing)
+    QTest.keyClick(trials.table, Qt.Key.Key_Down)
+    wait_until(lambda: "Trial 6:" in page.sentence.text())
+    assert window.stack.currentWidget() is page and not page.player.is_playing
+    click(button_of(page, "Back"))
+    assert window.stack.currentWidget() is window.analysis_tab.trial_view
+
+    click_row(trials.table, 1)
+    wait_until(lambda: not window.analysis_tab.reader.is_busy)
+    actions = {action.text(): action for action in window.findChildren(QAction)}
+    actions["&Replay a session"].trigger()
+    wait_until(lambda: "Trial 2:" in page.sentence.text() and not page.worker.is_busy)
+    click(button_of(page, "Back"))
+    QTest.keyClick(trials.table, Qt.Key.Key_Return)
+    wait_until(lambda: page.player.is_playing)
+    click(button_of(page, "Back"))
+    double_click_row(trials.table, 0)
+    wait_until(lambda: page.player.is_playing and "Trial 1:" in page.sentence.text())
+    page.player.stop()
+    window.replay.hide()
+    window.analysis_tab.panel.show_unopened("No session is open.")
+    assert not trials.replay_button.isEnabled()
+    assert trials.replay_button.toolTip() == "Choose a trial first"
+
+
+def place_of(table: QTableView, row: int) -> QPoint:
+    """Return where the first cell of a row is."""
+    table.scrollTo(table.model().index(row, 0))
+    return table.visualRect(table.model().index(row, 0)).center()
+
+
+def click_row(table: QTableView, row: int) -> None:
+    """Click on a row."""
+    QTest.mouseClick(table.viewport(), Qt.MouseButton.LeftButton, pos=place_of(table, row))
+
+
+def double_click_row(table: QTableView, row: int) -> None:
+    """Click twice on a row."""
+    click_row(table, row)
+    QTest.mouseDClick(table.viewport(), Qt.MouseButton.LeftButton, pos=place_of(table, row))
+
+
+def button_of(page: QWidget, text: str) -> QPushButton:
+    """Return the button with that text."""
+    return next(b for b in page.findChildren(QPushButton) if b.text() == text)
+
+
+def test_replay_offers_the_last_session(disconnected: SharedWindow, session: Path) -> None:
+    """Without a chosen trial, as after a start, the field has the last session's path."""
+    window = disconnected.window
+    page = window.replay.page
+    window.sessions.remember(str(session))
+    window.activateWindow()
+    wait_until(window.isActiveWindow)
+    keys = Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier
+    QTest.keyClick(window, Qt.Key.Key_R, keys)
+    wait_until(page.isVisible)
+    click(button_of(page, "Back"))
+    page.session.clear()
+    QTest.keyClick(window, Qt.Key.Key_R, keys)
+    wait_until(page.session.hasFocus)
+    assert page.session.text() == str(session) and "Press Return" in page.sentence.text()
+    QTest.keyClick(page.session, Qt.Key.Key_Return)
+    wait_until(lambda: "Trial 1:" in page.sentence.text() and not page.worker.is_busy)
+    window.replay.hide()
 
 
 def test_a_folder_that_is_no_session_is_refused_in_a_sentence(
     disconnected: SharedWindow, tmp_path: Path
 ) -> None:
-    page = disconnected.window.replay_page
-    disconnected.window.show_replay(is_shown=True)
+    page = disconnected.window.replay.page
+    disconnected.window.replay.show()
     page.open(str(tmp_path))
     wait_until(lambda: not page.worker.is_busy)
     assert str(tmp_path) in page.sentence.text() and "Traceback" not in page.sentence.text()
-    disconnected.window.show_replay(is_shown=False)
+    click(page.play)
+    assert not page.player.is_playing, "the trial of before is not that of this folder"
+    disconnected.window.replay.hide()
 
 
 def test_a_replay_keeps_within_the_trial() -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
 
 from gui.analysis.trials.trial_list import TrialList
 from gui.analysis.trials.trial_table import AttemptColumn, join_tables
@@ -89,6 +90,53 @@ def test_a_click_sorts_and_words_filter(analysis: Harness, sessions: tuple[Path,
     wait_until(lambda: "plate B, 40 mm/s" in title(tab.trial_view.data))
     trials.filter.clear()
     assert trials.model.rowCount() == 4 and trials.count.text() == "4 attempts"
+
+
+def test_keys_alone_sort_and_filter(analysis: Harness, sessions: tuple[Path, Path]) -> None:
+    window = analysis.window
+    open_session(analysis, sessions[0])
+    trials = window.analysis_tab.panel.trials
+    table, header = trials.table, trials.table.header
+    window.activateWindow()
+    wait_until(window.isActiveWindow)
+    window.show_panel("operate")
+    control, shift = Qt.KeyboardModifier.ControlModifier, Qt.KeyboardModifier.ShiftModifier
+    QTest.keyClick(window, Qt.Key.Key_S, control | shift)
+    wait_until(header.hasFocus)
+    QTest.keyClick(header, Qt.Key.Key_Home)
+    for _ in range(2):
+        QTest.keyClick(header, Qt.Key.Key_Right)
+    orders = (["40", "40", "80", "80"], ["80", "80", "40", "40"], ["40", "80", "40", "80"])
+    keys = (Qt.Key.Key_Return, Qt.Key.Key_Space, Qt.Key.Key_Enter)
+    for key, speeds in zip(keys, orders, strict=True):
+        QTest.keyClick(header, key)
+        assert column(trials, "mm/s") == speeds
+        assert header.sortIndicatorSection() == (-1 if speeds == orders[2] else 2)
+    assert header.accessibleDescription() == "mm/s; sorted by recording"
+    QTest.keyClick(header, Qt.Key.Key_End)
+    end = header.sectionViewportPosition(header.column) + header.sectionSize(header.column)
+    assert header.column == header.count() - 1 and end <= header.viewport().width()
+    QTest.keyClick(header, Qt.Key.Key_Return)
+    assert header.isSortIndicatorShown() and header.sortIndicatorSection() == header.column
+    assert header.accessibleDescription() == "Why; sorted by Why rising"
+
+    QTest.keyClick(header, Qt.Key.Key_Down)
+    assert table.hasFocus()
+    QTest.keyClicks(table, "B")
+    assert trials.filter.hasFocus() and trials.filter.text() == "B"
+    QTest.keyClicks(trials.filter, " 40mm/s")
+    assert column(trials, "Plate") == ["B"]
+    QTest.keyClick(trials.filter, Qt.Key.Key_Return)
+    assert table.hasFocus()
+    QTest.keyClick(table, Qt.Key.Key_Down)
+    for key, focus in ((Qt.Key.Key_Up, header), (Qt.Key.Key_Down, table)):
+        QTest.keyClick(QApplication.focusWidget(), key)
+        assert focus.hasFocus()
+    window.show_panel("operate")
+    QTest.keyClick(window, Qt.Key.Key_F, control)
+    wait_until(trials.filter.hasFocus)
+    QTest.keyClick(trials.filter, Qt.Key.Key_Delete)
+    assert trials.model.rowCount() == 4
 
 
 def title(data: object) -> str:

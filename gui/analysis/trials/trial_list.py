@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QModelIndex, Signal
-from PySide6.QtWidgets import QHeaderView, QLineEdit, QTableView, QWidget
+from PySide6.QtCore import QModelIndex, Qt, Signal
+from PySide6.QtWidgets import QLineEdit, QWidget
 
 from gui.analysis.trials.trial_model import TrialModel
 from gui.analysis.trials.trial_table import AttemptTable
+from gui.analysis.trials.trial_table_view import TrialTableView
 from gui.widgets.labels import label
-from gui.widgets.layouts import vbox
+from gui.widgets.layouts import hbox, push_button, vbox
 
-ROW_PX = 20
 CELL_MARGIN_PX = 14
+REPLAY = "Replay this trial"
+REPLAY_TIP = "Play the chosen trial in the live views (Return, or a double click on its row)"
+NO_CHOICE = "Choose a trial first"
+NO_REPLAY = "Scans of the moving finger have no replay: a click shows the whole scan"
 FILTER_TIP = (
     "Words that each trial must contain: a plate, a verdict, the beginning of a reason, or a "
     "number with its unit. For example: A 80mm/s 250g aborted, or #12 for trial 12"
@@ -23,20 +27,26 @@ class TrialList(QWidget):
 
     trial_requested = Signal(int, int)
     """The number of a session and the row of a trial in it."""
+    replay_requested = Signal(int, int)
+    """As :attr:`trial_requested`."""
 
     def __init__(self) -> None:
         super().__init__()
         self.filter = QLineEdit(placeholderText="Filter, such as A 80mm/s aborted")
         self.filter.setClearButtonEnabled(True)
         self.filter.setToolTip(FILTER_TIP)
-        self.model, self.table = TrialModel(), QTableView(showGrid=False)
+        self.model, self.table = TrialModel(), TrialTableView()
+        self.replay_button = push_button(REPLAY, self._replay)
         self.count, self.reason = label("", "muted", wraps=True), label("", "warn", wraps=True)
         self._reasons: dict[tuple[int, int], str] = {}
         self._chosen: tuple[int, int] | None = None
+        self._has_replay = True
         self._set_up()
-        column = vbox(self.filter, self.table, self.count, self.reason, spacing=4)
+        below = hbox(self.count, self.replay_button)
+        column = vbox(self.filter, self.table, below, self.reason, spacing=4)
         column.setStretch(1, 1)
         self.setLayout(column)
+        self._show_replay()
 
     def show_table(self, table: AttemptTable, reasons: dict[tuple[int, int], str]) -> None:
         """Show other trials, or those of the same sessions with new ones.
@@ -52,6 +62,20 @@ class TrialList(QWidget):
         self._show_count()
         self._fit_columns()
         self._show_reason()
+
+    def offer_replay(self, has_replay: bool) -> None:
+        """Say whether trials of this experiment can be replayed."""
+        self._has_replay = has_replay
+        self._show_replay()
+
+    def sort_by_keys(self) -> None:
+        """Give the focus to the names of the columns."""
+        self.table.header.setFocus(Qt.FocusReason.ShortcutFocusReason)
+
+    def filter_by_keys(self) -> None:
+        """Give the focus to the filter."""
+        self.filter.setFocus(Qt.FocusReason.ShortcutFocusReason)
+        self.filter.selectAll()
 
     @property
     def has_choice(self) -> bool:
@@ -79,26 +103,39 @@ class TrialList(QWidget):
         self._ascending = header.sortIndicatorOrder()
         table.setModel(self.model)
         header.setSortIndicator(-1, self._ascending)
-        header.setSortIndicatorClearable(True)
         table.setSortingEnabled(True)
-        table.verticalHeader().hide()
-        table.verticalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
-        table.verticalHeader().setDefaultSectionSize(ROW_PX)
-        header.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
-        table.setSelectionBehavior(QTableView.SelectionBehavior.SelectRows)
-        table.setSelectionMode(QTableView.SelectionMode.ExtendedSelection)
-        table.setMinimumHeight(150)
-        table.setAlternatingRowColors(True)
-        table.setWordWrap(False)
-        table.setTabKeyNavigation(False)  # Tab leaves a table of 24,000 trials
         self.reason.hide()
         self.filter.textChanged.connect(self._filter)
+        self.filter.returnPressed.connect(self._leave_filter)
+        table.typed.connect(self._type)
+        table.opened.connect(self._replay)
         self.model.modelReset.connect(self._restore)
         table.selectionModel().currentRowChanged.connect(self._choose)
 
     def _filter(self, words: str) -> None:
         self.model.set_filter(words)
         self._show_count()
+
+    def _type(self, letters: str) -> None:
+        """Go on in the filter with letters that were typed in the table."""
+        self.filter.setFocus(Qt.FocusReason.ShortcutFocusReason)
+        self.filter.insert(letters)
+
+    def _leave_filter(self) -> None:
+        """Go on to the rows: to the chosen one, else the first."""
+        self.table.setFocus(Qt.FocusReason.ShortcutFocusReason)
+        if not self.table.selectionModel().hasSelection():
+            self.choose_first()
+
+    def _replay(self) -> None:
+        if self._chosen is not None and self._has_replay:
+            self.replay_requested.emit(*self._chosen)
+
+    def _show_replay(self) -> None:
+        """Say why there is nothing to replay."""
+        self.replay_button.setEnabled(self._has_replay and self.has_choice)
+        reason = NO_CHOICE if self._has_replay else NO_REPLAY
+        self.replay_button.setToolTip(REPLAY_TIP if self.replay_button.isEnabled() else reason)
 
     def _show_count(self) -> None:
         n, total = self.model.rowCount(), len(self.model.table)
@@ -137,3 +174,4 @@ class TrialList(QWidget):
         reason = self._reasons.get(self._chosen, "") if self._chosen else ""
         self.reason.setText(f"⚠ {reason}" if reason else "")
         self.reason.setVisible(bool(reason))
+        self._show_replay()

@@ -24,6 +24,7 @@ from gui.widgets.theme import Theme
 from rigctl.values import SAMPLE_RATE_HZ
 
 NO_SESSION = "Open a session to replay its trials."
+OFFERED = "Press Return in the field to replay the last session, or choose another one."
 
 
 class ReplayPage(QWidget):
@@ -35,6 +36,8 @@ class ReplayPage(QWidget):
     """Back to the other pages."""
     path_requested = Signal(object, object)
     """A :class:`PathKind`, and the function that takes the chosen path."""
+    opened = Signal(str)
+    """The path of a session that is open."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
@@ -42,7 +45,9 @@ class ReplayPage(QWidget):
         self.plots.caption_paused = "Time in the trial (s)"
         self.pointer, self.player, self.worker = Pointer(self.plots), Player(), Worker()
         self._table, self._row = SessionTable(), -1
-        self._goes_on = False
+        self._wanted: tuple[str, int] | None = None
+        """Path and row of a trial whose session is being opened."""
+        self._is_late = self._plays = False
         self._build_controls()
         self.sentence, self.values = ElidedLabel(NO_SESSION, "muted"), ElidedLabel()
         rows = (FlowLayout(*self._session_row), FlowLayout(*self._play_row))
@@ -63,12 +68,26 @@ class ReplayPage(QWidget):
             self._next_trial()
         self._show_play()
 
-    def open(self, path: str) -> None:
-        """Replay a session from its first trial."""
+    def open(self, path: str, row: int = 0, *, plays: bool = False) -> None:
+        """Show an attempt of a session, from 0; ``plays`` starts it as soon as it is read."""
         self.session.setText(path)
         self.player.stop()
-        self.worker.submit("open_session", path=path)
+        self._show_play()
+        self._plays = plays
+        if path == self._table.path and row < self._table.n_rows:
+            self._wanted = None
+            self._choose(row)
+        else:
+            self._wanted = path, row
+            self.worker.submit("open_session", path=path)
         show_text(self.sentence, f"reading {path} …")
+
+    def offer(self, path: str) -> None:
+        """Put the path of a session into an empty field; Return there opens it."""
+        if not self.session.text():
+            self.session.setText(path)
+            show_text(self.sentence, OFFERED)
+            self.session.setFocus()
 
     def close_files(self) -> None:
         """End the worker process, as before the window closes."""
@@ -144,14 +163,21 @@ class ReplayPage(QWidget):
         self.player.move_to(position)
         self.show_moment()
 
+    def _choose(self, row: int) -> None:
+        with QSignalBlocker(self.trial):
+            self.trial.setValue(row + 1)
+        self._load(row)
+
     def _load(self, row: int) -> None:
-        self._row = row
-        self.worker.submit("load_trial", path=self._table.path, row=row)
-        self._ask_voltage()
+        """Read an attempt; of several that were chosen quickly, only the last one."""
+        self._row, self._is_late = row, self.worker.is_busy
+        if not self._is_late:
+            self.worker.submit("load_trial", path=self._table.path, row=row)
+            self._ask_voltage()
 
     def _next_trial(self) -> None:
         if self.trial.value() < self.trial.maximum():
-            self._goes_on = True
+            self._plays = True
             self.trial.setValue(self.trial.value() + 1)
 
     def _ask_voltage(self) -> None:
@@ -167,16 +193,25 @@ class ReplayPage(QWidget):
         elif task == "neuron_voltage":
             self.voltage.show_voltage(self.pointer.taxel, result)
             self._follow_window()
+        self._read_late()
+
+    def _read_late(self) -> None:
+        if self._is_late and not self.worker.is_busy:
+            self._load(self._row)
 
     def _show_table(self, table: SessionTable) -> None:
+        """Show the wanted attempt of a session, unless another one was asked for since."""
+        if self._wanted is None or self._wanted[0] != table.path:
+            return
+        row, self._wanted = self._wanted[1], None
         if table.experiment != DRUM or not table.n_rows:
             self._fail("open_session", "this is no session of the drum with trials: open another")
             return
         self._table, self._row = table, -1
         with QSignalBlocker(self.trial):
             self.trial.setRange(1, table.n_rows)
-            self.trial.setValue(1)
-        self._load(0)
+        self.opened.emit(table.path)
+        self._choose(min(row, table.n_rows - 1))
 
     def _show_trial(self, data: TrialData) -> None:
         fill(self.plots, data)
@@ -184,15 +219,18 @@ class ReplayPage(QWidget):
         with QSignalBlocker(self.place):
             self.place.setRange(0, max(0, len(data.samples) - 1))
         show_text(self.sentence, data.title)
-        if self._goes_on:
-            self._goes_on = False
+        if self._plays and not self._is_late:
+            self._plays = False
             self.player.play()
         self.show_moment()
         self._show_play()
 
-    def _fail(self, _: str, sentence: str) -> None:
+    def _fail(self, task: str, sentence: str) -> None:
+        if task == "open_session":
+            self._table, self._row, self.player.length = SessionTable(), -1, 0
         show_text(self.sentence, sentence)
         self.reported.emit("refused", sentence)
+        self._read_late()
 
     def _show_progress(self, stage: str, share: float) -> None:
         show_text(self.sentence, f"{stage}: {share:.0%}")

@@ -29,6 +29,10 @@ class RecentPaths(QObject):
         if path.strip():
             self._settings.add_recent(self._key, str(Path(path).absolute()))
 
+    def newest(self) -> str:
+        """Return the path at the front, empty without any."""
+        return next(iter(self._settings.recent(self._key)), "")
+
     def _list(self) -> None:
         self.menu.clear()
         for path in self._settings.recent(self._key):

@@ -61,12 +61,12 @@ def _open_in_analysis(harness: Harness, folder: Path) -> QLabel:
 
 
 def _open_in_replay(harness: Harness, folder: Path) -> QLabel:
-    page = harness.window.replay_page
-    harness.window.show_replay(is_shown=True)
+    page = harness.window.replay.page
+    harness.window.replay.show()
     page.session.setText(str(folder))
     page.session.returnPressed.emit()
     wait_until(lambda: not page.worker.is_busy)
-    harness.window.show_replay(is_shown=False)
+    harness.window.replay.hide()
     return page.sentence
 
 

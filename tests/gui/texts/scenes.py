@@ -130,10 +130,10 @@ def large_text_scenes(stage: Stage) -> Iterator[str]:
 
 
 def _replay(stage: Stage) -> Iterator[str]:
-    stage.window.show_replay(is_shown=True)
+    stage.window.replay.show()
     QApplication.processEvents()
     yield "Replay"
-    stage.window.show_replay(is_shown=False)
+    stage.window.replay.hide()
 
 
 def _show(stage: Stage, panel: str) -> None:
