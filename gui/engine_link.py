@@ -115,6 +115,8 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         """Command and time in ms of each request without a reply, by its number."""
         self._stop_number = 0
         """Number of the last STOP: it ends what was requested before."""
+        self._late_stops: set[int] = set()
+        """Numbers of the STOPs that the window has told to be without an answer."""
         self._clock = QElapsedTimer()
         self._clock.start()
         self._last_message_ms = 0
@@ -293,7 +295,8 @@ class EngineLink(QObject, Generic[_Status, _Live]):
             self.event_received.emit(message)
 
     def _dispatch_reply(self, message: dict[str, Any]) -> None:
-        command, _ = self._pending.pop(message["reply"], ("", 0))
+        command, sent_ms = self._pending.pop(message["reply"], ("", 0))
+        self._report_late_stop(message, sent_ms)
         if command and message.get("ok"):
             self.replied.emit(command)
             self.answered.emit(command, message.get("result") or {})
@@ -301,6 +304,17 @@ class EngineLink(QObject, Generic[_Status, _Live]):
             self.interrupted.emit(command)
         elif command:
             self.refused.emit(command, str(message.get("error", "refused")))
+
+    def _report_late_stop(self, message: dict[str, Any], sent_ms: int) -> None:
+        """Tell that the engine has executed a STOP after the window had said that it does not."""
+        if message["reply"] not in self._late_stops:
+            return
+        self._late_stops.discard(message["reply"])
+        if message.get("ok") and self._client is not None:
+            engine = self._client.engine_file
+            late = f"{(self._clock.elapsed() - sent_ms) / 1000:.1f} s after it was sent"
+            text = f"STOP reached {engine.rig} (process {engine.pid}), {late}"
+            self.stop_reported.emit("stop", text)
 
     def _check_timeouts(self) -> None:
         now_ms = self._clock.elapsed()
@@ -311,8 +325,8 @@ class EngineLink(QObject, Generic[_Status, _Live]):
             for number, (command, sent_ms) in self._pending.items()
             if command == "stop" and now_ms - sent_ms > 1000 * STOP_TIMEOUT_S
         ]
-        for number in late:
-            del self._pending[number]
+        for number in set(late) - self._late_stops:
+            self._late_stops.add(number)
             self.stop_reported.emit("stop", STOP_TIMED_OUT)
 
     def _lose(self, reason: str) -> None:
@@ -339,6 +353,7 @@ class EngineLink(QObject, Generic[_Status, _Live]):
 
     def _reset(self) -> None:
         self._pending.clear()
+        self._late_stops.clear()
         self._stop_number = 0
         self.status = self._dialect.parse({})
         self._last_message_ms = self._clock.elapsed()

@@ -98,11 +98,12 @@ class AdaptiveTimeout:
 
 @dataclass(frozen=True, slots=True)
 class _Request:
-    """A request, and how many registers its reply holds."""
+    """A request, and how many registers its reply holds. ``is_urgent``: it is a stop."""
 
     pdu: ModbusPDU
     count: int = 0
     retry_early: bool = False
+    is_urgent: bool = False
 
     @property
     def frame(self) -> bytes:
@@ -195,14 +196,18 @@ class ModbusClient:
         return await self._registers(_Request(pdu, count, retry_early))
 
     async def urgent_write(self, address: int, words: Sequence[int]) -> None:
-        """Write immediately: abandon the reply in flight, let queued requests wait."""
+        """Write immediately: abandon the reply in flight, let queued requests wait.
+
+        The reply to another urgent write is not abandoned: several stops at once are all answered.
+        """
         self._stops_pending += 1
         self._stops_total += 1
         self._no_stop_pending.clear()
-        self._abort(self._preempted())
+        if self._sent is None or not self._sent.is_urgent:
+            self._abort(self._preempted())
         try:
             async with self._lock:
-                await self._retry_until_answered(_write_request(address, words), urgent=True)
+                await self._retry_until_answered(_write_request(address, words, is_urgent=True))
         finally:
             self._stops_pending -= 1
             if not self._stops_pending:
@@ -225,7 +230,7 @@ class ModbusClient:
                     with suppress(PreemptedByStop):
                         return await self._retry_until_answered(request)
 
-    async def _retry_until_answered(self, request: _Request, urgent: bool = False) -> ModbusPDU:
+    async def _retry_until_answered(self, request: _Request) -> ModbusPDU:
         """Repeat a request until its reply comes; raises LinkLost after ``LINK_TIMEOUT_S``."""
         sent_s = self._loop.time()
         deadline_s = sent_s + LINK_TIMEOUT_S - REPLY_TIMEOUT_S / 2
@@ -245,7 +250,7 @@ class ModbusClient:
                 self.stale += 1
                 self._last_reply = b""
                 await asyncio.sleep(DRAIN_S)
-            if self._stops_pending and not urgent:
+            if self._stops_pending and not request.is_urgent:
                 raise self._preempted()
             if self._loop.time() >= deadline_s:
                 self._expect_late_reply()
@@ -343,5 +348,6 @@ def _decode(pdu: bytes) -> ModbusPDU:
     return reply
 
 
-def _write_request(address: int, words: Sequence[int]) -> _Request:
-    return _Request(WriteMultipleRegistersRequest(address=address, registers=list(words)))
+def _write_request(address: int, words: Sequence[int], is_urgent: bool = False) -> _Request:
+    pdu = WriteMultipleRegistersRequest(address=address, registers=list(words))
+    return _Request(pdu, is_urgent=is_urgent)

@@ -58,6 +58,25 @@ def test_a_stop_waits_for_no_reply() -> None:
     run(main)
 
 
+def test_stops_of_several_clients_at_once_are_all_answered() -> None:
+    """The second stop abandoned the reply to the first, which then counted as refused."""
+
+    async def main(loop: JumpingLoop) -> None:
+        drum, board, _ = unconnected_drum(loop)
+        await drum.connect()
+        board.reply_s = 0.01
+        stops = []
+        for _ in range(3):
+            stops.append(asyncio.create_task(drum.stop()))
+            await asyncio.sleep(0.001)
+        assert await asyncio.gather(*stops) == [None, None, None]
+        assert {command for command, _ in board.executed} == {Command.STOP}
+        assert {sequence for _, sequence in board.executed} == {1, 2, 3}
+        drum.close()
+
+    run(main)
+
+
 def test_a_command_overtaken_by_a_stop_is_not_repeated() -> None:
     async def main(loop: JumpingLoop) -> None:
         drum, board, _ = unconnected_drum(loop)

@@ -197,6 +197,11 @@ class FakeClient:
         for number in range(1, self._number + 1):
             self._refuse(number, sentence)
 
+    def answer_all(self) -> None:
+        """Reply to every request so far, as if none had a reply."""
+        for number in range(1, self._number + 1):
+            self._messages.append({"reply": number, "ok": True, "result": {}})
+
     def _refuse(self, number: int, sentence: str) -> None:
         reply = {"reply": number, "ok": False, "error": sentence, "exit_code": 3}
         self._messages.append(reply)

@@ -171,6 +171,8 @@ def test_an_engine_that_is_suspended_while_the_window_floods_it(
             assert answers.count("ended by STOP") > 60
         finally:
             os.kill(engine.pid, signal.SIGCONT)
-        watchdog.run_until(lambda: "STOP reached virtual" in rig.log)
+        late = f"STOP reached virtual (process {engine.pid}), "
+        watchdog.run_until(lambda: late in rig.log)
+        assert "a stop preempted" not in rig.log
         link.request("status")
         watchdog.run_until(lambda: "status" in done)

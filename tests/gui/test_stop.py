@@ -91,6 +91,10 @@ def test_unanswered_stop_is_reported(harness: Harness) -> None:
     harness.engine.replies = False
     click(harness.window.toolbar.stop_button)
     wait_until(lambda: "press the emergency stop" in harness.window.status_line.text())
+    harness.engine.answer_all()
+    harness.window.poll()
+    assert "STOP reached virtual (process 1), " in harness.window.status_line.text()
+    assert harness.window.status_line.text().endswith(" s after it was sent")
 
 
 def test_stop_without_an_engine_is_reported(harness: Harness) -> None:
