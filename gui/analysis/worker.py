@@ -10,6 +10,7 @@ from typing import Any
 from PySide6.QtCore import QObject, Signal
 
 from gui.analysis import worker_tasks
+from gui.analysis.task_sender import TaskSender
 
 _JOIN_TIMEOUT_S = 5.0
 
@@ -28,6 +29,7 @@ class Worker(QObject):
         super().__init__()
         self._process: BaseProcess | None = None
         self._pipe: Pipe | None = None
+        self._sender: TaskSender | None = None
         self._pending: list[str] = []
 
     @property
@@ -39,9 +41,9 @@ class Worker(QObject):
         """Run a method of :class:`gui.analysis.worker_tasks.WorkerTasks` in the process."""
         if self._pipe is None:
             self._start()
-        assert self._pipe is not None
+        assert self._sender is not None
         self._pending.append(task)
-        self._pipe.send((task, args))
+        self._sender.put((task, args))
 
     def poll(self) -> None:
         """Emit the signals for everything that the process sent since the last call."""
@@ -66,12 +68,15 @@ class Worker(QObject):
         self._pending.clear()
         process, self._process = self._process, None
         pipe, self._pipe = self._pipe, None
-        if pipe is not None:
-            pipe.close()
+        sender, self._sender = self._sender, None
         if process is not None:
             process.terminate()
             process.join(_JOIN_TIMEOUT_S)
             process.close()
+        if sender is not None:
+            sender.join()
+        if pipe is not None:
+            pipe.close()
 
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
@@ -79,3 +84,4 @@ class Worker(QObject):
         self._process = context.Process(target=worker_tasks.serve, args=(far_end,), daemon=True)
         self._process.start()
         far_end.close()
+        self._sender = TaskSender(self._pipe)

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from PySide6.QtWidgets import QApplication
 
+from gui.analysis.worker import Worker
 from gui.engine_link import STOP_TIMED_OUT
 from rigctl.acquisition.rpc.engine_files import running_engines
 from rigctl.acquisition.rpc.runtime_folder import runtime_folder
@@ -126,6 +127,48 @@ def test_an_analysis_is_slow_while_samples_scroll(
     watchdog.run(lambda: click(box.cancel_button))
     watchdog.run_until(lambda: not tab.worker.is_busy)
     watchdog.run(lambda: box.method.setCurrentIndex(0))
+
+
+def test_a_picture_is_sent_to_a_process_that_works_or_has_ended(
+    app: QApplication, tmp_path: Path, watchdog: QtThreadWatchdog
+) -> None:
+    worker, ends = Worker(), []
+    worker.finished.connect(lambda task, result: ends.append(str(result)))
+    worker.failed.connect(lambda task, sentence: ends.append(sentence))
+    picture = {
+        "folder": str(tmp_path),
+        "stem": "figure",
+        "suffix": "png",
+        "content": bytes(1 << 20),
+    }
+
+    def wait_ends(count: int) -> None:
+        def has_them() -> bool:
+            worker.poll()
+            return len(ends) == count
+
+        watchdog.run_until(has_them)
+
+    worker.submit("save_file", **picture)
+    wait_ends(1)
+    assert worker._process is not None
+    process, pid = worker._process, worker._process.pid
+    assert pid is not None
+    os.kill(pid, signal.SIGSTOP)
+    watchdog.run(lambda: worker.submit("save_file", **picture))
+    assert worker.is_busy
+    os.kill(pid, signal.SIGCONT)
+    wait_ends(2)
+    assert (tmp_path / "figure-2.png").read_bytes() == bytes(1 << 20)
+    process.kill()
+    process.join()
+    worker.submit("prepare")
+    wait_ends(3)
+    assert "ended unexpectedly: try again" in ends[2]
+    worker.submit("save_file", **picture)
+    wait_ends(4)
+    worker.cancel()
+    assert ends[3].endswith("figure-3.png")
 
 
 def test_a_board_that_answers_slowly(
