@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import tomllib
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any
@@ -213,11 +216,18 @@ def _later_comments(text: str) -> str:
 
 
 def replace_file(path: Path, text: str) -> None:
-    """Replace a file's text in one step. Raises DiskFault."""
-    partial = path.with_name(f"{path.name}.partial")
+    """Replace a file's text in one step; a link and who may write it stay. Raises DiskFault."""
+    file = Path(os.path.realpath(path))
+    partial = file.with_name(f"{file.name}.partial")
     try:
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(path)
+        with partial.open("w", encoding="utf-8", newline="") as new:
+            new.write(text)
+            new.flush()
+            os.fsync(new.fileno())  # a power cut must not leave an empty file
+        if file.exists():
+            shutil.copymode(file, partial)
+        partial.replace(file)
     except OSError as error:
-        partial.unlink(missing_ok=True)
+        with suppress(OSError):
+            partial.unlink()
         raise DiskFault(f"{path} cannot be written ({error.strerror})") from error

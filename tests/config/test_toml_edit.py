@@ -44,6 +44,12 @@ def test_edit_of_a_key_changes_nothing_else(tmp_path: Path) -> None:
     replace_file(path, text)
     assert path.read_text(encoding="utf-8") == text
     assert list(tmp_path.iterdir()) == [path]
+    path.chmod(0o664)
+    link = tmp_path / "link.toml"
+    link.symlink_to(path)
+    replace_file(link, MINE)
+    assert link.is_symlink() and path.read_text(encoding="utf-8") == MINE
+    assert path.stat().st_mode & 0o777 == 0o664
 
 
 @pytest.mark.parametrize("source", UNUSUAL.values(), ids=list(UNUSUAL))

@@ -55,6 +55,9 @@ class Calibration:
         self._masses = MassReadings()
         self._gains: ForceLoopGains | None = None
         self._imbalance_g: list[float] = []
+        self._tare_places: dict[str, float] = {}
+        self._places_before: dict[str, float] = {}
+        """What the board had before a table that is not saved."""
         self._steps = self._new_steps()
         self._saved: dict[str, str] = {}
 
@@ -93,7 +96,7 @@ class Calibration:
     async def measure_imbalance(self) -> list[float]:
         """Turn the lifted drum once; return the error of each sixteenth of the turn in g."""
         self.measurement.require_ready()
-        table_g = await self.measurement.run(IMBALANCE, self._calibrator.measure_imbalance())
+        table_g = await self.measurement.run(IMBALANCE, self._measure_imbalance())
         self._imbalance_g = [round(value, 3) for value in table_g]
         self._saved.pop(IMBALANCE, None)
         return self._imbalance_g
@@ -114,9 +117,14 @@ class Calibration:
         self._steps.undo_press()
         self._saved.pop(WIRING, None)
 
-    def discard(self, part: str) -> None:
-        """Forget what was measured of a part."""
+    async def discard(self, part: str) -> None:
+        """Forget what was measured of a part; the board uses its imbalance table from before."""
         self.measurement.require_none()
+        if part == IMBALANCE and self._places_before:
+            self.measurement.require_ready()
+            before = self._calibrator.write_lifted(**self._places_before)
+            await self.measurement.run(part, before)
+            self._places_before = {}
         if part == LOADCELL:
             self._masses = MassReadings()
         elif part == FORCE:
@@ -131,8 +139,8 @@ class Calibration:
     async def save(self, part: str) -> tuple[list[str], str]:
         """Save the result of a part on the board and in ``rig.toml``; return where, and a remark.
 
-        Raises WrongUse where there is no plausible result, DiskFault where rig.toml cannot be
-        written.
+        Raises WrongUse where there is no plausible result, CommandRefused while the drum presses,
+        DiskFault where rig.toml cannot be written.
         """
         self.measurement.require_none()
         values = self._values(part)
@@ -140,12 +148,15 @@ class Calibration:
         text = values.edited(path) if path else ""
         places = [] if part == WIRING else [BOARD]
         if places:
+            self.measurement.require_ready()
             await self.measurement.run(part, self._calibrator.save_settings(**values.settings))
             self._use(values)
         if path:
             _write(path, text, places)
             places.append(str(path))
         self._saved[part] = " and ".join(places)
+        if part == IMBALANCE:
+            self._places_before = {}
         return places, values.remark
 
     def status(self) -> CalibrationStatus:
@@ -181,6 +192,13 @@ class Calibration:
         finally:
             self._rig.lay_mass(0.0)
 
+    async def _measure_imbalance(self) -> list[float]:
+        before = self._places_before or await self._calibrator.tare_places()
+        table_g = await self._calibrator.measure_imbalance()
+        self._tare_places = await self._calibrator.tare_places()
+        self._places_before = before
+        return table_g
+
     async def _take_wiring_step(self) -> str:
         if self._steps.step is WiringStep.UNPLUG:
             await self._calibrator.lift()  # hands come near the drum
@@ -197,8 +215,8 @@ class Calibration:
             return loadcell_values(scale, self._masses.masses_g, self._today())
         if part == FORCE and self._gains is not None:
             return force_values(self._gains)
-        if part == IMBALANCE and self._imbalance_g:
-            return CalibratedValues()
+        if part == IMBALANCE and self._imbalance_g:  # also where the board has restarted since
+            return CalibratedValues(self._tare_places)
         if part == WIRING and self._steps.wiring:
             return self._wiring_values()
         raise WrongUse(f"nothing of {part} has been measured: measure it first, then save it")

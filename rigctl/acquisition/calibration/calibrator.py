@@ -111,15 +111,23 @@ class Calibrator:
         await self.motion.home()
         if not await self.motion.execute(Command.TARE_TURN, TURN_TIMEOUT_S, "the turn"):
             raise RigFault("the tare over a turn failed: check that the drum turns freely")
-        names = [name for name in BY_NAME if name.startswith("tare_place_")]
-        counts = await self._poller.drum.get(*names)
+        counts = await self.tare_places()
         scale = self._rig.config.loadcell.scale_ug_per_count
-        return [counts[name] * scale * 1e-6 for name in names]
+        return [value * scale * 1e-6 for value in counts.values()]
+
+    async def tare_places(self) -> dict[str, float]:
+        """Return the board's tare of each sixteenth of a turn, counts by the setting's name."""
+        names = [name for name in BY_NAME if name.startswith("tare_place_")]
+        return await self._poller.drum.get(*names)
+
+    async def write_lifted(self, **settings: float) -> None:
+        """Lift, switch off and write settings; the board has them until it is switched off."""
+        await self.motion.disarm()
+        await self.motion.write_settings(**settings)
 
     async def save_settings(self, **settings: float) -> None:
         """Write settings to the board and store them in its EEPROM."""
-        await self.motion.disarm()
-        await self.motion.write_settings(**settings)
+        await self.write_lifted(**settings)
         if not await self.motion.execute(Command.SAVE, TUNE_TIMEOUT_S, "saving"):
             raise RigFault("the board did not save its settings: try again")
 

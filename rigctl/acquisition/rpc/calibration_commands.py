@@ -53,8 +53,8 @@ class CalibrationCommands(EngineCommands[Engine]):
         return {"part": part, "kept_in": places, "remark": remark}
 
     async def on_discard_calibration(self, part: Part) -> None:
-        """Forget what was measured."""
-        self._calibration().discard(part)
+        """Forget what was measured; the board uses its imbalance table from before."""
+        await self._calibration().discard(part)
 
     async def on_cancel_calibration(self) -> None:
         """End the measurement; the drum is lifted and switched off."""

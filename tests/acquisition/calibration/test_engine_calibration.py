@@ -16,7 +16,7 @@ from rigctl.acquisition.rpc.messages import (
     parse_status,
 )
 from rigctl.config.rig_config import LoadCell, RigConfig, load_config
-from rigctl.errors import CommandRefused, RigFault, WrongUse
+from rigctl.errors import CommandRefused, DiskFault, RigFault, WrongUse
 from rigctl.values import DRAWN_WIRING
 from rigctl.wire.drum.states import State
 from tests.acquisition.engine_harness import EngineHarness, open_harness
@@ -167,6 +167,74 @@ def test_a_calibration_never_ends_a_held_force(
         with pytest.raises(CommandRefused, match="presses on the sensor: retract it, then"):
             await handle(command, args)
         assert state_of(harness) is State.HOLD
+
+    play(harness, scenario)
+
+
+def test_saving_never_ends_a_held_force(harness: EngineHarness) -> None:
+    async def scenario(handle: Handle) -> None:
+        for mass_g in (0, 300):
+            await handle("calibrate_loadcell", {"mass_g": mass_g})
+        for name in ("arm", "tare", "home", "approach"):
+            await handle(name, {})
+        with pytest.raises(CommandRefused, match="presses on the sensor: retract it, then"):
+            await handle("save_calibration", {"part": "loadcell"})
+        assert state_of(harness) is State.HOLD
+
+    play(harness, scenario)
+
+
+def test_an_unwritable_rig_file_is_named_and_the_board_keeps_what_it_has(
+    harness: EngineHarness, tmp_path: Path
+) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(BENCH_FILE)
+    harness.rig.path = path
+    obstacle = tmp_path / "rig.toml.partial"
+    obstacle.mkdir()  # nothing can be written beside the file
+
+    async def scenario(handle: Handle) -> None:
+        for mass_g in (0, 300):
+            await handle("calibrate_loadcell", {"mass_g": mass_g})
+        with pytest.raises(DiskFault, match=r"rig\.toml cannot be written .*EEPROM has the new"):
+            await handle("save_calibration", {"part": "loadcell"})
+        assert path.read_text() == BENCH_FILE
+        status = harness.engine.status()
+        assert status.calibration.saved == {} and status.scale_ug_per_count != 2000
+        await handle("arm", {})
+        found = await harness.rig.drum.get("scale_ug_per_count")
+        assert found["scale_ug_per_count"] == status.scale_ug_per_count
+        obstacle.rmdir()
+        await handle("save_calibration", {"part": "loadcell"})
+        assert load_config(path).loadcell.scale_ug_per_count == status.scale_ug_per_count
+
+    play(harness, scenario)
+
+
+async def _tare_places(harness: EngineHarness) -> list[float]:
+    names = [f"tare_place_{place:02}" for place in range(16)]
+    return list((await harness.rig.drum.get(*names)).values())
+
+
+def test_the_imbalance_is_saved_after_a_restart_of_the_board_and_forgotten_by_it(
+    harness: EngineHarness,
+) -> None:
+    async def scenario(handle: Handle) -> None:
+        before = await _tare_places(harness)
+        for _ in range(2):
+            await handle("calibrate_imbalance", {})
+        assert await _tare_places(harness) != before
+        await handle("discard_calibration", {"part": "imbalance"})
+        assert await _tare_places(harness) == before and state_of(harness) is State.IDLE
+        await handle("calibrate_imbalance", {})
+        measured = await _tare_places(harness)
+        harness.rig.faults.reset("drum")
+        await harness.wait(5)
+        assert await _tare_places(harness) == before
+        await handle("save_calibration", {"part": "imbalance"})
+        assert await _tare_places(harness) == measured
+        await handle("discard_calibration", {"part": "imbalance"})
+        assert await _tare_places(harness) == measured
 
     play(harness, scenario)
 
