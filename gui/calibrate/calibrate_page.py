@@ -47,10 +47,12 @@ class CalibratePage(QWidget):
         self.imbalance, self.wiring = ImbalancePart(), WiringPart()
         parts = (self.load_cell, self.force, self.imbalance, self.wiring)
         self.parts: dict[str, PartPage] = {part.part: part for part in parts}
+        self._asked: dict[str, str] = {}
+        """The part that each command was last about, where it has one as argument."""
         self.tabs = QTabWidget()
         for part in parts:
             self.tabs.addTab(scroll_area(part), TITLES[part.part])
-            part.command_requested.connect(self.command_requested)
+            part.command_requested.connect(self._request)
         self.close_button = push_button("Close", self.closed.emit)
         heading = hbox(label("Calibrate", "heading"), self.close_button, spacing=8)
         column = vbox(heading, self.tabs, spacing=4, margins=(9, 4, 9, 4))
@@ -74,9 +76,7 @@ class CalibratePage(QWidget):
 
     def show_refusal(self, command: str, sentence: str) -> None:
         """Show why the engine refused a command, in the part that it belongs to."""
-        part = COMMANDS.get(command)
-        if part is None and command.endswith("_calibration"):
-            part = list(self.parts)[self.tabs.currentIndex()]
+        part = COMMANDS.get(command) or self._asked.get(command)
         if part is not None:
             self.parts[part].show_refusal(sentence)
 
@@ -84,5 +84,8 @@ class CalibratePage(QWidget):
         """Show what a step of the identification found."""
         if command == "calibrate_wiring" and "found" in result:
             self.wiring.show_found(str(result["found"]))
-        elif command in ("discard_calibration", "repeat_press"):
-            self.wiring.show_found("")
+
+    def _request(self, command: str, args: dict[str, Any]) -> None:
+        if "part" in args:
+            self._asked[command] = str(args["part"])
+        self.command_requested.emit(command, args)

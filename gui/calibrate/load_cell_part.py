@@ -40,7 +40,8 @@ class LoadCellPart(PartPage):
     def __init__(self) -> None:
         super().__init__(LOADCELL, "Read", READ_TIP)
         self.mass = focus_wheel(QDoubleSpinBox(decimals=1, suffix=" g"))
-        self.mass.setRange(0.1, MAX_MASS_G)
+        self.mass.setRange(0.0, MAX_MASS_G)
+        self.mass.setSpecialValueText("0 g, empty")
         self.mass.setValue(200.0)
         self.mass.setAccessibleName("Known mass")
         self.live = label("", "muted", wraps=True)
@@ -113,11 +114,12 @@ class LoadCellPart(PartPage):
 
     def _show_reading(self, status: EngineStatus, counts: float, spread: float) -> None:
         force = f"{status.force_g:.1f} g, " if status.tared else ""
-        scale_ug = abs(status.scale_ug_per_count)
-        allowed = MAX_SPREAD_SHARE * self.mass.value() * 1e6 / scale_ug
-        rest = "at rest" if spread <= allowed else "not at rest"
-        text = f"Now {force}{counts:,.0f} counts ± {spread:,.0f} in the last second: {rest}"
-        show_text(self.live, f"{text} (at most ± {allowed:,.0f} for {self.mass.value():g} g)")
+        text = f"Now {force}{counts:,.0f} counts ± {spread:,.0f} in the last second"
+        if largest_g := max(self.mass.value(), *(r.mass_g for r in self._readings), 0.0):
+            allowed = MAX_SPREAD_SHARE * largest_g * 1e6 / abs(status.scale_ug_per_count)
+            rest = "at rest" if spread <= allowed else "not at rest"
+            text = f"{text}: {rest} (at most ± {allowed:,.0f} for {largest_g:g} g)"
+        show_text(self.live, text)
 
     def _show_readings(self) -> None:
         masses_g = [reading.mass_g for reading in self._readings]

@@ -60,6 +60,8 @@ class PartPage(QWidget):
         """Show what was measured and what is possible now."""
         found = status.calibration
         obstacle = self.obstacle(status)
+        if not status.drum_connected:
+            self._refusal = ""  # of another connection
         is_free = not obstacle and not found.measuring
         result = self.result(found)
         self.measure_button.setEnabled(is_free)
@@ -98,7 +100,7 @@ class PartPage(QWidget):
         text, role = obstacle, "muted"
         if found.measuring:
             text = f"Measuring: {found.elapsed_s:.0f} s"
-        elif self._refusal:
+        elif self._refusal and not obstacle:
             text, role = self._refusal, "bad"
         show_text(self.state, text)
         set_property(self.state, "role", role)

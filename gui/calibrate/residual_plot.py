@@ -34,7 +34,7 @@ class ResidualPlot(QWidget):
         points = list(zip(masses_g, residuals_g, strict=True))
         if points != self.points:
             self.points = points
-            lines = (f"{mass:g} g: {residual:+.2f} g" for mass, residual in points)
+            lines = [f"{mass:g} g: {residual:+.2f} g" for mass, residual in points]
             self.setToolTip("\n".join(lines))
             self.setAccessibleDescription("; ".join(lines))
             self.update()

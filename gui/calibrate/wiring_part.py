@@ -36,6 +36,8 @@ class WiringPart(PartPage):
         self.map.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Preferred)
         self.found = label("", "muted", wraps=True)
         self.found.setMinimumWidth(150)
+        self._found_before: int | None = None
+        """Number of the step that followed what was found, None before a status tells it."""
         self.repeat_button = push_button("Repeat last", self._repeat, REPEAT_TIP)
         beside = vbox(label(LEGEND, "muted", wraps=True), self.found, spacing=8)
         beside.addStretch(1)
@@ -64,6 +66,10 @@ class WiringPart(PartPage):
         super().show_status(status)
         found = status.calibration
         show_text(self.task, _task(status))
+        if self._found_before is None:
+            self._found_before = found.wiring_step
+        elif self._found_before != found.wiring_step:
+            show_text(self.found, "")
         if found.wiring:
             self.measure_button.setEnabled(False)
         if found.wiring and not found.rig_file:
@@ -74,7 +80,8 @@ class WiringPart(PartPage):
         self.map.show_places(_asked(found), found.wiring_pressed)
 
     def show_found(self, sentence: str) -> None:
-        """Show what the last step found."""
+        """Show what the last step found, until another one is taken or undone by anyone."""
+        self._found_before = None
         show_text(self.found, sentence)
 
     def _repeat(self) -> None:

@@ -11,7 +11,9 @@ from PySide6.QtTest import QTest
 from gui.calibrate.calibrate_page import CalibratePage
 from gui.calibrate.load_cell_part import EMPTY, MORE, NEXT
 from gui.calibrate.wiring_part import ALL_KNOWN, REHEARSED
+from rigctl.acquisition.rpc.messages import parse_status
 from rigctl.wire.drum.states import State
+from tests.gui.fake_engine import STATUS
 from tests.gui.steps import Harness, click
 
 MASSES = [[0.0, 80_000.0, 120.0], [200.0, 163_333.0, 118.0], [500.0, 288_333.0, 121.0]]
@@ -153,6 +155,62 @@ def test_an_order_that_is_complete_is_saved_at_a_bench_only(
     harness.window.tools.show_calibration("wiring")
     click(part.save_button)
     assert harness.engine.requests == [("save_calibration", {"part": "wiring"})]
+
+
+def test_the_plot_of_the_residuals_can_be_read_without_eyes(
+    harness: Harness, page: CalibratePage
+) -> None:
+    harness.update(calibration=SCALE | {"masses": [*MASSES[:2], [500.0, 290_000.0, 121.0]]})
+    words = page.load_cell.plot.accessibleDescription()
+    assert words.startswith("0 g: ") and words.count(" g: ") == 3
+    assert words.split("; ") == page.load_cell.plot.toolTip().split("\n")
+
+
+def test_the_empty_reading_is_read_again(harness: Harness, page: CalibratePage) -> None:
+    part = page.load_cell
+    reading = {"loadcell_counts": 80_000.0, "loadcell_age_s": 0.05, "loadcell_sd_counts": 120.0}
+    harness.update(**reading, scale_ug_per_count=2400, calibration=SCALE)
+    part.mass.setValue(0)
+    click(part.measure_button)
+    assert harness.engine.requests == [("calibrate_loadcell", {"mass_g": 0.0})]
+    harness.update()
+    assert "at rest (at most ± 2,083 for 500 g)" in part.live.text()
+    part.mass.setValue(200)
+    harness.update(loadcell_age_s=None, loadcell_counts=None)
+
+
+def test_another_connection_shows_nothing_of_the_one_before(
+    harness: Harness, page: CalibratePage
+) -> None:
+    page.wiring.show_found("row 1, column 1: D4·A0 by 200 counts")
+    harness.update(calibration=PRESS)
+    assert page.wiring.found.text()
+    harness.engine.refusals["calibrate_force"] = "the force did not respond to the step"
+    harness.window.tools.show_calibration("force")
+    click(page.force.measure_button)
+    harness.update()
+    assert "did not respond" in page.force.state.text()
+    harness.engine.refusals.clear()
+    harness.window.engine_link.close()
+    assert page.wiring.found.text() == ""
+    harness.window.engine_link.wait_closed()
+    harness.update()
+    page.show_status(parse_status(STATUS))
+    assert page.force.state.text() == ""
+
+
+def test_a_refusal_to_save_stands_in_the_part_that_was_saved(
+    harness: Harness, page: CalibratePage
+) -> None:
+    sentence = "/lab/rig.toml cannot be written (Permission denied): make it writable"
+    harness.engine.refusals["save_calibration"] = sentence
+    harness.update(calibration=SCALE)
+    page.load_cell.save_button.click()
+    harness.window.tools.show_calibration("wiring")
+    harness.update()
+    assert page.load_cell.state.text() == sentence and page.wiring.state.text() == ""
+    assert page.load_cell.save_button.isEnabled()
+    harness.engine.refusals.clear()
 
 
 def test_a_refusal_stands_where_it_was_asked_for(harness: Harness, page: CalibratePage) -> None:
