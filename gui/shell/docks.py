@@ -9,6 +9,8 @@ from PySide6.QtCore import QByteArray, Qt, Signal
 from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QApplication, QDockWidget, QMainWindow, QTabWidget, QWidget
 
+from gui.shell.keyboard.steady_focus import SteadyFocusDock
+
 LAYOUT_VERSION = 1
 """Increased when docks change so much that a saved layout no longer fits."""
 
@@ -50,7 +52,7 @@ class DockArea(QMainWindow):
 
         ``name`` identifies the panel in the saved layout and in :meth:`show_panel`.
         """
-        dock = QDockWidget(title)
+        dock = SteadyFocusDock(title)
         dock.setObjectName(name)
         dock.setWidget(widget)
         self.addDockWidget(area, dock)
