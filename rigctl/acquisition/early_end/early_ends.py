@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from msgspec.structs import asdict
@@ -21,7 +21,7 @@ class EarlyEnds:
     """Takes trials of conditions that are known well enough out of the steps that are to come.
 
     ``committed_attempt`` returns the attempt at a trial that counts, 0 for none. ``publish`` makes
-    the event of the session.
+    the event of the session. ``left_out``: the trials that earlier sittings left out, by their id.
     """
 
     def __init__(
@@ -31,12 +31,14 @@ class EarlyEnds:
         committed_attempt: Callable[[int], int],
         progress: RunProgress,
         publish: Callable[..., Any],
+        left_out: Iterable[int] = (),
     ) -> None:
         self._plan = plan
         self._steps = steps
         self._committed_attempt = committed_attempt
         self._progress = progress
         self._publish = publish
+        self._left_out = set(left_out)
 
     def end(self, end: ConditionEnd) -> None:
         """Leave out the trials of a condition that are to come; none are left is no error.
@@ -49,7 +51,13 @@ class EarlyEnds:
             return
         self._steps.drop(left_out)
         self._progress.end_early(left_out)
+        self._left_out.update(trial.trial_id for trial in left_out)
         self._publish(EARLY_END_KIND, end.describe(rule), **asdict(end))
+
+    def require_kept(self, trial_id: int) -> None:
+        """Raise WrongUse for a trial that is left out: no attempt at it could count."""
+        if trial_id in self._left_out:
+            raise WrongUse(f"trial {trial_id} is left out: its condition ended early")
 
     def _checked_rule(self, end: ConditionEnd) -> EarlyEnd:
         rule = self._plan.protocol.early_end

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import sys
 from collections import defaultdict
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -35,55 +36,64 @@ def judge_session(pipe: Connection, folder: str, rule: EarlyEnd) -> None:
     """Judge the session until the engine closes its end of the pipe."""
     if sys.platform != "win32":
         os.nice(ENGINE_FIRST)
-    judge = Judge(rule)
-    path = Path(folder)
-    session: Session | None = None
+    with suppress(EOFError, OSError, KeyboardInterrupt):
+        judge_folder(pipe, Path(folder), rule)
+
+
+def judge_folder(pipe: Connection, folder: Path, rule: EarlyEnd) -> None:
+    """Judge a session until the pipe closes; one that cannot be read now is opened again."""
+    judge, session = Judge(rule), None
     try:
         while not pipe.poll(LOOK_S):
-            if session is None and existing_parts(path):
-                session = Session.open(path)
-            if session is not None:
-                _look(session, judge, pipe)
-    except (EOFError, OSError, KeyboardInterrupt, SessionError):
-        return
+            found: list[dict[str, Any]] = []
+            try:
+                if session is None and existing_parts(folder):
+                    session = Session.open(folder)
+                if session is not None:
+                    found = _look(session, judge)
+            except (SessionError, OSError):
+                if session is not None:
+                    session.close()
+                session = None
+            for message in found:
+                pipe.send(message)
     finally:
         if session is not None:
             session.close()
 
 
-def _look(session: Session, judge: Judge, pipe: Connection) -> None:
+def _look(session: Session, judge: Judge) -> list[dict[str, Any]]:
+    """Take in what is new; return the messages about it."""
     session.refresh()
     before = len(judge.rates_hz)
-    for ended in judge.take(session):
-        pipe.send(ended)
-    if len(judge.rates_hz) != before:
-        pipe.send({"judged": len(judge.rates_hz)})
+    found = judge.take(session)
+    n_judged = len(judge.rates_hz)
+    return [*found, {"judged": n_judged}] if n_judged != before else found
 
 
 class Judge:
     """Keeps the rate of each committed trial, and finds conditions that are known well enough."""
 
     def __init__(self, rule: EarlyEnd) -> None:
-        self.rates_hz: dict[int, float] = {}
-        """By row of /trials."""
+        self.rates_hz: dict[tuple[int, int], float] = {}
+        """By trial and attempt: rows of /trials move where a part cannot be read for a while."""
         self._rule = rule
         self._ended: set[Condition] = set()
 
     def take(self, session: Session) -> list[dict[str, Any]]:
         """Take in what is new in a session; return the conditions that may end now."""
         committed = session.committed().tolist()
-        for row in committed:
-            if row not in self.rates_hz:
-                self.rates_hz[row] = mean_rate_hz(session, row, self._rule.of)
-        rows: defaultdict[Condition, list[int]] = defaultdict(list)
+        rates: defaultdict[Condition, list[float]] = defaultdict(list)
         for row in committed:
             trial = session.trials[row]
+            attempt = int(trial["trial_id"]), int(trial["attempt"])
+            if attempt not in self.rates_hz:
+                self.rates_hz[attempt] = mean_rate_hz(session, row, self._rule.of)
             speed, force, depth = (float(trial[name]) for name in FIELDS[1:])
-            rows[str(trial["texture"]), speed, force, depth].append(row)
-        return [end for key, found in rows.items() if (end := self._judge(key, found)) is not None]
+            rates[str(trial["texture"]), speed, force, depth].append(self.rates_hz[attempt])
+        return [end for key, found in rates.items() if (end := self._judge(key, found)) is not None]
 
-    def _judge(self, condition: Condition, rows: list[int]) -> dict[str, Any] | None:
-        rates = [self.rates_hz[row] for row in rows]
+    def _judge(self, condition: Condition, rates: list[float]) -> dict[str, Any] | None:
         if condition in self._ended or len(rates) < self._rule.least_trials:
             return None
         width_hz = half_width(rates, self._rule.confidence_percent)

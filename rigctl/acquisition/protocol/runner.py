@@ -77,7 +77,9 @@ class Run:
             boards, event_bus.publish, opened, self.control, self._progress, set_plate
         )
         counting, publish = self._step_runner.committed_attempt, event_bus.publish
-        self._early_ends = EarlyEnds(plan, self._steps, counting, self._progress, publish)
+        self._early_ends = EarlyEnds(
+            plan, self._steps, counting, self._progress, publish, opened.ended
+        )
 
     @property
     def ended(self) -> bool:
@@ -153,6 +155,7 @@ class Run:
         trials = self._opened.plan.trials
         if not 1 <= trial_id <= len(trials):
             raise WrongUse(f"the plan has no trial {trial_id}: its trials are 1 to {len(trials)}")
+        self._early_ends.require_kept(trial_id)
         trial = trials[trial_id - 1]
         attempt = self._step_runner.committed_attempt(trial_id)
         if self._step_runner.current == trial and not attempt:

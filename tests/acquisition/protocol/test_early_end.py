@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import multiprocessing
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from rigctl.acquisition.early_end.judge_process import judge_folder
 from rigctl.acquisition.protocol.run_request import RunRequest
 from rigctl.cli import main
 from rigctl.config.rig_config import RigConfig
 from rigctl.errors import SessionError, WrongUse
+from rigctl.protocol.early_end import EarlyEnd
 from rigctl.session.early_end import EARLY_END_KIND, ended_early
 from rigctl.session.notes.session_note import Mark, SessionNote
 from rigctl.session.notes.write_note import add_note
+from rigctl.session.read.session import Session
 from rigctl.session.summary import summarise_session
 from rigctl.session.verify.session import verify
 from tests.acquisition.engine_harness import (
@@ -147,11 +152,35 @@ def test_a_trial_marked_bad_takes_the_end_back(rig: EngineHarness) -> None:
     assert any("are not committed" in note for note in verify(rig.session).notes)
 
 
-def test_a_rule_that_never_fires_records_every_trial(rig: EngineHarness) -> None:
+def test_a_rule_that_never_fires_records_every_trial(
+    rig: EngineHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
     run = rig.record(NARROW)
     assert run.complete and run.status().trials_ended_early == 0
     assert verify(rig.session).trials_committed == 18
     assert not messages(rig, EARLY_END_KIND)
+    _judge_a_folder_that_fails_once(rig.session, monkeypatch)
+
+
+def _judge_a_folder_that_fails_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A share that is away for a moment ends no judging: the process looks again."""
+    refresh, failures = Session.refresh, [SessionError("the share is away"), OSError("stale")]
+
+    def fail_first(session: Session) -> None:
+        if failures:
+            raise failures.pop()
+        refresh(session)
+
+    monkeypatch.setattr(Session, "refresh", fail_first)
+    near, far = multiprocessing.Pipe()
+    rule = EarlyEnd(half_width_hz=0.01)
+    judging = threading.Thread(target=judge_folder, args=(far, folder, rule))
+    judging.start()
+    assert near.poll(60) and near.recv() == {"judged": 18}
+    near.close()
+    judging.join(60)
+    far.close()
+    assert not failures and not judging.is_alive()
 
 
 def test_a_process_that_dies_ends_nothing_and_the_log_says_so(rig: EngineHarness) -> None:
@@ -185,7 +214,11 @@ def test_a_client_may_end_a_condition_within_the_rule(rig: EngineHarness) -> Non
                 await handle("end_condition", {**end, **wrong})
         await handle("end_condition", end)
         assert run.status().trials_ended_early == 3
+        with pytest.raises(WrongUse, match="trial 8 is left out: its condition ended early"):
+            await handle("repeat", {"trial_id": 8})
+        await handle("repeat", {"trial_id": 2})
         await until_ended(harness)
+        assert run.complete and "every condition is recorded; 3 trials" in run.text
         with pytest.raises(WrongUse, match="no run is active"):
             await handle("end_condition", end)
 
