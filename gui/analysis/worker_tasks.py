@@ -95,17 +95,19 @@ class WorkerTasks:
         self._follower = run_tasks.SessionFollower()
         self._curves: SessionCurves | None = None
 
-    def plan_protocol(self, path: str, seed: int | None, out: str = "") -> PlanSummary:
+    def plan_protocol(
+        self, path: str, seed: int | None, out: str = "", rig_toml: str = ""
+    ) -> PlanSummary:
         """Plan a protocol as ``rigctl check`` does; None takes the protocol's own seed."""
-        return run_tasks.plan_protocol(path, seed, out)
+        return run_tasks.plan_protocol(path, seed, out, rig_toml)
 
     def read_protocol(self, path: str) -> ProtocolText:
         """Return the text of a protocol's file."""
         return text_tasks.read_protocol(path)
 
-    def check_text(self, text: str) -> CheckedText:
-        """Return whether a text is a protocol."""
-        return text_tasks.check_text(text)
+    def check_text(self, text: str, rig_toml: str = "") -> CheckedText:
+        """Return whether a text is a protocol for a rig."""
+        return text_tasks.check_text(text, rig_toml)
 
     def save_protocol(self, path: str, text: str, may_replace: bool) -> SavedProtocol:
         """Save a protocol as a file of the user."""

@@ -41,6 +41,7 @@ class ProtocolForm(QWidget):
         self._worker = worker
         self._next_plan: tuple[str, int | None] | None = None
         self._plan = PlanSummary()
+        self._rig_toml, self._was_requested = "", False
         self.is_planned = False
         self.protocol = ElidedComboBox()
         self.out = QLineEdit(str(Path.home() / "rigctl-sessions"))
@@ -78,6 +79,13 @@ class ProtocolForm(QWidget):
         if place == self.protocol.currentIndex():
             self.request_plan()
         self.protocol.setCurrentIndex(place)
+
+    def set_rig(self, rig_toml: str) -> None:
+        """Plan for a rig; for the nominal one without a description."""
+        if rig_toml != self._rig_toml:
+            self._rig_toml = rig_toml
+            if self._was_requested:
+                self.request_plan(self.seed.value() if self.is_planned else None)
 
     def people(self) -> dict[str, str]:
         """Return who records with what, and the first note."""
@@ -133,7 +141,7 @@ class ProtocolForm(QWidget):
 
     def request_plan(self, seed: int | None = None) -> None:
         """Request a plan, and drop a waiting request; no run starts until the plan arrives."""
-        self.is_planned = False
+        self.is_planned, self._was_requested = False, True
         if path := self.protocol.currentData():
             self._next_plan = (path, seed)
             self.submit_plan()
@@ -142,7 +150,8 @@ class ProtocolForm(QWidget):
         """Plan what was requested last, if the worker is free."""
         if self._next_plan is not None and not self._worker.is_busy:
             (path, seed), self._next_plan = self._next_plan, None
-            self._worker.submit("plan_protocol", path=path, seed=seed, out=self.out.text())
+            values = {"seed": seed, "out": self.out.text(), "rig_toml": self._rig_toml}
+            self._worker.submit("plan_protocol", path=path, **values)
 
     def finish_plan(self, plan: PlanSummary) -> None:
         """Show a plan that arrived, unless another one was requested meanwhile."""

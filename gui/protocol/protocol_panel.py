@@ -93,6 +93,11 @@ class ProtocolPanel(QWidget):
         """Add a file to the list and choose it."""
         self.form.add_protocol(path)
 
+    def set_rig(self, rig_toml: str) -> None:
+        """Plan and check protocols for a rig; for the nominal one without a description."""
+        self.form.set_rig(rig_toml)
+        self.page.editor.set_rig(rig_toml)
+
     def editing_buttons(self) -> tuple[QAbstractButton, ...]:
         """Return the buttons that edit the chosen protocol."""
         editor, steps = self.page.editor, self.page.editor.form.steps
@@ -193,7 +198,9 @@ class ProtocolPanel(QWidget):
         self.learning_link.reported.connect(self.reported)
         self.form.edit_button.clicked.connect(lambda: self._read_protocol())
         editor = self.page.editor
-        editor.check_requested.connect(lambda text: self.worker.submit("check_text", text=text))
+        editor.check_requested.connect(
+            lambda text, rig_toml: self.worker.submit("check_text", text=text, rig_toml=rig_toml)
+        )
         editor.save_requested.connect(
             lambda path, text, may_replace: self.worker.submit(
                 "save_protocol", path=path, text=text, may_replace=may_replace

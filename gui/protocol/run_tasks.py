@@ -22,15 +22,17 @@ if TYPE_CHECKING:
     from rigctl.values import PlannedTrial
 
 
-def plan_protocol(path: str, seed: int | None, out: str = "") -> PlanSummary:
+def plan_protocol(path: str, seed: int | None, out: str = "", rig_toml: str = "") -> PlanSummary:
     """Plan a protocol as ``rigctl check`` does; None takes the protocol's own seed.
 
-    ``out``: the folder whose disk has to hold the session, empty for none.
+    ``out``: the folder whose disk has to hold the session, empty for none. ``rig_toml`` describes
+    the rig, empty for the nominal one.
     """
+    from rigctl.config.rig_config import parse_config
     from rigctl.protocol.loader import load_protocol
 
     try:
-        plan = load_protocol(Path(path)).plan(seed)
+        plan = load_protocol(Path(path), parse_config(rig_toml)).plan(seed)
     except RigctlError as error:
         return PlanSummary(problem=str(error))
     return summarise(plan, out)

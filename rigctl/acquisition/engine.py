@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from rigctl.acquisition.boards import Boards
 from rigctl.acquisition.calibration.calibration import Calibration
@@ -147,6 +148,9 @@ class Engine(ServedEngine[Run, RunRequest]):
     def _note(self, text: str) -> SessionNote:
         made = datetime.fromisoformat(self._utc_now()).astimezone(UTC)
         return check_note(SessionNote(made.strftime("%Y-%m-%dT%H:%M:%SZ"), text.strip()))
+
+    def _describe(self) -> dict[str, Any]:
+        return {**super()._describe(), "rig_toml": self.rig.config.to_toml()}
 
     async def _connect(self) -> None:
         await self.boards.connect()

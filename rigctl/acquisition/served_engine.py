@@ -99,10 +99,14 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
             await self._close()
             return error.exit_code
         self.is_ready = True
-        self._server.set_greeting(engine_message("ready", "", {"rig": self._description}))
+        self._server.set_greeting(engine_message("ready", "", self._describe()))
         await self._shutdown_requested.wait()
         await self._close()
         return 0
+
+    def _describe(self) -> dict[str, Any]:
+        """Return what each client learns of the rig when it connects."""
+        return {"rig": self._description}
 
     @abstractmethod
     def start(self, request: _Request) -> _Run:

@@ -52,6 +52,28 @@ def test_the_line_of_an_error_is_marked_until_it_is_mended(panel: ProtocolPanel)
     assert editor.verdict.text().startswith("No errors: 2 trials, 2 plate changes")
 
 
+def test_plan_and_check_have_the_limits_of_the_connected_rig(
+    harness: Harness, panel: ProtocolPanel
+) -> None:
+    editor = panel.page.editor
+    write(editor, MINE + '[[steps]]\nat = "start"\nkind = "turn"\nspeed_mm_s = 75\nturns = 1\n')
+    wait_until(editor.save_button.isEnabled)
+    limits = "[limits]\nspeed_max_mm_s = 70\nforce_max_g = 1500\nover_force_g = 2000\n"
+    harness.engine.send_event("ready", "", rig="bench", rig_toml=limits)
+    harness.window.poll()
+    form = editor.form
+    assert form.rows["speeds_mm_s",].mistake == "80 is outside 20 to 70 mm/s"
+    assert "50 to 1,500 g" in form.rows["forces_g",].note.text()
+    assert form.steps.of_kind["turn"][0].mistake == "75 is outside 20 to 70 mm/s"
+    wait_until(lambda: "speeds_mm_s: 80 is outside 20 to 70" in editor.verdict.text())
+    wait_until(lambda: "is outside 20 to 70 mm/s" in panel.problem.text())
+    assert not panel.buttons["Start"].isEnabled()
+    harness.window.engine_link.close()
+    assert not form.rows["speeds_mm_s",].mistake
+    wait_until(editor.save_button.isEnabled)
+    wait_until(lambda: not panel.problem.isVisible() and not panel.worker.is_busy)
+
+
 def test_a_changed_protocol_becomes_a_file_of_the_user(
     harness: Harness, panel: ProtocolPanel, tmp_path: Path
 ) -> None:

@@ -16,7 +16,11 @@ from tests.gui.steps import click
 
 @pytest.fixture(scope="module")
 def rig(app: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RigWindow]:
-    with rig_window(app, "virtual", tmp_path_factory.mktemp("runtime")) as opened:
+    """Yield a window on a rig whose file has limits of its own."""
+    folder = tmp_path_factory.mktemp("runtime")
+    path = folder / "rig.toml"
+    path.write_text('[ports]\nsimulate = "virtual"\n[limits]\nforce_max_g = 900\n')
+    with rig_window(app, str(path), folder) as opened:
         yield opened
 
 
@@ -48,6 +52,12 @@ def test_the_load_cell_is_calibrated_with_masses(rig: RigWindow) -> None:
     assert "loadcell is saved in the board's EEPROM" in rig.log
     box = rig.window.operate_panel.bring_up
     assert box.rows["Load cell"][1].text() == rig.status.loadcell_calibrated
+
+
+def test_protocols_are_checked_against_the_file_of_the_rig(rig: RigWindow) -> None:
+    forces = rig.window.protocol_panel.page.editor.form.rows["forces_g",]
+    assert "50 to 900 g" in forces.note.text()
+    assert rig.window.tools.calibrate_page.force.force.maximum() == 900
 
 
 def test_a_stop_ends_the_search_for_gains_and_leaves_the_drum_off(rig: RigWindow) -> None:

@@ -13,6 +13,7 @@ from gui.widgets.labels import label
 from gui.widgets.layouts import group_box, vbox
 from rigctl.config.rig_config import RigConfig
 from rigctl.config.toml_bounds import KeyPath
+from rigctl.config.toml_field import TomlField
 from rigctl.protocol.fields import FieldGroup
 from rigctl.protocol.form_content import FormContent, groups_of
 
@@ -42,6 +43,13 @@ class KeyForm(QWidget):
             row.undo_requested.connect(self.undo_requested)
             row.redo_requested.connect(self.redo_requested)
 
+    def set_rig(self, config: RigConfig) -> None:
+        """Show the ranges of a rig."""
+        for group in groups_of(config, is_finger=False):
+            for item in group.fields:
+                self.rows[_path(group, item)].set_item(item)
+        self.steps.set_rig(config)
+
     def show_content(self, content: FormContent) -> None:
         """Show the values of a text."""
         self._content = content
@@ -61,9 +69,13 @@ class KeyForm(QWidget):
             column.addWidget(label(group.doc, "muted", wraps=True))
         grid = key_grid()
         for item in group.fields:
-            path = (group.table, item.key) if group.table else (item.key,)
+            path = _path(group, item)
             row = self.rows[path] = KeyRow(item, path)
             row.edited.connect(lambda path, value: self.edited.emit([(path, value)]))
             row.add_to(grid)
         column.addLayout(grid)
         return box
+
+
+def _path(group: FieldGroup, item: TomlField) -> KeyPath:
+    return (group.table, item.key) if group.table else (item.key,)

@@ -56,11 +56,10 @@ class KeyRow(QObject):
         self.item, self.path = item, path
         self._written: Any = None
         self.name, self.unit = label(title_of(item)), label(item.unit, "muted")
-        self.name.setToolTip(f"{item.key}, default: {default_of(item)}")
-        self.note = label(help_of(item), "muted", wraps=True)
+        self.note = label("", "muted", wraps=True)
         self.field = self._make_field()
         self.field.setAccessibleName(title_of(item))
-        self.field.setAccessibleDescription(help_of(item))
+        self.set_item(item)
         self.field.setMinimumWidth(_FIELD_PX)
 
     @property
@@ -78,6 +77,13 @@ class KeyRow(QObject):
         """Show or hide the row."""
         for widget in (self.name, self.field, self.unit, self.note):
             widget.setVisible(is_visible)
+
+    def set_item(self, item: TomlField) -> None:
+        """Take the same key with the range of another rig."""
+        mistake, self.item = self.mistake, item
+        self.name.setToolTip(f"{item.key}, default: {default_of(item)}")
+        self.field.setAccessibleDescription(help_of(item))
+        self.show_mistake(mistake)
 
     def show_value(self, written: Any, mistake: str) -> None:
         """Show the value that the text has, None if it has none, and what is wrong with it."""

@@ -18,10 +18,10 @@ from gui.protocol.editor.steps_box import NAME as STEPS
 from gui.protocol.run_values import CheckedText, SavedProtocol
 from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import container, hbox, push_button, scroll_area, vbox
-from rigctl.config.rig_config import RigConfig
+from rigctl.config.rig_config import RigConfig, parse_config
 from rigctl.config.toml_bounds import KeyPath
 from rigctl.config.toml_edit import insert_table, remove_table, set_key, swap_tables
-from rigctl.errors import WrongUse
+from rigctl.errors import ConfigError, WrongUse
 from rigctl.protocol.form_content import FormContent, read_content
 
 CHECK_MS = 300
@@ -37,7 +37,8 @@ _TOO_LONG = f"the text has more than {MAX_FORM_LETTERS:,} letters: edit it as te
 class ProtocolEditor(QWidget):
     """Edits one protocol; form and text show the same document."""
 
-    check_requested = Signal(str)
+    check_requested = Signal(str, str)
+    """The text, and the description of the rig that it is for."""
     save_requested = Signal(str, str, bool)
     """Path, text, and whether a file of that name may be replaced."""
 
@@ -57,6 +58,7 @@ class ProtocolEditor(QWidget):
         self.verdict = label("", wraps=True)
         self._content = FormContent()
         self._own_path = ""
+        self._rig_toml, self._config = "", RigConfig()
         self._is_good = False
         self._timer = QTimer(self, singleShot=True, interval=CHECK_MS)
         self._timer.timeout.connect(self._check)
@@ -70,6 +72,15 @@ class ProtocolEditor(QWidget):
         self._own_path = path if own_path == path else ""
         self.path.setText(own_path)
         self.text.setPlainText(text)
+
+    def set_rig(self, rig_toml: str) -> None:
+        """Check for a rig, whose limits the form shows; for the nominal one without a text."""
+        if rig_toml == self._rig_toml:
+            return
+        self._rig_toml, self._config = rig_toml, _config_of(rig_toml)
+        self.form.set_rig(self._config)
+        if self.text.toPlainText():
+            self._on_changed()
 
     def show_check(self, checked: CheckedText) -> None:
         """Show whether the text is a protocol, and what is wrong at its line and its field."""
@@ -113,7 +124,7 @@ class ProtocolEditor(QWidget):
         """Let the form show the text, or say why it waits."""
         text = self.text.toPlainText()
         is_long = len(text) > MAX_FORM_LETTERS
-        content = FormContent(problem=_TOO_LONG) if is_long else read_content(text, RigConfig())
+        content = FormContent(problem=_TOO_LONG) if is_long else read_content(text, self._config)
         if content.problem:
             show_text(self.waiting, _WAITS.format(problem=content.problem))
         else:
@@ -152,7 +163,7 @@ class ProtocolEditor(QWidget):
         self._change(lambda text: change(text, STEPS, place))
 
     def _check(self) -> None:
-        self.check_requested.emit(self.text.toPlainText())
+        self.check_requested.emit(self.text.toPlainText(), self._rig_toml)
 
     def _save(self) -> None:
         path = str(Path(self.path.text().strip()).expanduser())
@@ -201,6 +212,14 @@ class ProtocolEditor(QWidget):
         column = vbox(*rows, spacing=4)
         column.setStretch(2, 1)
         self.setLayout(column)
+
+
+def _config_of(rig_toml: str) -> RigConfig:
+    """Return a rig; the nominal one for a description that only another version reads."""
+    try:
+        return parse_config(rig_toml)
+    except ConfigError:
+        return RigConfig()
 
 
 def _add_shortcut(

@@ -65,6 +65,12 @@ class StepsBox(QGroupBox):
         for rows in self.of_kind.values():
             yield from rows
 
+    def set_rig(self, config: RigConfig) -> None:
+        """Show the ranges of a rig."""
+        for kind, items in step_fields(config).items():
+            for row, item in zip(self.of_kind[kind], items, strict=True):
+                row.set_item(item)
+
     def show_content(self, content: FormContent) -> None:
         """Show the steps of a text."""
         self._content = content

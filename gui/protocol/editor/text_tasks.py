@@ -28,16 +28,20 @@ def read_protocol(path: str) -> ProtocolText:
     return ProtocolText(path, text, str(own) if is_built_in else path)
 
 
-def check_text(text: str) -> CheckedText:
-    """Return whether a text is a protocol of drum or finger, and the numbers of its plan."""
-    from rigctl.config.rig_config import RigConfig
+def check_text(text: str, rig_toml: str = "") -> CheckedText:
+    """Return whether a text is a protocol of drum or finger, and the numbers of its plan.
+
+    ``rig_toml`` describes the drum's rig, empty for the nominal one.
+    """
+    from rigctl.config.rig_config import parse_config
     from rigctl.protocol.form_content import NAME, read_content
     from rigctl.protocol.loader import parse_protocol
 
     try:
-        if read_content(text, RigConfig()).is_finger:
+        config = parse_config(rig_toml)
+        if read_content(text, config).is_finger:
             return CheckedText(text, _finger_summary(text))
-        plan = parse_protocol(text, NAME).plan()
+        plan = parse_protocol(text, NAME, config).plan()
     except WrongUse as error:
         return CheckedText(text, "", str(error), error.key_path, error.reason)
     rows = dict(zip(PLAN_ROWS, summarise(plan).texts, strict=True))

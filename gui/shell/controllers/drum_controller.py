@@ -115,6 +115,7 @@ class DrumController(QObject):
         self.health_strip.show_nothing()
         self.operate_panel.show_nothing()
         self.protocol_panel.show_status(EngineStatus())
+        self.protocol_panel.set_rig("")
         self.prompt_panel.show_prompt(None)
         self.safety.show_closed(reason)
         self.reported.emit("rig" if reason == NOT_CONNECTED else "lost", reason)
@@ -128,6 +129,8 @@ class DrumController(QObject):
         if text := str(message.get("text") or ""):
             self.reported.emit(kind, text)
             self.live_page.add_event(float(message.get("at_s") or 0.0), kind, text, data)
+        if kind == "ready":
+            self.protocol_panel.set_rig(str(data.get("rig_toml") or ""))
         if kind == "run" and (digest := data.get("digest")):
             self.reported.emit("digest", str(digest))
 
