@@ -120,8 +120,8 @@ def check_disk_space(folder: Path, needed_bytes: int) -> None:
     free = shutil.disk_usage(existing).free
     if free < needed_bytes:
         raise DiskFault(
-            f"the plan records about {needed_bytes / 1e9:.1f} GB and {existing} has room for "
-            f"{free / 1e9:.1f} GB: make room, or choose another disk"
+            f"the plan records about {needed_bytes / 1e6:,.0f} MB and {existing} has room for "
+            f"{free / 1e6:,.0f} MB: make room, or choose another disk"
         )
 
 

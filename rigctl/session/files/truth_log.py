@@ -19,6 +19,7 @@ from rigctl.session.files.truth_file import (
     log_name,
 )
 from rigctl.session.format.annotated_arrays import Attributes
+from rigctl.session.hdf5.errors import system_reason
 from rigctl.session.write.part_writer import PartWriter
 from rigctl.values import Gap
 
@@ -110,7 +111,7 @@ class TruthLog:
         part, self._part = self._part, None
         if part is not None:
             part.abandon()
-        reason = (error.strerror if isinstance(error, OSError) else None) or error
+        reason = error if isinstance(error, DiskFault) else system_reason(error)
         return DiskFault(
             f"{self._partial} could not be written ({reason}): the truth of the simulated world "
             "ends there; make room on the disk"

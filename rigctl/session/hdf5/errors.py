@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +21,7 @@ HDF5_ERRORS = (
     MemoryError,
 )
 """h5py chooses one of these by HDF5's own error number; damage can cause any."""
+_ERRNO = re.compile(r"errno = (\d+)")
 SHOWN_ERROR = 160
 SHOWN_PLACE = 100
 
@@ -37,6 +40,19 @@ def hdf5_errors(path: Path, place: str) -> Iterator[None]:
         raise SessionError(
             f"{path} is damaged: HDF5 cannot read {shorten(place, SHOWN_PLACE)}: {describe(error)}"
         ) from error
+
+
+def system_error(error: BaseException) -> int:
+    """Return the system's number of an error, which HDF5 puts into its text; 0 without one."""
+    if found := _ERRNO.search(str(error)):
+        return int(found[1])
+    return (error.errno or 0) if isinstance(error, OSError) else 0
+
+
+def system_reason(error: BaseException) -> str:
+    """Return the system's words for an error, the error's own without a number."""
+    code = system_error(error)
+    return os.strerror(code) if code else describe(error)
 
 
 def describe(error: BaseException) -> str:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import errno
 import os
-import re
 import shutil
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -25,11 +24,11 @@ from rigctl.session.format.digests_file import CONTINUES, DigestLine, append_lin
 from rigctl.session.format.layout import SessionOutcome
 from rigctl.session.format.metadata.header import SessionHeader
 from rigctl.session.format.table_rows import Row, event_row
+from rigctl.session.hdf5.errors import system_error
 from rigctl.session.write.part_writer import PartWriter, SampleBlock
 from rigctl.session.write.session_history import SessionHistory
 from rigctl.values import Event, Gap, Verdict
 
-_ERRNO = re.compile(r"errno = (\d+)")
 _REMEDIES = {
     errno.ENOSPC: "the disk is full: make room, then resume the session",
     errno.EDQUOT: "your disk quota is used up: make room, then resume the session",
@@ -245,9 +244,7 @@ def failure_message(error: BaseException, folder: Path) -> str:
     """Return a sentence with the remedy for the error that stopped the writer."""
     if isinstance(error, DiskFault):
         return f"Recording into {folder} stopped: {error}."
-    code = error.errno if isinstance(error, OSError) else None
-    if match := _ERRNO.search(str(error)):
-        code = int(match.group(1))
+    code = system_error(error)
     if code in _REMEDIES:
         return f"Recording into {folder} stopped, {_REMEDIES[code]}."
     detail = os.strerror(code) if code else f"{type(error).__name__}: {error}"
