@@ -1,4 +1,4 @@
-"""Settings and fixtures of all tests: no leaked threads, and separate cache and state folders."""
+"""Settings and fixtures of all tests: no leaked threads, and folders apart from the user's."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ def no_leaked_threads() -> Iterator[None]:
 
 @pytest.fixture(autouse=True, scope="session")
 def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Separate the tests from the user's cache and from the state of messages shown once."""
+    """Separate the tests from the user's cache, data and state of messages shown once."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        for kind in ("cache", "data", "state"):
+            patch.setenv(f"XDG_{kind.upper()}_HOME", str(tmp_path_factory.mktemp(kind)))
         yield
 
 

@@ -159,6 +159,7 @@ class MainWindow(SteadyFocusWindow):
         self.memory.close()
         self.attach.close()
         self.tools.close()
+        self.start.close()
         self.analysis_tab.close()
         self.replay.page.close_files()
         self.drum.close()
@@ -254,10 +255,6 @@ class MainWindow(SteadyFocusWindow):
         self.show_panel("analysis")
         self._browse(PathKind.SESSION, self.analysis_tab.open_session)
 
-    def _reopen_session(self, path: str) -> None:
-        self.show_panel("analysis")
-        self.analysis_tab.open_session(path)
-
     def _connect_panels(self) -> None:
         self.toolbar.stop_requested.connect(self.stop)
         self.appearance.theme_changed.connect(self._show_theme)
@@ -278,7 +275,8 @@ class MainWindow(SteadyFocusWindow):
         run_end.analyse_requested.connect(self._analyse)
         self.docks.panel_used.connect(self._use_panel)
         self.analysis_tab.panel.open_requested.connect(self.sessions.remember)
-        self.sessions.open_requested.connect(self._reopen_session)
+        for offers in (self.sessions.open_requested, self.start.session_requested):
+            offers.connect(self._analyse)
         self.sessions.browse_requested.connect(self._open_session)
         self.help.reported.connect(self.report)
         self.help.shown.connect(partial(self.stack.show_page, "help"))

@@ -91,6 +91,21 @@ def test_tab_reaches_each_control_on_the_screen_and_none_behind_it(
     assert _focus(window) is reached[-1]
 
 
+def test_tab_reaches_everything_on_the_start_page(small: Harness) -> None:
+    window, page = small.window, small.window.start.page
+    window.start.show()
+    page.sample_box.show_progress("Making", "")
+    window.setFocus()
+    _press(window, Key.Key_Tab)
+    reached = set(_tab_round(window))
+    buttons = (page.virtual, page.sample, page.session, page.back, page.sample_box.cancel_button)
+    assert reached.issuperset(buttons) and reached.issuperset(_controls(page))
+    page.sample_box.clear()
+    page.back.setFocus()
+    _press(window, Key.Key_Return)
+    assert not page.isVisible()
+
+
 def _looks(window: MainWindow, place: QRect) -> QImage:
     return window.grab(place).toImage()
 

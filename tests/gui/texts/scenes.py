@@ -17,6 +17,7 @@ from gui.shell.main_window import MainWindow
 from gui.widgets.file_browser import PathKind
 from rigctl.analysis.learning.learning_curve import CurvePoint
 from rigctl.analysis.learning.session_curve import SessionCurve, describe_shortfall
+from rigctl.synth.sample_session import MAKING
 from rigctl.wire.drum.states import State
 from tests.gui.fake_engine import STATUS, FakeEngine
 from tests.gui.fake_finger import RUNNING, FakeFinger
@@ -30,6 +31,10 @@ FAULT_WORDS = "force above the limit: check the sensor and the plate, then clear
 REFUSAL = (
     "approach: the drum is 1.4 mm from its place and the load cell reads 12 g without contact: "
     "retract, tare the load cell, then approach again"
+)
+NO_SAMPLE = (
+    "/home/annamaria.rothenberger/.local/share/rigctl/sample/sample-session cannot be written (No "
+    "space left on device): make room there, or allow writing"
 )
 SILENT = "Operate, the engine is silent"
 CROWDED: dict[str, Any] = {
@@ -152,6 +157,12 @@ def _start(stage: Stage) -> Iterator[str]:
     stage.window.start.show()
     QApplication.processEvents()
     yield "Start page"
+    box = stage.window.start.page.sample_box
+    box.show_progress(MAKING, "12/32 trials · 123 × real time · 0:01:23 left")
+    yield "Start page, the sample session is made"
+    box.show_failure(NO_SAMPLE)
+    yield "Start page, the sample session failed"
+    box.clear()
     click(stage.window.start.page.back)
 
 
