@@ -1,4 +1,4 @@
-"""The drum rig: bring-up, a run with its pages, the list of engines."""
+"""The drum rig: the start page, bring-up, a run with its pages, the list of engines."""
 
 from __future__ import annotations
 
@@ -28,9 +28,12 @@ MASSES_G, STEPS = (200.0, 500.0), 7
 
 
 def drum_scenes(studio: Studio) -> Iterator[Scene]:
-    """Show a connected rig, then a run; it goes on at the end."""
+    """Show the start page and a connected rig, then a run; it goes on at the end."""
     window = studio.window
     window.show_panel("operate")
+    window.start.show()
+    yield Scene("start")
+    window.start.page.back.click()
     _scroll_to(window.operate_panel.bring_up)
     yield Scene("bring-up")
     yield from _calibration_scenes(studio)

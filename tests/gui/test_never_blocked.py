@@ -13,8 +13,10 @@ from PySide6.QtWidgets import QApplication
 
 from gui.analysis.worker import Worker
 from gui.engine_link import STOP_TIMED_OUT
+from gui.start.sample_box import CANCELLED
 from rigctl.acquisition.rpc.engine_files import running_engines
 from rigctl.acquisition.rpc.runtime_folder import runtime_folder
+from rigctl.synth.sample_session import MAKING
 from rigctl.wire.drum.states import State
 from tests.analysis.recordings import record
 from tests.gui.fake_engine import FakeEngine
@@ -89,6 +91,13 @@ def test_a_slow_disk(
         watchdog.run_until(lambda: analysis.trial_view.data is not None)
         watchdog.run(lambda: analysis.panel.table.selectRow(7))
         watchdog.run_until(lambda: not analysis.worker.is_busy)
+        sample = window.start.page.sample_box
+        watchdog.run(window.start.show)
+        watchdog.run(lambda: click(window.start.page.sample))
+        watchdog.run_until(lambda: sample.text.text().startswith(MAKING))
+        watchdog.run(lambda: click(sample.cancel_button))
+        watchdog.run_until(lambda: sample.text.text() == CANCELLED)
+        watchdog.run(lambda: click(window.start.page.back))
 
 
 def test_an_analysis_that_is_slow_and_is_cancelled(
