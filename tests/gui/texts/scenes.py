@@ -130,7 +130,7 @@ def scenes(stage: Stage) -> Iterator[str]:
 
 def large_text_scenes(stage: Stage) -> Iterator[str]:
     """Bring the window into some states that are crowded when texts are large."""
-    for scene in (_operate, _replay):
+    for scene in (_start, _operate, _replay):
         yield from scene(stage)
 
 
