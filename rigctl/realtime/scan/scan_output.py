@@ -11,7 +11,7 @@ from rigctl.realtime.scan.live_answers import LiveAnswers
 from rigctl.realtime.scan.scan_in_progress import ScanInProgress
 from rigctl.realtime.scan.scan_recording import batch_row, window_row
 from rigctl.session.write.finger_recorder import FingerRecorder
-from rigctl.wire.finger.messages import BatchReport, WindowReport
+from rigctl.wire.finger.messages import BatchReport, VelocitySource, WindowReport
 
 
 class ScanOutput:
@@ -45,10 +45,15 @@ class ScanOutput:
         self._closed_windows += 1
 
     def add_batch(self, scan: ScanInProgress, report: BatchReport, arrived_s: float) -> None:
-        """Record a batch and the latency of the windows that it closed."""
+        """Record a batch and the latency of the windows that it closed.
+
+        Windows that were closed with another velocity than the batch's own have no latency: its
+        own came later, or never, and counts as late.
+        """
         self._recorder.add_batch(batch_row(scan, report, arrived_s))
         sent = scan.data.sent.get(report.batch)
-        if self._closed_windows and sent is not None:
+        is_own = report.source is VelocitySource.RECEIVED
+        if self._closed_windows and sent is not None and is_own:
             self._add_latency(scan.number, FEATURES, arrived_s, sent.sent_s)
 
     def add_progress(self, scan: ScanInProgress) -> None:
