@@ -9,6 +9,7 @@ import numpy as np
 from rigctl.acquisition.follow.followed_run import FollowedRun
 from rigctl.acquisition.health.rate_meter import RateMeter
 from rigctl.acquisition.rpc.messages import RecordingStatus
+from rigctl.session.format.writer_lock import is_being_written
 from rigctl.session.read.session_reader import SessionReader
 from rigctl.values import Event, Verdict
 
@@ -79,12 +80,16 @@ class FollowedGrowth:
 
     def _count(self) -> None:
         session = self._session
-        self.has_ended = session.finished
+        self.has_ended = session.finished and not self._goes_on()
         self.samples_on_disk = session.n_samples
         gaps = session.gaps
         self.gaps, self.lost_samples = len(gaps), int(gaps["count"].sum())
         self.trials_committed = len(session.committed())
         self.trials_rejected = int(np.sum(session.trials["verdict"] == Verdict.REJECTED.value))
+
+    def _goes_on(self) -> bool:
+        """Return whether the last part is closed because its recorder begins the next one."""
+        return not self.run.has_ended and is_being_written(self._session.path)
 
 
 def age_s(seen_s: float | None, now_s: float) -> float | None:

@@ -27,6 +27,11 @@ class FollowedRun:
         """What the run waits for, in order of appearance."""
         return (*self._reasons, *((PROMPT,) if self.prompt else ()))
 
+    @property
+    def has_ended(self) -> bool:
+        """Whether the event of the session's end was seen."""
+        return bool(self._outcome)
+
     def update(self, events: Iterable[Event]) -> None:
         """Take new events, the oldest first."""
         for event in events:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
@@ -13,6 +13,7 @@ import pytest
 from rigctl.acquisition.follow.follow_engine import FollowCommands, FollowEngine
 from rigctl.acquisition.follow.followed_drum import FollowedDrum
 from rigctl.acquisition.follow.followed_run import FollowedRun
+from rigctl.acquisition.follow.followed_status import FollowedStatus
 from rigctl.acquisition.follow.growing_reader import finite
 from rigctl.acquisition.follow.growing_session import GrowingSession
 from rigctl.acquisition.live_buffer import LiveWriter
@@ -21,6 +22,7 @@ from rigctl.session.read.session import Session
 from rigctl.values import Event
 from tests.acquisition.engine_harness import EngineHarness
 from tests.acquisition.sharing.client_connection import ClientConnection
+from tests.session import building
 
 
 @contextmanager
@@ -111,6 +113,29 @@ def test_a_pause_is_seen_and_its_end(harness: EngineHarness, tmp_path: Path) -> 
 
     harness.run(scenario, harness.request())
     assert states == ["done"]
+
+
+def test_the_moment_between_two_parts_is_no_end(tmp_path: Path) -> None:
+    folder = tmp_path / "session"
+    with building.recorder(folder) as recorder:
+        recorder.begin_part("start", "A")
+        recorder.wait_written()
+        with closing(GrowingSession(folder)) as growing:
+            status = FollowedStatus(growing.session)
+
+            def state() -> str:
+                growing.refresh()
+                for rows in growing.take_rows():
+                    status.update(rows, 0.0)
+                return status.build(0.0).run.state
+
+            assert state() == "running"
+            recorder._put(recorder._writer.close_part)
+            recorder.wait_written()
+            assert state() == "running", "the recorder is about to begin the next part"
+            recorder.begin_part("another plate", "L")
+            recorder.close()
+            assert state() == "aborted"
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
