@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QWidget
 
 from gui.analysis.compare.responses import ResponseGrid
 from gui.analysis.export.export_button import TABLE
-from gui.analysis.export.picture_file import picture_bytes, widget_picture
+from gui.analysis.export.picture_file import picture_bytes, widget_picture, with_foot
 from gui.analysis.figures.picture_page import FigureView
 from gui.analysis.results import AnalysisResults
 from gui.analysis.results_panel import ResultsPanel
@@ -174,7 +174,8 @@ class AnalysisTab(QObject):
             values = {"names": names, "columns": columns}
             self.reader.submit("save_values", folder=folder, stem=stem, **values)
         elif page is not None:
-            content = picture_bytes(widget_picture(page), suffix, stem)
+            picture = with_foot(widget_picture(page), pages.foot())
+            content = picture_bytes(picture, suffix, stem)
             self._submit_file(folder, stem, suffix, content)
 
     def _save_results(self, suffix: str) -> None:

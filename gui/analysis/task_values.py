@@ -81,6 +81,7 @@ class TrialData(NamedTuple):
     layout: SensorLayout
     course: TrialCourse | None = None
     features: TrialFeatures | None = None
+    simulated: bool = False
 
 
 class ScanPicture(NamedTuple):

@@ -30,7 +30,12 @@ SHOWN_ENDS = 3
 _TEXT_PX = 300
 _NO_SESSION = "No session: start a run, or open one to add notes."
 _NEEDS_TEXT = "Write the note first"
-_NEEDS_TRIAL = "Choose a trial in the table"
+_NEEDS_RUN = "Only during the run of this session"
+_NEEDS_TRIAL = {
+    "bad": "Choose a committed trial in the table",
+    "good": "Choose a trial that is marked bad in the table",
+    "repeat": "Choose a committed trial in the table",
+}
 
 
 class SessionPage(QWidget):
@@ -153,8 +158,14 @@ class SessionPage(QWidget):
         }
         for name, button in self.buttons.items():
             button.setEnabled(possible[name] and has_text)
-            needs = "" if name == "note" or possible[name] else _NEEDS_TRIAL
+            needs = "" if possible[name] else self._lack(name)
             button.setToolTip(needs or ("" if has_text else _NEEDS_TEXT))
+
+    def _lack(self, name: str) -> str:
+        """Return what a button needs before a text."""
+        if name == "repeat" and not self._is_active:
+            return _NEEDS_RUN
+        return _NEEDS_TRIAL.get(name, "")
 
     def _request(self, mark: str, *, about_trial: bool = True, repeat: bool = False) -> None:
         chosen = self.chosen if about_trial else None

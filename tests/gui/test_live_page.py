@@ -15,8 +15,9 @@ from PySide6.QtWidgets import QApplication
 
 from gui.live.page.live_bar import VOLTS
 from gui.live.page.live_page import ENCODER, SAVE, TAXELS, LivePage
+from gui.widgets.picture_foot import FOOT_PX
 from gui.widgets.theme import LIGHT
-from rigctl.acquisition.rpc.messages import parse_status
+from rigctl.acquisition.rpc.messages import EngineStatus, parse_status
 from rigctl.encoding.encoder import Encoder
 from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
@@ -224,16 +225,20 @@ def test_picture_and_table_take_two_clicks(
     reports: list[tuple[str, str]] = []
     page.reported.connect(lambda *report: reports.append(report))
     page.save_strip.folder.setText(str(tmp_path / "new"))
+    page.show_status(EngineStatus(rig="virtual", simulated=True))
+    page.show_status(EngineStatus())
     click(page.bar.buttons[SAVE])
     click(page.save_strip.picture)
     click(page.save_strip.table)
     wait_until(lambda: len(reports) == 2)
     assert [kind for kind, _ in reports] == ["saved", "saved"]
     (picture,) = (tmp_path / "new").glob("*.png")
-    assert QImage(str(picture)).width() == page.plots.width()
+    image = QImage(str(picture))
+    assert image.width() == page.plots.width()
+    assert image.height() == page.plots.height() + FOOT_PX
     (table,) = (tmp_path / "new").glob("*.csv")
     lines = table.read_text().splitlines()
-    assert lines[0].startswith("# rigctl") and "counts" in lines[0]
+    assert lines[0].startswith("# rigctl, live views, SIMULATED, ") and "counts" in lines[0]
     assert lines[1].split(",")[:6] == [
         "sample", "time_s", "force_g", "force_set_g", "speed_mm_s", "speed_set_mm_s",
     ]  # fmt: skip

@@ -107,6 +107,7 @@ def test_a_trial_is_marked_bad_and_good_again(
     assert not page.buttons["bad"].isEnabled()
     page.attempt_view.selectRow(2)
     assert page.buttons["bad"].toolTip() == "Write the note first"
+    assert page.buttons["good"].toolTip() == "Choose a trial that is marked bad in the table"
     write(panel, "slipped")
     click(page.buttons["bad"])
     wait_until(lambda: verdicts(panel)[2] == BAD)

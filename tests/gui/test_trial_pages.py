@@ -77,11 +77,12 @@ def test_a_feature_is_read_with_its_unit(shown: Harness) -> None:
 def test_every_page_is_saved_in_two_clicks_and_nothing_is_overwritten(shown: Harness) -> None:
     picture = save(shown, "png")
     assert picture.parent.name == "session-figures"
-    assert picture.name == "trial-1-readings-and-spikes.png"
+    assert picture.name == "trial-1-readings-and-spikes-simulated.png"
     assert not QImage(str(picture)).isNull()
-    assert save(shown, "png").name == "trial-1-readings-and-spikes-2.png"
+    assert save(shown, "png").name == "trial-1-readings-and-spikes-simulated-2.png"
     turn_to(shown, "Force and speed")
-    assert save(shown, "svg").read_text().startswith("<?xml")
+    drawing = save(shown, "svg").read_text()
+    assert drawing.startswith("<?xml") and "SIMULATED data · Trial 1: plate B" in drawing
     assert save(shown, "pdf").read_bytes().startswith(b"%PDF")
     with save(shown, "csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -129,7 +130,9 @@ def test_conditions_are_compared_by_raster_and_mean_rate(shown: Harness) -> None
     pooled = sum(map(len, first.spikes_s)) / 2
     assert first.mean_hz.sum() * 0.05 == pytest.approx(pooled, abs=1)
     assert first.sd_hz.max() > 0
-    with save(shown, "csv").open() as file:
+    table = save(shown, "csv")
+    assert table.name == "compare-simulated.csv"
+    with table.open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(first.at_s)
     assert float(rows[3]["B, 40 mm/s, 250 g: mean (Hz)"]) == pytest.approx(first.mean_hz[3])

@@ -34,11 +34,15 @@ class NeuronResponse(NamedTuple):
 
 
 class ResponseGrid(NamedTuple):
-    """Conditions in their order, and what was left out, as a sentence or empty."""
+    """Conditions in their order, and what was left out, as a sentence or empty.
+
+    ``simulated``: whether any of the trials is.
+    """
 
     neuron: str
     conditions: tuple[NeuronResponse, ...]
     left_out: str
+    simulated: bool = False
 
 
 def compare_responses(
@@ -50,8 +54,11 @@ def compare_responses(
     conditions are read. Raises SessionError.
     """
     groups: dict[tuple[str, float, float], list[tuple[str, int]]] = {}
+    simulated = False
     for path, row in trials:
-        trial = sessions.drum_session(path).trials[row]
+        session = sessions.drum_session(path)
+        trial = session.trials[row]
+        simulated |= session.header.simulated
         if trial["first_sample"] >= 0:
             key = str(trial["texture"]), float(trial["speed_mm_s"]), float(trial["force_g"])
             groups.setdefault(key, []).append((path, row))
@@ -59,7 +66,8 @@ def compare_responses(
     found = [
         _response(sessions, key, groups[key][:MOST_TRIALS], train) for key in keys[:MOST_CONDITIONS]
     ]
-    return ResponseGrid(neuron, tuple(found), _left_out(len(keys), map(len, groups.values())))
+    left_out = _left_out(len(keys), map(len, groups.values()))
+    return ResponseGrid(neuron, tuple(found), left_out, simulated)
 
 
 def _left_out(n_conditions: int, lengths: Iterable[int]) -> str:

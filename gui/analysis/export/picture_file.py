@@ -10,6 +10,8 @@ from PySide6.QtGui import QImage, QImageWriter, QPageLayout, QPageSize, QPainter
 from PySide6.QtSvg import QSvgGenerator
 from PySide6.QtWidgets import QGraphicsView, QWidget
 
+from gui.widgets.picture_foot import FOOT_PX, paint_foot
+
 PICTURES = ("png", "svg", "pdf")
 DOTS_PER_INCH, DOTS_PER_POINT = 96, 96 / 72
 PNG_RATIO = 2
@@ -34,6 +36,16 @@ def widget_picture(widget: QWidget) -> Picture:
             widget.render(painter, QPoint(0, 0))
 
     return Picture(widget.size(), paint)
+
+
+def with_foot(picture: Picture, text: str) -> Picture:
+    """Return a picture with a line of text below it."""
+
+    def paint(painter: QPainter) -> None:
+        paint_foot(painter, picture.size, text)
+        picture.paint(painter)
+
+    return Picture(picture.size + QSize(0, FOOT_PX), paint)
 
 
 def picture_bytes(picture: Picture, suffix: str, title: str) -> bytes:

@@ -37,6 +37,7 @@ def read_trial(session: Session, row: int, taxel_range: Normalisation) -> TrialD
         session.sensor_layout,
         _course(session, row),
         _features(spikes, float(trial["speed_mm_s"])),
+        session.header.simulated,
     )
 
 

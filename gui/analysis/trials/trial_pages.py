@@ -15,6 +15,7 @@ from gui.analysis.task_values import TrialData
 from gui.analysis.trial_view import TrialView
 from gui.analysis.trials.course_view import CourseView
 from gui.analysis.trials.features_view import FeaturesView
+from gui.widgets.picture_foot import foot_text
 from gui.widgets.theme import Theme
 from rigctl.values import SAMPLE_RATE_HZ
 
@@ -61,10 +62,26 @@ class TrialPages(QTabWidget):
 
     def file_stem(self) -> str:
         """Return the trial and the page as the beginning of a file's name."""
+        origin = "-simulated" if self.is_simulated else ""
         if self.currentWidget() is self.compare:
-            return "compare"
+            return f"compare{origin}"
         trial = self.data.title.partition(":")[0] if self.data else "trial"
-        return f"{trial} {self.tabText(self.currentIndex())}".lower().replace(" ", "-")
+        page = f"{trial} {self.tabText(self.currentIndex())}".lower().replace(" ", "-")
+        return f"{page}{origin}"
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether any of the data of the page in front is simulated."""
+        grid = self.compare.grid
+        if self.currentWidget() is self.compare and grid is not None:
+            return grid.simulated
+        return self.data is not None and self.data.simulated
+
+    def foot(self) -> str:
+        """Return the line below a picture of the page in front."""
+        is_one = self.data is not None and self.currentWidget() is not self.compare
+        title = self.data.title if is_one and self.data else ""
+        return foot_text(title, simulated=self.is_simulated)
 
     def values(self) -> ValueTable:
         """Return the numbers of the page in front; without a trial none."""

@@ -11,7 +11,9 @@ from gui.live.live_data import LiveData
 from gui.live.store.time_window import TimeWindow
 
 
-def shown_samples(data: LiveData, window: TimeWindow, taxels: Sequence[int]) -> ShownSamples:
+def shown_samples(
+    data: LiveData, window: TimeWindow, taxels: Sequence[int], *, simulated: bool = False
+) -> ShownSamples:
     """Return copies of the samples in a window, of these taxels from 0."""
     timeline = data.timeline
     bounds = timeline.counters.count_below(np.array([window.left, window.right + 1]))
@@ -20,7 +22,8 @@ def shown_samples(data: LiveData, window: TimeWindow, taxels: Sequence[int]) -> 
     spikes = timeline.spikes.between(*rows)
     n_taxels = spikes.shape[1] // 2
     trains = [*taxels, *(n_taxels + taxel for taxel in taxels)]
-    title = f"rigctl, live views, {len(position)} samples at 1000 Hz"
+    origin = "SIMULATED, " if simulated else ""
+    title = f"rigctl, live views, {origin}{len(position)} samples at 1000 Hz"
     return ShownSamples(
         title,
         timeline.time_s.between(*rows).copy(),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import datetime
 from typing import Any
 
 from PySide6.QtCore import QElapsedTimer, Qt, QTimer, Signal
@@ -22,6 +23,7 @@ from gui.live.sweeps.sweep_strip import SweepStrip
 from gui.live.value_scale import NOMINAL_SUPPLY_V, ValueScale
 from gui.widgets.labels import ElidedLabel, show_text
 from gui.widgets.layouts import vbox
+from gui.widgets.picture_foot import foot_text, image_with_foot
 from gui.widgets.theme import Theme
 from rigctl.acquisition.live_buffer import LiveReader
 from rigctl.acquisition.rpc.messages import EngineStatus
@@ -65,7 +67,7 @@ class LivePage(QWidget):
             ENCODER: self.encoder_strip,
             SAVE: self.save_strip,
         }
-        self._supply_v = NOMINAL_SUPPLY_V
+        self._supply_v, self._is_simulated = NOMINAL_SUPPLY_V, False
         self._live: LiveReader | None = None
         self._head = 0
         self._since_draw, self._since_texts = QElapsedTimer(), QElapsedTimer()
@@ -122,7 +124,9 @@ class LivePage(QWidget):
             self.refresh(live)
 
     def show_status(self, status: EngineStatus) -> None:
-        """Take the sensor's layout and the supply of its board."""
+        """Take the sensor's layout, the supply of its board, and whether the rig is simulated."""
+        if status.rig:  # plots of before stay while no rig is connected
+            self._is_simulated = status.simulated
         layout = status.sensor_layout
         if layout != self.plots.sensor_layout:
             self.plots.set_sensor_layout(layout)
@@ -150,7 +154,10 @@ class LivePage(QWidget):
 
     def save_picture(self) -> None:
         """Save the plots as they are now into the folder of the strip Save."""
-        self.saver.save_picture(self.plots.grab().toImage(), self.save_strip.folder.text())
+        now = f"{datetime.now():%Y-%m-%d %H:%M:%S}"
+        foot = foot_text("live views", now, simulated=self._is_simulated)
+        image = image_with_foot(self.plots.grab().toImage(), foot)
+        self.saver.save_picture(image, self.save_strip.folder.text())
 
     def close_files(self) -> None:
         """Wait until all files are written and read, as before the window closes."""
@@ -206,7 +213,8 @@ class LivePage(QWidget):
 
     def _save_table(self, folder: str) -> None:
         plots = self.plots
-        shown = shown_samples(plots.data, plots.navigation.window, plots.time_plots.taxels)
+        window, taxels = plots.navigation.window, plots.time_plots.taxels
+        shown = shown_samples(plots.data, window, taxels, simulated=self._is_simulated)
         if len(shown.position):
             self.saver.save_table(shown, folder)
         else:
