@@ -47,7 +47,9 @@ def open_finger_rig(
         return _simulated(spec, seed, session, first_slide, paced, world)
     path = Path(spec)
     if not path.is_file():
-        raise WrongUse(f"there is no rig {spec}: give virtual, firmware, or a finger.toml")
+        raise WrongUse(
+            f"there is no rig {spec}: give virtual, firmware, or the path of a finger.toml"
+        )
     if world is not None:
         raise WrongUse(f"{path} describes a real rig, which has no world file: leave --world out")
     return _real(path, load_finger_config(path))

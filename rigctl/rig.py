@@ -49,7 +49,9 @@ def open_rig(
         return _simulated_rig(spec, seed, paced, config, world)
     path = Path(spec)
     if not is_plain_file(path):
-        raise WrongUse(f"there is no rig {shorten(spec)}: give virtual, firmware, or a rig.toml")
+        raise WrongUse(
+            f"there is no rig {shorten(spec)}: give virtual, firmware, or the path of a rig.toml"
+        )
     config = _validate_taxel_count(config or load_config(path))
     if config.ports.simulate:
         return _simulated_rig(config.ports.simulate, seed, paced, config, world)

@@ -11,7 +11,8 @@ from typing import Any
 from rigctl import __version__
 from rigctl.cli.options.command_parser import PACKAGE, CommandParser, read_summary
 from rigctl.cli.options.output import visible_output
-from rigctl.errors import RigctlError
+from rigctl.config.names import shorten
+from rigctl.errors import RigctlError, WrongUse
 
 MODULES = {
     "demo": ".analysis.demo",
@@ -88,9 +89,23 @@ def main(argv: Sequence[str] | None = None) -> int:
             return OUTPUT_CLOSED
 
 
+def _check_command(words: list[str]) -> None:
+    """Raise WrongUse for a first word that is no command, with the one that looks like it."""
+    if not words or words[0] in MODULES or words[0].startswith("-"):
+        return
+    from difflib import get_close_matches
+
+    near = get_close_matches(words[0], MODULES.keys() - set(HIDDEN), 1)
+    hint = f"did you mean {near[0]}? " if near else ""
+    raise WrongUse(
+        f"there is no command {shorten(words[0])}: {hint}`rigctl --help` lists all commands"
+    )
+
+
 def _run(words: list[str]) -> int:
     """Run the command that ``words`` name, and write what it printed."""
     try:
+        _check_command(words)
         named = words[:1] if words and words[0] in MODULES else MODULES
         args = create_parser(named, loaded=False).parse_args(words)
         command: Any = import_module(MODULES[args.command], PACKAGE)

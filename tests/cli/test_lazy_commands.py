@@ -61,3 +61,21 @@ def test_a_commands_help_is_complete(capsys: pytest.CaptureFixture[str]) -> None
     with pytest.raises(SystemExit):
         main(["realtime", "run", "--help"])
     assert "usage: rigctl realtime run" in capsys.readouterr().out
+
+
+def test_a_word_that_is_no_command_is_answered_with_the_nearest(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["anlyse", "x"]) == 2
+    assert capsys.readouterr().err == (
+        "rigctl: there is no command anlyse: did you mean analyse? "
+        "`rigctl --help` lists all commands\n"
+    )
+    assert main(["engin"]) == 2
+    assert "engine" not in capsys.readouterr().err.replace("engin:", "")
+
+
+@pytest.mark.parametrize("command", sorted(MODULES.keys() - set(HIDDEN)))
+def test_the_help_of_every_command_says_what_it_does(command: str) -> None:
+    doc = import_module(MODULES[command], "rigctl.cli").__doc__ or ""
+    assert len(doc.partition("\n\n")[2].strip()) > 40

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,9 @@ import pytest
 from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.engine_files import EngineFile, running_engines
 from rigctl.acquisition.rpc.engine_launch import EngineRefusal
+from rigctl.acquisition.rpc.messages import EngineStatus, RunStatus
 from rigctl.acquisition.rpc.runtime_folder import runtime_folder
+from rigctl.cli.rig.run import _status_line
 from rigctl.session.read.session import Session
 from rigctl.session.verify.session import verify
 
@@ -107,6 +110,14 @@ def test_run_leaves_a_complete_session_and_prints_its_path(place: Path) -> None:
     assert verify(place / "session").whole
     assert committed(place / "session") == [1]
     assert running_engines(runtime_folder()) == []
+
+
+def test_the_time_left_is_said_when_the_pace_is_known() -> None:
+    """It once was 16 hours before the first of 32 trials on a virtual rig."""
+    begun = RunStatus(state="running", trials_planned=32, eta_s=262.0, elapsed_s=0.01)
+    assert "left" not in _status_line(EngineStatus(run=begun), 2.3)
+    later = replace(begun, trials_committed=1, trial_age_s=0.0, eta_s=254.0, elapsed_s=8.0)
+    assert "0:01:13 left" in _status_line(EngineStatus(run=later), 2.3)
 
 
 def test_prompt_without_a_terminal_ends_the_run(place: Path) -> None:

@@ -214,7 +214,7 @@ def test_no_port_and_no_such_rig_are_one_sentence_each(
     empty.write_text("")
     with pytest.raises(LinkLost, match="no port answered as the drum board: plug it in"):
         open_rig(str(empty))
-    with pytest.raises(WrongUse, match="there is no rig vitrual: give virtual, firmware, or a"):
+    with pytest.raises(WrongUse, match="there is no rig vitrual: give virtual, firmware, or"):
         open_rig("vitrual")
     empty.write_text("[taxels]\ncount = 9\n")
     with pytest.raises(ConfigError, match="count is 9, the taxel board reads 18: leave count out"):

@@ -62,9 +62,9 @@ def test_a_complete_session_has_no_problem(
 
 
 def test_a_folder_without_a_session_is_wrong_use(tmp_path: Path) -> None:
-    with pytest.raises(SessionError, match="is not a session"):
+    with pytest.raises(SessionError, match=r"is not a session: it contains no part-0001\.h5"):
         run(str(tmp_path))
-    with pytest.raises(SessionError, match="is not a session"):
+    with pytest.raises(SessionError, match="is not a session: there is no such folder"):
         run(str(tmp_path / "none"))
 
 

@@ -238,7 +238,7 @@ class StepRunner:
         self._clocks_ppm = ppm
         self._publish(
             "clock",
-            f"clocks run fast: drum {ppm[0]:.0f} ppm, taxels {ppm[1]:.0f} ppm",
+            f"clocks against the computer's: drum {ppm[0]:+.0f} ppm, taxels {ppm[1]:+.0f} ppm",
             drum_ppm=round(ppm[0], 1),
             taxels_ppm=round(ppm[1], 1),
         )

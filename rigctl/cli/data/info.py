@@ -1,4 +1,8 @@
-"""Summarise a session."""
+"""Summarise a session.
+
+Show protocol, rig, firmware, people, trials and samples as the session's own files say them;
+`rigctl verify` checks them.
+"""
 
 from __future__ import annotations
 

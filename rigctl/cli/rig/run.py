@@ -240,7 +240,10 @@ _COMMANDS = {
 
 
 def _status_line(status: EngineStatus, elapsed_wall_s: float) -> str:
-    """Return the line for one status; the pace so far turns loop time into wall time."""
+    """Return the line for one status.
+
+    The pace of the trials so far turns loop time into wall time; before the first there is none.
+    """
     run = status.run
     parts = [f"{run.trials_committed}/{run.trials_planned} trials", run.state]
     if now := run.current:
@@ -249,7 +252,7 @@ def _status_line(status: EngineStatus, elapsed_wall_s: float) -> str:
         parts.append(f"{run.trials_ended_early} left out")
     if run.trials_rejected:
         parts.append(f"{run.trials_rejected} rejected")
-    if run.eta_s is not None and run.elapsed_s > 0:
+    if run.eta_s is not None and run.trial_age_s is not None and run.elapsed_s > 0:
         parts.append(f"{clock(run.eta_s * elapsed_wall_s / run.elapsed_s)} left")
     parts.append(f"{status.recording.samples_on_disk} samples on disk")
     return " · ".join(parts)

@@ -1,4 +1,9 @@
-"""Stop and lift every running rig."""
+"""Stop and lift every running rig.
+
+Tell all engines of this user on this computer to stop, as Esc in a window does. The drum stops and
+lifts, and a run ends; its session is whole. Exit code 0: every engine has stopped; 1: none is
+running; 3: one does not answer, so press the emergency stop at its rig.
+"""
 
 from __future__ import annotations
 

@@ -21,11 +21,16 @@ def part_paths(folder: Path) -> list[Path]:
     """Return the files of the session's parts, in order. Raises SessionError if there are none."""
     parts = existing_parts(folder)
     if not parts:
-        raise SessionError(
-            f"{folder} is not a session: it contains no part-0001.h5; give the folder that "
-            "rigctl run or rigctl demo made"
-        )
+        raise no_session(folder)
     return parts
+
+
+def no_session(folder: Path) -> SessionError:
+    """Return the error for a folder that holds no part of a session."""
+    lack = "it contains no part-0001.h5" if folder.is_dir() else "there is no such folder"
+    return SessionError(
+        f"{folder} is not a session: {lack}; give the folder that rigctl run or rigctl demo made"
+    )
 
 
 def existing_parts(folder: Path) -> list[Path]:

@@ -16,7 +16,7 @@ from rigctl.session.format.writer_lock import WriterLock, is_being_written, lock
 from rigctl.session.open_session import open_session
 from rigctl.session.read.closing_digest import last_digest
 from rigctl.session.read.part import PartReader
-from rigctl.session.read.part_file import existing_parts, open_cut_part
+from rigctl.session.read.part_file import existing_parts, no_session, open_cut_part
 from rigctl.session.read.recovery_file import (
     PENDING_PATTERN,
     QUARANTINE,
@@ -122,10 +122,7 @@ def _with_saved(planned: RecoveryResult, saved: Sequence[SavedPart]) -> Recovery
 def _check_folder(folder: Path) -> None:
     known = existing_parts(folder) or listed_parts(folder) or list(folder.glob(PENDING_PATTERN))
     if not known:
-        raise SessionError(
-            f"{folder} is not a session: it contains no part-0001.h5; give the folder that "
-            "rigctl run or rigctl demo made"
-        )
+        raise no_session(folder)
     if is_being_written(folder):
         raise SessionError(
             f"{folder} is being written by process {lock_owner_pid(folder)}: stop that run first"

@@ -22,7 +22,7 @@ def parse_digest(text: str) -> str:
     digest = text.strip().lower()
     if not _DIGEST.fullmatch(digest):
         raise WrongUse(
-            f"--digest {text[:80]!r} is not a digest: give the 64 hexadecimal digits that were "
+            f"{text[:80]!r} is not a digest: give the 64 hexadecimal digits that were "
             "printed when the session was closed"
         )
     return digest
