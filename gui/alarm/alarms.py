@@ -81,13 +81,13 @@ def _run_end(run: RunStatus) -> Alarm | None:
     if run.state != "failed":
         return None
     reason = run.text.rstrip(".")
-    text = f"{reason[:1].upper()}{reason[1:]}. {_how_to_go_on(run)}"
+    text = f"{reason[:1].upper()}{reason[1:]}. {_how_to_go_on(run)}".rstrip()
     return Alarm(f"run {run.session}", "RUN FAILED", text, stays=True)
 
 
 def _how_to_go_on(run: RunStatus) -> str:
     if not run.session:
-        return "Connect starts it again."
+        return "" if run.state == "failed" else "Connect starts it again."
     connect = "" if run.state == "failed" else "Connect starts it again; "
     return f"{_session(run)} is kept. {connect}{CONTINUE}."
 

@@ -11,6 +11,7 @@ from gui.widgets.file_browser import PathKind
 from gui.widgets.file_combo_box import FileComboBox
 from gui.widgets.layouts import container, hbox, vbox
 from rigctl.acquisition.follow.awaited_session import NOTHING_YET
+from rigctl.acquisition.follow.recorder_watch import RECORDER_GONE
 from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.wire.drum.states import Fault
 
@@ -93,6 +94,6 @@ def _state_words(status: EngineStatus) -> str:
         return STILL_IN_CONTACT
     if status.fault:
         return fault_name(status.fault)
-    if not status.drum_connected and status.state_words != NOTHING_YET:
+    if not status.drum_connected and status.state_words not in (NOTHING_YET, RECORDER_GONE):
         return "the drum board is not connected"
     return status.state_words

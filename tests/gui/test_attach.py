@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import socket
+import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
 from dataclasses import replace
@@ -15,6 +17,7 @@ from shiboken6 import delete
 from gui.engine_clients import JOIN, followed_session, remote_engine
 from gui.shell.main_window import MainWindow
 from rigctl.acquisition.follow.awaited_session import NOTHING_YET
+from rigctl.acquisition.follow.recorder_watch import RECORDER_GONE
 from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.engine_files import running_engines, write_engine_file
 from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE, runtime_folder
@@ -51,6 +54,15 @@ def open_window(running: EngineClient) -> Iterator[OpenWindow]:
             return window
 
         yield open_one
+
+
+def leave_killed_run(session: Path) -> None:
+    """Leave what a run leaves that is killed while it asks for its first plate."""
+    session.mkdir()
+    killed = subprocess.Popen(["true"])
+    killed.wait()
+    (session / "protocol.toml").write_text(LONG)
+    (session / "writer.lock").write_text(f"{killed.pid}\n{socket.gethostname()}\n")
 
 
 def joined(window: MainWindow) -> MainWindow:
@@ -208,16 +220,24 @@ def test_an_engine_on_another_computer_is_seen_and_controlled(
 def test_a_session_is_followed_before_its_first_plate(
     running: EngineClient, open_window: OpenWindow, tmp_path: Path
 ) -> None:
-    """A run that asked for its first plate was refused as no session."""
+    """A run that asked for its first plate was refused as no session.
+
+    One that was killed meanwhile was awaited for ever; it is started again in the same folder.
+    """
     protocol, session = tmp_path / "long.toml", tmp_path / "asks"
     protocol.write_text(LONG)
+    leave_killed_run(session)
+    window = open_window()
+    window.connect_rig(followed_session(str(session)))
+    link, log = window.engine_link, window.event_log
+    alarms = window.drum.safety.alarms.strip
+    wait_until(lambda: "ended before the first plate" in log.toPlainText(), TIMEOUT_MS)
+    wait_until(lambda: window.toolbar.state_words.text() == RECORDER_GONE, TIMEOUT_MS)
+    wait_until(alarms.isVisible, TIMEOUT_MS)
     words = ["--protocol", str(protocol), "--out", str(session)]
     with closing(EngineClient.start("virtual", paced=True, run=words)) as rig:
         while (prompt := rig.request("status")["run"]["prompt"]) is None:
             pass
-        window = open_window()
-        window.connect_rig(followed_session(str(session)))
-        link, log = window.engine_link, window.event_log
         wait_until(lambda: NOTHING_YET in log.toPlainText(), TIMEOUT_MS)
         wait_until(lambda: window.toolbar.state_words.text() == NOTHING_YET, TIMEOUT_MS)
         assert not link.status.run.is_active and "cannot be read" not in log.toPlainText()

@@ -227,6 +227,18 @@ def test_a_session_is_not_overwritten(tmp_path: Path) -> None:
     assert (tmp_path / "s" / "part-0001.h5").read_bytes() == before
 
 
+def test_what_a_run_without_parts_left_is_not_taken_for_that_of_another_run(
+    tmp_path: Path,
+) -> None:
+    """A run that is killed before its first part leaves its texts."""
+    for name, text in ((layout.PROTOCOL_FILE, PROTOCOL), (layout.RIG_FILE, RIG)):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    Recorder(tmp_path, header(), PROTOCOL, RIG).close()
+    with pytest.raises(SessionError, match=r"rig.toml is there already and is not that of this"):
+        Recorder(tmp_path, header(), PROTOCOL, RIG + "# other\n")
+    assert not (tmp_path / layout.LOCK_FILE).exists()
+
+
 def test_resuming_needs_the_same_plan(tmp_path: Path) -> None:
     record_plan(tmp_path / "s")
     other = header(plan())

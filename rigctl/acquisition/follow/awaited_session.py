@@ -42,6 +42,11 @@ class AwaitedSession:
         """Loop time of the recorder at the newest row, s; 0 before any."""
         return 0.0 if self._session is None else self._session.newest_s
 
+    @property
+    def has_ended(self) -> bool:
+        """Whether the session was closed in order, at the last look."""
+        return self._session is not None and self._session.has_ended
+
     def refresh(self) -> None:
         """Open the session once it has a part, then update it. Raises WrongUse, OSError."""
         if self._session is not None:

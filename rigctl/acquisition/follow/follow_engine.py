@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
+from rigctl.acquisition.follow.recorder_watch import RECORDER_GONE, RecorderWatch
 from rigctl.acquisition.live_file import LiveFileWriter
-from rigctl.acquisition.rpc.messages import as_dict
+from rigctl.acquisition.rpc.messages import EngineStatus, as_dict
 from rigctl.acquisition.served_engine import ServedEngine
 from rigctl.errors import WrongUse
 from rigctl.values import Event
@@ -32,6 +34,10 @@ class FollowedSession(Protocol):
     @property
     def newest_s(self) -> float:
         """Loop time of the recorder at the newest row, s."""
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the session was closed in order, at the last look."""
 
     def refresh(self) -> None:
         """Update to what the recorder has flushed. Raises WrongUse, OSError."""
@@ -56,14 +62,21 @@ class FollowEngine(ServedEngine[Any, Any]):
         self._followed = followed
         self._refreshed_s = loop.time()
         self._failure = ""
+        self._recorder = RecorderWatch(followed.path)
+        self._told = ""
 
     def start(self, request: Any) -> Any:
         """Refuse a run."""
         raise WrongUse(refusal("start"))
 
     def status(self) -> Any:
-        """Return the status message."""
-        return self._followed.status(self.loop.time() - REFRESH_S)
+        """Return the status message; a run whose recorder is gone has failed."""
+        status = self._followed.status(self.loop.time() - REFRESH_S)
+        if not self._recorder.gone:
+            return status
+        words = {"state_words": RECORDER_GONE} if isinstance(status, EngineStatus) else {}
+        run = replace(status.run, state="failed", text=self._recorder.gone, prompt=None)
+        return replace(status, run=run, **words)
 
     async def _connect(self) -> None:
         self._take(is_first=True)
@@ -79,6 +92,15 @@ class FollowEngine(ServedEngine[Any, Any]):
             self._publish_failure(str(error))
         else:
             self._failure = ""
+            self._look_at_recorder()
+
+    def _look_at_recorder(self) -> None:
+        """Say once that the recorder is gone, or may be."""
+        self._recorder.look(self._refreshed_s, has_ended=self._followed.has_ended)
+        sentence = self._recorder.gone or self._recorder.silent
+        if sentence and sentence != self._told:
+            self._tell([Event(self._followed.newest_s, "lost", sentence)])
+        self._told = sentence
 
     def _publish_failure(self, sentence: str) -> None:
         """Say once that the folder cannot be read; the next look tries again."""

@@ -31,6 +31,11 @@ class FollowedDrum:
         """Loop time of the recorder at the newest row, s."""
         return self._status.newest_s
 
+    @property
+    def has_ended(self) -> bool:
+        """Whether the session was closed in order, at the last look."""
+        return self._status.has_ended
+
     def refresh(self) -> None:
         """Update to what the recorder has flushed. Raises SessionError, OSError."""
         self._growing.refresh()

@@ -48,6 +48,11 @@ class FollowedFingerStatus:
         """Loop time of the recorder at the newest row, s."""
         return self._growth.newest_s
 
+    @property
+    def has_ended(self) -> bool:
+        """Whether the session was closed in order, at the last look."""
+        return self._growth.has_ended
+
     def update(self, rows: NewFingerRows, now_s: float) -> None:
         """Take note of new rows that were read at ``now_s``."""
         for block, _ in rows.blocks:

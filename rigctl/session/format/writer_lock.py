@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import os
+import socket
 import sys
+from enum import Enum
 from pathlib import Path
 
 from rigctl.config.text_file import kind_of, read_bytes
 from rigctl.errors import DiskFault, SessionError
 from rigctl.session.format.layout import LOCK_FILE
 
-LONGEST_LINE = 64
-"""Bytes of a lock file: a process id."""
+LONGEST_TEXT = 320
+"""Bytes of a lock file: a process id and a computer's name, in a line each."""
+NAMELESS = "localhost"
+"""A name that says nothing: many computers have it."""
 
 if sys.platform == "win32":
     import msvcrt
@@ -32,7 +36,8 @@ else:
 class WriterLock:
     """Lock on ``writer.lock`` in a session's folder from construction to :meth:`release`.
 
-    The file contains the owner's process id, also after the owner died without releasing it.
+    The file contains the owner's process id and its computer's name, also after the owner died
+    without releasing it.
     Raises SessionError while another writer lives, DiskFault if the folder is not writable.
     """
 
@@ -41,7 +46,7 @@ class WriterLock:
         self._descriptor = self._acquire()
         os.ftruncate(self._descriptor, 0)
         os.lseek(self._descriptor, 0, os.SEEK_SET)
-        os.write(self._descriptor, f"{os.getpid()}\n".encode())
+        os.write(self._descriptor, f"{os.getpid()}\n{socket.gethostname()}\n".encode())
 
     def release(self) -> None:
         """Remove the lock file and release the lock."""
@@ -97,11 +102,66 @@ def _lock_path(folder: Path) -> Path:
 
 def lock_owner_pid(folder: Path) -> int | None:
     """Return the process id in the lock file; None without a lock file."""
+    pid = _lines(folder)[0]
+    return int(pid) if pid.isdigit() else None
+
+
+class Writer(Enum):
+    """What a session's lock says of its writer; without a lock, or from elsewhere, it is unknown.
+
+    A network may not carry the locks of the operating system, so only the writer's own computer
+    says that it is gone.
+    """
+
+    LIVES = "lives"
+    GONE = "gone"
+    UNKNOWN = "unknown"
+
+
+def writer_of(folder: Path) -> Writer:
+    """Return what has become of a session's writer.
+
+    Takes the lock for an instant only where the writer's process id is in use, so that it hardly
+    ever keeps a new writer out.
+    """
+    pid = lock_owner_pid(folder)
+    if pid is None:
+        return Writer.UNKNOWN
+    is_here = lock_owner_computer(folder) == socket.gethostname()
+    if is_here and not _has_process(pid):
+        return Writer.GONE
+    if is_being_written(folder):
+        return Writer.LIVES
+    return Writer.GONE if is_here else Writer.UNKNOWN
+
+
+def lock_owner_computer(folder: Path) -> str:
+    """Return the computer's name in the lock file; empty without one that says which it is."""
+    name = _lines(folder)[1]
+    return "" if name.partition(".")[0] == NAMELESS or not name.isprintable() else name
+
+
+def _lines(folder: Path) -> tuple[str, str]:
+    """Return the lines of the lock file, empty where they are missing."""
     try:
-        text = read_bytes(_lock_path(folder), LONGEST_LINE, SessionError).strip()
+        text = read_bytes(_lock_path(folder), LONGEST_TEXT, SessionError)
     except SessionError:
-        return None
-    return int(text) if text.isdigit() else None
+        return "", ""
+    pid, _, name = text.decode(errors="replace").strip().partition("\n")
+    return pid.strip(), name.strip()
+
+
+def _has_process(pid: int) -> bool:
+    """Return whether a process has this id; where that cannot be asked, that one has."""
+    if sys.platform == "win32":  # signal 0 would end it there
+        return True
+    try:
+        os.kill(pid, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        return True
+    return True
 
 
 def is_being_written(folder: Path) -> bool:

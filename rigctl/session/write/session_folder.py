@@ -25,8 +25,9 @@ def prepare_folder(
 ) -> WriterLock:
     """Create the folder, lock it and write the protocol and rig ``texts`` into it.
 
-    Raises SessionError if the folder holds a session (without ``resume``), or holds none, one of
-    another plan or one of another order of taxels (with ``resume``), or has a living writer;
+    Raises SessionError if the folder holds a session or other texts (without ``resume``), or holds
+    none, one of another plan or one of another order of taxels (with ``resume``), or has a living
+    writer;
     DiskFault if it is not writable.
     """
     try:
@@ -39,7 +40,7 @@ def prepare_folder(
     try:
         _check_contents(folder, header, resume)
         for name, text in zip((layout.PROTOCOL_FILE, layout.RIG_FILE), texts, strict=True):
-            _write_once(folder / name, text)
+            _write_once(folder / name, text, resume)
     except BaseException:
         lock.release()
         raise
@@ -72,13 +73,20 @@ def _format(world: Mapping[str, Any], name: str) -> str:
     return json.dumps(world[name]) if name in world else "absent"
 
 
-def _write_once(path: Path, text: str) -> None:
-    """Write a text beside the parts; a resumed session keeps the first one."""
+def _write_once(path: Path, text: str, resume: bool) -> None:
+    """Write a text beside the parts; a resumed session keeps the first one.
+
+    Raises SessionError where a new session would keep that of a run without parts.
+    """
     try:
         with path.open("x", encoding="utf-8") as file:
             file.write(text)
-    except FileExistsError:
-        return
+    except FileExistsError as error:
+        if not resume and path.read_text(encoding="utf-8", errors="replace") != text:
+            raise SessionError(
+                f"{path} is there already and is not that of this run: choose another folder, or "
+                "move the file away"
+            ) from error
     except OSError as error:
         raise DiskFault(
             f"cannot write {path}: {error.strerror}; make room or choose another disk"
