@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from PySide6.QtWidgets import QDoubleSpinBox
 
+from gui.calibrate.imbalance_plot import ImbalancePlot
 from gui.calibrate.part_page import PartPage
 from gui.widgets.focus_wheel import focus_wheel
 from gui.widgets.labels import label, show_text
@@ -71,9 +72,9 @@ class ImbalancePart(PartPage):
 
     def __init__(self) -> None:
         super().__init__(IMBALANCE, "Turn and measure", "Measure the imbalance over one turn")
-        self.table = label("", "muted", wraps=True)
+        self.plot, self.table = ImbalancePlot(), label("", "muted", wraps=True)
         show_text(self.task, IMBALANCE_TASK)
-        self.lay_out(self.table)
+        self.lay_out(self.plot, self.table)
 
     def measure(self) -> None:
         """Turn once."""
@@ -87,6 +88,7 @@ class ImbalancePart(PartPage):
         """Show the table, and what becomes of it."""
         super().show_status(status)
         table_g, saved = status.calibration.imbalance_g, status.calibration.saved
+        self.plot.show_table(table_g)
         values = ", ".join(f"{value:+.2f}" for value in table_g).replace("-", "−")
         kept = "" if IMBALANCE in saved else f"; {KEPT}"
         show_text(self.table, f"From the index mark on, in g: {values}{kept}" if table_g else "")

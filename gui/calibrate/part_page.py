@@ -99,7 +99,7 @@ class PartPage(QWidget):
     def _show_state(self, obstacle: str, found: CalibrationStatus) -> None:
         text, role = obstacle, "muted"
         if found.measuring:
-            text = f"Measuring: {found.elapsed_s:.0f} s"
+            text = f"Measuring: {found.elapsed_s:.0f} s{_usual(found)}"
         elif self._refusal and not obstacle:
             text, role = self._refusal, "bad"
         show_text(self.state, text)
@@ -113,6 +113,15 @@ class PartPage(QWidget):
 
     def _discard(self) -> None:
         self.send("discard_calibration", part=self.part)
+
+
+def _usual(found: CalibrationStatus) -> str:
+    """Return how long it takes, in words that follow the seconds that have passed."""
+    if not found.usual_s:
+        return ""
+    if found.elapsed_s > found.usual_s:
+        return f", longer than the usual {found.usual_s:.0f} s"
+    return f" of about {found.usual_s:.0f} s"
 
 
 def common_obstacle(status: EngineStatus) -> str:

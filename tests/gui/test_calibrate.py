@@ -57,7 +57,7 @@ def test_masses_are_asked_for_one_after_another(harness: Harness, page: Calibrat
     harness.update(calibration=SCALE)
     assert part.task.text().startswith(MORE)
     assert part.result_label.text() == "2400 µg a count, nonlinearity 0.04 %"
-    assert [mass for mass, _ in part.plot.points] == [0, 200, 500]
+    assert [stem.name for stem in part.plot.stems] == ["0", "200", "500"]
     click(part.save_button)
     assert harness.engine.requests[-1] == ("save_calibration", {"part": "loadcell"})
     harness.update(calibration=SCALE | {"saved": {"loadcell": "the board's EEPROM"}})
@@ -98,7 +98,12 @@ def test_a_measurement_shows_its_seconds_and_is_cancelled(
     harness.window.tools.show_calibration("force")
     page.force.force.setValue(400)
     click(page.force.measure_button)
-    harness.update(calibration={"measuring": "force", "elapsed_s": 7.2}, is_moved_by_hand=True)
+    measuring = {"measuring": "force", "elapsed_s": 7.2, "usual_s": 11.3}
+    harness.update(calibration=measuring, is_moved_by_hand=True)
+    assert page.force.state.text() == "Measuring: 7 s of about 11 s"
+    harness.update(calibration=measuring | {"elapsed_s": 13.4})
+    assert page.force.state.text() == "Measuring: 13 s, longer than the usual 11 s"
+    harness.update(calibration=measuring | {"usual_s": 0.0})
     assert page.force.state.text() == "Measuring: 7 s"
     assert not page.force.measure_button.isEnabled() and not page.imbalance.save_button.isEnabled()
     click(page.force.cancel_button)
@@ -119,6 +124,8 @@ def test_gains_and_imbalance_have_the_words_of_the_command_line(
     assert page.force.result_label.text() == words
     assert page.imbalance.result_label.text() == "imbalance 0.75 g"
     assert "until it is switched off" in page.imbalance.table.text()
+    words = page.imbalance.plot.accessibleDescription().split("; ")
+    assert (words[0], words[15]) == ("1: -0.80 g", "16: +0.70 g")
     harness.window.tools.show_calibration("imbalance")
     click(page.imbalance.discard_button)
     click(page.imbalance.measure_button)

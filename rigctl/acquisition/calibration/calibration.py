@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from rigctl.acquisition.boards import Boards
 from rigctl.acquisition.calibration.calibration_values import (
@@ -19,6 +19,7 @@ from rigctl.acquisition.calibration.calibration_values import (
     MassReading,
 )
 from rigctl.acquisition.calibration.calibrator import Calibrator
+from rigctl.acquisition.calibration.durations import usual_duration_s
 from rigctl.acquisition.calibration.mass_readings import MassReadings
 from rigctl.acquisition.calibration.measurement import Measurement
 from rigctl.acquisition.calibration.rig_file import (
@@ -39,6 +40,7 @@ from rigctl.config.toml_edit import replace_file
 from rigctl.errors import DiskFault, LinkLost, WrongUse
 
 NO_RIG_FILE = "a simulated rig has no rig.toml: the order is not saved"
+_Result = TypeVar("_Result")
 CONNECT_AGAIN = "the order holds from the next connection on: disconnect, then connect again"
 
 
@@ -75,7 +77,7 @@ class Calibration:
         self._masses.validate_next(mass_g)
         if self._masses.readings:
             self._calibrator.require_off("calibrate the load cell")
-        reading = await self.measurement.run(LOADCELL, self._read_mass(mass_g))
+        reading = await self._measure(LOADCELL, self._read_mass(mass_g))
         self._masses.add(reading)
         self._saved.pop(LOADCELL, None)
         return reading
@@ -89,14 +91,14 @@ class Calibration:
     async def tune_gains(self, force_g: float) -> ForceLoopGains:
         """Press, make a small step, lift, and return the gains that fit."""
         self.measurement.require_ready()
-        self._gains = await self.measurement.run(FORCE, self._calibrator.tune_gains(force_g))
+        self._gains = await self._measure(FORCE, self._calibrator.tune_gains(force_g))
         self._saved.pop(FORCE, None)
         return self._gains
 
     async def measure_imbalance(self) -> list[float]:
         """Turn the lifted drum once; return the error of each sixteenth of the turn in g."""
         self.measurement.require_ready()
-        table_g = await self.measurement.run(IMBALANCE, self._measure_imbalance())
+        table_g = await self._measure(IMBALANCE, self._measure_imbalance())
         self._imbalance_g = [round(value, 3) for value in table_g]
         self._saved.pop(IMBALANCE, None)
         return self._imbalance_g
@@ -109,7 +111,7 @@ class Calibration:
             raise WrongUse("all taxels are identified: save the order, or discard it")
         if self._steps.step is not WiringStep.UNPLUG:
             self._calibrator.require_off("identify the taxels")
-        return await self.measurement.run(WIRING, self._take_wiring_step())
+        return await self._measure(WIRING, self._take_wiring_step())
 
     def undo_press(self) -> None:
         """Ask for the last place again. Raises WrongUse where none was pressed."""
@@ -165,6 +167,7 @@ class Calibration:
         return CalibrationStatus(
             measuring=self.measurement.part,
             elapsed_s=self.measurement.elapsed_s,
+            usual_s=self.measurement.usual_s,
             masses=self._masses.readings,
             scale_ug_per_count=scale.ug_per_count if scale else None,
             nonlinearity_share=scale.nonlinearity_share if scale else None,
@@ -179,6 +182,10 @@ class Calibration:
             saved=dict(self._saved),
             rig_file=str(self._rig.path or ""),
         )
+
+    async def _measure(self, part: str, work: Coroutine[Any, Any, _Result]) -> _Result:
+        usual_s = usual_duration_s(part, self._rig.config.drum)
+        return await self.measurement.run(part, work, usual_s)
 
     def _new_steps(self) -> WiringSteps:
         return WiringSteps(self._rig, partial(mean_readings, self._rig, self._check_taxels))

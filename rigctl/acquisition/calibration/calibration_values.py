@@ -45,7 +45,8 @@ class ForceLoopGains(NamedTuple):
 class CalibrationStatus:
     """What has been measured and not been discarded, of each part.
 
-    ``measuring``: the part that is measured now, empty for none, for ``elapsed_s``.
+    ``measuring``: the part that is measured now, empty for none, for ``elapsed_s`` of ``usual_s``,
+    which is 0 while a result is written.
     ``masses``: the readings with known masses, 0 g first; ``scale_ug_per_count`` and
     ``nonlinearity_share``: None without a plausible line, and ``scale_problem`` says why.
     ``imbalance_g``: contribution of each sixteenth of a turn. ``wiring_question``: what a person
@@ -57,6 +58,7 @@ class CalibrationStatus:
 
     measuring: str = ""
     elapsed_s: float = 0.0
+    usual_s: float = 0.0
     masses: tuple[MassReading, ...] = ()
     scale_ug_per_count: int | None = None
     nonlinearity_share: float | None = None

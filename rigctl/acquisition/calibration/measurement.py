@@ -17,12 +17,13 @@ _Result = TypeVar("_Result")
 class Measurement:
     """Runs one measurement at a time; meanwhile no run begins.
 
-    ``part``: the part of the calibration that is measured, empty while nothing is.
+    ``part``: the part of the calibration that is measured, empty while nothing is. ``usual_s``: how
+    long that takes, 0 for what nobody waits for.
     """
 
     def __init__(self, calibrator: Calibrator, loop: asyncio.AbstractEventLoop) -> None:
         self._calibrator, self._loop = calibrator, loop
-        self.part = ""
+        self.part, self.usual_s = "", 0.0
         self._begun_s = 0.0
         self._task: asyncio.Task[object] | None = None
         self._is_cancelled = False
@@ -43,12 +44,15 @@ class Measurement:
         self.require_none()
         self._calibrator.require_no_contact()
 
-    async def run(self, part: str, work: Coroutine[Any, Any, _Result]) -> _Result:
+    async def run(
+        self, part: str, work: Coroutine[Any, Any, _Result], usual_s: float = 0.0
+    ) -> _Result:
         """Return the result of the work; then the drum is lifted and switched off.
 
         Raises what the work raises, CommandRefused where it was cancelled or a STOP came.
         """
-        self.part, self._begun_s, self._is_cancelled = part, self._loop.time(), False
+        self.part, self.usual_s = part, usual_s
+        self._begun_s, self._is_cancelled = self._loop.time(), False
         self._ended.clear()
         try:
             with self._calibrator.motion.by_hand():
@@ -57,7 +61,7 @@ class Measurement:
                 finally:
                     await self._calibrator.switch_off()
         finally:
-            self.part = ""
+            self.part, self.usual_s = "", 0.0
             self._ended.set()
 
     def cancel(self) -> None:

@@ -109,10 +109,21 @@ def test_an_implausible_scale_is_refused_until_the_reading_is_removed(
 
 def test_gains_and_imbalance_are_found_and_leave_the_drum_off(harness: EngineHarness) -> None:
     async def scenario(handle: Handle) -> None:
-        gains = await handle("calibrate_force", {"force_g": 400})
+        measurement, begun_s = harness.engine.calibration.measurement, harness.rig.loop.time()
+        measuring = asyncio.ensure_future(handle("calibrate_force", {"force_g": 400}))
+        await harness.wait(1)
+        usual_s = harness.engine.status().calibration.usual_s
+        gains = await measuring
+        assert harness.rig.loop.time() - begun_s == pytest.approx(usual_s, abs=4)
+        assert measurement.usual_s == 0
         assert gains["gain_p_per_s"] == pytest.approx(7.5, abs=3.5)
         assert state_of(harness) is State.IDLE
-        table_g = (await handle("calibrate_imbalance", {}))["table_g"]
+        begun_s = harness.rig.loop.time()
+        measuring = asyncio.ensure_future(handle("calibrate_imbalance", {}))
+        await harness.wait(1)
+        usual_s = harness.engine.status().calibration.usual_s
+        table_g = (await measuring)["table_g"]
+        assert harness.rig.loop.time() - begun_s == pytest.approx(usual_s, abs=4)
         assert (max(table_g) - min(table_g)) / 2 == pytest.approx(1.0, abs=0.3)
         assert state_of(harness) is State.IDLE
         assert await handle("save_calibration", {"part": "force"}) == {
