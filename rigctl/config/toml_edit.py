@@ -13,7 +13,7 @@ from typing import Any
 
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
-from tomlkit.items import Array
+from tomlkit.items import Array, String, StringType, Trivia
 
 from rigctl.config.toml_bounds import KeyPath
 from rigctl.config.toml_chunks import TomlChunk, join_chunks, split_chunks
@@ -155,7 +155,13 @@ def _set(section: Any, key: str, value: Value | None) -> None:
     elif isinstance(value, list) and isinstance(section.get(key), Array) and section[key]:
         _set_items(section[key], value)
     else:
-        section[key] = value
+        section[key] = _lines(value) if isinstance(value, str) and "\n" in value else value
+
+
+def _lines(value: str) -> String:
+    """Return a text of several lines, each on its own in the file."""
+    escaped = tomlkit.string(value, multiline=True).as_string()[3:-3]
+    return String(StringType.MLB, value, f"\n{escaped}", Trivia())
 
 
 def _set_items(array: Array, values: list[Any]) -> None:

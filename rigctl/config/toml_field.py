@@ -41,7 +41,7 @@ class TomlField:
     """One key. Without a default (None) it is required.
 
     ``most`` counts the letters of a text or the names of a list, ``longest_bytes`` the bytes of a
-    name.
+    name. ``has_lines``: people write several lines.
     """
 
     key: str
@@ -55,6 +55,7 @@ class TomlField:
     most: int = MAX_LETTERS
     longest_bytes: int = 0
     may_be_empty: bool = False
+    has_lines: bool = False
 
     def read(self, table: TomlTable) -> Any:
         """Return the checked value of the key. Raises the error of the table's text."""

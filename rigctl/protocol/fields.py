@@ -37,7 +37,7 @@ NAME = TomlField(
     "name", FieldType.NAME, "name of the protocol in the session; else that of the file", ""
 )
 DESCRIPTION = TomlField(
-    "description", FieldType.TEXT, "for people", "", most=MAX_DESCRIPTION_LETTERS
+    "description", FieldType.TEXT, "for people", "", most=MAX_DESCRIPTION_LETTERS, has_lines=True
 )
 TEXTURES = TomlField(
     "textures", FieldType.NAMES, "names of the plates, up to 16 bytes each", (),

@@ -59,7 +59,7 @@ def default_of(item: TomlField) -> str:
 
 
 def _short(number: float) -> str:
-    return f"{number:,.0f}" if number == int(number) else f"{number:g}"
+    return f"{int(number):,}" if number == int(number) else f"{number:g}"
 
 
 def _item(item: TomlField, typed: str) -> Item:

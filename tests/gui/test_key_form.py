@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QComboBox, QWidget
+from PySide6.QtWidgets import QComboBox, QPlainTextEdit, QWidget
 
 from gui.protocol.editor.key_row import KeyRow
 from gui.protocol.editor.protocol_editor import ProtocolEditor
@@ -95,6 +95,10 @@ def test_a_mistake_stands_beside_its_field_as_it_is_typed(editor: ProtocolEditor
     assert not travel.mistake
 
 
+def test_the_help_of_a_field_names_its_whole_range(editor: ProtocolEditor) -> None:
+    assert "0 to 9,223,372,036,854,775,807; default 0" in row(editor, "order", "seed").note.text()
+
+
 def test_an_emptied_field_is_left_out_and_shows_its_default(editor: ProtocolEditor) -> None:
     travel = row(editor, "trial", "travel_mm")
     fill(travel.field, "")
@@ -102,6 +106,25 @@ def test_an_emptied_field_is_left_out_and_shows_its_default(editor: ProtocolEdit
     QTest.keyClick(travel.field, Qt.Key.Key_Return)
     assert written(editor, "trial", "travel_mm") is None
     assert travel.field.property("placeholderText") == "240" and not travel.mistake
+
+
+def test_a_description_has_lines_in_form_and_text(editor: ProtocolEditor) -> None:
+    before, lines = editor.text.toPlainText(), row(editor, "description").field
+    fill(lines, "Every feature,")
+    QTest.keyClick(lines, Qt.Key.Key_Return)
+    QTest.keyClicks(lines, 'in "twelve" trials')
+    assert 'description = """\nEvery feature,\nin "twelve" trials"""\n' in editor.text.toPlainText()
+    assert written(editor, "description") == 'Every feature,\nin "twelve" trials'
+    wait_until(editor.save_button.isEnabled)
+    QTest.keyClick(lines, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    assert editor.text.toPlainText() == before
+    assert isinstance(lines, QPlainTextEdit)
+    assert lines.toPlainText() == "Every feature of a protocol, in twelve trials"
+    fill(lines, "x")
+    QTest.keyClick(lines, Qt.Key.Key_Backspace)
+    assert written(editor, "description") == ""
+    QTest.keyClick(lines, Qt.Key.Key_Tab)
+    assert written(editor, "description") is None
 
 
 def test_choices_and_flags_are_set_by_keys(editor: ProtocolEditor) -> None:

@@ -4,9 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
-from PySide6.QtCore import QObject, QSignalBlocker, Signal
-from PySide6.QtGui import QKeyEvent, QKeySequence
-from PySide6.QtWidgets import QCheckBox, QComboBox, QGridLayout, QLineEdit, QWidget
+from PySide6.QtCore import QEvent, QObject, QSignalBlocker, Signal
+from PySide6.QtGui import QFocusEvent, QKeyEvent, QKeySequence
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QComboBox,
+    QGridLayout,
+    QLineEdit,
+    QPlainTextEdit,
+    QWidget,
+)
 
 from gui.widgets.focus_wheel import focus_wheel
 from gui.widgets.labels import label, plain_tooltip, set_property
@@ -25,6 +32,7 @@ _UNITS = {
     "Hz": "_hz",
 }
 _FIELD_PX = 150
+_LINES, _FRAME_PX = 4, 12
 
 
 class TypedLine(QLineEdit):
@@ -43,6 +51,46 @@ class TypedLine(QLineEdit):
             super().keyPressEvent(event)
 
 
+class TypedLines(QPlainTextEdit):
+    """A text of several lines, whose undo is that of the whole protocol; Tab leaves it."""
+
+    edited = Signal()
+    left = Signal()
+    """The focus went elsewhere."""
+    undo_requested = Signal()
+    redo_requested = Signal()
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setTabChangesFocus(True)
+        self.setUndoRedoEnabled(False)
+        self.textChanged.connect(self.edited)
+        self._set_height()
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Pass undo and redo on."""
+        if event.matches(QKeySequence.StandardKey.Undo):
+            self.undo_requested.emit()
+        elif event.matches(QKeySequence.StandardKey.Redo):
+            self.redo_requested.emit()
+        else:
+            super().keyPressEvent(event)
+
+    def changeEvent(self, event: QEvent) -> None:
+        """Keep the number of lines with texts of another size."""
+        super().changeEvent(event)
+        if event.type() in (QEvent.Type.FontChange, QEvent.Type.StyleChange):
+            self._set_height()
+
+    def focusOutEvent(self, event: QFocusEvent) -> None:
+        """Tell that the text is complete."""
+        super().focusOutEvent(event)
+        self.left.emit()
+
+    def _set_height(self) -> None:
+        self.setFixedHeight(_LINES * self.fontMetrics().lineSpacing() + _FRAME_PX)
+
+
 class KeyRow(QObject):
     """Shows and edits the key at ``path``, which the owner of a repeated table changes."""
 
@@ -55,6 +103,8 @@ class KeyRow(QObject):
         super().__init__()
         self.item, self.path = item, path
         self._written: Any = None
+        self._is_emptied = False
+        """Whether a person has emptied the field."""
         self.name, self.unit = label(title_of(item)), label(item.unit, "muted")
         self.note = label("", "muted", wraps=True)
         self.field = self._make_field()
@@ -109,6 +159,8 @@ class KeyRow(QObject):
             choices = focus_wheel(combo_box({word: word for word in self.item.choices}))
             choices.currentTextChanged.connect(self._emit)
             return choices
+        if self.item.has_lines:
+            return self._make_lines()
         line = TypedLine()
         line.setPlaceholderText(default_of(self.item))
         line.textEdited.connect(lambda typed: self._emit(value_of(self.item, typed)))
@@ -117,13 +169,22 @@ class KeyRow(QObject):
         line.redo_requested.connect(self.redo_requested)
         return line
 
+    def _make_lines(self) -> QWidget:
+        lines = TypedLines()
+        lines.setPlaceholderText(default_of(self.item))
+        lines.edited.connect(lambda: self._emit(value_of(self.item, lines.toPlainText())))
+        lines.left.connect(self._leave_out_if_empty)
+        lines.undo_requested.connect(self.undo_requested)
+        lines.redo_requested.connect(self.redo_requested)
+        return lines
+
     def _emit(self, value: Any) -> None:
-        self._written = value
+        self._written, self._is_emptied = value, value in ("", [])
         self.edited.emit(self.path, value)
 
     def _leave_out_if_empty(self) -> None:
         """Leave an emptied key out; while a person types, its line and comment stay."""
-        if self._written in ("", []) and self._written is not None:
+        if self._is_emptied and self._written in ("", []):
             self._emit(None)
 
     def _show(self, written: Any) -> None:
@@ -133,12 +194,19 @@ class KeyRow(QObject):
         elif isinstance(self.field, QComboBox):
             self.field.setCurrentIndex(self.field.findText(typed_of(shown)))
         elif isinstance(self.field, QLineEdit):
-            typed = self.field.text()
-            if written is None and not typed.strip():
-                return
-            if written is None or value_of(self.item, typed) != written:
+            if self._differs(self.field.text(), written):
                 self.field.setText(typed_of(written))
                 self.field.setCursorPosition(0)
+        elif isinstance(self.field, TypedLines) and self._differs(
+            self.field.toPlainText(), written
+        ):
+            self.field.setPlainText(typed_of(written))
+
+    def _differs(self, typed: str, written: Any) -> bool:
+        """Return whether a field has another value than the text."""
+        if written is None:
+            return bool(typed.strip())
+        return bool(value_of(self.item, typed) != written)
 
 
 def title_of(item: TomlField) -> str:
