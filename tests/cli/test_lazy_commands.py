@@ -8,7 +8,7 @@ from importlib import import_module
 
 import pytest
 
-from rigctl.cli import HIDDEN, MODULES, main
+from rigctl.cli import HIDDEN, MODULES, create_parser, main
 
 LISTING = """
 import sys
@@ -79,3 +79,14 @@ def test_a_word_that_is_no_command_is_answered_with_the_nearest(
 def test_the_help_of_every_command_says_what_it_does(command: str) -> None:
     doc = import_module(MODULES[command], "rigctl.cli").__doc__ or ""
     assert len(doc.partition("\n\n")[2].strip()) > 40
+
+
+def test_options_may_stand_before_the_text_of_a_note() -> None:
+    """``rigctl note DIR --trial 3 --bad TEXT`` once had an unrecognized argument: the text."""
+    parser = create_parser(["note"], loaded=False)
+    for words in (["--trial", "3", "--bad", "d", "t"], ["d", "--trial", "3", "--bad", "t"]):
+        args = parser.parse_args(["note", *words])
+        assert (str(args.session), args.text, args.trial, args.bad) == ("d", "t", 3, True)
+    assert parser.parse_args(["note", "d"]).text is None
+    with pytest.raises(SystemExit):
+        parser.parse_args(["note"])

@@ -1,4 +1,4 @@
-"""Force and speed of one recorded trial, with its approach and its retraction."""
+"""Force and speed of one recorded trial, with its approach."""
 
 from __future__ import annotations
 

@@ -21,11 +21,23 @@ class CommandParser(argparse.ArgumentParser):
     def __init__(self, *args: Any, module: str = "", **options: Any) -> None:
         super().__init__(*args, **options)
         self._module = module
+        self._is_intermixed = False
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Load the command, then parse its words."""
+        """Load the command, then parse its words.
+
+        Options may stand between a word and an optional one: argparse by itself takes the latter
+        for left out, and then refuses it.
+        """
         self.load()
-        return super().parse_known_args(args, namespace)
+        words = [action.nargs for action in self._get_positional_actions()]
+        if self._is_intermixed or len(words) < 2 or words[-1] != "?":
+            return super().parse_known_args(args, namespace)
+        self._is_intermixed = True  # it calls this method for the options, then for the words
+        try:
+            return self.parse_known_intermixed_args(args, namespace)
+        finally:
+            self._is_intermixed = False
 
     def load(self) -> None:
         """Add the description and the arguments of the command, once."""
