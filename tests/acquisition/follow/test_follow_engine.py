@@ -39,6 +39,8 @@ def copy_unended(harness: EngineHarness, folder: Path) -> None:
 
     async def scenario(harness: EngineHarness) -> None:
         await harness.until(lambda: harness.engine.status().run.trials_committed > 2)
+        assert harness.engine.run is not None
+        harness.engine.run._recorder.wait_written()  # its thread may be behind the count
         shutil.copytree(harness.session, folder)
         await harness.until(harness.has_ended)
 
