@@ -302,7 +302,7 @@ class MainWindow(SteadyFocusWindow):
         drum = drum_controls(*panels, self.prompt_panel, self.tools.calibrate_page)
         controls = (drum, finger_controls(self.finger_tab))
         self._locks = tuple(map(ControlLock, attach.shared, controls))
-        for panel in panels:
+        for panel in (*panels, self.tools.calibrate_page):
             self._locks[0].released.connect(
                 lambda panel=panel: panel.show_status(self.engine_link.status)
             )

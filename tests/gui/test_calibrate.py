@@ -278,5 +278,7 @@ def test_a_window_that_watches_cannot_calibrate(harness: Harness, page: Calibrat
     assert not page.load_cell.measure_button.isEnabled()
     assert "another has control" in page.load_cell.save_button.toolTip()
     harness.engine.send_event("control", "", clients=clients, holder=1, asking=[])
+    harness.window.poll()
+    assert not page.load_cell.cancel_button.isEnabled(), "nothing is measured"
     harness.update()
     assert page.load_cell.measure_button.isEnabled()

@@ -62,11 +62,13 @@ class Calibration:
         """What the board had before a table that is not saved."""
         self._steps = self._new_steps()
         self._saved: dict[str, str] = {}
+        self._has_saved_order = False
 
     @property
     def has_taxel_order(self) -> bool:
-        """Whether rig.toml says which reading is which taxel, or they are identified."""
-        return bool(self._rig.config.taxels.wiring or self._steps.wiring)
+        """Whether rig.toml says which reading is which taxel; without one, they are identified."""
+        is_rehearsed = self._rig.path is None and bool(self._steps.wiring)
+        return bool(self._rig.config.taxels.wiring) or self._has_saved_order or is_rehearsed
 
     async def read_mass(self, mass_g: float) -> MassReading:
         """Read the load cell with a mass on the lifted drum, without one first.
@@ -159,6 +161,7 @@ class Calibration:
         self._saved[part] = " and ".join(places)
         if part == IMBALANCE:
             self._places_before = {}
+        self._has_saved_order |= part == WIRING
         return places, values.remark
 
     def status(self) -> CalibrationStatus:

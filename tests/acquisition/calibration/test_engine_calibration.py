@@ -302,8 +302,10 @@ def test_the_order_of_a_bench_is_saved_and_a_press_is_repeated(
         await handle("repeat_press", {})
         assert harness.engine.status().calibration.wiring_place == 8
         await handle("calibrate_wiring", {})
+        assert not harness.engine.status().has_taxel_order, "nothing has it yet"
         saved = await handle("save_calibration", {"part": "wiring"})
         assert saved["kept_in"] == [str(path)] and "connect again" in saved["remark"]
+        await handle("discard_calibration", {"part": "wiring"})
 
     play(harness, scenario)
     assert load_config(path).taxels.wiring == DRAWN_WIRING
