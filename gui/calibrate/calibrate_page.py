@@ -65,6 +65,11 @@ class CalibratePage(QWidget):
         """What acts on the rig."""
         return [button for part in self.parts.values() for button in part.buttons]
 
+    @property
+    def unsaved(self) -> list[str]:
+        """Titles of the parts of a bench that are measured and not saved."""
+        return [TITLES[name] for name, part in self.parts.items() if part.is_unsaved]
+
     def show_part(self, part: str) -> None:
         """Bring the tab of a part to the front."""
         self.tabs.setCurrentIndex(list(self.parts).index(part))

@@ -36,6 +36,8 @@ class PartPage(QWidget):
         self.save_button = push_button("Save", self._save, SAVE_TIP)
         self.discard_button = push_button("Discard", self._discard, DISCARD_TIP)
         self._refusal = ""
+        self.is_unsaved = False
+        """Whether a bench has been measured, and nothing keeps what was found."""
         self.buttons = [
             *(self.measure_button, self.cancel_button, self.save_button, self.discard_button)
         ]
@@ -63,10 +65,11 @@ class PartPage(QWidget):
         if not status.drum_connected:
             self._refusal = ""  # of another connection
         is_free = not obstacle and not found.measuring
-        result = self.result(found)
+        result, is_saved = self.result(found), self.part in found.saved
+        self.is_unsaved = bool(found.rig_file) and self.has_readings(found) and not is_saved
         self.measure_button.setEnabled(is_free)
         self.cancel_button.setEnabled(bool(found.measuring))
-        self.save_button.setEnabled(is_free and bool(result) and self.part not in found.saved)
+        self.save_button.setEnabled(is_free and bool(result) and not is_saved)
         self.discard_button.setEnabled(is_free and self.has_readings(found))
         self._show_state(obstacle, found)
         saved = found.saved.get(self.part)

@@ -266,7 +266,7 @@ class MainWindow(SteadyFocusWindow):
         strips = (self.live_page.save_strip, self.live_page.encoder_strip, self.replay.page)
         for widget in (*boxes, *panels, *strips, self.tools):
             widget.path_requested.connect(self._browse)
-        for source in (self.drum, self.finger_tab, self.analysis_tab):
+        for source in (self.drum, self.finger_tab, self.analysis_tab, self.tools):
             source.reported.connect(self.report)
         self._connect_attach()
         self.analysis_tab.view_changed.connect(self._show_view)

@@ -198,8 +198,13 @@ def test_another_connection_shows_nothing_of_the_one_before(
     harness.update()
     assert "did not respond" in page.force.state.text()
     harness.engine.refusals.clear()
+    found = PRESS | SCALE | {"rig_file": "/lab/rig.toml", "saved": {"loadcell": "/lab/rig.toml"}}
+    harness.update(calibration=found)
     harness.window.engine_link.close()
     assert page.wiring.found.text() == ""
+    assert (
+        "calibration not saved: Taxel order; it is lost" in harness.window.event_log.toPlainText()
+    )
     harness.window.engine_link.wait_closed()
     harness.update()
     page.show_status(parse_status(STATUS))

@@ -16,6 +16,7 @@ from gui.tools.ports_page import PortsPage
 from rigctl.acquisition.live_buffer import LiveReader
 from rigctl.acquisition.rpc.messages import EngineStatus
 
+UNSAVED = "calibration not saved: {parts}; it is lost unless another window is on the rig"
 IN_USE = "The window uses the boards: disconnect first, because listing the ports resets them."
 
 
@@ -23,6 +24,7 @@ class ToolsController(QObject):
     """Adds the pages to the window and ends their commands when it closes."""
 
     path_requested = Signal(object, object)
+    reported = Signal(str, str)
     closed = Signal()
     """The user has closed a page."""
 
@@ -65,10 +67,16 @@ class ToolsController(QObject):
         link, page = self._link, self.calibrate_page
         page.command_requested.connect(self._request)
         link.status_changed.connect(page.show_status)
-        link.closed.connect(lambda _: page.show_status(EngineStatus()))
+        link.closed.connect(lambda _: self._leave_rig())
         link.silent.connect(page.load_cell.show_old)
         link.refused.connect(page.show_refusal)
         link.answered.connect(page.show_answer)
+
+    def _leave_rig(self) -> None:
+        """Say what was measured and not saved, and forget it, as the engine does at its end."""
+        if unsaved := self.calibrate_page.unsaved:
+            self.reported.emit("check", UNSAVED.format(parts=", ".join(unsaved)))
+        self.calibrate_page.show_status(EngineStatus())
 
     def _request(self, command: str, args: dict[str, Any]) -> None:
         self._link.request(command, **args)
