@@ -56,6 +56,7 @@ RUN = Action("run", "Run", StateEvent.RUN, "Turn the drum over the plate once at
 RETRACT = Action("retract", "Retract", StateEvent.RETRACT, "Slow down and lift the drum")
 ARM_FIRST = "Arm first: the drum may rest on the sensor, and arming lifts it"
 TARE_FIRST = "Tare first: without a zero the drum cannot hold a force"
+APPROACH_FIRST = "Approach first, and wait for HOLD: the drum turns while it presses"
 CLEAR = Action(
     "clear_fault", "Clear fault", StateEvent.CLEAR, "Clear the fault after its cause is removed"
 )
@@ -138,6 +139,8 @@ class OperatePanel(QWidget):
             self.buttons[action.command].setEnabled(is_possible(action, status))
         is_untared = status.state is State.ARMED and not status.tared
         self.buttons["approach"].setToolTip(TARE_FIRST if is_untared else APPROACH.tooltip)
+        is_lifted = status.state in (State.ARMED, State.APPROACH)
+        self.buttons["run"].setToolTip(APPROACH_FIRST if is_lifted else RUN.tooltip)
         self.buttons["tare"].setToolTip(ARM_FIRST if status.contact_may_stand else TARE.tooltip)
         clear = RELEASE_FIRST if status.estop_pressed else CLEAR.tooltip
         self.buttons["clear_fault"].setToolTip(clear)

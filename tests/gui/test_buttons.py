@@ -154,6 +154,15 @@ def test_tare_waits_until_the_drum_is_lifted(harness: Harness) -> None:
     assert tare.isEnabled() and "Arm first" not in tare.toolTip()
 
 
+def test_run_says_that_approach_comes_first(harness: Harness) -> None:
+    run = harness.window.operate_panel.buttons["run"]
+    for state in (State.ARMED, State.APPROACH):
+        harness.update(state=int(state))
+        assert not run.isEnabled() and run.toolTip().startswith("Approach first")
+    harness.update(state=int(State.HOLD))
+    assert run.isEnabled() and run.toolTip().startswith("Turn the drum")
+
+
 @pytest.mark.parametrize(
     ("status", "reason"),
     [

@@ -9,7 +9,13 @@ from pathlib import Path
 import pytest
 from PySide6.QtCore import QPointF
 
-from gui.protocol.learning.learning_page import CANCEL, COMPUTE, LearningPage
+from gui.protocol.learning.learning_page import (
+    CANCEL,
+    COMPUTE,
+    COMPUTING,
+    NO_CURVE,
+    LearningPage,
+)
 from gui.protocol.protocol_panel import ProtocolPanel
 from rigctl.protocol.loader import parse_protocol
 from rigctl.session.write.recorder import Recorder
@@ -148,8 +154,9 @@ def test_a_computation_can_be_cancelled_and_begun_again(
     page = front(panel)
     show_run(harness, session, 72)
     wait_until(lambda: harness.update() or panel.learning_link.worker.is_busy)
-    assert page.button.text() == CANCEL
+    assert page.button.text() == CANCEL and page.heading.text() == COMPUTING
     click(page.button)
+    assert page.heading.text() == NO_CURVE
     assert not panel.learning_link.worker.is_busy
     assert page.progress.text().startswith("Cancelled") and page.button.text() == COMPUTE
     click(page.button)

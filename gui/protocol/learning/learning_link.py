@@ -12,7 +12,6 @@ from gui.analysis.export.picture_file import picture_bytes, widget_picture
 from gui.analysis.worker import Worker
 from gui.protocol.learning.curve_texts import VALUE_NAMES, values
 from gui.protocol.learning.learning_page import (
-    CANCELLED,
     FAILED,
     NO_SESSION,
     NO_TRIAL,
@@ -80,7 +79,7 @@ class LearningLink(QObject):
         if self.worker.is_busy:
             self.worker.cancel()
             self._is_cancelled = True
-            self._page.show_idle(CANCELLED)
+            self._page.show_cancelled()
             return
         self._is_cancelled, self._computed = False, None
         self.submit()

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 NO_SESSION = "No session: start a run, or open one."
 NO_TRIAL = "Not enough trials yet: no trial counts so far."
+COMPUTING = "The first curve of this session is being computed."
+NO_CURVE = "No curve yet."
 CANCELLED = "Cancelled: press Compute for the curve of the trials so far."
 FAILED = "Press Compute to try again."
 CANCEL, COMPUTE = "Cancel", "Compute"
@@ -78,8 +80,16 @@ class LearningPage(QWidget):
 
     def show_computing(self) -> None:
         """Offer Cancel while the curve is computed."""
+        if self.curve is None:
+            self.show_text(COMPUTING)
         self.button.setText(CANCEL)
         self.button.setEnabled(True)
+
+    def show_cancelled(self) -> None:
+        """Offer Compute after Cancel."""
+        self.show_idle(CANCELLED)
+        if self.curve is None:
+            self.show_text(NO_CURVE)
 
     def show_idle(self, text: str = "") -> None:
         """Show that nothing is computed; with a ``text`` that says why, offer Compute."""
