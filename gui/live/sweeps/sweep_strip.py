@@ -7,8 +7,9 @@ from PySide6.QtWidgets import QCheckBox, QSpinBox, QWidget
 
 from gui.live.spikes.spike_rates import FULL_SCALE_HZ
 from gui.live.sweeps.earlier_trials import BIN_S, MOST
+from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.labels import ElidedLabel, label, show_text
-from gui.widgets.layouts import hbox, vbox
+from gui.widgets.layouts import vbox
 
 OFF = "The time axis scrolls with the newest samples."
 WAITS = "No trial has begun yet: the time axis scrolls until the sync line rises."
@@ -32,7 +33,7 @@ class SweepStrip(QWidget):
         )
         self.count.setAccessibleName("Earlier trials behind the present one")
         self.sentence = ElidedLabel(OFF, "muted")
-        row = hbox(self.align, label("earlier trials"), self.count, label(), wide=3)
+        row = FlowLayout(self.align, label("earlier trials"), self.count)
         self.setLayout(vbox(row, self.sentence, spacing=2, margins=(6, 0, 6, 0)))
         self.align.toggled.connect(lambda _: self.changed.emit())
         self.count.valueChanged.connect(lambda _: self.changed.emit())
