@@ -24,6 +24,7 @@ class ResultsView(QTabWidget):
     def __init__(self) -> None:
         super().__init__(documentMode=True)
         self.save_button = ExportButton()
+        self.save_button.setEnabled(False)
         self.setCornerWidget(self.save_button, Qt.Corner.TopRightCorner)
         self.results = AnalysisResults("", ())
 
@@ -42,6 +43,7 @@ class ResultsView(QTabWidget):
             page.deleteLater()
         for result in results.pages:
             self.addTab(_view(result, applied_theme()), result.name)
+        self.save_button.setEnabled(bool(results.pages))
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme to every page."""

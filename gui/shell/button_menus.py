@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 from PySide6.QtCore import QEvent, QObject
 from PySide6.QtGui import QAction
-from PySide6.QtWidgets import QAbstractButton, QMenu
+from PySide6.QtWidgets import QAbstractButton, QMenu, QStackedWidget
 
 from gui.analysis.analysis_tab import AnalysisTab
+from gui.analysis.export.export_button import FORMATS, ExportButton
 from gui.finger.finger_tab import FingerTab
 from gui.operate.operate_panel import OperatePanel
 from gui.protocol.protocol_panel import ProtocolPanel
@@ -41,6 +43,52 @@ class ButtonAction(QObject):
         self._action.setText(self._button.text())
         self._action.setEnabled(self._button.isEnabled())
         self._action.setToolTip(self._button.toolTip())
+
+
+class SaveMenu(QObject):
+    """Lines of the File menu that save the page in the middle as the *Save* button on it does.
+
+    Each is grey where the page has no such button, or has nothing to save.
+    """
+
+    def __init__(self, menus: ActionRegistry, pages: QStackedWidget) -> None:
+        super().__init__(pages)
+        self._pages = pages
+        self.actions = {
+            suffix: menus.add(
+                "File → Save the page",
+                suffix.upper(),
+                partial(self._save, suffix),
+                tip="Save the page in the middle of the window, as the button Save on it does",
+            )
+            for suffix in FORMATS
+        }
+        menu = self.actions[FORMATS[0]].parent()
+        assert isinstance(menu, QMenu)
+        menu.aboutToShow.connect(self._follow)
+        for button in pages.findChildren(ExportButton):
+            button.installEventFilter(self)
+        self._follow()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Follow a button that comes, goes, or goes off."""
+        if event.type() in (QEvent.Type.EnabledChange, QEvent.Type.Show, QEvent.Type.Hide):
+            self._follow()
+        return False
+
+    def _button(self) -> ExportButton | None:
+        """Return the button on the screen, None without one that is on."""
+        buttons = self._pages.findChildren(ExportButton)
+        return next((b for b in buttons if b.isVisible() and b.isEnabled()), None)
+
+    def _follow(self) -> None:
+        button = self._button()
+        for suffix, action in self.actions.items():
+            action.setEnabled(button is not None and suffix in button.suffixes)
+
+    def _save(self, suffix: str) -> None:
+        if (button := self._button()) is not None:
+            button.export_requested.emit(suffix)
 
 
 def add_buttons(menus: ActionRegistry, menu: str, buttons: Sequence[QAbstractButton]) -> None:

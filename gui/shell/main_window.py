@@ -18,7 +18,7 @@ from gui.finger.finger_tab import FingerTab
 from gui.operate.event_log import EventLog, StatusLine
 from gui.shell.actions import ActionRegistry
 from gui.shell.appearance import Appearance
-from gui.shell.button_menus import add_panel_menus
+from gui.shell.button_menus import SaveMenu, add_panel_menus
 from gui.shell.controllers.drum_controller import DrumController
 from gui.shell.controllers.help_controller import HelpController
 from gui.shell.controllers.protocol_controller import ProtocolController
@@ -248,6 +248,7 @@ class MainWindow(SteadyFocusWindow):
         self.appearance.add_menus(menus)
         self.replay.add_menu(menus)
         add_live_actions(menus, self.live_page, self.settings)
+        self.save_menu = SaveMenu(menus, self.stack)
         menus.add_separator("File")
         menus.add("File", "&Quit", self.close, shortcut="Ctrl+Q", tip="Close the window")
 

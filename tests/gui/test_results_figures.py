@@ -207,6 +207,26 @@ def test_every_page_is_saved_in_every_format_under_new_names(
     assert cells[1]["share of the true texture (%)"] == "20.0000"
 
 
+def test_the_file_menu_saves_the_page_in_front(shown: Harness, tmp_path: Path) -> None:
+    window, lines = shown.window, shown.window.save_menu.actions
+    assert [action.text() for action in lines.values()] == ["PNG", "SVG", "PDF", "CSV"]
+    assert all(action.isEnabled() for action in lines.values())
+    confusion_page(shown)
+    lines["csv"].trigger()
+    path = tmp_path / "session-figures" / "session-report-1-confusion-simulated.csv"
+    wait_until(path.is_file)
+    wait_until(lambda: path.name in window.event_log.toPlainText())
+    window.show_panel("operate")
+    assert not any(action.isEnabled() for action in lines.values())
+    tab = window.analysis_tab
+    tab.trial_view.show_trial(None)
+    tab._show(tab.trial_view)
+    window.show_panel("analysis")
+    assert not any(action.isEnabled() for action in lines.values()), "no trial is shown"
+    tab._show(tab.results_panel)
+    assert all(action.isEnabled() for action in lines.values())
+
+
 def test_a_full_disk_leaves_no_file(tmp_path: Path) -> None:
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))

@@ -8,6 +8,7 @@ from PySide6.QtWidgets import QMenu, QToolButton
 from gui.analysis.export.picture_file import PICTURES
 
 TABLE = "csv"
+FORMATS = (*PICTURES, TABLE)
 
 
 class ExportButton(QToolButton):
@@ -22,7 +23,8 @@ class ExportButton(QToolButton):
         self.setToolTip("Save what this page shows as a file beside the session")
         self.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
         self.formats = QMenu(self)
-        for suffix in formats or (*PICTURES, TABLE):
+        self.suffixes = formats or FORMATS
+        for suffix in self.suffixes:
             action = self.formats.addAction(suffix.upper())
             action.triggered.connect(lambda _=False, s=suffix: self.export_requested.emit(s))
         self.setMenu(self.formats)
