@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QWidget
 
 from gui.analysis.compare.responses import ResponseGrid
 from gui.analysis.export.export_button import TABLE
-from gui.analysis.export.picture_file import picture_bytes, widget_picture, with_foot
+from gui.analysis.export.picture_encoder import NewFile, PictureEncoder
 from gui.analysis.figures.picture_page import FigureView
 from gui.analysis.results import AnalysisResults
 from gui.analysis.results_panel import ResultsPanel
@@ -57,7 +57,7 @@ class AnalysisTab(QObject):
         super().__init__()
         self.panel, self.worker, self.reader = SessionPanel(), Worker(), Worker()
         self.trial_view, self.figure_view = TrialPages(theme), FigureView()
-        self.results_view = ResultsView()
+        self.results_view, self.encoder = ResultsView(), PictureEncoder()
         self.results_panel = ResultsPanel(self.results_view)
         self.run_end_strip = RunEndStrip()
         self._settings = self._analysed = ""
@@ -74,6 +74,8 @@ class AnalysisTab(QObject):
         panel.run_box.results_requested.connect(lambda: self._show(self.results_panel))
         for save_button in (self.trial_view.save_button, self.results_view.save_button):
             save_button.export_requested.connect(self.save_page)
+        self.encoder.encoded.connect(self._write_file)
+        self.encoder.failed.connect(lambda text: self.reported.emit("refused", text))
         self.trial_view.compare.compare_requested.connect(self._compare)
         self.results_panel.refused.connect(lambda text: self.reported.emit("refused", text))
         panel.shown.connect(self.prepare)
@@ -103,6 +105,7 @@ class AnalysisTab(QObject):
     def close(self) -> None:
         """End both worker processes."""
         self._follow_timer.stop()
+        self.encoder.wait()
         self.worker.cancel()
         self.reader.cancel()
 
@@ -168,28 +171,24 @@ class AnalysisTab(QObject):
 
     def _save_trial(self, suffix: str) -> None:
         pages, folder = self.trial_view, _figures_folder(self.panel.path)
-        stem, page = pages.file_stem(), pages.currentWidget()
+        stem = pages.file_stem()
         if suffix == TABLE:
             names, columns = pages.values()
             values = {"names": names, "columns": columns}
             self.reader.submit("save_values", folder=folder, stem=stem, **values)
-        elif page is not None:
-            picture = with_foot(widget_picture(page), pages.foot())
-            content = picture_bytes(picture, suffix, stem)
-            self._submit_file(folder, stem, suffix, content)
+        else:
+            self.encoder.encode(pages.picture(), NewFile(folder, stem, suffix))
 
     def _save_results(self, suffix: str) -> None:
-        view, folder = self.results_view, _figures_folder(self._analysed)
-        stem = view.file_stem()
+        view = self.results_view
+        file = NewFile(_figures_folder(self._analysed), view.file_stem(), suffix)
         if suffix == TABLE:
-            content = view.csv().encode()
+            self._write_file(file, view.csv().encode())
         else:
-            content = picture_bytes(view.page.picture(), suffix, stem)
-        self._submit_file(folder, stem, suffix, content)
+            self.encoder.encode(view.picture(), file)
 
-    def _submit_file(self, folder: str, stem: str, suffix: str, content: bytes) -> None:
-        file = {"stem": stem, "suffix": suffix, "content": content}
-        self.reader.submit("save_file", folder=folder, **file)
+    def _write_file(self, file: NewFile, content: bytes) -> None:
+        self.reader.submit("save_file", **file._asdict(), content=content)
 
     def _compare(self, train: int, neuron: str) -> None:
         trials = self.panel.selected_trials()

@@ -7,7 +7,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from gui.analysis.export.value_file import rows_csv
+from gui.analysis.export.value_file import data_words, rows_csv
 from gui.analysis.figures import finger_tables, held_out, read_results
 from gui.analysis.figures.accuracy import AccuracyPlot
 from gui.analysis.figures.confusion import ConfusionPlot
@@ -47,7 +47,8 @@ class AnalysisResults(NamedTuple):
     """The result in a sentence, its pages, and the folder of its report if it has one.
 
     ``altered``: index and reason of each attempt whose rows are not those that were recorded.
-    ``name``: begins the names of files. ``simulated``: whether any of the data is.
+    ``name``: begins the names of files. ``simulated``: whether any of the data is, or the model.
+    ``data``: where the data come from, if it takes more words.
     """
 
     sentence: str
@@ -56,6 +57,12 @@ class AnalysisResults(NamedTuple):
     altered: tuple[tuple[int, str], ...] = ()
     name: str = "results"
     simulated: bool = False
+    data: str = ""
+
+    @property
+    def origin(self) -> str:
+        """Where the numbers come from, as figures and files say it."""
+        return f"{self.data or data_words(simulated=self.simulated)} · {self.name}"
 
 
 def plot_page(name: str, plot: AccuracyPlot | ConfusionPlot) -> ResultsPage:
@@ -141,11 +148,16 @@ def prediction_results(classification: Classification) -> AnalysisResults:
         plot_page("Confusion", held_out.model_confusion(classification)),
         _words_page("Remarks", summarise_notes(classification.remarks)),
     )
-    simulated = classification.trials.simulated
-    return AnalysisResults(summary(classification), pages, name="predictions", simulated=simulated)
+    simulated = classification.trials.simulated or classification.model.training.simulated
+    data = held_out.data_and_model(classification)
+    return AnalysisResults(
+        summary(classification), pages, name="predictions", simulated=simulated, data=data
+    )
 
 
-def verify_results(report: VerifyReport, path: Path, altered: Mapping[int, str]) -> AnalysisResults:
+def verify_results(
+    report: VerifyReport, path: Path, altered: Mapping[int, str], *, simulated: bool
+) -> AnalysisResults:
     """Return what a check of a session found, in the words of ``rigctl verify``."""
     from rigctl.session.verify.words import answer, finding_lines
 
@@ -155,7 +167,8 @@ def verify_results(report: VerifyReport, path: Path, altered: Mapping[int, str])
     page = f"<h3>{escape(sentence)}</h3>{findings}{digest}"
     csv = rows_csv(("finding",), [[line] for line in finding_lines(report)])
     pages = (ResultsPage("Verify", page, csv=csv),)
-    return AnalysisResults(sentence, pages, altered=tuple(altered.items()), name="verify")
+    found = tuple(altered.items())
+    return AnalysisResults(sentence, pages, altered=found, name="verify", simulated=simulated)
 
 
 def table(head: list[str], rows: list[list[str]]) -> str:

@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QWidget
 from gui.analysis.results import AnalysisResults
 from gui.analysis.results_view import ResultsView
 from gui.widgets.labels import label
-from gui.widgets.layouts import hbox, push_button, vbox
+from gui.widgets.layouts import container, hbox, push_button, vbox
 
 
 class ResultsPanel(QWidget):
@@ -21,6 +21,7 @@ class ResultsPanel(QWidget):
 
     def __init__(self, view: ResultsView) -> None:
         super().__init__()
+        self.origin = label("", "heading", wraps=True)
         self.settings = label("", "muted", wraps=True)
         self.report_button = push_button(
             "Open report", self._open_report, "Show the report in the web browser"
@@ -32,7 +33,8 @@ class ResultsPanel(QWidget):
             button.setEnabled(False)
         self._view = view
         self._folder = ""
-        head = hbox(self.settings, self.report_button, self.folder_button, margins=(8, 6, 8, 4))
+        words = container(vbox(self.origin, self.settings))
+        head = hbox(words, self.report_button, self.folder_button, margins=(8, 6, 8, 4))
         column = vbox(head, view)
         column.setStretch(1, 1)
         self.setLayout(column)
@@ -40,6 +42,8 @@ class ResultsPanel(QWidget):
     def show_results(self, results: AnalysisResults, settings: str) -> None:
         """Show results and, in a sentence, the settings that they were made with."""
         self._view.show_results(results)
+        self.origin.setText(results.origin)
+        self.origin.setVisible(results.simulated)
         self.settings.setText(settings)
         self._folder = results.folder
         for button in (self.report_button, self.folder_button):

@@ -6,6 +6,8 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QTabWidget
 
 from gui.analysis.export.export_button import ExportButton
+from gui.analysis.export.picture_file import Picture, with_foot
+from gui.analysis.export.value_file import with_origin
 from gui.analysis.figures.accuracy import AccuracyPlot
 from gui.analysis.figures.accuracy_page import AccuracyPage
 from gui.analysis.figures.confusion import ConfusionPlot
@@ -59,8 +61,16 @@ class ResultsView(QTabWidget):
         return name.lower().replace(" ", "-")
 
     def csv(self) -> str:
-        """Return the numbers of the page in front, empty without any."""
-        return self.results.pages[self.currentIndex()].csv
+        """Return the numbers of the page in front with their origin, empty without any."""
+        text = self.results.pages[self.currentIndex()].csv
+        return with_origin(text, simulated=self.results.simulated) if text else ""
+
+    def picture(self) -> Picture:
+        """Return the page in front; plots and figures have their origin in them."""
+        page = self.page
+        if isinstance(page, TextPage):
+            return with_foot(page.picture(), self.results.origin)
+        return page.picture()
 
 
 def _view(page: ResultsPage, theme: Theme) -> ResultWidget:

@@ -197,7 +197,8 @@ class WorkerTasks:
         folder = Path(path).expanduser()
         report = verify(folder, show, parse_digest(digest) if digest else "")
         altered = {} if report.whole else self._sessions.altered(path)
-        return verify_results(report, folder, altered)
+        simulated = self._sessions.is_simulated(path)
+        return verify_results(report, folder, altered, simulated=simulated)
 
     def leave_out(self, path: str, altered: tuple[tuple[int, str], ...]) -> SessionTable:
         """Leave attempts out of an open session; return its table, which marks them."""

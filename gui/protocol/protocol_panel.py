@@ -87,7 +87,7 @@ class ProtocolPanel(QWidget):
     def close_workers(self) -> None:
         """End both worker processes."""
         self.worker.cancel()
-        self.learning_link.worker.cancel()
+        self.learning_link.close()
 
     def add_protocol(self, path: str) -> None:
         """Add a file to the list and choose it."""

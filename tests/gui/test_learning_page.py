@@ -88,14 +88,17 @@ def test_a_curve_is_saved_as_picture_and_numbers(
     folder = session.with_name("session-figures")
     for action in page.save_button.formats.actions():
         action.trigger()
-    table = folder / "learning-curve.csv"
+    table = folder / "learning-curve-simulated.csv"
     wait_until(lambda: harness.window.poll() or f"saved {table}" in log(harness))
     with table.open(encoding="utf-8") as file:
         rows = list(csv.reader(file))
     assert len(rows) == 5 and rows[0][6] == "accuracy (%)"
     assert [row[0] for row in rows[1:]] == ["1", "2", "3", "4"]
-    for suffix in ("png", "svg", "pdf"):
-        assert (folder / f"learning-curve.{suffix}").stat().st_size > 1000
+    assert rows[0][-1] == "simulated" and {row[-1] for row in rows[1:]} == {"yes"}
+    files = [folder / f"learning-curve-simulated.{suffix}" for suffix in ("png", "svg", "pdf")]
+    wait_until(lambda: harness.window.poll() or all(file.exists() for file in files))
+    assert all(file.stat().st_size > 1000 for file in files)
+    assert "SIMULATED" in files[1].read_text()
 
 
 def log(harness: Harness) -> str:

@@ -8,20 +8,25 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PySide6.QtWidgets import QApplication
 
+from gui.analysis.results import AnalysisResults, plot_page
+from gui.analysis.task_values import SessionTable, TrialData
 from gui.analysis.worker import Worker
 from gui.engine_link import STOP_TIMED_OUT
 from gui.start.sample_box import CANCELLED
 from rigctl.acquisition.rpc.engine_files import running_engines
 from rigctl.acquisition.rpc.runtime_folder import runtime_folder
+from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.synth.sample_session import MAKING
 from rigctl.wire.drum.states import State
 from tests.analysis.recordings import record
 from tests.gui.fake_engine import FakeEngine
 from tests.gui.rig_window import rig_window
 from tests.gui.steps import Harness, SharedWindow, click, press_escape
+from tests.gui.texts.results_scenes import largest_accuracy, largest_confusion
 from tests.gui.watchdog.qt_thread import QtThreadWatchdog
 from tests.gui.watchdog.slow_disk import slow_disk
 
@@ -178,6 +183,46 @@ def test_a_picture_is_sent_to_a_process_that_works_or_has_ended(
     wait_ends(4)
     worker.cancel()
     assert ends[3].endswith("figure-3.png")
+
+
+def test_large_pages_are_saved_while_the_window_answers(
+    harness: Harness, tmp_path: Path, watchdog: QtThreadWatchdog
+) -> None:
+    """The compression of a PNG or PDF took a tenth of a second and more of the Qt thread."""
+    window, tab = harness.window, harness.window.analysis_tab
+    before = window.size()
+    window.resize(1920, 1080)
+    window.show_panel("analysis")
+    tab.panel.verify_requested.emit(str(tmp_path / "session"), "")  # sets where pages are saved
+    watchdog.run_until(lambda: not tab.worker.is_busy)
+    pages = (plot_page("Accuracy", largest_accuracy()), plot_page("Confusion", largest_confusion()))
+    tab.results_panel.show_results(AnalysisResults("done", pages, name="large"), "")
+    tab._show(tab.results_panel)
+    for index, page in enumerate(("accuracy", "confusion")):
+        tab.results_view.setCurrentIndex(index)
+        watchdog.run_until(lambda: True)
+        for suffix in ("png", "svg", "pdf"):
+            file = tmp_path / "session-figures" / f"large-{page}.{suffix}"
+            watchdog.run(window.save_menu.actions[suffix].trigger)
+            watchdog.run_until(file.exists)
+    tab.trial_view.show_trial(long_trial())
+    tab.panel.sessions = {str(tmp_path / "session"): SessionTable()}
+    tab._show(tab.trial_view)
+    for suffix in ("png", "pdf", "csv"):
+        watchdog.run(window.save_menu.actions[suffix].trigger)
+        file = tmp_path / "session-figures" / f"trial-1-readings-and-spikes.{suffix}"
+        watchdog.run_until(file.exists)
+    tab.panel.show_unopened("No session is open.")
+    tab.trial_view.show_trial(None)
+    window.resize(before)
+
+
+def long_trial() -> TrialData:
+    """Return a trial of six seconds."""
+    rng, n = np.random.default_rng(0), 6000
+    samples = rng.integers(0, 1023, (n, 18)).astype(np.uint16)
+    rows, at = rng.integers(0, 36, 18_000), rng.integers(0, n, 18_000)
+    return TrialData("Trial 1: plate A", samples, rows, at, SensorLayout.default(18))
 
 
 def test_a_board_that_answers_slowly(

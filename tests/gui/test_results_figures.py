@@ -14,7 +14,7 @@ from PySide6.QtCore import QPointF, Qt
 from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
 
-from gui.analysis.export.value_file import save_new
+from gui.analysis.export.value_file import save_new, with_origin
 from gui.analysis.figures.accuracy import (
     AccuracyCurve,
     AccuracyPanel,
@@ -194,9 +194,13 @@ def test_every_page_is_saved_in_every_format_under_new_names(
         assert picture == folder / f"session-report-1-{name}-simulated.png"
         assert QImage(str(picture)).width() > 400
         assert save(shown, "png").name == f"session-report-1-{name}-simulated-2.png"
-        assert save(shown, "svg").read_text().startswith("<?xml")
+        drawing = save(shown, "svg").read_text()
+        assert drawing.startswith("<?xml") and "SIMULATED data" in drawing
         assert save(shown, "pdf").read_bytes().startswith(b"%PDF")
-        save(shown, "csv")
+        with save(shown, "csv").open() as file:
+            assert {row["simulated"] for row in csv.DictReader(file)} == {"yes"}
+    origin = shown.window.analysis_tab.results_panel.origin
+    assert origin.isVisible() and origin.text() == "SIMULATED data · session-report-1"
     text = (folder / "session-report-1-accuracy-simulated.csv").read_text()
     rows = list(csv.DictReader(io.StringIO(text)))
     assert len(rows) == 12
@@ -225,6 +229,14 @@ def test_the_file_menu_saves_the_page_in_front(shown: Harness, tmp_path: Path) -
     assert not any(action.isEnabled() for action in lines.values()), "no trial is shown"
     tab._show(tab.results_panel)
     assert all(action.isEnabled() for action in lines.values())
+
+
+def test_a_table_with_a_comment_gets_the_column_of_its_origin() -> None:
+    text = '# taxel 5, "A"; units\nsample,v\n0,-65\n1,-64\n'
+    said = with_origin(text, simulated=True)
+    assert said == '# taxel 5, "A"; units\nsample,v,simulated\n0,-65,yes\n1,-64,yes\n'
+    assert with_origin(said, simulated=True) == said
+    assert with_origin('"a, b"\n"x\ny"\n', simulated=False) == '"a, b",simulated\n"x\ny",no\n'
 
 
 def test_a_full_disk_leaves_no_file(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import resource
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -80,10 +81,12 @@ def test_every_page_is_saved_in_two_clicks_and_nothing_is_overwritten(shown: Har
     assert picture.name == "trial-1-readings-and-spikes-simulated.png"
     assert not QImage(str(picture)).isNull()
     assert save(shown, "png").name == "trial-1-readings-and-spikes-simulated-2.png"
+    assert shown.window.analysis_tab.trial_view.origin.text() == "SIMULATED data"
     turn_to(shown, "Force and speed")
     drawing = save(shown, "svg").read_text()
     assert drawing.startswith("<?xml") and "SIMULATED data · Trial 1: plate B" in drawing
-    assert save(shown, "pdf").read_bytes().startswith(b"%PDF")
+    pdf = save(shown, "pdf").read_bytes()
+    assert pdf.startswith(b"%PDF") and pdf.rstrip().endswith(b"%%EOF")
     with save(shown, "csv").open() as file:
         rows = list(csv.DictReader(file))
     data = shown.window.analysis_tab.trial_view.data
@@ -92,9 +95,39 @@ def test_every_page_is_saved_in_two_clicks_and_nothing_is_overwritten(shown: Har
     turn_to(shown, "Readings and spikes")
     with save(shown, "csv").open() as file:
         rows = list(csv.DictReader(file))
+    assert {row["simulated"] for row in rows} == {"yes"}
     assert len(rows) == len(data.samples) and rows[5]["T3 (counts)"] == str(data.samples[5, 2])
     spikes = sum(int(row["SA 1 (spikes)"]) for row in rows)
     assert spikes == int((data.spike_row == 0).sum())
+
+
+def test_a_page_of_recorded_data_says_so(shown: Harness) -> None:
+    pages = shown.window.analysis_tab.trial_view
+    assert pages.data is not None
+    pages.show_trial(pages.data._replace(simulated=False))
+    assert pages.origin.text() == ""
+    file = save(shown, "svg")
+    assert file.name == "trial-1-readings-and-spikes.svg"
+    assert "SIMULATED" not in file.read_text() and "Trial 1: plate B" in file.read_text()
+    with save(shown, "csv").open() as file:
+        assert {row["simulated"] for row in csv.DictReader(file)} == {"no"}
+
+
+def test_a_full_disk_leaves_no_picture_and_says_why(shown: Harness, tmp_path: Path) -> None:
+    tab, before = shown.window.analysis_tab, resource.getrlimit(resource.RLIMIT_FSIZE)
+    tab.reader.cancel()  # its process takes the limit over
+    actions = {action.text(): action for action in tab.trial_view.save_button.formats.actions()}
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+    try:
+        actions["PDF"].trigger()
+        actions["PNG"].trigger()
+        line = shown.window.event_log
+        wait_until(lambda: line.toPlainText().count("cannot be written") >= 2)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        tab.reader.cancel()
+    assert "free some space" in shown.window.status_line.text()
+    assert list((tmp_path / "session-figures").iterdir()) == []
 
 
 def test_a_folder_that_cannot_be_written_is_said(shown: Harness, tmp_path: Path) -> None:
@@ -134,7 +167,9 @@ def test_conditions_are_compared_by_raster_and_mean_rate(shown: Harness) -> None
     assert table.name == "compare-simulated.csv"
     with table.open() as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == len(first.at_s)
+    assert len(rows) == len(first.at_s) and rows[0]["simulated"] == "yes"
+    drawing = save(shown, "svg")
+    assert drawing.name == "compare-simulated.svg" and "SIMULATED data" in drawing.read_text()
     assert float(rows[3]["B, 40 mm/s, 250 g: mean (Hz)"]) == pytest.approx(first.mean_hz[3])
     tab.panel.trials.filter.setText("D")
     click(view.button)

@@ -1,16 +1,26 @@
-"""Encode a picture as PNG, SVG or PDF."""
+"""Paint a picture and encode it as PNG, SVG or PDF."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import NamedTuple
 
-from PySide6.QtCore import QBuffer, QByteArray, QIODevice, QMarginsF, QPoint, QRect, QSize, QSizeF
+from PySide6.QtCore import (
+    QBuffer,
+    QByteArray,
+    QIODevice,
+    QMarginsF,
+    QPoint,
+    QRect,
+    QSize,
+    QSizeF,
+)
 from PySide6.QtGui import QImage, QImageWriter, QPageLayout, QPageSize, QPainter, QPdfWriter
 from PySide6.QtSvg import QSvgGenerator
 from PySide6.QtWidgets import QGraphicsView, QWidget
 
 from gui.widgets.picture_foot import FOOT_PX, paint_foot
+from rigctl.errors import WrongUse
 
 PICTURES = ("png", "svg", "pdf")
 DOTS_PER_INCH, DOTS_PER_POINT = 96, 96 / 72
@@ -23,6 +33,31 @@ class Picture(NamedTuple):
 
     size: QSize
     paint: Callable[[QPainter], None]
+
+
+class PaintedPicture(NamedTuple):
+    """A picture that is painted and not yet encoded.
+
+    ``image``: of a PNG. ``painter``: holds the ``device`` of the other formats open, which writes
+    into ``buffer``.
+    """
+
+    buffer: QBuffer
+    image: QImage | None = None
+    device: QSvgGenerator | QPdfWriter | None = None
+    painter: QPainter | None = None
+
+    def encode(self) -> bytes:
+        """Return the bytes of the file; any thread may do that. Raises WrongUse without memory."""
+        if self.image is not None:
+            writer = QImageWriter(self.buffer, QByteArray(b"png"))
+            if not writer.write(self.image):
+                reason = writer.errorString()
+                raise WrongUse(f"the picture cannot be encoded ({reason}): make the window smaller")
+        elif self.painter is not None:
+            self.painter.end()
+        self.buffer.close()
+        return bytes(self.buffer.data().data())
 
 
 def widget_picture(widget: QWidget) -> Picture:
@@ -48,26 +83,23 @@ def with_foot(picture: Picture, text: str) -> Picture:
     return Picture(picture.size + QSize(0, FOOT_PX), paint)
 
 
-def picture_bytes(picture: Picture, suffix: str, title: str) -> bytes:
-    """Return a picture in a format of :data:`PICTURES`."""
-    data = QByteArray()
-    buffer = QBuffer(data)
+def paint_picture(picture: Picture, suffix: str, title: str) -> PaintedPicture:
+    """Paint a picture for a format of :data:`PICTURES`; only the Qt thread may do that."""
+    buffer = QBuffer()
     buffer.open(QIODevice.OpenModeFlag.WriteOnly)
     if suffix == "png":
-        QImageWriter(buffer, QByteArray(b"png")).write(_image(picture))
-    else:
-        encode = _svg if suffix == "svg" else _pdf
-        device = encode(buffer, picture.size, title)
-        painter = QPainter(device)
-        picture.paint(painter)
-        painter.end()
-    buffer.close()
-    return bytes(data.data())
+        return PaintedPicture(buffer, painted_image(picture, PNG_RATIO))
+    begin = _svg if suffix == "svg" else _pdf
+    device = begin(buffer, picture.size, title)
+    painter = QPainter(device)
+    picture.paint(painter)
+    return PaintedPicture(buffer, None, device, painter)
 
 
-def _image(picture: Picture) -> QImage:
-    image = QImage(picture.size * PNG_RATIO, QImage.Format.Format_RGB32)
-    image.setDevicePixelRatio(PNG_RATIO)
+def painted_image(picture: Picture, ratio: float) -> QImage:
+    """Return a picture as an image with ``ratio`` pixels for one of the screen."""
+    image = QImage(picture.size * ratio, QImage.Format.Format_RGB32)
+    image.setDevicePixelRatio(ratio)
     painter = QPainter(image)
     picture.paint(painter)
     painter.end()

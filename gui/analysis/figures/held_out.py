@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from gui.analysis.export.value_file import rows_csv
+from gui.analysis.export.value_file import data_words, rows_csv
 from gui.analysis.figures.accuracy import AccuracyCurve, AccuracyPanel, AccuracyPlot
 from gui.analysis.figures.confusion import ConfusionCounts, ConfusionPlot
 from rigctl.values import SAMPLE_RATE_HZ
@@ -56,7 +56,15 @@ def model_confusion(classification: Classification) -> ConfusionPlot:
         "Trained model", model.representation, model.components, model.classes,
         shown.confusion, note,
     )  # fmt: skip
-    simulated = classification.trials.simulated
+    simulated = classification.trials.simulated or model.training.simulated
     sessions = ", ".join(path.name for path in classification.trials.paths)
-    origin = f"{'SIMULATED data' if simulated else 'Recorded data'} · {sessions}"
-    return ConfusionPlot((matrix,), origin, simulated)
+    return ConfusionPlot((matrix,), f"{data_and_model(classification)} · {sessions}", simulated)
+
+
+def data_and_model(classification: Classification) -> str:
+    """Return where the trials come from, and the model's where that is another origin."""
+    trials, model = classification.trials.simulated, classification.model.training.simulated
+    words = data_words(simulated=trials)
+    if model == trials:
+        return words
+    return f"{words}, {'SIMULATED' if model else 'recorded'} model"

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from gui.analysis.export.value_file import data_words
 from gui.analysis.figures.accuracy import (
     AccuracyCurve,
     AccuracyPanel,
@@ -30,8 +31,7 @@ def read_values(report: Path) -> dict[str, Any]:
 
 def origin_words(values: Mapping[str, Any], report: Path) -> str:
     """Return where the numbers of a report come from."""
-    bench = "SIMULATED data" if values["simulated"] else "Recorded data"
-    return f"{bench} · {report.name}"
+    return f"{data_words(simulated=values['simulated'])} · {report.name}"
 
 
 def drum_accuracy(values: Mapping[str, Any], origin: str) -> AccuracyPlot:

@@ -84,6 +84,13 @@ class OpenSessions:
             if path in self._open:
                 self._open.pop(path).close()
 
+    def is_simulated(self, path: str) -> bool:
+        """Return whether a session is of a simulated rig; False where it does not open."""
+        try:
+            return self._session(path).header.simulated
+        except SessionError:
+            return False
+
     def leave_out(self, path: str, reasons: dict[int, str]) -> SessionTable:
         """Leave attempts of an open session out, and return its trials again."""
         self._session(path).leave_out(reasons)

@@ -108,6 +108,7 @@ class TrialList(QWidget):
         self.filter.textChanged.connect(self._filter)
         self.filter.returnPressed.connect(self._leave_filter)
         table.typed.connect(self._type)
+        table.font_changed.connect(self._fit_columns)
         table.opened.connect(self._replay)
         self.model.modelReset.connect(self._restore)
         table.selectionModel().currentRowChanged.connect(self._choose)

@@ -11,10 +11,14 @@ from PySide6.QtWidgets import QTabWidget
 from gui.analysis.compare.compare_view import CompareView
 from gui.analysis.compare.responses import ResponseGrid
 from gui.analysis.export.export_button import ExportButton
+from gui.analysis.export.picture_file import Picture, widget_picture, with_foot
+from gui.analysis.export.value_file import SIMULATED, yes_or_no
 from gui.analysis.task_values import TrialData
 from gui.analysis.trial_view import TrialView
 from gui.analysis.trials.course_view import CourseView
 from gui.analysis.trials.features_view import FeaturesView
+from gui.widgets.labels import label
+from gui.widgets.layouts import container, hbox
 from gui.widgets.picture_foot import foot_text
 from gui.widgets.theme import Theme
 from rigctl.values import SAMPLE_RATE_HZ
@@ -39,7 +43,9 @@ class TrialPages(QTabWidget):
         self.addTab(self.course, "Force and speed")
         self.addTab(self.features, "Features")
         self.addTab(self.compare, "Compare")
-        self.setCornerWidget(self.save_button, Qt.Corner.TopRightCorner)
+        self.origin = label("", "muted")
+        corner = container(hbox(self.origin, self.save_button))
+        self.setCornerWidget(corner, Qt.Corner.TopRightCorner)
         self.save_button.setEnabled(False)
 
     @property
@@ -54,6 +60,7 @@ class TrialPages(QTabWidget):
         self.features.show_features(data.features if data else None)
         self.compare.show_taxels(data.layout.n_taxels if data else 0)
         self.save_button.setEnabled(data is not None)
+        self.origin.setText(foot_text(simulated=data is not None and data.simulated))
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme to every page."""
@@ -77,24 +84,31 @@ class TrialPages(QTabWidget):
             return grid.simulated
         return self.data is not None and self.data.simulated
 
-    def foot(self) -> str:
-        """Return the line below a picture of the page in front."""
-        is_one = self.data is not None and self.currentWidget() is not self.compare
+    def picture(self) -> Picture:
+        """Return the page in front above a line that names the trial and where it comes from."""
+        page = self.currentWidget()
+        assert page is not None
+        is_one = self.data is not None and page is not self.compare
         title = self.data.title if is_one and self.data else ""
-        return foot_text(title, simulated=self.is_simulated)
+        return with_foot(widget_picture(page), foot_text(title, simulated=self.is_simulated))
 
     def values(self) -> ValueTable:
-        """Return the numbers of the page in front; without a trial none."""
+        """Return the numbers of the page in front with their origin; without a trial none."""
         if self.data is None:
             return ValueTable((), ())
+        names, columns = self._numbers(self.data)
+        said = np.full(len(columns[0]), yes_or_no(self.is_simulated))
+        return ValueTable((*names, SIMULATED), (*columns, said))
+
+    def _numbers(self, data: TrialData) -> ValueTable:
         page = self.currentWidget()
-        if page is self.course and self.data.course is not None:
-            return _course_values(self.data)
-        if page is self.features and self.data.features is not None:
-            return _feature_values(self.data)
+        if page is self.course and data.course is not None:
+            return _course_values(data)
+        if page is self.features and data.features is not None:
+            return _feature_values(data)
         if page is self.compare:
             return _response_values(self.compare.grid)
-        return _readings(self.data)
+        return _readings(data)
 
 
 def _readings(data: TrialData) -> ValueTable:

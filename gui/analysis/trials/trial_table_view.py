@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QEvent, Qt, Signal
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QHeaderView, QTableView
 
 from gui.analysis.trials.sort_header import SortHeader
 
-ROW_PX = 20
+ROW_MARGIN_PX = 4
 _OPENS = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
 
@@ -19,6 +19,8 @@ class TrialTableView(QTableView):
     """Return, or a double click on a row."""
     typed = Signal(str)
     """Letters, which Qt would search 24,000 rows for."""
+    font_changed = Signal()
+    """Rows have the height of other letters; columns follow."""
 
     def __init__(self) -> None:
         super().__init__(showGrid=False)
@@ -26,7 +28,6 @@ class TrialTableView(QTableView):
         self.setHorizontalHeader(self.header)
         self.verticalHeader().hide()
         self.verticalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
-        self.verticalHeader().setDefaultSectionSize(ROW_PX)
         self.header.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
         self.setSelectionBehavior(QTableView.SelectionBehavior.SelectRows)
         self.setSelectionMode(QTableView.SelectionMode.ExtendedSelection)
@@ -39,6 +40,14 @@ class TrialTableView(QTableView):
         bar = self.horizontalScrollBar()
         self.header.scroll_requested.connect(lambda pixels: bar.setValue(bar.value() + pixels))
         self.doubleClicked.connect(lambda _: self.opened.emit())
+        self._fit_rows()
+
+    def changeEvent(self, event: QEvent) -> None:
+        """Follow the size of the texts."""
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.FontChange:
+            self._fit_rows()
+            self.font_changed.emit()
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """Open a trial, or go up to the names of the columns; all else is Qt's."""
@@ -50,6 +59,9 @@ class TrialTableView(QTableView):
             self.header.setFocus(Qt.FocusReason.ShortcutFocusReason)
         else:
             super().keyPressEvent(event)
+
+    def _fit_rows(self) -> None:
+        self.verticalHeader().setDefaultSectionSize(self.fontMetrics().height() + ROW_MARGIN_PX)
 
     def keyboardSearch(self, search: str) -> None:
         """Pass letters on to the filter."""

@@ -20,6 +20,7 @@ from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.labels import ElidedLabel, label, show_text
 from gui.widgets.layouts import push_button, vbox
+from gui.widgets.picture_foot import foot_text
 from gui.widgets.theme import Theme
 from rigctl.values import SAMPLE_RATE_HZ
 
@@ -218,7 +219,7 @@ class ReplayPage(QWidget):
         self.player.length, self.player.position = len(data.samples), 0.0
         with QSignalBlocker(self.place):
             self.place.setRange(0, max(0, len(data.samples) - 1))
-        show_text(self.sentence, data.title)
+        show_text(self.sentence, foot_text(data.title, simulated=data.simulated))
         if self._plays and not self._is_late:
             self._plays = False
             self.player.play()

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gui.analysis.export.value_file import yes_or_no
+
 if TYPE_CHECKING:
     from rigctl.analysis.learning.learning_curve import CurvePoint
     from rigctl.analysis.learning.session_curve import SessionCurve
@@ -25,6 +27,7 @@ VALUE_NAMES = (
     "interval low (%)",
     "interval high (%)",
     "chance (%)",
+    "simulated",
 )
 
 
@@ -62,6 +65,7 @@ def values(curve: SessionCurve) -> tuple[Any, ...]:
             *(point.n_trials, len(point.plates), point.n_conditions, point.trained),
             *(point.tested, point.right, 100 * point.accuracy),
             *(100 * point.low, 100 * point.high, 100 * point.chance),
+            yes_or_no(curve.simulated),
         )
         for point in curve.points
     ]

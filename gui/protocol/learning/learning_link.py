@@ -8,7 +8,8 @@ from typing import Any
 from PySide6.QtCore import QObject, Signal
 
 from gui.analysis.export.export_button import TABLE
-from gui.analysis.export.picture_file import picture_bytes, widget_picture
+from gui.analysis.export.picture_encoder import NewFile, PictureEncoder
+from gui.analysis.export.picture_file import widget_picture
 from gui.analysis.worker import Worker
 from gui.protocol.learning.curve_texts import VALUE_NAMES, values
 from gui.protocol.learning.learning_page import (
@@ -35,7 +36,7 @@ class LearningLink(QObject):
 
     def __init__(self, page: LearningPage) -> None:
         super().__init__()
-        self.worker = Worker()
+        self.worker, self.encoder = Worker(), PictureEncoder()
         self._page = page
         self._stage: Stage = ("", 0, 0)
         self._computed: Stage | None = None
@@ -43,6 +44,8 @@ class LearningLink(QObject):
         page.shown.connect(self.submit)
         page.pressed.connect(self._press)
         page.export_requested.connect(self._export)
+        self.encoder.encoded.connect(self._write_file)
+        self.encoder.failed.connect(lambda text: self.reported.emit("refused", text))
         self.worker.progressed.connect(page.show_progress)
         self.worker.finished.connect(self._finish)
         self.worker.failed.connect(self._fail)
@@ -66,6 +69,11 @@ class LearningLink(QObject):
         self._computed = self._stage
         self._page.show_computing()
         self.worker.submit(CURVE, folder=folder)
+
+    def close(self) -> None:
+        """End the worker process and what is being saved, as before the window closes."""
+        self.encoder.wait()
+        self.worker.cancel()
 
     def _leave(self, folder: str) -> None:
         """Show another session, and end what is computed for the one before."""
@@ -105,10 +113,13 @@ class LearningLink(QObject):
         if curve is None:
             return
         session = Path(curve.folder).expanduser().absolute()
-        file = {"folder": f"{session}-figures", "stem": STEM}
+        stem = f"{STEM}-simulated" if curve.simulated else STEM
+        file = NewFile(f"{session}-figures", stem, suffix)
         if suffix == TABLE:
             table = {"names": VALUE_NAMES, "columns": values(curve)}
-            self.worker.submit("save_values", **file, **table)
+            self.worker.submit("save_values", folder=file.folder, stem=stem, **table)
         else:
-            content = picture_bytes(widget_picture(self._page.figure), suffix, STEM)
-            self.worker.submit("save_file", **file, suffix=suffix, content=content)
+            self.encoder.encode(widget_picture(self._page.figure), file)
+
+    def _write_file(self, file: NewFile, content: bytes) -> None:
+        self.worker.submit("save_file", **file._asdict(), content=content)

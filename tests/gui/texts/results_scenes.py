@@ -33,9 +33,14 @@ def results_scenes(window: MainWindow) -> Iterator[str]:
     tab = window.analysis_tab
     words = [ResultsPage(name, html="<p>A sentence.</p>") for name in ("Table 1", "One taxel")]
     more = [ResultsPage(name, html="<p>A sentence.</p>") for name in ("Presets", "Remarks")]
-    figures = [plot_page("Accuracy", _accuracy()), plot_page("Confusion", _confusion())]
+    figures = [
+        plot_page("Accuracy", largest_accuracy()),
+        plot_page("Confusion", largest_confusion()),
+    ]
     pages = (words[0], *figures, words[1], *more)
-    tab.results_view.show_results(AnalysisResults("98.85 ± 0.16 % of 48 trials right", pages))
+    sentence, name = "98.85 ± 0.16 % of 48 trials right", ORIGIN.partition(" · ")[2]
+    results = AnalysisResults(sentence, pages, name=name, simulated=True)
+    tab.results_panel.show_results(results, "Sessions: dense-coding-of-surface-textures-20261123")
     window.stack.setCurrentWidget(tab.results_panel)
     yield "Analysis, results"
     for index in (1, 2):
@@ -50,7 +55,8 @@ def results_scenes(window: MainWindow) -> Iterator[str]:
         yield f"Analysis, {tab.results_view.tabText(index)}"
 
 
-def _accuracy() -> AccuracyPlot:
+def largest_accuracy() -> AccuracyPlot:
+    """Return the curves of all tasks and representations."""
     percent = tuple(np.linspace(10, 98, 50).tolist())
     paper = PublishedAccuracy(98.85, 0.16, 50)
     curves = tuple(
@@ -60,7 +66,8 @@ def _accuracy() -> AccuracyPlot:
     return AccuracyPlot(panels, ORIGIN, True)
 
 
-def _confusion() -> ConfusionPlot:
+def largest_confusion() -> ConfusionPlot:
+    """Return the matrices of all tasks and representations."""
     counts = np.full((16, 16), 1234) + 16_000 * np.eye(16, dtype=np.int64)
     matrices = tuple(
         ConfusionCounts(title, r.name, 50, tuple(GROUPS), counts, SEEN)
