@@ -13,9 +13,9 @@ from PySide6.QtGui import QImage, QMouseEvent, QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
+from gui.analysis.export.picture_foot import FOOT_PX
 from gui.live.page.live_bar import VOLTS
 from gui.live.page.live_page import ENCODER, SAVE, TAXELS, LivePage
-from gui.widgets.picture_foot import FOOT_PX
 from gui.widgets.theme import LIGHT
 from rigctl.acquisition.rpc.messages import EngineStatus, parse_status
 from rigctl.encoding.encoder import Encoder

@@ -19,7 +19,7 @@ from PySide6.QtGui import QImage, QImageWriter, QPageLayout, QPageSize, QPainter
 from PySide6.QtSvg import QSvgGenerator
 from PySide6.QtWidgets import QGraphicsView, QWidget
 
-from gui.widgets.picture_foot import FOOT_PX, paint_foot
+from gui.analysis.export.picture_foot import FOOT_PX, paint_foot
 from rigctl.errors import WrongUse
 
 PICTURES = ("png", "svg", "pdf")

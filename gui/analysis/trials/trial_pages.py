@@ -12,6 +12,7 @@ from gui.analysis.compare.compare_view import CompareView
 from gui.analysis.compare.responses import ResponseGrid
 from gui.analysis.export.export_button import ExportButton
 from gui.analysis.export.picture_file import Picture, widget_picture, with_foot
+from gui.analysis.export.picture_foot import foot_text
 from gui.analysis.export.value_file import SIMULATED, yes_or_no
 from gui.analysis.task_values import TrialData
 from gui.analysis.trial_view import TrialView
@@ -19,7 +20,6 @@ from gui.analysis.trials.course_view import CourseView
 from gui.analysis.trials.features_view import FeaturesView
 from gui.widgets.labels import label
 from gui.widgets.layouts import container, hbox
-from gui.widgets.picture_foot import foot_text
 from gui.widgets.theme import Theme
 from rigctl.values import SAMPLE_RATE_HZ
 

@@ -9,6 +9,7 @@ from typing import Any
 from PySide6.QtCore import QElapsedTimer, Qt, QTimer, Signal
 from PySide6.QtWidgets import QWidget
 
+from gui.analysis.export.picture_foot import foot_text, image_with_foot
 from gui.live.export.save_strip import SaveStrip
 from gui.live.export.saver import Saver
 from gui.live.export.shown_samples import shown_samples
@@ -23,7 +24,6 @@ from gui.live.sweeps.sweep_strip import SweepStrip
 from gui.live.value_scale import NOMINAL_SUPPLY_V, ValueScale
 from gui.widgets.labels import ElidedLabel, show_text
 from gui.widgets.layouts import vbox
-from gui.widgets.picture_foot import foot_text, image_with_foot
 from gui.widgets.theme import Theme
 from rigctl.acquisition.live_buffer import LiveReader
 from rigctl.acquisition.rpc.messages import EngineStatus

@@ -7,6 +7,7 @@ from typing import Any
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QLineEdit, QScrollBar, QSpinBox, QWidget
 
+from gui.analysis.export.picture_foot import foot_text
 from gui.analysis.task_values import DRUM, SessionTable, TrialData
 from gui.analysis.worker import Worker
 from gui.live.live_plots import LivePlots
@@ -20,7 +21,6 @@ from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.labels import ElidedLabel, label, show_text
 from gui.widgets.layouts import push_button, vbox
-from gui.widgets.picture_foot import foot_text
 from gui.widgets.theme import Theme
 from rigctl.values import SAMPLE_RATE_HZ
 
