@@ -130,6 +130,9 @@ def run(args: argparse.Namespace) -> int:
             window.toolbar.world.choose(str(world))
         window.attach.announce()
     code = int(app.exec())
+    for link in (window.engine_link, window.finger_tab.link):
+        for sentence in link.left_running:
+            print(f"rigctl-gui: {visible(sentence)}", file=sys.stderr)
     delete(window)  # while there is an application: widgets that outlive it crash Python's end
     return code
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Collection, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -18,12 +17,12 @@ from PySide6.QtCore import QElapsedTimer, QObject, QSocketNotifier, Signal
 
 from gui.engine_clients import EngineChoice
 from rigctl.acquisition.live_buffer import LiveReader
-from rigctl.acquisition.rpc.client import EngineClient
-from rigctl.acquisition.rpc.engine_files import FOLLOWED
+from rigctl.acquisition.rpc.client import EngineClient, EngineSilent
+from rigctl.acquisition.rpc.engine_files import DRUM_EXPERIMENT, FOLLOWED
 from rigctl.acquisition.rpc.engine_launch import EngineRefusal
 from rigctl.acquisition.rpc.messages import EngineStatus, parse_status
 from rigctl.acquisition.rpc.stop_all import StopResult, stop_engines
-from rigctl.errors import RigctlError
+from rigctl.errors import LinkLost, RigctlError
 
 SILENCE_TIMEOUT_S = 1.5
 STOP_TIMEOUT_S = 0.5
@@ -31,6 +30,9 @@ CLOSE_TIMEOUT_S = 35.0
 NOT_CONNECTED = "not connected"
 NO_ENGINE = "STOP: no engine is running; press the rig's emergency stop if the drum moves"
 STOP_TIMED_OUT = "STOP was sent, but the engine does not answer: press the emergency stop"
+LEFT_RUNNING = "the engine of {rig} (process {pid}) does not answer and is left running: {cure}"
+LIFTS = "while it is silent the drum lifts by itself; look at the rig, and "
+END_IT = "end that process if it stays"
 
 ClientFactory = Callable[..., EngineClient]
 """Opens the engine that the arguments of :meth:`EngineLink.open` name; raises if it cannot."""
@@ -97,8 +99,8 @@ class EngineLink(QObject, Generic[_Status, _Live]):
     """The new status."""
     silent = Signal(float)
     """Seconds since the last message, on each poll while they exceed the timeout."""
-    stop_reported = Signal(str, str)
-    """Kind and text for the event log: the result of STOP for an engine."""
+    reported = Signal(str, str)
+    """Kind and text for the event log: the result of STOP for an engine, or of leaving one."""
 
     def __init__(self, factory: ClientFactory, dialect: Dialect[_Status, _Live]) -> None:
         super().__init__()
@@ -121,6 +123,8 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         self._clock.start()
         self._last_message_ms = 0
         self._is_opening = False
+        self.left_running: list[str] = []
+        """A sentence for each engine that did not end or answer when this window left it."""
         self.live: _Live | None = None
         """The live data, None without a connection."""
         self.status: _Status = dialect.parse({})
@@ -176,7 +180,7 @@ class EngineLink(QObject, Generic[_Status, _Live]):
             self._stop_number = number
 
     def stop(self) -> None:
-        """Stop the connected engine, then all others in a thread; :attr:`stop_reported` follows.
+        """Stop the connected engine, then all others in a thread; :attr:`reported` follows.
 
         A connected engine that has not read what came before gets STOP by a new connection, too.
         """
@@ -215,9 +219,9 @@ class EngineLink(QObject, Generic[_Status, _Live]):
             self._is_opening = False
             self.closed.emit(NOT_CONNECTED)
         if self._client is not None:
-            leave = self._client.leave
+            client = self._client
             self._drop_notifier()
-            self._run_in_thread(lambda: _leave(leave))
+            self._run_in_thread(lambda: self._leave(client))
             self._drop(NOT_CONNECTED)
 
     def wait_closed(self) -> None:
@@ -225,7 +229,7 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         for thread in self._threads:
             thread.join(CLOSE_TIMEOUT_S)
         while not self._opened.empty():
-            _leave_opened(self._opened.get()[1])
+            self._leave_opened(self._opened.get()[1])
 
     def _run_in_thread(self, action: Callable[[], object]) -> None:
         self._threads = [thread for thread in self._threads if thread.is_alive()]
@@ -246,16 +250,38 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         """
         try:
             if not stop_engines(self._report_stop, stopped) and not is_linked:
-                self.stop_reported.emit("stop", NO_ENGINE)
+                self.reported.emit("stop", NO_ENGINE)
         except RigctlError as error:
-            self.stop_reported.emit("lost", f"STOP reached no engine: {error}")
+            self.reported.emit("lost", f"STOP reached no engine: {error}")
 
     def _report_stop(self, result: StopResult) -> None:
         if result.failure:
             text = f"STOP did not reach {result.name}: press its emergency stop ({result.failure})"
-            self.stop_reported.emit("lost", text)
+            self.reported.emit("lost", text)
         else:
-            self.stop_reported.emit("stop", f"STOP reached {result.name}")
+            self.reported.emit("stop", f"STOP reached {result.name}")
+
+    def _leave_opened(self, result: EngineClient | Exception) -> None:
+        """Leave an engine that opened for nobody."""
+        if not isinstance(result, Exception):
+            self._leave(result)
+
+    def _leave(self, client: EngineClient) -> None:
+        """Leave an engine; say so where it goes on although it should end."""
+        try:
+            client.leave()
+            return
+        except EngineSilent:
+            pass
+        except LinkLost:
+            return  # it has ended already
+        except RigctlError:
+            pass
+        engine = client.engine_file
+        cure = LIFTS + END_IT if engine.experiment == DRUM_EXPERIMENT else END_IT
+        sentence = LEFT_RUNNING.format(rig=engine.rig, pid=engine.pid, cure=cure)
+        self.left_running.append(sentence)
+        self.reported.emit("lost", sentence)
 
     def _take_opened(self) -> None:
         try:
@@ -265,7 +291,7 @@ class EngineLink(QObject, Generic[_Status, _Live]):
                 self.opening.emit((self._clock.elapsed() - self._opening_since_ms) / 1000)
             return
         if number != self._attempt or not self._is_opening:
-            self._run_in_thread(lambda: _leave_opened(result))
+            self._run_in_thread(lambda: self._leave_opened(result))
             return
         self._is_opening = False
         if isinstance(result, Exception):
@@ -314,7 +340,7 @@ class EngineLink(QObject, Generic[_Status, _Live]):
             engine = self._client.engine_file
             late = f"{(self._clock.elapsed() - sent_ms) / 1000:.1f} s after it was sent"
             text = f"STOP reached {engine.rig} (process {engine.pid}), {late}"
-            self.stop_reported.emit("stop", text)
+            self.reported.emit("stop", text)
 
     def _check_timeouts(self) -> None:
         now_ms = self._clock.elapsed()
@@ -327,7 +353,7 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         ]
         for number in set(late) - self._late_stops:
             self._late_stops.add(number)
-            self.stop_reported.emit("stop", STOP_TIMED_OUT)
+            self.reported.emit("stop", STOP_TIMED_OUT)
 
     def _lose(self, reason: str) -> None:
         client = self._client
@@ -357,14 +383,3 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         self._stop_number = 0
         self.status = self._dialect.parse({})
         self._last_message_ms = self._clock.elapsed()
-
-
-def _leave_opened(result: EngineClient | Exception) -> None:
-    """Leave an engine that opened for nobody."""
-    if not isinstance(result, Exception):
-        _leave(result.leave)
-
-
-def _leave(leave: Callable[[], object]) -> None:
-    with suppress(RigctlError):  # the engine has ended already
-        leave()

@@ -99,7 +99,7 @@ class FingerTab(QObject):
         link.event_received.connect(self._on_event)
         link.status_changed.connect(self._on_status)
         link.silent.connect(self._on_silent)
-        link.stop_reported.connect(self.reported)
+        link.reported.connect(self.reported)
         # Queued: when it arrives, Qt has put the painted answer on the screen.
         queued = Qt.ConnectionType.QueuedConnection
         self.view.answer.painted.connect(self._report_shown, queued)

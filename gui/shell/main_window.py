@@ -157,10 +157,9 @@ class MainWindow(SteadyFocusWindow):
         self.timer.stop()
         self._escape_key.release()
         self.memory.close()
-        self.attach.close()
-        self.tools.close()
-        self.start.close()
-        self.analysis_tab.close()
+        self.hide()  # the window does not stay while an engine or a worker ends slowly
+        for part in (self.attach, self.tools, self.start, self.analysis_tab):
+            part.close()
         self.replay.page.close_files()
         self.drum.close()
         self.finger_tab.close()

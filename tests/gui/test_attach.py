@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import socket
 import subprocess
 from collections.abc import Callable, Iterator
@@ -18,6 +20,7 @@ from gui.engine_clients import JOIN, followed_session, remote_engine
 from gui.shell.main_window import MainWindow
 from rigctl.acquisition.follow.awaited_session import NOTHING_YET
 from rigctl.acquisition.follow.recorder_watch import RECORDER_GONE
+from rigctl.acquisition.rpc import client
 from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.engine_files import running_engines, write_engine_file
 from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE, runtime_folder
@@ -246,3 +249,27 @@ def test_a_session_is_followed_before_its_first_plate(
         wait_until(lambda: link.status.run.state == "running", TIMEOUT_MS)
         assert "cannot be read" not in log.toPlainText()
         rig.shut_down()
+
+
+def test_a_window_whose_engine_hangs_closes_at_once_and_says_what_is_left(
+    running: EngineClient, open_window: OpenWindow, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It stayed on the screen for 10 s, and for 35 s where the engine was to end."""
+    monkeypatch.setattr(client, "LEAVE_TIMEOUT_S", 0.3)
+    window = joined(open_window())
+    link = window.engine_link
+    was_visible: list[bool] = []
+    wait_closed = link.wait_closed
+    monkeypatch.setattr(
+        link, "wait_closed", lambda: (was_visible.append(window.isVisible()), wait_closed())
+    )
+    os.kill(running.engine_file.pid, signal.SIGSTOP)
+    try:
+        window.attach.leave()
+    finally:
+        os.kill(running.engine_file.pid, signal.SIGCONT)
+    assert was_visible == [False] and not window.isVisible()
+    (sentence,) = link.left_running
+    assert f"(process {running.engine_file.pid}) does not answer and is left running" in sentence
+    assert "the drum lifts by itself" in sentence
+    assert running.request("status")["run"]["state"] == "running"

@@ -85,7 +85,7 @@ class DrumController(QObject):
         link.event_received.connect(self._on_event)
         link.status_changed.connect(self._on_status)
         link.silent.connect(self._on_silent)
-        link.stop_reported.connect(self.reported)
+        link.reported.connect(self.reported)
 
     def _connect_panels(self) -> None:
         self.toolbar.connect_requested.connect(self.connect_rig)

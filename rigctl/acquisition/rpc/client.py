@@ -40,6 +40,8 @@ from rigctl.errors import LinkLost, RigctlError, RigFault, WrongUse
 
 START_TIMEOUT_S = 60.0
 WAIT_TIMEOUT_S = 10
+LEAVE_TIMEOUT_S = 5.0
+"""An engine that does not answer in this time is left as it is."""
 READ_BYTES, MAX_READS = 1 << 18, 8
 NAME_LETTERS = 80
 """Of a client's name."""
@@ -47,6 +49,10 @@ BEHIND = "the engine has not read the requests before this one: wait, or press S
 BEFORE_STOP = "STOP came before this request was sent"
 ENGINE_COMMAND, FINGER_ENGINE_COMMAND = "engine", "finger-engine"
 FOLLOW_ENGINE_COMMAND = "follow-engine"
+
+
+class EngineSilent(LinkLost):
+    """The engine is there and does not answer."""
 
 
 class EngineClient:
@@ -208,19 +214,25 @@ class EngineClient:
     def leave(self, timeout_s: float = 30.0) -> int | None:
         """End the engine as :meth:`shut_down` where nobody else uses it and nothing runs.
 
-        Else only leave it: its other clients and its run go on. Raises EngineRefusal, LinkLost.
+        Else only leave it: its other clients and its run go on. Raises EngineRefusal, LinkLost,
+        EngineSilent where it does not answer, and is left as it is.
         """
+        ends = False
         try:
-            ends = bool(self._link_error) or bool(self.request("leave")["ends"])
+            lost = bool(self._link_error)
+            ends = lost or bool(self.request("leave", timeout_s=LEAVE_TIMEOUT_S)["ends"])
             ends = ends and not self._is_disconnected
         finally:
             self.close()
-        if ends:
-            return self._wait_ended(timeout_s)
-        if self.process is not None:  # its end is noted, so that no zombie stays
+            if not ends:
+                self._note_end()
+        return self._wait_ended(timeout_s) if ends else None
+
+    def _note_end(self) -> None:
+        """Wait for the engine's end in a thread of its own, so that it leaves no zombie."""
+        if self.process is not None:
             wait = self.process.wait
             threading.Thread(target=wait, daemon=True, name="rigctl-engine-end").start()
-        return None
 
     def _wait_ended(self, timeout_s: float) -> int | None:
         if self.process is None:
@@ -249,7 +261,7 @@ class EngineClient:
             if self._link_error:
                 raise LinkLost(self._link_error)
             if remaining_s <= 0:
-                raise LinkLost(
+                raise EngineSilent(
                     f"{failure} within {timeout_s:.0f} s: the engine (process "
                     f"{self.engine_file.pid}) hangs; end it and start again"
                 )
