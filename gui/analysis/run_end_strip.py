@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QFrame
 
 from gui.widgets.labels import label
 from gui.widgets.layouts import hbox, push_button
-from rigctl.acquisition.rpc.messages import EngineStatus
+from rigctl.acquisition.rpc.messages import EngineStatus, RunStatus
 
 
 class RunEndStrip(QFrame):
@@ -40,11 +40,19 @@ class RunEndStrip(QFrame):
         watched, self._watched = self._watched, ""
         if watched and run.has_ended and run.session in (None, watched):
             self.session = watched
-            n = run.trials_committed
-            trials = "1 trial" if n == 1 else f"{n:,} trials"
-            self.text.setText(f"The run {Path(self.session).name} has ended with {trials}.")
+            name = Path(self.session).name
+            self.text.setText(f"The run {name} has ended with {_trials(run)}.")
             self.show()
 
     def _analyse(self) -> None:
         self.hide()
         self.analyse_requested.emit(self.session)
+
+
+def _trials(run: RunStatus) -> str:
+    """Return how many trials a run has, and how the rest is recorded."""
+    n, planned = run.trials_committed, run.trials_planned
+    if n >= planned:
+        return "1 trial" if n == 1 else f"{n:,} trials"
+    rest = "" if run.state == "done" else ": Continue a session … in Protocol records the rest"
+    return f"{n:,} of {planned:,} trials{rest}"

@@ -12,6 +12,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QPushButton, QTableView, QWidget
 
 from gui.live.replay.player import Player
+from gui.live.replay.replay_page import NO_SESSION
 from rigctl.encoding.encoder import encode_trial
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.session.read.session import Session
@@ -190,6 +191,9 @@ def test_a_folder_that_is_no_session_is_refused_in_a_sentence(
     assert str(tmp_path) in page.sentence.text() and "Traceback" not in page.sentence.text()
     click(page.play)
     assert not page.player.is_playing, "the trial of before is not that of this folder"
+    page.session.clear()
+    QTest.keyClick(page.session, Qt.Key.Key_Return)
+    assert page.sentence.text() == NO_SESSION and not page.worker.is_busy
     disconnected.window.replay.hide()
 
 

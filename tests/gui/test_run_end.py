@@ -56,3 +56,19 @@ def test_one_trial_is_no_plural(harness: Harness, tmp_path: Path) -> None:
     harness.update(run=run_status("aborted", tmp_path / "short", 1))
     assert strip.text.text() == "The run short has ended with 1 trial."
     click(strip.close_button)
+
+
+def test_a_run_that_was_aborted_says_how_the_rest_is_recorded(
+    harness: Harness, tmp_path: Path
+) -> None:
+    strip = harness.window.analysis_tab.run_end_strip
+    harness.update(run=run_status("running", tmp_path / "short"))
+    run = RunStatus(
+        "aborted", trials_planned=32, trials_committed=1, session=str(tmp_path / "short")
+    )
+    harness.update(run=asdict(run))
+    assert strip.text.text() == (
+        "The run short has ended with 1 of 32 trials: Continue a session … in Protocol records "
+        "the rest."
+    )
+    click(strip.close_button)

@@ -144,7 +144,7 @@ class ReplayPage(QWidget):
         movies.told.connect(lambda words: show_text(self.sentence, words))
         movies.saved.connect(self._show_saved)
         movies.failed.connect(lambda sentence: self._fail("trial_movie", sentence))
-        self.session.returnPressed.connect(lambda: self.open(self.session.text()))
+        self.session.returnPressed.connect(self._open_typed)
         self.trial.valueChanged.connect(lambda number: self._load(number - 1))
         self.speed.valueChanged.connect(lambda speed: setattr(self.player, "speed", speed))
         self.place.valueChanged.connect(self._seek)
@@ -152,6 +152,12 @@ class ReplayPage(QWidget):
         pointer.enlarge_requested.connect(self.plots.toggle_alone)
         self.plots.lines_changed.connect(self._show_values)
         self.plots.navigation.changed.connect(self._follow_window)
+
+    def _open_typed(self) -> None:
+        if path := self.session.text().strip():
+            self.open(path)
+        else:
+            show_text(self.sentence, NO_SESSION)
 
     def _toggle(self) -> None:
         if self.player.is_playing:
