@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 
-from PySide6.QtCore import QByteArray, Qt, Signal
+from PySide6.QtCore import QByteArray, QCoreApplication, QEvent, Qt, Signal
 from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QApplication, QDockWidget, QMainWindow, QTabWidget, QWidget
 
@@ -91,6 +91,8 @@ class DockArea(QMainWindow):
 
     def set_side_widths(self, widths_px: Mapping[str, int]) -> None:
         """Give panels their widths, as far as the texts in them and in the middle allow."""
+        # The panels still ask for the room of the texts before; a dock would not get narrower.
+        QCoreApplication.sendPostedEvents(None, QEvent.Type.LayoutRequest)
         docks = [self.docks[name] for name in widths_px]
         self.resizeDocks(docks, list(widths_px.values()), Qt.Orientation.Horizontal)
 

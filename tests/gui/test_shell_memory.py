@@ -21,6 +21,9 @@ from tests.gui.steps import Harness, wait_until
 WindowMaker = Callable[[], MainWindow]
 
 
+LAYOUT_PASSES = 5
+
+
 @pytest.fixture
 def ini(tmp_path: Path) -> Path:
     """Return the file of the settings."""
@@ -121,7 +124,9 @@ def test_menu_works_a_button_of_the_rig(harness: Harness) -> None:
 
 
 def test_texts_scale(harness: Harness) -> None:
+    """The widest box of the panel is that of a simulated bench."""
     window, usual = harness.window, QApplication.font().pointSizeF()
+    harness.update()
     height, before = window.toolbar.state.sizeHint().height(), window.size()
     window.resize(1024, 700)
     QApplication.processEvents()
@@ -129,14 +134,16 @@ def test_texts_scale(harness: Harness) -> None:
     assert widths_px
     try:
         window.set_text_size(150)
-        QApplication.processEvents()  # the panels grow with what is in them
+        for _ in range(LAYOUT_PASSES):
+            QApplication.processEvents()  # the panels grow with what is in them
         assert QApplication.font().pointSizeF() == pytest.approx(1.5 * usual)
         assert window.toolbar.state.sizeHint().height() > height
         stop = window.toolbar.stop_button
         assert window.rect().contains(stop.mapTo(window, stop.rect().bottomRight()))
     finally:
         window.set_text_size(100)
-    QApplication.processEvents()
+    for _ in range(LAYOUT_PASSES):
+        QApplication.processEvents()
     assert QApplication.font().pointSizeF() == pytest.approx(usual)
     after_px = window.docks.side_widths_px()
     window.resize(before)
