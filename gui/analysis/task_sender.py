@@ -8,7 +8,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
 from typing import Any
 
-JOIN_TIMEOUT_S = 5.0
+JOIN_TIMEOUT_S = 1.0
 
 
 class TaskSender:
@@ -30,7 +30,9 @@ class TaskSender:
         with self._lock:
             self._waiting.append(content)
             if self._thread is None:
-                self._thread = threading.Thread(target=self._send, name="rigctl-worker-tasks")
+                self._thread = threading.Thread(
+                    target=self._send, name="rigctl-worker-tasks", daemon=True
+                )
                 self._thread.start()
 
     def join(self) -> None:

@@ -12,7 +12,7 @@ from PySide6.QtCore import QObject, Signal
 from gui.analysis import worker_tasks
 from gui.analysis.task_sender import TaskSender
 
-_JOIN_TIMEOUT_S = 5.0
+_JOIN_TIMEOUT_S = 1.0
 
 
 class Worker(QObject):
@@ -70,9 +70,10 @@ class Worker(QObject):
         pipe, self._pipe = self._pipe, None
         sender, self._sender = self._sender, None
         if process is not None:
-            process.terminate()
+            process.kill()
             process.join(_JOIN_TIMEOUT_S)
-            process.close()
+            if process.exitcode is not None:  # else the system keeps it, as on a share that hangs
+                process.close()
         if sender is not None:
             sender.join()
         if pipe is not None:
