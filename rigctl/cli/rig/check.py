@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=path_or_name("--rig"),
         default=SIMULATED[0],
         metavar="RIG",
-        help="virtual, firmware, a rig.toml or a finger.toml",
+        help="virtual, firmware, a rig.toml or a finger.toml: whose limits hold (virtual)",
     )
     parser.add_argument(
         "--out",

@@ -58,11 +58,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rig",
         type=path_or_name("--rig"),
         metavar="RIG",
-        help="virtual, firmware, or a rig.toml",
+        help="virtual, firmware, or a rig.toml (default: that of the session, else virtual)",
     )
     add_world(parser)
     parser.add_argument(
-        "--out", type=a_path("--out"), metavar="DIR", help="folder of the new session"
+        "--out",
+        type=a_path("--out"),
+        metavar="DIR",
+        help="folder of the new session (default: sessions/TIME-NAME)",
     )
     parser.add_argument(
         "--resume", type=a_path("--resume"), metavar="DIR", help="continue a session"
