@@ -100,12 +100,15 @@ def test_a_changed_protocol_becomes_a_file_of_the_user(
         ("mine.toml", "whole path"),
         ("{folder}/mine.txt", ".toml"),
         ("{folder}/taken.toml", "exists"),
+        ("{folder}/unwritable.toml", "unwritable.toml cannot be written"),
     ],
 )
 def test_a_place_that_is_taken_or_none_is_refused(
     panel: ProtocolPanel, tmp_path: Path, path: str, sentence: str
 ) -> None:
     (tmp_path / "taken.toml").write_text("mine already")
+    (tmp_path / "unwritable.toml.partial").mkdir()
+    before = set(tmp_path.iterdir())
     editor = panel.page.editor
     write(editor, MINE)
     wait_until(editor.save_button.isEnabled)
@@ -113,3 +116,4 @@ def test_a_place_that_is_taken_or_none_is_refused(
     click(editor.save_button)
     wait_until(lambda: sentence in editor.verdict.text())
     assert (tmp_path / "taken.toml").read_text() == "mine already"
+    assert set(tmp_path.iterdir()) == before

@@ -10,7 +10,8 @@ from gui.widgets.formatting import duration, size
 from rigctl.config import resources
 from rigctl.config.text_file import read_text
 from rigctl.config.toml_bounds import MAX_BYTES
-from rigctl.errors import ProtocolError, RigctlError, WrongUse
+from rigctl.config.toml_edit import replace_file
+from rigctl.errors import DiskFault, ProtocolError, RigctlError, WrongUse
 
 OWN_FOLDER = "rigctl-protocols"
 
@@ -66,13 +67,13 @@ def save_protocol(path: str, text: str, may_replace: bool) -> SavedProtocol:
     file = Path(path)
     if not file.is_absolute() or file.suffix != ".toml":
         return SavedProtocol(path, "Save as: give the whole path of a file that ends with .toml")
-    new = file.with_name(f"{file.name}.new")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         if not may_replace and file.exists():
             return SavedProtocol(path, f"{path} exists: choose another name")
-        new.write_text(text, encoding="utf-8", newline="\n")
-        new.replace(file)
+        replace_file(file, text)
     except OSError as error:
         return SavedProtocol(path, f"{path} cannot be saved: {error.strerror}")
+    except DiskFault as fault:
+        return SavedProtocol(path, str(fault))
     return SavedProtocol(path)
