@@ -7,20 +7,18 @@ each :meth:`EngineLink.poll`, and a timeout reports an engine that does not answ
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
 from PySide6.QtCore import QElapsedTimer, QObject, QSocketNotifier, Signal
 
 from gui.engine_clients import EngineChoice
-from rigctl.acquisition.live_buffer import LiveReader
+from gui.engine_dialect import Dialect, LinkedLive, LinkedStatus, other_version, readable_event
 from rigctl.acquisition.rpc.client import EngineClient, EngineSilent
 from rigctl.acquisition.rpc.engine_files import DRUM_EXPERIMENT, FOLLOWED
 from rigctl.acquisition.rpc.engine_launch import EngineRefusal
-from rigctl.acquisition.rpc.messages import EngineStatus, parse_status
 from rigctl.acquisition.rpc.stop_all import StopResult, stop_engines
 from rigctl.errors import LinkLost, RigctlError
 
@@ -38,42 +36,8 @@ ClientFactory = Callable[..., EngineClient]
 """Opens the engine that the arguments of :meth:`EngineLink.open` name; raises if it cannot."""
 
 
-class LinkedRun(Protocol):
-    """A run as the link sees it."""
-
-    @property
-    def is_active(self) -> bool:
-        """Whether it goes on."""
-
-
-class LinkedStatus(Protocol):
-    """A status message with a run."""
-
-    @property
-    def run(self) -> LinkedRun:
-        """The run."""
-
-
-class LinkedLive(Protocol):
-    """A reader of live data."""
-
-    def close(self) -> None:
-        """Close the file."""
-
-
 _Status = TypeVar("_Status", bound=LinkedStatus)
 _Live = TypeVar("_Live", bound=LinkedLive)
-
-
-@dataclass(frozen=True, slots=True)
-class Dialect(Generic[_Status, _Live]):
-    """How the messages and the live data of one experiment's engine are read."""
-
-    parse: Callable[[Mapping[str, Any]], _Status]
-    open_live: Callable[[Path], _Live]
-
-
-DRUM: Dialect[EngineStatus, LiveReader] = Dialect(parse_status, LiveReader)
 
 
 class EngineLink(QObject, Generic[_Status, _Live]):
@@ -117,6 +81,8 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         """Command and time in ms of each request without a reply, by its number."""
         self._stop_number = 0
         """Number of the last STOP: it ends what was requested before."""
+        self._is_unreadable = False
+        """Whether the last status was."""
         self._late_stops: set[int] = set()
         """Numbers of the STOPs that the window has told to be without an answer."""
         self._clock = QElapsedTimer()
@@ -315,10 +281,21 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         if "reply" in message:
             self._dispatch_reply(message)
         elif message.get("event") == "status":
-            self.status = self._dialect.parse(message.get("data") or {})
-            self.status_changed.emit(self.status)
+            self._take_status(message.get("data") or {})
         else:
-            self.event_received.emit(message)
+            self.event_received.emit(readable_event(message))
+
+    def _take_status(self, data: Any) -> None:
+        """Show a status; leave out one that another version has sent, and say so once."""
+        try:
+            self.status = self._dialect.parse(data)
+        except ValueError as error:
+            if not self._is_unreadable:
+                self.reported.emit("lost", other_version(f"status ({error})"))
+            self._is_unreadable = True
+            return
+        self._is_unreadable = False
+        self.status_changed.emit(self.status)
 
     def _dispatch_reply(self, message: dict[str, Any]) -> None:
         command, sent_ms = self._pending.pop(message["reply"], ("", 0))
@@ -380,6 +357,7 @@ class EngineLink(QObject, Generic[_Status, _Live]):
     def _reset(self) -> None:
         self._pending.clear()
         self._late_stops.clear()
+        self._is_unreadable = False
         self._stop_number = 0
         self.status = self._dialect.parse({})
         self._last_message_ms = self._clock.elapsed()

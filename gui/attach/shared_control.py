@@ -6,6 +6,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Signal
 
+from gui.engine_dialect import UNREADABLE, other_version
 from gui.engine_link import EngineLink
 from rigctl.acquisition.rpc.client import client_name
 from rigctl.acquisition.sharing.control import ControlState, parse_control
@@ -61,17 +62,27 @@ class SharedControl(QObject):
         self.changed.emit()
 
     def _take_answer(self, command: str, result: dict[str, Any]) -> None:
-        if command == "introduce":
-            self.number = int(result["client"])
-            self._show(result["control"])
-        elif command == "history":
-            events = [(e["age_s"], e["kind"], e["text"]) for e in result["events"]]
-            self.history_received.emit(events)
+        """Take what the engine tells a window that joins; another version's may lack something."""
+        number, events = result.get("client"), result.get("events")
+        if command == "introduce" and isinstance(number, int):
+            self.number = number
+            self._show(result.get("control"))
+        elif command == "history" and isinstance(events, list):
+            try:
+                past = [(float(e["age_s"]), str(e["kind"]), str(e["text"])) for e in events]
+            except UNREADABLE:
+                self._link.reported.emit("lost", other_version("log of before"))
+            else:
+                self.history_received.emit(past)
 
     def _take_event(self, message: dict[str, Any]) -> None:
         if message.get("event") == "control":
-            self._show(message.get("data") or {})
+            self._show(message.get("data"))
 
-    def _show(self, data: dict[str, Any]) -> None:
-        self.state = parse_control(data)
+    def _show(self, data: Any) -> None:
+        try:
+            self.state = parse_control(data or {})
+        except UNREADABLE:
+            self._link.reported.emit("lost", other_version("list of clients"))
+            return
         self.changed.emit()

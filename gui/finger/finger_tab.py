@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,8 @@ from gui.engine_clients import (
     open_finger_client,
     shown_rig,
 )
-from gui.engine_link import NOT_CONNECTED, ClientFactory, Dialect, EngineLink
+from gui.engine_dialect import UNREADABLE, Dialect, other_version
+from gui.engine_link import NOT_CONNECTED, ClientFactory, EngineLink
 from gui.finger.finger_bar import FingerBar
 from gui.finger.finger_health import FingerHealthStrip
 from gui.finger.finger_view import FingerView
@@ -194,6 +196,18 @@ class FingerTab(QObject):
 
     def _on_event(self, message: dict[str, Any]) -> None:
         kind, data = str(message.get("event")), message.get("data") or {}
+        try:
+            self._take_scan_event(kind, data, float(message["at_s"]))
+        except UNREADABLE:
+            self.reported.emit("lost", other_version(f"event {kind}"))
+        text = str(message.get("text") or "")
+        if text and kind not in _UNTOLD:
+            self.reported.emit(kind, text)
+        if kind == "run" and (digest := data.get("digest")):
+            self.reported.emit("digest", str(digest))
+
+    def _take_scan_event(self, kind: str, data: Mapping[str, Any], at_s: float) -> None:
+        """Show what an event tells of a scan."""
         record = self.view.record
         if kind == "batch":
             record.add_batch(data)
@@ -206,12 +220,7 @@ class FingerTab(QObject):
             self.view.show_record()
         elif kind == "instruction":
             record.announce(str(data["texture"]), str(data["profile"]))
-            self.view.begin_slide(float(message["at_s"]))
-        text = str(message.get("text") or "")
-        if text and kind not in _UNTOLD:
-            self.reported.emit(kind, text)
-        if kind == "run" and (digest := data.get("digest")):
-            self.reported.emit("digest", str(digest))
+            self.view.begin_slide(at_s)
 
     def _on_status(self, status: FingerEngineStatus) -> None:
         self._is_silent = False

@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QGridLayout, QGroupBox, QProgressBar, QWidget
 
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.formatting import duration
-from gui.widgets.labels import elastic, label, plain_tooltip, set_property, show_text
+from gui.widgets.labels import elastic, label, plain_tooltip, set_property, show_progress, show_text
 from gui.widgets.layouts import combo_box, container, form_layout, hbox, push_button, vbox
 from rigctl.realtime.messages import FingerEngineStatus, FingerRunStatus
 
@@ -97,8 +97,7 @@ class FingerRunBox(QGroupBox):
     def _show_run(self, run: FingerRunStatus) -> None:
         show_text(self.state, run_sentence(run))
         set_property(self.state, "role", "bad" if run.state == "failed" else "heading")
-        self.bar.setMaximum(max(run.trials_planned, 1))
-        self.bar.setValue(run.trials_committed)
+        show_progress(self.bar, run.trials_committed, run.trials_planned)
         left = f", {duration(run.eta_s)} left" if run.is_active and run.eta_s is not None else ""
         texts = dict.fromkeys(_ROWS, "–")
         if run.trials_planned:

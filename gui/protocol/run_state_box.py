@@ -7,7 +7,7 @@ from pathlib import Path
 from PySide6.QtWidgets import QProgressBar, QVBoxLayout
 
 from gui.widgets.formatting import day_time, duration, size
-from gui.widgets.labels import label, plain_tooltip, set_property, show_text
+from gui.widgets.labels import label, plain_tooltip, set_property, show_progress, show_text
 from gui.widgets.layouts import form_layout
 from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus, RunStatus
 
@@ -45,8 +45,8 @@ class RunStateBox(QVBoxLayout):
         run = status.run
         show_text(self.state, run_sentence(run))
         set_property(self.state, "role", "bad" if run.state == "failed" else "heading")
-        self.bar.setMaximum(max(run.trials_planned - run.trials_ended_early, 1))
-        self.bar.setValue(run.trials_committed)
+        planned = run.trials_planned - run.trials_ended_early
+        show_progress(self.bar, run.trials_committed, planned)
         texts = {
             "Progress": progress_sentence(run),
             "Finishes": finish_sentence(run),

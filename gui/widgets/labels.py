@@ -6,7 +6,10 @@ from html import escape
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QPainter, QPaintEvent, QResizeEvent
-from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
+from PySide6.QtWidgets import QLabel, QProgressBar, QSizePolicy, QWidget
+
+MOST_STEPS = 2**31 - 1
+"""Of a progress bar."""
 
 
 class WrappedLabel(QLabel):
@@ -96,3 +99,9 @@ def set_property(widget: QWidget, name: str, value: str) -> None:
         widget.setProperty(name, value)
         widget.style().unpolish(widget)
         widget.style().polish(widget)
+
+
+def show_progress(bar: QProgressBar, done: int, planned: int) -> None:
+    """Show how much is done of what is planned, as far as a bar counts."""
+    bar.setMaximum(min(max(planned, 1), MOST_STEPS))
+    bar.setValue(min(max(done, 0), MOST_STEPS))

@@ -173,7 +173,7 @@ def tick_lines(boards: Mapping[str, BoardStatus]) -> list[str]:
         f"{name}: {board.late_ticks} late ticks, longest interrupt {board.longest_isr_us:g} µs, "
         f"idle {board.idle_percent:g} %"
         for name, board in boards.items()
-        if board.late_ticks is not None and board.longest_isr_us is not None
+        if None not in (board.late_ticks, board.longest_isr_us, board.idle_percent)
     ]
 
 

@@ -7,7 +7,8 @@ from typing import Any
 from PySide6.QtCore import QObject, Signal
 
 from gui.engine_clients import another_on, shown_rig
-from gui.engine_link import DRUM, NOT_CONNECTED, ClientFactory, EngineLink
+from gui.engine_dialect import DRUM
+from gui.engine_link import NOT_CONNECTED, ClientFactory, EngineLink
 from gui.live.health.health_strip import HealthStrip
 from gui.live.page.live_page import LivePage
 from gui.operate.action_results import action_name, action_result

@@ -18,8 +18,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from dataclasses import dataclass, field, is_dataclass
+from enum import Enum
+from functools import cache
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 
 import msgspec
 from msgspec import Meta
@@ -245,24 +247,49 @@ def as_dict(status: Any) -> dict[str, Any]:
 
 
 def parse_status(data: Mapping[str, Any]) -> EngineStatus:
-    """Return the status in a message's ``data``; missing fields get their defaults."""
-    known_state = State._value2member_map_.get(data.get("state"))
+    """Return the status in a message's ``data``; missing fields get their defaults.
+
+    Raises ValueError as :func:`parse_fields`.
+    """
+    value = data.get("state")
+    known_state = State._value2member_map_.get(value) if isinstance(value, int) else None
     return parse_fields(EngineStatus, {**data, "state": known_state}, _STATUS_PARSERS)
 
 
 def parse_fields(kind: type[_T], data: Mapping[str, Any], parsers: FieldParsers) -> _T:
     """Return a dataclass from JSON data; missing and null fields get their defaults.
 
-    ``parsers``: how JSON becomes the value of a field, by the field's name.
+    ``parsers``: how JSON becomes the value of a field, by the field's name. Raises ValueError with
+    the field whose value is of another type than here, as in a message of another version.
     """
-    values = {f.name: data.get(f.name) for f in fields(kind)}
+    if not isinstance(data, Mapping):
+        raise ValueError(f"{kind.__name__} is no object")
+    given = {name: data.get(name) for name in _types(kind)}
     return kind(
         **{
-            name: parsers[name](value) if name in parsers else value
-            for name, value in values.items()
+            name: _parse_field(name, value, _types(kind)[name], parsers.get(name))
+            for name, value in given.items()
             if value is not None
         }
     )
+
+
+@cache
+def _types(kind: type[Any]) -> dict[str, Any]:
+    """Return the types of a dataclass's fields by their names."""
+    return get_type_hints(kind)
+
+
+def _parse_field(name: str, value: Any, kind: Any, parser: Callable[[Any], Any] | None) -> Any:
+    """Return the value of one field; what a parser makes of objects has checked its fields."""
+    try:
+        parsed = value if parser is None else parser(value)
+        inner = parsed.values() if isinstance(parsed, dict) else [parsed]
+        if any(is_dataclass(each) or isinstance(each, Enum) for each in inner):
+            return parsed
+        return msgspec.convert(parsed, kind)
+    except (TypeError, ValueError, AttributeError, LookupError) as error:
+        raise ValueError(f"{name}: {error}") from error
 
 
 PARSERS: FieldParsers = {

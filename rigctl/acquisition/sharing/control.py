@@ -37,9 +37,14 @@ class ControlState:
 
 
 def parse_control(data: Mapping[str, Any]) -> ControlState:
-    """Return the state in a message's data; missing fields get their defaults."""
+    """Return the state in a message's data; missing fields get their defaults.
+
+    Raises ValueError, TypeError, KeyError or AttributeError for data of another version.
+    """
     clients = {int(client["id"]): str(client["name"]) for client in data.get("clients", ())}
-    return ControlState(clients, data.get("holder"), tuple(data.get("asking", ())))
+    holder = data.get("holder")
+    asking = tuple(int(number) for number in data.get("asking", ()))
+    return ControlState(clients, None if holder is None else int(holder), asking)
 
 
 class Control:
