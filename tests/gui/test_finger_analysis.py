@@ -42,6 +42,10 @@ def test_a_scan_is_shown_as_a_picture(harness: Harness, recorded: Path) -> None:
     assert harness.window.stack.currentWidget() is tab.figure_view
     assert tab.panel.run_box.method.currentData() == REALTIME
     assert tab.panel.run_box.method.count() == 1, "the drum's methods do not fit"
+    replay, button = harness.window.replay, tab.panel.trials.replay_button
+    assert not button.isEnabled() and "no replay" in button.toolTip()
+    QTest.keyClick(tab.panel.table, Qt.Key.Key_Return)
+    assert not replay.is_shown
 
 
 def test_the_experiment_is_analysed_with_its_later_sessions(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from PySide6.QtCore import QObject, Signal
 
 from gui.analysis.session_panel import SessionPanel
+from gui.analysis.task_values import DRUM
 from gui.live.replay.replay_page import ReplayPage
 from gui.shell.actions import ActionRegistry
 from gui.shell.memory.recent_paths import RecentSessions
@@ -20,7 +21,7 @@ class ReplayController(QObject):
     def __init__(self, theme: Theme, panel: SessionPanel, sessions: RecentSessions) -> None:
         super().__init__()
         self.page, self.is_shown = ReplayPage(theme), False
-        self._sessions = sessions
+        self._panel, self._sessions = panel, sessions
         self._chosen: tuple[str, int] | None = None
         """A trial that was chosen in Analysis and is not taken over yet."""
         panel.trial_requested.connect(self._choose)
@@ -54,6 +55,8 @@ class ReplayController(QObject):
 
     def _choose(self, path: str, row: int) -> None:
         """Take over a trial now if the page is on the screen, else when it is shown."""
+        if self._panel.sessions[path].experiment != DRUM:
+            return
         if self.page.isVisible():
             self.page.open(path, row)
         else:
