@@ -104,6 +104,13 @@ def take_control(opened: RigWindow) -> None:
     opened.until(lambda: shared.has_control)
 
 
+def disconnect(opened: RigWindow) -> None:
+    """Press Disconnect, and wait until the engine has answered."""
+    click(opened.window.toolbar.connect_button)
+    opened.window.engine_link.wait_closed()
+    assert not opened.window.engine_link.left_running
+
+
 def test_windows_join_in_each_state_and_outlive_the_one_that_has_control(
     rig: SharedRig, join: OpenWindow, tmp_path: Path
 ) -> None:
@@ -123,6 +130,9 @@ def test_windows_join_in_each_state_and_outlive_the_one_that_has_control(
     in_hold.until(lambda: "in contact" in in_hold.log or "holding" in in_hold.log)
     assert not window.operate_panel.buttons["retract"].isEnabled()
     assert "has control" in window.operate_panel.buttons["retract"].toolTip()
+    disconnect(in_hold)
+    assert rig.do("status")["state"] == State.HOLD
+    in_hold.connect(JOIN)
 
     rig.do("retract")
     protocol = tmp_path / "joining.toml"
@@ -164,6 +174,7 @@ def test_windows_join_in_each_state_and_outlive_the_one_that_has_control(
     resume = window.protocol_panel.buttons["Resume"]
     in_pause.until(resume.isEnabled)
     click(resume)
+    disconnect(in_hold)
     in_pause.confirm()  # the second plate
     in_prompt.until(lambda: in_prompt.status.run.state == "done")
     assert in_prompt.status.run.trials_committed == 4 > committed
