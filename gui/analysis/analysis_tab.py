@@ -226,9 +226,9 @@ class AnalysisTab(QObject):
             if result.altered and self._verified in self.panel.sessions:
                 self.reader.submit("leave_out", path=self._verified, altered=result.altered)
             self.results_panel.show_results(result, self._settings)
-            self.panel.show_result(result.sentence)
+            self.panel.show_result(result.sentence, is_alarming=result.is_alarming)
             self._show(self.results_panel)
-            self.reported.emit("analysis", result.sentence)
+            self.reported.emit("check" if result.is_alarming else "analysis", result.sentence)
         if not self.reader.is_busy:
             self._read_wanted()
 

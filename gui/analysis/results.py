@@ -48,7 +48,8 @@ class AnalysisResults(NamedTuple):
 
     ``altered``: index and reason of each attempt whose rows are not those that were recorded.
     ``name``: begins the names of files. ``simulated``: whether any of the data is, or the model.
-    ``data``: where the data come from, if it takes more words.
+    ``data``: where the data come from, if it takes more words. ``is_alarming``: whether the
+    sentence says that a session is not whole.
     """
 
     sentence: str
@@ -58,6 +59,7 @@ class AnalysisResults(NamedTuple):
     name: str = "results"
     simulated: bool = False
     data: str = ""
+    is_alarming: bool = False
 
     @property
     def origin(self) -> str:
@@ -168,7 +170,14 @@ def verify_results(
     csv = rows_csv(("finding",), [[line] for line in finding_lines(report)])
     pages = (ResultsPage("Verify", page, csv=csv),)
     found = tuple(altered.items())
-    return AnalysisResults(sentence, pages, altered=found, name="verify", simulated=simulated)
+    return AnalysisResults(
+        sentence,
+        pages,
+        altered=found,
+        name="verify",
+        simulated=simulated,
+        is_alarming=not report.whole,
+    )
 
 
 def table(head: list[str], rows: list[list[str]]) -> str:

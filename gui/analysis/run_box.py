@@ -25,7 +25,7 @@ QUICK, PAPER, MODEL, REALTIME = "quick", "paper", "model", "realtime"
 METHODS = {
     QUICK: _Method(
         "Quick check",
-        "PCA and LDA on speed-scaled features, tested on held-out trials.",
+        "PCA and LDA on speed-scaled features, tested on held-out trials of the first session.",
         "Classify",
     ),
     PAPER: _Method(
@@ -104,9 +104,9 @@ class AnalysisRunBox(QGroupBox):
         self.stage.setText(f"{stage}{left}")
         self.bar.setValue(round(100 * share))
 
-    def show_result(self, sentence: str) -> None:
+    def show_result(self, sentence: str, *, is_alarming: bool = False) -> None:
         """Show the result of an analysis."""
-        set_property(self.result, "role", "")
+        set_property(self.result, "role", "bad" if is_alarming else "")
         self.result.setText(sentence)
         self.results_button.setEnabled(True)
 
@@ -143,6 +143,7 @@ class AnalysisRunBox(QGroupBox):
         self.form.setVisible(key in (PAPER, REALTIME))
         self.model_row.setVisible(key == MODEL)
         self.run_button.setText(METHODS[key].button)
+        self.result.clear()  # it is of another method
 
     def _run(self) -> None:
         method = self.method.currentData()

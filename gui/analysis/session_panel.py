@@ -114,10 +114,10 @@ class SessionPanel(QWidget):
         self.show_idle()
         self.run_box.show_refusal(sentence)
 
-    def show_result(self, sentence: str) -> None:
+    def show_result(self, sentence: str, *, is_alarming: bool) -> None:
         """Show the result of an analysis."""
         self.show_idle()
-        self.run_box.show_result(sentence)
+        self.run_box.show_result(sentence, is_alarming=is_alarming)
 
     def show_busy(self) -> None:
         """Show that an analysis runs."""

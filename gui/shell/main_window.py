@@ -318,7 +318,7 @@ class MainWindow(SteadyFocusWindow):
         self.analysis_tab.open_session(session)
 
     def _browse(self, kind: PathKind, selected: Callable[[str], None]) -> None:
-        self.file_browser.open(kind, selected)
+        self.file_browser.open(kind, selected, self.protocol_panel.out.text().strip())
         self.stack.setCurrentWidget(self.file_browser)
 
     def _use_panel(self, name: str) -> None:

@@ -72,15 +72,21 @@ class FileBrowser(QWidget):
         self._column = vbox(self.title, spacing=6)
         self.setLayout(self._column)
         self.dialog: QFileDialog | None = None
+        self._folders: dict[PathKind, str] = {}
         self._asker: QWidget | None = None
 
-    def open(self, kind: PathKind, selected: Callable[[str], None]) -> None:
-        """Show the dialog; ``selected`` gets the path unless the user cancels."""
+    def open(self, kind: PathKind, selected: Callable[[str], None], first: str = "") -> None:
+        """Show the dialog; ``selected`` gets the path unless the user cancels.
+
+        It begins where the last path of the kind was chosen, at the first time in ``first``.
+        """
         self.dismiss()
         self._asker = QApplication.focusWidget()
         title, name_filter, _ = kind.value
         self.title.setText(title)
-        dialog = QFileDialog(self, title, str(Path.home()))
+        folder = self._folders.get(kind) or first
+        is_there = bool(folder) and Path(folder).is_dir()
+        dialog = QFileDialog(self, title, folder if is_there else str(Path.home()))
         dialog.setWindowFlags(Qt.WindowType.Widget)
         dialog.setOption(QFileDialog.Option.DontUseNativeDialog)
         dialog.setSizeGripEnabled(False)
@@ -92,6 +98,7 @@ class FileBrowser(QWidget):
         else:
             dialog.setFileMode(QFileDialog.FileMode.Directory)
             dialog.setOption(QFileDialog.Option.ShowDirsOnly)
+        dialog.fileSelected.connect(lambda path: self._remember(kind, path))
         dialog.fileSelected.connect(selected)
         dialog.finished.connect(lambda _: self.dismiss())
         for tree in dialog.findChildren(QTreeView):
@@ -118,6 +125,9 @@ class FileBrowser(QWidget):
         asker, self._asker = self._asker, None
         if asker is not None and isValid(asker) and asker.isVisible():
             asker.setFocus(Qt.FocusReason.ShortcutFocusReason)
+
+    def _remember(self, kind: PathKind, path: str) -> None:
+        self._folders[kind] = str(Path(path).parent)
 
     def _focus_name(self) -> None:
         if self.dialog is not None and self.isVisible():

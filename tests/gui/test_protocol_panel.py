@@ -67,13 +67,20 @@ def test_no_run_starts_while_the_drum_is_moved_by_hand(harness: Harness) -> None
 
 def test_interrupted_session_continues(harness: Harness, tmp_path: Path) -> None:
     panel = open_panel(harness)
+    panel.out.setText(str(tmp_path))
     harness.update(run={"state": "running"})
     assert not panel.continue_button.isEnabled()
     harness.update(run={"state": "idle"})
     click(panel.continue_button)
-    dialog = harness.window.file_browser.dialog
-    assert dialog is not None
-    dialog.fileSelected.emit(str(tmp_path))
+    browser = harness.window.file_browser
+    assert browser.dialog is not None
+    assert Path(browser.dialog.directory().path()) == Path(panel.out.text())
+    browser.dialog.fileSelected.emit(str(tmp_path))
+    browser.dismiss()
+    panel.continue_button.clicked.emit()
+    assert browser.dialog is not None, "it begins where the last one was chosen"
+    assert Path(browser.dialog.directory().path()) == tmp_path.parent
+    browser.dismiss()
     people = {"operator": "", "sensor": "", "notes": ""}
     arguments = {"resume": str(tmp_path), "yes": False, **people}
     assert harness.engine.requests[-1] == ("start", arguments)

@@ -265,6 +265,7 @@ def test_verify_marks_altered_trials_in_the_table(analysis: Harness, tmp_path: P
     assert "left out" not in column(panel.trials, "Verdict")
     click(panel.verify_button)
     wait_until(lambda: "is not whole" in panel.run_box.result.text())
+    assert panel.run_box.result.property("role") == "bad"
     wait_until(lambda: "left out" in column(panel.trials, "Verdict"))
     verdicts = column(panel.trials, "Verdict")
     assert [place for place, text in enumerate(verdicts) if text == "left out"] == [5]

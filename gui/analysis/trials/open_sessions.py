@@ -15,6 +15,7 @@ from rigctl.errors import SessionError
 
 if TYPE_CHECKING:
     from rigctl.encoding.normalisation import Normalisation
+    from rigctl.session.format.metadata.header import SessionHeader
     from rigctl.session.read.finger_session import FingerSession
     from rigctl.session.read.session import Session
 
@@ -151,12 +152,20 @@ def _about(session: Session) -> str:
     from rigctl.session.early_end import ended_early
 
     header, ended = session.header, len(ended_early(session))
+    if not header.trials_planned:
+        return (
+            f"{session.path.name}: recorded by hand, so it has no trials to show or to classify: "
+            f"rigctl info {session.path.name} says what it holds. {_origin(header)}"
+        )
     early = f", {ended} left out by an early end" if ended else ""
     return (
         f"{session.path.name}: {len(session.committed())} of {header.trials_planned} trials "
-        f"committed{early}, {'simulated' if header.simulated else 'real'} rig, "
-        f"started {header.start_utc}"
+        f"committed{early}, {_origin(header)}"
     )
+
+
+def _origin(header: SessionHeader) -> str:
+    return f"{'simulated' if header.simulated else 'real'} rig, started {header.start_utc}"
 
 
 def _columns(session: Session) -> tuple[AttemptColumn, ...]:

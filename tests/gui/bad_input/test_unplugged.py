@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from gui.analysis.trials.open_sessions import OpenSessions
 from rigctl.session.read.session import Session
 from rigctl.session.verify.session import verify
 from rigctl.wire.drum.states import State
@@ -72,6 +73,7 @@ def test_by_hand(rig: RigWindow, state: State, board: str, tmp_path: Path) -> No
     rig.until(lambda: box.button.text() == "Record")
     (folder,) = tmp_path.iterdir()
     assert verify(folder).problems == []
+    assert "recorded by hand, so it has no trials" in OpenSessions().open(str(folder)).about
     rig.until_state(State.IDLE, State.ARMED, State.HOLD, State.FAULT_OFF)
     assert "Traceback" not in rig.log
 
