@@ -21,6 +21,7 @@ from gui.protocol.session_page import SessionPage
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.layouts import group_box, hbox, push_button, scroll_to_top, vbox
 from rigctl.acquisition.rpc.messages import EngineStatus
+from rigctl.config.rig_config import RigConfig
 
 PAGE_BUTTON, LIVE_BUTTON = "Trials and notes", "Live plots"
 _MOVED_BY_HAND = "The drum is moved by hand: wait until that has ended, or press STOP"
@@ -95,8 +96,9 @@ class ProtocolPanel(QWidget):
 
     def set_rig(self, rig_toml: str) -> None:
         """Plan and check protocols for a rig; for the nominal one without a description."""
-        self.form.set_rig(rig_toml)
-        self.page.editor.set_rig(rig_toml)
+        is_nominal = rig_toml == RigConfig().to_toml()
+        for part in (self.form, self.page.editor):
+            part.set_rig("" if is_nominal else rig_toml)
 
     def editing_buttons(self) -> tuple[QAbstractButton, ...]:
         """Return the buttons that edit the chosen protocol."""

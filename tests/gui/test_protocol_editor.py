@@ -10,6 +10,7 @@ import pytest
 from gui.protocol.editor.protocol_editor import ProtocolEditor
 from gui.protocol.protocol_panel import ProtocolPanel
 from rigctl.config import resources
+from rigctl.config.rig_config import RigConfig
 from tests.gui.steps import Harness, click, wait_until
 from tests.gui.test_protocol_panel import open_panel
 
@@ -58,6 +59,9 @@ def test_plan_and_check_have_the_limits_of_the_connected_rig(
     editor = panel.page.editor
     write(editor, MINE + '[[steps]]\nat = "start"\nkind = "turn"\nspeed_mm_s = 75\nturns = 1\n')
     wait_until(editor.save_button.isEnabled)
+    harness.engine.send_event("ready", "", rig="virtual", rig_toml=RigConfig().to_toml())
+    harness.window.poll()
+    assert editor.save_button.isEnabled(), "the nominal rig changes nothing"
     limits = "[limits]\nspeed_max_mm_s = 70\nforce_max_g = 1500\nover_force_g = 2000\n"
     harness.engine.send_event("ready", "", rig="bench", rig_toml=limits)
     harness.window.poll()
