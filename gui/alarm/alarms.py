@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rigctl.acquisition.rpc.messages import EngineStatus, RunStatus
+from rigctl.acquisition.rpc.queues.connected_client import DISCONNECTED_CLIENT
+from rigctl.acquisition.sharing.remote_client import CONNECTION_LOST
 from rigctl.wire.drum.states import State
 
 RELEASE_FIRST = "Release the emergency stop first"
@@ -35,7 +37,9 @@ def status_alarms(status: EngineStatus) -> list[Alarm]:
 
 
 def lost_engine(reason: str, last: EngineStatus) -> Alarm:
-    """Return the alarm of an engine that has ended, after its last status."""
+    """Return the alarm of an engine that has ended or is out of reach, after its last status."""
+    if reason.startswith((CONNECTION_LOST, DISCONNECTED_CLIENT)):
+        return Alarm("lost", "CONNECTION LOST", f"{reason[:1].upper()}{reason[1:]}.", stays=True)
     text = f"{reason[:1].upper()}{reason[1:]}. {_how_to_go_on(last.run)}"
     return Alarm("lost", "ENGINE LOST", text, stays=True)
 

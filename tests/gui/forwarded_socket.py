@@ -15,20 +15,24 @@ def forwarded(here: Path, there: str) -> Iterator[None]:
     with socket.socket(socket.AF_UNIX) as listener, socket.socket(socket.AF_UNIX) as far:
         listener.bind(str(here))
         listener.listen(1)
-        threads = [threading.Thread(target=_serve, args=(listener, far, there))]
+        near: list[socket.socket] = []
+        threads = [threading.Thread(target=_serve, args=(listener, near, far, there))]
         threads[0].start()
         yield
-        for end in (listener, far):
+        for end in (listener, *near, far):
             with suppress(OSError):  # it was closed from the other side
                 end.shutdown(socket.SHUT_RDWR)
         threads[0].join()
 
 
-def _serve(listener: socket.socket, far: socket.socket, there: str) -> None:
+def _serve(
+    listener: socket.socket, accepted: list[socket.socket], far: socket.socket, there: str
+) -> None:
     try:
         near, _ = listener.accept()
     except OSError:  # nobody came
         return
+    accepted.append(near)
     far.connect(there)
     with near:
         back = threading.Thread(target=_pump, args=(far, near))

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QLabel
 from shiboken6 import delete
 
 from gui.engine_clients import JOIN, followed_session, remote_engine
@@ -215,8 +215,11 @@ def test_an_engine_on_another_computer_is_seen_and_controlled(
         wait_until(lambda: link.status.run.state == "paused", TIMEOUT_MS)
         link.request("resume")
         wait_until(lambda: link.status.run.state == "running", TIMEOUT_MS)
-        link.close()
-        link.wait_closed()
+    strip = window.drum.safety.alarms.strip
+    wait_until(lambda: "engine on the other computer is lost" in window.event_log.toPlainText())
+    wait_until(strip.isVisible)
+    shown = " ".join(label.text() for label in strip.findChildren(QLabel))
+    assert "CONNECTION LOST" in shown and "starts it again" not in shown
     assert running.request("status")["run"]["state"] == "running"
 
 

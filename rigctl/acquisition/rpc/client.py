@@ -343,7 +343,11 @@ class EngineClient:
     def _set_lost(self, why: str) -> None:
         if self._link_error:
             return  # the engine has said why
-        self._link_error = f"the engine ended ({why}): start it again; the session it wrote is kept"
+        self._link_error = self._lost_text(why)
+
+    def _lost_text(self, why: str) -> str:
+        """Return what a broken connection means."""
+        return f"the engine ended ({why}): start it again; the session it wrote is kept"
 
 
 def client_name(program: str) -> str:

@@ -19,6 +19,9 @@ from rigctl.errors import LinkLost, WrongUse
 FILE_LIMIT_BYTES = 1 << 16
 KEPT_ROWS = (1 << 15, 1 << 13)
 """Of both rings: half a minute, as the engine keeps."""
+CONNECTION_LOST = "the connection to the engine on the other computer is lost"
+UNLINK = "-o StreamLocalBindUnlink=yes"
+"""Lets ssh replace the socket that it leaves behind each time."""
 
 
 class RemoteClient(EngineClient):
@@ -39,6 +42,12 @@ class RemoteClient(EngineClient):
         try:
             super().__init__(replace(engine, live=str(path)))
             self.send("stream")
+        except LinkLost as error:
+            self._remove_file()
+            raise LinkLost(
+                f"nothing answers behind {engine.socket or f'port {engine.port}'}: the engine has "
+                "ended there, or ssh no longer forwards: forward the socket again"
+            ) from error
         except BaseException:
             self._remove_file()
             raise
@@ -52,6 +61,12 @@ class RemoteClient(EngineClient):
             append_samples(self._file, self._layout, message.get("data") or {})
         except LinkLost as error:
             self._link_error = str(error)
+
+    def _lost_text(self, why: str) -> str:
+        return (
+            f"{CONNECTION_LOST} ({why}): the line was cut, or the engine has ended there. The rig "
+            "may go on, and STOP does not reach it from here; forward the socket again and join"
+        )
 
     def close(self) -> None:
         """Close the connection; the engine continues."""
@@ -74,7 +89,7 @@ def read_remote_engine(path: Path) -> EngineFile:
     if engine.socket and not beside.exists():
         raise WrongUse(
             f"{beside} is not there: forward the engine's socket to it with "
-            f"ssh -N -L {beside}:{engine.socket} HOST"
+            f"ssh -N {UNLINK} -L {beside}:{engine.socket} HOST"
         )
     return replace(engine, socket=str(beside) if engine.socket else "", live="")
 

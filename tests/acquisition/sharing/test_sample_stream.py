@@ -88,7 +88,10 @@ def test_a_damaged_stream_is_one_sentence(tmp_path: Path, change: dict[str, Any]
 def test_a_copied_engine_file_names_the_socket_beside_it(tmp_path: Path) -> None:
     engine = EngineFile("one", 7, 0, "secret", "bench.toml", "", socket="/run/there/one.sock")
     path = write_engine_file(tmp_path, engine)
-    with pytest.raises(WrongUse, match=r"ssh -N -L .*one\.sock:/run/there/one\.sock HOST"):
+    with pytest.raises(
+        WrongUse,
+        match=r"ssh -N -o StreamLocalBindUnlink=yes -L .*one\.sock:/run/there/one\.sock HOST",
+    ):
         read_remote_engine(path)
     (tmp_path / "one.sock").touch()
     assert read_remote_engine(path).socket == str(tmp_path / "one.sock")

@@ -13,6 +13,7 @@ STATUS_LIMIT_BYTES = 1 << 19
 """With more unread it gets no status either; the first message of a stream has 360 kB."""
 UNREAD_LIMIT_BYTES = 1 << 21
 """Events and replies are never left out: with more unread the engine disconnects the client."""
+DISCONNECTED_CLIENT = "the engine has disconnected this client"
 CAUGHT_UP_BYTES = 1 << 16
 TELL_EVERY_S = 10.0
 LINGER_S = 5.0
@@ -100,7 +101,7 @@ class ConnectedClient:
     def _drop(self, now_s: float) -> None:
         self._dropped_s = now_s
         text = (
-            f"the engine has disconnected this client, which left {UNREAD_LIMIT_BYTES >> 20} MiB "
+            f"{DISCONNECTED_CLIENT}, which left {UNREAD_LIMIT_BYTES >> 20} MiB "
             "unread: join it again; a run goes on, and its session has everything"
         )
         data: dict[str, Any] = {"unread_bytes": self.unread_bytes}
