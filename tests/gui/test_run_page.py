@@ -14,6 +14,7 @@ from gui.protocol.run_values import BAD, COMMITTED, TRIAL_COLUMNS
 from gui.shell.controllers.protocol_controller import ProtocolController
 from gui.shell.memory.user_settings import UserSettings
 from rigctl.session.read.session import Session
+from tests.gui.ended_early import record_early_ends
 from tests.gui.steps import Harness, click, wait_until
 from tests.gui.test_protocol_panel import RUN, open_panel
 from tests.session.building import record_plan
@@ -98,6 +99,26 @@ def test_attempts_come_in_with_what_was_measured(
     first = panel.page.attempts.rows[0]
     assert first.verdict == COMMITTED
     assert (first.texts[MEAN_FORCE], first.texts[LOST]) == ("250.0", "0")
+
+
+def test_conditions_that_ended_early_are_named_below_the_trials(
+    harness: Harness, panel: ProtocolPanel, recorded: Path, tmp_path: Path
+) -> None:
+    line = panel.page.early_ends
+    assert not line.isVisible()
+    reasons = record_early_ends(tmp_path / "early")
+    run = {**RUN, "state": "running", "session": str(tmp_path / "early")}
+    harness.update(run={**run, "trials_planned": 28, "trials_committed": 20})
+    wait_attempts(harness, 20)
+    first, *newest = line.text().split("\n")
+    assert line.isVisible() and first == "Early ends: 4, the newest below"
+    assert newest == [f"{reason}; 2 trials not recorded" for reason in reasons[1:]]
+    assert newest[0].startswith("A, 80 mm/s, 250 g ends early after 5 trials: mean SA rate 41.25")
+    record_early_ends(tmp_path / "one", conditions=1)
+    harness.update(run={**run, "session": str(tmp_path / "one")})
+    wait_until(lambda: line.text() == f"{reasons[0]}; 2 trials not recorded")
+    panel.page.show_session("")
+    assert not line.isVisible()
 
 
 def test_a_trial_is_marked_bad_and_good_again(
