@@ -14,6 +14,7 @@ from gui.live.store.drum_course import thin_out
 from gui.widgets.theme import Theme
 
 _HEADROOM = 1.1
+_DASHES = (5, 4)
 _MARGIN = 0.04
 _ROUND_TOPS = (50, 100, 150, 200, 300, 400, 600, 800, 1200, 1600, 2000, 3000)
 
@@ -28,9 +29,9 @@ class PlotLine(QGraphicsItem):
         self._bottom, self._top = 0.0, 1.0
         self._left_s, self._right_s = -float(SPAN_S), 0.0
 
-    def set_pen(self, colour: str) -> None:
+    def set_pen(self, colour: str, *, is_dashed: bool = False) -> None:
         """Set the colour of the line."""
-        self._pen = pg.mkPen(colour, width=1)
+        self._pen = pg.mkPen(colour, width=1, dash=_DASHES if is_dashed else None)
         self.update()
 
     def set_values(self, bottom: float, top: float) -> None:
@@ -76,7 +77,7 @@ class SetPointPlot:
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
-        self._set_point.set_pen(theme.set_point)
+        self._set_point.set_pen(theme.set_point, is_dashed=True)
         self._measured.set_pen(getattr(theme, self._colour))
 
     def set_times(self, left_s: float, right_s: float) -> None:
@@ -92,7 +93,7 @@ class SetPointPlot:
     ) -> None:
         """Show (n,) values at times of the axis, ``time_s`` (ascending)."""
         self._measured.set_points(*thin_out(time_s, measured))
-        self._set_point.set_points(*thin_out(time_s, set_point))
+        self._set_point.set_points(*_corners(time_s, set_point))
         if len(time_s):
             lowest, highest = float(measured.min()), float(max(measured.max(), set_point.max()))
             self._set_scale(lowest, highest)
@@ -109,6 +110,17 @@ class SetPointPlot:
         self._plot.getAxis("left").setTicks([ticks, []])
         for line in (self._set_point, self._measured):
             line.set_values(bottom, top)
+
+
+def _corners(
+    x: NDArray[np.float64], y: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the ends of each stretch of equal values: dashes of many short lines cost more."""
+    if not len(y):
+        return x, y
+    changes = np.flatnonzero(np.diff(y, prepend=np.nan, append=np.nan))
+    kept = np.unique(np.concatenate([changes[:-1], changes[1:] - 1]))
+    return thin_out(x[kept], y[kept])
 
 
 def _round_end(value: float) -> float:

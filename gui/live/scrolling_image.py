@@ -22,6 +22,8 @@ from gui.widgets.colours import rgb
 from gui.widgets.theme import Theme
 from rigctl.values import SAMPLE_RATE_HZ
 
+_STRIPE_AT, _STRIPE_STEP = 3, 6
+"""Rows of the stripes by which lost samples are told without colours."""
 _START = TimeWindow(0, SPAN_S * SAMPLE_RATE_HZ, 0)
 
 
@@ -130,6 +132,7 @@ class ScrollingImage(QGraphicsItem):
         columns = timeline.columns(first, last, width, self.shown.span)
         pixels = self.render_columns(timeline, columns)
         pixels[:, columns.missing] = rgb(self.theme.gap)
+        pixels[_STRIPE_AT::_STRIPE_STEP, columns.missing] = rgb(self.theme.bad)
         pixels[:, columns.blank] = rgb(self.theme.plot)
         at, n = first % width, last - first + 1
         n_before_seam = min(n, width - at)

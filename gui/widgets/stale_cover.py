@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QGraphicsItem, QGraphicsWidget
 from gui.widgets.data_ages import DataAges, stale_words
 from gui.widgets.theme import applied_theme
 
-_VEIL_ALPHA = 175
+VEIL_ALPHA = 205
 _ABOVE_ALL = 1000.0
 
 
@@ -47,14 +47,16 @@ class StaleCover(QGraphicsItem):
         """Draw the veil and, in its middle, what is old and how old it is."""
         theme = applied_theme()
         veil = QColor(theme.line)
-        veil.setAlpha(_VEIL_ALPHA)
+        veil.setAlpha(VEIL_ALPHA)
         painter.fillRect(self.boundingRect(), veil)
         font = QFont(painter.font())
         font.setWeight(QFont.Weight.DemiBold)
         painter.setFont(font)
         painter.setPen(QColor(theme.text))
-        text = f"not live: {self._what} {self.text}"
-        painter.drawText(self.boundingRect(), Qt.AlignmentFlag.AlignCenter, text)
+        area, whole = self.boundingRect(), f"not live: {self._what} {self.text}"
+        is_narrow = painter.fontMetrics().horizontalAdvance(whole) > area.width()
+        text = f"{self._what}\n{self.text}" if is_narrow else whole
+        painter.drawText(area, Qt.AlignmentFlag.AlignCenter, text)
 
 
 class StaleCovers:

@@ -67,7 +67,7 @@ _COLOURS: dict[str, tuple[Any, Any]] = {
     "unsure_back": ("#f3dda0", "#5d4909"),
     "plot": ("#ffffff", "#111418"),
     "gap": ("#f6d5d1", "#4a211e"),
-    "set_point": ("#9aa3ad", "#707a85"),
+    "set_point": ("#828b96", "#7a848f"),
     "force": ("#0b62a8", "#6fb8f2"),
     "speed": ("#1a7f37", "#67cf85"),
     "layers": (("#1c5a94", "#00765f"), ("#86b9ea", "#4fcfae")),
@@ -77,6 +77,9 @@ _COLOURS: dict[str, tuple[Any, Any]] = {
     ),
 }
 """The colours of the light theme and of the dark one."""
+
+STOP_BACKS = ("#c81e1e", "#e02424", "#7d0f0f")
+"""Colours of STOP as it is, under the pointer and pressed, in both themes."""
 
 LIGHT = Theme("light", **{key: light for key, (light, _) in _COLOURS.items()})
 DARK = Theme("dark", **{key: dark for key, (_, dark) in _COLOURS.items()})
@@ -107,8 +110,8 @@ def scale_texts(factor: float) -> None:
     if factor != (app.property(_SCALE) or 1.0):
         font = app.font()
         font.setPointSizeF(usual_pt * factor)
+        app.setProperty(_SCALE, factor)  # before widgets hear of the font
         app.setFont(font)
-        app.setProperty(_SCALE, factor)
         app.setProperty(_APPLIED, "")
 
 
@@ -117,6 +120,11 @@ def text_scale() -> float:
     app = QApplication.instance()
     assert isinstance(app, QApplication)
     return float(app.property(_SCALE) or 1.0)
+
+
+def scaled_px(usual_px: float) -> int:
+    """Return the length that texts of the present size need, from that of their usual size."""
+    return round(usual_px * text_scale())
 
 
 def _scaled(style_sheet: str, factor: float) -> str:
@@ -160,6 +168,7 @@ def _palette(theme: Theme) -> QPalette:
 
 
 def _style_sheet(theme: Theme) -> str:
+    usual, hovered, pressed = STOP_BACKS
     return f"""
     QLabel[role="muted"] {{ color: {theme.muted}; }}
     QLabel[role="heading"] {{ font-weight: 600; }}
@@ -223,9 +232,9 @@ def _style_sheet(theme: Theme) -> str:
     QPlainTextEdit:focus, QTableView:focus, QListWidget:focus, QTextBrowser:focus,
     QGraphicsView:focus {{ border-color: {theme.accent}; }}
     QPushButton#stop {{
-        background: #c81e1e; color: white; border: 2px solid #7d0f0f; border-radius: 6px;
+        background: {usual}; color: white; border: 2px solid {pressed}; border-radius: 6px;
         font-size: 16pt; font-weight: 800; padding: 2px 26px;
     }}
-    QPushButton#stop:hover {{ background: #e02424; }}
-    QPushButton#stop:pressed {{ background: #7d0f0f; }}
+    QPushButton#stop:hover {{ background: {hovered}; }}
+    QPushButton#stop:pressed {{ background: {pressed}; }}
     """

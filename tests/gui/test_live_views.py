@@ -139,7 +139,8 @@ def test_gaps_are_coloured(app: QApplication, engine: FakeEngine) -> None:
     engine.write_samples(3000, skip=400)
     timeline.pull(engine.live)
     refresh(traces, timeline)
-    gap = np.all(traces._pixels == rgb(LIGHT.gap), axis=0)
+    gap = np.isin(traces._pixels, (rgb(LIGHT.gap), rgb(LIGHT.bad))).all(axis=0)
+    assert len(np.unique(traces._pixels[:, gap])) == 2  # stripes tell it without colours
     assert gap.sum() == 400 * WIDTH // 10_000
 
 
