@@ -84,6 +84,8 @@ class AnalysisOptionsForm(QWidget):
         self._experiment = DRUM
         self._open_session = ""
         self._added: list[str] = []
+        # A list that is too long for the place beside its name stands below it.
+        self.task.setMinimumContentsLength(max(map(len, TASKS)))
         self._lay_out()
 
     def show_experiment(self, experiment: str) -> None:

@@ -28,6 +28,7 @@ class ResultsView(QTabWidget):
         self.save_button = ExportButton()
         self.save_button.setEnabled(False)
         self.setCornerWidget(self.save_button, Qt.Corner.TopRightCorner)
+        self.tabBar().setUsesScrollButtons(False)  # the page scrolls rather than hides a tab
         self.results = AnalysisResults("", ())
 
     @property

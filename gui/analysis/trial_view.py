@@ -11,11 +11,14 @@ from numpy.typing import NDArray
 
 from gui.analysis.task_values import TrialData
 from gui.live.spikes.train_rows import TrainRows
-from gui.widgets.plot_axes import colour_axes, taxel_ticks, time_plot
+from gui.widgets.plot_axes import colour_axes, taxel_ticks, time_plot, title_plot
 from gui.widgets.plot_grid import PlotGrid
 from gui.widgets.theme import Theme
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
+
+LEAST_PX = (300, 130, 130)
+"""Width and heights of two plots whose labels and numbers can be read."""
 
 
 class TrialView(PlotGrid):
@@ -25,7 +28,7 @@ class TrialView(PlotGrid):
         super().__init__()
         self._theme = theme
         self.data: TrialData | None = None
-        self.samples_plot = time_plot(self.cells, 0, "Taxels (own range)", last=False)
+        self.samples_plot = time_plot(self.cells, 0, "Taxels<br>(own range)", last=False)
         self.spikes_plot = time_plot(self.cells, 1, "Spikes", last=True)
         self.spikes_plot.setLabel("bottom", "Time in the trial (s)")
         self.spikes_plot.setXLink(self.samples_plot)
@@ -40,6 +43,7 @@ class TrialView(PlotGrid):
         self.colour_background(theme)
         for plot in (self.samples_plot, self.spikes_plot):
             colour_axes(plot, theme)
+        self.reserve_plots(*LEAST_PX)
         self.show_trial(self.data)
 
     def show_trial(self, data: TrialData | None) -> None:
@@ -48,7 +52,7 @@ class TrialView(PlotGrid):
         for plot in (self.samples_plot, self.spikes_plot):
             plot.clear()
         title = data.title if data is not None else "Open a session and choose a trial on the left"
-        self.samples_plot.setTitle(escape(title), color=self._theme.muted, size="10pt")
+        title_plot(self.samples_plot, escape(title), self._theme.muted, 10.0)
         rows = TrainRows(data.layout if data is not None else SensorLayout.default(N_TAXELS))
         self._label(rows)
         if data is None or not len(data.samples):

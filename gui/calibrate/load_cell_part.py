@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QEvent, Qt
 from PySide6.QtWidgets import QDoubleSpinBox, QHeaderView, QTableWidget, QTableWidgetItem
 
 from gui.calibrate.part_page import PartPage
 from gui.calibrate.residual_plot import ResidualPlot
+from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.focus_wheel import focus_wheel
 from gui.widgets.formatting import age
 from gui.widgets.labels import label, set_property, show_text
-from gui.widgets.layouts import hbox, push_button, vbox
+from gui.widgets.layouts import hbox, push_button
+from gui.widgets.theme import scaled_px
 from rigctl.acquisition.calibration.calibration_values import (
     LOADCELL,
     CalibrationStatus,
@@ -31,6 +33,7 @@ COLUMNS = ("Mass (g)", "Counts", "± counts", "Off line (g)")
 READ_TIP = "Read the load cell with this mass for two seconds"
 REMOVE_TIP = "Remove the reading of the chosen row"
 OLD_S = 0.5
+COLUMN_PX = 80
 MAX_MASS_G = 100_000.0
 
 
@@ -53,18 +56,25 @@ class LoadCellPart(PartPage):
         self.table.setSelectionMode(QTableWidget.SelectionMode.SingleSelection)
         self.table.setMinimumHeight(110)
         self.table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
-        self.table.horizontalHeader().setMinimumSectionSize(80)
-        self.table.setMinimumWidth(80 * len(COLUMNS) + 20)
         self.table.setAccessibleName("Readings with known masses")
         self.plot = ResidualPlot()
         self.remove_button = push_button("Remove", self._remove, REMOVE_TIP)
         self._readings: tuple[MassReading, ...] = ()
         field = hbox(label("Mass"), self.mass, wide=-1, spacing=6)
         field.addStretch(1)
-        both = hbox(vbox(self.table), self.plot, spacing=8)
-        both.setStretch(1, 1)
-        both.setStretch(0, 1)
+        both = FlowLayout(self.table, self.plot)
+        self._fit_texts()
         self.lay_out(field, self.live, both, extra=(self.remove_button,))
+
+    def changeEvent(self, event: QEvent) -> None:
+        """Keep the numbers whole when the texts become larger."""
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.FontChange and hasattr(self, "plot"):
+            self._fit_texts()
+
+    def _fit_texts(self) -> None:
+        self.table.horizontalHeader().setMinimumSectionSize(scaled_px(COLUMN_PX))
+        self.table.setMinimumWidth(scaled_px(COLUMN_PX * len(COLUMNS) + 20))
 
     def measure(self) -> None:
         """Read the load cell, first without a mass."""

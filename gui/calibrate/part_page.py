@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QHBoxLayout, QLayout, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLayout, QPushButton, QVBoxLayout, QWidget
 
+from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.labels import label, set_property, show_text
-from gui.widgets.layouts import hbox, push_button, vbox
+from gui.widgets.layouts import push_button, vbox
 from rigctl.acquisition.calibration.calibration_values import CalibrationStatus
 from rigctl.acquisition.rpc.messages import EngineStatus
 
@@ -87,10 +88,7 @@ class PartPage(QWidget):
     def lay_out(self, *rows: QWidget | QLayout, extra: tuple[QPushButton, ...] = ()) -> None:
         """Put the rows between the task and the buttons."""
         self.buttons.extend(extra)
-        buttons: QHBoxLayout = hbox(
-            self.measure_button, *extra, *self.buttons[1:4], wide=-1, spacing=6
-        )
-        buttons.addStretch(1)
+        buttons = FlowLayout(self.measure_button, *extra, *self.buttons[1:4])
         column: QVBoxLayout = vbox(
             *(self.task, *rows, buttons, self.state, self.result_label),
             spacing=6,

@@ -8,7 +8,7 @@ from PySide6.QtCore import QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
-from gui.widgets.theme import Theme, applied_theme
+from gui.widgets.theme import Theme, applied_theme, scaled_px
 from rigctl.acquisition.calibration.wiring_identification import (
     PER_LAYER,
     SIDE,
@@ -31,11 +31,14 @@ class SensorMap(QWidget):
         self.asked: tuple[int, ...] = ()
         self.known: tuple[tuple[int, int], ...] = ()
         self.setAccessibleName("Map of the sensor")
-        self.setMinimumSize(280, 170)
+
+    def minimumSizeHint(self) -> QSize:
+        """Return the size that the names of the readings need."""
+        return QSize(scaled_px(224), scaled_px(170))
 
     def sizeHint(self) -> QSize:
         """Return a size that suits a small window."""
-        return QSize(340, 190)
+        return QSize(scaled_px(340), scaled_px(190))
 
     def show_places(self, asked: Sequence[int], known: Sequence[tuple[int, int]]) -> None:
         """Show the places to press, and the two readings of each place that is known."""

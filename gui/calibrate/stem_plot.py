@@ -9,7 +9,7 @@ from PySide6.QtCore import QPointF, QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
-from gui.widgets.theme import Theme, applied_theme
+from gui.widgets.theme import Theme, applied_theme, scaled_px
 
 LEFT_PX, BOTTOM_PX, TOP_PX, RIGHT_PX = 62, 34, 20, 14
 POINT_PX = 4.0
@@ -30,12 +30,16 @@ class StemPlot(QWidget):
         super().__init__()
         self.stems: list[Stem] = []
         self._title, self._hint = title, hint
-        self.setMinimumSize(200, 130)
         self.setAccessibleName(title)
+
+    def minimumSizeHint(self) -> QSize:
+        """Return the size that the title needs."""
+        title_px = self.fontMetrics().horizontalAdvance(self._title) + 4
+        return QSize(max(title_px, scaled_px(200)), scaled_px(130))
 
     def sizeHint(self) -> QSize:
         """Return a size that suits a small window."""
-        return QSize(300, 150)
+        return QSize(self.minimumSizeHint().width(), scaled_px(150))
 
     def show_stems(self, stems: Sequence[Stem], unit: str = "") -> None:
         """Show errors; ``unit`` follows each name in words."""
@@ -50,11 +54,12 @@ class StemPlot(QWidget):
         """Draw frame, axes and points."""
         painter, theme = QPainter(self), applied_theme()
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        area = QRectF(self.rect()).adjusted(LEFT_PX, TOP_PX, -RIGHT_PX, -BOTTOM_PX)
+        left, top, right, bottom = map(scaled_px, (LEFT_PX, TOP_PX, RIGHT_PX, BOTTOM_PX))
+        area = QRectF(self.rect()).adjusted(left, top, -right, -bottom)
         painter.fillRect(area, QColor(theme.plot))
         painter.setPen(QColor(theme.muted))
-        top = QRectF(0, 0, self.width(), TOP_PX)
-        painter.drawText(top, Qt.AlignmentFlag.AlignCenter, self._title)
+        title = QRectF(0, 0, self.width(), top)
+        painter.drawText(title, Qt.AlignmentFlag.AlignCenter, self._title)
         if self.stems:
             self._draw(painter, area, theme)
         else:
@@ -80,9 +85,11 @@ class StemPlot(QWidget):
         painter.setPen(QPen(QColor(theme.muted), 1, Qt.PenStyle.DashLine))
         middle = area.center().y()
         painter.drawLine(QPointF(area.left(), middle), QPointF(area.right(), middle))
-        for value_g, y in ((most_g, area.top() + 7), (0.0, middle), (-most_g, area.bottom() - 7)):
+        half = scaled_px(8)
+        ends = area.top() + half - 1, area.bottom() - half + 1
+        for value_g, y in ((most_g, ends[0]), (0.0, middle), (-most_g, ends[1])):
             text = f"{value_g:+.2f}" if value_g else "0"
-            place = QRectF(0, y - 8, LEFT_PX - 6, 16)
+            place = QRectF(0, y - half, area.left() - 6, 2 * half)
             flags = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
             painter.drawText(place, flags, text.replace("-", "−"))
 
@@ -95,6 +102,6 @@ class StemPlot(QWidget):
         if left < free_px:
             return free_px
         painter.setPen(QColor(theme.muted))
-        place = QRectF(left - 1, area.bottom() + 4, width + 2, 18)
+        place = QRectF(left - 1, area.bottom() + 4, width + 2, scaled_px(18))
         painter.drawText(place, Qt.AlignmentFlag.AlignCenter, text)
         return left + width + 6

@@ -35,7 +35,7 @@ class WiringPart(PartPage):
         self.map.setMaximumSize(460, 300)
         self.map.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Preferred)
         self.found = label("", "muted", wraps=True)
-        self.found.setMinimumWidth(150)
+        self.found.setMinimumWidth(120)
         self._found_before: int | None = None
         """Number of the step that followed what was found, None before a status tells it."""
         self.repeat_button = push_button("Repeat last", self._repeat, REPEAT_TIP)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QRectF, Qt
+from PySide6.QtCore import QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
 from gui.widgets.colours import blend
 from gui.widgets.labels import elastic, label, show_text
 from gui.widgets.layouts import vbox
-from gui.widgets.theme import applied_theme
+from gui.widgets.theme import applied_theme, scaled_px
 from rigctl.realtime.messages import FingerRunStatus
 
 _AXIS_PX = 22
@@ -23,15 +23,18 @@ class ConfusionMatrix(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self._run = FingerRunStatus()
-        self.setMinimumSize(*_LEAST_SIZE_PX)
 
     def show_run(self, run: FingerRunStatus) -> None:
         """Show the counts of a run."""
         if (run.textures, run.confusion) != (self._run.textures, self._run.confusion):
             self._run = run
-            cells_px = 2 * _AXIS_PX + _LEAST_CELL_PX * len(run.textures)
-            self.setMinimumSize(*(max(cells_px, least) for least in _LEAST_SIZE_PX))
+            self.updateGeometry()
             self.update()
+
+    def minimumSizeHint(self) -> QSize:
+        """Return the size in which each cell has room for its number."""
+        cells_px = 2 * _AXIS_PX + _LEAST_CELL_PX * len(self._run.textures)
+        return QSize(*(scaled_px(max(cells_px, least)) for least in _LEAST_SIZE_PX))
 
     def paintEvent(self, event: QPaintEvent) -> None:
         """Draw names and cells."""
@@ -39,10 +42,8 @@ class ConfusionMatrix(QWidget):
         names = self._run.textures
         if not names:
             return
-        side = min(
-            (self.width() - 2 * _AXIS_PX) / len(names),
-            (self.height() - 2 * _AXIS_PX) / len(names),
-        )
+        axis = scaled_px(_AXIS_PX)
+        side = (min(self.width(), self.height()) - 2 * axis) / len(names)
         self._paint_axes(painter, names, side)
         most = max(
             (max(row.values(), default=0) for row in self._run.confusion.values()), default=0
@@ -50,7 +51,7 @@ class ConfusionMatrix(QWidget):
         for i, true in enumerate(names):
             for j, named in enumerate(names):
                 count = self._run.confusion.get(true, {}).get(named, 0)
-                place = QRectF(2 * _AXIS_PX + j * side, 2 * _AXIS_PX + i * side, side, side)
+                place = QRectF(2 * axis + j * side, 2 * axis + i * side, side, side)
                 cell = place.adjusted(1, 1, -1, -1)
                 colour = theme.ok if i == j else theme.bad
                 share = 0.55 * count / most if most else 0.0
@@ -62,19 +63,19 @@ class ConfusionMatrix(QWidget):
 
     def _paint_axes(self, painter: QPainter, names: tuple[str, ...], side: float) -> None:
         theme, centre = applied_theme(), Qt.AlignmentFlag.AlignCenter
-        length = len(names) * side
+        length, axis = len(names) * side, scaled_px(_AXIS_PX)
         painter.setPen(QColor(theme.muted))
-        painter.drawText(QRectF(2 * _AXIS_PX, 0, length, _AXIS_PX), centre, "named")
+        painter.drawText(QRectF(2 * axis, 0, length, axis), centre, "named")
         painter.save()
-        painter.translate(0, 2 * _AXIS_PX + length)
+        painter.translate(0, 2 * axis + length)
         painter.rotate(-90)
-        painter.drawText(QRectF(0, 0, length, _AXIS_PX), centre, "plate")
+        painter.drawText(QRectF(0, 0, length, axis), centre, "plate")
         painter.restore()
         painter.setPen(QColor(theme.text))
         for place, name in enumerate(names):
-            start = 2 * _AXIS_PX + place * side
-            painter.drawText(QRectF(start, _AXIS_PX, side, _AXIS_PX), centre, name)
-            painter.drawText(QRectF(_AXIS_PX, start, _AXIS_PX, side), centre, name)
+            start = 2 * axis + place * side
+            painter.drawText(QRectF(start, axis, side, axis), centre, name)
+            painter.drawText(QRectF(axis, start, axis, side), centre, name)
 
 
 class ConfusionView(QWidget):

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from PySide6.QtWidgets import QFrame, QWidget
+from PySide6.QtCore import QSize
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import QBoxLayout, QFrame, QWidget
 
 from gui.finger.answer_view import AnswerView
 from gui.finger.confusion_view import ConfusionView
@@ -13,13 +15,12 @@ from gui.finger.scan_plots import ScanPlots, planned_words
 from gui.finger.scan_record import ScanRecord
 from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import container, hbox, scroll_area, vbox
-from gui.widgets.theme import Theme
+from gui.widgets.theme import Theme, scaled_px
 from rigctl.realtime.live_file import FingerLiveReader
 from rigctl.realtime.messages import FingerEngineStatus, FingerRunStatus
 
-_RIGHT_PX = 316
-_PLOTS_PX = 320
-"""Less is too narrow for the labels of the axes."""
+_RIGHT_PX, _LEFT_PX, _GAP_PX = 262, 296, 8
+"""Narrower columns cut their texts; the right one then stands above the left one."""
 _TRACK_ROWS = 4096
 _PATH_S = 10.0
 
@@ -92,20 +93,36 @@ class FingerView(QWidget):
         banner.setProperty("role", "card")
         head = hbox(self.task, self.progress, spacing=10)
         banner.setLayout(vbox(head, self.notice, spacing=0, margins=(10, 4, 10, 4)))
-        self.plots.setMinimumWidth(_PLOTS_PX)
         left = vbox(self.plate, self.planned, self.plots, spacing=3)
         left.setStretch(2, 1)
         right = vbox(self.answer, self.bars, self.confusion, spacing=6)
         for place, stretch in enumerate((4, 3, 4)):
             right.setStretch(place, stretch)
-        side = scroll_area(container(right))
-        side.setMinimumWidth(_RIGHT_PX)
-        body = hbox(container(left), side, spacing=8)
-        body.setStretch(0, 3)
-        body.setStretch(1, 1)
+        self._right = container(right)
+        self._side = scroll_area(self._right)
+        self._body = hbox(container(left), self._side, spacing=_GAP_PX)
+        self._body.setStretch(0, 3)
+        self._body.setStretch(1, 1)
         column = vbox(banner, spacing=5)
-        column.addLayout(body, 1)
+        column.addLayout(self._body, 1)
         self.setLayout(column)
+
+    def minimumSizeHint(self) -> QSize:
+        """Return the width of one column: the other one then stands above it."""
+        width_px = scaled_px(max(_LEFT_PX, _RIGHT_PX))
+        return QSize(width_px, super().minimumSizeHint().height())
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Put the columns beside each other where there is room."""
+        super().resizeEvent(event)
+        self._arrange()
+
+    def _arrange(self) -> None:
+        is_wide = self.width() >= scaled_px(_LEFT_PX + _GAP_PX + _RIGHT_PX)
+        direction = QBoxLayout.Direction
+        self._body.setDirection(direction.LeftToRight if is_wide else direction.BottomToTop)
+        least_px = 0 if is_wide else self._right.minimumSizeHint().height()
+        self._side.setMinimumSize(scaled_px(_RIGHT_PX), least_px)
 
 
 def task_words(status: FingerEngineStatus) -> str:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtCore import QPointF, QRectF, Qt
+from PySide6.QtCore import QEvent, QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from gui.widgets.colours import blend
-from gui.widgets.theme import Theme, applied_theme
+from gui.widgets.theme import Theme, applied_theme, scaled_px
 from rigctl.protocol.finger import MARKS_MM, PLATE_MM, PLATE_WIDTH_MM
 from rigctl.realtime.messages import FingerEngineStatus
 
-_TITLE_PX, _AXIS_PX = 20, 20
+_LINE_PX, _ONE_LINE_PX = 20, 330
+"""Height of a line of text, and the width in which title and position share one."""
 _ALONG_MM, _ACROSS_MM = 18.0, 6.0
 """Shown before and after the plate, and beside it: the finger begins and ends there."""
 _SHOWN_MM = (PLATE_MM + 2 * _ALONG_MM, PLATE_WIDTH_MM + 2 * _ACROSS_MM)
@@ -65,8 +66,22 @@ class PlateView(QWidget):
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Take the height at which the plate fills the width."""
         super().resizeEvent(event)
+        self._take_height()
+
+    def changeEvent(self, event: QEvent) -> None:
+        """Take the height of larger texts."""
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.FontChange:
+            self._take_height()
+
+    def _take_height(self) -> None:
         plate_px = min(self.width() * _SHOWN_MM[1] / _SHOWN_MM[0], _MAX_PLATE_PX)
-        self.setFixedHeight(round(plate_px) + _TITLE_PX + _AXIS_PX)
+        self.setFixedHeight(round(plate_px) + self._title_px + scaled_px(_LINE_PX))
+
+    @property
+    def _title_px(self) -> int:
+        lines = 1 if self.width() >= scaled_px(_ONE_LINE_PX) else 2
+        return lines * scaled_px(_LINE_PX)
 
     def paintEvent(self, event: QPaintEvent) -> None:
         """Draw everything in the colours of the applied theme."""
@@ -82,10 +97,10 @@ class PlateView(QWidget):
 
     def _set_scale(self) -> None:
         width_mm, height_mm = _SHOWN_MM
-        room_px = self.height() - _TITLE_PX - _AXIS_PX
+        room_px = self.height() - self._title_px - scaled_px(_LINE_PX)
         self._px_per_mm = min(self.width() / width_mm, room_px / height_mm)
         self._left_px = (self.width() - PLATE_MM * self._px_per_mm) / 2
-        self._middle_px = _TITLE_PX + room_px / 2
+        self._middle_px = self._title_px + room_px / 2
 
     def _at(self, along_mm: float, across_mm: float) -> QPointF:
         """Return a place on the widget; left of the way is up, as seen from above."""
@@ -97,16 +112,17 @@ class PlateView(QWidget):
     def _paint_title(self, painter: QPainter, theme: Theme) -> None:
         plate = f"Plate {self._texture}" if self._texture else "Plate"
         title = f"{plate} from above, {PLATE_MM:.0f} × {PLATE_WIDTH_MM:.0f} mm"
-        area = QRectF(4, 0, self.width() - 8, _TITLE_PX)
-        advance = painter.fontMetrics().horizontalAdvance
-        if advance(title) + advance(self.words) + 8 > area.width():
+        line_px = scaled_px(_LINE_PX)
+        first = QRectF(4, 0, self.width() - 8, line_px)
+        last = first.translated(0, self._title_px - line_px)
+        advance, share_line = painter.fontMetrics().horizontalAdvance, first == last
+        if advance(title) + share_line * (advance(self.words) + 8) > first.width():
             title = plate
+        side = Qt.AlignmentFlag.AlignRight if share_line else Qt.AlignmentFlag.AlignLeft
         painter.setPen(QColor(theme.muted))
-        painter.drawText(area, Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter, title)
+        painter.drawText(first, Qt.AlignmentFlag.AlignVCenter, title)
         painter.setPen(QColor(theme.text))
-        painter.drawText(
-            area, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter, self.words
-        )
+        painter.drawText(last, side | Qt.AlignmentFlag.AlignVCenter, self.words)
 
     def _paint_plate(self, painter: QPainter, theme: Theme) -> None:
         half = PLATE_WIDTH_MM / 2
@@ -126,11 +142,12 @@ class PlateView(QWidget):
         """Draw the texts below the plate: the marks first, others where there is room."""
         ticks = range(0, round(PLATE_MM) + 1, _TICK_MM)
         drawn: list[QRectF] = []
+        line_px = scaled_px(_LINE_PX)
         for tick in sorted(ticks, key=lambda tick: tick not in MARKS_MM):
             text = _tick_text(tick)
             width = painter.fontMetrics().horizontalAdvance(text) + 2
             left = min(max(self._at(tick, 0).x() - width / 2, 0), self.width() - width)
-            area = QRectF(left, self.height() - _AXIS_PX, width, _AXIS_PX)
+            area = QRectF(left, self.height() - line_px, width, line_px)
             if not any(area.adjusted(-4, 0, 4, 0).intersects(other) for other in drawn):
                 painter.drawText(area, Qt.AlignmentFlag.AlignCenter, text)
                 drawn.append(area)
@@ -144,7 +161,7 @@ class PlateView(QWidget):
 
     def _paint_finger(self, painter: QPainter, theme: Theme) -> None:
         status, r = self._status, _FINGER_PX
-        area = QRectF(self.rect()).adjusted(r, _TITLE_PX, -r, -_AXIS_PX)
+        area = QRectF(self.rect()).adjusted(r, self._title_px, -r, -scaled_px(_LINE_PX))
         newest = self.path_mm[-1].tolist() if len(self.path_mm) and status.position_valid else None
         place = self._at(*(newest or (status.along_mm, status.across_mm)))
         x = min(max(place.x(), area.left()), area.right())

@@ -5,14 +5,23 @@ from __future__ import annotations
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QApplication
 
 from gui.finger.scaled_raster import SPAN_MM, ScaledRaster
 from gui.finger.scan_record import ScanRecord
 from gui.live.heatmap import HeatMap
 from gui.live.history import History
-from gui.widgets.plot_axes import LEFT_PX, colour_axes, fixed_plot
+from gui.widgets.plot_axes import (
+    BOTTOM_PX,
+    LEFT_PX,
+    colour_axes,
+    fixed_plot,
+    most_ticks,
+    reserve,
+    time_ticks,
+)
 from gui.widgets.plot_grid import PlotGrid
-from gui.widgets.theme import Theme
+from gui.widgets.theme import Theme, scaled_px
 from rigctl.finger_values import N_FINGER_TAXELS
 from rigctl.protocol.finger import VelocityProfile
 from rigctl.protocol.finger_plan import ScanQuality
@@ -25,7 +34,8 @@ HISTORY_S = 20
 _RIGHT_PX = 132
 _TICK_MM = 100  # ticks that a narrow plot can show
 _TICK_TAXELS = 4
-_BOTTOM_PX = 34
+_LEAST_PX = 128
+"""Width and height of a plot whose texts can be read."""
 _SLOW_REFRESH_FRAMES = 3
 _LEAST_SPAN_S = 2.0
 _LEAST_TOP_MM_S = 250.0
@@ -45,7 +55,6 @@ class ScanPlots(PlotGrid):
         self._build_raster_plot(theme)
         self.heat_map = HeatMap(theme, SensorLayout.default(N_FINGER_TAXELS))
         self.cells.addItem(self.heat_map, row=0, col=1, rowspan=2)
-        self.cells.layout.setColumnFixedWidth(1, _RIGHT_PX)
         self.cells.layout.setHorizontalSpacing(10)
         for row, stretch in enumerate(_ROW_STRETCH):
             self.cells.layout.setRowStretchFactor(row, stretch)
@@ -87,11 +96,14 @@ class ScanPlots(PlotGrid):
         self.heat_map.set_theme(theme)
         for plot in (self._velocity_plot, self._raster_plot):
             colour_axes(plot, theme)
+        self.cells.layout.setColumnFixedWidth(1, scaled_px(_RIGHT_PX))
+        self.reserve_plots(_LEAST_PX, *(_LEAST_PX for _ in _ROW_STRETCH))
         self._velocity.setPen(pg.mkPen(theme.speed, width=2.4))
         for line in self._limits:
             line.setPen(pg.mkPen(theme.set_point, width=1.2, style=Qt.PenStyle.DashLine))
         for text in self._zones:
             text.setColor(theme.muted)
+            text.setFont(QApplication.font())
         self._version = -1
 
     @property
@@ -108,14 +120,20 @@ class ScanPlots(PlotGrid):
         plot = self._velocity_plot = fixed_plot(self.cells, 0, 0)
         plot.setLabel("left", "mm/s")  # the line above names the velocity
         plot.setLabel("bottom", "Time (s)")
-        plot.getAxis("left").setWidth(LEFT_PX)
-        plot.getAxis("bottom").setHeight(_BOTTOM_PX)
+        reserve(plot, "left", LEFT_PX)
+        reserve(plot, "bottom", BOTTOM_PX)
         self._velocity = pg.PlotCurveItem()
         self._limits = [pg.InfiniteLine(angle=0, movable=False) for _ in range(2)]
         self._zones = [pg.TextItem(name, anchor=(1.0, 0.5)) for name in ("slow", "medium", "fast")]
         for item in (*self._limits, *self._zones, self._velocity):
             plot.addItem(item)
+        plot.getViewBox().sigResized.connect(lambda box: self._label_times(box.viewRange()[0][1]))
         self._place_limits()
+
+    def _label_times(self, span_s: float) -> None:
+        most = most_ticks(self._velocity_plot.getViewBox().width())
+        ticks = time_ticks(0.0, span_s, most)
+        self._velocity_plot.getAxis("bottom").setTicks([ticks, []])
 
     def _place_limits(self) -> None:
         for line, mm_s in zip(self._limits, self._limit_speeds, strict=True):
@@ -126,8 +144,8 @@ class ScanPlots(PlotGrid):
         self.raster = ScaledRaster(theme)
         plot.setLabel("left", "Spikes")
         plot.setLabel("bottom", "Scaled time (mm)")
-        plot.getAxis("left").setWidth(LEFT_PX)
-        plot.getAxis("bottom").setHeight(_BOTTOM_PX)
+        reserve(plot, "left", LEFT_PX)
+        reserve(plot, "bottom", BOTTOM_PX)
         plot.invertY(True)
         plot.setXRange(0, SPAN_MM, padding=0)
         plot.setYRange(0, N_FINGER_TAXELS, padding=0)
@@ -153,6 +171,7 @@ class ScanPlots(PlotGrid):
         span_s = max(_LEAST_SPAN_S, float(np.ceil(record.edges_s[-1])))
         top_mm_s = max(_LEAST_TOP_MM_S, 1.1 * float(speeds.max(initial=0.0)))
         self._velocity_plot.setXRange(0, span_s, padding=0)
+        self._label_times(span_s)
         self._velocity_plot.setYRange(0, top_mm_s, padding=0)
         slow, fast = self._limit_speeds
         middles = (slow / 2, (slow + fast) / 2, (fast + top_mm_s) / 2)

@@ -17,17 +17,24 @@ from gui.live.sweeps.trial_starts import TrialSweep
 from gui.live.time_plots import NOW, PAUSED, SINCE_START, TimePlots
 from gui.live.value_scale import ValueScale
 from gui.widgets.data_ages import DataAges
-from gui.widgets.plot_axes import colour_axes, fixed_plot
+from gui.widgets.plot_axes import BOTTOM_PX, colour_axes, fixed_plot, reserve
 from gui.widgets.plot_grid import PlotGrid
 from gui.widgets.stale_cover import StaleCovers
-from gui.widgets.theme import Theme
+from gui.widgets.theme import Theme, text_scale
 from rigctl.acquisition.live_buffer import LiveReader
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
 
-_RIGHT_PX = 216
+_RIGHT_PX, _MORE_FOR_TEXTS_PX = 216, 130
+"""Width of the right column, and what texts twice as large add to it."""
+GAP_PX = 16
 _SLOW_REFRESH_MS = 100  # numbers that change thirty times a second are unreadable
 _MAP_SAMPLES = 32
+
+
+def right_column_px() -> int:
+    """Return the width of the heat maps and rates beside the plots over time."""
+    return _RIGHT_PX + round((text_scale() - 1) * _MORE_FOR_TEXTS_PX)
 
 
 class LivePlots(PlotGrid):
@@ -186,6 +193,8 @@ class LivePlots(PlotGrid):
         for item in (self.time_plots, self.rate_bars, self.heat_map, self._earlier_trials):
             item.set_theme(theme)
         colour_axes(self._rate_plot, theme)
+        self.cells.layout.setColumnFixedWidth(1, right_column_px())
+        self.keep_readable()
         self.draw()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -200,17 +209,13 @@ class LivePlots(PlotGrid):
         self.rate_bars = RateBars(theme, self.sensor_layout)
         self.cells.addItem(self.heat_map, row=0, col=1, rowspan=3)
         self._rate_plot = fixed_plot(self.cells, 3, 1)
-        axis, time_axis = (
-            plot.getAxis("bottom") for plot in (self._rate_plot, self.time_plots.raster_plot)
-        )
-        axis.setHeight(time_axis.height())
+        reserve(self._rate_plot, "bottom", BOTTOM_PX)
         label_rates(self._rate_plot, theme, self._is_per_mm)
         self._rate_plot.hideAxis("left")
         self._rate_plot.setXRange(0, FULL_SCALE_HZ, padding=0)
         self._rate_plot.invertY(True)
         self._rate_plot.addItem(self.rate_bars)
-        self.cells.layout.setHorizontalSpacing(16)
-        self.cells.layout.setColumnFixedWidth(1, _RIGHT_PX)
+        self.cells.layout.setHorizontalSpacing(GAP_PX)
         self._show_rate_rows()
 
     def _show_rate_rows(self) -> None:

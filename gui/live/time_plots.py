@@ -20,16 +20,33 @@ from gui.live.store.time_window import TimeWindow
 from gui.live.store.timeline import Timeline
 from gui.live.traces import Traces
 from gui.live.value_scale import ValueScale
-from gui.widgets.plot_axes import MAX_TICKS, colour_axes, most_ticks, time_plot, time_ticks
-from gui.widgets.theme import Theme
+from gui.widgets.plot_axes import (
+    LEFT_PX,
+    MAX_TICKS,
+    colour_axes,
+    label_axis,
+    most_ticks,
+    text_width_px,
+    time_plot,
+    time_ticks,
+)
+from gui.widgets.theme import Theme, scaled_px
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
 
 _ROW_LABEL_PX, _TAXEL_LABEL_PX = 10, 14
 _ROW_PX, _LAST_ROW_PX, _LONG_LABEL_PX = 48, 88, 84
 OWN_RANGE = "Taxels<br>(own range)"
 _ROW_STRETCH = (2, 2, 5, 6)
+_LEAST_WIDTH_PX = 120
 NOW, PAUSED = "Time relative to now (s)", "Time relative to the pause (s)"
-SINCE_START = "Time since the trial began (s)"
+SINCE_START, IN_TRIAL = "Time since the trial began (s)", "Time in the trial (s)"
+_SHORT_CAPTIONS = {
+    NOW: "s from now",
+    PAUSED: "s from the pause",
+    SINCE_START: "s in the trial",
+    IN_TRIAL: "s in the trial",
+}
+"""What stands below an axis that is too narrow for its caption."""
 
 
 class TimePlots:
@@ -57,8 +74,9 @@ class TimePlots:
             plot.getAxis("bottom").setTicks([[], []])
         for row, stretch in enumerate(_ROW_STRETCH):
             layout.layout.setRowStretchFactor(row, stretch)
-            layout.layout.setRowMinimumHeight(row, _LAST_ROW_PX if row == 3 else _ROW_PX)
-        self._times = (0.0, 0.0, 0.0)
+        self._layout, self._times = layout.layout, (0.0, 0.0, 0.0)
+        for plot in (self.trace_plot, self.raster_plot):
+            plot.getViewBox().sigResized.connect(lambda _: self._fit_labels())
         self.show_taxels(self._taxels)
 
     @property
@@ -95,8 +113,12 @@ class TimePlots:
         )  # fmt: skip
         for view in views:
             view.set_theme(theme)
-        for plot in self.plots:
+        for row, plot in enumerate(self.plots):
             colour_axes(plot, theme)
+            least_px = _LAST_ROW_PX if row == len(self.plots) - 1 else _ROW_PX
+            self._layout.setRowMinimumHeight(row, scaled_px(least_px))
+        self._layout.setColumnMinimumWidth(0, _LEAST_WIDTH_PX + scaled_px(LEFT_PX))
+        self._times = (0.0, 0.0, 0.0)
         self.label_rows()
 
     def refresh(
@@ -122,15 +144,25 @@ class TimePlots:
         """Say below the time axis what its zero is."""
         if caption != self._caption:
             self._caption = caption
-            self.raster_plot.setLabel("bottom", caption, color=self._theme.muted)
+            self._show_caption()
 
     def label_rows(self) -> None:
         """Label single raster rows if there is space, else their groups; and the taxels."""
         row_px = self.raster_plot.getViewBox().height() / self.raster.n_rows
         rows = self.raster.rows
-        ticks = rows.row_ticks() if row_px >= _ROW_LABEL_PX else rows.group_ticks()
+        ticks = rows.row_ticks() if row_px >= scaled_px(_ROW_LABEL_PX) else rows.group_ticks()
         self.raster_plot.getAxis("left").setTicks([ticks, []])
         self._label_taxels()
+
+    def _fit_labels(self) -> None:
+        self._show_caption()
+        self.label_rows()
+
+    def _show_caption(self) -> None:
+        room_px = self.raster_plot.getViewBox().width()
+        is_long = text_width_px(self._caption) > room_px
+        caption = _SHORT_CAPTIONS[self._caption] if is_long else self._caption
+        label_axis(self.raster_plot, "bottom", caption, self._theme)
 
     def _label_taxels(self) -> None:
         axis, n = self.trace_plot.getAxis("left"), len(self._taxels)
@@ -140,11 +172,11 @@ class TimePlots:
             label = f"T{self._taxels[0] + 1}<br>({self._scale.unit})"
         else:
             band_px = self.trace_plot.getViewBox().height() / n
-            step = max(1, -(-n // MAX_TICKS), ceil(_TAXEL_LABEL_PX / max(band_px, 1.0)))
+            step = max(1, -(-n // MAX_TICKS), ceil(scaled_px(_TAXEL_LABEL_PX) / max(band_px, 1.0)))
             names = [(i + 0.5, f"T{self._taxels[i] + 1}") for i in range(0, n, step)]
             axis.setTicks([names, []])
-            label = OWN_RANGE if band_px * n >= _LONG_LABEL_PX else "Taxels"
-        self.trace_plot.setLabel("left", label, color=self._theme.muted)
+            label = OWN_RANGE if band_px * n >= scaled_px(_LONG_LABEL_PX) else "Taxels"
+        label_axis(self.trace_plot, "left", label, self._theme)
 
     def set_range(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> None:
         """Scale the bands to ``low … high`` counts, (n_taxels,) each."""

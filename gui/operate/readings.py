@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from PySide6.QtWidgets import QGridLayout, QGroupBox
+from PySide6.QtCore import QEvent, QSize
+from PySide6.QtGui import QFont, QFontMetrics
+from PySide6.QtWidgets import QGroupBox
 
 from gui.widgets.data_ages import DataAges, stale_words
+from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.labels import elastic, label, set_property, show_text
+from gui.widgets.layouts import container, hbox, vbox
 from rigctl.acquisition.rpc.messages import EngineStatus
 
 NAMES = ("Force", "Speed", "Actuator", "Angle", "Tared", "Homed")
+WIDEST = "199.9 mm/s"
 LIVE = "The readings are live"
 
 
@@ -19,15 +24,29 @@ class ReadingBox(QGroupBox):
         super().__init__("Readings")
         self.readings = {name: elastic(label("–", "heading")) for name in NAMES}
         self.age = label("", "muted")
-        grid = QGridLayout(self)
-        grid.setContentsMargins(8, 6, 8, 8)
-        grid.setVerticalSpacing(2)
-        for place, (name, reading) in enumerate(self.readings.items()):
-            grid.addWidget(label(name, "muted"), place // 2, place % 2 * 2)
-            grid.addWidget(reading, place // 2, place % 2 * 2 + 1)
-        grid.addWidget(self.age, grid.rowCount(), 0, 1, 4)
-        grid.setColumnStretch(1, 1)
-        grid.setColumnStretch(3, 1)
+        self._names = [label(name, "muted") for name in NAMES]
+        both = zip(self._names, self.readings.values(), strict=True)
+        pairs = [container(hbox(name, reading, wide=1)) for name, reading in both]
+        self.setLayout(vbox(FlowLayout(*pairs), self.age, spacing=2, margins=(8, 6, 8, 8)))
+        self._keep_whole()
+
+    def sizeHint(self) -> QSize:
+        """Return the size for one reading in a line; the panel decides how many there are."""
+        return QSize(self.minimumSizeHint().width(), super().sizeHint().height())
+
+    def changeEvent(self, event: QEvent) -> None:
+        """Keep the readings whole when the texts become larger."""
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.FontChange and hasattr(self, "_names"):
+            self._keep_whole()
+
+    def _keep_whole(self) -> None:
+        bold = QFont(self.font())
+        bold.setBold(True)
+        name_px = max(map(QFontMetrics(self.font()).horizontalAdvance, NAMES))
+        for name, reading in zip(self._names, self.readings.values(), strict=True):
+            name.setMinimumWidth(name_px)
+            reading.setMinimumWidth(QFontMetrics(bold).horizontalAdvance(WIDEST))
 
     def show_status(self, status: EngineStatus) -> None:
         """Show the readings; those of a lost drum stay, and their age tells."""

@@ -19,7 +19,8 @@ from gui.protocol.run_values import PlanSummary, ProtocolText, SavedProtocol
 from gui.protocol.session_link import SessionLink
 from gui.protocol.session_page import SessionPage
 from gui.widgets.file_browser import PathKind, browse_button
-from gui.widgets.layouts import group_box, hbox, push_button, scroll_to_top, vbox
+from gui.widgets.flow_layout import FlowLayout
+from gui.widgets.layouts import group_box, push_button, scroll_to_top, vbox
 from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.config.rig_config import RigConfig
 
@@ -232,6 +233,6 @@ class ProtocolPanel(QWidget):
         for place, button in enumerate(self.buttons.values()):
             grid.addWidget(button, place // 2, place % 2)
         column.addLayout(grid)
-        column.addLayout(hbox(self.continue_button, self.page_button))
+        column.addLayout(FlowLayout(self.continue_button, self.page_button))
         column.addLayout(self.run_box)
         return box

@@ -27,7 +27,7 @@ from rigctl.acquisition.rpc.messages import RunStatus
 
 MAX_NOTE_LETTERS = 2000
 SHOWN_ENDS = 3
-_TEXT_PX = 300
+_TEXT_PX = 260
 _NO_SESSION = "No session: start a run, or open one to add notes."
 _NEEDS_TEXT = "Write the note first"
 _NEEDS_RUN = "Only during the run of this session"

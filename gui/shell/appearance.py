@@ -45,7 +45,7 @@ class Appearance(QObject):
 
     def set_text_size(self, percent: int) -> None:
         """Show all texts larger or smaller, in percent of the usual size."""
-        before, widths_px = self._text_percent(), self._docks.side_widths_px()
+        before, widths_px = self._text_percent(), self._docks.asked_widths_px()
         self._settings.set_value("text_percent", percent)
         scale_texts(percent / 100)
         self.set_theme(self._choice)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 
-from PySide6.QtCore import QByteArray, QCoreApplication, QEvent, Qt, Signal
+from PySide6.QtCore import QByteArray, QCoreApplication, QEvent, Qt, QTimer, Signal
 from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QApplication, QDockWidget, QMainWindow, QTabWidget, QWidget
 
@@ -13,6 +13,9 @@ from gui.shell.keyboard.steady_focus import SteadyFocusDock
 
 LAYOUT_VERSION = 1
 """Increased when docks change so much that a saved layout no longer fits."""
+
+_MIDDLE_PX = 590
+"""Left to the middle where panels grow with their texts: all plots of the largest texts."""
 
 _Feature = QDockWidget.DockWidgetFeature
 
@@ -34,6 +37,8 @@ class DockArea(QMainWindow):
         self.setCentralWidget(middle)
         self.docks: dict[str, QDockWidget] = {}
         self._first_layout = b""
+        self._asked_px: dict[str, int] = {}
+        self._given_px: dict[str, int] = {}
         self._sizes_px: dict[str, tuple[int, Qt.Orientation]] = {}
         app = QApplication.instance()
         assert isinstance(app, QApplication)
@@ -89,12 +94,23 @@ class DockArea(QMainWindow):
             and not (dock.isFloating() or dock.isHidden() or dock.visibleRegion().isEmpty())
         }
 
+    def asked_widths_px(self) -> dict[str, int]:
+        """Return the widths at the sides: as asked where nobody changed what there was room for."""
+        return {
+            name: self._asked_px[name] if px == self._given_px.get(name) else px
+            for name, px in self.side_widths_px().items()
+        }
+
     def set_side_widths(self, widths_px: Mapping[str, int]) -> None:
         """Give panels their widths, as far as the texts in them and in the middle allow."""
         # The panels still ask for the room of the texts before; a dock would not get narrower.
         QCoreApplication.sendPostedEvents(None, QEvent.Type.LayoutRequest)
+        self._asked_px, self._given_px = dict(widths_px), {}
+        QTimer.singleShot(0, self, self._note_given)
         docks = [self.docks[name] for name in widths_px]
-        self.resizeDocks(docks, list(widths_px.values()), Qt.Orientation.Horizontal)
+        share = min(1.0, (self.width() - _MIDDLE_PX) / max(sum(widths_px.values()), 1))
+        sizes_px = [max(1, int(px * share)) for px in widths_px.values()]
+        self.resizeDocks(docks, sizes_px, Qt.Orientation.Horizontal)
 
     def reset(self) -> None:
         """Return to the layout of the first start."""
@@ -116,6 +132,10 @@ class DockArea(QMainWindow):
             self.resizeDocks([self.docks[name]], [size_px], orientation)
         if sizes:
             self._first_layout = self.save()
+
+    def _note_given(self) -> None:
+        widths_px = self.side_widths_px()
+        self._given_px = {name: widths_px[name] for name in self._asked_px if name in widths_px}
 
     def _on_visibility_changed(self, name: str, is_visible: bool) -> None:
         if is_visible:

@@ -22,6 +22,7 @@ from shiboken6 import isValid
 
 from gui.widgets.labels import label
 from gui.widgets.layouts import push_button, vbox
+from gui.widgets.theme import scaled_px
 
 PLACES_PX = 120
 _TOML, _MODEL = "TOML files (*.toml)", "Models (*.h5)"
@@ -91,7 +92,7 @@ class FileBrowser(QWidget):
         dialog.setOption(QFileDialog.Option.DontUseNativeDialog)
         dialog.setSizeGripEnabled(False)
         for places in dialog.findChildren(QListView, "sidebar"):
-            places.setMinimumWidth(PLACES_PX)  # Qt cuts the names of the places
+            places.setMinimumWidth(scaled_px(PLACES_PX))  # Qt cuts the names of the places
         if name_filter:
             dialog.setFileMode(QFileDialog.FileMode.ExistingFile)
             dialog.setNameFilters([name_filter, "All files (*)"])

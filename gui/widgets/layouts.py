@@ -61,9 +61,10 @@ def _fill(
 
 
 def form_layout(spacing: int) -> QFormLayout:
-    """Return a form whose fields take the spare width."""
+    """Return a form whose fields take the spare width, or the next line if there is too little."""
     growth = QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow
-    layout = QFormLayout(verticalSpacing=spacing, fieldGrowthPolicy=growth)
+    wrap = QFormLayout.RowWrapPolicy.WrapLongRows
+    layout = QFormLayout(verticalSpacing=spacing, fieldGrowthPolicy=growth, rowWrapPolicy=wrap)
     layout.setContentsMargins(*_NONE)
     return layout
 

@@ -8,14 +8,15 @@ import pyqtgraph as pg
 from PySide6.QtGui import QFontMetrics
 from PySide6.QtWidgets import QApplication, QGraphicsItem
 
-from gui.widgets.theme import Theme
+from gui.widgets.theme import Theme, scaled_px, text_scale
 
 LEFT_PX = 62
 MAX_TICKS = 10
 _ROUND_STEPS_S = (
     0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0, 120.0,
 )  # fmt: skip
-_BOTTOM_PX = 34
+BOTTOM_PX = 34
+_USUAL_PX = "usual_px"
 _LONG_TIME = "−10.0 "
 
 
@@ -33,28 +34,57 @@ def fixed_plot(layout: pg.GraphicsLayout, row: int, column: int) -> pg.PlotItem:
     return plot
 
 
+def reserve(plot: pg.PlotItem, side: str, usual_px: float) -> None:
+    """Give an axis its width or height, which grows with the texts."""
+    axis = plot.getAxis(side)
+    axis.setProperty(_USUAL_PX, usual_px)
+    _fit_axis(axis)
+
+
+def label_axis(plot: pg.PlotItem, side: str, text: str, theme: Theme) -> None:
+    """Write a label in the middle of an axis, also where it is longer than the one before."""
+    plot.setLabel(side, text, color=theme.muted)
+    plot.getAxis(side).resizeEvent()  # pyqtgraph places the label only there
+
+
+def title_plot(plot: pg.PlotItem, text: str, colour: str, usual_pt: float = 9.0) -> None:
+    """Write a title above a plot."""
+    plot.setTitle(text or " ", color=colour, size=f"{usual_pt * text_scale():g}pt")
+
+
+def _fit_axis(axis: pg.AxisItem) -> None:
+    font, usual_px = QApplication.font(), axis.property(_USUAL_PX)
+    axis.setTickFont(font)
+    axis.label.setFont(font)
+    if usual_px is not None:
+        upright = axis.orientation in ("left", "right")
+        (axis.setWidth if upright else axis.setHeight)(scaled_px(usual_px))
+    axis.resizeEvent()
+
+
 def time_plot(layout: pg.GraphicsLayout, row: int, label: str, last: bool) -> pg.PlotItem:
     """Return a plot over time, with the same left margin as the others; the last shows times."""
     plot = fixed_plot(layout, row, 0)
     plot.setLabel("left", label)
-    plot.getAxis("left").setWidth(LEFT_PX)
+    reserve(plot, "left", LEFT_PX)
     plot.getAxis("bottom").setStyle(showValues=last)
     if last:
         plot.setLabel("bottom", "Time relative to now (s)")
-        plot.getAxis("bottom").setHeight(_BOTTOM_PX)
+        reserve(plot, "bottom", BOTTOM_PX)
     else:
         plot.getAxis("bottom").setHeight(6)
     return plot
 
 
 def colour_axes(plot: pg.PlotItem, theme: Theme) -> None:
-    """Apply a theme to a plot's axes, labels and background."""
+    """Apply a theme and the size of the texts to a plot's axes, labels and background."""
     plot.getViewBox().setBackgroundColor(theme.plot)
     for side in ("left", "bottom"):
         axis = plot.getAxis(side)
         axis.setPen(pg.mkPen(theme.line, width=1))
         axis.setTextPen(pg.mkPen(theme.muted))
         axis.setLabel(axis.labelText, units=None, color=theme.muted)
+        _fit_axis(axis)
 
 
 def taxel_ticks(n_taxels: int) -> list[tuple[float, str]]:
@@ -65,8 +95,12 @@ def taxel_ticks(n_taxels: int) -> list[tuple[float, str]]:
 
 def most_ticks(width_px: float) -> int:
     """Return how many steps an axis of times has room for in the present size of the texts."""
-    label_px = QFontMetrics(QApplication.font()).horizontalAdvance(_LONG_TIME)
-    return max(1, min(MAX_TICKS, int(width_px / label_px)))
+    return max(1, min(MAX_TICKS, int(width_px / text_width_px(_LONG_TIME))))
+
+
+def text_width_px(text: str) -> int:
+    """Return the width of a label of an axis."""
+    return QFontMetrics(QApplication.font()).horizontalAdvance(text)
 
 
 def time_ticks(left_s: float, right_s: float, most: int = MAX_TICKS) -> list[tuple[float, str]]:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from math import ceil
+
 import pyqtgraph as pg
+from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QWidget
 
 from gui.widgets.layouts import vbox
-from gui.widgets.theme import Theme
+from gui.widgets.theme import Theme, scaled_px
 
 
 class PlotGrid(QWidget):
@@ -21,6 +24,18 @@ class PlotGrid(QWidget):
         self.cells = self.graphics.ci
         self.setLayout(vbox(self.graphics, spacing=0, margins=(0, 0, 0, 0)))
         self.setFocusProxy(self.graphics)
+
+    def reserve_plots(self, width_px: float, *heights_px: float) -> None:
+        """Keep room for the texts of the first column, whose rows have these heights."""
+        self.cells.layout.setColumnMinimumWidth(0, scaled_px(width_px))
+        for row, height_px in enumerate(heights_px):
+            self.cells.layout.setRowMinimumHeight(row, scaled_px(height_px))
+        self.keep_readable()
+
+    def keep_readable(self) -> None:
+        """Let the view become no smaller than its plots, in the present size of the texts."""
+        needs = self.cells.layout.effectiveSizeHint(Qt.SizeHint.MinimumSize)
+        self.graphics.setMinimumSize(ceil(needs.width()), ceil(needs.height()))
 
     def colour_background(self, theme: Theme) -> None:
         """Give the space around the plots the colour of a panel."""

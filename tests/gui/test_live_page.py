@@ -332,7 +332,7 @@ def test_rates_are_per_mm_of_the_texture_that_passed(page: LivePage, engine: Fak
     assert bars.rates_a_mm is not None
     assert bars.rates_a_mm == pytest.approx(bars.rates_hz / 80.0, rel=0.01)
     axis = page.plots._rate_plot.getAxis("bottom")
-    assert axis.labelText == "Spikes in the last second (1/mm)"
+    assert axis.labelText == "Rate in the last second (1/mm)"
     QTest.keyClick(page.encoder_strip.per_mm, Qt.Key.Key_Space)
     assert bars.rates_a_mm is None and axis.labelText == "Rate in the last second (Hz)"
 

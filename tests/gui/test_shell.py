@@ -128,7 +128,8 @@ def test_one_page_is_left_on_the_screen_wherever_the_focus_was(harness: Harness)
     wait_until(pages.features.graphics.hasFocus)
     window.show_panel("finger")
     every = [window.stack.widget(i) for i in range(window.stack.count())]
-    assert [page for page in every if page.isVisible()] == [window.finger_tab.view]
+    shown = [area.page for area in every if area.isVisible()]
+    assert shown == [window.finger_tab.view] and shown[0].isVisible()
     assert window.toolbar.pages.currentIndex() == 1
     pages.setCurrentIndex(0)
 

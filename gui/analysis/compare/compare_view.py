@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import ceil
+
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Signal
@@ -10,11 +12,13 @@ from PySide6.QtWidgets import QComboBox, QWidget
 from gui.analysis.compare.responses import NeuronResponse, ResponseGrid
 from gui.widgets.labels import label
 from gui.widgets.layouts import hbox, push_button, vbox
-from gui.widgets.plot_axes import colour_axes, fixed_plot
-from gui.widgets.theme import Theme
+from gui.widgets.plot_axes import colour_axes, fixed_plot, reserve, title_plot
+from gui.widgets.theme import Theme, scaled_px, text_scale
 
 HINT = "Choose a neuron; Compare shows the selected trials, or all that the filter lets through."
 COLUMNS, LEFT_PX = 3, 44
+LEAST_PX = 185, 240
+"""Width and height of a raster with its rates."""
 MOST_TICKS = 4
 
 
@@ -66,23 +70,25 @@ class CompareView(QWidget):
         dashes = "Line: mean of the trials; dashes: mean ± standard deviation."
         self.note.setText(f"{grid.neuron}. {dashes} {grid.left_out}")
         top = max(float((c.mean_hz + c.sd_hz).max(initial=1.0)) for c in grid.conditions)
+        columns = min(max(1, int(COLUMNS / text_scale())), len(grid.conditions))
         for number, condition in enumerate(grid.conditions):
-            self._add(number, condition, top)
+            self._add(*divmod(number, columns), condition, top)
+        rows = ceil(len(grid.conditions) / columns)
+        self.plots.setMinimumSize(*(map(scaled_px, (columns * LEAST_PX[0], rows * LEAST_PX[1]))))
 
     def _compare(self) -> None:
         self.compare_requested.emit(self.neuron.currentIndex(), self.neuron.currentText())
 
-    def _add(self, number: int, condition: NeuronResponse, top_hz: float) -> None:
-        row, column = 2 * (number // COLUMNS), number % COLUMNS
-        raster = fixed_plot(self.plots.ci, row, column)
-        rate = fixed_plot(self.plots.ci, row + 1, column)
-        raster.setTitle(condition.name, color=self._theme.text, size="9pt")
+    def _add(self, row: int, column: int, condition: NeuronResponse, top_hz: float) -> None:
+        raster = fixed_plot(self.plots.ci, 2 * row, column)
+        rate = fixed_plot(self.plots.ci, 2 * row + 1, column)
+        title_plot(raster, condition.name, self._theme.text)
         raster.getAxis("bottom").setStyle(showValues=False)
         rate.setLabel("bottom", "Time (s)")
         end_s = float(condition.at_s[-1] + condition.at_s[0]) if len(condition.at_s) else 1.0
         for plot, name in ((raster, "Trial"), (rate, "Rate (Hz)")):
             plot.setLabel("left", name)
-            plot.getAxis("left").setWidth(LEFT_PX)
+            reserve(plot, "left", LEFT_PX)
             plot.setXRange(0, end_s, padding=0)
             colour_axes(plot, self._theme)
         n_trials = len(condition.spikes_s)

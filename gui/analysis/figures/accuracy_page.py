@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from PySide6.QtWidgets import QCheckBox, QGridLayout, QWidget
+from PySide6.QtWidgets import QCheckBox, QWidget
 
 from gui.analysis.export.picture_file import Picture, widget_picture
 from gui.analysis.figures.accuracy import AccuracyPlot
 from gui.analysis.figures.accuracy_plots import ROW_PX, AccuracyPlots
 from gui.analysis.figures.curve_looks import LOOKS, SAMPLE
 from gui.analysis.figures.readout import Readout
+from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.labels import label
 from gui.widgets.layouts import combo_box, container, hbox, push_button, scroll_area, vbox
 from gui.widgets.theme import Theme
@@ -17,7 +18,6 @@ HINT = (
     "Point at a curve to read it, or use the keys: left and right for the components, up and down "
     "for the curve, Page up and Page down for the task, + and − to zoom, 0 for the whole range."
 )
-LEGEND_COLUMNS = 2
 
 
 class AccuracyPage(QWidget):
@@ -67,17 +67,15 @@ class AccuracyPage(QWidget):
         self.plots.hide_curves(hidden)
 
     def _lay_out(self, plot: AccuracyPlot) -> None:
-        grid = QGridLayout()
-        for place, box in enumerate(self.legend.values()):
+        for box in self.legend.values():
             box.setChecked(True)
             box.setIconSize(SAMPLE)
             box.setToolTip("Show or hide this curve")
-            grid.addWidget(box, *divmod(place, LEGEND_COLUMNS))
-        grid.setColumnStretch(LEGEND_COLUMNS, 1)
         has_bars = plot.panels[0].curves[0].spread
         bars = f"Bars: {plot.panels[0].spread_name}. " if has_bars else ""
         marks = f"{bars}◆: the paper's value. Dotted: chance. {plot.origin}"
-        column = vbox(grid, self.plots, label(marks, "muted", wraps=True), spacing=2)
+        origin = label(marks, "muted", wraps=True)
+        column = vbox(FlowLayout(*self.legend.values()), self.plots, origin, spacing=2)
         column.setContentsMargins(8, 0, 8, 0)
         column.setStretch(1, 1)
         self._figure = container(column)

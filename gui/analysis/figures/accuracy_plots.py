@@ -13,11 +13,13 @@ from PySide6.QtGui import QKeyEvent
 
 from gui.analysis.figures.accuracy import AccuracyCurve, AccuracyPanel, AccuracyPlot
 from gui.analysis.figures.curve_looks import LOOKS, PAPER_PX, PAPER_SYMBOL, SYMBOL_PX, CurveLook
-from gui.widgets.plot_axes import colour_axes
+from gui.widgets.plot_axes import colour_axes, reserve, title_plot
 from gui.widgets.plot_grid import PlotGrid
-from gui.widgets.theme import Theme
+from gui.widgets.theme import Theme, scaled_px, text_scale
 
 COLUMNS, SYMBOLS = 2, 8
+ONE_COLUMN = 1.1
+"""Size of the texts from which the titles of two plots have no room beside each other."""
 TOP_PERCENT, ROOM, LEFT_PX = 104.0, 0.07, 44
 ROW_PX = 170
 """Least height of a row of plots."""
@@ -87,13 +89,14 @@ class AccuracyPlots(PlotGrid):
         self.cells.clear()
         self.plots.clear()
         panels = range(len(self.plot.panels)) if self.alone is None else [self.alone]
-        columns = min(COLUMNS, len(panels))
-        self.setMinimumHeight(ROW_PX * ceil(len(panels) / columns))
+        columns = min(COLUMNS if text_scale() < ONE_COLUMN else 1, len(panels))
+        self.setMinimumHeight(scaled_px(ROW_PX) * ceil(len(panels) / columns))
         for place, number in enumerate(panels):
             row, column = divmod(place, columns)
             is_last = place + columns >= len(panels)
             self.plots[number] = self._add(row, column, self.plot.panels[number], is_last)
             self._draw(number)
+        self.keep_readable()
         self.show_whole_range()
         self._choose(None)
 
@@ -103,14 +106,14 @@ class AccuracyPlots(PlotGrid):
         plot.disableAutoRange()
         plot.setLimits(xMin=0, xMax=panel.k_max * (1 + ROOM), yMin=0, yMax=TOP_PERCENT)
         plot.setLimits(minXRange=2, minYRange=2)
-        plot.setTitle(panel.title, color=self._theme.text, size="9pt")
+        title_plot(plot, panel.title, self._theme.text)
         if not column:
             plot.setLabel("left", "Accuracy (%)")
         if is_last:
             plot.setLabel("bottom", "Components")
         for side in ("left", "bottom"):
             plot.getAxis(side).enableAutoSIPrefix(False)
-        plot.getAxis("left").setWidth(LEFT_PX if not column else LEFT_PX - 14)
+        reserve(plot, "left", LEFT_PX if not column else LEFT_PX - 14)
         colour_axes(plot, self._theme)
         return plot
 

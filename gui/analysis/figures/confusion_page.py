@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from PySide6.QtWidgets import QWidget
+from PySide6.QtWidgets import QComboBox, QWidget
 
 from gui.analysis.export.picture_file import Picture, widget_picture
 from gui.analysis.figures.confusion import ConfusionCounts, ConfusionPlot
 from gui.analysis.figures.confusion_plot import ConfusionPlotView
 from gui.analysis.figures.readout import Readout
+from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.labels import label
-from gui.widgets.layouts import combo_box, container, hbox, push_button, vbox
+from gui.widgets.layouts import combo_box, container, push_button, vbox
 from gui.widgets.theme import Theme
 
 HINT = (
@@ -76,9 +77,10 @@ class ConfusionPage(QWidget):
         column = vbox(self.name, self.words, self.view, origin, spacing=2, margins=(8, 0, 8, 0))
         column.setStretch(2, 1)
         self._figure = container(column)
+        for box in (self.task, self.representation):
+            box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToContents)
         boxes = (self.task, self.representation, self.whole_button)
-        head = hbox(*boxes, wide=1, margins=(8, 6, 8, 2))
-        head.setStretch(0, 1)
+        head = FlowLayout(*boxes, margins=(8, 6, 8, 2))
         rows = vbox(head, self._figure, self.readout)
         rows.setStretch(1, 1)
         self.setLayout(rows)

@@ -12,9 +12,9 @@ from gui.analysis.figures.confusion import ConfusionCounts
 from gui.widgets.colours import blend
 from gui.widgets.plot_axes import colour_axes
 from gui.widgets.plot_grid import PlotGrid
-from gui.widgets.theme import Theme
+from gui.widgets.theme import Theme, scaled_px
 
-LEAST_TEXT_PX = 30, 15
+LEAST_TEXT_PX, LEAST_CELL_PX, AXIS_PX = (30, 15), (18, 13), 60
 ZOOM = 1.25
 _Key = Qt.Key
 _STEPS = {
@@ -71,6 +71,7 @@ class ConfusionPlotView(PlotGrid):
         for side in ("left", "bottom"):
             names = [(place + 0.5, name) for place, name in enumerate(matrix.classes)]
             self.item.getAxis(side).setTicks([names, []])
+        self.reserve_plots(*(n * px + AXIS_PX for px in LEAST_CELL_PX))
         self.item.setLimits(xMin=0, xMax=n, yMin=0, yMax=n, minXRange=1, minYRange=1)
         self._choose(None)
         self.show_whole_range()
@@ -89,7 +90,8 @@ class ConfusionPlotView(PlotGrid):
     def _show_texts(self) -> None:
         """Show the numbers where a cell has room for them."""
         width, height = self.item.getViewBox().viewPixelSize()
-        has_room = 1 / width >= LEAST_TEXT_PX[0] and 1 / height >= LEAST_TEXT_PX[1]
+        least = [scaled_px(px) for px in LEAST_TEXT_PX]
+        has_room = 1 / width >= least[0] and 1 / height >= least[1]
         (left, right), (top, bottom) = self.item.viewRange()
         for text in self.texts:
             at = text.pos()

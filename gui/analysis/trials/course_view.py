@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from PySide6.QtCore import Qt
 
 from gui.analysis.task_values import TrialCourse
+from gui.analysis.trial_view import LEAST_PX
 from gui.widgets.plot_axes import colour_axes, time_plot
 from gui.widgets.plot_grid import PlotGrid
 from gui.widgets.theme import Theme
@@ -34,6 +35,7 @@ class CourseView(PlotGrid):
         self.colour_background(theme)
         for plot in (self.force_plot, self.speed_plot):
             colour_axes(plot, theme)
+        self.reserve_plots(*LEAST_PX)
         self.show_course(self.course)
 
     def show_course(self, course: TrialCourse | None) -> None:

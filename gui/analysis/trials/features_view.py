@@ -7,7 +7,8 @@ import pyqtgraph as pg
 from PySide6.QtCore import QPointF
 
 from gui.analysis.task_values import TrialFeatures
-from gui.widgets.plot_axes import colour_axes, time_plot
+from gui.analysis.trial_view import LEAST_PX
+from gui.widgets.plot_axes import colour_axes, label_axis, time_plot, title_plot
 from gui.widgets.plot_grid import PlotGrid
 from gui.widgets.theme import Theme
 
@@ -39,6 +40,7 @@ class FeaturesView(PlotGrid):
         self.colour_background(theme)
         for plot in self.plots:
             colour_axes(plot, theme)
+        self.reserve_plots(*LEAST_PX)
         self._show_text(HINT)
 
     def show_features(self, features: TrialFeatures | None) -> None:
@@ -57,7 +59,7 @@ class FeaturesView(PlotGrid):
             ticks = [(taxel + 0.5, f"{taxel + 1}") for taxel in range(0, n, 4)]
             plot.getAxis("left").setTicks([ticks, []])
         window = f"{features.window_mm:g} mm" if features.window_mm else f"{features.window_ms} ms"
-        self.plots[1].setLabel("bottom", f"Window of {window}")
+        label_axis(self.plots[1], "bottom", f"Window of {window}", self._theme)
 
     def value_text(self, row: int, window: int) -> str:
         """Return the value of a train (SA 1 … n, RA 1 … n) in a window, with its unit."""
@@ -80,4 +82,4 @@ class FeaturesView(PlotGrid):
                     self._show_text(self.value_text(number * n + row, column))
 
     def _show_text(self, text: str) -> None:
-        self.plots[0].setTitle(text, color=self._theme.muted, size="10pt")
+        title_plot(self.plots[0], text, self._theme.muted, 10.0)

@@ -46,6 +46,7 @@ class TrialPages(QTabWidget):
         self.origin = label("", "muted")
         corner = container(hbox(self.origin, self.save_button))
         self.setCornerWidget(corner, Qt.Corner.TopRightCorner)
+        self.tabBar().setUsesScrollButtons(False)  # the page scrolls rather than hides a tab
         self.save_button.setEnabled(False)
 
     @property

@@ -17,6 +17,7 @@ from gui.live.replay.movie_maker import MovieMaker
 from gui.live.replay.player import Player
 from gui.live.replay.replay_data import fill
 from gui.live.replay.voltage_plot import VoltagePlot
+from gui.live.time_plots import IN_TRIAL
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.labels import ElidedLabel, label, show_text
@@ -43,7 +44,7 @@ class ReplayPage(QWidget):
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self.plots, self.voltage = LivePlots(theme), VoltagePlot(theme)
-        self.plots.caption_paused = "Time in the trial (s)"
+        self.plots.caption_paused = IN_TRIAL
         self.pointer, self.player, self.worker = Pointer(self.plots), Player(), Worker()
         self._table, self._row = SessionTable(), -1
         self._wanted: tuple[str, int] | None = None

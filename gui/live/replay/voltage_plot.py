@@ -7,16 +7,16 @@ import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import QRectF
 
+from gui.live.live_plots import GAP_PX, right_column_px
 from gui.live.review.overlay import Overlay
-from gui.widgets.plot_axes import colour_axes, time_plot
+from gui.widgets.plot_axes import colour_axes, label_axis, time_plot
 from gui.widgets.plot_grid import PlotGrid
-from gui.widgets.theme import Theme
+from gui.widgets.theme import Theme, scaled_px
 from rigctl.values import SAMPLE_RATE_HZ
 
 LOW_MV, HIGH_MV = -90.0, 40.0
 HEIGHT_PX = 94
-_LEFT_PX, _RIGHT_PX = 9, 241
-"""Margins below the column of the other plots, so that times stand below each other."""
+_MARGIN_PX = 9
 _TICKS = [(-70.0, "−70"), (30.0, "30")]
 
 
@@ -39,13 +39,15 @@ class VoltagePlot(PlotGrid):
             plot.addItem(curve)
             plot.addItem(overlay, ignoreBounds=True)
         self.plots[1].setXLink(self.plots[0])
-        self.setFixedHeight(HEIGHT_PX)
-        self.cells.layout.setContentsMargins(_LEFT_PX, 0, _RIGHT_PX, 0)
         self._voltage: NDArray[np.float64] = np.zeros((0, 2))
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
+        """Apply a theme and the size of the texts."""
+        self._theme = theme
+        self.setFixedHeight(scaled_px(HEIGHT_PX))
+        right_px = _MARGIN_PX + GAP_PX + right_column_px()  # times stand below each other
+        self.cells.layout.setContentsMargins(_MARGIN_PX, 0, right_px, 0)
         self.colour_background(theme)
         for plot, curve, colour, overlay in zip(
             self.plots, self.curves, theme.groups[:2], self.overlays, strict=True
@@ -58,7 +60,7 @@ class VoltagePlot(PlotGrid):
         """Show (n, 2) voltages of a taxel, from 0."""
         self._voltage = voltage_mv
         for plot, name in zip(self.plots, ("SA", "RA"), strict=True):
-            plot.setLabel("left", f"{name}-{taxel + 1}<br>(mV)")
+            label_axis(plot, "left", f"{name}-{taxel + 1}<br>(mV)", self._theme)
 
     def show_window(self, left_s: float, right_s: float) -> None:
         """Show a part of the time axis, up to its right end."""

@@ -8,7 +8,7 @@ from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPen, QTransform
 from PySide6.QtWidgets import QGraphicsItem
 
-from gui.widgets.theme import Theme
+from gui.widgets.theme import Theme, text_scale
 
 _ROOM_PX = 8
 _LABEL_PT = 7.5
@@ -77,7 +77,7 @@ class Overlay(QGraphicsItem):
 
     def _paint_marks(self, painter: QPainter, to_pixels: QTransform, area: QRectF) -> None:
         font = QFont(painter.font())
-        font.setPointSizeF(_LABEL_PT)
+        font.setPointSizeF(_LABEL_PT * text_scale())
         painter.setFont(font)
         metrics, free_from = QFontMetricsF(font), area.left()
         for at_s, name, is_problem in self.marks:

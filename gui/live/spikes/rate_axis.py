@@ -10,10 +10,11 @@ from gui.live.spikes.spike_rates import (
     RATE_TICKS_A_MM,
     RATE_TICKS_HZ,
 )
+from gui.widgets.plot_axes import label_axis
 from gui.widgets.theme import Theme
 
 A_SECOND = "Rate in the last second (Hz)"
-A_MM = "Spikes in the last second (1/mm)"
+A_MM = "Rate in the last second (1/mm)"
 
 
 def label_rates(plot: pg.PlotItem, theme: Theme, is_per_mm: bool) -> None:
@@ -22,4 +23,4 @@ def label_rates(plot: pg.PlotItem, theme: Theme, is_per_mm: bool) -> None:
     if is_per_mm:
         ticks = [(n * FULL_SCALE_HZ / FULL_SCALE_A_MM, f"{n}") for n in RATE_TICKS_A_MM]
     plot.getAxis("bottom").setTicks([ticks, []])
-    plot.setLabel("bottom", A_MM if is_per_mm else A_SECOND, color=theme.muted)
+    label_axis(plot, "bottom", A_MM if is_per_mm else A_SECOND, theme)

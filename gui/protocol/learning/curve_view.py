@@ -9,9 +9,9 @@ import pyqtgraph as pg
 from PySide6.QtCore import QEvent, QPointF
 
 from gui.protocol.learning.curve_texts import point_text
-from gui.widgets.plot_axes import LEFT_PX, colour_axes, fixed_plot
+from gui.widgets.plot_axes import LEFT_PX, colour_axes, fixed_plot, reserve, title_plot
 from gui.widgets.plot_grid import PlotGrid
-from gui.widgets.theme import applied_theme
+from gui.widgets.theme import applied_theme, scaled_px
 
 if TYPE_CHECKING:
     from rigctl.analysis.learning.learning_curve import CurvePoint
@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 HINT = "Point at the curve to read its values"
 LOWEST_PX = 182
 PERCENT_TICKS = range(0, 101, 20)
+
+
+_NEW_LOOKS = (QEvent.Type.PaletteChange, QEvent.Type.FontChange)
 
 
 class CurveView(PlotGrid):
@@ -31,12 +34,11 @@ class CurveView(PlotGrid):
         self.plot = fixed_plot(self.cells, 0, 0)
         self.plot.setLabel("left", "Accuracy (%)")
         self.plot.setLabel("bottom", "Trials of each plate, speed and force")
-        self.plot.getAxis("left").setWidth(LEFT_PX)
+        reserve(self.plot, "left", LEFT_PX)
         self.plot.getAxis("left").setTicks([[(value, f"{value}") for value in PERCENT_TICKS], []])
         self.plot.setYRange(-4, 106, padding=0)
         self.plot.setXRange(0, 10, padding=0)
         self.plot.showGrid(y=True, alpha=0.15)
-        self.graphics.setMinimumHeight(LOWEST_PX)
         self.graphics.scene().sigMouseMoved.connect(self._point_at)
         self.show_points(())
 
@@ -46,6 +48,7 @@ class CurveView(PlotGrid):
         theme = applied_theme()
         self.colour_background(theme)
         colour_axes(self.plot, theme)
+        self.graphics.setMinimumHeight(scaled_px(LOWEST_PX))
         self.plot.clear()
         self._show_title(HINT if points else "")
         if not points:
@@ -71,7 +74,7 @@ class CurveView(PlotGrid):
     def changeEvent(self, event: QEvent) -> None:
         """Draw in the colours of another theme."""
         super().changeEvent(event)
-        if event.type() == QEvent.Type.PaletteChange and hasattr(self, "plot"):
+        if event.type() in _NEW_LOOKS and hasattr(self, "plot"):
             self.show_points(self.points)
 
     def _name_chance(self, x: float, chance: float) -> None:
@@ -87,4 +90,4 @@ class CurveView(PlotGrid):
 
     def _show_title(self, text: str) -> None:
         self.title = text
-        self.plot.setTitle(text or " ", color=applied_theme().muted, size="9pt")
+        title_plot(self.plot, text, applied_theme().muted)

@@ -9,7 +9,9 @@ from PySide6.QtWidgets import (
     QGraphicsView,
     QHeaderView,
     QLabel,
+    QScrollArea,
     QTableView,
+    QTreeView,
     QWidget,
 )
 
@@ -23,6 +25,9 @@ def cut_texts(window: QWidget) -> list[CutText]:
     """Return all texts of the window that cannot be read whole where they stand."""
     with painted_texts() as painted:
         window.grab()
+        for area in window.findChildren(QScrollArea):
+            if area.isVisible():
+                _paint_hidden(area)
     found = list(painted)
     behind = {
         child
@@ -38,6 +43,17 @@ def cut_texts(window: QWidget) -> list[CutText]:
         else:
             found += _cut_pieces(widget)
     return sorted(set(found))
+
+
+def _paint_hidden(area: QScrollArea) -> None:
+    """Let the widgets paint that paint texts themselves and are scrolled out of sight."""
+    port = area.viewport()
+    for child in area.widget().findChildren(QWidget):
+        is_own = type(child).__module__.startswith("gui.") and "paintEvent" in vars(type(child))
+        if (is_own or isinstance(child, QGraphicsView)) and child.isVisible():
+            place = QRect(child.mapTo(port, QPoint(0, 0)), child.size())
+            if not port.rect().contains(place):
+                child.grab()
 
 
 def _is_behind(dock: QDockWidget) -> bool:
@@ -67,7 +83,7 @@ def _in_view(widget: QWidget, rect: QRect) -> QRect:
     """Return the pixels after scrolling a table to them; its header scrolls with it."""
     view = widget.parentWidget() if isinstance(widget, QHeaderView) else widget
     never = Qt.ScrollBarPolicy.ScrollBarAlwaysOff
-    if not isinstance(view, QTableView) or view.horizontalScrollBarPolicy() is never:
+    if not isinstance(view, QTableView | QTreeView) or view.horizontalScrollBarPolicy() is never:
         return rect
     port = widget if widget is not view else view.viewport()
     shown = rect.intersected(port.rect())

@@ -9,7 +9,7 @@ from unittest import mock
 
 from PySide6.QtCore import QRectF
 from PySide6.QtGui import QPainter
-from PySide6.QtWidgets import QGraphicsView, QWidget
+from PySide6.QtWidgets import QWidget
 
 from tests.gui.texts.piece import CutText, path_of
 
@@ -24,8 +24,7 @@ def painted_texts() -> Iterator[list[CutText]]:
 
     def note(painter: QPainter, *args: Any) -> Any:
         device = painter.device()
-        is_plot = isinstance(device, QWidget) and isinstance(device.parent(), QGraphicsView)
-        if isinstance(device, QWidget) and not is_plot:
+        if isinstance(device, QWidget):
             found.extend(_judge(painter, device, args))
         return draw(painter, *args)
 

@@ -25,6 +25,8 @@ from tests.gui.steps import click, wait_until
 from tests.gui.texts.attach_scenes import attach_scenes
 from tests.gui.texts.editor_scenes import editor_scenes
 from tests.gui.texts.results_scenes import results_scenes
+from tests.gui.texts.run_page_scenes import run_page_scenes
+from tests.gui.texts.trial_scenes import trial_scenes
 
 SESSION_NAME = "dense-coding-of-surface-textures-20261123-205501"
 FAULT_WORDS = "force above the limit: check the sensor and the plate, then clear the fault"
@@ -117,6 +119,7 @@ def scenes(stage: Stage) -> Iterator[str]:
         _not_connected,
         _start,
         _operate,
+        _replay,
         _protocol,
         _attach,
         _analysis,
@@ -125,12 +128,6 @@ def scenes(stage: Stage) -> Iterator[str]:
         _files,
     )
     for scene in shown:
-        yield from scene(stage)
-
-
-def large_text_scenes(stage: Stage) -> Iterator[str]:
-    """Bring the window into some states that are crowded when texts are large."""
-    for scene in (_start, _operate, _replay):
         yield from scene(stage)
 
 
@@ -219,6 +216,7 @@ def _protocol(stage: Stage) -> Iterator[str]:
     yield "Protocol, waiting for a plate"
     stage.update(run=RUN | {"state": "failed", "text": f"the recorder failed: {FAULT_WORDS}"})
     yield "Protocol, failed"
+    yield from run_page_scenes(panel, str(stage.session))
     yield from editor_scenes(panel)
     yield from _learning_curve(panel)
 
@@ -262,6 +260,7 @@ def _analysis(stage: Stage) -> Iterator[str]:
         box.method.setCurrentIndex(index)
         QApplication.processEvents()
         yield f"Analysis, {box.method.itemText(index)}"
+    yield from trial_scenes(tab)
     yield from results_scenes(stage.window)
 
 

@@ -111,7 +111,10 @@ def _group_box(box: QGroupBox) -> Iterator[Piece]:
     place = style.subControlRect(
         _Control.CC_GroupBox, option, _Part.SC_GroupBoxLabel, box
     ).intersected(box.rect())
-    yield Piece(box.title(), _size(box, box.title()), place)
+    needs = _size(box, box.title())
+    ink = QFontMetrics(box.font()).boundingRect(box.title())
+    needs.setWidth(ink.right() + 1)  # Qt gives the title the width of its ink, not of its advance
+    yield Piece(box.title(), needs, place)
 
 
 def _tab_bar(bar: QTabBar) -> Iterator[Piece]:
@@ -205,7 +208,11 @@ def _item_view(view: QAbstractItemView) -> Iterator[Piece]:
             if place.isEmpty() or not port.intersects(place):
                 continue
             text = str(index.data(Qt.ItemDataRole.DisplayRole) or "")
-            yield Piece(text, view.sizeHintForIndex(index), place)
+            needs = view.sizeHintForIndex(index)
+            if isinstance(view, QListView) and view.wordWrap():
+                metrics = QFontMetrics(view.font())
+                needs = metrics.boundingRect(place.adjusted(0, 0, 0, 1 << 20), _WRAP, text).size()
+            yield Piece(text, needs, place)
         if view.visualRect(model.index(row, 0, root)).top() > port.bottom():
             return
 
