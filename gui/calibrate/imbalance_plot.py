@@ -15,7 +15,6 @@ class ImbalancePlot(StemPlot):
 
     def __init__(self) -> None:
         super().__init__(TITLE, HINT)
-        self.setMinimumWidth(380)
 
     def show_table(self, table_g: Sequence[float]) -> None:
         """Show the errors; none before they are measured."""

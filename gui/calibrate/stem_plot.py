@@ -33,13 +33,16 @@ class StemPlot(QWidget):
         self.setAccessibleName(title)
 
     def minimumSizeHint(self) -> QSize:
-        """Return the size that the title needs."""
-        title_px = self.fontMetrics().horizontalAdvance(self._title) + 4
-        return QSize(max(title_px, scaled_px(200)), scaled_px(130))
+        """Return the size that the title needs in two lines."""
+        return QSize(max(self._title_px * 5 // 8, scaled_px(200)), scaled_px(150))
 
     def sizeHint(self) -> QSize:
         """Return a size that suits a small window."""
-        return QSize(self.minimumSizeHint().width(), scaled_px(150))
+        return QSize(min(self._title_px, scaled_px(300)), scaled_px(150))
+
+    @property
+    def _title_px(self) -> int:
+        return self.fontMetrics().horizontalAdvance(self._title) + 4
 
     def show_stems(self, stems: Sequence[Stem], unit: str = "") -> None:
         """Show errors; ``unit`` follows each name in words."""
@@ -55,11 +58,13 @@ class StemPlot(QWidget):
         painter, theme = QPainter(self), applied_theme()
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         left, top, right, bottom = map(scaled_px, (LEFT_PX, TOP_PX, RIGHT_PX, BOTTOM_PX))
+        top *= 1 if self._title_px <= self.width() else 2
         area = QRectF(self.rect()).adjusted(left, top, -right, -bottom)
         painter.fillRect(area, QColor(theme.plot))
         painter.setPen(QColor(theme.muted))
         title = QRectF(0, 0, self.width(), top)
-        painter.drawText(title, Qt.AlignmentFlag.AlignCenter, self._title)
+        centre = Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap
+        painter.drawText(title, centre, self._title)
         if self.stems:
             self._draw(painter, area, theme)
         else:

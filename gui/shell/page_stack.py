@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QApplication, QScrollArea, QStackedWidget, QWidget
 
 from gui.widgets.theme import text_scale
 
-_LEAST_PX, _WIDER_PX, _LOWER_PX = QSize(400, 360), 380, 320
+_LEAST_PX, _WIDER_PX, _LOWER_PX, _LOWEST_PX = QSize(400, 360), 380, 440, 200
 """What a page is left in a small window. Texts twice as large make it so much wider and lower:
 the panels beside it are then narrow, and what is above and below it is high."""
 
@@ -56,7 +56,8 @@ class PageArea(QScrollArea):
     def minimumSizeHint(self) -> QSize:
         """Return the size that the smallest screen leaves for a page, or less if it is enough."""
         larger = max(0.0, text_scale() - 1)
-        most = _LEAST_PX + QSize(round(larger * _WIDER_PX), -round(larger * _LOWER_PX))
+        height_px = max(_LOWEST_PX, _LEAST_PX.height() - round(larger * _LOWER_PX))
+        most = QSize(_LEAST_PX.width() + round(larger * _WIDER_PX), height_px)
         needs = self.page.minimumSizeHint() + QSize(self.verticalScrollBar().sizeHint().width(), 0)
         return needs.boundedTo(most)
 
