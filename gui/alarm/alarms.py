@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
+from rigctl.acquisition.follow.recorder_watch import RECORDER_GONE
 from rigctl.acquisition.rpc.messages import EngineStatus, RunStatus
 from rigctl.acquisition.rpc.queues.connected_client import DISCONNECTED_CLIENT
 from rigctl.acquisition.sharing.remote_client import CONNECTION_LOST
@@ -85,13 +86,14 @@ def _run_end(run: RunStatus) -> Alarm | None:
     if run.state != "failed":
         return None
     reason = run.text.rstrip(".")
-    text = f"{reason[:1].upper()}{reason[1:]}. {_how_to_go_on(run)}".rstrip()
+    how = "" if reason.startswith(RECORDER_GONE) else _how_to_go_on(run)
+    text = f"{reason[:1].upper()}{reason[1:]}. {how}".rstrip()
     return Alarm(f"run {run.session}", "RUN FAILED", text, stays=True)
 
 
 def _how_to_go_on(run: RunStatus) -> str:
     if not run.session:
-        return "" if run.state == "failed" else "Connect starts it again."
+        return "Connect starts it again."
     connect = "" if run.state == "failed" else "Connect starts it again; "
     return f"{_session(run)} is kept. {connect}{CONTINUE}."
 

@@ -14,6 +14,9 @@ from gui.widgets.labels import elastic, label, set_property, show_text
 from gui.widgets.layouts import push_button
 from gui.widgets.status_lamp import Level
 
+REASON_LETTERS = 60
+"""A longer reason made the heading higher than the plots on a small screen."""
+
 
 class ConnectionBar(QFrame):
     """Emits signals only; it does not know the engine. A subclass lays the widgets out."""
@@ -53,11 +56,14 @@ class ConnectionBar(QFrame):
         self._show_connection("Disconnect", connected=True, locked=True)
 
     def show_disconnected(self, reason: str) -> None:
-        """Show that there is no engine, and why."""
+        """Show that there is no engine, and why; the log has all of a long reason."""
         self._show_connection("Connect", connected=False, locked=False)
         self.state.setText("–")
         set_property(self.state, "level", "ok")
-        show_text(self.state_words, reason)
+        is_short = len(reason) <= REASON_LETTERS
+        show_text(
+            self.state_words, reason if is_short else reason.partition(":")[0].partition(" (")[0]
+        )
         self.recording_display.show_recording(Level.OFF, "Not recording", "")
 
     def show_silent(self, seconds: float) -> None:

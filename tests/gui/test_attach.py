@@ -24,6 +24,7 @@ from rigctl.acquisition.rpc import client
 from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.engine_files import running_engines, write_engine_file
 from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE, runtime_folder
+from rigctl.acquisition.sharing.remote_client import CONNECTION_LOST
 from tests.gui.forwarded_socket import forwarded
 from tests.gui.running_engine import LONG, start_protocol
 from tests.gui.steps import click, wait_until
@@ -216,9 +217,10 @@ def test_an_engine_on_another_computer_is_seen_and_controlled(
         link.request("resume")
         wait_until(lambda: link.status.run.state == "running", TIMEOUT_MS)
     strip = window.drum.safety.alarms.strip
-    wait_until(lambda: "engine on the other computer is lost" in window.event_log.toPlainText())
+    wait_until(lambda: CONNECTION_LOST in window.event_log.toPlainText())
     wait_until(strip.isVisible)
     shown = " ".join(label.text() for label in strip.findChildren(QLabel))
+    assert window.toolbar.state_words.text() == CONNECTION_LOST
     assert "CONNECTION LOST" in shown and "starts it again" not in shown
     assert running.request("status")["run"]["state"] == "running"
 

@@ -74,7 +74,8 @@ class FollowEngine(ServedEngine[Any, Any]):
         status = self._followed.status(self.loop.time() - REFRESH_S)
         if not self._recorder.gone:
             return status
-        words = {"state_words": RECORDER_GONE} if isinstance(status, EngineStatus) else {}
+        is_drum = isinstance(status, EngineStatus)
+        words = {"state": None, "state_words": RECORDER_GONE} if is_drum else {}
         run = replace(status.run, state="failed", text=self._recorder.gone, prompt=None)
         return replace(status, run=run, **words)
 

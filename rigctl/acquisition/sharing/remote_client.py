@@ -64,8 +64,8 @@ class RemoteClient(EngineClient):
 
     def _lost_text(self, why: str) -> str:
         return (
-            f"{CONNECTION_LOST} ({why}): the line was cut, or the engine has ended there. The rig "
-            "may go on, and STOP does not reach it from here; forward the socket again and join"
+            f"{CONNECTION_LOST} ({why}): the rig may go on, and STOP does not reach it from here; "
+            "forward the socket again and join, unless the engine has ended there"
         )
 
     def close(self) -> None:
