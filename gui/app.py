@@ -86,6 +86,7 @@ def run(args: argparse.Namespace) -> int:
     """Show the window until it closes; return the exit code. Raises WrongUse."""
     check_display()
     import pyqtgraph as pg
+    from PySide6.QtCore import QTimer
     from shiboken6 import delete
 
     from gui.engine_clients import JOIN, experiment_elsewhere, is_elsewhere
@@ -114,7 +115,8 @@ def run(args: argparse.Namespace) -> int:
     crashes.reported.connect(window.report)
     crashes.install()
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: window.attach.leave())
+        # Python calls this in the middle of anything, such as a redraw that reads the live data.
+        signal.signal(number, lambda *_: QTimer.singleShot(0, window.attach.leave))
     window.show()
     if complaint := screen_complaint(*window.screen().availableSize().toTuple()):
         window.report("check", complaint)
