@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import pytest
-from PySide6.QtCore import QSize
+from PySide6.QtCore import QCoreApplication, QEvent, QSize
 from PySide6.QtWidgets import QApplication, QWidget
 
 from gui.shell.appearance import TEXT_SIZES_PERCENT
@@ -58,6 +58,8 @@ def _cuts_that_stay(window: QWidget) -> list[CutText]:
         for _ in range(LAYOUT_PASSES):
             QApplication.processEvents()
         window.setUpdatesEnabled(True)
+        # On a busy computer each pass ends with a new text, such as "3.5 s old".
+        QCoreApplication.sendPostedEvents(None, QEvent.Type.LayoutRequest)
         cuts = cut_texts(window)
         if not cuts:
             break
