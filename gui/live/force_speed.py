@@ -25,13 +25,13 @@ class PlotLine(QGraphicsItem):
     def __init__(self) -> None:
         super().__init__()
         self._points = QPolygonF()
-        self._pen = QPen()
+        self.pen = QPen()
         self._bottom, self._top = 0.0, 1.0
         self._left_s, self._right_s = -float(SPAN_S), 0.0
 
     def set_pen(self, colour: str, *, is_dashed: bool = False) -> None:
         """Set the colour of the line."""
-        self._pen = pg.mkPen(colour, width=1, dash=_DASHES if is_dashed else None)
+        self.pen = pg.mkPen(colour, width=1, dash=_DASHES if is_dashed else None)
         self.update()
 
     def set_values(self, bottom: float, top: float) -> None:
@@ -57,7 +57,7 @@ class PlotLine(QGraphicsItem):
 
     def paint(self, painter: QPainter, *_: object) -> None:
         """Draw the line; a polyline with a thin pen costs a fifth of a path."""
-        painter.setPen(self._pen)
+        painter.setPen(self.pen)
         painter.drawPolyline(self._points)
 
 
@@ -93,7 +93,7 @@ class SetPointPlot:
     ) -> None:
         """Show (n,) values at times of the axis, ``time_s`` (ascending)."""
         self._measured.set_points(*thin_out(time_s, measured))
-        self._set_point.set_points(*_corners(time_s, set_point))
+        self._set_point.set_points(*corners(time_s, set_point))
         if len(time_s):
             lowest, highest = float(measured.min()), float(max(measured.max(), set_point.max()))
             self._set_scale(lowest, highest)
@@ -112,7 +112,7 @@ class SetPointPlot:
             line.set_values(bottom, top)
 
 
-def _corners(
+def corners(
     x: NDArray[np.float64], y: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the ends of each stretch of equal values: dashes of many short lines cost more."""

@@ -51,6 +51,7 @@ def row(editor: ProtocolEditor, *path: str) -> KeyRow:
 
 def fill(field: QWidget, text: str) -> None:
     """Replace what a field has by keys."""
+    field.activateWindow()
     field.setFocus()
     QTest.keyClick(field, Qt.Key.Key_A, Qt.KeyboardModifier.ControlModifier)
     QTest.keyClicks(field, text)
