@@ -114,13 +114,14 @@ class Server:
 
     async def _connect(self, client: LoggedIn) -> tuple[asyncio.StreamReader, ConnectedClient]:
         """Add a client and greet it; return what it sends."""
+        spare = client.connection.dup()
         reader, writer = await asyncio.open_connection(
             sock=client.connection, limit=REQUEST_LIMIT_BYTES
         )
         if client.rest:
             reader.feed_data(client.rest)
         self._last_number += 1
-        connected = ConnectedClient(self._last_number, writer)
+        connected = ConnectedClient(self._last_number, writer, spare)
         self._clients.add(connected)
         if self._greeting is not None:
             connected.send(encode_message(self._greeting))
@@ -132,8 +133,9 @@ class Server:
         try:
             while line := await self._read_line(reader, client):
                 self._spawn(self._reply(client, desk, line))
-        except OSError:
-            pass  # the client has gone
+        except OSError:  # the client has gone; a STOP that it sent before counts
+            for line in filter(_is_stop, client.unread_lines()):
+                self._spawn(self._reply(client, desk, line))
         finally:
             self._clients.discard(client)
             client.close()
@@ -177,6 +179,13 @@ class Server:
             self._report_failure(f"{text}; report it")
             refusal = {"ok": False, "error": f"{text}; report it", "exit_code": 3}
             return encode_message({"reply": request.id, **refusal})
+
+
+def _is_stop(line: bytes) -> bool:
+    try:
+        return decode_request(line).command == "stop"
+    except WrongUse:
+        return False
 
 
 def _refusal(error: RigctlError) -> Reply:

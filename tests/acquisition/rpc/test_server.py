@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import socket
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -151,6 +153,46 @@ def test_too_long_a_line_is_refused_and_the_connection_stays() -> None:
     received = asyncio.run(talk(LOGIN, line, STATUS, answers=9, until=9))
     assert "at most 65536 bytes" in received[1]["error"]
     assert received[-1]["ok"]
+
+
+async def executed_of_the_gone(folder: Path, *commands: str) -> list[str]:
+    """Return what is executed of a client that sends commands and is gone.
+
+    The server sends something to it before it reads them.
+    """
+    executed: list[str] = []
+
+    class Desk(OneDesk):
+        def __init__(self, client: ConnectedClient) -> None:
+            self.handle = keep
+
+    async def keep(command: str, args: dict[str, Any]) -> dict[str, Any]:
+        executed.append(command)
+        return {}
+
+    server = Server([].append)
+    listener = open_listener(folder / "s")
+    with listener, socket.socket(listener.family) as client:
+        await server.open(Door(listener, TOKEN), Desk)
+        client.connect(listener.getsockname())
+        client.sendall(LOGIN)
+        while not len(server):
+            await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        for number, command in enumerate(commands):
+            client.sendall(encode_message({"id": number, "command": command, "args": {}}))
+        client.close()
+        server.broadcast({"event": "busy"})
+        while len(server):
+            await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        await server.close()
+    return executed
+
+
+def test_a_stop_of_a_client_that_is_gone_before_it_is_read_is_executed(tmp_path: Path) -> None:
+    """What was sent to the client failed, and asyncio forgot what the client had sent."""
+    assert asyncio.run(executed_of_the_gone(tmp_path, "arm", "stop")) == ["stop"]
 
 
 def test_a_request_in_the_same_packet_as_the_token_is_answered() -> None:

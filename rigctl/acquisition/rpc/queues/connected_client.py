@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import socket
+from contextlib import suppress
 from typing import Any
 
 from rigctl.acquisition.rpc.messages import DISCONNECTED, encode_message, engine_message
@@ -28,8 +30,12 @@ class ConnectedClient:
     It takes what is sent in its own time; nothing here waits for it.
     """
 
-    def __init__(self, number: int, writer: asyncio.StreamWriter) -> None:
+    def __init__(
+        self, number: int, writer: asyncio.StreamWriter, spare: socket.socket | None = None
+    ) -> None:
+        """Take a connection; ``spare``: a duplicate of its socket, which this object closes."""
         self.number = number
+        self._spare = spare
         self.under_way = 0
         self._writer = writer
         self._left_out = {"statuses": 0, "rows": 0}
@@ -85,9 +91,24 @@ class ConnectedClient:
             self._left_out = dict.fromkeys(self._left_out, 0)
         return False
 
+    def unread_lines(self) -> list[bytes]:
+        """Return what the client had sent, and nobody has read, when writing to it failed.
+
+        asyncio forgets that; the duplicate of the socket still has it.
+        """
+        data = bytearray()
+        with suppress(OSError):
+            while self._spare and len(data) < UNREAD_LIMIT_BYTES:
+                if not (received := self._spare.recv(1 << 16)):
+                    break
+                data += received
+        return bytes(data).splitlines()
+
     def close(self) -> None:
         """Close the connection."""
         self._writer.close()
+        if self._spare is not None:
+            self._spare.close()
 
     def abort_unread(self) -> None:
         """Close the connection of a client that has left something unread until now."""
