@@ -108,7 +108,9 @@ class TrialList(QWidget):
         self.filter.textChanged.connect(self._filter)
         self.filter.returnPressed.connect(self._leave_filter)
         table.typed.connect(self._type)
-        table.font_changed.connect(self._fit_columns)
+        # Qt tells the names of the columns of the font after the rows.
+        queued = Qt.ConnectionType.QueuedConnection
+        table.font_changed.connect(self._fit_columns, queued)
         table.opened.connect(self._replay)
         self.model.modelReset.connect(self._restore)
         table.selectionModel().currentRowChanged.connect(self._choose)
