@@ -5,14 +5,29 @@ from __future__ import annotations
 import multiprocessing
 from multiprocessing.connection import Connection as Pipe
 from multiprocessing.process import BaseProcess
-from typing import Any
+from typing import Any, NamedTuple
 
 from PySide6.QtCore import QObject, Signal
 
 from gui.analysis import worker_tasks
 from gui.analysis.task_sender import TaskSender
 
-_JOIN_TIMEOUT_S = 1.0
+
+class _KilledProcess(NamedTuple):
+    """A process that is about to end, with what leads to it."""
+
+    process: BaseProcess
+    pipe: Pipe
+    sender: TaskSender
+
+    def close(self) -> bool:
+        """Close all of it once the process has ended; return whether it has."""
+        if self.process.exitcode is None:
+            return False
+        self.sender.join()
+        self.pipe.close()
+        self.process.close()
+        return True
 
 
 class Worker(QObject):
@@ -31,6 +46,7 @@ class Worker(QObject):
         self._pipe: Pipe | None = None
         self._sender: TaskSender | None = None
         self._pending: list[str] = []
+        self._killed: list[_KilledProcess] = []
 
     @property
     def is_busy(self) -> bool:
@@ -47,6 +63,7 @@ class Worker(QObject):
 
     def poll(self) -> None:
         """Emit the signals for everything that the process sent since the last call."""
+        self._close_killed()
         while self._pipe is not None and self._pending:
             try:
                 if not self._pipe.poll():
@@ -64,20 +81,22 @@ class Worker(QObject):
                 (self.finished if kind == "done" else self.failed).emit(task, *values)
 
     def cancel(self) -> None:
-        """End the process and its task; the next task starts another process."""
+        """End the process and its task; the next task starts another process.
+
+        Nothing waits for the end: it takes a while on a busy computer, and without end for a
+        process that the system keeps, as on a share that hangs.
+        """
         self._pending.clear()
         process, self._process = self._process, None
         pipe, self._pipe = self._pipe, None
         sender, self._sender = self._sender, None
-        if process is not None:
+        if process is not None and pipe is not None and sender is not None:
             process.kill()
-            process.join(_JOIN_TIMEOUT_S)
-            if process.exitcode is not None:  # else the system keeps it, as on a share that hangs
-                process.close()
-        if sender is not None:
-            sender.join()
-        if pipe is not None:
-            pipe.close()
+            self._killed.append(_KilledProcess(process, pipe, sender))
+        self._close_killed()
+
+    def _close_killed(self) -> None:
+        self._killed = [killed for killed in self._killed if not killed.close()]
 
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")

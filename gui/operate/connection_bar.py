@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from textwrap import shorten
+
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QFrame
 
@@ -10,7 +12,7 @@ from gui.engine_link import NOT_CONNECTED
 from gui.operate.recording_display import RecordingDisplay
 from gui.widgets.data_ages import DataAges, stale_words
 from gui.widgets.file_combo_box import FileComboBox
-from gui.widgets.labels import elastic, label, set_property, show_text
+from gui.widgets.labels import elastic, label, plain_tooltip, set_property, show_text
 from gui.widgets.layouts import push_button
 from gui.widgets.status_lamp import Level
 
@@ -56,14 +58,12 @@ class ConnectionBar(QFrame):
         self._show_connection("Disconnect", connected=True, locked=True)
 
     def show_disconnected(self, reason: str) -> None:
-        """Show that there is no engine, and why; the log has all of a long reason."""
+        """Show that there is no engine, and why; the tooltip has all of a long reason."""
         self._show_connection("Connect", connected=False, locked=False)
         self.state.setText("–")
         set_property(self.state, "level", "ok")
-        is_short = len(reason) <= REASON_LETTERS
-        show_text(
-            self.state_words, reason if is_short else reason.partition(":")[0].partition(" (")[0]
-        )
+        show_text(self.state_words, _short_reason(reason))
+        self.state_words.setToolTip(plain_tooltip(reason))
         self.recording_display.show_recording(Level.OFF, "Not recording", "")
 
     def show_silent(self, seconds: float) -> None:
@@ -105,3 +105,11 @@ class ConnectionBar(QFrame):
             self.disconnect_requested.emit()
         else:
             self.connect_clicked.emit()
+
+
+def _short_reason(reason: str) -> str:
+    """Return a reason, of a long one its cause, or its beginning if only a board stands first."""
+    if len(reason) <= REASON_LETTERS:
+        return reason
+    cause = reason.partition(":")[0].partition(" (")[0]
+    return cause if " " in cause else shorten(reason, REASON_LETTERS, placeholder=" …")

@@ -10,6 +10,7 @@ from PySide6.QtCore import Qt, Signal, SignalInstance
 from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import (
     QApplication,
+    QComboBox,
     QFileDialog,
     QHeaderView,
     QLineEdit,
@@ -102,6 +103,9 @@ class FileBrowser(QWidget):
         dialog.fileSelected.connect(lambda path: self._remember(kind, path))
         dialog.fileSelected.connect(selected)
         dialog.finished.connect(lambda _: self.dismiss())
+        for place in dialog.findChildren(QComboBox, "lookInCombo"):
+            place.setToolTip(place.currentText())  # Qt shortens a long one
+            place.currentTextChanged.connect(place.setToolTip)
         for tree in dialog.findChildren(QTreeView):
             tree.header().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         self.dialog = dialog

@@ -53,6 +53,7 @@ def fill(field: QWidget, text: str) -> None:
     """Replace what a field has by keys."""
     field.activateWindow()
     field.setFocus()
+    wait_until(field.hasFocus)  # the window of another test may have been active
     QTest.keyClick(field, Qt.Key.Key_A, Qt.KeyboardModifier.ControlModifier)
     QTest.keyClicks(field, text)
 
@@ -125,7 +126,7 @@ def test_a_description_has_lines_in_form_and_text(editor: ProtocolEditor) -> Non
     QTest.keyClick(lines, Qt.Key.Key_Backspace)
     assert written(editor, "description") == ""
     QTest.keyClick(lines, Qt.Key.Key_Tab)
-    assert written(editor, "description") is None
+    wait_until(lambda: written(editor, "description") is None)
 
 
 def test_choices_and_flags_are_set_by_keys(editor: ProtocolEditor) -> None:

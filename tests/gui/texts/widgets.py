@@ -132,7 +132,12 @@ def _tab_bar(bar: QTabBar) -> Iterator[Piece]:
 
 
 def _combo_box(box: QComboBox) -> Iterator[Piece]:
-    """Measure all choices, each of which may be chosen; one that ends in … has a tooltip."""
+    """Measure all choices, each of which may be chosen; one that ends in … has a tooltip.
+
+    Qt's file dialog shortens a long folder itself.
+    """
+    if box.objectName() == "lookInCombo" and box.currentText() == box.toolTip():
+        return
     option = QStyleOptionComboBox()
     box.initStyleOption(option)
     style = box.style()
