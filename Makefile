@@ -178,7 +178,7 @@ docs: $(VENV)/.ready
 	$(SAY) "pages and pictures that are rendered from the code"
 	@$(BIN)/python -m rigctl.wire.codegen
 	@$(BIN)/python -m rigctl.encoding.neuron_header
-	@$(BIN)/python -m rigctl.simulation.bench.parameter_tables
+	@$(BIN)/python -m rigctl.simulation.bench.world.parameter_tables
 	@$(BIN)/python -m rigctl.simulation.finger.parameter_page
 	@$(BIN)/python -m tests.architecture.picture
 

@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
     from gui.shell.small_screen import screen_complaint
     from gui.widgets.theme import ThemeChoice
     from rigctl.acquisition.rpc.engine_files import FINGER_EXPERIMENT
-    from rigctl.simulation.bench.world_file import load_world
+    from rigctl.simulation.bench.world.world_file import load_world
 
     rig, world = _chosen_rig(args), args.world
     if world is not None:

@@ -21,7 +21,7 @@ from rigctl.errors import ConfigError, LinkLost, WrongUse
 from rigctl.realtime.finger_rig import FingerRig
 
 if TYPE_CHECKING:
-    from rigctl.simulation.bench.world_file import SimulatedWorld
+    from rigctl.simulation.bench.world.world_file import SimulatedWorld
 
 VIRTUAL, FIRMWARE, BENCH = "virtual", "firmware", "bench"
 SIMULATED = (VIRTUAL, FIRMWARE)
@@ -63,7 +63,7 @@ def _simulated(
     paced: bool,
     world: SimulatedWorld | None,
 ) -> FingerRig:
-    from rigctl.simulation.bench.world_file import NOMINAL_WORLD
+    from rigctl.simulation.bench.world.world_file import NOMINAL_WORLD
     from rigctl.simulation.clock import SimulatedTimeLoop
     from rigctl.simulation.finger.operator_parameters import OperatorParameters, TrackerParameters
     from rigctl.simulation.finger.qemu_finger import open_qemu_finger

@@ -24,7 +24,7 @@ from rigctl.values import N_TAXELS
 from rigctl.wire.drum.codes import Signal
 
 if TYPE_CHECKING:
-    from rigctl.simulation.bench.world_file import SimulatedWorld
+    from rigctl.simulation.bench.world.world_file import SimulatedWorld
     from rigctl.simulation.simulated_rig import SimulatedRig
 
 VIRTUAL, FIRMWARE, BENCH = "virtual", "firmware", "bench"
@@ -76,7 +76,7 @@ def _validate_taxel_count(config: RigConfig) -> RigConfig:
 def _simulated_rig(
     kind: str, seed: int, paced: bool, config: RigConfig | None, world: SimulatedWorld | None
 ) -> Rig:
-    from rigctl.simulation.bench.world_file import NOMINAL_WORLD
+    from rigctl.simulation.bench.world.world_file import NOMINAL_WORLD
     from rigctl.simulation.clock import SimulatedTimeLoop
     from rigctl.simulation.virtual_rig import compile_kernels
 

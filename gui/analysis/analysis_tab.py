@@ -18,15 +18,15 @@ from gui.analysis.results_view import ResultsView
 from gui.analysis.run_box import MODEL, PAPER, REALTIME
 from gui.analysis.run_end_strip import RunEndStrip
 from gui.analysis.session_panel import SessionPanel
-from gui.analysis.task_values import (
+from gui.analysis.tasks.task_values import (
     DRUM,
     FINGER,
     ScanPicture,
     SessionTable,
     describe_request,
 )
+from gui.analysis.tasks.worker import Worker
 from gui.analysis.trials.trial_pages import TrialPages
-from gui.analysis.worker import Worker
 from gui.widgets.theme import Theme
 
 FOLLOW_MS = 1000

@@ -8,7 +8,7 @@ from pathlib import Path
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QLineEdit, QSpinBox, QWidget
 
-from gui.analysis.task_values import DRUM, FINGER, AnalysisRequest, model_path
+from gui.analysis.tasks.task_values import DRUM, FINGER, AnalysisRequest, model_path
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import label, plain_tooltip, show_text
 from gui.widgets.layouts import combo_box, container, form_layout, hbox, push_button, vbox

@@ -8,7 +8,7 @@ from PySide6.QtCore import QElapsedTimer, Signal
 from PySide6.QtWidgets import QGroupBox, QHBoxLayout, QLineEdit, QProgressBar
 
 from gui.analysis.options_form import AnalysisOptionsForm
-from gui.analysis.task_values import DRUM, FINGER
+from gui.analysis.tasks.task_values import DRUM, FINGER
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.formatting import duration
 from gui.widgets.labels import label, set_property

@@ -9,10 +9,10 @@ import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
 
-from gui.analysis.task_values import TrialData
+from gui.analysis.tasks.task_values import TrialData
 from gui.live.spikes.train_rows import TrainRows
-from gui.widgets.plot_axes import colour_axes, taxel_ticks, time_plot, title_plot
-from gui.widgets.plot_grid import PlotGrid
+from gui.widgets.plots.plot_axes import colour_axes, taxel_ticks, time_plot, title_plot
+from gui.widgets.plots.plot_grid import PlotGrid
 from gui.widgets.theme import Theme
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ

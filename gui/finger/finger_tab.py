@@ -8,8 +8,8 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Qt, Signal
 
-from gui.analysis.task_values import FingerSessionInfo
-from gui.analysis.worker import Worker
+from gui.analysis.tasks.task_values import FingerSessionInfo
+from gui.analysis.tasks.worker import Worker
 from gui.engine_clients import (
     SIMULATED,
     FingerEngineSpec,

@@ -11,7 +11,7 @@ from gui.finger.scaled_raster import SPAN_MM, ScaledRaster
 from gui.finger.scan_record import ScanRecord
 from gui.live.heatmap import HeatMap
 from gui.live.history import History
-from gui.widgets.plot_axes import (
+from gui.widgets.plots.plot_axes import (
     BOTTOM_PX,
     LEFT_PX,
     colour_axes,
@@ -20,7 +20,7 @@ from gui.widgets.plot_axes import (
     reserve,
     time_ticks,
 )
-from gui.widgets.plot_grid import PlotGrid
+from gui.widgets.plots.plot_grid import PlotGrid
 from gui.widgets.theme import Theme, scaled_px
 from rigctl.finger_values import N_FINGER_TAXELS
 from rigctl.protocol.finger import VelocityProfile

@@ -17,9 +17,9 @@ from gui.live.sweeps.trial_starts import TrialSweep
 from gui.live.time_plots import NOW, PAUSED, SINCE_START, TimePlots
 from gui.live.value_scale import ValueScale
 from gui.widgets.data_ages import DataAges
-from gui.widgets.plot_axes import BOTTOM_PX, colour_axes, fixed_plot, reserve
-from gui.widgets.plot_grid import PlotGrid
-from gui.widgets.stale_cover import StaleCovers
+from gui.widgets.plots.plot_axes import BOTTOM_PX, colour_axes, fixed_plot, reserve
+from gui.widgets.plots.plot_grid import PlotGrid
+from gui.widgets.plots.stale_cover import StaleCovers
 from gui.widgets.theme import Theme, text_scale
 from rigctl.acquisition.live_buffer import LiveReader
 from rigctl.session.format.metadata.sensor_layout import SensorLayout

@@ -20,7 +20,7 @@ from gui.live.store.time_window import TimeWindow
 from gui.live.store.timeline import Timeline
 from gui.live.traces import Traces
 from gui.live.value_scale import ValueScale
-from gui.widgets.plot_axes import (
+from gui.widgets.plots.plot_axes import (
     LEFT_PX,
     MAX_TICKS,
     colour_axes,

@@ -9,7 +9,7 @@ from typing import Any
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QLineEdit, QPushButton, QSpinBox, QVBoxLayout, QWidget
 
-from gui.analysis.worker import Worker
+from gui.analysis.tasks.worker import Worker
 from gui.protocol.run_values import PLAN_ROWS, PlanSummary
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.file_combo_box import ElidedComboBox

@@ -7,7 +7,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Signal
 
-from gui.analysis.worker import Worker
+from gui.analysis.tasks.worker import Worker
 from gui.protocol.run_values import SessionNews
 from gui.protocol.session_page import SessionPage
 from rigctl.acquisition.rpc.messages import RunStatus

@@ -13,7 +13,7 @@ from rigctl.errors import RigctlError
 from rigctl.identification.measures import measure_skin
 from rigctl.identification.search import START, Candidate, ParameterSearch, evaluate
 from rigctl.identification.sliding import simulate_slides
-from rigctl.simulation.bench.parameters import WorldParameters, parameter_infos
+from rigctl.simulation.bench.world.parameters import WorldParameters, parameter_infos
 
 SHOWN_REPEATS = 8
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from rigctl.identification.measures import measure_skin
 from rigctl.identification.original_column import PAPER, accuracies
 from rigctl.identification.sliding import simulate_slides
-from rigctl.simulation.bench.parameter_fields import ParameterInfo
-from rigctl.simulation.bench.parameters import (
+from rigctl.simulation.bench.world.parameter_fields import ParameterInfo
+from rigctl.simulation.bench.world.parameters import (
     IDENTIFIED,
     WorldParameters,
     parameter_infos,

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from rigctl.analysis.classification.splits import Design
 from rigctl.simulation.bench.contact import contact_tables, draw_mounting, force_table
 from rigctl.simulation.bench.mechanics import DrumTrajectory, Mechanics
-from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.bench.skin import SLOT_US, Skin
 from rigctl.simulation.bench.textures import CATALOGUE, GRID_MM
+from rigctl.simulation.bench.world.parameters import WorldParameters
 
 SPEEDS_MM_S = (40.0, 60.0, 80.0, 100.0, 120.0)
 FORCES_G = (250.0, 500.0, 1000.0)

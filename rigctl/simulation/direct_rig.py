@@ -12,7 +12,7 @@ from functools import cache
 from rigctl.errors import BoardFault
 from rigctl.simulation.bench.bench import LOG_EVERY_MS, Bench
 from rigctl.simulation.bench.ground_truth import GroundTruth
-from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.bench.world.parameters import WorldParameters
 from rigctl.simulation.boards.drum_cosimulation import NOMINAL_HZ, DrumCosimulation
 from rigctl.simulation.boards.drum_firmware import ACCEPTED
 from rigctl.simulation.boards.taxels import VirtualTaxels

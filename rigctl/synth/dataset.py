@@ -17,7 +17,7 @@ from rigctl.protocol.steps import RunTrial
 from rigctl.session.files.ground_truth import begin_log
 from rigctl.session.format.metadata.header import CUT_BY_WIRE, SessionHeader
 from rigctl.session.write.recorder import Recorder
-from rigctl.simulation.bench.world_file import NOMINAL_WORLD, SimulatedWorld
+from rigctl.simulation.bench.world.world_file import NOMINAL_WORLD, SimulatedWorld
 from rigctl.synth.resume import (
     ResumedRecorder,
     UnfinishedSession,

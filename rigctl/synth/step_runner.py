@@ -23,7 +23,7 @@ from rigctl.protocol.steps import (
     Turn,
 )
 from rigctl.session.files.truth_log import TruthLog, TruthRows
-from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.bench.world.parameters import WorldParameters
 from rigctl.simulation.direct_rig import DirectRig
 from rigctl.synth.operator import DrumOperator
 from rigctl.synth.resume import ResumedRecorder

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rigctl.simulation.bench.load_cell import LoadCellAmplifier
 from rigctl.simulation.bench.mechanics import ACTUATOR_SPEED, DRUM_MM, FORCE_G, RING_MS, Mechanics
-from rigctl.simulation.bench.parameters import WorldParameters, validated
+from rigctl.simulation.bench.world.parameters import WorldParameters, validated
 from rigctl.simulation.boards.drum_cosimulation import DrumCosimulation
 from rigctl.simulation.simulated_rig import Disturbances
 from rigctl.wire.drum.register_table import BY_NAME

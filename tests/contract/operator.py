@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rigctl.acquisition.rig import Rig
 from rigctl.errors import LinkLost, RigFault
-from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.bench.world.parameters import WorldParameters
 from rigctl.values import Block, DrumState
 from rigctl.wire.drum.codes import Command, CommandResult, Status
 from rigctl.wire.drum.states import Fault, State

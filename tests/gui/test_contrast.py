@@ -12,7 +12,7 @@ from PySide6.QtGui import QColor
 from gui.analysis.figures.curve_looks import LOOKS
 from gui.live.heatmap import DARK_INK_SHARE
 from gui.widgets.colours import blend
-from gui.widgets.stale_cover import VEIL_ALPHA
+from gui.widgets.plots.stale_cover import VEIL_ALPHA
 from gui.widgets.theme import DARK, LIGHT, STOP_BACKS, Theme
 
 TEXT, LARGE = 4.5, 3.0

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from PySide6.QtTest import QTest
 
-from gui.analysis.task_values import FingerSessionInfo
+from gui.analysis.tasks.task_values import FingerSessionInfo
 from gui.engine_clients import FingerEngineSpec
 from gui.widgets.status_lamp import Level
 from rigctl.errors import LinkLost

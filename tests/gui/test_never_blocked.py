@@ -13,8 +13,8 @@ import pytest
 from PySide6.QtWidgets import QApplication
 
 from gui.analysis.results import AnalysisResults, plot_page
-from gui.analysis.task_values import SessionTable, TrialData
-from gui.analysis.worker import Worker
+from gui.analysis.tasks.task_values import SessionTable, TrialData
+from gui.analysis.tasks.worker import Worker
 from gui.engine_link import STOP_TIMED_OUT
 from gui.start.sample_box import CANCELLED
 from rigctl.acquisition.rpc.engine_files import running_engines

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PySide6.QtWidgets import QApplication
 
-from gui.analysis.task_values import TrialData
+from gui.analysis.tasks.task_values import TrialData
 from gui.analysis.trial_view import TrialView
 from gui.widgets.theme import LIGHT
 from rigctl.session.format.metadata.sensor_layout import SensorLayout

@@ -12,7 +12,7 @@ from rigctl.analysis.paper import published
 from rigctl.identification import original_column, search
 from rigctl.identification.__main__ import main
 from rigctl.identification.sliding import Slider, simulate_slides
-from rigctl.simulation.bench.parameters import IDENTIFIED, WorldParameters, parameter_infos
+from rigctl.simulation.bench.world.parameters import IDENTIFIED, WorldParameters, parameter_infos
 
 
 @pytest.fixture

@@ -13,8 +13,8 @@ from rigctl.simulation.bench.bench import Bench
 from rigctl.simulation.bench.contact import contact_tables, draw_mounting, force_table
 from rigctl.simulation.bench.load_cell import FULL_SCALE, LAST_COUNTS, NEXT_US, convert
 from rigctl.simulation.bench.mechanics import DEPTH_MM, DRUM_MM, FORCE_G, DrumTrajectory
-from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.bench.textures import CATALOGUE, printed_heights
+from rigctl.simulation.bench.world.parameters import WorldParameters
 from rigctl.simulation.simulated_rig import LoadcellFault
 from rigctl.values import DRAWN_WIRING
 

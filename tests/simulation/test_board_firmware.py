@@ -12,7 +12,7 @@ from rigctl import host_build
 from rigctl.config.resources import checkout
 from rigctl.errors import RigFault
 from rigctl.simulation.bench.bench import Bench
-from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.bench.world.parameters import WorldParameters
 from rigctl.simulation.boards.drum_cosimulation import DrumCosimulation
 from rigctl.simulation.boards.drum_firmware import DrumFirmware
 from rigctl.simulation.boards.taxel_firmware import TaxelFirmware

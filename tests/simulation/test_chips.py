@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rigctl.errors import RigFault
-from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.bench.world.parameters import WorldParameters
 from rigctl.simulation.chips.board import BoardClock
 from rigctl.simulation.chips.rig import ChipSimulation, open_chip_simulation
 from rigctl.wire.drum.codes import Command

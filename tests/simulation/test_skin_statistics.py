@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from rigctl.identification.measures import RANGES, SkinMeasures, measure_skin
 from rigctl.identification.sliding import simulate_slides
-from rigctl.simulation.bench import parameter_tables
-from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.bench.world import parameter_tables
+from rigctl.simulation.bench.world.parameters import WorldParameters
 
 SEED, REPEATS = 1, 8
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rigctl.errors import LinkLost, WrongUse
-from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.bench.world.parameters import WorldParameters
 from rigctl.simulation.virtual_rig import VirtualRig, open_virtual_rig
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import Fault, State

@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QComboBox, QWidget
 from gui.analysis.compare.responses import NeuronResponse, ResponseGrid
 from gui.widgets.labels import label
 from gui.widgets.layouts import hbox, push_button, vbox
-from gui.widgets.plot_axes import colour_axes, fixed_plot, reserve, title_plot
+from gui.widgets.plots.plot_axes import colour_axes, fixed_plot, reserve, title_plot
 from gui.widgets.theme import Theme, scaled_px, text_scale
 
 HINT = "Choose a neuron; Compare shows the selected trials, or all that the filter lets through."

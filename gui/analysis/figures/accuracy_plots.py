@@ -13,8 +13,8 @@ from PySide6.QtGui import QKeyEvent
 
 from gui.analysis.figures.accuracy import AccuracyCurve, AccuracyPanel, AccuracyPlot
 from gui.analysis.figures.curve_looks import LOOKS, PAPER_PX, PAPER_SYMBOL, SYMBOL_PX, CurveLook
-from gui.widgets.plot_axes import colour_axes, reserve, title_plot
-from gui.widgets.plot_grid import PlotGrid
+from gui.widgets.plots.plot_axes import colour_axes, reserve, title_plot
+from gui.widgets.plots.plot_grid import PlotGrid
 from gui.widgets.theme import Theme, scaled_px, text_scale
 
 COLUMNS, SYMBOLS = 2, 8

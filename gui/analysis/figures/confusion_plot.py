@@ -10,8 +10,8 @@ from PySide6.QtWidgets import QGraphicsRectItem
 
 from gui.analysis.figures.confusion import ConfusionCounts
 from gui.widgets.colours import blend
-from gui.widgets.plot_axes import colour_axes
-from gui.widgets.plot_grid import PlotGrid
+from gui.widgets.plots.plot_axes import colour_axes
+from gui.widgets.plots.plot_grid import PlotGrid
 from gui.widgets.theme import Theme, scaled_px
 
 LEAST_TEXT_PX, LEAST_CELL_PX, AXIS_PX = (30, 15), (18, 13), 60

@@ -7,10 +7,10 @@ import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import Qt
 
-from gui.analysis.task_values import TrialCourse
+from gui.analysis.tasks.task_values import TrialCourse
 from gui.analysis.trial_view import LEAST_PX
-from gui.widgets.plot_axes import colour_axes, time_plot
-from gui.widgets.plot_grid import PlotGrid
+from gui.widgets.plots.plot_axes import colour_axes, time_plot
+from gui.widgets.plots.plot_grid import PlotGrid
 from gui.widgets.theme import Theme
 
 

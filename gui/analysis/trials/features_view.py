@@ -6,10 +6,10 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QPointF
 
-from gui.analysis.task_values import TrialFeatures
+from gui.analysis.tasks.task_values import TrialFeatures
 from gui.analysis.trial_view import LEAST_PX
-from gui.widgets.plot_axes import colour_axes, label_axis, time_plot, title_plot
-from gui.widgets.plot_grid import PlotGrid
+from gui.widgets.plots.plot_axes import colour_axes, label_axis, time_plot, title_plot
+from gui.widgets.plots.plot_grid import PlotGrid
 from gui.widgets.theme import Theme
 
 HINT = "Point at a window to read its value"

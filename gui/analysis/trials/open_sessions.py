@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gui.analysis import finger_tasks
-from gui.analysis.task_values import DRUM, FINGER, ScanPicture, SessionTable, TrialData
+from gui.analysis.tasks import finger_tasks
+from gui.analysis.tasks.task_values import DRUM, FINGER, ScanPicture, SessionTable, TrialData
 from gui.analysis.trials.trial_table import AttemptColumn
 from gui.analysis.trials.verdicts import shown_reasons, shown_verdicts
 from rigctl.errors import SessionError

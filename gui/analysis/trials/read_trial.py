@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gui.analysis.task_values import TrialCourse, TrialData, TrialFeatures
+from gui.analysis.tasks.task_values import TrialCourse, TrialData, TrialFeatures
 
 if TYPE_CHECKING:
     from rigctl.encoding.normalisation import Normalisation

@@ -14,7 +14,7 @@ from gui.analysis.export.export_button import ExportButton
 from gui.analysis.export.picture_file import Picture, widget_picture, with_foot
 from gui.analysis.export.picture_foot import foot_text
 from gui.analysis.export.value_file import SIMULATED, yes_or_no
-from gui.analysis.task_values import TrialData
+from gui.analysis.tasks.task_values import TrialData
 from gui.analysis.trial_view import TrialView
 from gui.analysis.trials.course_view import CourseView
 from gui.analysis.trials.features_view import FeaturesView

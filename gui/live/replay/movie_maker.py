@@ -7,7 +7,7 @@ from pathlib import Path
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QWidget
 
-from gui.analysis.worker import Worker
+from gui.analysis.tasks.worker import Worker
 from gui.widgets.labels import label
 from gui.widgets.layouts import push_button
 from rigctl.analysis.data.atomic_directory import PARTIAL

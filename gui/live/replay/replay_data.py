@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gui.analysis.task_values import TrialData
+from gui.analysis.tasks.task_values import TrialData
 from gui.live.live_data import LiveData
 from gui.live.live_plots import LivePlots
 from rigctl.values import SAMPLE_RATE_HZ

@@ -8,8 +8,8 @@ from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QLineEdit, QScrollBar, QSpinBox, QWidget
 
 from gui.analysis.export.picture_foot import foot_text
-from gui.analysis.task_values import DRUM, SessionTable, TrialData
-from gui.analysis.worker import Worker
+from gui.analysis.tasks.task_values import DRUM, SessionTable, TrialData
+from gui.analysis.tasks.worker import Worker
 from gui.live.live_plots import LivePlots
 from gui.live.page.pointer import Pointer
 from gui.live.page.readout import cursor_text

@@ -9,8 +9,8 @@ from PySide6.QtCore import QRectF
 
 from gui.live.live_plots import GAP_PX, right_column_px
 from gui.live.review.overlay import Overlay
-from gui.widgets.plot_axes import colour_axes, label_axis, time_plot
-from gui.widgets.plot_grid import PlotGrid
+from gui.widgets.plots.plot_axes import colour_axes, label_axis, time_plot
+from gui.widgets.plots.plot_grid import PlotGrid
 from gui.widgets.theme import Theme, scaled_px
 from rigctl.values import SAMPLE_RATE_HZ
 

@@ -10,7 +10,7 @@ from gui.live.spikes.spike_rates import (
     RATE_TICKS_A_MM,
     RATE_TICKS_HZ,
 )
-from gui.widgets.plot_axes import label_axis
+from gui.widgets.plots.plot_axes import label_axis
 from gui.widgets.theme import Theme
 
 A_SECOND = "Rate in the last second (Hz)"

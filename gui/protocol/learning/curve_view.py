@@ -9,8 +9,8 @@ import pyqtgraph as pg
 from PySide6.QtCore import QEvent, QPointF
 
 from gui.protocol.learning.curve_texts import point_text
-from gui.widgets.plot_axes import LEFT_PX, colour_axes, fixed_plot, reserve, title_plot
-from gui.widgets.plot_grid import PlotGrid
+from gui.widgets.plots.plot_axes import LEFT_PX, colour_axes, fixed_plot, reserve, title_plot
+from gui.widgets.plots.plot_grid import PlotGrid
 from gui.widgets.theme import applied_theme, scaled_px
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from PySide6.QtCore import QObject, Signal
 from gui.analysis.export.export_button import TABLE
 from gui.analysis.export.picture_encoder import NewFile, PictureEncoder
 from gui.analysis.export.picture_file import widget_picture
-from gui.analysis.worker import Worker
+from gui.analysis.tasks.worker import Worker
 from gui.protocol.learning.curve_texts import VALUE_NAMES, values
 from gui.protocol.learning.learning_page import (
     FAILED,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from PySide6.QtCore import QObject, Signal
 
 from gui.analysis.session_panel import SessionPanel
-from gui.analysis.task_values import DRUM
+from gui.analysis.tasks.task_values import DRUM
 from gui.live.replay.replay_page import ReplayPage
 from gui.shell.actions import ActionRegistry
 from gui.shell.memory.recent_paths import RecentSessions

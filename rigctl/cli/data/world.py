@@ -14,7 +14,7 @@ from rigctl.cli.options.arguments import a_path
 from rigctl.errors import SessionError
 
 if TYPE_CHECKING:
-    from rigctl.simulation.bench.world_file import SimulatedWorld
+    from rigctl.simulation.bench.world.world_file import SimulatedWorld
 
 
 def add_world(parser: argparse.ArgumentParser) -> None:
@@ -29,7 +29,7 @@ def add_world(parser: argparse.ArgumentParser) -> None:
 
 def chosen_world(path: Path | None) -> SimulatedWorld | None:
     """Return the world of a file, None without a file. Raises ConfigError."""
-    from rigctl.simulation.bench.world_file import load_world
+    from rigctl.simulation.bench.world.world_file import load_world
 
     return None if path is None else load_world(path)
 
@@ -37,7 +37,7 @@ def chosen_world(path: Path | None) -> SimulatedWorld | None:
 def session_world(folder: Path) -> SimulatedWorld | None:
     """Return the world of a session, None if it has none. Raises SessionError."""
     from rigctl.session.read.session import Session
-    from rigctl.simulation.bench.world_file import world_from_header
+    from rigctl.simulation.bench.world.world_file import world_from_header
 
     with Session.open(folder) as session:
         return world_from_header(session.header.simulation, folder)
@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the world."""
-    from rigctl.simulation.bench.world_file import NOMINAL_WORLD, format_world
+    from rigctl.simulation.bench.world.world_file import NOMINAL_WORLD, format_world
 
     if args.source is not None and args.source.is_dir():
         world = session_world(args.source)

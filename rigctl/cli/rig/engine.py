@@ -18,7 +18,7 @@ from rigctl.protocol.plan import MAX_SEED
 from rigctl.rig import open_rig
 
 if TYPE_CHECKING:
-    from rigctl.simulation.bench.world_file import SimulatedWorld
+    from rigctl.simulation.bench.world.world_file import SimulatedWorld
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

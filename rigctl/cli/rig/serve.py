@@ -25,7 +25,7 @@ from rigctl.finger_rig import open_finger_rig
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
 
 if TYPE_CHECKING:
-    from rigctl.simulation.bench.world_file import SimulatedWorld
+    from rigctl.simulation.bench.world.world_file import SimulatedWorld
     from rigctl.simulation.board_server import Addresses, ServedLink
 
 PREPARING = "preparing the simulated bench; after an update this takes half a minute"

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from rigctl.simulation.bench.noise import NoiseStream, random_generator
 from rigctl.simulation.bench.numba_options import compiled
-from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.bench.textures import (
     GRID_MM,
     Texture,
@@ -26,6 +25,7 @@ from rigctl.simulation.bench.textures import (
     hann_window,
     odd_cell_count,
 )
+from rigctl.simulation.bench.world.parameters import WorldParameters
 from rigctl.values import N_TAXELS
 
 N_SITES = 9

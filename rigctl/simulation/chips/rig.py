@@ -20,7 +20,7 @@ from rigctl.simulation.bench.bench import Bench
 from rigctl.simulation.bench.ground_truth import GroundTruth
 from rigctl.simulation.bench.mechanics import RING_MS, DrumTrajectory
 from rigctl.simulation.bench.noise import NoiseRows, NoiseStream, random_generator
-from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.bench.world.parameters import WorldParameters
 from rigctl.simulation.chips.board import BoardClock, ChipBoard
 from rigctl.simulation.chips.simavr import (
     CHANNELS,

@@ -26,8 +26,8 @@ from rigctl.simulation.bench.mechanics import (
     Mechanics,
 )
 from rigctl.simulation.bench.numba_options import compiled
-from rigctl.simulation.bench.parameters import WorldParameters, validated
 from rigctl.simulation.bench.skin import SLOT_US, Skin
+from rigctl.simulation.bench.world.parameters import WorldParameters, validated
 from rigctl.values import DRAWN_WIRING
 from rigctl.wire.finger.messages import N_TAXELS
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rigctl.simulation.bench.parameter_fields import parameter as _p
+from rigctl.simulation.bench.world.parameter_fields import parameter as _p
 
 NAMED = "plausible: the paper names the profile"
 FELT = "plausible: a person feels changes from 7 to 10 % on [2]"

@@ -8,8 +8,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from rigctl.simulation.bench.parameter_fields import describe
-from rigctl.simulation.bench.parameter_tables import TABLE_HEAD, table_line
+from rigctl.simulation.bench.world.parameter_fields import describe
+from rigctl.simulation.bench.world.parameter_tables import TABLE_HEAD, table_line
 from rigctl.simulation.finger.operator_parameters import OperatorParameters, TrackerParameters
 
 PAGE = Path(__file__).parents[3] / "docs" / "reference" / "virtual-finger.md"

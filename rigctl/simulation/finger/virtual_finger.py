@@ -18,9 +18,9 @@ import numpy as np
 
 from rigctl.errors import WrongUse
 from rigctl.protocol.finger import PLATE_CORNERS_MM, VelocityProfile
-from rigctl.simulation.bench.parameter_fields import checked
-from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.bench.textures import CATALOGUE
+from rigctl.simulation.bench.world.parameter_fields import checked
+from rigctl.simulation.bench.world.parameters import WorldParameters
 from rigctl.simulation.finger.faults import FingerFaults
 from rigctl.simulation.finger.finger_boards import ConverterBoard, FingerBoard, TaxelLineBoard
 from rigctl.simulation.finger.finger_skin import FingerSkin

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.bench.world.parameters import WorldParameters
 from rigctl.simulation.chips.simavr import Output
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import State

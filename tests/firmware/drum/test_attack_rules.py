@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from rigctl.simulation.bench.contact import ForceTable, contact_tables, draw_mounting, force_table
-from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.bench.world.parameters import WorldParameters
 from rigctl.simulation.chips.simavr import Input, ResetBy
 from rigctl.wire.drum.codes import Command, Status
 from rigctl.wire.drum.register_table import BY_NAME

@@ -25,7 +25,7 @@ from rigctl.finger_rig import open_finger_rig
 from rigctl.protocol.finger import Stage
 from rigctl.protocol.finger_plan import load_finger_protocol
 from rigctl.protocol.loader import load_protocol
-from rigctl.simulation.bench.world_file import NOMINAL_WORLD, format_world, load_world
+from rigctl.simulation.bench.world.world_file import NOMINAL_WORLD, format_world, load_world
 from tests.fuzz.kind import Kind, Place
 from tests.fuzz.mutations.bytes import BYTES
 from tests.fuzz.mutations.texts import TEXT

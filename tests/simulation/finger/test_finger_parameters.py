@@ -8,8 +8,8 @@ import pytest
 
 from rigctl.errors import WrongUse
 from rigctl.protocol.finger import VelocityProfile
-from rigctl.simulation.bench.parameter_fields import describe
-from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.bench.world.parameter_fields import describe
+from rigctl.simulation.bench.world.parameters import WorldParameters
 from rigctl.simulation.finger import parameter_page
 from rigctl.simulation.finger.operator_parameters import OperatorParameters, TrackerParameters
 from rigctl.simulation.finger.virtual_finger import open_virtual_finger

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rigctl.errors import WrongUse
 from rigctl.protocol.finger import VelocityProfile
-from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.bench.world.parameters import WorldParameters
 from rigctl.simulation.clock import SimulatedTimeLoop
 from rigctl.simulation.finger.finger_boards import ConverterBoard
 from rigctl.simulation.finger.finger_skin import TOP_LAYER

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rigctl.simulation.bench.contact import ForceTable, contact_tables, draw_mounting, force_table
 from rigctl.simulation.bench.load_cell import LoadCellAmplifier
 from rigctl.simulation.bench.mechanics import DrumTrajectory, Mechanics
-from rigctl.simulation.bench.parameters import WorldParameters, validated
+from rigctl.simulation.bench.world.parameters import WorldParameters, validated
 from rigctl.simulation.chips.simavr import Output
 from rigctl.simulation.simulated_rig import Disturbances
 from rigctl.wire.drum.codes import Command

@@ -17,9 +17,9 @@ import msgspec
 from rigctl.config.rig_config import DrumGeometry, RigConfig
 from rigctl.config.toml_reader import TomlTable, TomlText
 from rigctl.errors import ConfigError, SessionError, WrongUse
-from rigctl.simulation.bench import parameter_tables
-from rigctl.simulation.bench.parameters import Plate, WorldParameters, validated
 from rigctl.simulation.bench.textures import CATALOGUE
+from rigctl.simulation.bench.world import parameter_tables
+from rigctl.simulation.bench.world.parameters import Plate, WorldParameters, validated
 from rigctl.values import N_TAXELS
 
 PLATES = "plates"

@@ -16,7 +16,6 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gui.analysis import finger_tasks
 from gui.analysis.compare.responses import ResponseGrid, compare_responses
 from gui.analysis.export.value_file import columns_csv, save_new
 from gui.analysis.results import (
@@ -27,7 +26,8 @@ from gui.analysis.results import (
     report_results,
     verify_results,
 )
-from gui.analysis.task_values import (
+from gui.analysis.tasks import finger_tasks
+from gui.analysis.tasks.task_values import (
     AnalysisRequest,
     FingerSessionInfo,
     ScanPicture,

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 from PySide6.QtCore import QObject, Signal
 
-from gui.analysis import worker_tasks
-from gui.analysis.task_sender import TaskSender
+from gui.analysis.tasks import worker_tasks
+from gui.analysis.tasks.task_sender import TaskSender
 
 
 class _KilledProcess(NamedTuple):
@@ -54,7 +54,7 @@ class Worker(QObject):
         return bool(self._pending)
 
     def submit(self, task: str, **args: Any) -> None:
-        """Run a method of :class:`gui.analysis.worker_tasks.WorkerTasks` in the process."""
+        """Run a method of :class:`gui.analysis.tasks.worker_tasks.WorkerTasks` in the process."""
         if self._pipe is None:
             self._start()
         assert self._sender is not None

@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rigctl.errors import WrongUse
-from rigctl.simulation.bench.parameter_fields import ParameterInfo, checked, describe
-from rigctl.simulation.bench.parameter_fields import parameter as _p
+from rigctl.simulation.bench.world.parameter_fields import ParameterInfo, checked, describe
+from rigctl.simulation.bench.world.parameter_fields import parameter as _p
 from rigctl.values import N_TAXELS
 
 PAPER = "published: the paper"

@@ -1,6 +1,6 @@
 """Render the tables of ``docs/reference/world.md`` from the parameters.
 
-``python -m rigctl.simulation.bench.parameter_tables`` writes them; ``--check`` only compares.
+``python -m rigctl.simulation.bench.world.parameter_tables`` writes them; ``--check`` only compares.
 """
 
 from __future__ import annotations
@@ -8,11 +8,11 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from rigctl.simulation.bench.parameter_fields import ParameterInfo
-from rigctl.simulation.bench.parameters import WorldParameters, parameter_infos
 from rigctl.simulation.bench.textures import CATALOGUE
+from rigctl.simulation.bench.world.parameter_fields import ParameterInfo
+from rigctl.simulation.bench.world.parameters import WorldParameters, parameter_infos
 
-PAGE = Path(__file__).parents[3] / "docs" / "reference" / "world.md"
+PAGE = Path(__file__).parents[4] / "docs" / "reference" / "world.md"
 
 TABLE_HEAD = (
     "| parameter | nominal | range | unit | meaning | source |\n|---|---|---|---|---|---|\n"

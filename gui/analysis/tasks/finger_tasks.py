@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gui.analysis.task_values import (
+from gui.analysis.tasks.task_values import (
     AnalysisRequest,
     FingerSessionInfo,
     ScanPicture,
