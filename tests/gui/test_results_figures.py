@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import resource
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -27,6 +26,7 @@ from gui.analysis.figures.confusion_page import ConfusionPage
 from gui.analysis.results import AnalysisResults, ResultsPage, plot_page
 from gui.widgets.theme import DARK, LIGHT
 from rigctl.errors import DiskFault
+from tests.gui.full_disk import full_disk
 from tests.gui.steps import Harness, click, wait_until
 
 _Key = Qt.Key
@@ -240,13 +240,8 @@ def test_a_table_with_a_comment_gets_the_column_of_its_origin() -> None:
 
 
 def test_a_full_disk_leaves_no_file(tmp_path: Path) -> None:
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
-    try:
-        with pytest.raises(DiskFault, match=r"accuracy\.csv cannot be written"):
-            save_new(tmp_path, "accuracy", "csv", bytes(8192))
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    with full_disk(4096), pytest.raises(DiskFault, match=r"accuracy\.csv cannot be written"):
+        save_new(tmp_path, "accuracy", "csv", bytes(8192))
     assert not list(tmp_path.iterdir())
 
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import resource
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -21,6 +19,7 @@ from rigctl.session.open_session import open_session
 from rigctl.session.verify.session import verify
 from rigctl.synth import sample_session
 from rigctl.synth.sample_session import CHECKING, MAKING, SYNTH, sample_folder
+from tests.gui.full_disk import full_disk
 from tests.gui.steps import SharedWindow, click, wait_until
 
 TIMEOUT_MS = 300_000
@@ -137,20 +136,9 @@ def test_a_window_that_closes_ends_the_making(app: QApplication, folder: Path) -
     window.deleteLater()
 
 
-@contextmanager
-def _full_disk(limit_bytes: int) -> Iterator[None]:
-    """Let no file of this process and its children grow beyond a limit."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
 def test_a_failure_is_a_sentence_in_place_with_a_remedy(window: MainWindow, folder: Path) -> None:
     page, box = window.start.page, window.start.page.sample_box
-    with _full_disk(200_000):
+    with full_disk(200_000):
         click(page.sample)
         wait_until(lambda: page.sample.isEnabled(), TIMEOUT_MS)
     assert "could not be written (File too large)" in box.text.text()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import resource
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from PySide6.QtTest import QTest
 
 from gui.analysis.compare.compare_view import trial_ticks
 from tests.analysis.recordings import record
+from tests.gui.full_disk import full_disk
 from tests.gui.steps import Harness, click, wait_until
 
 
@@ -114,18 +114,15 @@ def test_a_page_of_recorded_data_says_so(shown: Harness) -> None:
 
 
 def test_a_full_disk_leaves_no_picture_and_says_why(shown: Harness, tmp_path: Path) -> None:
-    tab, before = shown.window.analysis_tab, resource.getrlimit(resource.RLIMIT_FSIZE)
+    tab = shown.window.analysis_tab
     tab.reader.cancel()  # its process takes the limit over
     actions = {action.text(): action for action in tab.trial_view.save_button.formats.actions()}
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
-    try:
+    with full_disk(4096):
         actions["PDF"].trigger()
         actions["PNG"].trigger()
         line = shown.window.event_log
         wait_until(lambda: line.toPlainText().count("cannot be written") >= 2)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-        tab.reader.cancel()
+    tab.reader.cancel()
     assert "free some space" in shown.window.status_line.text()
     assert list((tmp_path / "session-figures").iterdir()) == []
 

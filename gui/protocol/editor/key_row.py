@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
-from PySide6.QtCore import QEvent, QObject, QSignalBlocker, Signal
-from PySide6.QtGui import QFocusEvent, QKeyEvent, QKeySequence
+from PySide6.QtCore import QObject, QSignalBlocker, Signal
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
     QGridLayout,
     QLineEdit,
-    QPlainTextEdit,
     QWidget,
 )
 
+from gui.protocol.editor.typed_fields import TypedLine, TypedLines
 from gui.widgets.focus_wheel import focus_wheel
 from gui.widgets.labels import label, plain_tooltip, set_property
 from gui.widgets.layouts import combo_box
@@ -32,63 +31,6 @@ _UNITS = {
     "Hz": "_hz",
 }
 _FIELD_PX = 150
-_LINES, _FRAME_PX = 4, 12
-
-
-class TypedLine(QLineEdit):
-    """A line whose undo is that of the whole protocol."""
-
-    undo_requested = Signal()
-    redo_requested = Signal()
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Pass undo and redo on."""
-        if event.matches(QKeySequence.StandardKey.Undo):
-            self.undo_requested.emit()
-        elif event.matches(QKeySequence.StandardKey.Redo):
-            self.redo_requested.emit()
-        else:
-            super().keyPressEvent(event)
-
-
-class TypedLines(QPlainTextEdit):
-    """A text of several lines, whose undo is that of the whole protocol; Tab leaves it."""
-
-    edited = Signal()
-    left = Signal()
-    """The focus went elsewhere."""
-    undo_requested = Signal()
-    redo_requested = Signal()
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.setTabChangesFocus(True)
-        self.setUndoRedoEnabled(False)
-        self.textChanged.connect(self.edited)
-        self._set_height()
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Pass undo and redo on."""
-        if event.matches(QKeySequence.StandardKey.Undo):
-            self.undo_requested.emit()
-        elif event.matches(QKeySequence.StandardKey.Redo):
-            self.redo_requested.emit()
-        else:
-            super().keyPressEvent(event)
-
-    def changeEvent(self, event: QEvent) -> None:
-        """Keep the number of lines with texts of another size."""
-        super().changeEvent(event)
-        if event.type() in (QEvent.Type.FontChange, QEvent.Type.StyleChange):
-            self._set_height()
-
-    def focusOutEvent(self, event: QFocusEvent) -> None:
-        """Tell that the text is complete."""
-        super().focusOutEvent(event)
-        self.left.emit()
-
-    def _set_height(self) -> None:
-        self.setFixedHeight(_LINES * self.fontMetrics().lineSpacing() + _FRAME_PX)
 
 
 class KeyRow(QObject):

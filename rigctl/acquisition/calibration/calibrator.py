@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable
 import numpy as np
 
 from rigctl.acquisition.calibration.calibration_values import ForceLoopGains, MassReading
-from rigctl.acquisition.drum.contact import has_status
+from rigctl.acquisition.drum.contact import PRESSING_STATES, has_status
 from rigctl.acquisition.drum.motion import DrumMotion
 from rigctl.acquisition.drum.poller import DrumPoller
 from rigctl.acquisition.drum.settings import press_settings
@@ -22,7 +22,6 @@ READINGS = 80
 """A second of the load cell, after a second in which it comes to rest."""
 REST_S = 1.0
 TUNE_TIMEOUT_S, TURN_TIMEOUT_S = 10.0, 120.0
-_PRESSING = (State.APPROACH, State.HOLD, State.RUN, State.RETRACT)
 
 
 class Calibrator:
@@ -63,7 +62,7 @@ class Calibrator:
 
     def require_no_contact(self) -> None:
         """Raise CommandRefused while the drum presses: no measurement ends a held force."""
-        if self._poller.healthy_state().state in _PRESSING:
+        if self._poller.healthy_state().state in (*PRESSING_STATES, State.RETRACT):
             raise CommandRefused("the drum presses on the sensor: retract it, then calibrate")
 
     async def lift(self) -> None:

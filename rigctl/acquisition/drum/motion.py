@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Final, Self
 
+from rigctl.acquisition.drum.contact import PRESSING_STATES
 from rigctl.acquisition.drum.poller import DrumPoller
 from rigctl.acquisition.drum.settings import (
     GUARDED_SETTINGS,
@@ -182,7 +183,7 @@ class DrumMotion:
         state = (await self._fresh_state()).state
         if state == State.POSITION:
             await self._send(Command.STOP)
-        elif state in (State.APPROACH, State.HOLD, State.RUN):
+        elif state in PRESSING_STATES:
             await self._send(Command.RETRACT)
 
     async def lift(self) -> None:

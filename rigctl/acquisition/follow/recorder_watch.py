@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from rigctl.session.format.layout import LOCK_FILE
@@ -24,12 +25,12 @@ class RecorderWatch:
     """Looks at the lock of one session about once a second.
 
     ``gone``: a sentence while the recorder is gone, else empty. ``silent``: one while a run on
-    another computer may be gone.
+    another computer may be gone. ``wall_s``: seconds since 1970, as the times of files have them.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, wall_s: Callable[[], float] = time.time) -> None:
         self.gone = self.silent = ""
-        self._folder = folder
+        self._folder, self._wall_s = folder, wall_s
         self._looked_s: float | None = None
         self._was_gone = False
 
@@ -66,7 +67,7 @@ class RecorderWatch:
             prepared_s = (self._folder / LOCK_FILE).stat().st_mtime
         except OSError:
             return ""
-        silent_s = time.time() - prepared_s
+        silent_s = self._wall_s() - prepared_s
         if silent_s < SILENT_AFTER_S or highest_number(self._folder):
             return ""
         where = lock_owner_computer(self._folder) or "another computer"

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import resource
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import h5py
@@ -16,6 +14,7 @@ from gui.shell.memory.user_settings import UserSettings
 from gui.widgets.theme import ThemeChoice
 from tests.analysis.recordings import record
 from tests.gui.fake_engine import FakeEngine
+from tests.gui.full_disk import full_disk
 from tests.gui.steps import Harness, click, wait_until
 from tests.session.damage import record_four_parts, zero
 
@@ -112,17 +111,6 @@ def test_an_analysis_of_too_few_trials_says_what_it_needs(
     box.method.setCurrentIndex(0)
 
 
-@contextmanager
-def _full_disk(limit_bytes: int) -> Iterator[None]:
-    """Let no file of this process grow beyond a limit, as on a disk without room."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
 @pytest.mark.parametrize("kind", ["picture", "table"])
 def test_a_picture_or_table_without_room_says_so_and_leaves_no_half(
     harness: Harness, tmp_path: Path, kind: str
@@ -132,7 +120,7 @@ def test_a_picture_or_table_without_room_says_so_and_leaves_no_half(
     harness.engine.write_samples(3000)
     harness.window.live_page.refresh(harness.engine.live)
     strip.folder.setText(str(folder))
-    with _full_disk(512):
+    with full_disk(512):
         click(strip.picture if kind == "picture" else strip.table)
         wait_until(lambda: "nothing was saved" in window.event_log.toPlainText())
     strip.folder.setText(before)
