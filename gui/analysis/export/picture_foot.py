@@ -5,6 +5,8 @@ from __future__ import annotations
 from PySide6.QtCore import QRect, QSize, Qt
 from PySide6.QtGui import QImage, QPainter
 
+from gui.analysis.export.value_file import data_words
+
 FOOT_PX = 20
 _MARGIN_PX = 8
 _ALIGNMENT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
@@ -12,7 +14,7 @@ _ALIGNMENT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
 
 def foot_text(*about: str, simulated: bool) -> str:
     """Return the line: that the data are simulated, if they are, and what they are."""
-    return " · ".join(filter(None, ("SIMULATED data" if simulated else "", *about)))
+    return " · ".join(filter(None, (data_words(simulated=True) if simulated else "", *about)))
 
 
 def paint_foot(painter: QPainter, size: QSize, text: str) -> None:
