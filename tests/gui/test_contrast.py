@@ -9,9 +9,10 @@ import pyqtgraph as pg
 import pytest
 from PySide6.QtGui import QColor
 
+from gui.analysis.figures.cell_numbers import cell_colour, number_colour
 from gui.analysis.figures.curve_looks import LOOKS
 from gui.live.heatmap import DARK_INK_SHARE
-from gui.widgets.colours import blend
+from gui.widgets.colours import blend, contrast
 from gui.widgets.plots.stale_cover import VEIL_ALPHA
 from gui.widgets.theme import DARK, LIGHT, STOP_BACKS, Theme
 
@@ -30,18 +31,6 @@ ON = {
 LINES = ("force", "speed", "set_point", "accent", "bad", "muted", "ok", "warn", "groups", "layers")
 DECORATION = {"line": "frames and grids", "gap": "lost samples, striped in the colour bad"}
 THEMES = pytest.mark.parametrize("theme", [LIGHT, DARK], ids=["light", "dark"])
-
-
-def contrast(one: str, other: str) -> float:
-    """Return the contrast of two colours by WCAG 2.2, 1 to 21."""
-    low, high = sorted(map(_luminance, (one, other)))
-    return (high + 0.05) / (low + 0.05)
-
-
-def _luminance(colour: str) -> float:
-    parts = QColor(colour).getRgbF()[:3]
-    linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
-    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
 def _colours(theme: Theme, name: str) -> tuple[str, ...]:
@@ -85,3 +74,10 @@ def test_numbers_are_readable_on_a_heat_map_and_below_a_veil(theme: Theme) -> No
         assert contrast(ink, colour) >= TEXT, place
         veiled = blend(theme.line, colour, VEIL_ALPHA / 255)
         assert contrast(theme.text, veiled) >= TEXT, place
+
+
+@THEMES
+def test_a_number_is_readable_in_a_cell_of_any_share(theme: Theme) -> None:
+    shares = [step / 100 for step in range(101)]
+    weakest = min(contrast(number_colour(theme, s), cell_colour(theme, s)) for s in shares)
+    assert weakest >= LARGE

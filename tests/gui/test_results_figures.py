@@ -21,6 +21,7 @@ from gui.analysis.figures.accuracy import (
     PublishedAccuracy,
 )
 from gui.analysis.figures.accuracy_page import AccuracyPage
+from gui.analysis.figures.cell_numbers import cell_colour
 from gui.analysis.figures.confusion import ConfusionCounts, ConfusionPlot
 from gui.analysis.figures.confusion_page import ConfusionPage
 from gui.analysis.results import AnalysisResults, ResultsPage, plot_page
@@ -160,6 +161,14 @@ def test_a_cell_is_named_by_pointer_and_keys(shown: Harness) -> None:
     QTest.keyClick(page.view.graphics, _Key.Key_Right)
     QTest.keyClick(page.view.graphics, _Key.Key_Right)
     assert page.readout.label.text().startswith("true A, predicted B: 1 of 9 trials")
+
+
+def test_the_colour_of_a_cell_is_that_of_its_share(shown: Harness) -> None:
+    """pyqtgraph stretched the colours, so that the largest share looked like 100 %."""
+    view = confusion_page(shown).view
+    place = view.item.getViewBox().mapViewToScene(QPointF(0.2, 0.2)).toPoint()
+    colour = view.graphics.grab().toImage().pixelColor(place)
+    assert colour.name() == cell_colour(LIGHT, view.matrix.share[0, 0]) != LIGHT.accent
 
 
 def test_both_themes_draw_the_point_anew(shown: Harness) -> None:

@@ -8,13 +8,13 @@ from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import QColor, QKeyEvent
 from PySide6.QtWidgets import QGraphicsRectItem
 
+from gui.analysis.figures.cell_numbers import CellNumbers, cell_colour
 from gui.analysis.figures.confusion import ConfusionCounts
-from gui.widgets.colours import blend
 from gui.widgets.plots.plot_axes import colour_axes
 from gui.widgets.plots.plot_grid import PlotGrid
-from gui.widgets.theme import Theme, scaled_px
+from gui.widgets.theme import Theme
 
-LEAST_TEXT_PX, LEAST_CELL_PX, AXIS_PX = (30, 15), (18, 13), 60
+LEAST_CELL_PX, AXIS_PX = (18, 13), 60
 ZOOM = 1.25
 _Key = Qt.Key
 _STEPS = {
@@ -32,14 +32,11 @@ class ConfusionPlotView(PlotGrid):
         super().__init__()
         self._theme, self.matrix = theme, matrix
         self.cell: tuple[int, int] | None = None
-        self.texts: list[pg.TextItem] = []
         self._frame = QGraphicsRectItem()
         self.item = self.cells.addPlot(enableMenu=False)
         self.item.hideButtons()
         self.item.invertY(True)
         self.item.setLabels(left="True texture", bottom="Predicted texture")
-        self.item.getViewBox().sigRangeChanged.connect(lambda *_: self._show_texts())
-        self.item.getViewBox().sigResized.connect(lambda *_: self._show_texts())
         self.graphics.scene().sigMouseMoved.connect(self._point_at)
         self.graphics.installEventFilter(self)
         self.graphics.setAccessibleName("Confusion matrix")
@@ -58,16 +55,11 @@ class ConfusionPlotView(PlotGrid):
         n = len(matrix.classes)
         self.item.clear()
         share, theme = matrix.share, self._theme
-        image = pg.ImageItem(_colours(share, theme), axisOrder="row-major")
+        image = pg.ImageItem(_colours(share, theme), axisOrder="row-major", levels=(0, 255))
         image.setRect(QRectF(0, 0, n, n))
         self.item.addItem(image)
-        self.texts = []
-        for row, column in zip(*np.nonzero(matrix.counts), strict=True):
-            colour = theme.plot if share[row, column] > 0.5 else theme.text
-            text = pg.TextItem(f"{100 * share[row, column]:.0f}", color=colour, anchor=(0.5, 0.5))
-            text.setPos(column + 0.5, row + 0.5)
-            self.item.addItem(text)
-            self.texts.append(text)
+        self.numbers = CellNumbers(share, matrix.counts > 0, theme)
+        self.item.addItem(self.numbers, ignoreBounds=True)
         for side in ("left", "bottom"):
             names = [(place + 0.5, name) for place, name in enumerate(matrix.classes)]
             self.item.getAxis(side).setTicks([names, []])
@@ -86,17 +78,6 @@ class ConfusionPlotView(PlotGrid):
         if isinstance(event, QKeyEvent) and event.type() is QEvent.Type.KeyPress:
             return self._press(event)
         return super().eventFilter(watched, event)
-
-    def _show_texts(self) -> None:
-        """Show the numbers where a cell has room for them."""
-        width, height = self.item.getViewBox().viewPixelSize()
-        least = [scaled_px(px) for px in LEAST_TEXT_PX]
-        has_room = 1 / width >= least[0] and 1 / height >= least[1]
-        (left, right), (top, bottom) = self.item.viewRange()
-        for text in self.texts:
-            at = text.pos()
-            inside = left < at.x() < right and top < at.y() < bottom
-            text.setVisible(has_room and inside)
 
     def _point_at(self, place: QPointF) -> None:
         view = self.item.getViewBox()
@@ -138,7 +119,7 @@ class ConfusionPlotView(PlotGrid):
 
 def _colours(share: np.ndarray, theme: Theme) -> np.ndarray:
     """Return the colour of each cell, uint8 (n, n, 3): the plot's for 0, the accent for 1."""
-    ramp = [QColor(blend(theme.accent, theme.plot, step / 100)) for step in range(101)]
+    ramp = [QColor(cell_colour(theme, step / 100)) for step in range(101)]
     table = np.array([(c.red(), c.green(), c.blue()) for c in ramp], np.uint8)
     colours: np.ndarray = table[np.rint(100 * share).astype(int)]
     return colours
