@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-from rigctl.acquisition.follow.awaited_session import follows_finger
 from rigctl.acquisition.live_buffer import DRUM_LIVE
 from rigctl.acquisition.live_file import LiveLayout
 from rigctl.acquisition.rpc.client import (
@@ -84,6 +83,8 @@ def experiment_elsewhere(rig: str) -> str:
     kind, _, path = rig.partition(":")
     if kind == REMOTE:
         return read_remote_engine(Path(path)).experiment
+    from rigctl.acquisition.follow.awaited_session import follows_finger  # loads HDF5
+
     return FINGER_EXPERIMENT if follows_finger(Path(path)) else DRUM_EXPERIMENT
 
 

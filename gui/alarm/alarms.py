@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-from rigctl.acquisition.follow.recorder_watch import RECORDER_GONE
+from rigctl.acquisition.follow.states import RECORDER_GONE
 from rigctl.acquisition.rpc.messages import EngineStatus, RunStatus
 from rigctl.acquisition.rpc.queues.connected_client import DISCONNECTED_CLIENT
 from rigctl.acquisition.sharing.remote_client import CONNECTION_LOST

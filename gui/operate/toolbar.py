@@ -10,8 +10,7 @@ from gui.operate.connection_bar import ConnectionBar
 from gui.widgets.file_browser import PathKind
 from gui.widgets.file_combo_box import FileComboBox
 from gui.widgets.layouts import container, hbox, vbox
-from rigctl.acquisition.follow.awaited_session import NOTHING_YET
-from rigctl.acquisition.follow.recorder_watch import RECORDER_GONE
+from rigctl.acquisition.follow.states import NOTHING_YET, RECORDER_GONE
 from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.wire.drum.states import Fault
 

@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QApplication
 from gui.shell.actions import ActionRegistry
 from gui.shell.docks import DockArea
 from gui.shell.memory.user_settings import UserSettings
-from gui.widgets.theme import ThemeChoice, apply_theme, scale_texts
+from gui.widgets.theme import ThemeChoice, apply_palette, apply_theme, scale_texts
 
 TEXT_SIZES_PERCENT = (90, 100, 115, 130, 150)
 
@@ -25,7 +25,7 @@ class Appearance(QObject):
         super().__init__()
         self._settings, self._choice, self._docks = settings, choice, docks
         scale_texts(self._text_percent() / 100)
-        self.theme = apply_theme(choice)
+        self.theme = apply_palette(choice)
         hints = QApplication.styleHints()
         hints.colorSchemeChanged.connect(lambda _: self._follow_system())
 
@@ -36,6 +36,10 @@ class Appearance(QObject):
         sizes = {f"{percent} %": percent for percent in TEXT_SIZES_PERCENT}
         size = self._text_percent()
         menus.add_choices("View", "Te&xt size", sizes, size, self.set_text_size)
+
+    def apply(self) -> None:
+        """Style the widgets, once they are made."""
+        apply_theme(self._choice)
 
     def set_theme(self, choice: ThemeChoice) -> None:
         """Apply another theme."""

@@ -90,6 +90,7 @@ class MainWindow(SteadyFocusWindow):
         self.tools = ToolsController(self.stack, self.menus, self.engine_link)
         self._panel = "operate"
         self._lay_out()
+        self.appearance.apply()
         self._add_menus()
         self._connect_panels()
         self.memory = WindowMemory(self.settings, self, self.docks)

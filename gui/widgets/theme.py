@@ -83,20 +83,34 @@ STOP_BACKS = ("#c81e1e", "#e02424", "#7d0f0f")
 
 LIGHT = Theme("light", **{key: light for key, (light, _) in _COLOURS.items()})
 DARK = Theme("dark", **{key: dark for key, (_, dark) in _COLOURS.items()})
-_APPLIED, _SCALE, _USUAL_PT = "rigctl_theme", "rigctl_text_scale", "rigctl_usual_pt"
+_APPLIED, _STYLED = "rigctl_theme", "rigctl_styled_theme"
+_SCALE, _USUAL_PT = "rigctl_text_scale", "rigctl_usual_pt"
 
 
-def apply_theme(choice: ThemeChoice) -> Theme:
-    """Set the colours of all widgets; return the theme, which follows the system for SYSTEM."""
+def apply_palette(choice: ThemeChoice) -> Theme:
+    """Set the palette; return the theme, which follows the system for SYSTEM.
+
+    :func:`apply_theme` follows once the widgets are made: Qt polishes those that have a style sheet
+    at each change of their parent, which was half of the time until the window is there.
+    """
     app = QApplication.instance()
     assert isinstance(app, QApplication)
     system_is_dark = app.styleHints().colorScheme() is Qt.ColorScheme.Dark
     is_dark = system_is_dark if choice is ThemeChoice.SYSTEM else choice is ThemeChoice.DARK
     theme = DARK if is_dark else LIGHT
-    if app.property(_APPLIED) != theme.name:  # polishing every widget again takes seconds
+    if app.property(_APPLIED) != theme.name:
         app.setProperty(_APPLIED, theme.name)
         app.setStyle("Fusion")
         app.setPalette(_palette(theme))
+    return theme
+
+
+def apply_theme(choice: ThemeChoice) -> Theme:
+    """Set the colours of all widgets; return the theme as :func:`apply_palette`."""
+    theme, app = apply_palette(choice), QApplication.instance()
+    assert isinstance(app, QApplication)
+    if app.property(_STYLED) != theme.name:  # polishing every widget again takes seconds
+        app.setProperty(_STYLED, theme.name)
         app.setStyleSheet(_scaled(_style_sheet(theme), app.property(_SCALE) or 1.0))
     return theme
 
@@ -113,6 +127,7 @@ def scale_texts(factor: float) -> None:
         app.setProperty(_SCALE, factor)  # before widgets hear of the font
         app.setFont(font)
         app.setProperty(_APPLIED, "")
+        app.setProperty(_STYLED, "")
 
 
 def text_scale() -> float:

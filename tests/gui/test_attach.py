@@ -18,8 +18,7 @@ from shiboken6 import delete
 
 from gui.engine_clients import JOIN, followed_session, remote_engine
 from gui.shell.main_window import MainWindow
-from rigctl.acquisition.follow.awaited_session import NOTHING_YET
-from rigctl.acquisition.follow.recorder_watch import RECORDER_GONE
+from rigctl.acquisition.follow.states import NOTHING_YET, RECORDER_GONE
 from rigctl.acquisition.rpc import client
 from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.engine_files import running_engines, write_engine_file

@@ -12,7 +12,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from rigctl.acquisition.follow.recorder_watch import RECORDER_GONE, RecorderWatch
+from rigctl.acquisition.follow.recorder_watch import RecorderWatch
+from rigctl.acquisition.follow.states import RECORDER_GONE
 from rigctl.acquisition.live_file import LiveFileWriter
 from rigctl.acquisition.rpc.messages import EngineStatus, as_dict
 from rigctl.acquisition.served_engine import ServedEngine

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from rigctl.acquisition.follow.states import RECORDER_GONE
 from rigctl.session.format.layout import LOCK_FILE
 from rigctl.session.format.writer_lock import (
     Writer,
@@ -15,7 +16,6 @@ from rigctl.session.format.writer_lock import (
 )
 from rigctl.session.read.missing_parts import highest_number
 
-RECORDER_GONE = "the recorder is gone"
 LOOK_EVERY_S = 1.0
 SILENT_AFTER_S = 600.0
 """On another computer, a run without a part for this long may be gone. It may ask, too."""

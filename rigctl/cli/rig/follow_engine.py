@@ -8,7 +8,6 @@ from contextlib import closing
 from pathlib import Path
 
 from rigctl.acquisition.follow.awaited_session import (
-    NOTHING_YET,
     AwaitedSession,
     follows_finger,
     is_awaited,
@@ -20,6 +19,7 @@ from rigctl.acquisition.follow.follow_engine import (
 )
 from rigctl.acquisition.follow.followed_drum import FollowedDrum
 from rigctl.acquisition.follow.growing_session import GrowingSession
+from rigctl.acquisition.follow.states import NOTHING_YET
 from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.live_file import LiveFileWriter
 from rigctl.acquisition.rpc.engine_files import FOLLOWED
