@@ -12,7 +12,7 @@ from rigctl.errors import RigctlError
 from rigctl.protocol.early_end import Condition, condition_of
 from rigctl.protocol.loader import parse_protocol
 from rigctl.protocol.plan import Plan
-from rigctl.session.format import layout
+from rigctl.session.format import file_names
 from rigctl.session.read.session import Session
 
 EARLY_END_KIND = "early_end"
@@ -71,7 +71,7 @@ def describe_ends(reasons: dict[int, str]) -> list[str]:
 def plan_of(session: Session) -> Plan | None:
     """Return the plan from a session's protocol and seed, None if that cannot be read."""
     try:
-        protocol = parse_protocol(session.protocol_text, layout.PROTOCOL_FILE, session.config)
+        protocol = parse_protocol(session.protocol_text, file_names.PROTOCOL_FILE, session.config)
         return protocol.plan(session.header.seed)
     except RigctlError:
         return None

@@ -9,7 +9,7 @@ import pytest
 
 from rigctl.analysis.data.trial_set import join_sessions
 from rigctl.cli import main
-from rigctl.session.format.layout import part_name
+from rigctl.session.format.file_names import part_name
 from rigctl.session.read.session import Session
 from rigctl.session.recover.replacement import write_prefix
 from rigctl.session.summary import summarise_session

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from rigctl.acquisition.follow.states import RECORDER_GONE
-from rigctl.session.format.layout import LOCK_FILE
+from rigctl.session.format.file_names import LOCK_FILE
 from rigctl.session.format.writer_lock import (
     Writer,
     lock_owner_computer,

@@ -20,7 +20,7 @@ from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.protocol.loader import load_protocol
 from rigctl.protocol.plan import Plan
 from rigctl.session.early_end import ended_early
-from rigctl.session.format import layout
+from rigctl.session.format import file_names
 from rigctl.session.format.metadata.header import CUT_BY_CLOCK, CUT_BY_WIRE, SessionHeader
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.session.read.session import Session
@@ -138,8 +138,8 @@ def _resume(folder: Path, context: RunContext, unattended: bool) -> OpenedRun:
             "connect the rig that began the session"
         )
     check_same_world(folder, header.simulation, rig.world)
-    refuse_link_outside(folder / layout.PROTOCOL_FILE)
-    plan = load_protocol(folder / layout.PROTOCOL_FILE, rig.config).plan(header.seed)
+    refuse_link_outside(folder / file_names.PROTOCOL_FILE)
+    plan = load_protocol(folder / file_names.PROTOCOL_FILE, rig.config).plan(header.seed)
     if len(done) + len(ended) == len(plan.trials):
         why = "every planned trial is committed" + (
             ", or its condition ended early" if ended else ""

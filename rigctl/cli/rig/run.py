@@ -34,7 +34,7 @@ from rigctl.cli.options.progress import ProgressLine, clock
 from rigctl.cli.options.terminal import Interrupts
 from rigctl.config.text_file import refuse_link_outside
 from rigctl.errors import WrongUse
-from rigctl.session.format.layout import RIG_FILE
+from rigctl.session.format.file_names import RIG_FILE
 from rigctl.session.read.closing_digest import read_closing_digest
 from rigctl.session.read.session import Session
 

@@ -25,7 +25,7 @@ from rigctl.session.files.truth_file import (
     start_of,
 )
 from rigctl.session.files.truth_log import TruthLog
-from rigctl.session.format import layout
+from rigctl.session.format import file_names
 from rigctl.session.format.metadata.header import CUT_BY_CLOCK
 from rigctl.session.read.part_file import existing_parts, open_part
 from rigctl.session.read.session import Session
@@ -147,7 +147,7 @@ def _part_starts(folder: Path) -> dict[int, Start]:
                 attributes = file.attributes()
         except SessionError:
             continue
-        starts[layout.part_number(path)] = start_of(attributes)
+        starts[file_names.part_number(path)] = start_of(attributes)
     return starts
 
 

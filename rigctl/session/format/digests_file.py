@@ -16,7 +16,7 @@ from pathlib import Path
 
 from rigctl.config.text_file import read_bytes, refuse_link_outside
 from rigctl.errors import SessionError
-from rigctl.session.format.layout import DIGEST_LINES_FILE, part_number
+from rigctl.session.format.file_names import DIGEST_LINES_FILE, part_number
 from rigctl.session.format.metadata.header import SessionHeader
 
 CONTINUES = "continues"

@@ -1,14 +1,12 @@
 """The drum's layout: every data set and column with its type, unit and meaning.
 
-``docs/reference/session.md`` shows the same tables. The names of files and the tables of arrivals,
-events and gaps are those of every session.
+``docs/reference/session.md`` shows the same tables. The tables of arrivals, events and gaps are
+those of every session.
 """
 
 from __future__ import annotations
 
-import re
 from enum import StrEnum
-from pathlib import Path
 
 from rigctl.session.format.data_sets import ArrayLayout, Column, SessionLayout, TableLayout
 
@@ -16,15 +14,6 @@ LAYOUT = "rigctl-session"
 LAYOUT_VERSION = 1
 DRUM_EXPERIMENT = "drum"
 """``experiment`` of a session of the drum; its parts have no such attribute."""
-PROTOCOL_FILE = "protocol.toml"
-RIG_FILE = "rig.toml"
-LOCK_FILE = "writer.lock"
-DIGEST_LINES_FILE = "digests.txt"
-PART_PATTERN = "part-*.h5"
-"""Matches every part, and copies such as ``part-0002 (copy).h5``, which are none."""
-MAX_PARTS = 32_767
-"""``part`` in /trials is a 16-bit number."""
-_PART_NAME = re.compile(r"part-([0-9]{4,5})\.h5")
 PART_END_KIND = "part_end"
 """Kind of the event in the last row of a finished part."""
 SESSION_END_KIND = "session_end"
@@ -176,15 +165,3 @@ class SessionOutcome(StrEnum):
     FINISHED = "finished"
     STOPPED = "stopped"
     FAILED = "failed"
-
-
-def part_name(number: int) -> str:
-    """Return the file name of part ``number``, counted from 1."""
-    return f"part-{number:04d}.h5"
-
-
-def part_number(path: Path) -> int:
-    """Return the number in a part's file name; 0 for any other file."""
-    found = _PART_NAME.fullmatch(path.name)
-    number = int(found[1]) if found else 0
-    return number if number <= MAX_PARTS and path.name == part_name(number) else 0

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rigctl.config.text_file import kind_of, read_bytes
 from rigctl.errors import DiskFault, SessionError
-from rigctl.session.format.layout import LOCK_FILE
+from rigctl.session.format.file_names import LOCK_FILE
 
 LONGEST_TEXT = 320
 """Bytes of a lock file: a process id and a computer's name, in a line each."""

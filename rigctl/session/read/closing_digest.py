@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from rigctl.errors import SessionError
-from rigctl.session.format import layout
+from rigctl.session.format import file_names, layout
 from rigctl.session.format.data_sets import DIGESTS
 from rigctl.session.format.layout import SessionOutcome
 from rigctl.session.format.table_rows import parse_event
@@ -20,7 +20,7 @@ def read_closing_digest(folder: Path) -> str:
 
     Raises SessionError for another kind of folder.
     """
-    path = max(part_paths(folder), key=layout.part_number)
+    path = max(part_paths(folder), key=file_names.part_number)
     try:
         part = PartReader(path)
     except SessionError:

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rigctl.errors import SessionError
-from rigctl.session.format import layout
+from rigctl.session.format import file_names, layout
 from rigctl.session.format.digests_file import listed_parts
-from rigctl.session.format.layout import part_name, part_number
+from rigctl.session.format.file_names import part_name, part_number
 from rigctl.session.format.writer_lock import is_being_written
 from rigctl.session.read.part import PartReader
 from rigctl.session.read.part_file import existing_parts
@@ -69,7 +69,7 @@ def find_missing(
     present = {part.number for part in parts}
     reasons = dict.fromkeys(range(1, max(present | damaged.keys(), default=0)), "is missing")
     reasons |= dict.fromkeys(
-        listed_parts(folder), f"is missing, {layout.DIGEST_LINES_FILE} lists it"
+        listed_parts(folder), f"is missing, {file_names.DIGEST_LINES_FILE} lists it"
     )
     if not is_being_written(folder):  # else its writer may be about to begin the next part
         reasons |= _announced(parts)
@@ -87,7 +87,7 @@ def highest_number(folder: Path) -> int:
 
     No later part may take the number of one that is damaged, gone or in quarantine.
     """
-    names = [path.name for path in folder.glob(layout.PART_PATTERN)]
+    names = [path.name for path in folder.glob(file_names.PART_PATTERN)]
     quarantined = [_QUARANTINED.fullmatch(p.name) for p in folder.glob(f"{QUARANTINE}/*.h5")]
     names += [f"{found[1]}.h5" for found in quarantined if found]
     names += [part.name for each in read_recoveries(folder) for part in each.parts]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.errors import SessionError
-from rigctl.session.format import layout
+from rigctl.session.format import file_names, layout
 from rigctl.session.format.data_sets import DIGESTS, TableLayout
 from rigctl.session.format.experiments import layout_of
 from rigctl.session.format.metadata.header import SessionHeader
@@ -42,7 +42,7 @@ class PartReader:
     def __init__(self, path: Path, open_file: Callable[[Path], Hdf5File] = open_part) -> None:
         self.path = path
         self._open_file = open_file
-        self.number = layout.part_number(path)
+        self.number = file_names.part_number(path)
         self._open()
 
     def refresh(self) -> None:

@@ -9,6 +9,7 @@ from rigctl.errors import SessionError
 from rigctl.session.format import layout
 from rigctl.session.format.data_sets import LIBVER, TEXTS
 from rigctl.session.format.digests import describe_object, encode_description
+from rigctl.session.format.file_names import PART_PATTERN, part_number
 from rigctl.session.format.writer_lock import is_being_written
 from rigctl.session.hdf5.hdf5_file import Hdf5File, UnclosedFile
 from rigctl.session.read.unclosed_part import map_as_closed
@@ -35,13 +36,13 @@ def no_session(folder: Path) -> SessionError:
 
 def existing_parts(folder: Path) -> list[Path]:
     """Return the files that have the name of a part, in order."""
-    paths = [path for path in folder.glob(layout.PART_PATTERN) if layout.part_number(path)]
-    return sorted(paths, key=layout.part_number)
+    paths = [path for path in folder.glob(PART_PATTERN) if part_number(path)]
+    return sorted(paths, key=part_number)
 
 
 def stray_files(folder: Path) -> list[str]:
     """Return the names of files that look like parts and are none, such as copies."""
-    names = (path.name for path in folder.glob(layout.PART_PATTERN) if not layout.part_number(path))
+    names = (path.name for path in folder.glob(PART_PATTERN) if not part_number(path))
     return sorted(names)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.errors import SessionError
-from rigctl.session.format.layout import part_number
+from rigctl.session.format.file_names import part_number
 from rigctl.session.format.sealed_json import read_sealed, sealed_text
 
 KIND, VERSION = "rigctl-recovery", 1

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rigctl.config.rig_config import RigConfig, parse_config
 from rigctl.errors import SessionError
-from rigctl.session.format import layout
+from rigctl.session.format import file_names, layout
 from rigctl.session.format.data_sets import SessionLayout
 from rigctl.session.format.metadata.wiring import session_wiring
 from rigctl.session.format.table_rows import parse_trial
@@ -77,7 +77,7 @@ class Session(SessionReader):
     @property
     def config(self) -> RigConfig:
         """Parsed description of the rig. Raises ConfigError."""
-        return parse_config(self.rig_text, str(self.path / layout.RIG_FILE))
+        return parse_config(self.rig_text, str(self.path / file_names.RIG_FILE))
 
     @property
     def wiring(self) -> tuple[int, ...]:

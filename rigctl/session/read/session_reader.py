@@ -13,6 +13,7 @@ from rigctl.errors import SessionError
 from rigctl.session.format import layout
 from rigctl.session.format.data_sets import SessionLayout, TableLayout
 from rigctl.session.format.experiments import check_experiment
+from rigctl.session.format.file_names import part_name, part_number
 from rigctl.session.format.metadata.header import SessionHeader
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.session.format.table_rows import parse_event
@@ -79,7 +80,7 @@ class SessionReader:
             part.refresh()
         last = self.parts[-1].number
         paths = part_paths(self.path)
-        self._open_parts([path for path in paths if layout.part_number(path) > last])
+        self._open_parts([path for path in paths if part_number(path) > last])
         self._load()
 
     def describe_missing(self) -> list[str]:
@@ -94,10 +95,9 @@ class SessionReader:
             row = self.trials[index]
             by_reason.setdefault((int(row["part"]), reason), []).append(int(row["trial_id"]))
         lines += [
-            f"{layout.part_name(part)}: trial {_list_ids(ids)} is left out: {reason}"
+            f"{part_name(part)}: trial {_list_ids(ids)} is left out: {reason}"
             if len(ids) == 1
-            else f"{layout.part_name(part)}: {len(ids)} trials are left out ({_list_ids(ids)}): "
-            f"{reason}"
+            else f"{part_name(part)}: {len(ids)} trials are left out ({_list_ids(ids)}): {reason}"
             for (part, reason), ids in sorted(by_reason.items())
         ]
         return lines
@@ -129,7 +129,7 @@ class SessionReader:
     @property
     def finished(self) -> bool:
         """Whether the writer closed the last part, and that part is there."""
-        missing = [layout.part_number(Path(part.name)) for part in self.missing_parts]
+        missing = [part_number(Path(part.name)) for part in self.missing_parts]
         return self.parts[-1].finished and max(missing, default=0) < self.parts[-1].number
 
     @property
@@ -153,7 +153,7 @@ class SessionReader:
         return self._parse_events(_joined(parts))
 
     def _parse_events(self, rows: StructuredArray) -> tuple[Event, ...]:
-        names = map(layout.part_name, rows["part"].tolist())
+        names = map(part_name, rows["part"].tolist())
         return tuple(parse_event(r, self.path / name) for r, name in zip(rows, names, strict=True))
 
     def committed(self) -> NDArray[np.int64]:
@@ -189,7 +189,7 @@ class SessionReader:
         for part in parts:
             self._damaged.pop(part.number, None)
         if not self.parts:
-            name, reason = min((layout.part_name(n), reason) for n, reason in damaged.items())
+            name, reason = min((part_name(n), reason) for n, reason in damaged.items())
             raise SessionError(f"{self.path / name} {reason}")
         if self.parts[0].layout is not self.layout:
             self.close()

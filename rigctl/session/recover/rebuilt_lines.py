@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from rigctl.errors import SessionError
-from rigctl.session.format import layout
+from rigctl.session.format import file_names, layout
 from rigctl.session.format.digests import PREVIOUS_DIGEST
 from rigctl.session.format.digests_file import (
     CONTINUES,
@@ -35,7 +35,7 @@ def lines_problem(folder: Path) -> str:
     try:
         found = read_digest_lines(folder)
     except SessionError as error:
-        return str(error).removeprefix(f"{folder / layout.DIGEST_LINES_FILE} ")
+        return str(error).removeprefix(f"{folder / file_names.DIGEST_LINES_FILE} ")
     parts, _ = open_parts(existing_parts(folder))
     try:
         complete = not recoveries and _are_complete(parts)

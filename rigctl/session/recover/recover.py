@@ -11,7 +11,7 @@ from typing import Any
 from rigctl import __version__
 from rigctl.errors import DiskFault, SessionError
 from rigctl.session.format.digests_file import listed_parts
-from rigctl.session.format.layout import DIGEST_LINES_FILE, LOCK_FILE, part_number
+from rigctl.session.format.file_names import DIGEST_LINES_FILE, LOCK_FILE, part_number
 from rigctl.session.format.writer_lock import WriterLock, is_being_written, lock_owner_pid
 from rigctl.session.open_session import open_session
 from rigctl.session.read.closing_digest import last_digest

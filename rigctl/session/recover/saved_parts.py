@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.errors import DiskFault, SessionError
-from rigctl.session.format.layout import part_number
+from rigctl.session.format.file_names import part_number
 from rigctl.session.hdf5.hdf5_file import Hdf5File
 from rigctl.session.read.part import PartReader
 from rigctl.session.read.part_file import open_cut_part, open_part

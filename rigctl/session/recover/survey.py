@@ -15,7 +15,7 @@ from rigctl.session.chain.touched_trials import touched_attempts
 from rigctl.session.files.ground_truth import check_log
 from rigctl.session.files.truth_file import log_paths
 from rigctl.session.format.digests import DESCRIPTION
-from rigctl.session.format.layout import DIGEST_LINES_FILE, part_number
+from rigctl.session.format.file_names import DIGEST_LINES_FILE, part_number
 from rigctl.session.open_session import open_session
 from rigctl.session.read.damage import describe_rows, find_damaged_rows
 from rigctl.session.read.missing_parts import MissingPart, open_parts

@@ -11,7 +11,7 @@ from rigctl.errors import SessionError
 from rigctl.session.format import layout
 from rigctl.session.format.digests import PREVIOUS_DIGEST
 from rigctl.session.format.digests_file import CONTINUES, DigestLine, DigestLines, utc_at
-from rigctl.session.format.layout import DIGEST_LINES_FILE
+from rigctl.session.format.file_names import DIGEST_LINES_FILE, PROTOCOL_FILE, RIG_FILE
 from rigctl.session.read.closing_digest import last_digest, session_end
 from rigctl.session.read.part import PartReader
 from rigctl.session.verify.report import VerifyReport
@@ -125,7 +125,10 @@ def changed_texts(folder: Path, first: PartReader) -> Iterator[str]:
 
     Only part 1 was begun with them: a resumed session may have another rig.
     """
-    for name, path in ((layout.PROTOCOL_FILE, "/protocol_toml"), (layout.RIG_FILE, "/rig_toml")):
+    for name, path in (
+        (PROTOCOL_FILE, "/protocol_toml"),
+        (RIG_FILE, "/rig_toml"),
+    ):
         beside = _read(folder / name) if first.number == 1 else None
         if beside is not None and _unix_lines(beside) != _unix_lines(first.text(path).encode()):
             yield name
@@ -135,7 +138,7 @@ def check_texts(folder: Path, first: PartReader, report: VerifyReport) -> None:
     """Compare the protocol and the rig beside the parts with the texts in part 1."""
     report.notes += [
         f"{name}: is missing, {first.path.name} contains it"
-        for name in (layout.PROTOCOL_FILE, layout.RIG_FILE)
+        for name in (PROTOCOL_FILE, RIG_FILE)
         if not (folder / name).exists()
     ]
     report.problems += [

@@ -7,7 +7,7 @@ from rigctl.protocol.loader import parse_protocol
 from rigctl.protocol.plan import Plan
 from rigctl.session.files.ground_truth import summarise_truth
 from rigctl.session.files.truth_file import PARTIAL, log_number, log_paths, open_truth
-from rigctl.session.format import layout
+from rigctl.session.format import file_names
 from rigctl.session.format.table_rows import parse_trial
 from rigctl.session.read.session import Session
 from rigctl.session.verify.report import OnProgress, VerifyReport
@@ -23,7 +23,7 @@ def check_drum_plan(session: Session, report: VerifyReport) -> None:
         planned = {trial.trial_id: trial for trial in plan.trials}
         for index, row in enumerate(map(parse_trial, session.trials)):
             if index not in session.left_out and planned.get(row.trial.trial_id) != row.trial:
-                name = layout.part_name(row.part)
+                name = file_names.part_name(row.part)
                 report.problems.append(f"{name}: trial {row.trial.trial_id} is not in the plan")
 
 
@@ -33,7 +33,7 @@ def _rebuild_plan(session: Session, report: VerifyReport) -> Plan | None:
         report.notes.append("the session has no protocol, so its trials have no plan")
         return None
     try:
-        protocol = parse_protocol(session.protocol_text, layout.PROTOCOL_FILE, session.config)
+        protocol = parse_protocol(session.protocol_text, file_names.PROTOCOL_FILE, session.config)
     except RigctlError as error:
         report.problems.append(f"the protocol in the session is not readable: {error}")
         return None

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 
 from rigctl.errors import WrongUse
-from rigctl.session.format.layout import part_name
+from rigctl.session.format.file_names import part_name
 from rigctl.session.read.closing_digest import last_digest, session_end
 from rigctl.session.read.part import PartReader
 from rigctl.session.read.recovery_file import RecoveryRecord

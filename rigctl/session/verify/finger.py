@@ -11,7 +11,7 @@ import numpy as np
 from rigctl.errors import ProtocolError
 from rigctl.protocol.finger import Stage
 from rigctl.protocol.finger_plan import FingerPlan, parse_finger_protocol
-from rigctl.session.format import layout
+from rigctl.session.format import file_names
 from rigctl.session.format.finger_layout import BATCHES, SPIKES, WINDOWS
 from rigctl.session.format.layout import COUNTER, FLAGS, SAMPLES
 from rigctl.session.read.finger_session import FingerSession, board_ranges
@@ -93,7 +93,7 @@ def check_finger_plan(session: FingerSession, report: VerifyReport) -> None:
         if index in session.left_out:
             continue
         if trial is None or astuple(trial)[1:] != (row.stage, row.texture, row.profile, row.repeat):
-            name = layout.part_name(row.part)
+            name = file_names.part_name(row.part)
             report.problems.append(f"{name}: trial {row.trial_id} is not in the plan")
 
 
@@ -101,7 +101,7 @@ def _rebuild_plan(session: FingerSession, report: VerifyReport) -> FingerPlan | 
     """Return the plan from the protocol, stages and seed; its hash must match the recorded one."""
     header = session.header
     try:
-        protocol = parse_finger_protocol(session.protocol_text, layout.PROTOCOL_FILE)
+        protocol = parse_finger_protocol(session.protocol_text, file_names.PROTOCOL_FILE)
         plan = protocol.plan([Stage(stage) for stage in header.stages], header.seed)
     except (ProtocolError, ValueError) as error:
         report.problems.append(f"the protocol in the session is not readable: {error}")

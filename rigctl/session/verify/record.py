@@ -6,7 +6,7 @@ from pathlib import Path
 
 from rigctl.errors import SessionError
 from rigctl.session.format.digests_file import DigestLines, read_digest_lines
-from rigctl.session.format.layout import part_number
+from rigctl.session.format.file_names import part_number
 from rigctl.session.format.writer_lock import is_being_written
 from rigctl.session.read.closing_digest import count_committed, last_digest
 from rigctl.session.read.recovery_file import read_recoveries

@@ -9,7 +9,7 @@ from typing import Any
 
 from rigctl.config.text_file import refuse_link_outside
 from rigctl.errors import DiskFault, SessionError
-from rigctl.session.format import layout
+from rigctl.session.format import file_names
 from rigctl.session.format.experiments import check_experiment, layout_of
 from rigctl.session.format.metadata.header import SessionHeader
 from rigctl.session.format.metadata.sensor_layout import describe_difference, layouts_match
@@ -39,7 +39,7 @@ def prepare_folder(
     lock = WriterLock(folder)
     try:
         _check_contents(folder, header, resume)
-        for name, text in zip((layout.PROTOCOL_FILE, layout.RIG_FILE), texts, strict=True):
+        for name, text in zip((file_names.PROTOCOL_FILE, file_names.RIG_FILE), texts, strict=True):
             _write_once(folder / name, text, resume)
     except BaseException:
         lock.release()
@@ -94,7 +94,7 @@ def _write_once(path: Path, text: str, resume: bool) -> None:
 
 
 def _check_contents(folder: Path, header: SessionHeader, resume: bool) -> None:
-    refuse_link_outside(folder / layout.DIGEST_LINES_FILE, SessionError)
+    refuse_link_outside(folder / file_names.DIGEST_LINES_FILE, SessionError)
     if resume:
         _check_plan(_last_readable(folder), header)
     elif highest_number(folder):
@@ -110,7 +110,7 @@ def _last_readable(folder: Path) -> Path:
     for part in parts:
         part.close()
     if not parts:
-        raise SessionError(f"{paths[0]} {damaged[layout.part_number(paths[0])]}")
+        raise SessionError(f"{paths[0]} {damaged[file_names.part_number(paths[0])]}")
     return parts[-1].path
 
 
@@ -125,7 +125,7 @@ def _check_plan(path: Path, header: SessionHeader) -> None:
     if (recorded.plan_hash, recorded.n_taxels) != (header.plan_hash, header.n_taxels):
         raise SessionError(
             f"{path.parent} was recorded with another protocol or seed: resume it with its own "
-            f"{layout.PROTOCOL_FILE}, or start a new session"
+            f"{file_names.PROTOCOL_FILE}, or start a new session"
         )
     if recorded.reference_um_per_s != header.reference_um_per_s:
         raise SessionError(

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Protocol
 
 from rigctl.errors import DiskFault
-from rigctl.session.format import layout
+from rigctl.session.format import file_names, layout
 from rigctl.session.format.annotated_arrays import Attributes
 from rigctl.session.format.data_sets import SessionLayout, TableLayout
 from rigctl.session.format.digests_file import CONTINUES, DigestLine, append_line, utc_at
@@ -116,7 +116,7 @@ class SessionWriter:
             "texture": texture,
             **self._header.to_attributes(),
         }
-        path = self._folder / layout.part_name(self._number)
+        path = self._folder / file_names.part_name(self._number)
         self._part = PartWriter(
             path,
             self._layout,

@@ -13,7 +13,7 @@ from rigctl.analysis.data.trial_set import join_sessions, open_trials
 from rigctl.errors import SessionError
 from rigctl.protocol.loader import parse_protocol
 from rigctl.session.files.analysis_file import content_digest
-from rigctl.session.format.layout import DIGEST_LINES_FILE
+from rigctl.session.format.file_names import DIGEST_LINES_FILE
 from rigctl.session.notes.note_files import PATTERN as NOTES
 from rigctl.session.notes.note_files import damaged_notes, read_notes
 from rigctl.session.notes.session_note import Mark, SessionNote

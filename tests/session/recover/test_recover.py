@@ -17,7 +17,7 @@ import pytest
 
 from rigctl.cli import main
 from rigctl.errors import DiskFault, SessionError
-from rigctl.session.format.layout import part_name
+from rigctl.session.format.file_names import part_name
 from rigctl.session.open_session import open_session
 from rigctl.session.read.recovery_file import damaged_recoveries, read_recoveries
 from rigctl.session.read.session import Session
