@@ -6,17 +6,23 @@ Operate the rig, watch samples and spikes, run protocols.
 from __future__ import annotations
 
 import argparse
+import gc
 import os
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
+from typing import TYPE_CHECKING
 
 from rigctl.config.visible_text import visible
 from rigctl.errors import RigctlError, WrongUse
+
+if TYPE_CHECKING:
+    from gui.shell.main_window import MainWindow
 
 DEBIAN_PACKAGES = "libegl1 libgl1 libxkbcommon-x11-0 libxcb-cursor0 libdbus-1-3 libfontconfig1"
 
@@ -49,6 +55,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--theme", choices=("system", "light", "dark"), help="colours; without it the last ones"
     )
+
+
+@contextmanager
+def paused_collector() -> Iterator[None]:
+    """Pause Python's collector of garbage while the window is made.
+
+    It would go through all that is loaded again and again, which is a tenth of the time until the
+    window is there. Afterwards it leaves that alone, as it stays until the end.
+    """
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def check_display() -> None:
@@ -84,59 +105,82 @@ def _start_failure(stderr: str) -> str:
 
 def run(args: argparse.Namespace) -> int:
     """Show the window until it closes; return the exit code. Raises WrongUse."""
-    check_display()
-    import pyqtgraph as pg
+    with paused_collector():
+        check_display()
+        rig, is_finger = _checked_rig(args)
+        window = _shown_window(args.theme)
     from PySide6.QtCore import QTimer
+    from PySide6.QtWidgets import QApplication
     from shiboken6 import delete
 
-    from gui.engine_clients import JOIN, experiment_elsewhere, is_elsewhere
-    from gui.shell.crash_reports import REPORTS, CrashReporter
-    from gui.shell.main_window import MainWindow
-    from gui.shell.memory.user_settings import UserSettings
-    from gui.shell.small_screen import screen_complaint
-    from gui.widgets.theme import ThemeChoice
-    from rigctl.acquisition.rpc.engine_files import FINGER_EXPERIMENT
-    from rigctl.simulation.bench.world.world_file import load_world
-
-    rig, world = _chosen_rig(args), args.world
-    if world is not None:
-        if rig == JOIN:
-            raise WrongUse("the running engine already has a world: join it without --world")
-        load_world(world)
-    has_experiment = rig is not None and is_elsewhere(rig)
-    is_finger = has_experiment and experiment_elsewhere(str(rig)) == FINGER_EXPERIMENT
-    app = pg.mkQApp("rigctl")
-    settings = UserSettings.of_user()
-    themes = ThemeChoice.__members__
-    kept = settings.value("theme", ThemeChoice.SYSTEM.name, themes.__contains__)
-    choice = themes[(args.theme or kept).upper()]
-    window = MainWindow(choice=choice, settings=settings)
-    crashes = CrashReporter(settings.folder / REPORTS, window.event_log.toPlainText)
-    crashes.reported.connect(window.report)
-    crashes.install()
     for number in (signal.SIGINT, signal.SIGTERM):
         # Python calls this in the middle of anything, such as a redraw that reads the live data.
         signal.signal(number, lambda *_: QTimer.singleShot(0, window.attach.leave))
-    window.show()
-    if complaint := screen_complaint(*window.screen().availableSize().toTuple()):
-        window.report("check", complaint)
     Thread(target=_load_compiler).start()
     window.analysis_tab.prepare()
-    if rig is not None and is_finger:
-        window.show_panel("finger")
-        window.finger_tab.connect_rig(rig)
-    elif rig is not None:
-        window.connect_rig(rig, str(world or ""))
-    else:
-        if world is not None:
-            window.toolbar.world.choose(str(world))
-        window.attach.announce()
-    code = int(app.exec())
+    _connect(window, rig, str(args.world or ""), is_finger=is_finger)
+    code = int(QApplication.exec())
     for link in (window.engine_link, window.finger_tab.link):
         for sentence in link.left_running:
             print(f"rigctl-gui: {visible(sentence)}", file=sys.stderr)
     delete(window)  # while there is an application: widgets that outlive it crash Python's end
     return code
+
+
+def _checked_rig(args: argparse.Namespace) -> tuple[str | None, bool]:
+    """Return the rig to connect to, None for none, and whether it is that of the moving finger.
+
+    Raises WrongUse, also for a wrong world.
+    """
+    from gui.engine_clients import JOIN, experiment_elsewhere, is_elsewhere
+    from rigctl.acquisition.rpc.engine_files import FINGER_EXPERIMENT
+
+    rig = _chosen_rig(args)
+    if args.world is not None:
+        from rigctl.simulation.bench.world.world_file import load_world
+
+        if rig == JOIN:
+            raise WrongUse("the running engine already has a world: join it without --world")
+        load_world(args.world)
+    has_experiment = rig is not None and is_elsewhere(rig)
+    return rig, has_experiment and experiment_elsewhere(str(rig)) == FINGER_EXPERIMENT
+
+
+def _shown_window(theme: str | None) -> MainWindow:
+    """Return the window with the user's settings; errors of Python go to its log and a report."""
+    import pyqtgraph as pg
+
+    from gui.shell.crash_reports import REPORTS, CrashReporter
+    from gui.shell.main_window import MainWindow
+    from gui.shell.memory.user_settings import UserSettings
+    from gui.shell.small_screen import screen_complaint
+    from gui.widgets.theme import ThemeChoice
+
+    pg.mkQApp("rigctl")
+    settings = UserSettings.of_user()
+    themes = ThemeChoice.__members__
+    kept = settings.value("theme", ThemeChoice.SYSTEM.name, themes.__contains__)
+    window = MainWindow(choice=themes[(theme or kept).upper()], settings=settings)
+    crashes = CrashReporter(settings.folder / REPORTS, window.event_log.toPlainText)
+    crashes.reported.connect(window.report)
+    crashes.install()
+    window.show()
+    if complaint := screen_complaint(*window.screen().availableSize().toTuple()):
+        window.report("check", complaint)
+    return window
+
+
+def _connect(window: MainWindow, rig: str | None, world: str, *, is_finger: bool) -> None:
+    """Connect to a rig; without one, offer those that run."""
+    if rig is not None and is_finger:
+        window.show_panel("finger")
+        window.finger_tab.connect_rig(rig)
+    elif rig is not None:
+        window.connect_rig(rig, world)
+    else:
+        if world:
+            window.toolbar.world.choose(world)
+        window.attach.announce()
 
 
 def _chosen_rig(args: argparse.Namespace) -> str | None:

@@ -84,7 +84,8 @@ class MainWindow(SteadyFocusWindow):
         self.status_line = StatusLine("Choose a rig and press Connect.")
         self.menus = ActionRegistry(self.menuBar())
         self.sessions = RecentSessions(self.menus, self.settings)
-        self.replay = ReplayController(theme, self.analysis_tab.panel, self.sessions)
+        panel = self.analysis_tab.panel
+        self.replay = ReplayController(theme, self.stack, panel, self.sessions)
         self.help = HelpController(self.menus, self.settings.folder / REPORTS)
         self.start = StartController(self.stack, self.menus, self.toolbar)
         self.tools = ToolsController(self.stack, self.menus, self.engine_link)
@@ -106,7 +107,7 @@ class MainWindow(SteadyFocusWindow):
         """Process the messages of engine and workers, and draw new samples; 30 times a second."""
         page = self.stack.currentWidget()
         self.drum.poll()
-        self.replay.page.poll()
+        self.replay.poll()
         self.analysis_tab.poll()
         self.finger_tab.poll(is_visible=page is self.finger_tab.view)
 
@@ -159,9 +160,8 @@ class MainWindow(SteadyFocusWindow):
         self._escape_key.release()
         self.memory.close()
         self.hide()  # the window does not stay while an engine or a worker ends slowly
-        for part in (self.attach, self.tools, self.start, self.analysis_tab):
+        for part in (self.attach, self.tools, self.start, self.analysis_tab, self.replay):
             part.close()
-        self.replay.page.close_files()
         self.drum.close()
         self.finger_tab.close()
         self.engine_link.wait_closed()
@@ -204,7 +204,6 @@ class MainWindow(SteadyFocusWindow):
         pages: dict[str, QWidget] = {
             "live": self.live_page,
             "protocol": self.protocol_panel.page,
-            "replay": self.replay.page,
             "finger": self.finger_tab.view,
             "trial": analysis.trial_view,
             "figure": analysis.figure_view,
@@ -263,11 +262,10 @@ class MainWindow(SteadyFocusWindow):
         boxes = (self.toolbar.rig, self.toolbar.world)
         panels = (self.operate_panel, self.protocol_panel, self.analysis_tab.panel, self.finger_tab)
         self.replay.view_changed.connect(self._show_view)
-        self.replay.page.reported.connect(self.report)
-        strips = (self.live_page.save_strip, self.live_page.encoder_strip, self.replay.page)
-        for widget in (*boxes, *panels, *strips, self.tools):
+        strips = (self.live_page.save_strip, self.live_page.encoder_strip)
+        for widget in (*boxes, *panels, *strips, self.replay, self.tools):
             widget.path_requested.connect(self._browse)
-        for source in (self.drum, self.finger_tab, self.analysis_tab, self.tools):
+        for source in (self.drum, self.finger_tab, self.analysis_tab, self.replay, self.tools):
             source.reported.connect(self.report)
         self._connect_attach()
         self.analysis_tab.view_changed.connect(self._show_view)
@@ -332,7 +330,7 @@ class MainWindow(SteadyFocusWindow):
     def _show_theme(self, theme: Theme) -> None:
         """Give the plots, which have colours of their own, those of another theme."""
         self.live_plots.set_theme(theme)
-        self.replay.page.set_theme(theme)
+        self.replay.set_theme(theme)
         self.analysis_tab.set_theme(theme)
         self.finger_tab.view.set_theme(theme)
         self.event_log.reset_colours()

@@ -10,7 +10,7 @@ import sys
 import gui.shell.main_window
 print(*sorted({name.partition(".")[0] for name in sys.modules}))
 """
-HEAVY = {"dask", "matplotlib", "numba", "pandas", "scipy", "sklearn"}
+HEAVY = {"dask", "h5py", "matplotlib", "numba", "pandas", "scipy", "sklearn"}
 
 
 def test_the_window_loads_no_compiler_and_no_statistics() -> None:

@@ -2,32 +2,81 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+from typing import TYPE_CHECKING
+
 from PySide6.QtCore import QObject, Signal
 
 from gui.analysis.session_panel import SessionPanel
 from gui.analysis.tasks.task_values import DRUM
-from gui.live.replay.replay_page import ReplayPage
 from gui.shell.actions import ActionRegistry
 from gui.shell.memory.recent_paths import RecentSessions
+from gui.shell.page_stack import PageStack
 from gui.widgets.theme import Theme
+
+if TYPE_CHECKING:
+    from gui.live.replay.replay_page import ReplayPage
+
+NAME = "replay"
 
 
 class ReplayController(QObject):
-    """Shows and hides the page, which takes over what was chosen last."""
+    """Shows and hides the page, which takes over what was chosen last.
 
+    The page is made when it is first needed: the window is there a tenth of a second sooner.
+    """
+
+    reported = Signal(str, str)
+    """Kind and text for the event log."""
+    path_requested = Signal(object, object)
+    """A :class:`~gui.widgets.file_browser.PathKind`, and the function that takes the path."""
     view_changed = Signal()
     """:attr:`is_shown` has changed."""
 
-    def __init__(self, theme: Theme, panel: SessionPanel, sessions: RecentSessions) -> None:
+    def __init__(
+        self, theme: Theme, stack: PageStack, panel: SessionPanel, sessions: RecentSessions
+    ) -> None:
         super().__init__()
-        self.page, self.is_shown = ReplayPage(theme), False
-        self._panel, self._sessions = panel, sessions
+        self.is_shown = False
+        self._theme, self._stack, self._panel, self._sessions = theme, stack, panel, sessions
         self._chosen: tuple[str, int] | None = None
         """A trial that was chosen in Analysis and is not taken over yet."""
         panel.trial_requested.connect(self._choose)
         panel.replay_requested.connect(self._replay)
-        self.page.opened.connect(sessions.remember)
-        self.page.closed.connect(self.hide)
+
+    @cached_property
+    def page(self) -> ReplayPage:
+        """The page, in the stack of the window."""
+        from gui.live.replay.replay_page import ReplayPage
+
+        page = ReplayPage(self._theme)
+        page.opened.connect(self._sessions.remember)
+        page.closed.connect(self.hide)
+        page.reported.connect(self.reported)
+        page.path_requested.connect(self.path_requested)
+        self._stack.add_page(NAME, page)
+        return page
+
+    @property
+    def is_made(self) -> bool:
+        """Whether there is a page."""
+        return "page" in vars(self)
+
+    def poll(self) -> None:
+        """Let the page take results of its worker, and show the present moment."""
+        if self.is_made:
+            self.page.poll()
+
+    def close(self) -> None:
+        """End the page's worker process."""
+        if self.is_made:
+            self.page.close_files()
+
+    def set_theme(self, theme: Theme) -> None:
+        """Apply a theme."""
+        self._theme = theme
+        if self.is_made:
+            self.page.set_theme(theme)
 
     def add_menu(self, menus: ActionRegistry) -> None:
         """Add the action that shows the page."""
@@ -57,7 +106,7 @@ class ReplayController(QObject):
         """Take over a trial now if the page is on the screen, else when it is shown."""
         if self._panel.sessions[path].experiment != DRUM:
             return
-        if self.page.isVisible():
+        if self.is_made and self.page.isVisible():
             self.page.open(path, row)
         else:
             self._chosen = path, row

@@ -21,14 +21,15 @@ except SystemExit:
     pass
 """
 WINDOW = """
-from gui.app import check_display
-check_display()
-import pyqtgraph as pg
-from gui.shell.main_window import MainWindow
-from gui.widgets.theme import ThemeChoice
-app = pg.mkQApp()
-window = MainWindow(choice=ThemeChoice.LIGHT)
-window.show()
+from gui.app import check_display, paused_collector
+with paused_collector():
+    check_display()
+    import pyqtgraph as pg
+    from gui.shell.main_window import MainWindow
+    from gui.widgets.theme import ThemeChoice
+    app = pg.mkQApp()
+    window = MainWindow(choice=ThemeChoice.LIGHT)
+    window.show()
 app.processEvents()
 """
 EXAMPLES = """
