@@ -30,6 +30,14 @@ repeats = 2
 [trial]
 travel_mm = 12
 """
+RIG = """
+[ports]
+simulate = "virtual"
+[signals]
+index = false  # a run would look for the mark three times, which takes a quarter of a minute
+"""
+JOINING_WINDOWS = 3
+Started = tuple[subprocess.Popen[bytes], list[EngineClient]]
 OpenWindow = Callable[[], RigWindow]
 
 
@@ -56,18 +64,17 @@ class SharedRig(NamedTuple):
 
 
 @pytest.fixture
-def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[SharedRig]:
-    """Yield a rig that ``rigctl gui`` has started; the window's process ends with the test."""
+def started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Started]:
+    """Yield a process of ``rigctl gui`` and a list for clients; all end with the test."""
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "runtime"))
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
-    words = [sys.executable, "-m", "rigctl", "gui", "--rig", "virtual"]
+    path = tmp_path / "rig.toml"
+    path.write_text(RIG)
+    words = [sys.executable, "-m", "rigctl", "gui", "--rig", str(path)]
+    clients: list[EngineClient] = []
     with subprocess.Popen(words, stderr=subprocess.DEVNULL) as process:
         try:
-            clients: list[EngineClient] = []
-            wait_until(lambda: _attached(clients), TIMEOUT_MS)
-            rig = SharedRig(process, clients[0])
-            wait_until(lambda: rig.do("clients")["holder"] is not None, TIMEOUT_MS)
-            yield rig
+            yield process, clients
         finally:
             process.kill()
             for client in clients:
@@ -75,17 +82,31 @@ def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[SharedRig]:
 
 
 @pytest.fixture
-def join(app: QApplication) -> Iterator[OpenWindow]:
-    """Yield what opens a window that has joined the rig, with the log of before."""
-    with ExitStack() as stack:
+def join(app: QApplication, started: Started) -> Iterator[OpenWindow]:
+    """Yield what joins the rig with another window, and has the log of before.
 
-        def open_one() -> RigWindow:
-            opened = stack.enter_context(opened_window())
+    The windows are built while the rig starts, so ask for this fixture before ``rig``.
+    """
+    with ExitStack() as stack:
+        windows = [stack.enter_context(opened_window()) for _ in range(JOINING_WINDOWS)]
+
+        def join_another() -> RigWindow:
+            opened = windows.pop()
             opened.connect(JOIN)
             opened.until(lambda: opened.window.attach.shared[0].number > 0)
             return opened
 
-        yield open_one
+        yield join_another
+
+
+@pytest.fixture
+def rig(started: Started) -> SharedRig:
+    """Return the rig that ``rigctl gui`` has started."""
+    process, clients = started
+    wait_until(lambda: _attached(clients), TIMEOUT_MS)
+    rig = SharedRig(process, clients[0])
+    wait_until(lambda: rig.do("clients")["holder"] is not None, TIMEOUT_MS)
+    return rig
 
 
 def _attached(clients: list[EngineClient]) -> bool:
@@ -112,7 +133,7 @@ def disconnect(opened: RigWindow) -> None:
 
 
 def test_windows_join_in_each_state_and_outlive_the_one_that_has_control(
-    rig: SharedRig, join: OpenWindow, tmp_path: Path
+    join: OpenWindow, rig: SharedRig, tmp_path: Path
 ) -> None:
     killed = rig.do("clients")["holder"]
     rig.do("take_control")
