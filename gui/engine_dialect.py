@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
 from rigctl.acquisition.live_buffer import LiveReader
+from rigctl.acquisition.rpc.client import WINDOW, client_name
 from rigctl.acquisition.rpc.messages import EngineStatus, parse_status
 
 
@@ -50,6 +51,7 @@ class Dialect(Generic[_Status, _Live]):
 DRUM: Dialect[EngineStatus, LiveReader] = Dialect(parse_status, LiveReader)
 
 
+THIS_WINDOW = "this window"
 UNREADABLE = (KeyError, TypeError, ValueError, AttributeError)
 """What values of other types, or missing ones, raise."""
 
@@ -62,12 +64,25 @@ def other_version(what: str) -> str:
     )
 
 
+def name_this_window(text: str) -> str:
+    """Return a text of the engine in which this window is not one name among others."""
+    return text.replace(client_name(WINDOW), THIS_WINDOW)
+
+
+def status_here(data: Any) -> Any:
+    """Return the data of a status in which who ended the run may be this window."""
+    run = data.get("run") if isinstance(data, dict) else None
+    if not isinstance(run, dict) or not isinstance(run.get("text"), str):
+        return data
+    return {**data, "run": {**run, "text": name_this_window(run["text"])}}
+
+
 def readable_event(message: dict[str, Any]) -> dict[str, Any]:
     """Return an event with values of the types that every event has."""
     at_s, data = message.get("at_s"), message.get("data")
     return {
         "event": str(message.get("event")),
         "at_s": float(at_s) if isinstance(at_s, int | float) else 0.0,
-        "text": str(message.get("text") or ""),
+        "text": name_this_window(str(message.get("text") or "")),
         "data": data if isinstance(data, dict) else {},
     }

@@ -15,8 +15,15 @@ from typing import Any, Generic, TypeVar
 from PySide6.QtCore import QElapsedTimer, QObject, QSocketNotifier, Signal
 
 from gui.engine_clients import EngineChoice
-from gui.engine_dialect import Dialect, LinkedLive, LinkedStatus, other_version, readable_event
-from rigctl.acquisition.rpc.client import EngineClient, EngineSilent
+from gui.engine_dialect import (
+    Dialect,
+    LinkedLive,
+    LinkedStatus,
+    other_version,
+    readable_event,
+    status_here,
+)
+from rigctl.acquisition.rpc.client import WINDOW, EngineClient, EngineSilent
 from rigctl.acquisition.rpc.engine_files import DRUM_EXPERIMENT, FOLLOWED
 from rigctl.acquisition.rpc.engine_launch import EngineRefusal
 from rigctl.acquisition.rpc.stop_all import StopResult, stop_engines
@@ -215,7 +222,7 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         ``is_linked``: this window has an engine, which knows of STOP.
         """
         try:
-            if not stop_engines(self._report_stop, stopped) and not is_linked:
+            if not stop_engines(self._report_stop, stopped, WINDOW) and not is_linked:
                 self.reported.emit("stop", NO_ENGINE)
         except RigctlError as error:
             self.reported.emit("lost", f"STOP reached no engine: {error}")
@@ -281,7 +288,7 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         if "reply" in message:
             self._dispatch_reply(message)
         elif message.get("event") == "status":
-            self._take_status(message.get("data") or {})
+            self._take_status(status_here(message.get("data") or {}))
         else:
             self.event_received.emit(readable_event(message))
 

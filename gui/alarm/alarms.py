@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
+from gui.widgets.formatting import capitalised
 from rigctl.acquisition.follow.states import RECORDER_GONE
 from rigctl.acquisition.rpc.messages import EngineStatus, RunStatus
 from rigctl.acquisition.rpc.queues.connected_client import DISCONNECTED_CLIENT
@@ -40,8 +41,8 @@ def status_alarms(status: EngineStatus) -> list[Alarm]:
 def lost_engine(reason: str, last: EngineStatus) -> Alarm:
     """Return the alarm of an engine that has ended or is out of reach, after its last status."""
     if reason.startswith((CONNECTION_LOST, DISCONNECTED_CLIENT)):
-        return Alarm("lost", "CONNECTION LOST", f"{reason[:1].upper()}{reason[1:]}.", stays=True)
-    text = f"{reason[:1].upper()}{reason[1:]}. {_how_to_go_on(last.run)}"
+        return Alarm("lost", "CONNECTION LOST", f"{capitalised(reason)}.", stays=True)
+    text = f"{capitalised(reason)}. {_how_to_go_on(last.run)}"
     return Alarm("lost", "ENGINE LOST", text, stays=True)
 
 
@@ -56,7 +57,7 @@ def _fault(status: EngineStatus) -> Alarm | None:
     if not status.fault:
         return None
     contact = " The drum is still in contact with the sensor." if status.is_left_in_contact else ""
-    words = f"{status.fault_words[:1].upper()}{status.fault_words[1:]}.{contact}"
+    words = f"{capitalised(status.fault_words)}.{contact}"
     session = f" Session: {_session(status.run)}." if status.run.is_active else ""
     can_clear = status.state is State.FAULT_OFF and not status.run.is_active
     button = ("clear_fault", "Clear fault") if can_clear else ("", "")
@@ -87,7 +88,7 @@ def _run_end(run: RunStatus) -> Alarm | None:
         return None
     reason = run.text.rstrip(".")
     how = "" if reason.startswith(RECORDER_GONE) else _how_to_go_on(run)
-    text = f"{reason[:1].upper()}{reason[1:]}. {how}".rstrip()
+    text = f"{capitalised(reason)}. {how}".rstrip()
     return Alarm(f"run {run.session}", "RUN FAILED", text, stays=True)
 
 

@@ -6,9 +6,9 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Signal
 
-from gui.engine_dialect import UNREADABLE, other_version
+from gui.engine_dialect import UNREADABLE, name_this_window, other_version
 from gui.engine_link import EngineLink
-from rigctl.acquisition.rpc.client import client_name
+from rigctl.acquisition.rpc.client import WINDOW, client_name
 from rigctl.acquisition.sharing.control import ControlState, parse_control
 
 
@@ -55,7 +55,7 @@ class SharedControl(QObject):
         self._reset()
         if self._link.has_joined or self.follows:
             self._link.request("history")
-        self._link.request("introduce", name=client_name("window"))
+        self._link.request("introduce", name=client_name(WINDOW))
 
     def _reset(self) -> None:
         self.number, self.state = 0, ControlState()
@@ -69,7 +69,10 @@ class SharedControl(QObject):
             self._show(result.get("control"))
         elif command == "history" and isinstance(events, list):
             try:
-                past = [(float(e["age_s"]), str(e["kind"]), str(e["text"])) for e in events]
+                past = [
+                    (float(e["age_s"]), str(e["kind"]), name_this_window(str(e["text"])))
+                    for e in events
+                ]
             except UNREADABLE:
                 self._link.reported.emit("lost", other_version("log of before"))
             else:

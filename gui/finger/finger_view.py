@@ -13,6 +13,7 @@ from gui.finger.plate_view import PlateView
 from gui.finger.probability_bars import ProbabilityBars
 from gui.finger.scan_plots import ScanPlots, planned_words
 from gui.finger.scan_record import ScanRecord
+from gui.widgets.formatting import capitalised
 from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import container, hbox, scroll_area, vbox
 from gui.widgets.theme import Theme, scaled_px
@@ -143,7 +144,7 @@ def task_words(status: FingerEngineStatus) -> str:
 def _idle_words(run: FingerRunStatus) -> str:
     if not run.has_ended:
         return "Choose a stage and press Start"
-    return run.text[:1].upper() + run.text[1:]
+    return capitalised(run.text)
 
 
 def _progress_words(status: FingerEngineStatus) -> str:

@@ -10,7 +10,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QGridLayout, QGroupBox, QProgressBar, QWidget
 
 from gui.widgets.file_browser import PathKind, browse_button
-from gui.widgets.formatting import duration
+from gui.widgets.formatting import capitalised, duration
 from gui.widgets.labels import elastic, label, plain_tooltip, set_property, show_progress, show_text
 from gui.widgets.layouts import combo_box, container, form_layout, hbox, push_button, vbox
 from rigctl.realtime.messages import FingerEngineStatus, FingerRunStatus
@@ -141,6 +141,6 @@ class FingerRunBox(QGroupBox):
 def run_sentence(run: FingerRunStatus) -> str:
     """Return the run's state, with the reasons of a pause."""
     if run.text:
-        return run.text
+        return capitalised(run.text)
     words = _STATES.get(run.state, run.state)
     return f"{words} ({', '.join(run.reasons)})" if run.reasons else words

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from PySide6.QtWidgets import QProgressBar, QVBoxLayout
 
-from gui.widgets.formatting import day_time, duration, size
+from gui.widgets.formatting import capitalised, day_time, duration, size
 from gui.widgets.labels import label, plain_tooltip, set_property, show_progress, show_text
 from gui.widgets.layouts import form_layout
 from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus, RunStatus
@@ -14,14 +14,15 @@ from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus, RunSt
 ROWS = ("Progress", "Finishes", "Trial", "Next plate", "Rejected", "Disk", "Session")
 MAX_NAME, STAMP = 26, 16
 """Letters of a session's name in one line, and of the time at the end of a longer one."""
+_KEPT = ": committed trials are kept"
 _STATES = {
     "idle": "No run",
     "running": "Running",
     "prompt": "Waiting for your answer above",
     "paused": "Paused, drum lifted",
     "done": "Done: all trials are on disk",
-    "aborted": "Aborted: committed trials are kept",
-    "failed": "Failed: committed trials are kept",
+    "aborted": f"Aborted{_KEPT}",
+    "failed": f"Failed{_KEPT}",
 }
 
 
@@ -65,7 +66,7 @@ class RunStateBox(QVBoxLayout):
 def run_sentence(run: RunStatus) -> str:
     """Return the run's state, with the reasons of a pause."""
     if run.text:
-        return run.text
+        return f"{capitalised(run.text)}{_KEPT if run.state == 'aborted' else ''}"
     words = _STATES.get(run.state, run.state)
     return f"{words} ({', '.join(run.reasons)})" if run.reasons else words
 
@@ -91,6 +92,8 @@ def plate_sentence(run: RunStatus) -> str:
     plate = run.next_plate
     if not run.is_active or plate is None:
         return "no other plate" if run.is_active else "–"
+    if not plate.trials:
+        return f"{plate.texture} now"
     trials = f"{plate.trials} trial{'' if plate.trials == 1 else 's'}"
     return f"{plate.texture} after {trials}, in {duration(plate.left_s)}"
 

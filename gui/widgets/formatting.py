@@ -5,6 +5,11 @@ from __future__ import annotations
 from datetime import UTC, datetime, timedelta
 
 
+def capitalised(text: str) -> str:
+    """Return a text with a capital letter in front; all others stay."""
+    return text[:1].upper() + text[1:]
+
+
 def duration(seconds: float) -> str:
     """Return a duration in its two largest units."""
     whole = max(0, round(seconds))

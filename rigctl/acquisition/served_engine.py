@@ -15,10 +15,11 @@ from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.health.disk import DiskMonitor
 from rigctl.acquisition.live_file import LiveFileWriter
 from rigctl.acquisition.protocol.run_reasons import DISK, RunReasons
+from rigctl.acquisition.rpc.declared_commands import RequestHandler
 from rigctl.acquisition.rpc.door import Door
 from rigctl.acquisition.rpc.messages import STATUS_PERIOD_S, engine_message
 from rigctl.acquisition.rpc.queues.connected_client import ConnectedClient
-from rigctl.acquisition.rpc.server import RequestHandler, Server
+from rigctl.acquisition.rpc.server import Server
 from rigctl.acquisition.sharing.client_commands import ClientCommands
 from rigctl.acquisition.sharing.control import Control
 from rigctl.acquisition.sharing.event_history import EventHistory, PastEvent

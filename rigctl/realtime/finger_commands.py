@@ -22,10 +22,10 @@ class FingerCommands(EngineCommands[FingerEngine]):
     def __init__(self, engine: FingerEngine) -> None:
         super().__init__(engine, lambda: engine.rig.faults)
 
-    async def on_stop(self) -> None:
+    async def on_stop(self, by: str) -> None:
         """End the run; the finger board itself moves nothing."""
         if self._engine.is_running:
-            self._control().abort("stopped by a client")
+            self._control().abort(f"stopped by {by}")
 
     async def on_shown(self, scan: Number, sent_s: LoopTime) -> None:
         """Record that a client has painted the answer that a velocity led to."""

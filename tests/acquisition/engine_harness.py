@@ -13,7 +13,7 @@ from rigctl.acquisition.protocol.run_request import RunRequest
 from rigctl.acquisition.protocol.runner import Run
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.rpc.command_handler import CommandHandler
-from rigctl.acquisition.rpc.server import RequestHandler
+from rigctl.acquisition.rpc.declared_commands import RequestHandler
 from rigctl.config.rig_config import RigConfig
 from rigctl.rig import open_rig
 from rigctl.session.read.session import Session

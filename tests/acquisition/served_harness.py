@@ -14,8 +14,8 @@ from typing import Any, Generic, Self, TypeVar
 import pytest
 
 from rigctl.acquisition import served_engine
+from rigctl.acquisition.rpc.declared_commands import RequestHandler
 from rigctl.acquisition.rpc.door import Door, open_listener
-from rigctl.acquisition.rpc.server import RequestHandler
 from rigctl.acquisition.served_engine import ServedEngine
 from rigctl.values import Event
 

@@ -177,7 +177,8 @@ def test_stop_from_another_terminal_ends_the_run(
     place: Path, running: subprocess.Popen[str]
 ) -> None:
     assert finished("stop").returncode == 0
-    running.communicate(timeout=LIMIT_S)
+    out, _ = running.communicate(timeout=LIMIT_S)
+    assert json.loads(out)["text"].startswith("stopped by command line of ")
     assert running.returncode == 130
     assert verify(place / "session").whole
 

@@ -142,6 +142,8 @@ def test_protocol_runs_to_disk_and_stops_by_escape(window: MainWindow, tmp_path:
     _wait(window, State.RUN)
     press_escape(panel.out)
     wait_until(lambda: status.status.run.state == "aborted", TIMEOUT_MS)
+    assert panel.state.text() == "Stopped by this window: committed trials are kept"
+    assert "stopped by this window" in window.event_log.toPlainText()
     with Session.open(Path(status.status.run.session)) as session:
         assert session.trials["verdict"].tolist()[0] == "committed"
         assert np.all(session.window(0).flags & 1)

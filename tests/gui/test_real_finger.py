@@ -129,6 +129,7 @@ def test_window_joins_a_run_and_takes_it_over(window: MainWindow, tmp_path: Path
     wait_until(lambda: tab.link.status.run.trials_committed >= 1, TIMEOUT_MS)
     click(tab.run_box.buttons["Abort"])
     wait_until(lambda: tab.link.status.run.state == "aborted", TIMEOUT_MS)
+    assert tab.run_box.state.text() == "Aborted by this window"
     click(tab.bar.connect_button)
     tab.link.wait_closed()
     assert client.process is not None and client.process.wait(30) == 0

@@ -11,6 +11,7 @@ from PySide6.QtCore import QPoint
 from PySide6.QtWidgets import QApplication, QMenu
 
 from rigctl.acquisition.rpc import stop_all
+from rigctl.acquisition.rpc.client import WINDOW, client_name
 from rigctl.acquisition.rpc.door import open_listener
 from rigctl.acquisition.rpc.engine_files import EngineFile, write_engine_file
 from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE, runtime_folder
@@ -115,7 +116,8 @@ def test_window_without_connection_stops_a_running_protocol(
         press_escape(harness.window)
         text = f"STOP reached virtual (process {engine.engine_file.pid})"
         wait_until(lambda: harness.window.status_line.text() == text)
-        assert wait_ended(engine)["state"] == "aborted"
+        ended = wait_ended(engine)
+        assert (ended["state"], ended["text"]) == ("aborted", f"stopped by {client_name(WINDOW)}")
     finally:
         engine.shut_down()
     assert harness.engine.commands == []

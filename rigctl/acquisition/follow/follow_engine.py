@@ -15,6 +15,7 @@ from typing import Any, Protocol
 from rigctl.acquisition.follow.recorder_watch import RecorderWatch
 from rigctl.acquisition.follow.states import RECORDER_GONE
 from rigctl.acquisition.live_file import LiveFileWriter
+from rigctl.acquisition.rpc.declared_commands import A_CLIENT, Result
 from rigctl.acquisition.rpc.messages import EngineStatus, as_dict
 from rigctl.acquisition.served_engine import ServedEngine
 from rigctl.errors import WrongUse
@@ -143,12 +144,12 @@ class FollowCommands:
     def __init__(self, engine: FollowEngine) -> None:
         self._engine = engine
 
-    async def handle(self, command: str, args: dict[str, Any]) -> dict[str, Any]:
+    async def handle(self, command: str, args: dict[str, Any], by: str = A_CLIENT) -> Result:
         """Return the status, or end. Raises WrongUse for every other command."""
         if args or command not in ("status", "shutdown"):
             raise WrongUse(refusal(command))
         if command == "shutdown":
-            self._engine.shut_down("a client ended the follower")
+            self._engine.shut_down(f"{by} ended the follower")
             return {}
         return as_dict(self._engine.status())
 

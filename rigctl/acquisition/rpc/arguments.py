@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Annotated, Any, TypeVar, get_type_hints
 
 import msgspec
@@ -26,6 +26,8 @@ PathText = Annotated[str, Meta(max_length=4096, pattern=r"\A[^\x00-\x1f\x7f]+\Z"
 TextureName = Annotated[str, Meta(max_length=16, pattern=r"\A\w[\w .,+()-]*\Z")]
 NameText = Annotated[str, Meta(max_length=MAX_AUTHOR_LETTERS, pattern=r"\A[^\x00-\x1f\x7f]*\Z")]
 """The name of a person or a sensor, or an empty text."""
+ClientName = Annotated[str, Meta(min_length=1, max_length=80, pattern=r"\A[^\x00-\x1f\x7f]+\Z")]
+"""What other clients read of one."""
 NoteText = Annotated[str, Meta(max_length=MAX_LETTERS)]
 """The text of a note; what it may contain is checked where it is written."""
 Seed = Annotated[int, Meta(ge=0, le=MAX_SEED)]
@@ -35,14 +37,19 @@ _WORDS = {"float": "a number", "int": "a whole number", "str": "a text", "array"
 _Declared = TypeVar("_Declared", bound=msgspec.Struct)
 
 
-def declared_arguments(name: str, function: Callable[..., object]) -> type[msgspec.Struct]:
-    """Return the type of a function's arguments by name; those without a default are required."""
+def declared_arguments(
+    name: str, function: Callable[..., object], told: Collection[str] = ()
+) -> type[msgspec.Struct]:
+    """Return the type of a function's arguments by name; those without a default are required.
+
+    ``told``: parameters that no client gives.
+    """
     hints = get_type_hints(function, include_extras=True)
     parameters = inspect.signature(function).parameters
     fields = [
         (name, hints[name], ... if parameter.default is parameter.empty else parameter.default)
         for name, parameter in parameters.items()
-        if name != "self"
+        if name not in ("self", *told)
     ]
     required: list[Any] = [field[:2] for field in fields if field[2] is ...]
     optional = [field for field in fields if field[2] is not ...]

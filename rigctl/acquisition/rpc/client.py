@@ -45,6 +45,8 @@ LEAVE_TIMEOUT_S = 5.0
 READ_BYTES, MAX_READS = 1 << 18, 8
 NAME_LETTERS = 80
 """Of a client's name."""
+COMMAND_LINE, WINDOW = "command line", "window"
+"""The programs that are clients."""
 BEHIND = "the engine has not read the requests before this one: wait, or press STOP"
 BEFORE_STOP = "STOP came before this request was sent"
 ENGINE_COMMAND, FINGER_ENGINE_COMMAND = "engine", "finger-engine"
@@ -56,7 +58,7 @@ class EngineSilent(LinkLost):
 
 
 class EngineClient:
-    """One connection to one engine, for a window or a command line.
+    """One connection to one engine. ``program``: whose, for those who read what it did.
 
     All calls are from one thread.
     """
@@ -65,7 +67,10 @@ class EngineClient:
     """Whether the live data are the engine's own."""
 
     def __init__(
-        self, engine_file: EngineFile, process: subprocess.Popen[bytes] | None = None
+        self,
+        engine_file: EngineFile,
+        process: subprocess.Popen[bytes] | None = None,
+        program: str = COMMAND_LINE,
     ) -> None:
         self.engine_file = engine_file
         self.process = process
@@ -79,7 +84,8 @@ class EngineClient:
         self._link_error = ""
         self._is_disconnected = False
         self._socket = _connect(engine_file)
-        self._outbox.put(encode_message({"token": engine_file.token}))
+        login = {"token": engine_file.token, "name": client_name(program)}
+        self._outbox.put(encode_message(login))
         self._send_waiting()
 
     @classmethod

@@ -129,9 +129,9 @@ class CommandHandler(CalibrationCommands):
         values = (texture, speed_mm_s, force_g, depth_mm, trials, mean_hz, half_width_hz)
         self._engine.end_condition(ConditionEnd(*values))
 
-    async def on_stop(self) -> None:
+    async def on_stop(self, by: str) -> None:
         """Stop and lift immediately; a run ends."""
-        await self._engine.send_stop("stopped by a client")
+        await self._engine.send_stop(f"stopped by {by}")
 
     async def on_clear_fault(self) -> None:
         """Clear the latched fault, where its cause is gone."""

@@ -15,11 +15,12 @@ import struct
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import msgspec
 from msgspec import Meta
 
+from rigctl.acquisition.rpc.arguments import ClientName
 from rigctl.acquisition.rpc.engine_files import LOOPBACK
 
 MAX_STRANGERS = 32
@@ -31,16 +32,18 @@ _CREDENTIALS = struct.Struct("3i")  # process, user, group
 
 
 class LoggedIn(NamedTuple):
-    """A connection that has shown the token, and what came behind the token's line."""
+    """A connection that has shown the token, what came behind the token's line, and who it is."""
 
     connection: socket.socket
     rest: bytes
+    name: str
 
 
 class Login(msgspec.Struct):
-    """The first line of a client."""
+    """The first line of a client: the token of the engine, and its own name, empty for none."""
 
     token: Annotated[str, Meta(max_length=LOGIN_LIMIT_BYTES)]
+    name: ClientName | Literal[""] = ""
 
 
 def open_listener(path: Path | None = None) -> socket.socket:
@@ -154,18 +157,19 @@ class Door:
         if newline or not data or len(received) >= LOGIN_LIMIT_BYTES:
             loop.remove_reader(stranger)
             del self._strangers[stranger]
-            if newline and self._has_token(line):
-                self._admit(LoggedIn(stranger, rest))
+            login = self._read_login(line) if newline else None
+            if login is not None:
+                self._admit(LoggedIn(stranger, rest, login.name))
             else:
                 stranger.close()
 
-    def _has_token(self, line: bytes) -> bool:
-        """Return whether a client's first line holds the token."""
+    def _read_login(self, line: bytes) -> Login | None:
+        """Return a client's first line if it holds the token."""
         try:
             login = msgspec.json.decode(line, type=Login)
         except (ValueError, RecursionError):
-            return False
-        return hmac.compare_digest(login.token.encode(), self._token)
+            return None
+        return login if hmac.compare_digest(login.token.encode(), self._token) else None
 
     def _drop_oldest(self, loop: asyncio.AbstractEventLoop) -> None:
         oldest = next(iter(self._strangers), None)

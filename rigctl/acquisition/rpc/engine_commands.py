@@ -21,6 +21,8 @@ from rigctl.acquisition.rpc.arguments import (
     read_arguments,
 )
 from rigctl.acquisition.rpc.declared_commands import (
+    A_CLIENT,
+    SENDER,
     EngineCommand,
     Result,
     declared_methods,
@@ -60,8 +62,11 @@ class EngineCommands(Generic[_Engine]):
         start = EngineCommand(summary_of(cls._start), cls.request_type, cls._start)
         return {**declared_methods(cls), "start": start}
 
-    async def handle(self, command: str, args: dict[str, Any]) -> Result:
-        """Execute one request. Raises WrongUse for an unknown command or wrong arguments."""
+    async def handle(self, command: str, args: dict[str, Any], by: str = A_CLIENT) -> Result:
+        """Execute one request; ``by``: who sent it.
+
+        Raises WrongUse for an unknown command or wrong arguments.
+        """
         if command == "inject":
             self._inject(args)
             return {"injected": args}
@@ -70,7 +75,8 @@ class EngineCommands(Generic[_Engine]):
             names = ", ".join(sorted((*self._commands, "inject")))
             raise WrongUse(f"the engine has no command {shorten(repr(command))}: it has {names}")
         arguments = read_arguments(f"command {command}", known.arguments, args)
-        return await known.execute(self, arguments) or {}
+        told = {SENDER: by} if known.names_sender else {}
+        return await known.execute(self, arguments, **told) or {}
 
     async def on_status(self) -> Result:
         """Return the data of the status event."""
@@ -84,18 +90,18 @@ class EngineCommands(Generic[_Engine]):
         """Resume the run; the interrupted trial repeats."""
         self._control().resume()
 
-    async def on_abort(self) -> None:
+    async def on_abort(self, by: str) -> None:
         """End the run safely."""
-        self._control().abort("aborted by a client")
+        self._control().abort(f"aborted by {by}")
 
     async def on_answer(self, prompt_id: Number, answer: Literal["ok", "abort"]) -> None:
         """Answer a question: ``ok`` continues, ``abort`` ends the run."""
         if not self._control().answer(prompt_id, answer):
             raise WrongUse(f"question {prompt_id} is not the current one")
 
-    async def on_shutdown(self) -> None:
+    async def on_shutdown(self, by: str) -> None:
         """End the engine; it makes the rig safe first."""
-        self._engine.shut_down("a client ended the engine")
+        self._engine.shut_down(f"{by} ended the engine")
 
     async def _start(self, request: Any) -> Result:
         """Run a protocol, or resume a session."""

@@ -7,7 +7,7 @@ It sets no timer, so clients that come and go change nothing in a simulated run.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Coroutine
+from collections.abc import Callable, Coroutine
 from typing import Any, Protocol
 
 from rigctl.acquisition.rpc.door import Door, LoggedIn
@@ -23,7 +23,6 @@ from rigctl.errors import RigctlError, WrongUse
 MAX_CLIENTS = 64
 REFUSAL_LETTERS = 500
 """Of the longest refusal: it may cite a path of a request, which has up to 4096 letters."""
-RequestHandler = Callable[[str, dict[str, Any]], Awaitable[dict[str, Any]]]
 Reply = dict[str, Any]
 
 
@@ -121,7 +120,7 @@ class Server:
         if client.rest:
             reader.feed_data(client.rest)
         self._last_number += 1
-        connected = ConnectedClient(self._last_number, writer, spare)
+        connected = ConnectedClient(self._last_number, writer, spare, client.name)
         self._clients.add(connected)
         if self._greeting is not None:
             connected.send(encode_message(self._greeting))

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import closing
 from typing import NamedTuple
 
-from rigctl.acquisition.rpc.client import EngineClient
+from rigctl.acquisition.rpc.client import COMMAND_LINE, EngineClient
 from rigctl.acquisition.rpc.engine_files import FOLLOWED, EngineFile, running_engines
 from rigctl.acquisition.rpc.runtime_folder import runtime_folder
 
@@ -27,11 +27,15 @@ class StopResult(NamedTuple):
         return f"{self.rig} (process {self.pid})"
 
 
-def stop_engines(report: Callable[[StopResult], None], exclude: Collection[str] = ()) -> int:
+def stop_engines(
+    report: Callable[[StopResult], None],
+    exclude: Collection[str] = (),
+    program: str = COMMAND_LINE,
+) -> int:
     """Stop every engine but the excluded ones, report each result, return how many there were.
 
-    Waits for the slowest, at most a few seconds. Raises WrongUse where there can be no folder for
-    engines.
+    ``program``: the caller, for the log of those engines. Waits for the slowest, at most a few
+    seconds. Raises WrongUse where there can be no folder for engines.
     """
     engines = [
         engine
@@ -39,14 +43,14 @@ def stop_engines(report: Callable[[StopResult], None], exclude: Collection[str] 
         if engine.name not in exclude and engine.experiment != FOLLOWED
     ]
     with ThreadPoolExecutor(len(engines) or 1, "stop") as executor:
-        for stop in as_completed([executor.submit(_stop, engine) for engine in engines]):
+        for stop in as_completed([executor.submit(_stop, engine, program) for engine in engines]):
             report(stop.result())
     return len(engines)
 
 
-def _stop(engine: EngineFile) -> StopResult:
+def _stop(engine: EngineFile, program: str) -> StopResult:
     try:
-        with closing(EngineClient(engine)) as client:
+        with closing(EngineClient(engine, program=program)) as client:
             client.request("stop", timeout_s=STOP_TIMEOUT_S)
     except Exception as error:  # noqa: BLE001 - top of a thread: the user must see every failure
         return StopResult(engine.rig, engine.pid, str(error))

@@ -5,24 +5,19 @@ Most of the engine's commands need control (:mod:`rigctl.acquisition.sharing.con
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
 from typing import Annotated, Any, Protocol
 
 from msgspec import Meta
 
-from rigctl.acquisition.rpc.arguments import Number, read_arguments
-from rigctl.acquisition.rpc.declared_commands import Result, declared_methods
+from rigctl.acquisition.rpc.arguments import ClientName, Number, read_arguments
+from rigctl.acquisition.rpc.declared_commands import RequestHandler, Result, declared_methods
 from rigctl.acquisition.rpc.queues.connected_client import ConnectedClient
 from rigctl.acquisition.sharing.control import Control
 from rigctl.acquisition.sharing.event_history import KEPT_EVENTS, PastEvent
 from rigctl.acquisition.sharing.sample_stream import SampleStream
 
-ClientName = Annotated[str, Meta(min_length=1, max_length=80, pattern=r"\A[^\x00-\x1f\x7f]+\Z")]
 FREE_COMMANDS = frozenset({"stop", "abort", "status", "shown"})
 """Commands of the engine that need no control: they look, or make the rig safe."""
-
-EngineHandler = Callable[[str, dict[str, Any]], Awaitable[dict[str, Any]]]
-"""Executes a command of the engine with its arguments."""
 
 
 class SharedEngine(Protocol):
@@ -47,7 +42,7 @@ class ClientCommands:
     """Executes the requests of one client. ``handle`` executes those to the engine."""
 
     def __init__(
-        self, client: ConnectedClient, engine: SharedEngine, handle: EngineHandler
+        self, client: ConnectedClient, engine: SharedEngine, handle: RequestHandler
     ) -> None:
         self._client = client
         self._number = client.number
@@ -63,7 +58,14 @@ class ClientCommands:
             return await own.execute(self, arguments) or {}
         if command not in FREE_COMMANDS:
             self._engine.control.require(self._number)
-        return await self._handle(command, args)
+        return await self._handle(command, args, self._name)
+
+    @property
+    def _name(self) -> str:
+        """The name that the client has told, when it joined or at the door."""
+        number = self._number
+        joined = self._engine.control.state.clients.get(number)
+        return joined or self._client.name or f"client {number}"
 
     def close(self) -> None:
         """Take note that the client has left."""

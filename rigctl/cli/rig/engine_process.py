@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from rigctl.acquisition.rpc.declared_commands import RequestHandler
 from rigctl.acquisition.rpc.door import Door, open_listener
 from rigctl.acquisition.rpc.engine_files import (
     DRUM_EXPERIMENT,
@@ -29,7 +30,6 @@ from rigctl.acquisition.rpc.runtime_folder import (
     runtime_folder,
     validate_engine_name,
 )
-from rigctl.acquisition.rpc.server import RequestHandler
 from rigctl.acquisition.served_engine import ServedEngine
 from rigctl.errors import WrongUse
 

@@ -17,7 +17,7 @@ from queue import Empty, SimpleQueue
 from typing import Any, Generic, Protocol, TypeVar
 
 from rigctl.acquisition.health.notices import wiring_notice
-from rigctl.acquisition.rpc.client import EngineClient, client_name
+from rigctl.acquisition.rpc.client import COMMAND_LINE, EngineClient, client_name
 from rigctl.acquisition.rpc.messages import (
     EngineStatus,
     PromptStatus,
@@ -158,7 +158,7 @@ class RunWatcher(Generic[_Status]):
         threading.Thread(target=self._read_keys, daemon=True, name="keys").start()
         with self._interrupts:
             try:
-                self._client.send("introduce", name=client_name("terminal"))
+                self._client.send("introduce", name=client_name(COMMAND_LINE))
                 ended = self._watch()
             except BaseException:
                 self._client.shut_down()

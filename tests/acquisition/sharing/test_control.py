@@ -120,9 +120,9 @@ def test_who_joins_gets_the_log_so_far(harness: EngineHarness) -> None:
         await harness.wait(1.0)
         events = (await ben.request("history"))["events"]
         texts = [event["text"] for event in events]
-        assert "stopped by a client" in texts and f"{BEN} has joined and watches" in texts
+        assert f"stopped by {ANNA}" in texts and f"{BEN} has joined and watches" in texts
         assert "every 100 ms" not in texts
-        assert texts.index("stopped by a client") < texts.index(f"{BEN} has joined and watches")
+        assert texts.index(f"stopped by {ANNA}") < texts.index(f"{BEN} has joined and watches")
         assert all(event["age_s"] >= 1.0 for event in events)
         assert (await ben.request("history", count=0))["events"] == []
         assert "count" in await ben.refusal("history", count=501)

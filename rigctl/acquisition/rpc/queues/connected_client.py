@@ -25,16 +25,20 @@ MAX_UNDER_WAY = 64
 
 
 class ConnectedClient:
-    """One client that the door let in. ``number``: its own, never given again.
+    """One client that the door let in. ``number``: its own, never given again; ``name``: or empty.
 
     It takes what is sent in its own time; nothing here waits for it.
     """
 
     def __init__(
-        self, number: int, writer: asyncio.StreamWriter, spare: socket.socket | None = None
+        self,
+        number: int,
+        writer: asyncio.StreamWriter,
+        spare: socket.socket | None = None,
+        name: str = "",
     ) -> None:
         """Take a connection; ``spare``: a duplicate of its socket, which this object closes."""
-        self.number = number
+        self.number, self.name = number, name
         self._spare = spare
         self.under_way = 0
         self._writer = writer
