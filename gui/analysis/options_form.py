@@ -23,7 +23,7 @@ TASKS = {
     "Leave one force out": "leave-force-out",
     "Leave one mounting out": "leave-mount-out",
 }
-ENGINES = {"Built-in (fast)": "own", "scikit-learn": "sklearn"}
+ENGINES = {"rigctl's own (fast)": "own", "scikit-learn (slow)": "sklearn"}
 REPRESENTATIONS = {
     "Original": "original",
     "Speed Scaled": "speed",

@@ -202,7 +202,9 @@ class ProtocolPanel(QWidget):
         self.form.edit_button.clicked.connect(lambda: self._read_protocol())
         editor = self.page.editor
         editor.check_requested.connect(
-            lambda text, rig_toml: self.worker.submit("check_text", text=text, rig_toml=rig_toml)
+            lambda text, rig_toml, name: self.worker.submit(
+                "check_text", text=text, rig_toml=rig_toml, name=name
+            )
         )
         editor.save_requested.connect(
             lambda path, text, may_replace: self.worker.submit(

@@ -57,10 +57,12 @@ def summarise(plan: Plan, out: str = "") -> PlanSummary:
 
 
 def _conditions(plan: Plan) -> Row:
+    from rigctl.protocol.plan import BLOCKED_WORDS
+
     protocol = plan.protocol
     speeds, forces, depths = protocol.speeds_mm_s, protocol.forces_g, protocol.depths_mm
     mounts = f", each mounted {protocol.mounts} times" if protocol.mounts > 1 else ""
-    order = {"blocked": "plate by plate, forces, speeds, repeats"}.get(protocol.order, "shuffled")
+    order = "shuffled" if protocol.order == "shuffled" else BLOCKED_WORDS
     across = " across plates" if protocol.across_plates else ""
     return (
         f"{' '.join(protocol.textures) or 'none'}{mounts}",

@@ -98,7 +98,7 @@ class ProtocolText(NamedTuple):
 class CheckedText(NamedTuple):
     """A text, what it plans, and why it is no protocol; empty if it is one.
 
-    ``key_path`` and ``reason``: which key is wrong, and what is wrong with it.
+    ``key_path`` and ``reason``: which key is wrong, and what is wrong with it; ``line``: from 1.
     """
 
     text: str
@@ -106,6 +106,7 @@ class CheckedText(NamedTuple):
     problem: str = ""
     key_path: tuple[str | int, ...] = ()
     reason: str = ""
+    line: int = 0
 
 
 class SavedProtocol(NamedTuple):

@@ -41,7 +41,8 @@ class TomlField:
     """One key. Without a default (None) it is required.
 
     ``most`` counts the letters of a text or the names of a list, ``longest_bytes`` the bytes of a
-    name. ``has_lines``: people write several lines.
+    name. ``has_lines``: people write several lines. ``title``: its name for people,
+    where that is not the key.
     """
 
     key: str
@@ -56,6 +57,7 @@ class TomlField:
     longest_bytes: int = 0
     may_be_empty: bool = False
     has_lines: bool = False
+    title: str = ""
 
     def read(self, table: TomlTable) -> Any:
         """Return the checked value of the key. Raises the error of the table's text."""

@@ -118,6 +118,8 @@ class TomlTable:
             return ()
         if not isinstance(values, list) or not values:
             self.fail(key, f"must be a list of numbers, such as [{low:g}], not {_format(values)}")
+        for value in values:
+            self._refuse_run_together(key, value)
         checked = tuple(self._number(key, value, unit, low, high) for value in values)
         self._refuse_duplicates(key, checked)
         return checked
@@ -244,6 +246,12 @@ class TomlTable:
             self.fail(key, f"{shown} is outside {low:g} to {high:g}{in_unit}")
         return float(value)
 
+    def _refuse_run_together(self, key: str, value: Any) -> None:
+        """Raise for a text of several numbers, such as a person types without commas."""
+        parts = value.replace(";", " ").split() if isinstance(value, str) else ()
+        if len(parts) > 1 and all(map(_is_number, parts)):
+            self.fail(key, f"{_format(value)} is not one number: separate numbers by commas")
+
     def _refuse_unsafe(self, key: str, name: str, longest_bytes: int) -> None:
         if problem := name_problem(name, longest_bytes):
             self.fail(key, problem)
@@ -260,6 +268,14 @@ def _dotted(path: KeyPath) -> str:
     """Return ``steps[2].kind`` for ("steps", 1, "kind"), because users count from 1."""
     parts = (f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in path)
     return "".join(parts).removeprefix(".")
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _format(value: Any) -> str:

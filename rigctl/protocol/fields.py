@@ -41,7 +41,7 @@ DESCRIPTION = TomlField(
 )
 TEXTURES = TomlField(
     "textures", FieldType.NAMES, "names of the plates, up to 16 bytes each", (),
-    most=MAX_TEXTURES, longest_bytes=TEXTURE_BYTES,
+    most=MAX_TEXTURES, longest_bytes=TEXTURE_BYTES, title="Plates",
 )  # fmt: skip
 ORDER_SEED = TomlField(
     "seed", FieldType.INTEGER,
@@ -111,7 +111,7 @@ def trials_group(config: RigConfig) -> FieldGroup:
                 unit="mm", **register_range("depth_set_um", 1e-3),
             ),
             TomlField(
-                "repeats", FieldType.INTEGER, "of each texture, speed and force", 1,
+                "repeats", FieldType.INTEGER, "of each plate, speed and force", 1,
                 low=1, high=MAX_TRIALS,
             ),
             TomlField(
@@ -121,7 +121,7 @@ def trials_group(config: RigConfig) -> FieldGroup:
                 1, low=1, high=MAX_MOUNTS,
             ),
         ),
-        "Every texture with every speed and every force, as often as repeats says.",
+        "Every plate with every speed and every force, as often as repeats says.",
     )  # fmt: skip
 
 
@@ -147,7 +147,7 @@ ORDER_GROUP = FieldGroup(
     (
         TomlField(
             "kind", FieldType.CHOICE,
-            "`blocked`: texture by texture, then force by force, speed by speed, repeats last; "
+            "`blocked`: plate by plate, then force by force, speed by speed, repeats last; "
             "`shuffled`: by the seed, within each plate",
             "blocked", choices=ORDERS,
         ),

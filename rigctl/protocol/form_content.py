@@ -16,6 +16,7 @@ from rigctl.protocol.finger import PROTOCOL_KEYS
 from rigctl.protocol.finger_plan import finger_groups
 
 NAME = "protocol.toml"
+"""What messages call a text that has no file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,10 +40,10 @@ def groups_of(config: RigConfig, *, is_finger: bool) -> tuple[FieldGroup, ...]:
     return finger_groups() if is_finger else field_groups(config)
 
 
-def read_content(source: str, config: RigConfig) -> FormContent:
-    """Return what a form shows of a text."""
+def read_content(source: str, config: RigConfig, name: str = NAME) -> FormContent:
+    """Return what a form shows of a text; ``name``: its file, for messages."""
     try:
-        root = TomlText(NAME, source, ProtocolError).root
+        root = TomlText(name, source, ProtocolError).root
         is_finger = any(key in root for key in PROTOCOL_KEYS)
         content = FormContent(is_finger)
         for group in groups_of(config, is_finger=is_finger):

@@ -23,6 +23,9 @@ from rigctl.wire.drum.register_table import BY_NAME
 _Trial = TypeVar("_Trial")
 
 MAX_SEED = 2**63 - 1
+PLATE_BY_PLATE = "plate by plate"
+BLOCKED_WORDS = f"{PLATE_BY_PLATE}, forces, speeds, repeats"
+"""What people read for the order ``blocked``."""
 DEFAULT_PROMPT = "Mount plate {texture}, then confirm."
 
 BYTES_PER_TRIAL = 700
@@ -93,7 +96,7 @@ class FreeStep:
 class Protocol:
     """A trial protocol as in its file, validated against a rig.
 
-    ``order`` is ``blocked`` (texture by texture, force by force, speed by speed, repeats last)
+    ``order`` is ``blocked`` (plate by plate, force by force, speed by speed, repeats last)
     or ``shuffled`` by ``order_seed``, within the plates unless ``across_plates``. ``mounts``: how
     often each plate is mounted, with ``repeats`` each time; all plates come before one comes again.
     ``early_end``: when a condition ends before its repeats, None for never.

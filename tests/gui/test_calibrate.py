@@ -120,7 +120,8 @@ def test_gains_and_imbalance_have_the_words_of_the_command_line(
 ) -> None:
     table_g = [-0.8 + 0.1 * place for place in range(16)]
     harness.update(calibration={"gains": [7.5, 5.3, 652.0, 38.2], "imbalance_g": table_g})
-    words = "gain_p 7.5 /s, gain_i 5.3 /s, stiffness 652 g/mm, delay 38.2 ms"
+    gains = "proportional gain 7.5 1/s, integral gain 5.3 1/s"
+    words = f"{gains}, stiffness 652 g/mm, delay 38.2 ms"
     assert page.force.result_label.text() == words
     assert page.imbalance.result_label.text() == "imbalance 0.75 g"
     assert "until it is switched off" in page.imbalance.table.text()

@@ -85,6 +85,9 @@ def test_a_mistake_stands_beside_its_field_as_it_is_typed(editor: ProtocolEditor
     assert speeds.mistake == "8000 is outside 20 to 150 mm/s"
     fill(speeds.field, "40, fast")
     assert speeds.mistake == "must be a number, not 'fast'"
+    fill(speeds.field, "60 120")
+    assert speeds.mistake == "'60 120' is not one number: separate numbers by commas"
+    assert row(editor, "textures").name.text() == "Plates"
     fill(travel.field, "x")
     assert travel.mistake == "must be a number, not 'x'"
     assert not editor.save_button.isEnabled()

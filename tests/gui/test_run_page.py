@@ -89,6 +89,8 @@ def test_a_run_says_when_it_ends_and_which_plate_is_next(
     assert panel.run_rows["Next plate"].text() == "D after 3 trials, in 1 min 35 s"
     assert panel.run_rows["Finishes"].text().endswith("plus plate changes")
     assert panel.run_rows["Disk"].text() == "210 GB free"
+    harness.update(run={**RUN, "next_plate": {**plate, "trials": 0, "left_s": 0.0}})
+    assert panel.run_rows["Next plate"].text() == "D now"
     harness.update(run={**RUN, "next_plate": None, "session": None})
     assert panel.run_rows["Next plate"].text() == "no other plate"
 

@@ -22,6 +22,8 @@ def test_it_prints_trials_plate_changes_time_and_disk(capsys: pytest.CaptureFixt
     text = capsys.readouterr().out
     assert "24,000 of 240 mm" in text
     assert "plate changes       16" in text
+    assert "plates              A B C D" in text
+    assert "order               plate by plate, forces, speeds, repeats, 100 of each" in text
     assert "23 h 12 min of trials" in text
     assert "GB" in text
 

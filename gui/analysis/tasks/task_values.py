@@ -123,6 +123,10 @@ class AnalysisRequest(NamedTuple):
     settings: str
 
 
+ENGINE_NAMES = {"own": "rigctl's own", "sklearn": "scikit-learn"}
+"""What people read for the engine of an analysis."""
+
+
 def describe_request(request: AnalysisRequest, experiment: str) -> str:
     """Return the settings of an analysis in a sentence."""
     names = ", ".join(Path(path).name for path in request.sessions)
@@ -138,7 +142,7 @@ def describe_request(request: AnalysisRequest, experiment: str) -> str:
         ]
         if not request.settings:
             parts.append(f"reference force: {request.reference_g:g} g")
-    return "; ".join([*parts, f"engine: {request.engine}"])
+    return "; ".join([*parts, f"engine: {ENGINE_NAMES.get(request.engine, request.engine)}"])
 
 
 def analysis_settings(request: AnalysisRequest) -> AnalysisSettings:

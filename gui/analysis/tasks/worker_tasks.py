@@ -105,9 +105,9 @@ class WorkerTasks:
         """Return the text of a protocol's file."""
         return text_tasks.read_protocol(path)
 
-    def check_text(self, text: str, rig_toml: str = "") -> CheckedText:
+    def check_text(self, text: str, rig_toml: str, name: str) -> CheckedText:
         """Return whether a text is a protocol for a rig."""
-        return text_tasks.check_text(text, rig_toml)
+        return text_tasks.check_text(text, rig_toml, name)
 
     def save_protocol(self, path: str, text: str, may_replace: bool) -> SavedProtocol:
         """Save a protocol as a file of the user."""

@@ -153,6 +153,8 @@ class KeyRow(QObject):
 
 def title_of(item: TomlField) -> str:
     """Return the name of a key for people, without its unit."""
+    if item.title:
+        return item.title
     return item.key.removesuffix(_UNITS.get(item.unit, "")).replace("_", " ").capitalize()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Hashable
 from functools import partial
 from pathlib import Path
@@ -22,14 +21,13 @@ from rigctl.config.rig_config import RigConfig, parse_config
 from rigctl.config.toml_bounds import KeyPath
 from rigctl.config.toml_edit import insert_table, remove_table, set_key, swap_tables
 from rigctl.errors import ConfigError, WrongUse
-from rigctl.protocol.form_content import FormContent, read_content
+from rigctl.protocol.form_content import NAME, FormContent, read_content
 
 CHECK_MS = 300
 """From the last key to the check."""
 MAX_FORM_LETTERS = 32_768
 """A longer text would make the window wait at every key of the form."""
 NEW_STEP = {"at": "start", "kind": "tare"}
-_LINE = re.compile(r"\bline (\d+)")
 _WAITS = "The form waits until the text is mended. {problem}"
 _TOO_LONG = f"the text has more than {MAX_FORM_LETTERS:,} letters: edit it as text"
 
@@ -37,8 +35,8 @@ _TOO_LONG = f"the text has more than {MAX_FORM_LETTERS:,} letters: edit it as te
 class ProtocolEditor(QWidget):
     """Edits one protocol; form and text show the same document."""
 
-    check_requested = Signal(str, str)
-    """The text, and the description of the rig that it is for."""
+    check_requested = Signal(str, str, str)
+    """The text, the description of the rig that it is for, and the name of its file."""
     save_requested = Signal(str, str, bool)
     """Path, text, and whether a file of that name may be replaced."""
 
@@ -88,8 +86,7 @@ class ProtocolEditor(QWidget):
             return  # of an earlier text
         self._is_good = not checked.problem
         self._show_verdict(checked.problem or checked.summary, is_bad=bool(checked.problem))
-        found = _LINE.search(checked.problem)
-        self.text.mark_line(int(found[1]) if found else 0)
+        self.text.mark_line(checked.line)
         mistakes = {checked.key_path: checked.reason} if checked.problem else {}
         self._shown_form.show_mistakes(mistakes)
         self._enable()
@@ -111,6 +108,11 @@ class ProtocolEditor(QWidget):
         return self._content.is_finger
 
     @property
+    def _file_name(self) -> str:
+        """The name of the file that the text becomes."""
+        return Path(self.path.text().strip()).name or NAME
+
+    @property
     def _shown_form(self) -> KeyForm:
         return self.finger_form if self._content.is_finger else self.form
 
@@ -124,7 +126,9 @@ class ProtocolEditor(QWidget):
         """Let the form show the text, or say why it waits."""
         text = self.text.toPlainText()
         is_long = len(text) > MAX_FORM_LETTERS
-        content = FormContent(problem=_TOO_LONG) if is_long else read_content(text, self._config)
+        content = FormContent(problem=_TOO_LONG)
+        if not is_long:
+            content = read_content(text, self._config, self._file_name)
         if content.problem:
             show_text(self.waiting, _WAITS.format(problem=content.problem))
         else:
@@ -163,7 +167,7 @@ class ProtocolEditor(QWidget):
         self._change(lambda text: change(text, STEPS, place))
 
     def _check(self) -> None:
-        self.check_requested.emit(self.text.toPlainText(), self._rig_toml)
+        self.check_requested.emit(self.text.toPlainText(), self._rig_toml, self._file_name)
 
     def _save(self) -> None:
         path = str(Path(self.path.text().strip()).expanduser())

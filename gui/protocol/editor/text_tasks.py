@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from gui.protocol.run_tasks import summarise
@@ -13,6 +14,7 @@ from rigctl.config.toml_bounds import MAX_BYTES
 from rigctl.config.toml_edit import replace_file
 from rigctl.errors import DiskFault, ProtocolError, RigctlError, WrongUse
 
+_LINE = re.compile(r"\bline (\d+)")
 OWN_FOLDER = "rigctl-protocols"
 
 
@@ -29,22 +31,24 @@ def read_protocol(path: str) -> ProtocolText:
     return ProtocolText(path, text, str(own) if is_built_in else path)
 
 
-def check_text(text: str, rig_toml: str = "") -> CheckedText:
+def check_text(text: str, rig_toml: str, name: str) -> CheckedText:
     """Return whether a text is a protocol of drum or finger, and the numbers of its plan.
 
-    ``rig_toml`` describes the drum's rig, empty for the nominal one.
+    ``rig_toml`` describes the drum's rig, empty for the nominal one; ``name``: the text's file.
     """
     from rigctl.config.rig_config import parse_config
-    from rigctl.protocol.form_content import NAME, read_content
+    from rigctl.protocol.form_content import read_content
     from rigctl.protocol.loader import parse_protocol
 
     try:
         config = parse_config(rig_toml)
-        if read_content(text, config).is_finger:
-            return CheckedText(text, _finger_summary(text))
-        plan = parse_protocol(text, NAME, config).plan()
+        if read_content(text, config, name).is_finger:
+            return CheckedText(text, _finger_summary(text, name))
+        plan = parse_protocol(text, name, config).plan()
     except WrongUse as error:
-        return CheckedText(text, "", str(error), error.key_path, error.reason)
+        return CheckedText(
+            text, "", str(error), error.key_path, error.reason, _line_of(error, name)
+        )
     rows = dict(zip(PLAN_ROWS, summarise(plan).texts, strict=True))
     numbers = (f"{rows[name]} {name.lower()}" for name in ("Trials", "Plate changes"))
     return CheckedText(
@@ -52,12 +56,17 @@ def check_text(text: str, rig_toml: str = "") -> CheckedText:
     )
 
 
-def _finger_summary(text: str) -> str:
+def _line_of(error: WrongUse, name: str) -> int:
+    """Return the line of a mistake, 0 for none; the TOML library has it in its sentence only."""
+    found = _LINE.search(str(error).removeprefix(name))
+    return error.line or (int(found[1]) if found else 0)
+
+
+def _finger_summary(text: str, name: str) -> str:
     from rigctl.protocol.finger import Stage
     from rigctl.protocol.finger_plan import parse_finger_protocol
-    from rigctl.protocol.form_content import NAME
 
-    plan = parse_finger_protocol(text, NAME).plan(list(Stage))
+    plan = parse_finger_protocol(text, name).plan(list(Stage))
     time, disk = duration(plan.duration_s), size(plan.bytes_estimate)
     return f"No errors: {len(plan.trials):,} scans of the moving finger, {time}, {disk} on disk"
 

@@ -16,8 +16,8 @@ def scale_words(ug_per_count: int, nonlinearity_share: float) -> str:
 def gains_words(gains: ForceLoopGains) -> str:
     """Return the gains of the force loop and what they come from."""
     return (
-        f"gain_p {gains.gain_p_per_s:g} /s, gain_i {gains.gain_i_per_s:g} /s, stiffness "
-        f"{gains.stiffness_g_per_mm:g} g/mm, delay {gains.delay_ms:g} ms"
+        f"proportional gain {gains.gain_p_per_s:g} 1/s, integral gain {gains.gain_i_per_s:g} 1/s, "
+        f"stiffness {gains.stiffness_g_per_mm:g} g/mm, delay {gains.delay_ms:g} ms"
     )
 
 

@@ -24,7 +24,7 @@ from rigctl.protocol.early_end import QUANTITY_NAMES
 from rigctl.protocol.finger import Stage
 from rigctl.protocol.finger_plan import is_finger_protocol, load_finger_protocol
 from rigctl.protocol.loader import load_protocol
-from rigctl.protocol.plan import Plan
+from rigctl.protocol.plan import BLOCKED_WORDS, PLATE_BY_PLATE, Plan
 from rigctl.protocol.steps import PLATE_CHANGE_S
 
 SIMULATED = ("virtual", "firmware")
@@ -115,18 +115,18 @@ def table(summary: dict[str, Any]) -> str:
     presses, unit = ("forces", "g") if summary["forces_g"] else ("depths", "mm")
     rows = (
         ("protocol", _title(summary)),
-        ("textures", " ".join(summary["textures"]) or "none"),
+        ("plates", " ".join(summary["textures"]) or "none"),
         ("speeds", _numbers(summary["speeds_mm_s"], "mm/s")),
         (presses, _numbers(summary[f"{presses}_{unit}"], unit)),
-        ("order", _order(summary)),
+        ("order", f"{_order(summary, BLOCKED_WORDS)}, {summary['repeats']} of each"),
         ("trials", f"{summary['trials']:,} of {summary['travel_mm']:g} mm"),
         *_early_end_rows(summary),
         ("steps", f"{summary['steps']:,}"),
         ("plate changes", _changes(summary)),
         ("samples", f"{_time(summary['trial_seconds'])} of trials"),
-        ("rig time", _time(summary["rig_seconds"])),
+        ("duration", _time(summary["rig_seconds"])),
         ("with plate changes", _time(summary["rig_seconds"] + summary["people_seconds"])),
-        ("disk", _size(summary["bytes"])),
+        ("disk space", _size(summary["bytes"])),
         ("plan", summary["hash"]),
     )
     return _columns(rows)
@@ -155,7 +155,7 @@ def finger_table(summary: dict[str, Any]) -> str:
         ("plates", " ".join(summary["textures"])),
         ("profiles", " ".join(summary["profiles"])),
         ("reference", f"{summary['reference_mm_s']:g} mm/s"),
-        ("order", _order(summary)),
+        ("order", _order(summary, PLATE_BY_PLATE)),
         *stages,
         ("all", f"{summary['trials']} scans, {_needs(summary)}"),
         ("plan", summary["hash"]),
@@ -173,8 +173,8 @@ def _title(summary: dict[str, Any]) -> str:
     return f"{summary['protocol']} – {summary['description']}".rstrip(" –")
 
 
-def _order(summary: dict[str, Any]) -> str:
-    return f"shuffled by seed {summary['seed']}" if summary["order"] == "shuffled" else "blocked"
+def _order(summary: dict[str, Any], blocked: str) -> str:
+    return f"shuffled by seed {summary['seed']}" if summary["order"] == "shuffled" else blocked
 
 
 def _changes(summary: dict[str, Any]) -> str:
