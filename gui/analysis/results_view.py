@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QTabWidget
 
 from gui.analysis.export.export_button import ExportButton
 from gui.analysis.export.picture_file import Picture, with_foot
@@ -15,20 +14,20 @@ from gui.analysis.figures.confusion_page import ConfusionPage
 from gui.analysis.figures.picture_page import FigureView
 from gui.analysis.figures.text_page import TextPage
 from gui.analysis.results import AnalysisResults, ResultsPage
+from gui.widgets.page_tabs import PageTabs
 from gui.widgets.theme import Theme, applied_theme
 
 ResultWidget = AccuracyPage | ConfusionPage | FigureView | TextPage
 
 
-class ResultsView(QTabWidget):
+class ResultsView(PageTabs):
     """One tab per page of the latest results."""
 
     def __init__(self) -> None:
-        super().__init__(documentMode=True)
+        super().__init__()
         self.save_button = ExportButton()
         self.save_button.setEnabled(False)
         self.setCornerWidget(self.save_button, Qt.Corner.TopRightCorner)
-        self.tabBar().setUsesScrollButtons(False)  # the page scrolls rather than hides a tab
         self.results = AnalysisResults("", ())
 
     @property

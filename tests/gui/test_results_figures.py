@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPointF, Qt
+from PySide6.QtCore import QPoint, QPointF, QRect, Qt
 from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
 
 from gui.analysis.export.value_file import save_new, with_origin
 from gui.analysis.figures.accuracy import (
@@ -26,6 +27,7 @@ from gui.analysis.figures.confusion import ConfusionCounts, ConfusionPlot
 from gui.analysis.figures.confusion_page import ConfusionPage
 from gui.analysis.results import AnalysisResults, ResultsPage, plot_page
 from gui.widgets.theme import DARK, LIGHT
+from rigctl.analysis.paper.published import TASKS
 from rigctl.errors import DiskFault
 from tests.gui.full_disk import full_disk
 from tests.gui.steps import Harness, click, wait_until
@@ -146,6 +148,28 @@ def test_one_task_alone_is_shown_large(shown: Harness) -> None:
     assert list(page.plots.plots) == [1]
     QTest.keyClick(page.task, _Key.Key_Home)
     assert list(page.plots.plots) == [0, 1]
+
+
+def test_all_tasks_of_the_paper_are_seen_with_their_axes_without_scrolling(
+    shown: Harness,
+) -> None:
+    window, panels = shown.window, []
+    for task in TASKS:
+        title = " ".join(filter(None, (task.figure, task.title)))
+        panels.append(ACCURACY.panels[0]._replace(title=title))
+    pages = (plot_page("Accuracy", ACCURACY._replace(panels=tuple(panels))),)
+    window.analysis_tab._finish("analyse", AnalysisResults("done", (*pages, *pages)))
+    page = accuracy_page(shown)
+    for n_tasks, size in ((len(TASKS), (1280, 800)), (1, (1024, 700))):
+        window.resize(*size)
+        wait_until(lambda: page.plots.width() == page.plots.graphics.width() > 0)
+        QApplication.processEvents()
+        view = QRect(QPoint(0, 0), page._area.viewport().size())
+        for plot in list(page.plots.plots.values())[:n_tasks]:
+            place = plot.sceneBoundingRect().toAlignedRect()
+            at = page.plots.graphics.mapTo(page._area.viewport(), place.topLeft())
+            assert view.contains(QRect(at, place.size())), f"{plot.titleLabel.text}, {size}"
+    window.resize(1280, 800)
 
 
 def test_a_cell_is_named_by_pointer_and_keys(shown: Harness) -> None:

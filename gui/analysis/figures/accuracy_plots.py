@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from math import ceil
 from typing import NamedTuple
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, Qt, Signal
-from PySide6.QtGui import QKeyEvent
+from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, QSize, Qt, Signal
+from PySide6.QtGui import QKeyEvent, QResizeEvent
 
 from gui.analysis.figures.accuracy import AccuracyCurve, AccuracyPanel, AccuracyPlot
 from gui.analysis.figures.curve_looks import LOOKS, PAPER_PX, PAPER_SYMBOL, SYMBOL_PX, CurveLook
-from gui.widgets.plots.plot_axes import colour_axes, reserve, title_plot
+from gui.widgets.plots.plot_axes import BOTTOM_PX, colour_axes, reserve, title_plot
 from gui.widgets.plots.plot_grid import PlotGrid
-from gui.widgets.theme import Theme, scaled_px, text_scale
+from gui.widgets.theme import Theme, scaled_px
 
-COLUMNS, SYMBOLS = 2, 8
-ONE_COLUMN = 1.1
-"""Size of the texts from which the titles of two plots have no room beside each other."""
-TOP_PERCENT, ROOM, LEFT_PX = 104.0, 0.07, 44
-ROW_PX = 170
-"""Least height of a row of plots."""
+SYMBOLS = 8
+TOP_PERCENT, ROOM = 104.0, 0.07
+LEFT_PX, TITLE_PX = 44, 20
+TICK_PX, FEW_TICKS = 16, (50.0, 10.0)
+"""Height of a number of an axis, and the steps with and without numbers in a low plot."""
+PLOT_PX = 216
+"""Least width of a plot, for its title."""
+ROW_PX, ROOMY_ROW_PX = 108, 150
+"""Least height of a row of plots with title and axis: all in one view, or in one that scrolls."""
+GAP_PX = 4
 ZOOM = 1.25
 _Key = Qt.Key
 
@@ -48,6 +53,9 @@ class AccuracyPlots(PlotGrid):
         self.alone: int | None = None
         self.point: AccuracyPoint | None = None
         self.plots: dict[int, pg.PlotItem] = {}
+        self.cells.setSpacing(GAP_PX)
+        self.cells.setContentsMargins(GAP_PX, GAP_PX, GAP_PX, GAP_PX)
+        self._n_columns = 0
         self._ring = pg.ScatterPlotItem()
         self.graphics.scene().sigMouseMoved.connect(self._point_at)
         self.graphics.installEventFilter(self)
@@ -84,36 +92,54 @@ class AccuracyPlots(PlotGrid):
             return self._press(event)
         return super().eventFilter(watched, event)
 
+    def sizeHint(self) -> QSize:
+        """Return the least size: the plots take the room that there is."""
+        return self.minimumSize()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Put as many plots beside each other as the new width has room for."""
+        super().resizeEvent(event)
+        if columns_of(len(self._shown_panels()), self.width()) != self._n_columns:
+            self._lay_out()
+
+    def _shown_panels(self) -> Sequence[int]:
+        return range(len(self.plot.panels)) if self.alone is None else [self.alone]
+
     def _lay_out(self) -> None:
         """Make the plots anew, in a grid."""
         self.cells.clear()
         self.plots.clear()
-        panels = range(len(self.plot.panels)) if self.alone is None else [self.alone]
-        columns = min(COLUMNS if text_scale() < ONE_COLUMN else 1, len(panels))
-        self.setMinimumHeight(scaled_px(ROW_PX) * ceil(len(panels) / columns))
+        panels = self._shown_panels()
+        self._n_columns = columns_of(len(panels), self.width())
         for place, number in enumerate(panels):
-            row, column = divmod(place, columns)
-            is_last = place + columns >= len(panels)
-            self.plots[number] = self._add(row, column, self.plot.panels[number], is_last)
+            row, column = divmod(place, self._n_columns)
+            self.plots[number] = self._add(row, column, self.plot.panels[number])
             self._draw(number)
-        self.keep_readable()
+        is_narrow = self._n_columns < wanted_columns(len(panels))
+        row_px = scaled_px(ROOMY_ROW_PX if is_narrow else ROW_PX)
+        self.setMinimumSize(scaled_px(PLOT_PX), row_px * ceil(len(panels) / self._n_columns))
         self.show_whole_range()
         self._choose(None)
 
-    def _add(self, row: int, column: int, panel: AccuracyPanel, is_last: bool) -> pg.PlotItem:
+    def _add(self, row: int, column: int, panel: AccuracyPanel) -> pg.PlotItem:
         plot = self.cells.addPlot(row=row, col=column, enableMenu=False)
         plot.hideButtons()
         plot.disableAutoRange()
         plot.setLimits(xMin=0, xMax=panel.k_max * (1 + ROOM), yMin=0, yMax=TOP_PERCENT)
         plot.setLimits(minXRange=2, minYRange=2)
         title_plot(plot, panel.title, self._theme.text)
+        plot.layout.addItem(plot.titleLabel, 0, 0, 1, 3)  # a long title needs the axis's width
+        plot.layout.setRowFixedHeight(0, scaled_px(TITLE_PX))
         if not column:
             plot.setLabel("left", "Accuracy (%)")
-        if is_last:
-            plot.setLabel("bottom", "Components")
+        plot.setLabel("bottom", "Components")
         for side in ("left", "bottom"):
             plot.getAxis(side).enableAutoSIPrefix(False)
         reserve(plot, "left", LEFT_PX if not column else LEFT_PX - 14)
+        reserve(plot, "bottom", BOTTOM_PX)
+        view = plot.getViewBox()
+        for changed in (view.sigResized, view.sigYRangeChanged):
+            changed.connect(lambda *_: _space_ticks(plot))
         colour_axes(plot, self._theme)
         return plot
 
@@ -226,6 +252,26 @@ class AccuracyPlots(PlotGrid):
         for number, plot in self.plots.items():
             if point is None or number == point.panel:
                 plot.getViewBox().scaleBy((factor, factor), center=centre)
+
+
+def wanted_columns(n_plots: int) -> int:
+    """Return how many plots stand beside each other where there is room for all."""
+    n_rows = 1 if n_plots <= 2 else 2 if n_plots <= 8 else 3
+    return ceil(n_plots / n_rows)
+
+
+def columns_of(n_plots: int, width_px: int) -> int:
+    """Return how many plots stand beside each other in a width."""
+    fit = (width_px - GAP_PX) // (scaled_px(PLOT_PX) + GAP_PX)
+    return max(1, min(wanted_columns(n_plots), fit))
+
+
+def _space_ticks(plot: pg.PlotItem) -> None:
+    """Number every 50 % where the numbers of every 20 % would lie over each other."""
+    view = plot.getViewBox()
+    low, high = view.viewRange()[1]
+    is_crowded = (high - low) / 20 * scaled_px(TICK_PX) > view.height()
+    plot.getAxis("left").setTickSpacing(*(FEW_TICKS if is_crowded else ()))
 
 
 def _add_curve(plot: pg.PlotItem, curve: AccuracyCurve, look: CurveLook, theme: Theme) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import ceil, floor, log10
 
 import pyqtgraph as pg
@@ -76,10 +77,10 @@ def time_plot(layout: pg.GraphicsLayout, row: int, label: str, last: bool) -> pg
     return plot
 
 
-def colour_axes(plot: pg.PlotItem, theme: Theme) -> None:
+def colour_axes(plot: pg.PlotItem, theme: Theme, sides: Sequence[str] = ("left", "bottom")) -> None:
     """Apply a theme and the size of the texts to a plot's axes, labels and background."""
     plot.getViewBox().setBackgroundColor(theme.plot)
-    for side in ("left", "bottom"):
+    for side in sides:
         axis = plot.getAxis(side)
         axis.setPen(pg.mkPen(theme.line, width=1))
         axis.setTextPen(pg.mkPen(theme.muted))
