@@ -61,6 +61,7 @@ def test_force_and_speed_stand_beside_what_was_planned(shown: Harness) -> None:
     assert view.course.planned_mm_s == 40 and view.course.planned_g == 250
     low, high = view.force_plot.viewRange()[1]
     assert low <= 0 and high > 250
+    assert view.force_plot.titleLabel.text == "Trial 1: plate B, 40 mm/s, 250 g, committed"
 
 
 def test_a_feature_is_read_with_its_unit(shown: Harness) -> None:
@@ -71,8 +72,16 @@ def test_a_feature_is_read_with_its_unit(shown: Harness) -> None:
     assert image.image is not None
     place = plot.getViewBox().mapViewToScene(QPointF(1.5, 9.5))
     view.graphics.scene().sigMouseMoved.emit(place)
-    assert "SA of taxel 10, window 2: " in plot.titleLabel.text and " Hz" in plot.titleLabel.text
+    read = view.value.text()
+    assert read.startswith("SA of taxel 10, window 2: ") and read.endswith(" Hz")
     assert view.value_text(18, 0).startswith("RA of taxel 1, window 1: ")
+    assert plot.titleLabel.text == "Trial 1: plate B, 40 mm/s, 250 g, committed"
+    names = [scale.axis.labelText for scale in view.scales]
+    assert names == ["Rate (Hz)", "Count (spikes)"]
+    top_hz = view.features.values[:18].max()
+    assert view.scales[0].levels() == tuple(image.levels) == (0, pytest.approx(top_hz))
+    assert view.plots[1].getAxis("bottom").labelText == "Window, 12 mm of texture each"
+    assert view.plots[1].getAxis("bottom")._tickLevels[0] == [(0.5, "1"), (1.5, "2")]
 
 
 def test_every_page_is_saved_in_two_clicks_and_nothing_is_overwritten(shown: Harness) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from html import escape
+
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
@@ -9,7 +11,7 @@ from PySide6.QtCore import Qt
 
 from gui.analysis.tasks.task_values import TrialCourse
 from gui.analysis.trial_view import LEAST_PX
-from gui.widgets.plots.plot_axes import colour_axes, time_plot
+from gui.widgets.plots.plot_axes import colour_axes, time_plot, title_plot
 from gui.widgets.plots.plot_grid import PlotGrid
 from gui.widgets.theme import Theme
 
@@ -21,6 +23,7 @@ class CourseView(PlotGrid):
         super().__init__()
         self._theme = theme
         self.course: TrialCourse | None = None
+        self.title = ""
         self.force_plot = time_plot(self.cells, 0, "Force (g)", last=False)
         self.speed_plot = time_plot(self.cells, 1, "Speed (mm/s)", last=True)
         self.speed_plot.setLabel("bottom", "Time since the first sample (s)")
@@ -36,11 +39,12 @@ class CourseView(PlotGrid):
         for plot in (self.force_plot, self.speed_plot):
             colour_axes(plot, theme)
         self.reserve_plots(*LEAST_PX)
-        self.show_course(self.course)
+        self.show_course(self.course, self.title)
 
-    def show_course(self, course: TrialCourse | None) -> None:
-        """Show the force and speed of a trial, or nothing."""
-        self.course = course
+    def show_course(self, course: TrialCourse | None, title: str = "") -> None:
+        """Show the force and speed of the trial that the title names, or nothing."""
+        self.course, self.title = course, title
+        title_plot(self.force_plot, escape(title), self._theme.muted, 10.0)
         for plot in (self.force_plot, self.speed_plot):
             plot.clear()
         if course is None:

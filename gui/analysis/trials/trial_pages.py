@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QTabWidget
 
 from gui.analysis.compare.compare_view import CompareView
 from gui.analysis.compare.responses import ResponseGrid
@@ -20,6 +19,7 @@ from gui.analysis.trials.course_view import CourseView
 from gui.analysis.trials.features_view import FeaturesView
 from gui.widgets.labels import label
 from gui.widgets.layouts import container, hbox
+from gui.widgets.page_tabs import PageTabs
 from gui.widgets.theme import Theme
 from rigctl.values import SAMPLE_RATE_HZ
 
@@ -31,11 +31,11 @@ class ValueTable(NamedTuple):
     columns: tuple[Any, ...]
 
 
-class TrialPages(QTabWidget):
+class TrialPages(PageTabs):
     """All that was recorded of one trial, and what the encoder makes of it."""
 
     def __init__(self, theme: Theme) -> None:
-        super().__init__(documentMode=True)
+        super().__init__()
         self.readings, self.course = TrialView(theme), CourseView(theme)
         self.features, self.compare = FeaturesView(theme), CompareView(theme)
         self.save_button = ExportButton()
@@ -46,7 +46,6 @@ class TrialPages(QTabWidget):
         self.origin = label("", "muted")
         corner = container(hbox(self.origin, self.save_button))
         self.setCornerWidget(corner, Qt.Corner.TopRightCorner)
-        self.tabBar().setUsesScrollButtons(False)  # the page scrolls rather than hides a tab
         self.save_button.setEnabled(False)
 
     @property
@@ -57,8 +56,9 @@ class TrialPages(QTabWidget):
     def show_trial(self, data: TrialData | None) -> None:
         """Show a trial, or a hint without one."""
         self.readings.show_trial(data)
-        self.course.show_course(data.course if data else None)
-        self.features.show_features(data.features if data else None)
+        title = data.title if data is not None else ""
+        self.course.show_course(data.course if data else None, title)
+        self.features.show_features(data.features if data else None, title)
         self.compare.show_taxels(data.layout.n_taxels if data else 0)
         self.save_button.setEnabled(data is not None)
         self.origin.setText(foot_text(simulated=data is not None and data.simulated))
@@ -91,7 +91,8 @@ class TrialPages(QTabWidget):
         assert page is not None
         is_one = self.data is not None and page is not self.compare
         title = self.data.title if is_one and self.data else ""
-        return with_foot(widget_picture(page), foot_text(title, simulated=self.is_simulated))
+        figure = self.features.graphics if page is self.features else page
+        return with_foot(widget_picture(figure), foot_text(title, simulated=self.is_simulated))
 
     def values(self) -> ValueTable:
         """Return the numbers of the page in front with their origin; without a trial none."""
