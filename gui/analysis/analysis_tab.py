@@ -28,6 +28,7 @@ from gui.analysis.tasks.task_values import (
 from gui.analysis.tasks.worker import Worker
 from gui.analysis.trials.trial_pages import TrialPages
 from gui.widgets.theme import Theme
+from gui.widgets.typed_paths import typed_path
 
 FOLLOW_MS = 1000
 READING = (
@@ -254,5 +255,5 @@ class AnalysisTab(QObject):
 
 def _figures_folder(session: str) -> str:
     """Return the folder beside a session for saved pages."""
-    path = Path(session).expanduser().absolute()
+    path = typed_path(session).absolute()
     return str(path.with_name(f"{path.name}-figures"))

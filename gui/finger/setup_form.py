@@ -13,6 +13,7 @@ from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.formatting import duration
 from gui.widgets.labels import label
 from gui.widgets.layouts import combo_box, form_layout, hbox, vbox
+from gui.widgets.typed_paths import new_files_folder, typed_path
 from rigctl.config import resources
 from rigctl.errors import RigctlError
 from rigctl.protocol.finger import Stage
@@ -101,13 +102,13 @@ class FingerSetupForm(QGroupBox):
         return FingerEngineSpec(rig, self.seed.value(), self.session.value(), first_slide)
 
     def request(self, rig: str) -> StartRequest:
-        """Return what to start. Raises WrongUse without the model that the stage needs."""
+        """Return what to start. Raises WrongUse without the model or the folder that it needs."""
         stage = self.stage.currentData()
         time = QDateTime.currentDateTimeUtc().toString("yyyyMMdd-HHmmss")
         args: dict[str, Any] = {
             "stages": [part.value for part in STAGES[stage]],
             "protocol": self.protocol.currentData(),
-            "out": str(Path(self.out.text()).expanduser() / f"finger-{stage}-{time}"),
+            "out": str(new_files_folder(self.out.text()) / f"finger-{stage}-{time}"),
             "yes": self._is_simulated and self.unasked.isChecked(),
         }
         if stage != TRAIN:
@@ -118,7 +119,7 @@ class FingerSetupForm(QGroupBox):
         """Return the chosen model's file. Raises WrongUse where there is none."""
         is_run = self.stage.currentData() == RUN
         kind = self.representation.currentData() if is_run else SPEED_SCALED
-        return str(model_path(Path(self.model.text()).expanduser(), kind))
+        return str(model_path(typed_path(self.model.text()), kind))
 
     def _show_stage(self) -> None:
         stage = self.stage.currentData()

@@ -16,6 +16,7 @@ from gui.widgets.file_combo_box import ElidedComboBox
 from gui.widgets.formatting import day_time, time_stamp
 from gui.widgets.labels import label, show_text
 from gui.widgets.layouts import form_layout, group_box, hbox
+from gui.widgets.typed_paths import folder_problem, new_files_folder
 from rigctl.config import resources
 
 MAX_SEED = 2**31 - 1
@@ -23,8 +24,6 @@ MAX_NAME_LETTERS = 200
 MAX_NOTE_LETTERS = 2000
 FINISH_ROW = "Would finish"
 REMEMBERED = ("out", "operator", "sensor")
-_NO_FOLDER = "Save in: choose the folder in which each session gets a new folder"
-_NO_WHOLE_PATH = "Save in: give the whole path of a folder, or one that begins with ~"
 
 
 class ProtocolForm(QWidget):
@@ -95,7 +94,7 @@ class ProtocolForm(QWidget):
     def start_arguments(self) -> dict[str, Any]:
         """Return the arguments of the engine's command start, with a new folder of this second."""
         folder = f"{Path(self.protocol.currentText()).stem}-{time_stamp()}"
-        out = str(Path(self.out.text().strip()).expanduser() / folder)
+        out = str(new_files_folder(self.out.text()) / folder)
         path, seed = self.protocol.currentData(), self.seed.value()
         return {"protocol": path, "out": out, "seed": seed, "yes": False, **self.people()}
 
@@ -112,7 +111,8 @@ class ProtocolForm(QWidget):
     @property
     def current_problem(self) -> str:
         """What keeps a run from starting; empty for nothing."""
-        return self._plan.problem or folder_problem(self.out.text())
+        problem = folder_problem(self.out.text())
+        return self._plan.problem or (f"Save in: {problem}" if problem else "")
 
     def show_plan(self, plan: PlanSummary) -> None:
         """Show the plan of the chosen protocol, or why it cannot run."""
@@ -193,15 +193,3 @@ class ProtocolForm(QWidget):
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
         column.addWidget(box)
-
-
-def folder_problem(text: str) -> str:
-    """Return what is wrong with the folder for sessions, empty for nothing.
-
-    A path without a beginning would be one below the folder in which the engine was started.
-    """
-    if not text.strip():
-        return _NO_FOLDER
-    path = Path(text.strip())
-    is_whole = path.is_absolute() or path.parts[0] == "~"
-    return "" if is_whole else _NO_WHOLE_PATH

@@ -14,6 +14,7 @@ import numpy as np
 
 from gui.protocol.run_values import BAD, COMMITTED, AttemptRow, PlanSummary, Row, SessionNews
 from gui.widgets.formatting import duration, size
+from gui.widgets.typed_paths import typed_path
 from rigctl.errors import RigctlError, SessionError
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ def _numbers(values: tuple[float, ...], unit: str) -> str:
 
 
 def _free(out: str) -> str:
-    path = Path(out).expanduser() if out.strip() else None
+    path = typed_path(out) if out.strip() else None
     if path is None or not path.is_absolute():
         return ""
     existing = next(folder for folder in (path, *path.parents) if folder.is_dir())

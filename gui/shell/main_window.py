@@ -171,7 +171,12 @@ class MainWindow(SteadyFocusWindow):
         """Restore what the settings hold, and tell what in them is damaged."""
         self.memory.keep_number("speed_mm_s", self.operate_panel.speed)
         self.memory.keep_number("force_g", self.operate_panel.force)
-        self.memory.keep_text("save_in", self.protocol_panel.out)
+        self.memory.keep_folders(
+            save_in=self.protocol_panel.out,
+            record_in=self.operate_panel.record_box.folder,
+            pictures_in=self.live_page.save_strip.folder,
+            scans_in=self.finger_tab.setup.out,
+        )
         self.memory.keep_live_views(self.live_page)
         self.memory.restore_layout()
         self._show_view()

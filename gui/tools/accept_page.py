@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QLineEdit
@@ -11,6 +10,7 @@ from PySide6.QtWidgets import QLineEdit
 from gui.tools.command_page import CommandPage
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import label
+from gui.widgets.typed_paths import typed_path
 
 
 class AcceptPage(CommandPage):
@@ -37,7 +37,7 @@ class AcceptPage(CommandPage):
         self.add_input(browse_button(self.path_requested, PathKind.SESSION, self.folder.setText))
 
     def _accept_words(self) -> Sequence[str]:
-        return ("accept", "--", str(Path(self.folder.text().strip()).expanduser()))
+        return ("accept", "--", str(typed_path(self.folder.text())))
 
     def _missing_session(self) -> str:
         return "" if self.folder.text().strip() else "Choose the folder of a session first."

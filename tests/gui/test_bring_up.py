@@ -112,7 +112,12 @@ def test_hand_work_is_recorded_with_a_note_until_the_button_ends_it(
 ) -> None:
     harness.update()
     box = harness.window.operate_panel.record_box
+    for text in ("", "  ", "sessions", "./here"):
+        box.folder.setText(text)
+        harness.update()
+        assert not box.button.isEnabled() and box.state.text().startswith("Save in: ")
     box.folder.setText(str(tmp_path))
+    assert box.state.text() == ""
     box.note.setText("a new skin")
     click(box.button)
     ((command, args),) = harness.engine.requests

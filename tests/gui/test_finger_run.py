@@ -11,6 +11,7 @@ from PySide6.QtTest import QTest
 from gui.analysis.tasks.task_values import FingerSessionInfo
 from gui.engine_clients import FingerEngineSpec
 from gui.widgets.status_lamp import Level
+from gui.widgets.typed_paths import NO_WHOLE_PATH
 from rigctl.errors import LinkLost
 from rigctl.realtime.finger_rig import RUN_FIRST_SLIDE
 from tests.gui.fake_finger import RUNNING, FakeFinger
@@ -45,6 +46,11 @@ def test_run_without_a_model_is_refused_in_a_sentence(finger: FingerWindow) -> N
     assert _start_args(finger) == []
     assert "there is no model" in finger.tab.run_box.models.text()
     assert "there is no model" in finger.window.status_line.text()
+    finger.tab.setup.choose_stage("train")
+    finger.tab.setup.out.setText("scans")
+    click(finger.tab.run_box.buttons["Start"])
+    assert _start_args(finger) == []
+    assert finger.tab.run_box.models.text() == NO_WHOLE_PATH
 
 
 def test_another_session_of_the_person_gets_another_engine(

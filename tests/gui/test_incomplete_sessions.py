@@ -99,3 +99,6 @@ def test_empty_fields_are_refused_in_a_sentence(harness: Harness, session: Path)
     assert not harness.window.analysis_tab.worker.is_busy and panel.model.rowCount() == 8
     open_session(harness, "")
     assert "choose a session's folder" in panel.about.text()
+    open_session(harness, "~no-such-user/session")
+    assert "~no-such-user/session" in panel.about.text()
+    assert "unexpected" not in harness.window.event_log.toPlainText()

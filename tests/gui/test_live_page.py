@@ -17,6 +17,7 @@ from gui.analysis.export.picture_foot import FOOT_PX
 from gui.live.page.live_bar import VOLTS
 from gui.live.page.live_page import ENCODER, SAVE, TAXELS, LivePage
 from gui.widgets.theme import LIGHT
+from gui.widgets.typed_paths import NO_FOLDER, NO_WHOLE_PATH
 from rigctl.acquisition.rpc.messages import EngineStatus, parse_status
 from rigctl.encoding.encoder import Encoder
 from rigctl.encoding.force_matrix import ForceMatrix
@@ -258,6 +259,16 @@ def test_a_folder_that_is_a_file_is_refused_in_a_sentence(page: LivePage, tmp_pa
     click(page.save_strip.picture)
     wait_until(lambda: bool(reports))
     assert reports[0][0] == "refused" and "choose another folder" in reports[0][1]
+    for text, cure in (
+        ("", NO_FOLDER),
+        ("pictures", NO_WHOLE_PATH),
+        ("~no-such-user", NO_WHOLE_PATH),
+    ):
+        page.save_strip.folder.setText(text)
+        reports.clear()
+        click(page.save_strip.picture)
+        wait_until(lambda: bool(reports))
+        assert reports == [("refused", f"nothing was saved: {cure}")]
     page.close_files()
 
 

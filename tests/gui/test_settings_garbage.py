@@ -20,9 +20,9 @@ from gui.widgets.theme import ThemeChoice, scale_texts
 from tests.gui.fake_engine import FakeEngine
 
 KEYS = (
-    "theme", "text_percent", "window", "docks", "speed_mm_s", "force_g", "save_in", "span_s",
-    "unit", "rates_per_mm", "sessions", "rigs", "alarm_sound", "protocol/out",
-    "protocol/operator", "protocol/sensor",
+    "theme", "text_percent", "window", "docks", "speed_mm_s", "force_g", "save_in", "record_in",
+    "pictures_in", "scans_in", "span_s", "unit", "rates_per_mm", "sessions", "rigs", "alarm_sound",
+    "protocol/out", "protocol/operator", "protocol/sensor",
 )  # fmt: skip
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=30),
@@ -124,10 +124,18 @@ def test_views_and_rigs_return(app: QApplication, engine: FakeEngine, tmp_path: 
     window.live_page.bar.span.activated.emit(2)
     window.live_page.bar.unit.setCurrentText("volts")
     window.live_page.encoder_strip.per_mm.click()
+    themes = {
+        text: action
+        for menu, action in window.menus.actions()
+        if "Theme" in menu
+        for text in [action.text()]
+    }
+    themes[ThemeChoice.DARK.value].trigger()
     window.toolbar.rig.choose("/data/bench/rig.toml")
     window.toolbar.connect_requested.emit("/data/bench/rig.toml", "")
     window.close()
     window.deleteLater()
+    assert UserSettings(path).value("theme", "") == ThemeChoice.DARK.name
     again = MainWindow(lambda *_: engine, ThemeChoice.LIGHT, settings=UserSettings(path))
     assert again.live_plots.navigation.span_s == 5
     assert again.live_page.bar.unit.currentText() == "volts"

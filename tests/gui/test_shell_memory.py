@@ -55,6 +55,9 @@ def test_layout_and_folder_return_after_a_crash(open_window: WindowMaker) -> Non
         Qt.DockWidgetArea.RightDockWidgetArea, window.docks.docks["protocol"]
     )
     window.protocol_panel.out.setText("/data/sessions")
+    window.operate_panel.record_box.folder.setText("/data/by-hand")
+    window.live_page.save_strip.folder.setText("/data/pictures")
+    window.finger_tab.setup.out.setText("/data/scans")
     window.operate_panel.force.setValue(750)
     window.memory.save()  # the timer does it; the window is never closed
     again = open_window()
@@ -63,6 +66,9 @@ def test_layout_and_folder_return_after_a_crash(open_window: WindowMaker) -> Non
     assert area is Qt.DockWidgetArea.RightDockWidgetArea
     assert again.operate_panel.force.value() == 750
     assert again.protocol_panel.out.text() == "/data/sessions"
+    assert again.operate_panel.record_box.folder.text() == "/data/by-hand"
+    assert again.live_page.save_strip.folder.text() == "/data/pictures"
+    assert again.finger_tab.setup.out.text() == "/data/scans"
 
 
 def test_closed_panel_comes_back(open_window: WindowMaker) -> None:

@@ -19,6 +19,7 @@ from gui.analysis.tasks.task_values import (
 )
 from gui.analysis.trials.trial_table import AttemptColumn
 from gui.analysis.trials.verdicts import shown_reasons, shown_verdicts
+from gui.widgets.typed_paths import typed_path
 from rigctl.errors import WrongUse
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def session_info(path: str) -> FingerSessionInfo:
     """Read whose scans a session of the moving finger has. Raises SessionError."""
     from rigctl.session.read.finger_session import FingerSession
 
-    with FingerSession.open(Path(path).expanduser()) as session:
+    with FingerSession.open(typed_path(path)) as session:
         header, slides = session.header, session.slides
     person = header.simulation
     return FingerSessionInfo(
@@ -93,7 +94,7 @@ def make_models(session: str, source: str, components: int) -> tuple[str, ...]:
     if Stage.TRAIN in stages:
         return tuple(map(str, train_models(folder, components, now)))
     if Stage.CALIBRATE in stages:
-        return tuple(map(str, calibrate_models(Path(source).expanduser(), folder)))
+        return tuple(map(str, calibrate_models(typed_path(source), folder)))
     raise WrongUse(f"{folder} has no training or calibration scans: choose another session")
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gui.analysis.trials.trial_table import AttemptColumn
+from gui.widgets.typed_paths import typed_path
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
 
 if TYPE_CHECKING:
@@ -151,7 +152,7 @@ def analysis_settings(request: AnalysisRequest) -> AnalysisSettings:
     from rigctl.analysis.settings.settings_file import load_settings
 
     if request.settings:
-        return load_settings(Path(request.settings).expanduser())
+        return load_settings(typed_path(request.settings))
     return AnalysisSettings().with_reference_force(request.reference_g)
 
 

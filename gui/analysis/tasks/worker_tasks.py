@@ -46,6 +46,7 @@ from gui.protocol.run_values import (
     SavedProtocol,
     SessionNews,
 )
+from gui.widgets.typed_paths import typed_path
 from rigctl.errors import RigctlError
 
 if TYPE_CHECKING:
@@ -194,7 +195,7 @@ class WorkerTasks:
         def show(share: float, what: str) -> None:
             self._progress(what, round(1000 * share), 1000)
 
-        folder = Path(path).expanduser()
+        folder = typed_path(path)
         report = verify(folder, show, parse_digest(digest) if digest else "")
         altered = {} if report.whole else self._sessions.altered(path)
         simulated = self._sessions.is_simulated(path)
@@ -236,7 +237,7 @@ class WorkerTasks:
         from rigctl.analysis.data.cache import Resources
         from rigctl.session.files.model_file import load_model
 
-        loaded = load_model(Path(model).expanduser())
+        loaded = load_model(typed_path(model))
         resources = Resources(progress=self._progress)
         return prediction_results(classify(loaded, tuple(map(Path, sessions)), resources))
 
@@ -274,7 +275,7 @@ def _report_request(request: AnalysisRequest) -> ReportRequest:
         SweepSettings(request.draws, request.components, request.seed, engine, tasks),
         preset(request.preset),
         model=model,
-        c=Path(request.c).expanduser() if request.c else None,
+        c=typed_path(request.c) if request.c else None,
         sensitivity=request.sensitivity,
         analysis=analysis_settings(request),
     )

@@ -11,6 +11,7 @@ from gui.analysis.tasks import finger_tasks
 from gui.analysis.tasks.task_values import DRUM, FINGER, ScanPicture, SessionTable, TrialData
 from gui.analysis.trials.trial_table import AttemptColumn
 from gui.analysis.trials.verdicts import shown_reasons, shown_verdicts
+from gui.widgets.typed_paths import typed_path
 from rigctl.errors import SessionError
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ class OpenSessions:
         from rigctl.session.read.session import Session
 
         if path not in self._open:
-            folder = Path(path).expanduser()
+            folder = typed_path(path)
             is_finger = is_finger_session(folder)
             self._open[path] = FingerSession.open(folder) if is_finger else Session.open(folder)
         return self._open[path]

@@ -13,8 +13,9 @@ from PySide6.QtCore import QBuffer, QByteArray, QIODevice, QObject, Signal
 from PySide6.QtGui import QImage, QImageWriter
 
 from gui.live.export.table_file import ShownSamples, write_table
+from gui.widgets.typed_paths import new_files_folder
 from rigctl.analysis.data.atomic_file import atomic_file
-from rigctl.errors import RigctlError
+from rigctl.errors import RigctlError, WrongUse
 
 _CLOSE_TIMEOUT_S = 30.0
 
@@ -53,8 +54,11 @@ class Saver(QObject):
 
     def _write(self, write: Callable[[Path], str], folder: str, suffix: str) -> None:
         try:
-            path = new_path(Path(folder).expanduser(), suffix)
+            path = new_path(new_files_folder(folder), suffix)
             problem = write(path)
+        except WrongUse as error:
+            self.failed.emit(f"nothing was saved: {error}")
+            return
         except OSError as error:
             problem = f"{folder}: {error.strerror or error}"
         if problem:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +15,7 @@ from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.labels import ElidedLabel, label, show_text
 from gui.widgets.layouts import combo_box, vbox
+from gui.widgets.typed_paths import typed_path
 from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
@@ -125,7 +125,7 @@ class EncoderStrip(QWidget):
         from rigctl.session.files.force_matrix_file import load_force
 
         try:
-            force, _ = load_force(Path(path).expanduser())
+            force, _ = load_force(typed_path(path))
         except RigctlError as error:
             self._loaded.emit(str(error))
             return

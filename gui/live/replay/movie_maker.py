@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QWidget
 from gui.analysis.tasks.worker import Worker
 from gui.widgets.labels import label
 from gui.widgets.layouts import push_button
+from gui.widgets.typed_paths import typed_path
 from rigctl.analysis.data.atomic_directory import PARTIAL
 
 LONGEST_S = 10.0
@@ -53,7 +54,7 @@ class MovieMaker(QObject):
     def write(self, session: str, row: int, taxel: int, end_s: float) -> None:
         """Draw the time before a moment of an attempt for a taxel; rows and taxels from 0."""
         start_s = max(0.0, end_s - self.length.value())
-        folder = Path(session).expanduser()
+        folder = typed_path(session)
         name = f"{folder.name}-attempt{row + 1}-T{taxel + 1}-{start_s:.3f}s"
         self._out = out = folder.absolute().with_name(name + self.kind.currentData())
         section_s = (start_s, self.length.value())

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gui.widgets.typed_paths import typed_path
 from rigctl.errors import WrongUse
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def write_movie(
         taxel=taxel + 1,
         start_s=section_s[0],
         seconds=section_s[1],
-        movie=Path(out).expanduser(),
+        movie=typed_path(out),
     )
     encode_taxel(request, Resources(progress=show))
     return out

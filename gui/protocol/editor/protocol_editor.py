@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import Qt, QTimer, Signal
@@ -17,6 +16,7 @@ from gui.protocol.editor.steps_box import NAME as STEPS
 from gui.protocol.run_values import CheckedText, SavedProtocol
 from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import container, hbox, push_button, scroll_area, vbox
+from gui.widgets.typed_paths import typed_path
 from rigctl.config.rig_config import RigConfig, parse_config
 from rigctl.config.toml_bounds import KeyPath
 from rigctl.config.toml_edit import insert_table, remove_table, set_key, swap_tables
@@ -170,7 +170,7 @@ class ProtocolEditor(QWidget):
         self.check_requested.emit(self.text.toPlainText(), self._rig_toml, self._file_name)
 
     def _save(self) -> None:
-        path = str(Path(self.path.text().strip()).expanduser())
+        path = str(typed_path(self.path.text()))
         self.save_requested.emit(path, self.text.toPlainText(), path == self._own_path)
 
     def _show_verdict(self, sentence: str, *, is_bad: bool) -> None:

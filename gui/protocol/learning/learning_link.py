@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QObject, Signal
@@ -18,6 +17,7 @@ from gui.protocol.learning.learning_page import (
     NO_TRIAL,
     LearningPage,
 )
+from gui.widgets.typed_paths import typed_path
 
 CURVE = "learning_curve"
 Stage = tuple[str, int, int]
@@ -112,7 +112,7 @@ class LearningLink(QObject):
         curve = self._page.curve
         if curve is None:
             return
-        session = Path(curve.folder).expanduser().absolute()
+        session = typed_path(curve.folder).absolute()
         stem = f"{STEM}-simulated" if curve.simulated else STEM
         file = NewFile(f"{session}-figures", stem, suffix)
         if suffix == TABLE:

@@ -36,9 +36,10 @@ class WindowMemory(QObject):
         """Restore a number, and remember it from now on."""
         self._keep(key, box.value, box.setValue, lambda n: box.minimum() <= n <= box.maximum())
 
-    def keep_text(self, key: str, field: QLineEdit) -> None:
-        """Restore a text such as a folder, and remember it from now on."""
-        self._keep(key, field.text, field.setText, lambda text: len(text) <= MAX_LETTERS)
+    def keep_folders(self, **fields: QLineEdit) -> None:
+        """Restore the folders of fields by their keys, and remember them from now on."""
+        for key, field in fields.items():
+            self._keep(key, field.text, field.setText, lambda text: len(text) <= MAX_LETTERS)
 
     def keep_live_views(self, page: LivePage) -> None:
         """Restore time span, unit of the readings and unit of the rates, and remember them."""
