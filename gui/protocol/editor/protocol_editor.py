@@ -110,7 +110,7 @@ class ProtocolEditor(QWidget):
     @property
     def _file_name(self) -> str:
         """The name of the file that the text becomes."""
-        return Path(self.path.text().strip()).name or NAME
+        return typed_path(self.path.text()).name or NAME
 
     @property
     def _shown_form(self) -> KeyForm:
