@@ -53,7 +53,9 @@ class AnalysisOptionsForm(QWidget):
         requested = self.path_requested
         self.add_button = browse_button(requested, PathKind.SESSION, self.add_session, "+")
         self.add_button.setToolTip("Add another session")
+        self.add_button.setAccessibleName("Add another session")
         self.remove_button = push_button("−", self._remove_added, "Remove the added sessions")
+        self.remove_button.setAccessibleName("Remove the added sessions")
         heading = hbox(label("Sessions"), self.add_button, self.remove_button)
         self.session_row = container(vbox(heading, self.session_names))
         self.task, self.engine = combo_box(TASKS), combo_box(ENGINES)

@@ -72,6 +72,7 @@ class FingerRunBox(QGroupBox):
         self.rows = {name: elastic(label("–")) for name in _ROWS}
         self.fault = combo_box({text: text for text in FAULTS})
         self.inject = push_button("Inject", self._inject)
+        self.inject.setAccessibleName("Inject the chosen fault")
         self._fault_row = container(hbox(self.fault, self.inject))
         self._lay_out()
 
@@ -85,7 +86,8 @@ class FingerRunBox(QGroupBox):
         self.buttons["Pause"].setEnabled(run.state in ("running", "prompt"))
         self.buttons["Resume"].setEnabled(run.state == "paused")
         self.buttons["Abort"].setEnabled(run.is_active)
-        self._fault_row.setVisible(status.simulated)
+        for part in (self._fault_row, self.inject):
+            part.setVisible(status.simulated)
         self._show_run(run)
 
     def show_models(self, text: str, role: str = "") -> None:

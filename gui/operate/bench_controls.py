@@ -47,6 +47,7 @@ class BenchControls(QGroupBox):
         self.fault = focus_wheel(QComboBox())
         self.fault.addItems(list(FAULTS))
         self.inject = push_button("Inject", self._inject)
+        self.inject.setAccessibleName("Inject the chosen fault")
         self._fault_row = (QLabel("Fault"), self.fault, self.inject)
         grid = QGridLayout(self)
         grid.setContentsMargins(8, 6, 8, 8)

@@ -80,7 +80,7 @@ class JogButtons(QWidget):
     def _button(self, mm: int, keys: str) -> QPushButton:
         button = QPushButton(f"{mm:+d}".replace("-", "−"))
         button.setMinimumWidth(30)
-        button.setAccessibleName(f"Jog {mm:+d} mm")
+        button.setAccessibleName(f"Jog {button.text()} mm")
         button.clicked.connect(lambda: self._request(mm))
         shortcut = QShortcut(QKeySequence(keys), self)
         shortcut.setAutoRepeat(False)

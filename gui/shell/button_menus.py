@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from functools import partial
 
-from PySide6.QtCore import QEvent, QObject
+from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QAction
 from PySide6.QtWidgets import QAbstractButton, QMenu, QStackedWidget
 
@@ -16,16 +16,25 @@ from gui.operate.operate_panel import OperatePanel
 from gui.protocol.protocol_panel import ProtocolPanel
 from gui.shell.actions import ActionRegistry
 
+_CHANGES = (
+    QEvent.Type.EnabledChange,
+    QEvent.Type.ToolTipChange,
+    QEvent.Type.ShowToParent,
+    QEvent.Type.HideToParent,
+)
+
 
 class ButtonAction(QObject):
-    """Lets an action click a button, be grey with it and take its text and tooltip.
+    """Lets an action click a button, be grey with it and take its name and tooltip.
 
+    The name is that for screen readers where the button has one, else its text, behind ``prefix``.
+    The action is grey as well while the button is taken away, such as that of a simulated fault.
     It belongs to the action, and lives as long.
     """
 
-    def __init__(self, action: QAction, button: QAbstractButton) -> None:
+    def __init__(self, action: QAction, button: QAbstractButton, prefix: str = "") -> None:
         super().__init__(action)
-        self._action, self._button = action, button
+        self._action, self._button, self._prefix = action, button, prefix
         action.triggered.connect(lambda _=False: button.click())
         button.installEventFilter(self)
         menu = action.parent()
@@ -35,14 +44,21 @@ class ButtonAction(QObject):
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Follow a change of the button."""
-        if event.type() in (QEvent.Type.EnabledChange, QEvent.Type.ToolTipChange):
+        if event.type() in _CHANGES:
             self._follow()
         return False
 
     def _follow(self) -> None:
-        self._action.setText(self._button.text())
-        self._action.setEnabled(self._button.isEnabled())
-        self._action.setToolTip(self._button.toolTip())
+        button = self._button
+        self._action.setText(self._prefix + (button.accessibleName() or button.text()))
+        self._action.setEnabled(button.isEnabled() and not _is_taken_away(button))
+        self._action.setToolTip(button.toolTip())
+
+
+def _is_taken_away(button: QAbstractButton) -> bool:
+    """Return whether a button itself was hidden, and not only the page or the panel that has it."""
+    was_asked = button.testAttribute(Qt.WidgetAttribute.WA_WState_ExplicitShowHide)
+    return was_asked and button.isHidden()
 
 
 class SaveMenu(QObject):
@@ -91,13 +107,15 @@ class SaveMenu(QObject):
             button.export_requested.emit(suffix)
 
 
-def add_buttons(menus: ActionRegistry, menu: str, buttons: Sequence[QAbstractButton]) -> None:
+def add_buttons(
+    menus: ActionRegistry, menu: str, buttons: Iterable[QAbstractButton], prefix: str = ""
+) -> None:
     """Add a line for each button to a menu, named as in :data:`~gui.shell.actions.MENUS`.
 
     A submenu has the name of its menu, an arrow and its own: ``Rig → Protocol``.
     """
     for button in buttons:
-        ButtonAction(menus.add_action(menu, QAction(button.text())), button)
+        ButtonAction(menus.add_action(menu, QAction(button.text())), button, prefix)
 
 
 def add_panel_menus(
@@ -111,16 +129,22 @@ def add_panel_menus(
     add_buttons(menus, "Rig", [*operate.buttons.values(), operate.set_button])
     steps = operate.bring_up
     guided = [steps.next, steps.calibrate, steps.steps, operate.record_box.button]
-    add_buttons(menus, "Rig", guided)
+    add_buttons(menus, "Rig", [*guided, operate.bench.inject])
+    add_buttons(menus, "Rig → Jog", operate.jog.buttons.values())
     queue = protocol.queue
     queued = (queue.add_button, queue.remove_button, queue.next_button)
     runs = (*protocol.buttons.values(), protocol.continue_button, protocol.page_button)
     add_buttons(menus, "Rig → Protocol", [*runs, *queued, *protocol.editing_buttons()])
+    page = protocol.page
+    add_buttons(menus, "Rig → Trials and notes", [page.open_button, *page.buttons.values()])
+    add_buttons(menus, "Rig → Trials and notes", [page.learning.button], "Learning curve: ")
     scans = finger.run_box
-    moving = (*scans.buttons.values(), scans.continue_button, scans.models_button)
-    add_buttons(menus, "Rig → Finger", moving)
+    moving = (*scans.buttons.values(), scans.continue_button, scans.models_button, scans.inject)
+    add_buttons(menus, "Rig → Finger", [finger.bar.connect_button, *moving])
     panel = analysis.panel
     box = panel.run_box
     tasks = (panel.verify_button, box.run_button, box.cancel_button, box.results_button)
     report = (analysis.results_panel.report_button, analysis.results_panel.folder_button)
-    add_buttons(menus, "Tools → Analysis", [*tasks, *report, panel.trials.replay_button])
+    others = (box.form.add_button, box.form.remove_button)
+    trials = (panel.trials.replay_button, analysis.trial_view.compare.button)
+    add_buttons(menus, "Tools → Analysis", [*others, *tasks, *report, *trials])

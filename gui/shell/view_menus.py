@@ -8,6 +8,7 @@ from gui.analysis.trials.trial_list import TrialList
 from gui.live.page.live_page import LivePage
 from gui.live.review.navigation import SPANS_S
 from gui.shell.actions import ActionRegistry
+from gui.shell.button_menus import add_buttons
 from gui.shell.docks import DockArea
 from gui.shell.memory.user_settings import UserSettings
 from gui.shell.memory.window_memory import SPAN_KEY, is_span
@@ -22,8 +23,11 @@ def add_live_actions(menus: ActionRegistry, page: LivePage, settings: UserSettin
     menus.add("View", "&Pause or follow", page.toggle_pause, shortcut="Ctrl+Space", tip=tip)
     tip = "Begin each trial at the left edge of the live plots, or let them scroll"
     menus.add("View", "Begin at each t&rial", page.toggle_sweeps, tip=tip)
+    add_buttons(menus, "View → Controls of the live plots", page.bar.buttons.values())
     tip = "Save the live plots as they are now"
     menus.add("File", "Save &picture", page.save_picture, shortcut="Ctrl+Shift+P", tip=tip)
+    tip = "Save the samples in view as a CSV"
+    menus.add("File", "Save &table", page.save_strip.table.click, tip=tip)
 
 
 def add_trial_actions(menus: ActionRegistry, docks: DockArea, trials: TrialList) -> None:

@@ -4,8 +4,21 @@ from __future__ import annotations
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction, QShortcut
-from PySide6.QtWidgets import QAbstractSpinBox, QComboBox, QLineEdit, QPushButton, QTableView
+from PySide6.QtWidgets import (
+    QAbstractSpinBox,
+    QComboBox,
+    QLineEdit,
+    QMenu,
+    QPushButton,
+    QTableView,
+    QWidget,
+)
 
+from gui.attach.strip import Strip
+from gui.live.export.save_strip import SaveStrip
+from gui.live.page.taxel_strip import TaxelStrip
+from gui.live.replay.replay_page import ReplayPage
+from gui.operate.prompt import PromptPanel
 from gui.shell.main_window import MainWindow
 from rigctl.wire.drum.states import State
 from tests.gui.steps import Harness
@@ -41,6 +54,48 @@ def test_menus_hold_the_buttons_of_all_panels_and_are_grey_with_them(harness: Ha
     ):
         for button in buttons.values():
             assert _action(window, panel, button.text()).isEnabled() == button.isEnabled()
+
+
+def test_each_button_that_stays_is_in_a_menu(harness: Harness) -> None:
+    """Questions and alarms have theirs where they stand, and pages that a menu opens on them."""
+    window = harness.window
+    strips = window.findChildren(Strip) + window.findChildren(PromptPanel)
+    pages = [window.attach.engines, window.start.page, window.help.page, window.file_browser]
+    tools = (window.tools.accept_page, window.tools.ports_page, window.tools.calibrate_page)
+    elsewhere: list[QWidget] = [*strips, *pages, *tools, window.analysis_tab.run_end_strip]
+    elsewhere += [window.drum.safety.alarms.strip, *window.live_page.findChildren(TaxelStrip)]
+    elsewhere += window.findChildren(SaveStrip) + window.findChildren(ReplayPage)
+    for menu in window.findChildren(QMenu):
+        menu.aboutToShow.emit()  # lines take the texts that their buttons have now
+    names = {action.text().replace("&", "") for _, action in window.menus.actions()}
+    connect = dict.fromkeys(("Connect", "Cancel", "Disconnect"), "Connect or disconnect")
+    same = {"Open": "Open a session …", **connect}
+    missing = []
+    for button in window.findChildren(QPushButton):
+        name = button.accessibleName() or button.text().replace("&", "")
+        name = same.get(name, name).removeprefix("Learning curve: ")
+        is_elsewhere = any(part.isAncestorOf(button) for part in elsewhere)
+        if name != "…" and not is_elsewhere and not any(text.endswith(name) for text in names):
+            missing.append(name)
+    assert missing == []
+
+
+def test_jogs_faults_and_live_plots_are_in_the_menus(harness: Harness) -> None:
+    window = harness.window
+    window.show_panel("operate")
+    harness.update(state=int(State.ARMED), simulated=True)
+    jog, inject = _action(window, "Rig → Jog", "Jog −10 mm"), "Inject the chosen fault"
+    assert _action(window, "Rig", inject).isEnabled()
+    jog.trigger()
+    assert harness.engine.requests == [("jog", {"mm": -10.0})]
+    harness.update(state=int(State.HOLD), simulated=False)
+    assert not jog.isEnabled() and "retract first" in jog.toolTip()
+    assert not _action(window, "Rig", inject).isEnabled(), "a bench has no faults to inject"
+    taxels = _action(window, "View → Controls of the live plots", "Taxels")
+    taxels.trigger()
+    assert window.live_page.taxel_strip.isVisible()
+    taxels.trigger()
+    assert not window.live_page.taxel_strip.isVisible()
 
 
 def test_no_two_actions_have_the_same_keys(harness: Harness) -> None:
