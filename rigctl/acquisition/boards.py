@@ -16,20 +16,20 @@ from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.health.boards import DRUM, TAXELS, BoardHealth
 from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.rig import Rig
+from rigctl.acquisition.taxels.followed_range import FollowedRange
 from rigctl.acquisition.taxels.pipeline import SamplePipeline
 from rigctl.encoding.encoder import Encoder
 from rigctl.encoding.normalisation import Normalisation, RunningRange
 from rigctl.encoding.parameters import preset
 from rigctl.errors import BoardRebooted, LinkLost, RigFault
-from rigctl.values import Block, BoardIdentity, DrumState
+from rigctl.values import BoardIdentity, DrumState
 from rigctl.wire.drum.codes import reset_cause_text
 from rigctl.wire.drum.states import FAULT_TEXT, STATE_TEXT, Fault, State
 from rigctl.wire.taxels.self_test import SelfTest
 
 Spawn = Callable[[Coroutine[Any, Any, None]], object]
 
-MIN_RANGE_COUNTS = 128
-"""Least width of a running range: well above the converter's noise, well below a touch."""
+SWITCHED_OFF = (State.BOOT, State.SELFTEST, State.IDLE, State.FAULT_OFF)
 
 
 class Boards:
@@ -73,6 +73,7 @@ class Boards:
         self._published_state = (-1, 0)
         self._published_contact = (-1, False)
         self._published_test = (0, 0)
+        self.followed_range = FollowedRange(rig.config.taxels.count, self.encoder, self.set_range)
         self._stop_following_range: Callable[[], None] = lambda: None
         self.has_taxel_range = bool(rig.config.taxels.low)
         """Whether each taxel's range is calibrated or was measured."""
@@ -122,20 +123,8 @@ class Boards:
         return observed.normalisation
 
     def _follow_range(self) -> None:
-        """Without a calibration, encode with the range of all readings so far.
-
-        The encoder counts readings outside its range anyway: the range can grow only then.
-        """
-        running = RunningRange(self._rig.config.taxels.count, MIN_RANGE_COUNTS)
-        clipped = -1
-
-        def widen(block: Block) -> None:
-            nonlocal clipped
-            before, clipped = clipped, int(self.encoder.clipped_counts.sum())
-            if clipped != before and running.update(block.samples):
-                self.set_range(running.normalisation)
-
-        self._stop_following_range = self.pipeline.subscribe(widen)
+        """Without a calibration, encode with the range of all readings so far."""
+        self._stop_following_range = self.pipeline.subscribe(self.followed_range.add)
         text = "no taxel calibration: the encoder uses the range of all readings so far"
         self._event_bus.publish("log", text)
 
@@ -156,6 +145,8 @@ class Boards:
             self._event_bus.publish("fault", FAULT_TEXT[Fault(state.fault)], fault=state.fault)
         if state.state != before[0]:
             self._event_bus.publish("state", STATE_TEXT[State(state.state)], state=state.state)
+        if state.state not in SWITCHED_OFF:
+            self.followed_range.release()  # nobody has a hand on the sensor
         self._publish_contact(state)
 
     def _publish_contact(self, drum: DrumState) -> None:

@@ -138,6 +138,7 @@ class Calibration:
         else:
             self._steps.end()
             self._steps = self._new_steps()
+            self._boards.followed_range.release()
         self._saved.pop(part, None)
 
     async def save(self, part: str) -> tuple[list[str], str]:
@@ -212,7 +213,11 @@ class Calibration:
     async def _take_wiring_step(self) -> str:
         if self._steps.step is WiringStep.UNPLUG:
             await self._calibrator.lift()  # hands come near the drum
-        return await self._steps.take()
+        self._boards.followed_range.hold()
+        said = await self._steps.take()
+        if self._steps.step is WiringStep.DONE:
+            self._boards.followed_range.release()
+        return said
 
     def _check_taxels(self) -> None:
         if not self._boards.taxels_connected:

@@ -15,6 +15,7 @@ from rigctl.acquisition.rpc.messages import (
     encode_message,
     parse_status,
 )
+from rigctl.acquisition.taxels.followed_range import RELEASE_S
 from rigctl.config.rig_config import LoadCell, RigConfig, load_config
 from rigctl.errors import CommandRefused, DiskFault, RigFault, WrongUse
 from rigctl.values import DRAWN_WIRING
@@ -277,6 +278,8 @@ async def _identify(handle: Handle, harness: EngineHarness) -> list[str]:
 def test_the_taxels_of_the_virtual_sensor_are_identified_as_drawn(harness: EngineHarness) -> None:
     async def scenario(handle: Handle) -> None:
         assert not harness.engine.status().has_taxel_order
+        await harness.wait(1)
+        high = harness.engine.boards.encoder.normalisation.high
         asked = await _identify(handle, harness)
         assert len(asked) == 12 and asked[0].startswith("Unplug")
         assert asked[-1].startswith("Press row 3, column 3")
@@ -284,6 +287,13 @@ def test_the_taxels_of_the_virtual_sensor_are_identified_as_drawn(harness: Engin
             await handle("save_calibration", {"part": "wiring"})
         await handle("discard_calibration", {"part": "wiring"})
         assert harness.engine.status().calibration.wiring_step == 0
+        await harness.wait(1)
+        assert harness.engine.boards.encoder.normalisation.high.tolist() == high.tolist()
+        await harness.wait(RELEASE_S)
+        for command in ("arm", "tare", "home", "approach"):
+            await handle(command, {})
+        now = harness.engine.boards.encoder.normalisation.high
+        assert (now > high).any(), "the range follows what the drum does"
 
     play(harness, scenario)
 
