@@ -198,7 +198,8 @@ class ProtocolPanel(QWidget):
         self.queue.start_requested.connect(partial(self.command_requested.emit, "start"))
         self.session_link.command_requested.connect(self.command_requested)
         self.session_link.advanced.connect(self.learning_link.show_session)
-        self.learning_link.reported.connect(self.reported)
+        for link in (self.session_link, self.learning_link):
+            link.reported.connect(self.reported)
         self.form.edit_button.clicked.connect(lambda: self._read_protocol())
         editor = self.page.editor
         editor.check_requested.connect(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QObject, Signal
@@ -30,6 +31,8 @@ class SessionLink(QObject):
     command_requested = Signal(str, dict)
     advanced = Signal(str, int, int)
     """The session's folder, its trials that count, and its attempts that are read."""
+    reported = Signal(str, str)
+    """Kind and text for the event log."""
 
     def __init__(
         self, worker: Worker, page: SessionPage, people: Callable[[], Mapping[str, str]]
@@ -41,6 +44,8 @@ class SessionLink(QObject):
         self._run = RunStatus()
         self._looks = 0
         self._notes: list[dict[str, Any]] = []
+        self._written: dict[str, Any] = {}
+        """The note that the worker writes."""
         page.note_requested.connect(self._take_note)
         page.opened.connect(self._open)
 
@@ -55,7 +60,9 @@ class SessionLink(QObject):
         self.submit()
 
     def finish_task(self, task: str, news: SessionNews) -> None:
-        """Show what a task of the worker has read."""
+        """Show what a task of the worker has read, and log a note that it has written."""
+        if task == "write_note":
+            self.reported.emit("note", note_line(**self._written))
         if news.folder != self._page.folder:
             return
         self._page.show_news(news)
@@ -74,7 +81,8 @@ class SessionLink(QObject):
         if self._worker.is_busy:
             return
         if self._notes:
-            self._worker.submit("write_note", **self._notes.pop(0))
+            self._written = self._notes.pop(0)
+            self._worker.submit("write_note", **self._written)
         elif self._looks > 0 and self._page.folder:
             self._looks -= 1
             known = len(self._page.attempts.rows)
@@ -106,6 +114,14 @@ class SessionLink(QObject):
         self.command_requested.emit(command, args)
         self._page.finish_note()
         self._looks = MAX_LOOKS
+
+
+def note_line(folder: str, author: str, text: str, trial_id: int, attempt: int, mark: str) -> str:
+    """Return a line on a note that was added to a session's folder: who, where and what."""
+    trial = f", trial {trial_id}, attempt {attempt}" if trial_id else ""
+    marked = f" marked {mark}" if mark else ""
+    by = f" by {author}" if author else ""
+    return f"{Path(folder).name}{trial}{marked}: “{text}”, noted{by}"
 
 
 def _stage(run: RunStatus) -> tuple[object, ...]:

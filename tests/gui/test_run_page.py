@@ -135,6 +135,8 @@ def test_a_trial_is_marked_bad_and_good_again(
     click(page.buttons["bad"])
     wait_until(lambda: verdicts(panel)[2] == BAD)
     assert page.text.text() == ""
+    line = f"note  {recorded.name}, trial 3, attempt 1 marked bad: “slipped”, noted by Jörg"
+    assert line in harness.window.event_log.toPlainText()
     with Session.open(recorded) as session:
         assert 3 not in session.trials["trial_id"][session.committed()]
         assert session.notes[0].author == "Jörg"
@@ -174,6 +176,7 @@ def test_notes_can_be_added_long_after_the_run(
     write(panel, "the sensor was replaced afterwards")
     click(panel.page.buttons["note"])
     wait_until(lambda: panel.page.notes.count() == 1)
+    assert "old: “the sensor was replaced afterwards”" in harness.window.event_log.toPlainText()
     assert "note" not in harness.engine.commands
 
 
