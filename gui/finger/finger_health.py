@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from gui.live.health.health_cell import (
+    RECENT_LOSS_S,
     CellSpec,
     HealthRow,
     Reading,
     age_reading,
-    count_reading,
     disk_reading,
     judge,
+    loss_line,
+    loss_reading,
 )
 from gui.widgets.status_lamp import Level
 from rigctl.realtime.latency import FEATURES, SCREEN
@@ -23,7 +25,12 @@ TRACKER_AGE_LIMIT_S = 0.1
 LATENCY_LIMITS_MS = {FEATURES: 5.0, SCREEN: 50.0}
 CELLS = {
     "rate": CellSpec("Sample rate", 126, "Samples of the last second: 1000 Hz ± 2 %"),
-    "lost": CellSpec("Lost", 100, "Samples that the board took and the computer never received: 0"),
+    "lost": CellSpec(
+        "Lost samples",
+        110,
+        "Samples that the board took and the computer never received since the engine started: "
+        f"BAD for {RECENT_LOSS_S:g} s after each loss",
+    ),
     "block": CellSpec("Block age", 118, "Time since the last samples arrived: at most 300 ms"),
     "tracker": CellSpec(
         "Tracker age", 128, "Time since the last position of the tracker: at most 100 ms, and valid"
@@ -56,6 +63,8 @@ class FingerHealthStrip(HealthRow):
     def show_status(self, status: FingerEngineStatus) -> None:
         """Show and judge the figures of a status."""
         self.show_readings(finger_readings(status))
+        line = loss_line("samples", status.lost_samples, status.lost_age_s)
+        self.cells["lost"].setToolTip(f"{CELLS['lost'].tooltip}\n{line}")
 
 
 def finger_readings(status: FingerEngineStatus) -> dict[str, Reading]:
@@ -66,7 +75,7 @@ def finger_readings(status: FingerEngineStatus) -> dict[str, Reading]:
     }
     return {
         "rate": _rate(status),
-        "lost": count_reading(status.lost_samples, connected),
+        "lost": loss_reading(status.lost_samples, status.lost_age_s, connected),
         "block": age_reading(status.block_age_s, AGE_LIMIT_S, connected),
         "tracker": _tracker(status),
         "dropouts": _noted(status.dropouts, status.tracker_connected),

@@ -10,7 +10,7 @@ from rigctl.acquisition.boards import Boards
 from rigctl.acquisition.calibration.calibration import Calibration
 from rigctl.acquisition.calibration.calibrator import READINGS
 from rigctl.acquisition.drum.contact import contact_words, has_status
-from rigctl.acquisition.health.rate_meter import RateMeter
+from rigctl.acquisition.health.rate_meter import RateMeter, age_s
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus, RunStatus
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
@@ -32,6 +32,7 @@ class StatusBuilder:
         self._boards = boards
         self._frame_rate = RateMeter(RATE_WINDOW_S)
         self._loadcell_lost = 0
+        self._loadcell_lost_s: float | None = None
         self._loadcell_s: float | None = None
         boards.drum_poller.subscribe(self._watch_loadcell)
 
@@ -42,7 +43,6 @@ class StatusBuilder:
         boards = self._boards
         poller, pipeline, settings = boards.drum_poller, boards.pipeline, boards.motion.settings
         drum = poller.state
-        arrival_s = pipeline.last_arrival_s
         self._frame_rate.update(now_s, pipeline.sample_count)
         fault = Fault(drum.fault if drum else 0)
         state = State(drum.state if drum else State.BOOT)
@@ -63,10 +63,12 @@ class StatusBuilder:
             frame_rate_hz=self._frame_rate.per_s,
             lost_samples=pipeline.lost_samples,
             gaps=pipeline.gap_count,
-            last_block_age_s=None if arrival_s is None else now_s - arrival_s,
-            loadcell_age_s=None if self._loadcell_s is None else now_s - self._loadcell_s,
+            lost_age_s=age_s(pipeline.last_gap_s, now_s),
+            last_block_age_s=age_s(pipeline.last_arrival_s, now_s),
+            loadcell_age_s=age_s(self._loadcell_s, now_s),
             poll_retries=poller.drum.modbus.retries,
             loadcell_lost=self._loadcell_lost,
+            loadcell_lost_age_s=age_s(self._loadcell_lost_s, now_s),
             clock_ppm={"drum": poller.clock_fit.ppm, "taxels": pipeline.clock_fit.ppm},
             boards=boards.board_health.statuses(),
             sensor_layout=self._layout,
@@ -83,7 +85,9 @@ class StatusBuilder:
         )
 
     def _watch_loadcell(self, drum: DrumState) -> None:
-        self._loadcell_lost += drum.loadcell_lost
+        if drum.loadcell_lost:
+            self._loadcell_lost += drum.loadcell_lost
+            self._loadcell_lost_s = drum.at_s
         if drum.loadcell:
             self._loadcell_s = drum.at_s
             self._raw_counts.extend(sample.raw_counts for sample in drum.loadcell)

@@ -54,6 +54,7 @@ class FingerDevices:
         self.block_s: float | None = None
         self.position_s: float | None = None
         self.lost_samples = 0
+        self.lost_s: float | None = None
         self.restarts = 0
         """How often the board was lost or restarted: a scan across that is broken."""
         self.samples = RateMeter(RATE_WINDOW_S)
@@ -113,7 +114,9 @@ class FingerDevices:
 
     def _take_block(self, block: FingerBlock, arrived_s: float) -> None:
         self.block_s = arrived_s
-        self.lost_samples += block.missing
+        if block.missing:
+            self.lost_samples += block.missing
+            self.lost_s = arrived_s
         self._sample_count += len(block.counters)
         self.samples.update(arrived_s, self._sample_count)
         self.contact.add(block.readings)

@@ -63,6 +63,7 @@ class FingerEngine(ServedEngine[FingerRun, FingerRunRequest]):
             tracker=rig.tracker.name,
             sample_rate_hz=devices.samples.per_s,
             lost_samples=devices.lost_samples,
+            lost_age_s=_age(now_s, devices.lost_s),
             damaged_frames=rig.finger.counters.damaged_frames,
             block_age_s=_age(now_s, devices.block_s),
             position_age_s=_age(now_s, devices.position_s),

@@ -79,9 +79,10 @@ class FingerRunStatus:
 class FingerEngineStatus:
     """State of board, tracker, recording and run.
 
-    Ages are loop time since the newest data, None before any. Positions are plate coordinates.
-    ``late_velocities``: velocities that reached the board after their batch. ``latency_p99_ms``:
-    99th percentile of each kind of :mod:`rigctl.realtime.latency` that was measured.
+    Ages are loop time since the newest data, or the last loss, None before any. Positions are
+    plate coordinates. ``late_velocities``: velocities that reached the board after their batch.
+    ``latency_p99_ms``: 99th percentile of each kind of :mod:`rigctl.realtime.latency` that was
+    measured.
     """
 
     at_s: float = 0.0
@@ -92,6 +93,7 @@ class FingerEngineStatus:
     tracker: str = ""
     sample_rate_hz: float = 0.0
     lost_samples: int = 0
+    lost_age_s: float | None = None
     damaged_frames: int = 0
     block_age_s: float | None = None
     position_age_s: float | None = None

@@ -117,7 +117,7 @@ def test_path_begins_with_the_slide(finger: FingerWindow) -> None:
     [
         ("rate", {}, "1000 Hz", Level.OK),
         ("rate", {"sample_rate_hz": 940.0}, "940 Hz", Level.BAD),
-        ("lost", {"lost_samples": 3}, "3", Level.BAD),
+        ("lost", {"lost_samples": 3, "lost_age_s": 9.0}, "3", Level.BAD),
         ("tracker", {"position_age_s": 0.4}, "400 ms", Level.BAD),
         ("tracker", {"position_valid": False}, "lost", Level.BAD),
         ("dropouts", {"dropouts": 2}, "2", Level.WARN),
@@ -130,7 +130,8 @@ def test_path_begins_with_the_slide(finger: FingerWindow) -> None:
     ],
 )
 def test_figures_are_judged(cell: str, changes: dict[str, Any], text: str, level: Level) -> None:
-    assert finger_readings(parse_finger_status({**STATUS, **changes}))[cell] == (text, level)
+    reading = finger_readings(parse_finger_status({**STATUS, **changes}))[cell]
+    assert (reading.text, reading.level) == (text, level)
 
 
 @pytest.mark.parametrize("size", [(1280, 800), (1920, 1080)])

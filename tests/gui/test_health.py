@@ -11,7 +11,7 @@ from gui.live.health.health_strip import board_lines, readings
 from gui.widgets.status_lamp import Level
 from rigctl.acquisition.rpc.messages import parse_status
 from tests.gui.fake_engine import STATUS
-from tests.gui.steps import Harness
+from tests.gui.steps import Harness, wait_until
 
 
 def _read(**changes: Any) -> dict[str, Any]:
@@ -24,13 +24,16 @@ def _read(**changes: Any) -> dict[str, Any]:
         ("rate", {}, "1000 Hz", Level.OK),
         ("rate", {"frame_rate_hz": 940.0}, "940 Hz", Level.BAD),
         ("rate", {"taxels_connected": False, "frame_rate_hz": 0.0}, "0 Hz", Level.BAD),
-        ("gaps", {"gaps": 2}, "2", Level.BAD),
-        ("lost", {"lost_samples": 17}, "17", Level.BAD),
+        ("lost", {}, "0", Level.OK),
+        ("lost", {"lost_samples": 17, "lost_age_s": 59.0}, "17", Level.BAD),
+        ("lost", {"lost_samples": 17, "lost_age_s": 180.0}, "17, 3 min ago", Level.OK),
+        ("lost", {"lost_samples": 12_345, "lost_age_s": 0.0}, "12 k", Level.BAD),
+        ("lost", {"lost_samples": 17}, "17 earlier", Level.OK),
         ("block", {"last_block_age_s": 0.02}, "20 ms", Level.OK),
         ("block", {"last_block_age_s": 4.0}, "4 s", Level.BAD),
         ("poll", {"poll_age_s": 0.31}, "310 ms", Level.BAD),
         ("poll", {"poll_retries": 3}, "20 ms, 3×", Level.OK),
-        ("loadcell", {"loadcell_lost": 1}, "1", Level.BAD),
+        ("loadcell", {"loadcell_lost": 1, "loadcell_lost_age_s": 2.0}, "1", Level.BAD),
         ("disk", {}, "210 GB", Level.OK),
         ("clock", {}, "+1187, −904", Level.OK),
         ("clock", {"clock_ppm": {"drum": None, "taxels": 6000.0}}, "+6000", Level.BAD),
@@ -50,7 +53,7 @@ def _read(**changes: Any) -> dict[str, Any]:
 def test_each_figure_has_a_verdict(
     cell: str, changes: dict[str, Any], text: str, level: Level
 ) -> None:
-    assert tuple(_read(**changes)[cell]) == (text, level)
+    assert tuple(_read(**changes)[cell])[:2] == (text, level)
 
 
 @pytest.mark.parametrize(
@@ -74,10 +77,19 @@ def test_disk_is_judged_by_the_remaining_time() -> None:
 
 
 def test_bad_is_shown_in_words_and_shape(harness: Harness) -> None:
-    harness.update(gaps=1)
-    cell = harness.window.health_strip.cells["gaps"]
+    harness.update(gaps=1, lost_samples=888, lost_age_s=1.0)
+    cell = harness.window.health_strip.cells["lost"]
     assert cell.verdict.text() == "BAD"
     assert cell.lamp.level is Level.BAD
+    harness.update(lost_age_s=100.0)
+    assert cell.verdict.text() == "OK" and cell.lamp.level is Level.OK
+    assert "888 taxel samples are lost, the last of them 1 min ago.\nGaps: 1." in cell.toolTip()
+    size = harness.window.size()
+    harness.window.resize(1024, 700)
+    wait_until(lambda: cell.value.width() < 100)
+    harness.update(lost_age_s=101.0)
+    assert cell.value.text() == "888 earlier"
+    harness.window.resize(size)
 
 
 def test_late_tick_is_a_warning_in_words_and_shape(harness: Harness) -> None:

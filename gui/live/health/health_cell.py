@@ -9,7 +9,7 @@ from PySide6.QtCore import QEvent
 from PySide6.QtGui import QHideEvent, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QFrame, QGridLayout, QWidget
 
-from gui.widgets.formatting import age, size
+from gui.widgets.formatting import age, ago, size
 from gui.widgets.labels import elastic, label, set_property
 from gui.widgets.layouts import hbox, vbox
 from gui.widgets.status_lamp import Level, StatusLamp
@@ -21,13 +21,16 @@ _CELL_GAP_PX, _SIDES_PX = 2, 16
 _TEXT_CHANGES = (QEvent.Type.FontChange, QEvent.Type.StyleChange)
 DISK_HOURS_LIMIT = 1.0
 DISK_FREE_LIMIT_BYTES = 2_000_000_000
+RECENT_LOSS_S = 60.0
+"""So long after a loss the figure is BAD."""
 
 
 class Reading(NamedTuple):
-    """Text and verdict of one cell."""
+    """Text and verdict of one cell; ``short``: a text for a cell that the first does not fit."""
 
     text: str
     level: Level
+    short: str = ""
 
 
 class CellSpec(NamedTuple):
@@ -60,13 +63,18 @@ class HealthCell(QFrame):
 
     def show_reading(self, reading: Reading) -> None:
         """Show a value and its verdict."""
-        self.value.setText(reading.text)
+        self.value.setText(self._fitting(reading))
         self.lamp.set_level(reading.level)
         self.verdict.setText("" if reading.level is Level.OFF else reading.level.value.upper())
         is_alert = reading.level in (Level.WARN, Level.BAD)
         set_property(self.verdict, "role", reading.level.value if is_alert else "muted")
         set_property(self.value, "level", reading.level.value)
         set_property(self, "level", reading.level.value)
+
+    def _fitting(self, reading: Reading) -> str:
+        """Return the text, or the short one where the text is too wide."""
+        needs_px = self.value.fontMetrics().horizontalAdvance(reading.text)
+        return reading.short if reading.short and needs_px > self.value.width() else reading.text
 
 
 class HealthRow(QWidget):
@@ -140,9 +148,24 @@ def judge(is_good: bool) -> Level:
     return Level.OK if is_good else Level.BAD
 
 
-def count_reading(count: int, connected: bool) -> Reading:
-    """Return a number that must be 0."""
-    return Reading(f"{count}", judge(count == 0) if connected else Level.OFF)
+def loss_reading(count: int, lost_age_s: float | None, connected: bool) -> Reading:
+    """Return how many samples are lost: BAD while that is recent, then OK with its age."""
+    number = f"{count}" if count < 10_000 else f"{count // 1000} k"
+    if not connected or not count:
+        return Reading(number, Level.OK if connected else Level.OFF)
+    if lost_age_s is not None and lost_age_s <= RECENT_LOSS_S:
+        return Reading(number, Level.BAD)
+    earlier = f"{number} earlier"
+    text = earlier if lost_age_s is None else f"{number}, {ago(lost_age_s)}"
+    return Reading(text, Level.OK, earlier)
+
+
+def loss_line(what: str, count: int, lost_age_s: float | None) -> str:
+    """Return a sentence on all losses; ``what``: whose, in the plural."""
+    if not count:
+        return f"No {what} are lost."
+    when = f", the last of them {ago(lost_age_s)}" if lost_age_s is not None else ""
+    return f"{count} {what} are lost{when}."
 
 
 def age_reading(age_s: float | None, limit_s: float, connected: bool) -> Reading:

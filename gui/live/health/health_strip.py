@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from gui.live.health.health_cell import (
+    RECENT_LOSS_S,
     CellSpec,
     HealthRow,
     Reading,
     age_reading,
-    count_reading,
     disk_reading,
     judge,
+    loss_line,
+    loss_reading,
 )
 from gui.widgets.data_ages import DataAges, stale_words
 from gui.widgets.formatting import ago
@@ -31,9 +33,11 @@ MIN_FREE_STACK_PERCENT = 25
 
 CELLS = {
     "rate": CellSpec("Sample rate", 91, "Taxel samples in the last second: 1000 Hz ± 2 %"),
-    "gaps": CellSpec("Gaps", 68, "Gaps in the stream of taxel samples since the engine started: 0"),
     "lost": CellSpec(
-        "Lost", 68, "Taxel samples that the board took and the computer never received: 0"
+        "Lost samples",
+        107,
+        "Taxel samples that the board took and the computer never received since the engine "
+        f"started: BAD for {RECENT_LOSS_S:g} s after each loss",
     ),
     "block": CellSpec("Block age", 86, "Time since the last taxel samples arrived: at most 300 ms"),
     "poll": CellSpec(
@@ -41,7 +45,12 @@ CELLS = {
         92,
         "Time since the drum last answered: at most 300 ms; 3× means three repeated polls",
     ),
-    "loadcell": CellSpec("Cell lost", 75, "Load-cell samples that the computer never received: 0"),
+    "loadcell": CellSpec(
+        "Cell lost",
+        106,
+        "Load-cell samples that the computer never received since the engine started: BAD for "
+        f"{RECENT_LOSS_S:g} s after each loss",
+    ),
     "disk": CellSpec(
         "Disk left", 118, "Free disk space, and how long it lasts at the present recording rate"
     ),
@@ -76,9 +85,14 @@ class HealthStrip(HealthRow):
     def show_status(self, status: EngineStatus) -> None:
         """Show and judge the figures of a status."""
         self.show_readings(readings(status))
-        for key, list_lines in (("boards", board_lines), ("ticks", tick_lines)):
-            lines = [CELLS[key].tooltip, *list_lines(status.boards)]
-            self.cells[key].setToolTip("\n".join(lines))
+        details = {
+            "lost": taxel_loss_lines(status),
+            "loadcell": loadcell_loss_lines(status),
+            "boards": board_lines(status.boards),
+            "ticks": tick_lines(status.boards),
+        }
+        for key, lines in details.items():
+            self.cells[key].setToolTip("\n".join([CELLS[key].tooltip, *lines]))
 
     def show_ages(self, ages: DataAges) -> None:
         """Show nothing once the engine's last status is too old."""
@@ -90,11 +104,12 @@ def readings(status: EngineStatus) -> dict[str, Reading]:
     """Return the reading of each cell."""
     return {
         "rate": _sample_rate(status),
-        "gaps": count_reading(status.gaps, status.taxels_connected),
-        "lost": count_reading(status.lost_samples, status.taxels_connected),
+        "lost": loss_reading(status.lost_samples, status.lost_age_s, status.taxels_connected),
         "block": age_reading(status.last_block_age_s, BLOCK_AGE_LIMIT_S, status.taxels_connected),
         "poll": _poll(status),
-        "loadcell": count_reading(status.loadcell_lost, status.drum_connected),
+        "loadcell": loss_reading(
+            status.loadcell_lost, status.loadcell_lost_age_s, status.drum_connected
+        ),
         "disk": disk_reading(status.recording),
         "clock": _clock(status.clock_ppm),
         "boards": _boards(status.boards),
@@ -111,8 +126,9 @@ def _sample_rate(status: EngineStatus) -> Reading:
 
 def _poll(status: EngineStatus) -> Reading:
     """Return the age and the retries; only the age is judged, as a retry loses no data."""
-    text, level = age_reading(status.poll_age_s, POLL_AGE_LIMIT_S, status.drum_connected)
-    return Reading(f"{text}, {status.poll_retries}×" if status.poll_retries else text, level)
+    reading = age_reading(status.poll_age_s, POLL_AGE_LIMIT_S, status.drum_connected)
+    retries = f", {status.poll_retries}×" if status.poll_retries else ""
+    return Reading(f"{reading.text}{retries}", reading.level)
 
 
 def _clock(ppm: Mapping[str, float | None]) -> Reading:
@@ -147,6 +163,17 @@ def _ticks(boards: Mapping[str, BoardStatus]) -> Reading:
         return Reading("–", Level.OFF)
     interrupt = f", {max(longest):.0f} µs" if longest else ""
     return Reading(f"{sum(late)} late{interrupt}", Level.WARN if sum(late) else Level.OK)
+
+
+def taxel_loss_lines(status: EngineStatus) -> list[str]:
+    """Return lines on all lost taxel samples and their gaps."""
+    line = loss_line("taxel samples", status.lost_samples, status.lost_age_s)
+    return [line, f"Gaps: {status.gaps}."] if status.gaps else [line]
+
+
+def loadcell_loss_lines(status: EngineStatus) -> list[str]:
+    """Return a line on all lost load-cell samples."""
+    return [loss_line("load-cell samples", status.loadcell_lost, status.loadcell_lost_age_s)]
 
 
 def board_lines(boards: Mapping[str, BoardStatus]) -> list[str]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rigctl.acquisition.follow.followed_run import FollowedRun
-from rigctl.acquisition.health.rate_meter import RateMeter
+from rigctl.acquisition.health.rate_meter import RateMeter, age_s
 from rigctl.acquisition.rpc.messages import RecordingStatus
 from rigctl.session.format.writer_lock import is_being_written
 from rigctl.session.read.session_reader import SessionReader
@@ -27,6 +27,7 @@ class FollowedGrowth:
         self._samples = 0
         self._sampled_s: float | None = None
         self._part = 0
+        self._lost_s: float | None = None
         self.run = FollowedRun()
         self.newest_s = 0.0
         """Loop time of the recorder at the newest row, s."""
@@ -44,7 +45,10 @@ class FollowedGrowth:
         self.run.update(events)
         for event in events:
             self.see(event.at_s)
+        lost_before = self.lost_samples
         self._count()
+        if self.lost_samples > lost_before:
+            self._lost_s = now_s
 
     def see(self, at_s: float) -> None:
         """Take the loop time of a new row."""
@@ -63,6 +67,10 @@ class FollowedGrowth:
     def sample_age_s(self, now_s: float) -> float | None:
         """Return the time since new samples came, None before any."""
         return age_s(self._sampled_s, now_s)
+
+    def lost_age_s(self, now_s: float) -> float | None:
+        """Return the time since the look that found the last losses, None before any."""
+        return age_s(self._lost_s, now_s)
 
     def is_growing(self, rows_age_s: float | None) -> bool:
         """Return whether rows of this age say that the recorder writes."""
@@ -90,8 +98,3 @@ class FollowedGrowth:
     def _goes_on(self) -> bool:
         """Return whether the last part is closed because its recorder begins the next one."""
         return not self.run.has_ended and is_being_written(self._session.path)
-
-
-def age_s(seen_s: float | None, now_s: float) -> float | None:
-    """Return the time since a look, None before it."""
-    return None if seen_s is None else max(0.0, now_s - seen_s)

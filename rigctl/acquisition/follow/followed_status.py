@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from rigctl.acquisition.follow.followed_growth import FollowedGrowth, age_s
+from rigctl.acquisition.follow.followed_growth import FollowedGrowth
 from rigctl.acquisition.follow.growing_reader import finite
 from rigctl.acquisition.follow.growing_session import NewRows
+from rigctl.acquisition.health.rate_meter import age_s
 from rigctl.acquisition.rpc.messages import CurrentTrial, EngineStatus, RunStatus
 from rigctl.session.early_end import EARLY_END_KIND, ended_early
 from rigctl.session.read.session import Session
@@ -55,6 +56,7 @@ class FollowedStatus:
             frame_rate_hz=growth.rate_hz,
             lost_samples=growth.lost_samples,
             gaps=growth.gaps,
+            lost_age_s=growth.lost_age_s(now_s),
             last_block_age_s=sampled_s,
             poll_age_s=polled_s,
             loadcell_age_s=polled_s,

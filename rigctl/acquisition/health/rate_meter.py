@@ -1,4 +1,4 @@
-"""A meter of how fast a counter increases."""
+"""How fast a counter increases, and how long ago something was."""
 
 from __future__ import annotations
 
@@ -28,3 +28,8 @@ class RateMeter:
         """Mean increase per second, at least 0; 0 before the second reading."""
         elapsed_s = self._readings[-1][0] - self._readings[0][0] if self._readings else 0.0
         return max(0.0, self.increase / elapsed_s) if elapsed_s else 0.0
+
+
+def age_s(seen_s: float | None, now_s: float) -> float | None:
+    """Return the time since something was seen, None before it."""
+    return None if seen_s is None else max(0.0, now_s - seen_s)

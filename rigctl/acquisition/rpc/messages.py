@@ -184,6 +184,8 @@ class EngineStatus:
     last second, None before any. ``has_taxel_order``: rig.toml says which reading is which taxel,
     or they are identified.
     ``is_moved_by_hand``: a client's own command moves the drum, so no run can start.
+    ``gaps``, ``lost_samples``, ``loadcell_lost``: since the engine started; ``lost_age_s`` and
+    ``loadcell_lost_age_s``: loop time since the last of them, None where that is not known.
     ``poll_retries``: repeated polls of the drum since the engine started.
     ``clock_ppm``: how fast each board's clock runs against the computer's, None before known.
     ``boards``: by name, those that have connected. ``sensor_layout``: rows, columns and layers of
@@ -221,11 +223,13 @@ class EngineStatus:
     frame_rate_hz: float = 0.0
     lost_samples: int = 0
     gaps: int = 0
+    lost_age_s: float | None = None
     last_block_age_s: float | None = None
     poll_age_s: float | None = None
     loadcell_age_s: float | None = None
     poll_retries: int = 0
     loadcell_lost: int = 0
+    loadcell_lost_age_s: float | None = None
     clock_ppm: Mapping[str, float | None] = field(default_factory=dict)
     boards: Mapping[str, BoardStatus] = field(default_factory=dict)
     sensor_layout: SensorLayout = PAPER_SENSOR

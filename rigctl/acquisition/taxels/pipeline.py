@@ -55,6 +55,7 @@ class SamplePipeline:
         self.gap_count = 0
         self.lost_samples = 0
         self.last_arrival_s: float | None = None
+        self.last_gap_s: float | None = None
         self._live_writer = live_writer
         self._waits_for_disk = waits_for_disk
         self._batch_samples = batch_samples
@@ -122,8 +123,10 @@ class SamplePipeline:
 
     def _count(self, block: Block) -> None:
         self.sample_count += len(block)
-        self.gap_count += len(block.gaps)
-        self.lost_samples += sum(gap.count for gap in block.gaps)
+        if block.gaps:
+            self.gap_count += len(block.gaps)
+            self.lost_samples += sum(gap.count for gap in block.gaps)
+            self.last_gap_s = block.arrived_s
         self.last_arrival_s = block.arrived_s
         self._samples_since_clock += len(block)
         if self._samples_since_clock >= _CLOCK_PERIOD_SAMPLES:

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.acquisition.follow.followed_growth import FollowedGrowth, age_s
+from rigctl.acquisition.follow.followed_growth import FollowedGrowth
 from rigctl.acquisition.follow.growing_reader import finite
+from rigctl.acquisition.health.rate_meter import age_s
 from rigctl.errors import RigctlError
 from rigctl.protocol.finger_plan import FingerProtocol, parse_finger_protocol
 from rigctl.realtime.follow.growing_finger_session import NewFingerRows
@@ -84,6 +85,7 @@ class FollowedFingerStatus:
             tracker=str(header.tracker.get("name", "tracker")),
             sample_rate_hz=growth.rate_hz,
             lost_samples=growth.lost_samples,
+            lost_age_s=growth.lost_age_s(now_s),
             block_age_s=sampled_s,
             velocity_mm_s=self.velocity_mm_s,
             in_contact=self._contact.touches,

@@ -40,6 +40,8 @@ def _unplug_and_plug_in(rig: RigWindow, board: str) -> None:
     rig.inject(f"Plug in the {board}")
     rig.until(partial(_is_back, rig))
     rig.until(lambda: BOARDS[board] not in strip.text.text() or not strip.isVisible())
+    if board == "taxels":
+        assert 0 <= rig.status.lost_age_s < 60 and rig.status.lost_samples
 
 
 def _reach(rig: RigWindow, state: State) -> None:

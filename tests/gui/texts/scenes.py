@@ -47,6 +47,8 @@ CROWDED: dict[str, Any] = {
     "frame_rate_hz": 1013.7,
     "lost_samples": 123_456,
     "gaps": 1234,
+    "lost_age_s": 5900.0,
+    "loadcell_lost_age_s": 5900.0,
     "last_block_age_s": 12.345,
     "poll_age_s": 12.345,
     "poll_retries": 123,
