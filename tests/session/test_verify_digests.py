@@ -14,6 +14,7 @@ import pytest
 from rigctl.errors import SessionError
 from rigctl.session.chain.links import check_links
 from rigctl.session.format.annotated_arrays import text_scalar
+from rigctl.session.hdf5 import hdf5_file
 from rigctl.session.read.part import PartReader
 from rigctl.session.verify.session import verify
 from tests.session import building, finger_building
@@ -84,7 +85,7 @@ def flip(path: Path, at: int, mask: int) -> None:
 
 @pytest.mark.parametrize("kind", ["drum", "finger"])
 def test_no_flipped_bit_of_the_rows_is_called_whole(
-    kind: str, tmp_path: Path, request: pytest.FixtureRequest
+    kind: str, tmp_path: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = Path(shutil.copytree(request.getfixturevalue(kind), tmp_path / "s"))
     assert verify(folder).problems == []
@@ -94,7 +95,10 @@ def test_no_flipped_bit_of_the_rows_is_called_whole(
         flip(path, at, mask)
         if number < FLIPS_BY_COMMAND:
             assert not verify(folder).whole, f"bit {mask} of byte {at}"
-        assert is_noticed(path), f"bit {mask} of byte {at}"
+        with monkeypatch.context() as patch:
+            # No bit of the rows can end a process, and asking another one takes half of the time.
+            patch.setattr(hdf5_file, "check_survivable", lambda *_: None)
+            assert is_noticed(path), f"bit {mask} of byte {at}"
         flip(path, at, mask)
     assert verify(folder).problems == []
 
