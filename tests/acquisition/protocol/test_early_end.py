@@ -7,6 +7,7 @@ import json
 import multiprocessing
 import threading
 from collections.abc import Iterator
+from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +46,9 @@ least_trials = 5
 """
 WIDE, NARROW = RULE.format(width=900), RULE.format(width=0.01)
 LONG_S = 1e6
-"""Loop time that passes while the process starts: simulated time is fast."""
+"""Loop time that may pass while the process starts: simulated time is fast."""
+PROCESS_FIRST_S = 0.05
+"""For which simulated time stops between two polls, or it would take the process's processor."""
 
 
 def calibrated() -> RigConfig:
@@ -70,7 +73,13 @@ async def until_judged(harness: EngineHarness, committed: int) -> None:
     def has_ended() -> bool:
         return run.status().trials_ended_early > 0
 
-    await harness.until(lambda: judge.has_decided or has_ended(), LONG_S)
+    def is_judged() -> bool:
+        if judge.has_decided or has_ended():
+            return True
+        wait([judge._pipe], PROCESS_FIRST_S)
+        return False
+
+    await harness.until(is_judged, LONG_S)
     run.control.resume()
     await harness.until(has_ended)
 
