@@ -279,7 +279,7 @@ def test_the_taxels_of_the_virtual_sensor_are_identified_as_drawn(harness: Engin
     async def scenario(handle: Handle) -> None:
         assert not harness.engine.status().has_taxel_order
         await harness.wait(1)
-        high = harness.engine.boards.encoder.normalisation.high
+        high = harness.engine.boards.encoder.normalisation.high.astype(int)
         asked = await _identify(handle, harness)
         assert len(asked) == 12 and asked[0].startswith("Unplug")
         assert asked[-1].startswith("Press row 3, column 3")
@@ -288,12 +288,13 @@ def test_the_taxels_of_the_virtual_sensor_are_identified_as_drawn(harness: Engin
         await handle("discard_calibration", {"part": "wiring"})
         assert harness.engine.status().calibration.wiring_step == 0
         await harness.wait(1)
-        assert harness.engine.boards.encoder.normalisation.high.tolist() == high.tolist()
+        now = harness.engine.boards.encoder.normalisation.high
+        assert (now - high).max() < 5, "but for noise it is the range from before"
         await harness.wait(RELEASE_S)
         for command in ("arm", "tare", "home", "approach"):
             await handle(command, {})
         now = harness.engine.boards.encoder.normalisation.high
-        assert (now > high).any(), "the range follows what the drum does"
+        assert (now - high).max() > 20, "the range follows what the drum does"
 
     play(harness, scenario)
 
