@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QPushButton, QStackedWidget, QWidget
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QStackedWidget, QWidget
 
 from gui.engine_clients import JOIN
 from gui.operate.connection_bar import ConnectionBar
 from gui.widgets.file_browser import PathKind
 from gui.widgets.file_combo_box import FileComboBox
 from gui.widgets.layouts import container, hbox, vbox
+from gui.widgets.stop_button import StopButton
 from rigctl.acquisition.follow.states import NOTHING_YET, RECORDER_GONE
 from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.wire.drum.states import Fault
@@ -39,11 +40,7 @@ class Toolbar(ConnectionBar):
         self.rig.currentIndexChanged.connect(lambda _: self.world.setHidden(self._joins))
         self.recording_lamp = self.recording_display.lamp
         self.recording = self.recording_display.title
-        self.stop_button = QPushButton("STOP")
-        self.stop_button.setObjectName("stop")
-        self.stop_button.setMinimumSize(150, 46)
-        self.stop_button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self.stop_button.setToolTip("Stop and lift the drum, and end every run (Esc)")
+        self.stop_button = StopButton()
         self.stop_button.pressed.connect(self.stop_requested)
         self.pages = QStackedWidget()
         self.connect_clicked.connect(self._request_connection)

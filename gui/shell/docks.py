@@ -10,6 +10,8 @@ from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QApplication, QDockWidget, QMainWindow, QTabWidget, QWidget
 
 from gui.shell.keyboard.steady_focus import SteadyFocusDock
+from gui.widgets.layouts import container, vbox
+from gui.widgets.stop_button import StopButton
 
 LAYOUT_VERSION = 1
 """Increased when docks change so much that a saved layout no longer fits."""
@@ -23,11 +25,13 @@ _Feature = QDockWidget.DockWidgetFeature
 class DockArea(QMainWindow):
     """A middle with panels that the user moves, hides, floats and brings back.
 
-    It stands inside the window, so that no panel covers what is above or below it.
+    It stands inside the window, so that no docked panel covers what is above or below it.
     """
 
     panel_used = Signal(str)
     """Name of the panel that came to the front or got the focus."""
+    stop_requested = Signal()
+    """STOP of a panel that floats, and may cover the window's own."""
 
     def __init__(self, middle: QWidget) -> None:
         super().__init__()
@@ -59,13 +63,23 @@ class DockArea(QMainWindow):
         """
         dock = SteadyFocusDock(title)
         dock.setObjectName(name)
-        dock.setWidget(widget)
+        dock.setWidget(self._below_stop(dock, widget))
         self.addDockWidget(area, dock)
         if tabbed_with:
             self.tabifyDockWidget(self.docks[tabbed_with], dock)
         self.docks[name] = dock
         dock.visibilityChanged.connect(partial(self._on_visibility_changed, name))
         return dock
+
+    def _below_stop(self, dock: QDockWidget, widget: QWidget) -> QWidget:
+        """Return a panel with a STOP above it, which shows while the panel floats."""
+        stop = StopButton()
+        stop.pressed.connect(self.stop_requested)
+        stop.hide()
+        dock.topLevelChanged.connect(stop.setVisible)
+        column = vbox(stop, widget, spacing=4)
+        column.setStretch(1, 1)
+        return container(column)
 
     def keep_on_screen(self, name: str) -> None:
         """Let a panel move to another side, but neither close nor float."""

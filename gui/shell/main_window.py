@@ -261,7 +261,8 @@ class MainWindow(SteadyFocusWindow):
         self._browse(PathKind.SESSION, self.analysis_tab.open_session)
 
     def _connect_panels(self) -> None:
-        self.toolbar.stop_requested.connect(self.stop)
+        for place in (self.toolbar, self.docks):
+            place.stop_requested.connect(self.stop)
         self.appearance.theme_changed.connect(self._show_theme)
         self.drum.title_changed.connect(self.setWindowTitle)
         boxes = (self.toolbar.rig, self.toolbar.world)

@@ -13,6 +13,7 @@ from shiboken6 import delete
 from gui.operate.action_results import action_result
 from gui.operate.bring_up import READY
 from gui.shell.main_window import MainWindow
+from gui.widgets.layouts import PanelArea
 from gui.widgets.status_lamp import Level
 from rigctl.wire.drum.states import State
 from tests.gui.fake_engine import STATUS
@@ -43,7 +44,7 @@ def test_bring_up_leads_from_step_to_step_until_the_drum_can_approach(harness: H
 
 def test_bring_up_is_in_view_first_and_lists_its_steps_on_request(harness: Harness) -> None:
     window, before = harness.window, harness.window.size()
-    box, area = window.operate_panel.bring_up, window.docks.docks["operate"].widget()
+    box, area = window.operate_panel.bring_up, window.docks.docks["operate"].findChild(PanelArea)
     harness.update(state=int(State.IDLE), tared=False)
     window.resize(1024, 700)
     QApplication.processEvents()

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QAbstractButton, QApplication, QDockWidget, QWidget
 
+from gui.widgets.stop_button import StopButton
 from rigctl.wire.drum.states import State
-from tests.gui.steps import Harness, press_escape, wait_until
+from tests.gui.steps import Harness, click, press_escape, wait_until
 
 Key, Modifier = Qt.Key, Qt.KeyboardModifier
 FLOAT_BUTTON = "qt_dockwidget_floatbutton"
@@ -54,6 +55,27 @@ def test_a_floating_panel_stops_by_escape_from_anywhere(
         before = harness.engine.commands.count("stop")
         press_escape(focus())
         wait_until(lambda n=before: harness.engine.commands.count("stop") == n + 1)
+
+
+def test_a_floating_panel_that_covers_stop_has_its_own(
+    floating: tuple[Harness, QDockWidget],
+) -> None:
+    harness, dock = floating
+    window, stop = harness.window, dock.findChild(StopButton)
+    assert stop is not None and stop.isVisible() and stop.focusPolicy() is Qt.FocusPolicy.NoFocus
+    dock.move(window.toolbar.stop_button.mapToGlobal(QPoint(-200, -10)))
+    assert dock.geometry().contains(window.toolbar.stop_button.mapToGlobal(QPoint(10, 10)))
+    dock.resize(1, 1)
+    wait_until(lambda: dock.childAt(stop.mapTo(dock, stop.rect().center())) is stop)
+    assert stop.width() >= stop.fontMetrics().horizontalAdvance(stop.text())
+    click(stop)
+    assert harness.engine.commands == ["stop"]
+    docked = window.docks.docks["protocol"].findChild(StopButton)
+    assert docked is not None and docked.isHidden()
+    layout = window.docks.save()
+    window.docks.reset()
+    assert stop.isHidden()
+    assert window.docks.restore(layout) and stop.isVisible()
 
 
 def test_keys_in_a_floating_panel_are_those_of_a_docked_one(

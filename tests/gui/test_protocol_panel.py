@@ -8,6 +8,7 @@ import pytest
 from PySide6.QtWidgets import QApplication
 
 from gui.protocol.protocol_panel import ProtocolPanel
+from gui.widgets.layouts import PanelArea
 from tests.gui.steps import Harness, click, wait_until
 
 RUN = {
@@ -184,7 +185,7 @@ def test_a_run_that_begins_is_in_view_on_a_small_screen(harness: Harness) -> Non
     window.resize(1024, 700)
     try:
         harness.update(run={"state": "idle"})
-        area = window.docks.docks["protocol"].widget()
+        area = window.docks.docks["protocol"].findChild(PanelArea)
         area.ensureWidgetVisible(panel.queue.add_button)
         harness.update(run={"state": "running", "session": "/data/s"})
         QApplication.processEvents()

@@ -8,6 +8,7 @@ from PySide6.QtGui import QAccessible, QGuiApplication
 from PySide6.QtWidgets import QApplication, QScrollArea, QWidget
 
 from gui.shell.main_window import MainWindow
+from gui.widgets.layouts import PanelArea
 from gui.widgets.theme import ThemeChoice, applied_theme
 from rigctl.wire.drum.states import State
 from tests.gui.fake_engine import FakeEngine
@@ -60,7 +61,7 @@ def test_panels_are_never_narrower_than_their_contents(harness: Harness) -> None
     window = harness.window
     for name in ("operate", "protocol", "analysis", "finger"):
         window.show_panel(name)
-        area = window.docks.docks[name].widget()
+        area = window.docks.docks[name].findChild(PanelArea)
         assert isinstance(area, QScrollArea)
         window.docks.resizeDocks([window.docks.docks[name]], [50], Qt.Orientation.Horizontal)
         QApplication.processEvents()
