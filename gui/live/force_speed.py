@@ -118,8 +118,9 @@ def corners(
     """Return the ends of each stretch of equal values: dashes of many short lines cost more."""
     if not len(y):
         return x, y
-    changes = np.flatnonzero(np.diff(y, prepend=np.nan, append=np.nan))
-    kept = np.unique(np.concatenate([changes[:-1], changes[1:] - 1]))
+    is_end = np.ones((2, len(y)), bool)  # of a stretch's first and last value
+    is_end[0, 1:] = is_end[1, :-1] = y[1:] != y[:-1]
+    kept = np.flatnonzero(is_end[0] | is_end[1])
     return thin_out(x[kept], y[kept])
 
 

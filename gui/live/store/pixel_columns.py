@@ -32,7 +32,7 @@ def reduce_columns(start: NDArray[np.int64], values: NDArray[Any], ufunc: np.ufu
 
     ``start``: int64 (k + 1,), ascending; ``values``: the rows ``start[0]:start[-1]``.
     """
-    filled = np.flatnonzero(np.diff(start))
+    filled = np.flatnonzero(start[1:] != start[:-1])
     if not len(filled):
         return np.zeros((len(start) - 1, values.shape[1]), values.dtype)
     reduced = ufunc.reduceat(values, start[filled] - start[0], axis=0)

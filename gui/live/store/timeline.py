@@ -48,6 +48,8 @@ class Timeline:
         self._pyramid = Pyramid(capacity, n_taxels, n_rows)
         self.generation = 0
         self.recode: Recode | None = None
+        self._columns: PixelColumns | None = None
+        self._columns_at = (0, 0, 0, 0, 0, 0)
         self.clear()
 
     def clear(self) -> None:
@@ -122,7 +124,14 @@ class Timeline:
         """Return the pixel columns with absolute numbers ``first`` … ``last``.
 
         A column number is ``position * width // span`` (pixels, samples), so that it never changes.
+        Traces and raster of one redraw have the same columns, which are computed once.
         """
+        place = (first, last, width, span, self.counters.end, self.generation)
+        if self._columns is None or place != self._columns_at:
+            self._columns, self._columns_at = self._new_columns(first, last, width, span), place
+        return self._columns
+
+    def _new_columns(self, first: int, last: int, width: int, span: int) -> PixelColumns:
         number = np.arange(first, last + 1, dtype=np.int64)
         edges = -(-np.arange(first, last + 2, dtype=np.int64) * span // width)
         start = self.counters.count_below(edges)
@@ -160,7 +169,7 @@ class Timeline:
             start = np.clip(-(-columns.start // level.factor), ring.first, ring.end)
         rows = ring.between(int(start[0]), int(start[-1]))
         spikes = reduce_columns(start, rows, np.maximum)
-        spikes[np.diff(start) == 0] = 0
+        spikes[start[1:] == start[:-1]] = 0
         return spikes > 0
 
     def _join(
@@ -182,8 +191,10 @@ class Timeline:
         if not len(self):
             self._offset = 0
         positions = counters + self._offset
-        steps = np.diff(positions, prepend=self.newest if len(self) else positions[0] - 1)
-        for row in np.flatnonzero(steps <= 0):
+        rows = [*(np.flatnonzero(positions[1:] <= positions[:-1]) + 1)]
+        if len(self) and positions[0] <= self.newest:
+            rows.insert(0, 0)
+        for row in rows:
             before = positions[row - 1] if row else self.newest
             before_s = time_s[row - 1] if row else self.newest_s
             missed = max(1, round((time_s[row] - before_s) * SAMPLE_RATE_HZ))
