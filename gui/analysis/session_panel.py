@@ -75,7 +75,7 @@ class SessionPanel(QWidget):
         self.open_requested.emit(folder)
 
     def show_session(self, table: SessionTable) -> None:
-        """Show a session: the opened one with its first trial, or one beside it, or its growth."""
+        """Show a session: one that was opened with a trial of it, one beside it, or its growth."""
         if table.path in self.sessions:
             self.sessions[table.path] = table
         elif table.path in self.run_box.form.sessions[1:] and self.path:
@@ -85,7 +85,7 @@ class SessionPanel(QWidget):
         self._show_trials()
         self._show_digest()
         if not self.trials.has_choice:
-            self.trials.choose_first()
+            self.trials.choose(0, self.sessions[self.path].first_shown)
 
     def show_unopened(self, sentence: str) -> None:
         """Show why a session did not open, and nothing of those before."""

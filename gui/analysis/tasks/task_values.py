@@ -25,6 +25,7 @@ class SessionTable(NamedTuple):
     ``missing``: what cannot be read of it, as sentences without the last full stop; empty if it is
     whole. ``closing_digest``: empty for a session that is not closed or lacks its end. ``reasons``:
     row and sentence of each attempt that does not count. ``is_growing``: its writer is alive.
+    ``first_shown``: row of the attempt that is shown first.
     """
 
     path: str = ""
@@ -35,6 +36,7 @@ class SessionTable(NamedTuple):
     missing: str = ""
     reasons: tuple[tuple[int, str], ...] = ()
     is_growing: bool = False
+    first_shown: int = 0
 
     @property
     def n_rows(self) -> int:

@@ -131,9 +131,10 @@ class OpenSessions:
         from rigctl.session.read.closing_digest import read_closing_digest
         from rigctl.session.read.session import Session
 
-        session = self._session(path)
+        session, first = self._session(path), 0
         if isinstance(session, Session):
             about, columns, experiment = _about(session), _columns(session), DRUM
+            first = _first_with_texture(session)
         else:
             about, columns = finger_tasks.about(session), finger_tasks.columns(session)
             experiment = FINGER
@@ -146,7 +147,20 @@ class OpenSessions:
             ". ".join(session.describe_missing()),
             tuple(_reasons(session)),
             is_being_written(session.path),
+            first,
         )
+
+
+def _first_with_texture(session: Session) -> int:
+    """Return the row of the first committed trial of another plate than the smooth one, else 0.
+
+    The paper's plate A is smooth: its spikes show force and no texture.
+    """
+    from rigctl.analysis.paper.published import SMOOTH
+
+    committed = session.committed()
+    textured = committed[session.trials["texture"][committed] != SMOOTH]
+    return int(textured[0]) if len(textured) else 0
 
 
 def _about(session: Session) -> str:

@@ -87,6 +87,10 @@ class TrialList(QWidget):
         self._chosen = None
         self._show_reason()
 
+    def choose(self, session: int, row: int) -> None:
+        """Choose a trial, or the first that is shown where the filter hides it."""
+        self.table.selectRow(max(self.model.shown_row(session, row), 0))
+
     def choose_first(self) -> None:
         """Choose the first trial that is shown."""
         self.table.selectRow(0)

@@ -13,7 +13,8 @@ TESTED_SHARE = 25 / 100
 TRAINED_SPEEDS_MM_S = (40.0, 60.0, 80.0)
 TRAINED_FORCES_G = (250.0, 500.0)
 
-GROUPS = {"A": "smooth"} | {
+SMOOTH = "A"
+GROUPS = {SMOOTH: "smooth"} | {
     letter: group
     for group, letters in (
         ("circular ridges", "BCDEF"),
