@@ -131,11 +131,11 @@ class ProtocolPanel(QWidget):
         self.buttons["Pause"].setEnabled(run.state == "running")
         self.buttons["Resume"].setEnabled(run.state == "paused")
         self.buttons["Abort"].setEnabled(run.is_active)
-        self._put_run_first(run.is_active)
         self.form.show_finish()
         self.run_box.show_status(status)
         self.session_link.show_run(run)
         self.queue.show_run(run)
+        self._arrange(run.is_active)
 
     def showEvent(self, event: QShowEvent) -> None:
         """Plan the protocol when the panel is visible for the first time."""
@@ -217,17 +217,23 @@ class ProtocolPanel(QWidget):
 
     def _lay_out(self) -> None:
         self._run_group = self._run_box_group()
-        items = (self.form, self._run_group, self.queue)
-        self._column = vbox(*items, spacing=4, margins=(6, 4, 6, 6))
+        self._order: tuple[QWidget, ...] = (self.form, self._run_group, self.queue)
+        self._column = vbox(*self._order, spacing=4, margins=(6, 4, 6, 6))
         self._column.addStretch(1)
         self.setLayout(self._column)
 
-    def _put_run_first(self, is_first: bool) -> None:
-        """Put the run above the fields, where nobody has to scroll for it, or below them."""
-        place = 0 if is_first else 1
-        if self._column.indexOf(self._run_group) != place:
-            self._column.removeWidget(self._run_group)
-            self._column.insertWidget(place, self._run_group)
+    def _arrange(self, is_active: bool) -> None:
+        """Put first, where nobody has to scroll for it, the run, or a queue that waits."""
+        order: tuple[QWidget, ...] = (self.form, self._run_group, self.queue)
+        if is_active:
+            order = (self._run_group, self.form, self.queue)
+        elif self.queue.waits:
+            order = (self.queue, self.form, self._run_group)
+        if order != self._order:
+            self._order = order
+            for place, part in enumerate(order):
+                self._column.removeWidget(part)
+                self._column.insertWidget(place, part)
             scroll_to_top(self)
 
     def _run_box_group(self) -> QGroupBox:

@@ -47,6 +47,11 @@ class RunQueue(QWidget):
         self.list.currentRowChanged.connect(lambda _: self._enable())
         self.set_possible(can_add=False, can_start=False)
 
+    @property
+    def waits(self) -> bool:
+        """Whether the next run waits for Start next, as the last one did not finish."""
+        return bool(self.problem.text())
+
     def set_possible(self, *, can_add: bool, can_start: bool) -> None:
         """Allow to queue the fields above, and to start a run."""
         self.add_button.setEnabled(can_add)
@@ -75,7 +80,8 @@ class RunQueue(QWidget):
 
     def _remove(self) -> None:
         self.list.takeItem(max(self.list.currentRow(), 0))
-        self._show_problem("")
+        if not self.list.count():
+            self._show_problem("")
         self._enable()
 
     def _start_next(self) -> None:
@@ -97,9 +103,9 @@ class RunQueue(QWidget):
 
     def _lay_out(self) -> None:
         box, column = group_box("Queue", QVBoxLayout())
+        column.addWidget(self.problem)
         column.addWidget(self.list)
         column.addLayout(hbox(self.add_button, self.remove_button, self.next_button))
-        column.addWidget(self.problem)
         outer = QVBoxLayout(self)
         outer.setContentsMargins(0, 0, 0, 0)
         outer.addWidget(box)
