@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 
 from gui.analysis.tasks.task_values import TrialData
 from gui.live.spikes.train_rows import TrainRows
-from gui.widgets.plots.plot_axes import colour_axes, taxel_ticks, time_plot, title_plot
+from gui.widgets.plots.plot_axes import (
+    colour_axes,
+    reserve_right,
+    taxel_ticks,
+    time_plot,
+    title_plot,
+)
 from gui.widgets.plots.plot_grid import PlotGrid
 from gui.widgets.theme import Theme
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
@@ -44,6 +50,7 @@ class TrialView(PlotGrid):
         for plot in (self.samples_plot, self.spikes_plot):
             colour_axes(plot, theme)
         self.reserve_plots(*LEAST_PX)
+        reserve_right(self.cells)
         self.show_trial(self.data)
 
     def show_trial(self, data: TrialData | None) -> None:

@@ -20,16 +20,22 @@ from gui.widgets.data_ages import DataAges
 from gui.widgets.plots.plot_axes import BOTTOM_PX, colour_axes, fixed_plot, reserve
 from gui.widgets.plots.plot_grid import PlotGrid
 from gui.widgets.plots.stale_cover import StaleCovers
-from gui.widgets.theme import Theme, text_scale
+from gui.widgets.theme import Theme, scaled_px, text_scale
 from rigctl.acquisition.live_buffer import LiveReader
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
 
 _RIGHT_PX, _MORE_FOR_TEXTS_PX = 216, 130
 """Width of the right column, and what texts twice as large add to it."""
-GAP_PX = 16
+_GAP_PX = 26
+"""Between the columns: half a number of the time axis, and half of one of the rates, meet there."""
 _SLOW_REFRESH_MS = 100  # numbers that change thirty times a second are unreadable
 _MAP_SAMPLES = 32
+
+
+def gap_px() -> int:
+    """Return the room between the plots over time and the right column."""
+    return scaled_px(_GAP_PX)
 
 
 def right_column_px() -> int:
@@ -194,6 +200,7 @@ class LivePlots(PlotGrid):
             item.set_theme(theme)
         colour_axes(self._rate_plot, theme)
         self.cells.layout.setColumnFixedWidth(1, right_column_px())
+        self.cells.layout.setHorizontalSpacing(gap_px())
         self.keep_readable()
         self.draw()
 
@@ -215,7 +222,6 @@ class LivePlots(PlotGrid):
         self._rate_plot.setXRange(0, FULL_SCALE_HZ, padding=0)
         self._rate_plot.invertY(True)
         self._rate_plot.addItem(self.rate_bars)
-        self.cells.layout.setHorizontalSpacing(GAP_PX)
         self._show_rate_rows()
 
     def _show_rate_rows(self) -> None:

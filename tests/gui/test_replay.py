@@ -9,7 +9,7 @@ import pytest
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtGui import QAction
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QPushButton, QTableView, QWidget
+from PySide6.QtWidgets import QApplication, QPushButton, QTableView, QWidget
 
 from gui.live.replay.player import Player
 from gui.live.replay.replay_page import NO_SESSION
@@ -18,6 +18,7 @@ from rigctl.encoding.normalisation import Normalisation
 from rigctl.session.read.session import Session
 from tests.analysis.recordings import record
 from tests.gui.steps import SharedWindow, click, wait_until
+from tests.gui.texts.plots import cut_plot_texts
 
 
 @pytest.fixture(scope="module")
@@ -56,6 +57,14 @@ def test_a_session_replays_with_v_of_t_and_becomes_a_movie(
     assert time_s[-1] == pytest.approx(0.4, abs=0.002)
     spikes = timeline.spikes.between(0, 401)[:, 0]
     assert np.array_equal(shown_mv[:401] >= 30.0, spikes > 0)
+    assert cut_plot_texts(page.voltage.graphics) == []
+    span_s = page.plots.navigation.span_s
+    for right, shown_s in ((400, span_s), (400, 0.05)):  # numbers at both ends
+        page.plots.navigation.set_span(shown_s)
+        page.place.setValue(right)
+        QApplication.processEvents()
+        assert cut_plot_texts(page.plots.graphics) == []
+    page.plots.navigation.set_span(span_s)
 
     click(page.movies.button)
     assert page.movies.button.text() == "Cancel"

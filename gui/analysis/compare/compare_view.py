@@ -12,7 +12,13 @@ from PySide6.QtWidgets import QComboBox, QWidget
 from gui.analysis.compare.responses import NeuronResponse, ResponseGrid
 from gui.widgets.labels import label
 from gui.widgets.layouts import hbox, push_button, vbox
-from gui.widgets.plots.plot_axes import colour_axes, fixed_plot, reserve, title_plot
+from gui.widgets.plots.plot_axes import (
+    colour_axes,
+    fixed_plot,
+    reserve,
+    reserve_right,
+    title_plot,
+)
 from gui.widgets.theme import Theme, scaled_px, text_scale
 
 HINT = "Choose a neuron; Compare shows the selected trials, or all that the filter lets through."
@@ -57,6 +63,7 @@ class CompareView(QWidget):
         """Apply a theme."""
         self._theme = theme
         self.plots.setBackground(theme.panel)
+        reserve_right(self.plots.ci)
         self.show_grid(self.grid)
 
     def show_grid(self, grid: ResponseGrid | None) -> None:

@@ -11,7 +11,7 @@ from PySide6.QtCore import Qt
 
 from gui.analysis.tasks.task_values import TrialCourse
 from gui.analysis.trial_view import LEAST_PX
-from gui.widgets.plots.plot_axes import colour_axes, time_plot, title_plot
+from gui.widgets.plots.plot_axes import colour_axes, reserve_right, time_plot, title_plot
 from gui.widgets.plots.plot_grid import PlotGrid
 from gui.widgets.theme import Theme
 
@@ -39,6 +39,7 @@ class CourseView(PlotGrid):
         for plot in (self.force_plot, self.speed_plot):
             colour_axes(plot, theme)
         self.reserve_plots(*LEAST_PX)
+        reserve_right(self.cells)
         self.show_course(self.course, self.title)
 
     def show_course(self, course: TrialCourse | None, title: str = "") -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from html import escape
-from math import ceil
 
 import numpy as np
 import pyqtgraph as pg
@@ -19,6 +18,7 @@ from gui.widgets.plots.plot_axes import (
     text_width_px,
     time_plot,
     title_plot,
+    whole_ticks,
 )
 from gui.widgets.plots.plot_grid import PlotGrid
 from gui.widgets.theme import Theme
@@ -132,12 +132,6 @@ def window_ticks(n_windows: int, width_px: float) -> _Ticks:
     room_px = 2 * text_width_px(f"{n_windows}")
     step = next((s for s in (1, 2, 5, 10, 20) if n_windows * room_px <= s * width_px), 50)
     return [(window + 0.5, f"{window + 1}") for window in range(0, n_windows, step)]
-
-
-def whole_ticks(top: float) -> _Ticks:
-    """Return whole numbers from 0 to the top of a scale, six at most."""
-    step = max(1, ceil(top / 5))
-    return [(float(number), f"{number}") for number in range(0, int(top) + 1, step)]
 
 
 def _colour_scale(plot: pg.PlotItem, image: pg.ImageItem) -> pg.ColorBarItem:

@@ -7,7 +7,7 @@ import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import QRectF
 
-from gui.live.live_plots import GAP_PX, right_column_px
+from gui.live.live_plots import gap_px, right_column_px
 from gui.live.review.overlay import Overlay
 from gui.widgets.plots.plot_axes import colour_axes, label_axis, time_plot
 from gui.widgets.plots.plot_grid import PlotGrid
@@ -15,8 +15,8 @@ from gui.widgets.theme import Theme, scaled_px
 from rigctl.values import SAMPLE_RATE_HZ
 
 LOW_MV, HIGH_MV = -90.0, 40.0
-HEIGHT_PX = 94
-_MARGIN_PX = 9
+HEIGHT_PX = 102
+_MARGIN_PX, _TOP_PX = 9, 8
 _TICKS = [(-70.0, "−70"), (30.0, "30")]
 
 
@@ -46,8 +46,8 @@ class VoltagePlot(PlotGrid):
         """Apply a theme and the size of the texts."""
         self._theme = theme
         self.setFixedHeight(scaled_px(HEIGHT_PX))
-        right_px = _MARGIN_PX + GAP_PX + right_column_px()  # times stand below each other
-        self.cells.layout.setContentsMargins(_MARGIN_PX, 0, right_px, 0)
+        right_px = _MARGIN_PX + gap_px() + right_column_px()  # times stand below each other
+        self.cells.layout.setContentsMargins(_MARGIN_PX, scaled_px(_TOP_PX), right_px, 0)
         self.colour_background(theme)
         for plot, curve, colour, overlay in zip(
             self.plots, self.curves, theme.groups[:2], self.overlays, strict=True

@@ -9,7 +9,15 @@ import pyqtgraph as pg
 from PySide6.QtCore import QEvent, QPointF
 
 from gui.protocol.learning.curve_texts import point_text
-from gui.widgets.plots.plot_axes import LEFT_PX, colour_axes, fixed_plot, reserve, title_plot
+from gui.widgets.plots.plot_axes import (
+    LEFT_PX,
+    colour_axes,
+    fixed_plot,
+    reserve,
+    reserve_right,
+    title_plot,
+    whole_ticks,
+)
 from gui.widgets.plots.plot_grid import PlotGrid
 from gui.widgets.theme import applied_theme, scaled_px
 
@@ -48,6 +56,7 @@ class CurveView(PlotGrid):
         theme = applied_theme()
         self.colour_background(theme)
         colour_axes(self.plot, theme)
+        reserve_right(self.cells)
         self.graphics.setMinimumHeight(scaled_px(LOWEST_PX))
         self.plot.clear()
         self._show_title(HINT if points else "")
@@ -58,7 +67,9 @@ class CurveView(PlotGrid):
             100 * np.array([getattr(point, name) for point in points])
             for name in ("accuracy", "low", "high", "chance")
         )
-        self.plot.setXRange(0, 1.05 * float(x[-1]), padding=0)
+        end = 1.05 * float(x[-1])
+        self.plot.setXRange(0, end, padding=0)
+        self.plot.getAxis("bottom").setTicks([whole_ticks(end), []])
         width = 0.012 * float(x[-1])
         bars = pg.ErrorBarItem(
             x=x, y=y, top=high - y, bottom=y - low, beam=width, pen=pg.mkPen(theme.accent, width=1)

@@ -17,6 +17,8 @@ _ROUND_STEPS_S = (
     0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0, 120.0,
 )  # fmt: skip
 BOTTOM_PX = 34
+_BEYOND_PX, RIGHT_PX = 24, 20
+"""How far a number may reach beyond the end of its axis, and the room for it right of a plot."""
 _USUAL_PX = "usual_px"
 _LONG_TIME = "−10.0 "
 
@@ -29,7 +31,7 @@ def fixed_plot(layout: pg.GraphicsLayout, row: int, column: int) -> pg.PlotItem:
     plot.disableAutoRange()
     for side in ("left", "bottom"):
         # Drawing nine axes in each frame takes longer than all curves; cached pixmaps do not.
-        plot.getAxis(side).setStyle(hideOverlappingLabels=False)
+        plot.getAxis(side).setStyle(hideOverlappingLabels=_BEYOND_PX)
         plot.getAxis(side).enableAutoSIPrefix(False)
         plot.getAxis(side).setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)
     return plot
@@ -40,6 +42,12 @@ def reserve(plot: pg.PlotItem, side: str, usual_px: float) -> None:
     axis = plot.getAxis(side)
     axis.setProperty(_USUAL_PX, usual_px)
     _fit_axis(axis)
+
+
+def reserve_right(layout: pg.GraphicsLayout) -> None:
+    """Leave room right of the plots for half a number at the end of their axes."""
+    left, top, _, bottom = layout.layout.getContentsMargins()
+    layout.layout.setContentsMargins(left, top, scaled_px(RIGHT_PX), bottom)
 
 
 def label_axis(plot: pg.PlotItem, side: str, text: str, theme: Theme) -> None:
@@ -57,6 +65,8 @@ def _fit_axis(axis: pg.AxisItem) -> None:
     font, usual_px = QApplication.font(), axis.property(_USUAL_PX)
     axis.setTickFont(font)
     axis.label.setFont(font)
+    if axis.style["hideOverlappingLabels"] not in (True, False):
+        axis.setStyle(hideOverlappingLabels=scaled_px(_BEYOND_PX))
     if usual_px is not None:
         upright = axis.orientation in ("left", "right")
         (axis.setWidth if upright else axis.setHeight)(scaled_px(usual_px))
@@ -114,3 +124,14 @@ def time_ticks(left_s: float, right_s: float, most: int = MAX_TICKS) -> list[tup
     digits = max(0, -floor(log10(step_s)))
     numbers = range(ceil(left_s / step_s), floor(right_s / step_s) + 1)
     return [(n * step_s, f"{n * step_s:.{digits}f}".replace("-", "−")) for n in numbers]
+
+
+def whole_ticks(top: float, most: int = 6) -> list[tuple[float, str]]:
+    """Return ticks at whole numbers from 0 to the top of an axis, with ``most`` round steps."""
+    step = next(
+        factor * 10**power
+        for power in range(len(f"{top:.0f}"))
+        for factor in (1, 2, 5, 10)
+        if top <= most * factor * 10**power
+    )
+    return [(float(number), f"{number}") for number in range(0, int(top) + 1, step)]

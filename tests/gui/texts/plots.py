@@ -16,13 +16,14 @@ from PySide6.QtWidgets import (
 
 from tests.gui.texts.piece import CutText, path_of
 
-_SLACK_PX = 1.0
+_SLACK_PX, _APART_PX = 1.0, 3.0
 
 
 def cut_plot_texts(view: QGraphicsView) -> list[CutText]:
     """Return the texts of a view that its plots or other texts cover or cut."""
     where, found = path_of(view), []
     port = view.mapToScene(view.viewport().rect()).boundingRect()
+    beside: list[tuple[QRectF, str]] = []
     for item in view.scene().items():
         if not item.isVisible() or not item.opacity():
             continue
@@ -30,6 +31,15 @@ def cut_plot_texts(view: QGraphicsView) -> list[CutText]:
             found += _text(where, item, port)
         elif isinstance(item, pg.AxisItem):
             found += _ticks(where, item, port)
+            if item.orientation == "bottom":
+                ticks = [(item.mapRectToScene(place), text) for place, text in _tick_texts(item)]
+                found += [
+                    CutText(f"{where}/AxisItem", text, f"runs into {other!r} of the next axis")
+                    for place, text in ticks
+                    for there, other in beside
+                    if _overlap(place.adjusted(-_APART_PX, 0, _APART_PX, 0), there)
+                ]
+                beside += ticks
     return found
 
 
@@ -62,24 +72,29 @@ def _clip(item: QGraphicsItem, port: QRectF) -> QRectF:
 
 
 def _ticks(where: str, axis: pg.AxisItem, port: QRectF) -> Iterator[CutText]:
-    if not axis.style["showValues"]:
-        return
-    canvas = QPixmap(1, 1)
-    painter = QPainter(canvas)
-    specs = axis.generateDrawSpecs(painter)
-    painter.end()
-    texts = specs[2] if specs else []
     cached = axis.cacheMode() is not QGraphicsItem.CacheMode.NoCache
-    has = axis.boundingRect() if cached else axis.mapRectFromScene(port)
+    has = axis.mapRectFromScene(port)
+    if cached:
+        has = has.intersected(axis.boundingRect())
     previous: tuple[QRectF, str] | None = None
-    for place, _, text in texts:
-        rect = QRectF(place)
+    for rect, text in _tick_texts(axis):
         if not _holds(has, rect):
             reason = f"covers {_words(rect)} but the axis shows {_words(has)}"
             yield CutText(f"{where}/AxisItem", text, reason)
         if previous is not None and _overlap(previous[0], rect):
             yield CutText(f"{where}/AxisItem", text, f"overlaps the tick {previous[1]!r}")
         previous = rect, text
+
+
+def _tick_texts(axis: pg.AxisItem) -> list[tuple[QRectF, str]]:
+    """Return place, in the axis, and text of each of its numbers."""
+    if not axis.style["showValues"]:
+        return []
+    canvas = QPixmap(1, 1)
+    painter = QPainter(canvas)
+    specs = axis.generateDrawSpecs(painter)
+    painter.end()
+    return [(QRectF(place), text) for place, _, text in specs[2]] if specs else []
 
 
 def _overlap(one: QRectF, other: QRectF) -> bool:
