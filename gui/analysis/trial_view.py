@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -16,13 +15,13 @@ from gui.widgets.plots.plot_axes import (
     reserve_right,
     taxel_ticks,
     time_plot,
-    title_plot,
 )
 from gui.widgets.plots.plot_grid import PlotGrid
 from gui.widgets.theme import Theme
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
 
+NO_TRIAL = "Open a session and choose a trial on the left"
 LEAST_PX = (300, 130, 130)
 """Width and heights of two plots whose labels and numbers can be read."""
 
@@ -58,8 +57,8 @@ class TrialView(PlotGrid):
         self.data = data
         for plot in (self.samples_plot, self.spikes_plot):
             plot.clear()
-        title = data.title if data is not None else "Open a session and choose a trial on the left"
-        title_plot(self.samples_plot, escape(title), self._theme.muted, 10.0)
+        heading = data.heading if data is not None else NO_TRIAL
+        self.show_heading(self.samples_plot, heading, self._theme)
         rows = TrainRows(data.layout if data is not None else SensorLayout.default(N_TAXELS))
         self._label(rows)
         if data is None or not len(data.samples):

@@ -11,11 +11,17 @@ import pytest
 from PySide6.QtCore import QPointF, Qt
 from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
 
 from gui.analysis.compare.compare_view import trial_ticks
+from gui.analysis.figures.text_page import TextPage
+from gui.analysis.results import table
+from gui.shell.page_stack import PageArea
 from tests.analysis.recordings import record
 from tests.gui.full_disk import full_disk
 from tests.gui.steps import Harness, click, wait_until
+
+HEADING = "SIMULATED data · Trial 1: plate B, 40 mm/s, 250 g, committed"
 
 
 @pytest.fixture
@@ -61,7 +67,10 @@ def test_force_and_speed_stand_beside_what_was_planned(shown: Harness) -> None:
     assert view.course.planned_mm_s == 40 and view.course.planned_g == 250
     low, high = view.force_plot.viewRange()[1]
     assert low <= 0 and high > 250
-    assert view.force_plot.titleLabel.text == "Trial 1: plate B, 40 mm/s, 250 g, committed"
+    assert (
+        view.force_plot.titleLabel.text
+        == "SIMULATED data · Trial 1: plate B, 40 mm/s, 250 g, committed"
+    )
 
 
 def test_a_feature_is_read_with_its_unit(shown: Harness) -> None:
@@ -75,7 +84,7 @@ def test_a_feature_is_read_with_its_unit(shown: Harness) -> None:
     read = view.value.text()
     assert read.startswith("SA of taxel 10, window 2: ") and read.endswith(" Hz")
     assert view.value_text(18, 0).startswith("RA of taxel 1, window 1: ")
-    assert plot.titleLabel.text == "Trial 1: plate B, 40 mm/s, 250 g, committed"
+    assert plot.titleLabel.text == HEADING
     names = [scale.axis.labelText for scale in view.scales]
     assert names == ["Rate (Hz)", "Count (spikes)"]
     top_hz = view.features.values[:18].max()
@@ -84,13 +93,32 @@ def test_a_feature_is_read_with_its_unit(shown: Harness) -> None:
     assert view.plots[1].getAxis("bottom")._tickLevels[0] == [(0.5, "1"), (1.5, "2")]
 
 
+def test_large_texts_need_no_scrolling_sideways(shown: Harness) -> None:
+    window, pages = shown.window, shown.window.analysis_tab.trial_view
+    words = TextPage(table(["Predicted"] * 10, [["rectangular-ridges"] * 10]))
+    window.set_text_size(150)
+    window.show_panel("finger")  # the widest panel
+    window.show_panel("analysis")
+    area = next(one for one in window.stack.findChildren(PageArea) if one.page is pages)
+    for index in range(pages.count()):
+        pages.setCurrentIndex(index)
+        QApplication.processEvents()
+        assert area.isVisible() and not area.horizontalScrollBar().maximum()
+    words.resize(area.size())
+    words.show()
+    assert not words.horizontalScrollBar().isVisible()
+    words.close()
+    window.set_text_size(100)
+
+
 def test_every_page_is_saved_in_two_clicks_and_nothing_is_overwritten(shown: Harness) -> None:
     picture = save(shown, "png")
     assert picture.parent.name == "session-figures"
     assert picture.name == "trial-1-readings-and-spikes-simulated.png"
     assert not QImage(str(picture)).isNull()
     assert save(shown, "png").name == "trial-1-readings-and-spikes-simulated-2.png"
-    assert shown.window.analysis_tab.trial_view.origin.text() == "SIMULATED data"
+    heading = shown.window.analysis_tab.trial_view.readings.samples_plot.titleLabel
+    assert heading.text.startswith("SIMULATED data · Trial 1: plate B")
     turn_to(shown, "Force and speed")
     drawing = save(shown, "svg").read_text()
     assert drawing.startswith("<?xml") and "SIMULATED data · Trial 1: plate B" in drawing
@@ -114,7 +142,7 @@ def test_a_page_of_recorded_data_says_so(shown: Harness) -> None:
     pages = shown.window.analysis_tab.trial_view
     assert pages.data is not None
     pages.show_trial(pages.data._replace(simulated=False))
-    assert pages.origin.text() == ""
+    assert pages.readings.samples_plot.titleLabel.text.startswith("Trial 1: plate B")
     file = save(shown, "svg")
     assert file.name == "trial-1-readings-and-spikes.svg"
     assert "SIMULATED" not in file.read_text() and "Trial 1: plate B" in file.read_text()
@@ -161,7 +189,9 @@ def test_conditions_are_compared_by_raster_and_mean_rate(shown: Harness) -> None
     view.neuron.setCurrentIndex(view.neuron.findText("T_SA-10"))
     click(view.button)
     wait_until(lambda: view.grid is not None)
-    assert view.grid is not None and view.note.text().startswith("T_SA-10. Line: mean")
+    assert view.grid is not None and view.note.text().startswith(
+        "SIMULATED data. T_SA-10. Line: mean"
+    )
     names = [condition.name for condition in view.grid.conditions]
     assert names == ["B, 40 mm/s, 250 g", "D, 40 mm/s, 250 g"]
     first = view.grid.conditions[0]

@@ -10,6 +10,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QWidget
 
 from gui.analysis.compare.responses import NeuronResponse, ResponseGrid
+from gui.analysis.export.value_file import data_words
 from gui.widgets.labels import label
 from gui.widgets.layouts import hbox, push_button, vbox
 from gui.widgets.plots.plot_axes import (
@@ -75,7 +76,8 @@ class CompareView(QWidget):
             self.note.setText(HINT if grid is None else "No trial with samples is selected.")
             return
         dashes = "Line: mean of the trials; dashes: mean ± standard deviation."
-        self.note.setText(f"{grid.neuron}. {dashes} {grid.left_out}")
+        origin = f"{data_words(simulated=True)}. " if grid.simulated else ""
+        self.note.setText(f"{origin}{grid.neuron}. {dashes} {grid.left_out}")
         top = max(float((c.mean_hz + c.sd_hz).max(initial=1.0)) for c in grid.conditions)
         columns = min(max(1, int(COLUMNS / text_scale())), len(grid.conditions))
         for number, condition in enumerate(grid.conditions):

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import Signal
+from PySide6.QtCore import QSize, Signal
 from PySide6.QtWidgets import QMenu, QToolButton
 
 from gui.analysis.export.picture_file import PICTURES
+from gui.widgets.theme import scaled_px
 
 TABLE = "csv"
 FORMATS = (*PICTURES, TABLE)
+_ARROW_PX = 14
 
 
 class ExportButton(QToolButton):
@@ -28,3 +30,7 @@ class ExportButton(QToolButton):
             action = self.formats.addAction(suffix.upper())
             action.triggered.connect(lambda _=False, s=suffix: self.export_requested.emit(s))
         self.setMenu(self.formats)
+
+    def sizeHint(self) -> QSize:
+        """Return the size with room for the arrow beside the text."""
+        return super().sizeHint() + QSize(scaled_px(_ARROW_PX), 0)

@@ -71,10 +71,7 @@ class AccuracyPage(QWidget):
             box.setChecked(True)
             box.setIconSize(SAMPLE)
             box.setToolTip("Show or hide this curve")
-        has_bars = plot.panels[0].curves[0].spread
-        bars = f"Bars: {plot.panels[0].spread_name}. " if has_bars else ""
-        marks = f"{bars}◆: the paper's value. Dotted: chance. {plot.origin}"
-        origin = label(marks, "muted", wraps=True)
+        origin = label(_marks(plot), "muted", wraps=True)
         column = vbox(FlowLayout(*self.legend.values()), self.plots, origin, spacing=2)
         column.setContentsMargins(8, 0, 8, 0)
         column.setStretch(1, 1)
@@ -84,3 +81,12 @@ class AccuracyPage(QWidget):
         rows = vbox(head, self._area, self.readout)
         rows.setStretch(1, 1)
         self.setLayout(rows)
+
+
+def _marks(plot: AccuracyPlot) -> str:
+    """Return what bars, marks and dots are, as far as there are any, and where the data are from."""
+    has_bars = plot.panels[0].curves[0].spread
+    bars = f"Bars: {plot.panels[0].spread_name}. " if has_bars else ""
+    has_paper = any(curve.paper for panel in plot.panels for curve in panel.curves)
+    paper = "◆: the paper's value. " if has_paper else ""
+    return f"{bars}{paper}Dotted: chance. {plot.origin}"

@@ -17,6 +17,8 @@ class TextPage(QTextBrowser):
 
     def __init__(self, html: str) -> None:
         super().__init__()
+        # Texts break anywhere, and Qt makes a table a pixel wider than the page.
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setHtml(html)
 
     def set_theme(self, theme: Theme) -> None:

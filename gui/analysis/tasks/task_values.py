@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from gui.analysis.export.value_file import data_words
 from gui.analysis.trials.trial_table import AttemptColumn
 from gui.widgets.typed_paths import typed_path
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
@@ -85,6 +86,12 @@ class TrialData(NamedTuple):
     course: TrialCourse | None = None
     features: TrialFeatures | None = None
     simulated: bool = False
+
+    @property
+    def heading(self) -> str:
+        """The title, which says so where the data are simulated."""
+        origin = f"{data_words(simulated=True)} · " if self.simulated else ""
+        return f"{origin}{self.title}"
 
 
 class ScanPicture(NamedTuple):

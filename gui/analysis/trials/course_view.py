@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from html import escape
-
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
@@ -11,7 +9,7 @@ from PySide6.QtCore import Qt
 
 from gui.analysis.tasks.task_values import TrialCourse
 from gui.analysis.trial_view import LEAST_PX
-from gui.widgets.plots.plot_axes import colour_axes, reserve_right, time_plot, title_plot
+from gui.widgets.plots.plot_axes import colour_axes, reserve_right, time_plot
 from gui.widgets.plots.plot_grid import PlotGrid
 from gui.widgets.theme import Theme
 
@@ -23,7 +21,7 @@ class CourseView(PlotGrid):
         super().__init__()
         self._theme = theme
         self.course: TrialCourse | None = None
-        self.title = ""
+        self.heading = ""
         self.force_plot = time_plot(self.cells, 0, "Force (g)", last=False)
         self.speed_plot = time_plot(self.cells, 1, "Speed (mm/s)", last=True)
         self.speed_plot.setLabel("bottom", "Time since the first sample (s)")
@@ -40,12 +38,12 @@ class CourseView(PlotGrid):
             colour_axes(plot, theme)
         self.reserve_plots(*LEAST_PX)
         reserve_right(self.cells)
-        self.show_course(self.course, self.title)
+        self.show_course(self.course, self.heading)
 
-    def show_course(self, course: TrialCourse | None, title: str = "") -> None:
-        """Show the force and speed of the trial that the title names, or nothing."""
-        self.course, self.title = course, title
-        title_plot(self.force_plot, escape(title), self._theme.muted, 10.0)
+    def show_course(self, course: TrialCourse | None, heading: str = "") -> None:
+        """Show the force and speed of the trial that the heading names, or nothing."""
+        self.course, self.heading = course, heading
+        self.show_heading(self.force_plot, heading, self._theme)
         for plot in (self.force_plot, self.speed_plot):
             plot.clear()
         if course is None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from html import escape
-
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QPointF
@@ -17,7 +15,6 @@ from gui.widgets.plots.plot_axes import (
     reserve,
     text_width_px,
     time_plot,
-    title_plot,
     whole_ticks,
 )
 from gui.widgets.plots.plot_grid import PlotGrid
@@ -37,7 +34,7 @@ class FeaturesView(PlotGrid):
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
-        self._theme, self.title = theme, ""
+        self._theme, self.heading = theme, ""
         self.features: TrialFeatures | None = None
         self.plots = [
             time_plot(self.cells, row, f"{kind} neuron", last=kind == "RA")
@@ -67,12 +64,12 @@ class FeaturesView(PlotGrid):
             scale.axis.setLabel(name)
             colour_axes(scale, theme, ("left", "top", "right", "bottom"))
         self.reserve_plots(*LEAST_PX)
-        self.show_features(self.features, self.title)
+        self.show_features(self.features, self.heading)
 
-    def show_features(self, features: TrialFeatures | None, title: str = "") -> None:
-        """Show the features of the trial that the title names, or nothing."""
-        self.features, self.title = features, title
-        title_plot(self.plots[0], escape(title), self._theme.muted, 10.0)
+    def show_features(self, features: TrialFeatures | None, heading: str = "") -> None:
+        """Show the features of the trial that the heading names, or nothing."""
+        self.features, self.heading = features, heading
+        self.show_heading(self.plots[0], heading, self._theme)
         self.value.setText(HINT)
         if features is None:
             for image in self.images:

@@ -17,8 +17,6 @@ from gui.analysis.tasks.task_values import TrialData
 from gui.analysis.trial_view import TrialView
 from gui.analysis.trials.course_view import CourseView
 from gui.analysis.trials.features_view import FeaturesView
-from gui.widgets.labels import label
-from gui.widgets.layouts import container, hbox
 from gui.widgets.page_tabs import PageTabs
 from gui.widgets.theme import Theme
 from rigctl.values import SAMPLE_RATE_HZ
@@ -43,9 +41,7 @@ class TrialPages(PageTabs):
         self.addTab(self.course, "Force and speed")
         self.addTab(self.features, "Features")
         self.addTab(self.compare, "Compare")
-        self.origin = label("", "muted")
-        corner = container(hbox(self.origin, self.save_button))
-        self.setCornerWidget(corner, Qt.Corner.TopRightCorner)
+        self.setCornerWidget(self.save_button, Qt.Corner.TopRightCorner)
         self.save_button.setEnabled(False)
 
     @property
@@ -56,12 +52,11 @@ class TrialPages(PageTabs):
     def show_trial(self, data: TrialData | None) -> None:
         """Show a trial, or a hint without one."""
         self.readings.show_trial(data)
-        title = data.title if data is not None else ""
-        self.course.show_course(data.course if data else None, title)
-        self.features.show_features(data.features if data else None, title)
+        heading = data.heading if data is not None else ""
+        self.course.show_course(data.course if data else None, heading)
+        self.features.show_features(data.features if data else None, heading)
         self.compare.show_taxels(data.layout.n_taxels if data else 0)
         self.save_button.setEnabled(data is not None)
-        self.origin.setText(foot_text(simulated=data is not None and data.simulated))
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme to every page."""

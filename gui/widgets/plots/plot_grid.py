@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from html import escape
 from math import ceil
 
 import pyqtgraph as pg
@@ -9,7 +10,10 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QWidget
 
 from gui.widgets.layouts import vbox
+from gui.widgets.plots.plot_axes import title_plot
 from gui.widgets.theme import Theme, scaled_px
+
+HEADING_PT = 10.0
 
 
 class PlotGrid(QWidget):
@@ -34,8 +38,15 @@ class PlotGrid(QWidget):
 
     def keep_readable(self) -> None:
         """Let the view become no smaller than its plots, in the present size of the texts."""
+        self.cells.layout.invalidate()
         needs = self.cells.layout.effectiveSizeHint(Qt.SizeHint.MinimumSize)
         self.graphics.setMinimumSize(ceil(needs.width()), ceil(needs.height()))
+
+    def show_heading(self, plot: pg.PlotItem, text: str, theme: Theme) -> None:
+        """Write what all plots show above the first one, and keep room for it."""
+        title_plot(plot, escape(text), theme.muted, HEADING_PT)
+        plot.layout.addItem(plot.titleLabel, 0, 0, 1, 3)  # over the axis, too
+        self.keep_readable()
 
     def colour_background(self, theme: Theme) -> None:
         """Give the space around the plots the colour of a panel."""
