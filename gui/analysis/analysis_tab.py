@@ -140,8 +140,11 @@ class AnalysisTab(QObject):
             self._settings = f"Sessions: {names}; model: {run_box.model.text()}"
             self.worker.submit("classify", model=run_box.model.text(), sessions=sessions)
         else:
-            self._settings = f"Session: {path}; {run_box.description.text()}"
-            self.worker.submit("quick_check", path=path)
+            sessions = run_box.form.sessions
+            names = ", ".join(sessions)
+            plural = "s" if len(sessions) > 1 else ""
+            self._settings = f"Session{plural}: {names}; {run_box.description.text()}"
+            self.worker.submit("quick_check", sessions=sessions)
 
     def _verify(self, path: str, digest: str) -> None:
         self.panel.show_busy()

@@ -25,7 +25,7 @@ QUICK, PAPER, MODEL, REALTIME = "quick", "paper", "model", "realtime"
 METHODS = {
     QUICK: _Method(
         "Quick check",
-        "PCA and LDA on speed-scaled features, tested on held-out trials of the first session.",
+        "PCA and LDA on speed-scaled features, tested on held-out trials of all sessions together.",
         "Classify",
     ),
     PAPER: _Method(

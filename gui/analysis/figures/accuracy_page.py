@@ -84,7 +84,7 @@ class AccuracyPage(QWidget):
 
 
 def _marks(plot: AccuracyPlot) -> str:
-    """Return what bars, marks and dots are, as far as there are any, and where the data are from."""
+    """Return what bars, marks and dots are, as far as there are any, and where data come from."""
     has_bars = plot.panels[0].curves[0].spread
     bars = f"Bars: {plot.panels[0].spread_name}. " if has_bars else ""
     has_paper = any(curve.paper for panel in plot.panels for curve in panel.curves)

@@ -205,12 +205,12 @@ class WorkerTasks:
         """Leave attempts out of an open session; return its table, which marks them."""
         return self._sessions.leave_out(path, dict(altered))
 
-    def quick_check(self, path: str) -> AnalysisResults:
-        """Classify a session's textures as the demo does; write the figures into the session."""
-        from rigctl.analysis.report.demo import analyse_session
+    def quick_check(self, sessions: tuple[str, ...]) -> AnalysisResults:
+        """Classify textures as the demo does; write the figures into the first session."""
+        from rigctl.analysis.report.demo import analyse_sessions
 
-        answer = analyse_session(Path(path), Path(path) / FIGURES, progress=self._progress)
-        return quick_results(answer)
+        paths = [Path(session) for session in sessions]
+        return quick_results(analyse_sessions(paths, paths[0] / FIGURES, progress=self._progress))
 
     def analyse(self, request: AnalysisRequest) -> AnalysisResults:
         """Write a report on sessions as ``rigctl analyse`` does."""

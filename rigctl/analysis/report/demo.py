@@ -1,4 +1,4 @@
-"""The demo's analysis of a session: encode, classify held-out trials, draw two figures."""
+"""The demo's analysis of sessions: encode, classify held-out trials, draw two figures."""
 
 from __future__ import annotations
 
@@ -23,6 +23,9 @@ from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.session.read.session import Session
 
+MOST_NAMED = 3
+"""How many sessions the foot of a figure names."""
+
 
 @dataclass(frozen=True, slots=True)
 class DemoResult:
@@ -41,16 +44,16 @@ class DemoResult:
     simulated: bool
 
 
-def analyse_session(
-    path: Path, figures: Path, *, progress: Progress = lambda stage, done, total: None
+def analyse_sessions(
+    paths: Sequence[Path], figures: Path, *, progress: Progress = lambda stage, done, total: None
 ) -> DemoResult:
-    """Classify a session's textures and draw the figures into the folder ``figures``.
+    """Classify the textures of sessions together; draw the figures into the folder ``figures``.
 
-    Raises SessionError for a path that is not a session or has no complete trial with motion,
-    WrongUse for fewer than two textures.
+    Raises SessionError for a path that is not a session, for sessions of different sensors, or
+    without a complete trial with motion, WrongUse for fewer than two textures.
     """
     progress("reading trials", 0, 1)
-    trials = with_repeats(join_sessions([path], progress).without_gaps())
+    trials = with_repeats(join_sessions(paths, progress).without_gaps())
     with open_trials(trials.files) as reader:
         samples = [reader.read(trial) for trial in trials.trials]
     seed = trials.provenance[0]["seed"]
@@ -78,28 +81,40 @@ def accuracy_sentence(held_out: HeldOutPredictions) -> str:
 
 
 def _origin(trials: TrialSet) -> str:
-    """Return the origin of a session's data, for the foot of a figure."""
+    """Return the origin of the data, for the foot of a figure."""
+    if (n := len(trials.paths)) > 1:
+        names = ", ".join(path.name for path in trials.paths)
+        which = f"sessions {names}" if n <= MOST_NAMED else f"{n} sessions"
+        return f"{_benches(trials)} · {which}"
     source = trials.provenance[0]
-    bench = "Simulated bench" if trials.simulated else "Real bench"
     seed = "" if source["simulation_seed"] is None else f", seed {source['simulation_seed']}"
     session = f"session {trials.paths[0].name} · begun {source['begun_utc']}"
-    return f"{bench} ({source['rig']}{seed}) · {session}"
+    return f"{_benches(trials)} ({source['rig']}{seed}) · {session}"
+
+
+def _benches(trials: TrialSet) -> str:
+    simulated = {bool(source["simulated"]) for source in trials.provenance}
+    if len(simulated) > 1:
+        return "Simulated and real bench"
+    return "Simulated bench" if simulated == {True} else "Real bench"
 
 
 def _most_active_trial(trials: TrialSet, samples: Sequence[NDArray[np.uint16]]) -> RasterData:
     """Return the trial with the highest rate of RA spikes, with its force."""
-    ranges = Normalisation.from_samples(samples, "all trials of the session")
+    ranges = Normalisation.from_samples(samples, "all trials")
     spikes = encode_trials(samples, ranges)
     half = spikes[0].n_trains // 2
     ra_rates = [(s.row_start[-1] - s.row_start[half]) / max(s.n_samples, 1) for s in spikes]
     best = int(np.argmax(ra_rates))
     trial = trials.trials[best]
-    with Session.open(trials.paths[0]) as session:
+    path = trials.paths[trial.session]
+    of = f" of {path.name}" if len(trials.paths) > 1 else ""
+    with Session.open(path) as session:
         drum = session.drum(trial.row)
     return RasterData(
         f"Texture {trial.texture} at {trial.speed_mm_s:g} mm/s and {trial.force_g:g} g: "
         f"spikes of {spikes[best].n_trains} model neurons",
-        f"{_origin(trials)} · trial {trial.trial_id} · taxel ranges over the session",
+        f"{_origin(trials)} · trial {trial.trial_id}{of} · taxel ranges over all trials",
         samples[best],
         spikes[best],
         trial.speed_mm_s,

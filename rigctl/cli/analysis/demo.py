@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the demo; the last lines on standard output name the results."""
-    from rigctl.analysis.report.demo import analyse_session
+    from rigctl.analysis.report.demo import analyse_sessions
 
     line = ProgressLine(sys.stderr)
     rig = f"the {args.rig} rig, seed {args.seed}"
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
         raise CheckFailed(f"{session} is not whole: {report.problems[0]}")
     print(f"{session} is whole: {contents(report)}")
     line.say("encoding, classifying, drawing")
-    result = analyse_session(session, session / FIGURES, progress=line.show_stage)
+    result = analyse_sessions([session], session / FIGURES, progress=line.show_stage)
     line.end()
     for remark in result.remarks:
         print(f"note: {remark}")

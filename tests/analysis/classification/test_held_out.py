@@ -15,7 +15,7 @@ from rigctl.analysis.classification.held_out import (
 )
 from rigctl.analysis.classification.splits import Design
 from rigctl.analysis.data.trial_set import join_sessions
-from rigctl.analysis.report.demo import accuracy_sentence, analyse_session
+from rigctl.analysis.report.demo import accuracy_sentence, analyse_sessions
 from rigctl.errors import SessionError, WrongUse
 from tests.analysis.recordings import record
 
@@ -62,7 +62,9 @@ def test_unsuitable_sessions_are_refused_with_a_reason() -> None:
 def test_a_session_gives_a_result_and_two_figures(tmp_path: Path) -> None:
     stages: list[str] = []
     session = record(tmp_path / "session", travel_mm=60.0, torn=(5,))
-    answer = analyse_session(session, tmp_path / "figures", progress=lambda s, *_: stages.append(s))
+    answer = analyse_sessions(
+        [session], tmp_path / "figures", progress=lambda s, *_: stages.append(s)
+    )
     assert answer.held_out.n == 23
     assert answer.remarks == (f"{session}: 1 trial left out for gaps in their samples: 5",)
     right = answer.held_out.correct_counts()[answer.held_out.shown_components - 1]
@@ -79,17 +81,21 @@ def test_a_session_gives_a_result_and_two_figures(tmp_path: Path) -> None:
 
 def test_equal_sessions_give_equal_drawings(tmp_path: Path) -> None:
     session = record(tmp_path / "session", "AB", travel_mm=24.0)
-    first = analyse_session(session, tmp_path / "one")
-    second = analyse_session(session, tmp_path / "two")
+    first = analyse_sessions([session], tmp_path / "one")
+    second = analyse_sessions([session], tmp_path / "two")
     for a, b in ((first.raster, second.raster), (first.accuracy, second.accuracy)):
         assert a.with_suffix(".svg").read_bytes() == b.with_suffix(".svg").read_bytes()
         assert a.read_bytes() == b.read_bytes()
+    other = record(tmp_path / "other", "AB", travel_mm=24.0)
+    both = analyse_sessions([session, other], tmp_path / "both")
+    assert both.held_out.n == 2 * first.held_out.n
+    assert both.origin == "Simulated bench · sessions session, other"
 
 
 def test_a_session_without_a_complete_trial_is_refused(tmp_path: Path) -> None:
     session = record(tmp_path / "session", "A", travel_mm=12.0, torn=tuple(range(1, 7)))
     with pytest.raises(SessionError, match="no complete trial"):
-        analyse_session(session, tmp_path)
+        analyse_sessions([session], tmp_path)
 
 
 def test_a_texture_with_a_single_trial_is_left_out_alone(tmp_path: Path) -> None:
