@@ -33,9 +33,13 @@ class Alarm(NamedTuple):
 
 
 def status_alarms(status: EngineStatus) -> list[Alarm]:
-    """Return the alarms of a status, the most important first."""
-    found = (_fault(status), _contact(status), _links(status), _run_end(status.run))
-    return [alarm for alarm in found if alarm is not None]
+    """Return the alarms of a status, the most important first.
+
+    A drum that does not answer comes before its fault, which is an old value that nothing clears.
+    """
+    of_drum, links = (_fault(status), _contact(status)), _links(status)
+    first = (*of_drum, links) if status.drum_connected else (links, *of_drum)
+    return [alarm for alarm in (*first, _run_end(status.run)) if alarm is not None]
 
 
 def lost_engine(reason: str, last: EngineStatus) -> Alarm:

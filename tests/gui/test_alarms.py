@@ -93,6 +93,14 @@ def test_a_fault_is_not_cleared_while_the_emergency_stop_is_pressed(harness: Har
         assert clear.isEnabled() and "Release" not in clear.toolTip()
 
 
+def test_a_drum_that_does_not_answer_comes_before_its_fault(harness: Harness) -> None:
+    strip = harness.window.drum.safety.alarms.strip
+    harness.update(drum_connected=False, **FAULT)
+    assert strip.title.text() == "BOARD LOST (and 1 more)" and not strip.act.isVisible()
+    harness.update(drum_connected=True, taxels_connected=False, **FAULT)
+    assert strip.title.text() == "FAULT (and 1 more)" and strip.act.text() == "Clear fault"
+
+
 def test_an_untouched_drum_is_no_alarm_after_a_boot(harness: Harness) -> None:
     harness.update(state=int(State.IDLE), contact_may_stand=True, tared=False)
     assert harness.window.drum.safety.alarms.strip.isHidden()

@@ -80,6 +80,28 @@ def test_by_hand(rig: RigWindow, state: State, board: str, tmp_path: Path) -> No
     assert "Traceback" not in rig.log
 
 
+def _begin(rig: RigWindow, state: State) -> None:
+    """Bring the drum into a state that it leaves by itself, or into a fault."""
+    _reach(rig, State.HOLD if state is State.RETRACT else State.ARMED)
+    if state is State.POSITION:
+        rig.window.engine_link.request("jog", mm=400.0)
+    elif state is State.FAULT_OFF:
+        rig.inject("Press the E-stop")
+    else:
+        rig.press({State.APPROACH: "approach", State.RETRACT: "retract"}[state])
+    rig.until_state(state)
+
+
+@pytest.mark.parametrize("state", [State.POSITION, State.APPROACH, State.RETRACT, State.FAULT_OFF])
+def test_a_moving_or_faulty_drum(rig: RigWindow, state: State) -> None:
+    _begin(rig, state)
+    _unplug_and_plug_in(rig, "drum")
+    rig.inject("Release the E-stop")
+    rig.until(lambda: not rig.status.estop_pressed)
+    rig.bring_up()
+    assert "Traceback" not in rig.log
+
+
 def _run(rig: RigWindow, folder: Path) -> None:
     """Start a long protocol, and wait until it turns in its second trial."""
     protocol = folder / "long.toml"
