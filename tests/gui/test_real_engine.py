@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -14,10 +15,12 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
+from gui.live.page.live_page import SAVE
 from gui.operate.bring_up import READY, BringUpBox
 from gui.shell.main_window import MainWindow
 from gui.widgets.status_lamp import Level
-from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE
+from rigctl.acquisition.rpc.engine_files import running_engines
+from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE, runtime_folder
 from rigctl.session.read.session import Session
 from rigctl.session.verify.session import verify
 from rigctl.wire.drum.states import State
@@ -31,6 +34,7 @@ speeds_mm_s = [120]
 forces_g = [500]
 repeats = 3
 """
+PEOPLE = {"operator": "Jörg", "sensor": "batch 7", "notes": "new skin"}
 
 
 @pytest.fixture(scope="module")
@@ -133,6 +137,8 @@ def test_protocol_runs_to_disk_and_stops_by_escape(window: MainWindow, tmp_path:
     panel, status = window.protocol_panel, window.engine_link
     panel.add_protocol(str(path))
     panel.out.setText(str(tmp_path))
+    for field, text in PEOPLE.items():
+        getattr(panel.form, field).setText(text)
     wait_until(panel.buttons["Start"].isEnabled, TIMEOUT_MS)
     click(panel.buttons["Start"])
     wait_until(window.prompt_panel.isVisible, TIMEOUT_MS)
@@ -147,25 +153,52 @@ def test_protocol_runs_to_disk_and_stops_by_escape(window: MainWindow, tmp_path:
     with Session.open(Path(status.status.run.session)) as session:
         assert session.trials["verdict"].tolist()[0] == "committed"
         assert np.all(session.window(0).flags & 1)
+        assert session.header.operator == "Jörg" and session.header.sensor == "batch 7"
+        assert [note.text for note in session.notes] == ["new skin"]
     wait_until(lambda: window.toolbar.recording_lamp.level is Level.OFF)
-    _continue(window, Path(status.status.run.session))
+    session_folder = Path(status.status.run.session)
+    _continue(window, session_folder)
+    _kill_engine(window, session_folder)
+    _open_again(window, session_folder)
+    assert status.status.run.trials_committed == 2 and status.status.run.trials_planned == 3
+    click(window.prompt_panel.abort)
+    wait_until(lambda: status.status.run.state == "aborted", TIMEOUT_MS)
+    with Session.open(session_folder) as session:
+        assert len(session.committed()) == 2
 
 
 def _continue(window: MainWindow, session: Path) -> None:
-    """Continue the interrupted session through the file browser, and stop it after one trial."""
+    """Continue the interrupted session for one more trial."""
+    _open_again(window, session)
+    click(window.prompt_panel.confirm)
     run = window.engine_link
+    wait_until(lambda: run.status.run.trials_committed == 2, TIMEOUT_MS)
+
+
+def _open_again(window: MainWindow, session: Path) -> None:
+    """Continue an interrupted session through the file browser, until it asks for its plate."""
     wait_until(window.protocol_panel.continue_button.isEnabled, TIMEOUT_MS)
     click(window.protocol_panel.continue_button)
     assert window.file_browser.dialog is not None
     window.file_browser.dialog.fileSelected.emit(str(session))
     window.file_browser.dismiss()
     wait_until(window.prompt_panel.isVisible, TIMEOUT_MS)
-    click(window.prompt_panel.confirm)
-    wait_until(lambda: run.status.run.trials_committed == 2, TIMEOUT_MS)
-    press_escape(window)
-    wait_until(lambda: run.status.run.state == "aborted", TIMEOUT_MS)
-    with Session.open(session) as reopened:
-        assert len(reopened.parts) == 2 and len(reopened.committed()) == 2
+
+
+def _kill_engine(window: MainWindow, session: Path) -> None:
+    """Kill the engine in mid-run, read the alarm, and connect again."""
+    (engine,) = running_engines(runtime_folder())
+    os.kill(engine.pid, signal.SIGKILL)
+    strip, plate = window.drum.safety.alarms.strip, window.operate_panel.bench.plate
+    wait_until(lambda: strip.isVisible() and strip.title.text() == "ENGINE LOST", TIMEOUT_MS)
+    assert f"{session.name} (2 of 3 trials) is kept" in strip.text.text()
+    assert "Continue a session" in strip.text.text()
+    assert window.windowTitle().startswith("ENGINE LOST")
+    wait_until(lambda: window.toolbar.connect_button.text() == "Connect", TIMEOUT_MS)
+    click(window.toolbar.connect_button)
+    _wait(window, State.IDLE)
+    wait_until(strip.isHidden)
+    assert plate.currentText() == (window.engine_link.status.texture or "")
 
 
 def test_unplugged_board_is_reported(window: MainWindow) -> None:
@@ -229,10 +262,31 @@ def test_hand_work_becomes_a_session_that_verifies(window: MainWindow, tmp_path:
     click(box.button)
     wait_until(lambda: window.engine_link.status.recording.samples_on_disk > 1000, TIMEOUT_MS)
     wait_until(lambda: window.toolbar.recording_lamp.level is Level.OK, TIMEOUT_MS)
+    _look_back(window, tmp_path.with_name("pictures"))
     click(box.button)
     wait_until(lambda: box.button.text() == "Record", TIMEOUT_MS)
     (folder,) = tmp_path.iterdir()
     assert verify(folder).problems == []
+
+
+def _look_back(window: MainWindow, pictures: Path) -> None:
+    """Pause and look back while the recording goes on, save what is seen, and follow again."""
+    page, link = window.live_page, window.engine_link
+    navigation, graphics = page.plots.navigation, page.plots.graphics
+    click(page.bar.pause)
+    QTest.keyClick(graphics, Qt.Key.Key_Home)
+    seen, before = navigation.window, link.status.recording.samples_on_disk
+    wait_until(lambda: link.status.recording.samples_on_disk > before + 300, TIMEOUT_MS)
+    assert navigation.window == seen and "ago" in page.bar.place.text()
+    QTest.keyClick(graphics, Qt.Key.Key_Right, Qt.KeyboardModifier.ControlModifier)
+    assert page.cursor_label.text().startswith("Cursor ")
+    page.save_strip.folder.setText(str(pictures))
+    click(page.bar.buttons[SAVE])
+    click(page.save_strip.table)
+    wait_until(lambda: f"saved {pictures}" in window.event_log.toPlainText(), TIMEOUT_MS)
+    click(page.bar.buttons[SAVE])
+    click(page.bar.pause)
+    wait_until(lambda: navigation.window.right > seen.right, TIMEOUT_MS)
 
 
 def test_an_unplugged_drum_turns_grey_and_comes_back(window: MainWindow) -> None:

@@ -198,7 +198,9 @@ class EngineClient:
         return self.drain()
 
     def close(self) -> None:
-        """Close the connection; the engine continues."""
+        """Close the connection; the engine continues, unless it was lost because it ended."""
+        if self._link_error:
+            self._note_end()
         if self._live is not None:
             self._live.close()
             self._live = None
@@ -236,7 +238,7 @@ class EngineClient:
 
     def _note_end(self) -> None:
         """Wait for the engine's end in a thread of its own, so that it leaves no zombie."""
-        if self.process is not None:
+        if self.process is not None and self.process.poll() is None:
             wait = self.process.wait
             threading.Thread(target=wait, daemon=True, name="rigctl-engine-end").start()
 
