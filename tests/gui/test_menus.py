@@ -57,13 +57,15 @@ def test_menus_hold_the_buttons_of_all_panels_and_are_grey_with_them(harness: Ha
 
 
 def test_each_button_that_stays_is_in_a_menu(harness: Harness) -> None:
-    """Questions and alarms have theirs where they stand, and pages that a menu opens on them."""
+    """Questions and alarms have theirs where they stand, pages that a menu opens and those of
+    results, which come and go, on them."""
     window = harness.window
     strips = window.findChildren(Strip) + window.findChildren(PromptPanel)
     pages = [window.attach.engines, window.start.page, window.help.page, window.file_browser]
     tools = (window.tools.accept_page, window.tools.ports_page, window.tools.calibrate_page)
     elsewhere: list[QWidget] = [*strips, *pages, *tools, window.analysis_tab.run_end_strip]
     elsewhere += [window.drum.safety.alarms.strip, *window.live_page.findChildren(TaxelStrip)]
+    elsewhere.append(window.analysis_tab.results_view)
     elsewhere += window.findChildren(SaveStrip) + window.findChildren(ReplayPage)
     for menu in window.findChildren(QMenu):
         menu.aboutToShow.emit()  # lines take the texts that their buttons have now
