@@ -141,16 +141,23 @@ def test_a_question_sounds_once_and_is_in_the_title(harness: Harness, listener: 
     assert harness.window.windowTitle().startswith("WAITS FOR YOU – ")
 
 
-def test_the_sound_can_be_switched_off_for_good(harness: Harness, listener: Listener) -> None:
+def test_the_sound_can_be_switched_off_for_good(harness: Harness) -> None:
     window = harness.window
+    announcer = window.drum.safety.alarms.announcer
     (action,) = [a for a in window.menuBar().actions() if a.text() == "&Rig"]
     menu = action.menu()
     assert isinstance(menu, QMenu)
     (sound,) = [a for a in menu.actions() if "sound" in a.text()]
     assert sound.isChecked()
     sound.trigger()
-    assert window.settings.value("alarm_sound", True) is False
+    assert window.settings.value("alarm_sound", True) is False and not announcer.sounds
+    listener = Listener()
+    quiet = Announcer(listener.beep, listener.notify)
+    quiet.sounds = False
+    quiet.announce("FAULT", "emergency stop pressed", repeats=False)
+    assert listener.beeps == 0 and listener.notices == ["FAULT: emergency stop pressed"]
     sound.trigger()
+    assert announcer.sounds
 
 
 def test_a_command_that_stop_ended_is_no_refusal(harness: Harness) -> None:

@@ -6,10 +6,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QLabel
 
 from gui.shell.main_window import MainWindow
 from gui.shell.memory.user_settings import UserSettings
+from gui.start.start_page import PANELS
 from gui.widgets.theme import ThemeChoice
 from tests.gui.fake_engine import FakeEngine
 from tests.gui.steps import Harness, SharedWindow, click, wait_until
@@ -34,6 +35,9 @@ def _opened(engine: FakeEngine, ini: Path) -> MainWindow:
 def test_virtual_rig_starts_from_the_page_and_hides_it(first: MainWindow) -> None:
     page = first.start.page
     wait_until(page.isVisible)
+    texts = {label.text() for label in page.findChildren(QLabel) if label.isVisible()}
+    assert set(PANELS) | set(PANELS.values()) <= texts
+    assert {"Operate", "Protocol", "Analysis", "Finger"} <= set(PANELS)
     click(page.virtual)
     wait_until(lambda: first.engine_link.live is not None)
     assert first.stack.currentWidget() is first.live_page
