@@ -140,6 +140,7 @@ def test_protocol_runs_to_disk_and_stops_by_escape(window: MainWindow, tmp_path:
     for field, text in PEOPLE.items():
         getattr(panel.form, field).setText(text)
     wait_until(panel.buttons["Start"].isEnabled, TIMEOUT_MS)
+    click(panel.queue.add_button)
     click(panel.buttons["Start"])
     wait_until(window.prompt_panel.isVisible, TIMEOUT_MS)
     click(window.prompt_panel.confirm)
@@ -165,6 +166,20 @@ def test_protocol_runs_to_disk_and_stops_by_escape(window: MainWindow, tmp_path:
     wait_until(lambda: status.status.run.state == "aborted", TIMEOUT_MS)
     with Session.open(session_folder) as session:
         assert len(session.committed()) == 2
+    _start_queued(window, session_folder)
+
+
+def _start_queued(window: MainWindow, before: Path) -> None:
+    """Start the run that waits in the queue since the one before it was stopped, and abort it."""
+    queue, link = window.protocol_panel.queue, window.engine_link
+    assert queue.problem.isVisible() and queue.list.count() == 1
+    wait_until(queue.next_button.isEnabled, TIMEOUT_MS)
+    click(queue.next_button)
+    wait_until(lambda: queue.list.count() == 0 and window.prompt_panel.isVisible(), TIMEOUT_MS)
+    session = Path(link.status.run.session or "")
+    assert session.parent == before.parent and session != before
+    click(window.prompt_panel.abort)
+    wait_until(lambda: link.status.run.state == "aborted", TIMEOUT_MS)
 
 
 def _continue(window: MainWindow, session: Path) -> None:
