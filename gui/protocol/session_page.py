@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QLineEdit, QListWidget, QTabWidget, QWidget
+from PySide6.QtWidgets import QLineEdit, QListWidget, QWidget
 
 from gui.protocol.editor.protocol_editor import ProtocolEditor
 from gui.protocol.learning.learning_page import LearningPage
@@ -23,6 +23,7 @@ from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.labels import ElidedLabel, label, show_text
 from gui.widgets.layouts import container, hbox, push_button, vbox
+from gui.widgets.page_tabs import PageTabs
 from rigctl.acquisition.rpc.messages import RunStatus
 
 MAX_NOTE_LETTERS = 2000
@@ -76,7 +77,7 @@ class SessionPage(QWidget):
         self.open_button = browse_button(
             self.path_requested, PathKind.SESSION, self.opened.emit, "Open a session …"
         )
-        self.tabs = QTabWidget()
+        self.tabs = PageTabs()
         self._lay_out()
         self.text.textChanged.connect(lambda _: self._enable())
         self.text.returnPressed.connect(self.buttons["note"].click)

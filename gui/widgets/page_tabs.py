@@ -5,6 +5,11 @@ from __future__ import annotations
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QTabWidget
 
+from gui.widgets.theme import scaled_px
+
+LEAST_PX = 150
+"""Least height of a page, for some lines of a list or a table that scrolls by itself."""
+
 
 class PageTabs(QTabWidget):
     """Tabs that need the height of their page in front.
@@ -32,4 +37,4 @@ class PageTabs(QTabWidget):
         least_px, layout = page.minimumSizeHint().height(), page.layout()
         if layout is not None and layout.hasHeightForWidth():
             least_px = layout.totalMinimumHeightForWidth(width)
-        return head_px + max(least_px, page.minimumHeight())
+        return head_px + max(least_px, page.minimumHeight(), scaled_px(LEAST_PX))

@@ -74,6 +74,7 @@ def test_a_curve_says_accuracy_interval_chance_and_that_it_is_simulated(
     assert text.startswith("SIMULATED. ") and "95 % interval" in text
     assert "chance 33.3 %; 3 plates, 4 of each at 6 conditions; 72 trials so far." in text
     assert "Wilson interval" in page.remarks.text() and "94 to 98 %" in page.remarks.text()
+    assert page.figure.visibleRegion().boundingRect() == page.figure.rect()  # without scrolling
     ticks = page.view.plot.getAxis("bottom")._tickLevels[0]
     assert [text for _, text in ticks] == ["0", "1", "2", "3", "4"]
     box = page.view.plot.getViewBox()
