@@ -157,6 +157,9 @@ class TimePlots:
     def _fit_labels(self) -> None:
         self._show_caption()
         self.label_rows()
+        left_s, right_s, _ = self._times
+        if left_s < right_s:  # nothing else draws a page that does not play
+            self._set_times(left_s, right_s)
 
     def _show_caption(self) -> None:
         room_px = self.raster_plot.getViewBox().width()

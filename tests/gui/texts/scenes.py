@@ -173,8 +173,11 @@ def _operate(stage: Stage) -> Iterator[str]:
     stage.engine.write_samples(6000)
     stage.update(**STATUS)
     yield "Operate, connected"
+    record_in = window.operate_panel.record_box.folder
     click(window.operate_panel.bring_up.steps)
+    record_in.setText("sessions")  # no whole path: a sentence says so
     yield "Operate, all steps of the bring-up"
+    record_in.setText("/data")
     click(window.operate_panel.bring_up.steps)
     stage.update(**CROWDED, state=int(State.RUN), recording=RECORDING, run=RUN)
     yield "Operate, crowded figures"
