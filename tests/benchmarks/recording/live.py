@@ -19,9 +19,7 @@ from tests.benchmarks.recording._sample_ages import STATIONS, measured_shares_ms
 SIZE = (1400, 900)
 SAMPLES_A_FRAME = 33
 FRAMES = 600
-LIMITED = (
-    "live.redraw_ms_p50", "live.redraw_ms_p99", "live.scroll_back_ms_p99", "live.zoom_ms_p99",
-)  # fmt: skip
+LIMITED = ("live.redraw_ms_p50", "live.redraw_ms_p99", "live.scroll_back_ms_p99")
 """Figures in processor time, which other programs do not change much."""
 MINUTES_BACK = 11
 SCROLLED_SAMPLES = 1000
