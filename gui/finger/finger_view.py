@@ -17,6 +17,7 @@ from gui.widgets.formatting import capitalised
 from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import container, hbox, scroll_area, vbox
 from gui.widgets.theme import Theme, scaled_px
+from rigctl.acquisition.protocol.run_reasons import reason_words
 from rigctl.realtime.live_file import FingerLiveReader
 from rigctl.realtime.messages import FingerEngineStatus, FingerRunStatus
 
@@ -132,7 +133,7 @@ def task_words(status: FingerEngineStatus) -> str:
     if not run.is_active:
         return _idle_words(run)
     if run.state == "paused":
-        return f"Paused: {', '.join(run.reasons) or 'press Resume'}"
+        return f"Paused: {reason_words(run.reasons) or 'press Resume'}"
     if run.state == "prompt" and run.prompt is not None:
         return run.prompt.text
     if run.scan is None:

@@ -13,6 +13,7 @@ from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.formatting import capitalised, duration
 from gui.widgets.labels import elastic, label, plain_tooltip, set_property, show_progress, show_text
 from gui.widgets.layouts import combo_box, container, form_layout, hbox, push_button, vbox
+from rigctl.acquisition.protocol.run_reasons import reason_words
 from rigctl.realtime.messages import FingerEngineStatus, FingerRunStatus
 
 _ROWS = ("Progress", "Stage", "Scan", "Rejected", "Session")
@@ -145,4 +146,5 @@ def run_sentence(run: FingerRunStatus) -> str:
     if run.text:
         return capitalised(run.text)
     words = _STATES.get(run.state, run.state)
-    return f"{words} ({', '.join(run.reasons)})" if run.reasons else words
+    reasons = reason_words(run.reasons)
+    return f"{words} ({reasons})" if reasons else words

@@ -29,6 +29,8 @@ class SetPointBox(QGroupBox):
         self.set_button = push_button("Set", self._send, _TIP)
         self._limits: RigLimits | None = None
         self._drum: tuple[float, float] | None = None
+        self._is_own = True
+        """Whether the drum should have what is asked here; a run sets it otherwise."""
         for box in (self.speed, self.force):
             box.valueChanged.connect(lambda _: self._show_drum())
         self._lay_out()
@@ -48,7 +50,8 @@ class SetPointBox(QGroupBox):
 
     def show_status(self, status: EngineStatus) -> None:
         """Show what the drum has; a status without a drum shows nothing."""
-        self.set_button.setEnabled(status.drum_connected and not status.run.is_active)
+        self._is_own = not status.run.is_active
+        self.set_button.setEnabled(status.drum_connected and self._is_own)
         if status.drum_connected:
             self.set_limits(status.limits)
             self._drum = (status.speed_set_mm_s, status.force_set_g)
@@ -61,8 +64,8 @@ class SetPointBox(QGroupBox):
 
     def _show_drum(self) -> None:
         speed, force = self._drum if self._drum is not None else (None, None)
-        _show_has(self.drum_speed, speed, self.speed)
-        _show_has(self.drum_force, force, self.force)
+        _show_has(self.drum_speed, speed, self.speed, compares=self._is_own)
+        _show_has(self.drum_force, force, self.force, compares=self._is_own)
 
     def _send(self) -> None:
         args = {"speed_mm_s": self.speed.value(), "force_g": self.force.value()}
@@ -84,13 +87,13 @@ class SetPointBox(QGroupBox):
         grid.setColumnStretch(2, 1)
 
 
-def _show_has(has: QLabel, value: float | None, asked: QDoubleSpinBox) -> None:
-    """Show a value of the drum, after ≠ where it is not the one that is asked for."""
+def _show_has(has: QLabel, value: float | None, asked: QDoubleSpinBox, *, compares: bool) -> None:
+    """Show a value of the drum; if that is compared, after ≠ where another one is asked for."""
     if value is None:
         show_text(has, "–")
         set_property(has, "role", "muted")
         return
-    differs = abs(value - asked.value()) > 0.5 * 10.0 ** -asked.decimals()
+    differs = compares and abs(value - asked.value()) > 0.5 * 10.0 ** -asked.decimals()
     text = f"{value:.{asked.decimals()}f}{asked.suffix()}"
     show_text(has, f"≠ {text}" if differs else text)
     set_property(has, "role", "warn" if differs else "heading")

@@ -79,10 +79,14 @@ class Toolbar(ConnectionBar):
         self.setLayout(hbox(self.pages, self.stop_button, wide=0, spacing=8, margins=(8, 5, 8, 5)))
 
 
+_FAULT_WORDS = {"estop": "emergency stop", "loadcell": "load cell", "selftest": "self-test"}
+
+
 def fault_name(fault: int) -> str:
     """Return the name of a fault; the strip and the panel have its sentence."""
     name = Fault(fault).name if fault in Fault._value2member_map_ else f"fault {fault}"
-    return name.replace("_", " ").lower()
+    words = (_FAULT_WORDS.get(word, word) for word in name.lower().split("_"))
+    return " ".join(words)
 
 
 def _state_words(status: EngineStatus) -> str:

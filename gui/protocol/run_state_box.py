@@ -9,6 +9,7 @@ from PySide6.QtWidgets import QProgressBar, QVBoxLayout
 from gui.widgets.formatting import capitalised, day_time, duration, size
 from gui.widgets.labels import label, plain_tooltip, set_property, show_progress, show_text
 from gui.widgets.layouts import form_layout
+from rigctl.acquisition.protocol.run_reasons import reason_words
 from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus, RunStatus
 
 ROWS = ("Progress", "Finishes", "Trial", "Next plate", "Rejected", "Disk", "Session")
@@ -68,7 +69,8 @@ def run_sentence(run: RunStatus) -> str:
     if run.text:
         return f"{capitalised(run.text)}{_KEPT if run.state == 'aborted' else ''}"
     words = _STATES.get(run.state, run.state)
-    return f"{words} ({', '.join(run.reasons)})" if run.reasons else words
+    reasons = reason_words(run.reasons)
+    return f"{words} ({reasons})" if reasons else words
 
 
 def progress_sentence(run: RunStatus) -> str:

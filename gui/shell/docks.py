@@ -10,7 +10,7 @@ from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QApplication, QDockWidget, QMainWindow, QTabWidget, QWidget
 
 from gui.shell.keyboard.steady_focus import SteadyFocusDock
-from gui.widgets.layouts import container, vbox
+from gui.widgets.layouts import container, hbox, vbox
 from gui.widgets.stop_button import StopButton
 
 LAYOUT_VERSION = 1
@@ -18,6 +18,8 @@ LAYOUT_VERSION = 1
 
 _MIDDLE_PX = 590
 """Left to the middle where panels grow with their texts: all plots of the largest texts."""
+
+_STOP_MARGINS_PX = (6, 6, 6, 0)
 
 _Feature = QDockWidget.DockWidgetFeature
 
@@ -75,9 +77,10 @@ class DockArea(QMainWindow):
         """Return a panel with a STOP above it, which shows while the panel floats."""
         stop = StopButton()
         stop.pressed.connect(self.stop_requested)
-        stop.hide()
-        dock.topLevelChanged.connect(stop.setVisible)
-        column = vbox(stop, widget, spacing=4)
+        bar = container(hbox(stop, wide=0, margins=_STOP_MARGINS_PX))
+        bar.hide()
+        dock.topLevelChanged.connect(bar.setVisible)
+        column = vbox(bar, widget)
         column.setStretch(1, 1)
         return container(column)
 

@@ -29,6 +29,7 @@ from rigctl.wire.taxels.self_test import SelfTest
 
 Spawn = Callable[[Coroutine[Any, Any, None]], object]
 
+_BOARD_NAMES = {DRUM: "drum board", TAXELS: "taxel board"}
 SWITCHED_OFF = (State.BOOT, State.SELFTEST, State.IDLE, State.FAULT_OFF)
 
 
@@ -211,7 +212,8 @@ class Boards:
     def _publish_board(self, board: BoardIdentity, what: str) -> None:
         self._event_bus.publish(
             "board",
-            f"{board.board} {what}: firmware {board.firmware_version}, build {board.build_hash}, "
+            f"{_BOARD_NAMES[board.board]} {what}: firmware {board.firmware_version}, "
+            f"build {board.build_hash}, "
             f"boot {board.boot_count} by {reset_cause_text(board.reset_cause)}",
             board=board.board,
             boot_count=board.boot_count,

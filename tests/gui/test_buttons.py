@@ -11,7 +11,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
 
 from gui.operate.operate_panel import ACTIONS
-from rigctl.wire.drum.states import State, StateEvent, next_state
+from rigctl.wire.drum.states import Fault, State, StateEvent, next_state
 from tests.gui.steps import Harness, click, wait_until
 
 ENABLED = {
@@ -93,7 +93,9 @@ def test_what_the_drum_has_is_beside_what_is_asked(harness: Harness) -> None:
     points.speed.setValue(80.0)
     points.force.setValue(600.0)
     assert (points.drum_speed.text(), points.drum_force.text()) == ("80.0 mm/s", "≠ 500 g")
-    harness.update(force_set_g=600.0)
+    harness.update(run={"state": "running"})
+    assert points.drum_force.text() == "500 g", "a run sets what its protocol says"
+    harness.update(run={"state": "idle"}, force_set_g=600.0)
     assert points.drum_force.text() == "600 g"
 
 
@@ -229,6 +231,8 @@ def test_fault_is_shown_in_words(harness: Harness) -> None:
     assert harness.window.operate_panel.fault.text() == words
     assert harness.window.toolbar.state_words.text() == "over force"
     assert harness.window.toolbar.state.text() == "FAULT OFF"
+    harness.update(fault=int(Fault.ESTOP))
+    assert harness.window.toolbar.state_words.text() == "emergency stop"
 
 
 def test_faults_are_offered_only_on_a_simulated_bench(harness: Harness) -> None:

@@ -71,10 +71,10 @@ def test_a_floating_panel_that_covers_stop_has_its_own(
     click(stop)
     assert harness.engine.commands == ["stop"]
     docked = window.docks.docks["protocol"].findChild(StopButton)
-    assert docked is not None and docked.isHidden()
+    assert docked is not None and not docked.isVisible()
     layout = window.docks.save()
     window.docks.reset()
-    assert stop.isHidden()
+    assert not stop.isVisible()
     assert window.docks.restore(layout) and stop.isVisible()
 
 

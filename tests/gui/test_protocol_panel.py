@@ -128,6 +128,11 @@ def test_pause_resume_abort_reach_the_engine(harness: Harness) -> None:
     click(panel.buttons["Pause"])
     harness.update(run={"state": "paused", "reasons": ["operator"]})
     assert panel.state.text() == "Paused, drum lifted (operator)"
+    harness.update(run={"state": "paused", "reasons": ["link", "disk"]})
+    assert panel.state.text() == "Paused, drum lifted (a board is lost, too little disk space)"
+    harness.update(run={"state": "prompt", "reasons": ["prompt"]})
+    assert panel.state.text() == "Waiting for your answer above"
+    harness.update(run={"state": "paused", "reasons": ["operator"]})
     click(panel.buttons["Resume"])
     click(panel.buttons["Abort"])
     assert harness.engine.commands == ["pause", "resume", "abort"]

@@ -6,7 +6,7 @@ another.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.rpc.messages import PromptStatus
@@ -14,12 +14,23 @@ from rigctl.errors import DiskFault, RigFault
 from rigctl.session.format.layout import SessionOutcome
 
 OPERATOR, PROMPT, LINK, DISK, FAULT = "operator", "prompt", "link", "disk", "fault"
+_REASON_WORDS = {
+    LINK: "a board is lost",
+    DISK: "too little disk space",
+    FAULT: "a fault of the drum",
+    "tracker": "the tracker is lost",
+}
 SESSION_OUTCOMES = {
     "done": SessionOutcome.FINISHED,
     "aborted": SessionOutcome.STOPPED,
     "failed": SessionOutcome.FAILED,
 }
 """How a session ends, by the outcome of its run."""
+
+
+def reason_words(reasons: Iterable[str]) -> str:
+    """Return what a run waits for in words; a question speaks for itself."""
+    return ", ".join(_REASON_WORDS.get(reason, reason) for reason in reasons if reason != PROMPT)
 
 
 class RunPaused(Exception):
@@ -57,12 +68,16 @@ class RunReasons:
         """Pause for this reason until :meth:`resume` is called for it."""
         if reason not in self._paused_since_s:
             self._paused_since_s[reason] = self._now_s()
-            self._event_bus.publish("pause", f"the run pauses: {reason}", reason=reason)
+            self._event_bus.publish(
+                "pause", f"the run pauses: {reason_words((reason,))}", reason=reason
+            )
 
     def resume(self, reason: str = OPERATOR) -> None:
         """Remove this reason to pause."""
         if self._paused_since_s.pop(reason, None) is not None:
-            self._event_bus.publish("resume", f"no longer paused: {reason}", reason=reason)
+            self._event_bus.publish(
+                "resume", f"no longer paused: {reason_words((reason,))}", reason=reason
+            )
 
     def abort(self, text: str) -> None:
         """End the run safely; committed trials stay."""
@@ -100,7 +115,7 @@ class RunReasons:
     def check_pause(self) -> None:
         """Raise RunPaused where there is a reason to pause."""
         if self._paused_since_s:
-            raise RunPaused(f"paused: {', '.join(self._paused_since_s)}")
+            raise RunPaused(f"paused: {reason_words(self._paused_since_s)}")
 
     def paused_s(self, reason: str) -> float:
         """Return for how long the run has paused for a reason, 0 if it does not."""

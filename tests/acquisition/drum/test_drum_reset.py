@@ -47,4 +47,4 @@ def test_a_reset_with_sync_high_is_detected_and_the_trial_not_committed(
             assert session.trials["verdict"].tolist() == ["aborted"]
             assert "restarted" in session.trials["reasons"][0]
         assert verify(harness.session).whole
-    assert any("drum rebooted and is back" in text for text in harness.texts("board"))
+    assert any("drum board rebooted and is back" in text for text in harness.texts("board"))

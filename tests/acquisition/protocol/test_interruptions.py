@@ -182,7 +182,7 @@ def test_lost_taxels_pause_the_run_until_they_are_back(harness: EngineHarness) -
 
     harness.run(scenario, harness.request(PAIR))
     assert verdicts(harness) == [(1, "aborted"), (1, "committed"), (2, "committed")]
-    assert any("taxels is back" in text for text in harness.texts("board"))
+    assert any("taxel board is back" in text for text in harness.texts("board"))
 
 
 def test_a_reset_of_the_taxel_board_costs_one_trial(harness: EngineHarness) -> None:
@@ -215,7 +215,7 @@ def test_a_lost_drum_ends_the_run_and_is_reconnected(harness: EngineHarness) -> 
     assert harness.engine.run is not None
     assert harness.engine.run.outcome == "failed"
     assert verdicts(harness) == [(1, "aborted")]
-    assert any("drum is back" in text for text in harness.texts("board"))
+    assert any("drum board is back" in text for text in harness.texts("board"))
 
 
 def test_a_trial_with_lost_bytes_is_repeated(harness: EngineHarness) -> None:
