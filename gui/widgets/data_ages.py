@@ -39,4 +39,7 @@ def stale_words(age_s: float | None) -> str:
     """Return the age of data that are no longer live, empty for live ones and before any."""
     if age_s is None or age_s <= STALE_S:
         return ""
-    return f"{age_s:.1f} s old" if age_s < 10 else f"{duration(age_s)} old"
+    if age_s < 10:
+        return f"{age_s:.1f} s old"
+    whole_s = age_s if age_s < 60 else age_s - age_s % 60  # a narrow plot has no room for both
+    return f"{duration(whole_s).removesuffix(' 00 s')} old"
