@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from PySide6.QtCore import Signal
+from PySide6.QtCore import QEvent, Signal
 from PySide6.QtWidgets import QLineEdit, QListWidget, QWidget
 
 from gui.protocol.editor.protocol_editor import ProtocolEditor
@@ -24,6 +24,7 @@ from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.labels import ElidedLabel, label, show_text
 from gui.widgets.layouts import container, hbox, push_button, vbox
 from gui.widgets.page_tabs import PageTabs
+from gui.widgets.theme import scaled_px
 from rigctl.acquisition.rpc.messages import RunStatus
 
 MAX_NOTE_LETTERS = 2000
@@ -67,7 +68,7 @@ class SessionPage(QWidget):
         self.text = QLineEdit(maxLength=MAX_NOTE_LETTERS)
         self.text.setPlaceholderText("A note on the session or a trial")
         self.text.setToolTip("What was noticed, or why a trial is bad")
-        self.text.setMinimumWidth(_TEXT_PX)
+        self.text.setMinimumWidth(scaled_px(_TEXT_PX))
         self.buttons = {
             "note": push_button("Add note", lambda: self._request("", about_trial=False)),
             "bad": push_button("Mark bad", lambda: self._request("bad")),
@@ -178,6 +179,12 @@ class SessionPage(QWidget):
             "repeat": repeat,
         }
         self.note_requested.emit(note)
+
+    def changeEvent(self, event: QEvent) -> None:
+        """Keep room for the hint in the field of the note when the size of the texts changes."""
+        super().changeEvent(event)
+        if event.type() in (QEvent.Type.FontChange, QEvent.Type.ApplicationFontChange):
+            self.text.setMinimumWidth(scaled_px(_TEXT_PX))
 
     def _lay_out(self) -> None:
         self.tabs.addTab(self.attempt_view, "Trials")
