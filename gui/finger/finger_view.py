@@ -17,7 +17,7 @@ from gui.widgets.formatting import capitalised
 from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import container, hbox, scroll_area, vbox
 from gui.widgets.theme import Theme, scaled_px
-from rigctl.acquisition.protocol.run_reasons import reason_words
+from rigctl.acquisition.protocol.pause_reasons import reason_words
 from rigctl.realtime.live_file import FingerLiveReader
 from rigctl.realtime.messages import FingerEngineStatus, FingerRunStatus
 

@@ -13,7 +13,7 @@ from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.formatting import capitalised, duration
 from gui.widgets.labels import elastic, label, plain_tooltip, set_property, show_progress, show_text
 from gui.widgets.layouts import combo_box, container, form_layout, hbox, push_button, vbox
-from rigctl.acquisition.protocol.run_reasons import reason_words
+from rigctl.acquisition.protocol.pause_reasons import reason_words
 from rigctl.realtime.messages import FingerEngineStatus, FingerRunStatus
 
 _ROWS = ("Progress", "Stage", "Scan", "Rejected", "Session")

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QProgressBar, QVBoxLayout
 from gui.widgets.formatting import capitalised, day_time, duration, size
 from gui.widgets.labels import label, plain_tooltip, set_property, show_progress, show_text
 from gui.widgets.layouts import form_layout
-from rigctl.acquisition.protocol.run_reasons import reason_words
+from rigctl.acquisition.protocol.pause_reasons import reason_words
 from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus, RunStatus
 
 ROWS = ("Progress", "Finishes", "Trial", "Next plate", "Rejected", "Disk", "Session")

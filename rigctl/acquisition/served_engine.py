@@ -14,7 +14,8 @@ from typing import Any, Generic, Protocol, TypeVar
 from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.health.disk import DiskMonitor
 from rigctl.acquisition.live_file import LiveFileWriter
-from rigctl.acquisition.protocol.run_reasons import DISK, RunReasons
+from rigctl.acquisition.protocol.pause_reasons import DISK
+from rigctl.acquisition.protocol.run_reasons import RunReasons
 from rigctl.acquisition.rpc.declared_commands import RequestHandler
 from rigctl.acquisition.rpc.door import Door
 from rigctl.acquisition.rpc.messages import STATUS_PERIOD_S, engine_message

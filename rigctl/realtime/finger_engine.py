@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rigctl.acquisition.protocol.run_reasons import LINK
+from rigctl.acquisition.protocol.pause_reasons import LINK
 from rigctl.acquisition.rpc.messages import BoardStatus, RecordingStatus
 from rigctl.acquisition.served_engine import ServedEngine
 from rigctl.errors import RigFault

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from rigctl.acquisition.protocol.run_reasons import PROMPT
+from rigctl.acquisition.protocol.pause_reasons import PROMPT
 from rigctl.acquisition.rpc.messages import PromptStatus
 from rigctl.session.format import layout
 from rigctl.values import Event

@@ -10,7 +10,8 @@ from collections.abc import Callable
 
 from rigctl.acquisition.drum.poller import DrumPoller
 from rigctl.acquisition.event_bus import EventBus
-from rigctl.acquisition.protocol.run_reasons import FAULT, LINK, PROMPT, RunReasons
+from rigctl.acquisition.protocol.pause_reasons import FAULT, LINK, PROMPT
+from rigctl.acquisition.protocol.run_reasons import RunReasons
 from rigctl.errors import LinkLost
 from rigctl.session.write.recorder import Recorder
 

@@ -6,31 +6,20 @@ another.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 from rigctl.acquisition.event_bus import EventBus
+from rigctl.acquisition.protocol.pause_reasons import OPERATOR, PROMPT, reason_words
 from rigctl.acquisition.rpc.messages import PromptStatus
 from rigctl.errors import DiskFault, RigFault
 from rigctl.session.format.layout import SessionOutcome
 
-OPERATOR, PROMPT, LINK, DISK, FAULT = "operator", "prompt", "link", "disk", "fault"
-_REASON_WORDS = {
-    LINK: "a board is lost",
-    DISK: "too little disk space",
-    FAULT: "a fault of the drum",
-    "tracker": "the tracker is lost",
-}
 SESSION_OUTCOMES = {
     "done": SessionOutcome.FINISHED,
     "aborted": SessionOutcome.STOPPED,
     "failed": SessionOutcome.FAILED,
 }
 """How a session ends, by the outcome of its run."""
-
-
-def reason_words(reasons: Iterable[str]) -> str:
-    """Return what a run waits for in words; a question speaks for itself."""
-    return ", ".join(_REASON_WORDS.get(reason, reason) for reason in reasons if reason != PROMPT)
 
 
 class RunPaused(Exception):

@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from rigctl.acquisition.protocol.run_reasons import PROMPT, RunReasons
+from rigctl.acquisition.protocol.pause_reasons import PROMPT
+from rigctl.acquisition.protocol.run_reasons import RunReasons
 
 CHECK_PERIOD_S = 0.01
 

@@ -23,12 +23,8 @@ import numpy as np
 
 from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.health.disk import DiskMonitor
-from rigctl.acquisition.protocol.run_reasons import (
-    LINK,
-    SESSION_OUTCOMES,
-    RunPaused,
-    RunStopped,
-)
+from rigctl.acquisition.protocol.pause_reasons import LINK
+from rigctl.acquisition.protocol.run_reasons import SESSION_OUTCOMES, RunPaused, RunStopped
 from rigctl.devices.trackers.plate_frame import PlatePosition
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.errors import LinkLost, RigctlError, RigFault
