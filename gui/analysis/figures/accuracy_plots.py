@@ -25,7 +25,7 @@ TICK_PX, FEW_TICKS = 16, (50.0, 10.0)
 """Height of a number of an axis, and the steps with and without numbers in a low plot."""
 PLOT_PX = 216
 """Least width of a plot, for its title."""
-ROW_PX, ROOMY_ROW_PX = 108, 150
+ROW_PX, ROOMY_ROW_PX = 108, 166
 """Least height of a row of plots with title and axis: all in one view, or in one that scrolls."""
 GAP_PX = 4
 ZOOM = 1.25
