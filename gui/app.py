@@ -9,19 +9,21 @@ import argparse
 import gc
 import os
 import signal
-import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
+from tempfile import TemporaryFile
 from threading import Thread
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 from rigctl.config.visible_text import visible
 from rigctl.errors import RigctlError, WrongUse
 
 if TYPE_CHECKING:
+    from PySide6.QtGui import QGuiApplication
+
     from gui.shell.main_window import MainWindow
 
 DEBIAN_PACKAGES = "libegl1 libgl1 libxkbcommon-x11-0 libxcb-cursor0 libdbus-1-3 libfontconfig1"
@@ -75,18 +77,35 @@ def paused_collector() -> Iterator[None]:
 def check_display() -> None:
     """Raise WrongUse if Qt cannot start because a display or libraries are missing.
 
-    Qt then aborts the process and cannot be queried before, so another process tries it.
+    Qt then aborts the process and cannot be queried before, so a copy of this process tries it, unless Qt
+    runs already.
     """
     if not sys.platform.startswith("linux"):
         return
-    trial = subprocess.run(
-        [sys.executable, "-c", "from PySide6.QtGui import QGuiApplication as A; A([])"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    if trial.returncode:
-        raise WrongUse(_start_failure(trial.stderr))
+    try:
+        from PySide6.QtGui import QGuiApplication
+    except ImportError as error:
+        raise WrongUse(_start_failure(str(error))) from None
+    if QGuiApplication.instance() is not None:
+        return
+    with TemporaryFile() as stderr:
+        if (trial := os.fork()) == 0:
+            _start_and_exit(QGuiApplication, stderr.fileno())
+        _, status = os.waitpid(trial, 0)
+        stderr.seek(0)
+        said = stderr.read().decode(errors="replace")
+    if status:
+        raise WrongUse(_start_failure(said))
+
+
+def _start_and_exit(application: type[QGuiApplication], stderr: int) -> NoReturn:
+    """Start Qt and end this process at once, whatever happens: it is a copy of another one."""
+    try:
+        os.dup2(stderr, 2)  # of the process: Qt does not know Python's sys.stderr
+        application([])
+        os._exit(0)
+    finally:
+        os._exit(1)
 
 
 def _start_failure(stderr: str) -> str:

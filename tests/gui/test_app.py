@@ -2,24 +2,46 @@
 
 from __future__ import annotations
 
-import pytest
+import os
+import subprocess
+import sys
 
+WITHOUT_LIBRARY = """
+import sys
 from rigctl.cli import main
+sys.modules["PySide6.QtGui"] = None
+raise SystemExit(main(["gui"]))
+"""
+DISPLAYS = {"DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM"}
 
 
-def test_missing_display_is_one_sentence(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for name in ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM"):
-        monkeypatch.delenv(name, raising=False)
-    assert main(["gui"]) == 2
-    text = capsys.readouterr().err
-    assert "needs a display" in text and text.count("\n") == 1
+def refusal(*options: str, **display: str) -> str:
+    """Return the one sentence with which the window does not open."""
+    environment = {name: value for name, value in os.environ.items() if name not in DISPLAYS}
+    done = subprocess.run(
+        [sys.executable, *options],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**environment, **display},
+    )
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    return done.stderr
 
 
-def test_missing_libraries_are_named(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("QT_QPA_PLATFORM", "nonsense")
-    assert main(["gui"]) == 2
-    assert "libxcb-cursor0" in capsys.readouterr().err
+def test_missing_display_is_one_sentence() -> None:
+    assert "needs a display" in refusal("-m", "rigctl", "gui")
+
+
+def test_missing_libraries_are_named() -> None:
+    said = refusal("-m", "rigctl", "gui", QT_QPA_PLATFORM="nonsense")
+    assert "libxcb-cursor0" in said and '"nonsense"' in said
+
+
+def test_a_display_that_does_not_answer_is_named() -> None:
+    assert "could not connect to display :77" in refusal("-m", "rigctl", "gui", DISPLAY=":77")
+
+
+def test_qt_that_cannot_be_loaded_is_named() -> None:
+    said = refusal("-c", WITHOUT_LIBRARY, QT_QPA_PLATFORM="offscreen")
+    assert "PySide6.QtGui" in said and "libegl1" in said
