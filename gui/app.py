@@ -77,8 +77,8 @@ def paused_collector() -> Iterator[None]:
 def check_display() -> None:
     """Raise WrongUse if Qt cannot start because a display or libraries are missing.
 
-    Qt then aborts the process and cannot be queried before, so a copy of this process tries it, unless Qt
-    runs already.
+    Qt then aborts the process and cannot be queried before, so a copy of this process tries
+    it, unless Qt runs already.
     """
     if not sys.platform.startswith("linux"):
         return
