@@ -11,7 +11,7 @@ from gui.finger.answer_view import AnswerView
 from gui.finger.confusion_view import ConfusionView
 from gui.finger.plate_view import PlateView
 from gui.finger.probability_bars import ProbabilityBars
-from gui.finger.scan_plots import ScanPlots, planned_words
+from gui.finger.scan_plots import ScanPlots, velocity_title
 from gui.finger.scan_record import ScanRecord
 from gui.widgets.formatting import capitalised
 from gui.widgets.labels import label, set_property, show_text
@@ -37,7 +37,7 @@ class FingerView(QWidget):
         self.notice = label("", "warn", wraps=True)
         self.plate, self.plots = PlateView(), ScanPlots(theme)
         self.answer, self.bars = AnswerView(), ProbabilityBars()
-        self.confusion, self.planned = ConfusionView(), label("", "muted", wraps=True)
+        self.confusion, self.velocity_title = ConfusionView(), label("", "muted", wraps=True)
         self._path_since_s = 0.0
         self._lay_out()
         self.clear()
@@ -81,7 +81,7 @@ class FingerView(QWidget):
         """Show the newest answer; ``sent_s``: when the velocity that led to it was sent."""
         self.answer.show_record(self.record, sent_s)
         self.bars.show_record(self.record)
-        show_text(self.planned, planned_words(self.record.profile, self.plots.quality))
+        show_text(self.velocity_title, velocity_title(self.record, self.plots.quality))
         reasons = "; ".join(self.record.reasons)
         show_text(self.notice, f"⚠ The last attempt does not count: {reasons}" if reasons else "")
         self.notice.setVisible(bool(reasons))
@@ -95,7 +95,7 @@ class FingerView(QWidget):
         banner.setProperty("role", "card")
         head = hbox(self.task, self.progress, spacing=10)
         banner.setLayout(vbox(head, self.notice, spacing=0, margins=(10, 4, 10, 4)))
-        left = vbox(self.plate, self.planned, self.plots, spacing=3)
+        left = vbox(self.plate, self.velocity_title, self.plots, spacing=3)
         left.setStretch(2, 1)
         right = vbox(self.answer, self.bars, self.confusion, spacing=6)
         for place, stretch in enumerate((4, 3, 4)):

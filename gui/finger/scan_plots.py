@@ -179,8 +179,18 @@ class ScanPlots(PlotGrid):
             text.setPos(span_s, mm_s)
 
 
-def planned_words(profile: str, quality: ScanQuality) -> str:
-    """Return a planned velocity profile, and what it asks for."""
+def velocity_title(record: ScanRecord, quality: ScanQuality) -> str:
+    """Return whose velocity is shown: scan and plate, the planned profile and what it asks for."""
+    if record.scan < 0:
+        return "Velocity"
+    scan = f"Velocity in scan {record.scan}"
+    profile = next((p for p in VelocityProfile if p.value == record.profile), None)
+    if profile is None:  # a window that joins in a scan does not know it
+        return scan
+    return f"{scan} (plate {record.texture}), planned: {profile} ({_demands(profile, quality)})"
+
+
+def _demands(profile: VelocityProfile, quality: ScanQuality) -> str:
     ratio = f"at least {quality.change_ratio:g} × as fast as the"
     demands = {
         VelocityProfile.SLOW: f"below {quality.slow_max_mm_s:g} mm/s",
@@ -189,5 +199,4 @@ def planned_words(profile: str, quality: ScanQuality) -> str:
         VelocityProfile.SLOW_TO_FAST: f"second half {ratio} first",
         VelocityProfile.FAST_TO_SLOW: f"first half {ratio} second",
     }
-    known = next((p for p in VelocityProfile if p.value == profile), None)
-    return f"Velocity, planned: {known.value} ({demands[known]})" if known else "Velocity"
+    return demands[profile]

@@ -79,11 +79,16 @@ def test_window_that_joins_in_a_scan_shows_what_it_knows(finger: FingerWindow) -
     assert _ticks_mm(finger)[2] == pytest.approx([35.0], abs=1)
 
 
-def test_planned_profile_is_named_with_its_demand(finger: FingerWindow) -> None:
+def test_the_velocity_names_its_scan_also_when_the_next_one_is_asked_for(
+    finger: FingerWindow,
+) -> None:
+    assert finger.tab.view.velocity_title.text() == "Velocity"
     finger.engine.send_instruction("D", "fast-to-slow")
     finger.engine.send_batch(1, 90.0, 9.0)
+    finger.engine.send_instruction("B", "slow")
     finger.window.poll()
-    assert "fast-to-slow (first half at least 1.45 ×" in finger.tab.view.planned.text()
+    title = finger.tab.view.velocity_title.text()
+    assert title.startswith("Velocity in scan 1 (plate D), planned: fast-to-slow (first half at ")
 
 
 @pytest.mark.parametrize(
