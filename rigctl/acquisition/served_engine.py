@@ -149,8 +149,12 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         self._shutdown_requested.set()
 
     def end_if_unused(self, text: str) -> bool:
-        """End the engine where it has one client at most and no run; return whether it ends."""
-        is_unused = len(self._server) <= 1 and not self.is_running
+        """End the engine where it has one client at most and no run; return whether it ends.
+
+        A connection that only brings a STOP, as that of `rigctl stop` or of a window whose own
+        connection does not get through, is no client.
+        """
+        is_unused = self._server.users <= 1 and not self.is_running
         if is_unused:
             self.shut_down(text)
         return is_unused

@@ -77,6 +77,11 @@ class Server:
     def __len__(self) -> int:
         return sum(not client.is_dropped for client in self._clients)
 
+    @property
+    def users(self) -> int:
+        """The number of clients that came for more than a STOP."""
+        return sum(not (client.is_dropped or client.only_stops) for client in self._clients)
+
     def set_greeting(self, message: dict[str, Any]) -> None:
         """Send a message to every present client, and to each future one when it connects."""
         self._greeting = message
@@ -160,6 +165,7 @@ class Server:
             client.send(encode_message({"reply": request.id, **_refusal(full)}))
             return
         client.under_way += 1
+        client.note_request(request.command)
         try:
             client.send(await self._answer(desk, request))
         finally:

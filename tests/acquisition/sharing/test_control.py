@@ -155,6 +155,26 @@ def test_a_client_ends_no_engine_under_another(harness: EngineHarness) -> None:
     harness.run(scenario)
 
 
+def test_a_connection_that_only_brings_a_stop_keeps_no_engine(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        anna, stop, ben = [await ClientConnection.connect(harness.address) for _ in range(3)]
+        await stop.request("stop")
+        assert await anna.request("leave") == {"ends": False}  # Ben may be about to join
+        await ben.request("introduce", name=BEN)
+        await ben.close()
+        while "has left" not in (await anna.until("control"))["text"]:
+            pass
+        await anna.request("stop")
+        try:
+            assert await anna.request("leave") == {"ends": True}
+            await harness.wait(60)
+        finally:
+            await anna.close()
+            await stop.close()
+
+    harness.run(scenario, engine_ends=True)
+
+
 def test_a_run_goes_on_when_its_last_client_leaves(harness: EngineHarness) -> None:
     async def scenario(harness: EngineHarness) -> None:
         anna = await ClientConnection.connect(harness.address, ANNA)

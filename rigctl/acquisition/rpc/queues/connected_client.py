@@ -41,10 +41,16 @@ class ConnectedClient:
         self.number, self.name = number, name
         self._spare = spare
         self.under_way = 0
+        self.only_stops = self._has_asked = False
         self._writer = writer
         self._left_out = {"statuses": 0, "rows": 0}
         self._told_s: float | None = None
         self._dropped_s: float | None = None
+
+    def note_request(self, command: str) -> None:
+        """Take note of a request; ``only_stops``: whether all of them were STOP."""
+        self.only_stops = command == "stop" and (self.only_stops or not self._has_asked)
+        self._has_asked = True
 
     @property
     def unread_bytes(self) -> int:
