@@ -215,6 +215,8 @@ class AnalysisTab(QObject):
     def _finish(self, task: str, result: Any) -> None:
         if task in ("save_values", "save_file"):
             self.reported.emit("analysis", f"saved {result}")
+        elif task == "prepare" and not self.reader.is_busy:
+            self.reader.submit("load_encoder")  # after a session that is wanted already
         elif isinstance(result, ResponseGrid):
             self.trial_view.compare.show_grid(result)
         elif isinstance(result, SessionTable):

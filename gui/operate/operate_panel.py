@@ -55,12 +55,20 @@ APPROACH = Action(
 RUN = Action("run", "Run", StateEvent.RUN, "Turn the drum over the plate once at the set speed")
 RETRACT = Action("retract", "Retract", StateEvent.RETRACT, "Slow down and lift the drum")
 ARM_FIRST = "Arm first: the drum may rest on the sensor, and arming lifts it"
+RETRACT_FIRST = "Retract first: the drum presses on the sensor"
 TARE_FIRST = "Tare first: without a zero the drum cannot hold a force"
 APPROACH_FIRST = "Approach first, and wait for HOLD: the drum turns while it presses"
 CLEAR = Action(
     "clear_fault", "Clear fault", StateEvent.CLEAR, "Clear the fault after its cause is removed"
 )
 ACTIONS = (ARM, DISARM, HOME, TARE, RANGE, TEST, APPROACH, RUN, RETRACT, CLEAR)
+
+
+def _tare_tooltip(status: EngineStatus) -> str:
+    if not status.contact_may_stand:
+        return TARE.tooltip
+    presses = status.state in (State.APPROACH, State.HOLD, State.RUN)
+    return RETRACT_FIRST if presses else ARM_FIRST
 
 
 def is_possible(action: Action, status: EngineStatus) -> bool:
@@ -141,7 +149,7 @@ class OperatePanel(QWidget):
         self.buttons["approach"].setToolTip(TARE_FIRST if is_untared else APPROACH.tooltip)
         is_lifted = status.state in (State.ARMED, State.APPROACH)
         self.buttons["run"].setToolTip(APPROACH_FIRST if is_lifted else RUN.tooltip)
-        self.buttons["tare"].setToolTip(ARM_FIRST if status.contact_may_stand else TARE.tooltip)
+        self.buttons["tare"].setToolTip(_tare_tooltip(status))
         clear = RELEASE_FIRST if status.estop_pressed else CLEAR.tooltip
         self.buttons["clear_fault"].setToolTip(clear)
         for part in self._parts:

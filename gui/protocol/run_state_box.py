@@ -92,10 +92,12 @@ def finish_sentence(run: RunStatus) -> str:
 def plate_sentence(run: RunStatus) -> str:
     """Return the next change of plates."""
     plate = run.next_plate
+    if run.prompt is not None and run.prompt.texture:
+        return f"{run.prompt.texture} now"
     if not run.is_active or plate is None:
         return "no other plate" if run.is_active else "–"
     if not plate.trials:
-        return f"{plate.texture} now"
+        return f"{plate.texture} after {'the pause' if run.state == 'paused' else 'this trial'}"
     trials = f"{plate.trials} trial{'' if plate.trials == 1 else 's'}"
     return f"{plate.texture} after {trials}, in {duration(plate.left_s)}"
 

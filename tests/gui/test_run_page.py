@@ -90,9 +90,15 @@ def test_a_run_says_when_it_ends_and_which_plate_is_next(
     assert panel.run_rows["Next plate"].text() == "D after 3 trials, in 1 min 35 s"
     assert panel.run_rows["Finishes"].text().endswith("plus plate changes")
     assert panel.run_rows["Disk"].text() == "210 GB free"
-    harness.update(run={**RUN, "next_plate": {**plate, "trials": 0, "left_s": 0.0}})
+    last = {**RUN, "next_plate": {**plate, "trials": 0, "left_s": 0.0}}
+    harness.update(run=last)
+    assert panel.run_rows["Next plate"].text() == "D after this trial"
+    harness.update(run={**last, "state": "paused"})
+    assert panel.run_rows["Next plate"].text() == "D after the pause"
+    asked = {"id": 1, "text": "Mount plate D.", "texture": "D"}
+    harness.update(run={**RUN, "state": "prompt", "prompt": asked, "next_plate": None})
     assert panel.run_rows["Next plate"].text() == "D now"
-    harness.update(run={**RUN, "next_plate": None, "session": None})
+    harness.update(run={**RUN, "prompt": None, "next_plate": None, "session": None})
     assert panel.run_rows["Next plate"].text() == "no other plate"
 
 

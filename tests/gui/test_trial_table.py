@@ -13,8 +13,10 @@ from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
+from gui.analysis.analysis_tab import AnalysisTab
 from gui.analysis.trials.trial_list import TrialList
 from gui.analysis.trials.trial_table import AttemptColumn, join_tables
+from gui.widgets.theme import LIGHT
 from rigctl.session.format.layout import SAMPLES
 from rigctl.session.notes.session_note import Mark, SessionNote
 from rigctl.session.notes.write_note import add_note
@@ -222,6 +224,23 @@ def test_the_reader_starts_with_the_window_and_only_once(
     click(tab.panel.open_button)
     wait_until(lambda: tab.panel.model.rowCount() == 4)
     wait_until(lambda: tab.trial_view.data is not None)
+
+
+def test_a_session_that_is_wanted_at_once_opens_before_the_encoder_is_loaded(
+    app: QApplication, sessions: tuple[Path, Path]
+) -> None:
+    tab, done = AnalysisTab(LIGHT), list[str]()
+    tab.reader.finished.connect(lambda task, result: done.append(task))
+    tab.prepare()
+    tab.panel.open_session(str(sessions[0]))
+
+    def has_opened() -> bool:
+        tab.poll()
+        return tab.panel.model.rowCount() == 4
+
+    wait_until(has_opened)
+    tab.close()
+    assert done == ["prepare", "open_session"]
 
 
 def test_verify_is_in_the_window_with_the_words_of_the_command(

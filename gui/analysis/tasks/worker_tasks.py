@@ -134,13 +134,17 @@ class WorkerTasks:
         return self._follower.read(folder)
 
     def prepare(self) -> None:
-        """Load what reading a session and drawing its first trial take, before they are wanted."""
-        from gui.analysis.trials.read_trial import load_encoder
+        """Load what reading a session takes, before it is wanted."""
         from rigctl.session.hdf5.probe import start_helper
 
         start_helper()
         for name in ("session.read.finger_session", "session.read.session"):
             import_module(f"rigctl.{name}")
+
+    def load_encoder(self) -> None:
+        """Load what drawing the first trial takes, before it is wanted."""
+        from gui.analysis.trials.read_trial import load_encoder
+
         load_encoder()
 
     def open_session(self, path: str) -> SessionTable:
