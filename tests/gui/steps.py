@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtGui import QWheelEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QPushButton, QWidget
+from PySide6.QtWidgets import QApplication, QPushButton, QWidget
 
 from gui.engine_clients import FingerEngineSpec
 from gui.finger.finger_tab import FingerTab
@@ -97,3 +98,13 @@ def click(button: QPushButton) -> None:
 def press_escape(widget: QWidget) -> None:
     """Press Esc while that widget has the focus."""
     QTest.keyClick(widget, Qt.Key.Key_Escape)
+
+
+def turn_wheel(box: QWidget) -> None:
+    """Turn the wheel down by a notch over a box, which may be out of sight."""
+    at, turn = QPointF(box.rect().center()), QPoint(0, -120)
+    keys, phase = Qt.KeyboardModifier.NoModifier, Qt.ScrollPhase.NoScrollPhase
+    on_screen = QPointF(box.mapToGlobal(box.rect().center()))
+    none = Qt.MouseButton.NoButton
+    event = QWheelEvent(at, on_screen, QPoint(), turn, none, keys, phase, False)
+    QApplication.sendEvent(box, event)

@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from PySide6.QtCore import QPoint, QPointF, Qt
-from PySide6.QtGui import QWheelEvent
+from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QWidget
 
 from gui.operate.operate_panel import ACTIONS
 from rigctl.wire.drum.states import Fault, State, StateEvent, next_state
-from tests.gui.steps import Harness, click, wait_until
+from tests.gui.steps import Harness, click, turn_wheel, wait_until
 
 ENABLED = {
     State.IDLE: {"arm", "tare"},
@@ -120,23 +118,13 @@ def test_the_plate_is_locked_while_the_drum_moves_or_presses(harness: Harness) -
     assert plate.isEnabled()
 
 
-def _turn_wheel(box: QWidget) -> None:
-    """Turn the wheel down by a notch over a box, which may be out of sight."""
-    at, turn = QPointF(box.rect().center()), QPoint(0, -120)
-    keys, phase = Qt.KeyboardModifier.NoModifier, Qt.ScrollPhase.NoScrollPhase
-    on_screen = QPointF(box.mapToGlobal(box.rect().center()))
-    none = Qt.MouseButton.NoButton
-    event = QWheelEvent(at, on_screen, QPoint(), turn, none, keys, phase, False)
-    QApplication.sendEvent(box, event)
-
-
 def test_the_wheel_changes_a_box_only_with_the_focus(harness: Harness) -> None:
     harness.update(state=int(State.IDLE), texture="A")
     operate = harness.window.operate_panel
     for box in (operate.bench.plate, operate.speed, operate.force):
         operate.bench.inject.setFocus()
         before = operate.bench.plate.currentText(), operate.speed.value(), operate.force.value()
-        _turn_wheel(box)
+        turn_wheel(box)
         after = operate.bench.plate.currentText(), operate.speed.value(), operate.force.value()
         assert after == before and not box.hasFocus()
     assert harness.engine.commands == []
@@ -144,7 +132,7 @@ def test_the_wheel_changes_a_box_only_with_the_focus(harness: Harness) -> None:
     operate.speed.setFocus()
     wait_until(operate.speed.hasFocus)
     speed_mm_s = operate.speed.value()
-    _turn_wheel(operate.speed)
+    turn_wheel(operate.speed)
     assert operate.speed.value() == speed_mm_s - 5
 
 
