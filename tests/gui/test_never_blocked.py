@@ -1,11 +1,15 @@
-"""Neither a slow disk, a slow engine nor a slow analysis makes the window wait."""
+"""Neither a slow disk, board, engine nor analysis makes the window wait."""
 
 from __future__ import annotations
 
+import json
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +35,7 @@ from tests.gui.watchdog.qt_thread import QtThreadWatchdog
 from tests.gui.watchdog.slow_disk import slow_disk
 
 SLOW_S = 0.4
+BOARDS = ("drum", "taxels")
 
 
 @pytest.fixture(scope="module")
@@ -245,6 +250,45 @@ def test_a_board_that_answers_slowly(
         watchdog.run(window.poll)
     watchdog.run(lambda: press_escape(window))
     watchdog.run_until(lambda: engine.commands[-1] == "stop")
+
+
+@contextmanager
+def served_boards(folder: Path) -> Iterator[tuple[Path, int]]:
+    """Yield the rig file of simulated boards behind real ports, and the process that is them."""
+    command = [sys.executable, "-m", "rigctl", "serve", "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        served = json.loads(process.stdout.readline())
+        ports = "".join(f'{board} = "tcp://{served[board]["tcp"]}"\n' for board in BOARDS)
+        (folder / "rig.toml").write_text(f"[ports]\n{ports}")
+        try:
+            yield folder / "rig.toml", process.pid
+        finally:
+            process.send_signal(signal.SIGCONT)
+            process.send_signal(signal.SIGINT)
+
+
+def test_boards_that_stall_on_their_ports(
+    app: QApplication, tmp_path: Path, watchdog: QtThreadWatchdog
+) -> None:
+    """Both boards stop again and again; the drum calls it a fault, and at last the link is lost."""
+    with served_boards(tmp_path) as (file, boards), rig_window(app, str(file), tmp_path) as rig:
+        window, link = rig.window, rig.window.engine_link
+        rig.press("arm")
+        rig.until_state(State.ARMED)
+        for _ in range(3):
+            os.kill(boards, signal.SIGSTOP)
+            watchdog.run_until(lambda: link.status.poll_age_s > SLOW_S)
+            os.kill(boards, signal.SIGCONT)
+            watchdog.run_until(lambda: link.status.poll_age_s < SLOW_S)
+        watchdog.run_until(window.operate_panel.buttons["clear_fault"].isEnabled)
+        os.kill(boards, signal.SIGSTOP)
+        watchdog.run(lambda: click(window.operate_panel.buttons["clear_fault"]))
+        watchdog.run(lambda: press_escape(window))
+        watchdog.run_until(lambda: not link.status.drum_connected)
+        watchdog.run_until(lambda: not link.status.taxels_connected)
+        os.kill(boards, signal.SIGCONT)
+        watchdog.run_until(lambda: link.status.drum_connected and link.status.taxels_connected)
 
 
 def test_an_engine_that_is_suspended_while_the_window_floods_it(

@@ -198,6 +198,8 @@ def _open_again(window: MainWindow, session: Path) -> None:
     window.file_browser.dialog.fileSelected.emit(str(session))
     window.file_browser.dismiss()
     wait_until(window.prompt_panel.isVisible, TIMEOUT_MS)
+    last_trial = window.health_strip.cells["trial"].value
+    assert last_trial.text() == "–", "the trials before were recorded in another sitting"
 
 
 def _kill_engine(window: MainWindow, session: Path) -> None:
