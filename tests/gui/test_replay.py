@@ -13,6 +13,7 @@ from PySide6.QtWidgets import QApplication, QPushButton, QTableView, QWidget
 
 from gui.live.replay.player import Player
 from gui.live.replay.replay_page import NO_SESSION
+from gui.live.review.navigation import SPANS_S
 from rigctl.encoding.encoder import encode_trial
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.session.read.session import Session
@@ -43,6 +44,8 @@ def test_a_session_replays_with_v_of_t_and_becomes_a_movie(
     timeline = page.plots.data.timeline
     assert np.array_equal(timeline.samples.between(0, len(samples)), samples)
     assert "Trial " in page.sentence.text()
+    seconds = len(samples) / 1000
+    assert page.plots.navigation.span_s == min(s for s in SPANS_S if s >= seconds)
 
     page.speed.setValue(100.0)
     click(page.play)

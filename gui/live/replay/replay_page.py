@@ -17,6 +17,7 @@ from gui.live.replay.movie_maker import MovieMaker
 from gui.live.replay.player import Player
 from gui.live.replay.replay_data import fill
 from gui.live.replay.voltage_plot import VoltagePlot
+from gui.live.review.navigation import SPANS_S
 from gui.live.time_plots import IN_TRIAL
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.flow_layout import FlowLayout
@@ -26,6 +27,8 @@ from gui.widgets.theme import Theme
 from rigctl.values import SAMPLE_RATE_HZ
 
 NO_SESSION = "Open a session to replay its trials."
+MAX_SPAN_S = 10
+"""Of a session that opens: a longer trial scrolls as live."""
 OFFERED = "Press Return in the field to replay the last session, or choose another one."
 
 
@@ -49,7 +52,7 @@ class ReplayPage(QWidget):
         self._table, self._row = SessionTable(), -1
         self._wanted: tuple[str, int] | None = None
         """Path and row of a trial whose session is being opened."""
-        self._is_late = self._plays = False
+        self._is_late = self._plays = self._fits_span = False
         self._build_controls()
         self.sentence, self.values = ElidedLabel(NO_SESSION, "muted"), ElidedLabel()
         rows = (FlowLayout(*self._session_row), FlowLayout(*self._play_row))
@@ -216,6 +219,7 @@ class ReplayPage(QWidget):
             self._fail("open_session", "this is no session of the drum with trials: open another")
             return
         self._table, self._row = table, -1
+        self._fits_span = True
         with QSignalBlocker(self.trial):
             self.trial.setRange(1, table.n_rows)
         self.opened.emit(table.path)
@@ -223,6 +227,9 @@ class ReplayPage(QWidget):
 
     def _show_trial(self, data: TrialData) -> None:
         fill(self.plots, data)
+        if self._fits_span:  # with the first trial of a session; a span chosen later stays
+            self._fits_span = False
+            self.plots.set_span(_fitting_span_s(len(data.samples) / SAMPLE_RATE_HZ))
         self.player.length, self.player.position = len(data.samples), 0.0
         with QSignalBlocker(self.place):
             self.place.setRange(0, max(0, len(data.samples) - 1))
@@ -270,3 +277,8 @@ class ReplayPage(QWidget):
     def _show_saved(self, path: str) -> None:
         show_text(self.sentence, f"saved {path}")
         self.reported.emit("saved", f"saved {path}")
+
+
+def _fitting_span_s(trial_s: float) -> int:
+    """Return the shortest span that shows a whole trial, up to :data:`MAX_SPAN_S`."""
+    return next((span_s for span_s in SPANS_S if trial_s <= span_s <= MAX_SPAN_S), MAX_SPAN_S)

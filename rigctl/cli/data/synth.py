@@ -25,7 +25,7 @@ from rigctl.cli.options.arguments import (
     worker_type,
     workers_of,
 )
-from rigctl.cli.options.progress import ProgressLine, remaining
+from rigctl.cli.options.progress import Pace, ProgressLine, clock
 from rigctl.cli.options.terminal import Interrupts
 from rigctl.config.resources import find_protocol
 from rigctl.session.read.part_file import existing_parts
@@ -116,17 +116,19 @@ class SynthProgress:
         self._trials = trials
         self._trial_s = trial_s
         self._line = ProgressLine(sys.stderr)
+        self._pace = Pace()
         self.committed = 0
 
     def show(self, progress: DatasetProgress) -> None:
-        """Keep the count of committed trials, and show progress if it is time to."""
+        """Keep the count of committed trials, and show the progress once its pace is known."""
         self.committed = progress.committed
-        elapsed_s = self._line.elapsed_s
-        left = remaining(elapsed_s, progress.trial_s / self._trial_s)
-        self._line.show(
-            f"{progress.trials}/{self._trials} trials · "
-            f"{progress.trial_s / elapsed_s:.0f} × real time · {left} left"
-        )
+        pace = self._pace.add(self._line.elapsed_s, progress.trial_s)
+        if pace:
+            left_s = (self._trial_s - progress.trial_s) / pace
+            self._line.show(
+                f"{progress.trials}/{self._trials} trials · "
+                f"{pace:.0f} × real time · {clock(left_s)} left"
+            )
 
     def finish(self) -> None:
         """End the line and print how many trials are committed."""

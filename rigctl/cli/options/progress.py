@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from typing import TextIO
 
 LINE_EVERY_S = 5.0
 REDRAW_EVERY_S = 0.1
+PACE_S = 30.0
 
 
 class ProgressLine:
@@ -62,6 +64,25 @@ class ProgressLine:
         self._out.write(f"{start}{text}{' ' * (self._width - len(text))}{end}")
         self._out.flush()
         self._width = 0 if end else len(text)
+
+
+class Pace:
+    """The pace of the last half minute.
+
+    The first report only begins it: until then compilers run, files open, and what an earlier run
+    has done is skipped.
+    """
+
+    def __init__(self) -> None:
+        self._points: deque[tuple[float, float]] = deque()
+
+    def add(self, now_s: float, done: float) -> float:
+        """Take what is done at this time; return the work per second, 0 while it is unknown."""
+        self._points.append((now_s, done))
+        while len(self._points) > 2 and now_s - self._points[0][0] > PACE_S:
+            self._points.popleft()
+        first_s, first_done = self._points[0]
+        return (done - first_done) / (now_s - first_s) if now_s > first_s else 0.0
 
 
 def remaining(elapsed_s: float, share: float) -> str:
