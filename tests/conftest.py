@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Iterator
 
 import pytest
 from hypothesis import settings
+
+os.environ["QT_QPA_PLATFORM"] = "offscreen"  # before the plug-in starts Qt's application
 
 # There is no deadline because the first call compiles kernels.
 settings.register_profile("rigctl", deadline=None, derandomize=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from enum import Enum
+from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal, SignalInstance
@@ -105,7 +106,7 @@ class FileBrowser(QWidget):
         dialog.finished.connect(lambda _: self.dismiss())
         for place in dialog.findChildren(QComboBox, "lookInCombo"):
             place.setToolTip(place.currentText())  # Qt shortens a long one
-            place.currentTextChanged.connect(place.setToolTip)
+            place.currentTextChanged.connect(partial(_show_tooltip, place))
         for tree in dialog.findChildren(QTreeView):
             tree.header().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         self.dialog = dialog
@@ -138,3 +139,8 @@ class FileBrowser(QWidget):
         if self.dialog is not None and self.isVisible():
             for name in self.dialog.findChildren(QLineEdit, "fileNameEdit"):
                 name.setFocus(Qt.FocusReason.ShortcutFocusReason)
+
+
+def _show_tooltip(place: QComboBox, text: str) -> None:
+    """Set a tooltip; PySide cannot connect to a method of a widget that Qt has made."""
+    place.setToolTip(text)

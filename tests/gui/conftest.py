@@ -1,10 +1,6 @@
-"""Windows without a display; the platform must be set before Qt is imported."""
+"""Windows without a display, most of them with an engine that the test controls."""
 
 from __future__ import annotations
-
-import os
-
-os.environ["QT_QPA_PLATFORM"] = "offscreen"
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -27,13 +23,6 @@ def own_engines(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="session")
-def app() -> QApplication:
-    """Return the application of this process."""
-    instance = QApplication.instance()
-    return instance if isinstance(instance, QApplication) else QApplication([])
-
-
 @pytest.fixture
 def engine(tmp_path: Path) -> FakeEngine:
     """Return an engine that the test controls."""
@@ -41,7 +30,7 @@ def engine(tmp_path: Path) -> FakeEngine:
 
 
 @pytest.fixture(scope="session")
-def shared(app: QApplication) -> Iterator[SharedWindow]:
+def shared(qapp: QApplication) -> Iterator[SharedWindow]:
     """Yield a window that connects to any engine; building a window takes a second."""
     shared = SharedWindow()
     shared.window.show()

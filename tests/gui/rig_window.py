@@ -122,9 +122,9 @@ def opened_window(size: tuple[int, int] = SMALL) -> Iterator[RigWindow]:
 
 
 @contextmanager
-def rig_window(app: QApplication, rig: str, runtime: Path) -> Iterator[RigWindow]:
+def rig_window(qapp: QApplication, rig: str, runtime: Path) -> Iterator[RigWindow]:
     """Yield a window that is connected to a new engine, alone in a runtime folder."""
-    assert app is QApplication.instance()
+    assert qapp is QApplication.instance()
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(FOLDER_VARIABLE, str(runtime))
         with opened_window() as opened:

@@ -33,7 +33,7 @@ OpenWindow = Callable[[], MainWindow]
 
 
 @pytest.fixture(scope="module")
-def running(app: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterator[EngineClient]:
+def running(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterator[EngineClient]:
     """Yield a client of an engine whose protocol goes on, as after a window that was closed."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(FOLDER_VARIABLE, str(tmp_path_factory.mktemp("attach")))

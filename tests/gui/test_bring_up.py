@@ -140,7 +140,7 @@ def test_no_recording_by_hand_begins_during_a_run(harness: Harness) -> None:
     assert not harness.window.operate_panel.record_box.button.isEnabled()
 
 
-def test_a_new_window_begins_with_the_live_plots(app: QApplication) -> None:
+def test_a_new_window_begins_with_the_live_plots(qapp: QApplication) -> None:
     window = MainWindow()
     assert window.stack.currentWidget() is window.live_page
     window.close()

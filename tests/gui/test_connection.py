@@ -81,7 +81,7 @@ def test_failed_connection_shows_the_reason(disconnected: SharedWindow) -> None:
 
 
 def test_connecting_is_cancelled_and_an_engine_that_comes_late_is_left(
-    app: QApplication, tmp_path: Path
+    qapp: QApplication, tmp_path: Path
 ) -> None:
     engine, gate = FakeEngine(tmp_path), threading.Event()
 
@@ -104,7 +104,7 @@ def test_connecting_is_cancelled_and_an_engine_that_comes_late_is_left(
     delete(window)
 
 
-def test_closing_during_connection_leaves_no_engine(app: QApplication, tmp_path: Path) -> None:
+def test_closing_during_connection_leaves_no_engine(qapp: QApplication, tmp_path: Path) -> None:
     engine = FakeEngine(tmp_path)
     window = MainWindow(lambda rig, world: engine)
     window.connect_rig("virtual")
@@ -161,7 +161,7 @@ def test_disconnect_leaves_the_engine_to_its_other_clients(harness: Harness) -> 
     assert harness.engine.is_left
 
 
-def test_a_run_may_end_before_the_window_closes(app: QApplication, tmp_path: Path) -> None:
+def test_a_run_may_end_before_the_window_closes(qapp: QApplication, tmp_path: Path) -> None:
     engine = FakeEngine(tmp_path)
     window = MainWindow(lambda rig, world: engine)
     window.show()

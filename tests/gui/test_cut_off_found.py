@@ -77,7 +77,7 @@ KINDS = [
 
 @pytest.mark.parametrize("make", KINDS)
 def test_each_kind_of_widget_is_cut_when_it_is_narrow_and_whole_when_it_is_wide(
-    app: QApplication, make: type[QWidget]
+    qapp: QApplication, make: type[QWidget]
 ) -> None:
     parent = QWidget()
     widget = make()
@@ -96,7 +96,7 @@ def test_each_kind_of_widget_is_cut_when_it_is_narrow_and_whole_when_it_is_wide(
     assert [cut.text for cut in cut_texts(parent)]
 
 
-def test_a_text_below_a_scroll_bar_is_whole_and_one_beside_it_is_not(app: QApplication) -> None:
+def test_a_text_below_a_scroll_bar_is_whole_and_one_beside_it_is_not(qapp: QApplication) -> None:
     below = QWidget()
     below.setLayout(vbox(*(label(f"{LONG} {n}") for n in range(40))))
     area = scroll_area(below)
@@ -109,7 +109,7 @@ def test_a_text_below_a_scroll_bar_is_whole_and_one_beside_it_is_not(app: QAppli
     assert len(cut_texts(area)) == 40
 
 
-def test_an_elastic_label_is_cut(app: QApplication) -> None:
+def test_an_elastic_label_is_cut(qapp: QApplication) -> None:
     window = container(vbox(elastic(label(LONG))))
     window.resize(50, 30)
     window.show()
@@ -117,7 +117,7 @@ def test_an_elastic_label_is_cut(app: QApplication) -> None:
     assert [cut.text for cut in cut_texts(window)] == [LONG]
 
 
-def test_labels_and_ticks_of_plots_are_measured(app: QApplication) -> None:
+def test_labels_and_ticks_of_plots_are_measured(qapp: QApplication) -> None:
     plot = pg.PlotWidget()
     plot.setLabel("left", LONG)
     plot.resize(600, 500)
@@ -133,13 +133,13 @@ def test_labels_and_ticks_of_plots_are_measured(app: QApplication) -> None:
     assert "overlaps" in reasons["its neighbour"] and LONG in reasons
 
 
-def test_a_wrapped_text_gives_room_back_when_it_is_wider_or_shorter(app: QApplication) -> None:
+def test_a_wrapped_text_gives_room_back_when_it_is_wider_or_shorter(qapp: QApplication) -> None:
     wrapped = label("off, it may rest on the sensor", wraps=True)
     wrapped.resize(40, 20)
     wrapped.show()
-    app.processEvents()
+    qapp.processEvents()
     tall_px = wrapped.minimumHeight()
     wrapped.resize(400, tall_px)
-    app.processEvents()
+    qapp.processEvents()
     assert wrapped.minimumHeight() < tall_px
     wrapped.close()

@@ -89,15 +89,15 @@ class Typist:
 
 
 @pytest.fixture
-def typist(app: QApplication, tmp_path: Path) -> Iterator[Typist]:
+def typist(qapp: QApplication, tmp_path: Path) -> Iterator[Typist]:
     """Yield a person at a small window that is not connected; a mouse event fails the test."""
     watch = MouseWatch()
     with opened_window() as rig:
         rig.window.activateWindow()
         wait_until(rig.window.isActiveWindow)
-        app.installEventFilter(watch)
+        qapp.installEventFilter(watch)
         yield Typist(rig)
-        app.removeEventFilter(watch)
+        qapp.removeEventFilter(watch)
     assert watch.seen == 0
 
 

@@ -37,12 +37,12 @@ SPEED, FORCE, LOST = (
 
 
 @pytest.fixture(scope="module")
-def rig(app: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RigWindow]:
+def rig(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RigWindow]:
     """Yield a window on a rig whose file has limits of its own."""
     folder = tmp_path_factory.mktemp("runtime")
     path = folder / "rig.toml"
     path.write_text(RIG)
-    with rig_window(app, str(path), folder) as opened:
+    with rig_window(qapp, str(path), folder) as opened:
         yield opened
 
 

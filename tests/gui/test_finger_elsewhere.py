@@ -38,7 +38,7 @@ fast_min_mm_s = 131.0
 
 
 @pytest.fixture(scope="module")
-def running(app: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterator[EngineClient]:
+def running(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterator[EngineClient]:
     """Yield a client of an engine of the virtual finger whose run goes on."""
     folder = tmp_path_factory.mktemp("finger")
     (folder / "long.toml").write_text(LONG)

@@ -33,7 +33,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def test_crash_reports_open_their_folder_or_are_none(
-    app: QApplication, tmp_path: Path, opened: list[str]
+    qapp: QApplication, tmp_path: Path, opened: list[str]
 ) -> None:
     bar = QMenuBar()
     help_menu, lines = HelpController(ActionRegistry(bar), tmp_path), list[tuple[str, str]]()

@@ -82,7 +82,7 @@ def started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Started
 
 
 @pytest.fixture
-def join(app: QApplication, started: Started) -> Iterator[OpenWindow]:
+def join(qapp: QApplication, started: Started) -> Iterator[OpenWindow]:
     """Yield what joins the rig with another window, and has the log of before.
 
     The windows are built while the rig starts, so ask for this fixture before ``rig``.

@@ -30,7 +30,7 @@ LEFT = Qt.MouseButton.LeftButton
 
 
 @pytest.fixture
-def page(app: QApplication, engine: FakeEngine) -> Iterator[LivePage]:
+def page(qapp: QApplication, engine: FakeEngine) -> Iterator[LivePage]:
     """Yield a page with half a minute of samples."""
     page = LivePage(LIGHT)
     page.resize(900, 600)

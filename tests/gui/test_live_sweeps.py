@@ -30,7 +30,7 @@ TRIAL, PAUSE = 3000, 2000
 
 
 @pytest.fixture
-def page(app: QApplication, engine: FakeEngine) -> Iterator[LivePage]:
+def page(qapp: QApplication, engine: FakeEngine) -> Iterator[LivePage]:
     """Yield a page that aligns trials, before the first one."""
     page = LivePage(LIGHT)
     page.resize(1000, 640)

@@ -67,7 +67,7 @@ def test_columns_of_lost_samples_are_marked() -> None:
 
 
 @pytest.mark.parametrize("span", [1000, 10_000, 60_000, 300_000])
-def test_one_sample_of_a_spike_is_visible_over_any_span(app: QApplication, span: int) -> None:
+def test_one_sample_of_a_spike_is_visible_over_any_span(qapp: QApplication, span: int) -> None:
     timeline = Timeline(320_000)
     samples = np.full((310_000, 18), 100)
     samples[309_500, 0] = 1000
@@ -82,7 +82,7 @@ def test_one_sample_of_a_spike_is_visible_over_any_span(app: QApplication, span:
     assert abs(lit.mean() - (WIDTH - 1 - 499 * WIDTH / span)) <= 1 + 2 * WIDTH / span
 
 
-def test_the_oldest_samples_make_room_and_memory_stays(app: QApplication) -> None:
+def test_the_oldest_samples_make_room_and_memory_stays(qapp: QApplication) -> None:
     timeline = Timeline(50_000)
     for step in range(30):
         append(timeline, 7000 * step, np.full((7000, 18), step))
@@ -92,7 +92,9 @@ def test_the_oldest_samples_make_room_and_memory_stays(app: QApplication) -> Non
     assert (low[:, 0] >= 22).all() and (high[-1] == 29).all()
 
 
-def test_scrolling_to_and_fro_gives_the_same_picture(app: QApplication, engine: FakeEngine) -> None:
+def test_scrolling_to_and_fro_gives_the_same_picture(
+    qapp: QApplication, engine: FakeEngine
+) -> None:
     timeline, moved = Timeline(60_000), Traces(LIGHT, PAPER)
     for skip in (0, 300, 0):
         engine.write_samples(16_000, skip=skip)

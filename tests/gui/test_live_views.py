@@ -81,7 +81,7 @@ def test_reboot_of_the_board_clears_the_history(writer: LiveWriter, view: LiveRe
 
 
 def test_one_sample_of_a_spike_in_a_trace_is_visible(
-    app: QApplication, writer: LiveWriter, view: LiveReader
+    qapp: QApplication, writer: LiveWriter, view: LiveReader
 ) -> None:
     samples = np.full((10_000, 18), 100)
     samples[5000, 4] = 1000
@@ -106,7 +106,7 @@ def traces_column(counter: int) -> int:
 
 
 def test_every_spike_is_a_tick_in_its_row(
-    app: QApplication, writer: LiveWriter, view: LiveReader
+    qapp: QApplication, writer: LiveWriter, view: LiveReader
 ) -> None:
     spikes = np.zeros((10_000, 36), np.uint8)
     for row in range(36):
@@ -122,7 +122,7 @@ def test_every_spike_is_a_tick_in_its_row(
         assert lit and all(y * 36 // HEIGHT == shown for y in lit)
 
 
-def test_incremental_drawing_gives_the_same_image(app: QApplication, engine: FakeEngine) -> None:
+def test_incremental_drawing_gives_the_same_image(qapp: QApplication, engine: FakeEngine) -> None:
     timeline, steps, once = Timeline(20_000), Raster(LIGHT, PAPER), Raster(LIGHT, PAPER)
     engine.write_samples(9000)
     for n in (33, 1, 700, 5000, 40):
@@ -133,7 +133,7 @@ def test_incremental_drawing_gives_the_same_image(app: QApplication, engine: Fak
     assert np.array_equal(steps._pixels, once._pixels)
 
 
-def test_gaps_are_coloured(app: QApplication, engine: FakeEngine) -> None:
+def test_gaps_are_coloured(qapp: QApplication, engine: FakeEngine) -> None:
     timeline, traces = Timeline(20_000), Traces(LIGHT, PAPER)
     engine.write_samples(3000)
     engine.write_samples(3000, skip=400)
@@ -161,7 +161,7 @@ def test_one_layer_is_one_group_of_each_channel() -> None:
     assert layer_titles(named) == ("Top layer (skin), counts", "Bottom layer (core), counts")
 
 
-def test_the_plots_follow_the_layers_of_the_sensor(app: QApplication, engine: FakeEngine) -> None:
+def test_the_plots_follow_the_layers_of_the_sensor(qapp: QApplication, engine: FakeEngine) -> None:
     scene = LivePlots(LIGHT)
     scene.resize(900, 600)
     engine.write_samples(4000)
@@ -177,7 +177,7 @@ def test_the_plots_follow_the_layers_of_the_sensor(app: QApplication, engine: Fa
     engine.close()
 
 
-def test_rates_are_spikes_per_second(app: QApplication) -> None:
+def test_rates_are_spikes_per_second(qapp: QApplication) -> None:
     bars = RateBars(LIGHT, PAPER)
     spikes = np.zeros((3000, 36), np.uint8)
     spikes[2000::10, 0] = 1
@@ -186,7 +186,7 @@ def test_rates_are_spikes_per_second(app: QApplication) -> None:
     assert bars.rates_hz[0] == 100.0 and bars.rates_hz[1:].sum() == 0
 
 
-def test_live_plots_draw_in_both_themes(app: QApplication, engine: FakeEngine) -> None:
+def test_live_plots_draw_in_both_themes(qapp: QApplication, engine: FakeEngine) -> None:
     scene = LivePlots(LIGHT)
     scene.resize(900, 600)
     engine.write_samples(4000)

@@ -37,7 +37,7 @@ def test_a_long_name_of_a_protocol_is_shortened_with_a_sign(
 
 
 @pytest.mark.parametrize("width_px", [200, 900])
-def test_the_last_column_is_as_wide_as_its_title(app: QApplication, width_px: int) -> None:
+def test_the_last_column_is_as_wide_as_its_title(qapp: QApplication, width_px: int) -> None:
     last = len(TRIAL_COLUMNS) - 1
     view = table_view(AttemptModel(), last)
     view.resize(width_px, 200)

@@ -149,7 +149,7 @@ def test_an_analysis_is_slow_while_samples_scroll(
 
 
 def test_a_picture_is_sent_to_a_process_that_works_or_has_ended(
-    app: QApplication, tmp_path: Path, watchdog: QtThreadWatchdog
+    qapp: QApplication, tmp_path: Path, watchdog: QtThreadWatchdog
 ) -> None:
     worker, ends = Worker(), []
     worker.finished.connect(lambda task, result: ends.append(str(result)))
@@ -269,10 +269,10 @@ def served_boards(folder: Path) -> Iterator[tuple[Path, int]]:
 
 
 def test_boards_that_stall_on_their_ports(
-    app: QApplication, tmp_path: Path, watchdog: QtThreadWatchdog
+    qapp: QApplication, tmp_path: Path, watchdog: QtThreadWatchdog
 ) -> None:
     """Both boards stop again and again; the drum calls it a fault, and at last the link is lost."""
-    with served_boards(tmp_path) as (file, boards), rig_window(app, str(file), tmp_path) as rig:
+    with served_boards(tmp_path) as (file, boards), rig_window(qapp, str(file), tmp_path) as rig:
         window, link = rig.window, rig.window.engine_link
         rig.press("arm")
         rig.until_state(State.ARMED)
@@ -292,10 +292,10 @@ def test_boards_that_stall_on_their_ports(
 
 
 def test_an_engine_that_is_suspended_while_the_window_floods_it(
-    app: QApplication, tmp_path: Path, watchdog: QtThreadWatchdog
+    qapp: QApplication, tmp_path: Path, watchdog: QtThreadWatchdog
 ) -> None:
     """A full socket held the window for ten seconds; STOP arrives once the engine goes on."""
-    with rig_window(app, "virtual", tmp_path) as rig:
+    with rig_window(qapp, "virtual", tmp_path) as rig:
         rig.press("arm")
         rig.until(lambda: rig.status.state is not State.IDLE)
         link, window = rig.window.engine_link, rig.window

@@ -13,7 +13,7 @@ EVIL = "<img src='/etc/passwd'><b>A</b> & B"
 
 
 @pytest.mark.parametrize("text", [EVIL, f"{EVIL}\n{EVIL}", "plain & <", "sessions\n<b>x</b>", ""])
-def test_a_tooltip_shows_tags(app: QApplication, text: str) -> None:
+def test_a_tooltip_shows_tags(qapp: QApplication, text: str) -> None:
     tooltip = plain_tooltip(text)
     shown = tooltip
     if tooltip != text:  # Qt takes it for HTML
@@ -23,7 +23,7 @@ def test_a_tooltip_shows_tags(app: QApplication, text: str) -> None:
     assert shown == text
 
 
-def test_a_label_shows_tags(app: QApplication) -> None:
+def test_a_label_shows_tags(qapp: QApplication) -> None:
     widget: QLabel = label("")
     show_text(widget, EVIL)
     assert widget.textFormat() == Qt.TextFormat.PlainText

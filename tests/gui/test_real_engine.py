@@ -38,7 +38,7 @@ PEOPLE = {"operator": "Jörg", "sensor": "batch 7", "notes": "new skin"}
 
 
 @pytest.fixture(scope="module")
-def window(app: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterator[MainWindow]:
+def window(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterator[MainWindow]:
     """Yield a window whose Connect button has started an engine."""
     before = os.environ.get(FOLDER_VARIABLE)
     os.environ[FOLDER_VARIABLE] = str(tmp_path_factory.mktemp("runtime"))

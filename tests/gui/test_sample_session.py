@@ -122,7 +122,7 @@ def test_a_second_press_makes_no_second_one_and_cancel_leaves_nothing(
 
 
 @pytest.mark.usefixtures("slow_making")
-def test_a_window_that_closes_ends_the_making(app: QApplication, folder: Path) -> None:
+def test_a_window_that_closes_ends_the_making(qapp: QApplication, folder: Path) -> None:
     window = MainWindow(choice=ThemeChoice.LIGHT)
     window.show()
     window.start.show()

@@ -27,7 +27,7 @@ def grey_rows(heat_map: HeatMap) -> list[float]:
 
 
 @pytest.mark.parametrize("theme", [LIGHT, DARK], ids=["light", "dark"])
-def test_a_reading_beyond_the_range_has_a_mark(app: QApplication, theme: Theme) -> None:
+def test_a_reading_beyond_the_range_has_a_mark(qapp: QApplication, theme: Theme) -> None:
     heat_map = HeatMap(theme, SensorLayout.default(9))
     heat_map.setGeometry(QRectF(0, 0, 90, 120))
     painted = []

@@ -46,7 +46,7 @@ def test_small_screen_shows_heading_stop_and_log_beside_a_question(
         window.resize(before)
 
 
-def test_window_opens_no_larger_than_the_screen(app: QApplication, engine: FakeEngine) -> None:
+def test_window_opens_no_larger_than_the_screen(qapp: QApplication, engine: FakeEngine) -> None:
     window = MainWindow(lambda *_: engine, ThemeChoice.LIGHT)
     try:
         screen = QGuiApplication.primaryScreen().availableSize()

@@ -31,7 +31,7 @@ def ini(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def open_window(app: QApplication, engine: FakeEngine, ini: Path) -> Iterator[WindowMaker]:
+def open_window(qapp: QApplication, engine: FakeEngine, ini: Path) -> Iterator[WindowMaker]:
     """Yield a function that opens a window with the settings in the file."""
     opened = []
 

@@ -17,7 +17,7 @@ from tests.gui.steps import Harness, SharedWindow, click, wait_until
 
 
 @pytest.fixture
-def first(app: QApplication, engine: FakeEngine, tmp_path: Path) -> Iterator[MainWindow]:
+def first(qapp: QApplication, engine: FakeEngine, tmp_path: Path) -> Iterator[MainWindow]:
     """Yield a window whose user has no settings yet."""
     window = _opened(engine, tmp_path / "window.ini")
     yield window

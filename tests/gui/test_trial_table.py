@@ -227,7 +227,7 @@ def test_the_reader_starts_with_the_window_and_only_once(
 
 
 def test_a_session_that_is_wanted_at_once_opens_before_the_encoder_is_loaded(
-    app: QApplication, sessions: tuple[Path, Path]
+    qapp: QApplication, sessions: tuple[Path, Path]
 ) -> None:
     tab, done = AnalysisTab(LIGHT), list[str]()
     tab.reader.finished.connect(lambda task, result: done.append(task))

@@ -21,7 +21,7 @@ from rigctl.session.format.metadata.sensor_layout import SensorLayout
     ],
 )
 def test_groups_are_those_of_the_sensor(
-    app: QApplication, layout: SensorLayout, groups: list[str]
+    qapp: QApplication, layout: SensorLayout, groups: list[str]
 ) -> None:
     n = layout.n_taxels
     samples = np.arange(100 * n, dtype=np.uint16).reshape(100, n)

@@ -38,7 +38,7 @@ def _work() -> None:
 
 
 @pytest.mark.parametrize("wait", [_wait_for_a_lock, _wait_for_a_socket, _wait_for_a_process])
-def test_a_wait_in_the_qt_thread_is_found_and_named(app: QApplication, wait: object) -> None:
+def test_a_wait_in_the_qt_thread_is_found_and_named(qapp: QApplication, wait: object) -> None:
     assert callable(wait)
     with QtThreadWatchdog() as watchdog:
         watchdog.run(wait)
@@ -46,7 +46,7 @@ def test_a_wait_in_the_qt_thread_is_found_and_named(app: QApplication, wait: obj
     assert wait.__name__ in str(watchdog.blocked[0])
 
 
-def test_the_slow_disk_is_slow_for_the_qt_thread(app: QApplication, tmp_path: Path) -> None:
+def test_the_slow_disk_is_slow_for_the_qt_thread(qapp: QApplication, tmp_path: Path) -> None:
     with slow_disk(str(tmp_path)), QtThreadWatchdog() as watchdog:
         watchdog.run((tmp_path / "file").exists)
         watchdog.run(lambda: (tmp_path / "file").write_text("text"))
@@ -54,14 +54,14 @@ def test_the_slow_disk_is_slow_for_the_qt_thread(app: QApplication, tmp_path: Pa
     assert len(watchdog.blocked) == 2
 
 
-def test_work_is_no_wait_and_is_named(app: QApplication) -> None:
+def test_work_is_no_wait_and_is_named(qapp: QApplication) -> None:
     with QtThreadWatchdog() as watchdog:
         watchdog.run(_work)
     assert watchdog.blocked == []
     assert ["_work" in str(call) for call in watchdog.busy] == [True]
 
 
-def test_waits_of_other_threads_and_idle_time_are_none(app: QApplication) -> None:
+def test_waits_of_other_threads_and_idle_time_are_none(qapp: QApplication) -> None:
     thread = threading.Thread(target=_wait_for_a_lock)
     with QtThreadWatchdog() as watchdog:
         thread.start()

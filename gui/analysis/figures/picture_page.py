@@ -29,7 +29,7 @@ class FigureView(QWidget):
     def show_file(self, path: str) -> None:
         """Show another figure: the SVG beside a PNG, if there is one."""
         drawing = Path(path).with_suffix(".svg")
-        self.drawing.load(str(drawing) if drawing.exists() else "")
+        self.drawing = QSvgRenderer(str(drawing)) if drawing.exists() else QSvgRenderer()
         self.pixmap = QPixmap() if self.drawing.isValid() else QPixmap(path)
         self.setToolTip(plain_tooltip(path))
         self.setAccessibleName(f"Figure {Path(path).stem}")

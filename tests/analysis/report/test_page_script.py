@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -92,11 +91,8 @@ class Page:
 
 
 @pytest.fixture(scope="module", autouse=True)
-def app() -> QApplication:
-    """The application of this process, which the engine of the script needs."""
-    os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
-    instance = QApplication.instance()
-    return instance if isinstance(instance, QApplication) else QApplication([])
+def application(qapp: QApplication) -> None:
+    """Start the application of this process, which the engine of the script needs."""
 
 
 @pytest.fixture

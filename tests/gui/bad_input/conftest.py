@@ -11,9 +11,9 @@ from tests.gui.rig_window import RigWindow, rig_window
 
 
 @pytest.fixture(scope="module")
-def rig(app: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RigWindow]:
+def rig(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RigWindow]:
     """Yield a small window on the virtual rig."""
-    with rig_window(app, "virtual", tmp_path_factory.mktemp("virtual")) as opened:
+    with rig_window(qapp, "virtual", tmp_path_factory.mktemp("virtual")) as opened:
         yield opened
 
 

@@ -31,9 +31,9 @@ def fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def broken(app: QApplication, fault: Path) -> Iterator[RigWindow]:
+def broken(qapp: QApplication, fault: Path) -> Iterator[RigWindow]:
     """Yield a small window without a rig; its engine will have the fault."""
-    assert app is QApplication.instance() and fault.exists()
+    assert qapp is QApplication.instance() and fault.exists()
     with opened_window() as opened:
         yield opened
 

@@ -140,14 +140,14 @@ def test_a_table_of_no_samples_is_not_saved(harness: Harness, tmp_path: Path) ->
     "garbage", [b"\xff\xfe\x00", b"[General]\nlayout=@ByteArray(\x01\x02)\n" * 500, b"=\n[[[\n%%%"]
 )
 def test_garbage_in_the_settings_opens_the_window_with_its_defaults(
-    app: QApplication, engine: FakeEngine, tmp_path: Path, garbage: bytes
+    qapp: QApplication, engine: FakeEngine, tmp_path: Path, garbage: bytes
 ) -> None:
     path = tmp_path / "window.ini"
     path.write_bytes(garbage)
     settings = UserSettings(path)
     window = MainWindow(lambda *_: engine, ThemeChoice.LIGHT, settings=settings)
     window.show()
-    app.processEvents()
+    qapp.processEvents()
     assert window.isVisible() and "Traceback" not in window.event_log.toPlainText()
     window.memory.save()
     window.close()

@@ -11,9 +11,9 @@ from tests.gui.rig_window import RigWindow, rig_window
 
 
 @pytest.fixture(scope="module")
-def rig(app: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RigWindow]:
+def rig(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RigWindow]:
     """Yield a small window whose Connect has started the firmware on simulated chips."""
-    with rig_window(app, "firmware", tmp_path_factory.mktemp("firmware")) as opened:
+    with rig_window(qapp, "firmware", tmp_path_factory.mktemp("firmware")) as opened:
         yield opened
 
 
