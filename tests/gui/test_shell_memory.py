@@ -22,6 +22,7 @@ WindowMaker = Callable[[], MainWindow]
 
 
 LAYOUT_PASSES = 5
+PANEL_PX = 345
 
 
 @pytest.fixture
@@ -135,10 +136,12 @@ def test_texts_scale(harness: Harness) -> None:
     harness.update()
     height, before = window.toolbar.state.sizeHint().height(), window.size()
     window.resize(1024, 700)
+    # A width of the user's own: one that a test before asked for, and got less, would come back.
+    window.docks.resizeDocks([window.docks.docks["operate"]], [PANEL_PX], Qt.Orientation.Horizontal)
     for _ in range(LAYOUT_PASSES):
-        QApplication.processEvents()  # a test before may have left less in the panel
+        QApplication.processEvents()
     widths_px = window.docks.side_widths_px()
-    assert widths_px
+    assert widths_px == {"operate": PANEL_PX}
     try:
         window.set_text_size(150)
         for _ in range(LAYOUT_PASSES):
