@@ -18,6 +18,7 @@ THEMES = (ThemeChoice.LIGHT, ThemeChoice.DARK)
 SIZES = ((1024, 700), (1280, 800), (1920, 1080))
 TIMEOUT_S = 300.0
 SETTLING_MS = 250  # until layouts and traces have the new width
+LAYOUT_MS = 50  # until what came last, such as a result of a worker, has its place
 COLOURS = 256
 
 
@@ -58,6 +59,7 @@ class Camera:
             self.window.resize(width, height)
             QTest.qWait(SETTLING_MS)
             self.wait(ready)
+            QTest.qWait(LAYOUT_MS)
             path = self.folder / f"{name}-{choice.name.lower()}-{width}x{height}.png"
             picture = pixels(self.window.grab().toImage())
             self._writes.append(self._writers.submit(_write, picture, path))

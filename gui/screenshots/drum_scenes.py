@@ -128,7 +128,9 @@ def page_scenes(studio: Studio) -> Iterator[Scene]:
     for name in ("accept", "ports"):
         stack.show_page(name)
         yield Scene(name)
-    window.help.shown.emit()
+    next(
+        action for menu, action in window.menus.actions() if action.text() == "&Shortcuts"
+    ).trigger()
     yield Scene("shortcuts")
     window.file_browser.open(PathKind.SESSION, lambda _: None)
     stack.show_page("files")
