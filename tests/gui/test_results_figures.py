@@ -22,6 +22,7 @@ from gui.analysis.figures.accuracy import (
     PublishedAccuracy,
 )
 from gui.analysis.figures.accuracy_page import AccuracyPage
+from gui.analysis.figures.accuracy_plots import ROW_PX, AccuracyPlots
 from gui.analysis.figures.cell_numbers import cell_colour
 from gui.analysis.figures.confusion import ConfusionCounts, ConfusionPlot
 from gui.analysis.figures.confusion_page import ConfusionPage
@@ -31,6 +32,7 @@ from rigctl.analysis.paper.published import TASKS
 from rigctl.errors import DiskFault
 from tests.gui.full_disk import full_disk
 from tests.gui.steps import Harness, click, wait_until
+from tests.gui.texts.plots import cut_plot_texts
 
 _Key = Qt.Key
 ORIGINAL = AccuracyCurve("original", "Original", (20.0, 40.0, 60.0), (1.0, 2.0, 3.0))
@@ -170,6 +172,19 @@ def test_all_tasks_of_the_paper_are_seen_with_their_axes_without_scrolling(
             at = page.plots.graphics.mapTo(page._area.viewport(), place.topLeft())
             assert view.contains(QRect(at, place.size())), f"{plot.titleLabel.text}, {size}"
     window.resize(1280, 800)
+
+
+def test_a_low_plot_has_a_short_name_for_its_axis(qapp: QApplication) -> None:
+    """A strip above the results takes the height that the whole name needs."""
+    plots = AccuracyPlots(LIGHT, ACCURACY)
+    plots.show()
+    for height_px, name in ((300, "Accuracy (%)"), (ROW_PX, "%"), (300, "Accuracy (%)")):
+        plots.resize(600, height_px)
+        for _ in range(3):
+            qapp.processEvents()
+        assert plots.plots[0].getAxis("left").labelText == name
+        assert cut_plot_texts(plots.graphics) == []
+    plots.close()
 
 
 def test_a_cell_is_named_by_pointer_and_keys(shown: Harness) -> None:

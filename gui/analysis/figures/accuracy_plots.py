@@ -23,6 +23,8 @@ TOP_PERCENT, ROOM = 104.0, 0.07
 LEFT_PX, TITLE_PX = 44, 20
 TICK_PX, FEW_TICKS = 16, (50.0, 10.0)
 """Height of a number of an axis, and the steps with and without numbers in a low plot."""
+NAME, SHORT_NAME, NAME_PX = "Accuracy (%)", "%", 90
+"""The name of the axis, that of a low plot, and the least height that has room for the first."""
 PLOT_PX = 216
 """Least width of a plot, for its title."""
 ROW_PX, ROOMY_ROW_PX = 108, 166
@@ -131,7 +133,8 @@ class AccuracyPlots(PlotGrid):
         plot.layout.addItem(plot.titleLabel, 0, 0, 1, 3)  # a long title needs the axis's width
         plot.layout.setRowFixedHeight(0, scaled_px(TITLE_PX))
         if not column:
-            plot.setLabel("left", "Accuracy (%)")
+            plot.setLabel("left", NAME)
+            plot.getViewBox().sigResized.connect(lambda *_: _name_axis(plot))
         plot.setLabel("bottom", "Components")
         for side in ("left", "bottom"):
             plot.getAxis(side).enableAutoSIPrefix(False)
@@ -272,6 +275,15 @@ def _space_ticks(plot: pg.PlotItem) -> None:
     low, high = view.viewRange()[1]
     is_crowded = (high - low) / 20 * scaled_px(TICK_PX) > view.height()
     plot.getAxis("left").setTickSpacing(*(FEW_TICKS if is_crowded else ()))
+
+
+def _name_axis(plot: pg.PlotItem) -> None:
+    """Give the axis the name that the plot has room for."""
+    name = NAME if plot.getViewBox().height() >= scaled_px(NAME_PX) else SHORT_NAME
+    axis = plot.getAxis("left")
+    if axis.labelText != name:
+        axis.setLabel(name)
+        axis.resizeEvent()  # pyqtgraph places a label only when its axis has another size
 
 
 def _add_curve(plot: pg.PlotItem, curve: AccuracyCurve, look: CurveLook, theme: Theme) -> None:
