@@ -50,6 +50,7 @@ class TableWindow:
         self._turn(self._trials.table.viewport().repaint)
         shown_s, shown_cpu_s = time.perf_counter(), processor_s(os.getpid())
         self._turn_until(lambda: self._tab.trial_view.data is not None)
+        self._turn(lambda: None)  # the first trial is drawn in the turn after it arrives
         return {
             "shown_s": shown_s - begun_s,
             "processor_s": shown_cpu_s - begun_cpu_s,
