@@ -13,12 +13,11 @@ PACKAGES = ("rigctl", "gui")
 
 @dataclass(frozen=True)
 class Module:
-    """One module: dotted name, path in the checkout, syntax tree and number of lines."""
+    """One module: dotted name, path in the checkout and syntax tree."""
 
     name: str
     path: Path
     tree: ast.Module
-    lines: int
 
     @property
     def summary(self) -> str:
@@ -29,10 +28,6 @@ class Module:
     def is_package(self) -> bool:
         """Whether this is the ``__init__`` of a package."""
         return self.path.name == "__init__.py"
-
-    def class_names(self) -> Iterator[str]:
-        """Yield the name of each class defined here."""
-        return (node.name for node in ast.walk(self.tree) if isinstance(node, ast.ClassDef))
 
 
 def load_modules() -> dict[str, Module]:
@@ -45,7 +40,7 @@ def _load(path: Path) -> Module:
     text = path.read_text(encoding="utf-8")
     parts = path.relative_to(CHECKOUT).with_suffix("").parts
     name = ".".join(parts).removesuffix(".__init__")
-    return Module(name, path.relative_to(CHECKOUT), ast.parse(text), len(text.splitlines()))
+    return Module(name, path.relative_to(CHECKOUT), ast.parse(text))
 
 
 def import_graph(modules: dict[str, Module]) -> dict[str, set[str]]:
