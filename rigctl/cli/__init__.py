@@ -27,6 +27,7 @@ MODULES = {
     "check": ".rig.check",
     "serve": ".rig.serve",
     "world": ".data.world",
+    "plates": ".data.plates",
     "info": ".data.info",
     "verify": ".data.verify",
     "recover": ".data.recover",
