@@ -181,6 +181,8 @@ docs: $(VENV)/.ready
 	@$(BIN)/python -m rigctl.simulation.bench.world.parameter_tables
 	@$(BIN)/python -m rigctl.simulation.finger.parameter_page
 	@$(BIN)/python -m tests.architecture.picture
+	@$(BIN)/python arduino/wiring.py
+	@$(BIN)/python arduino/mechanics.py
 
 lock:
 	@$(BIN)/pip install --quiet uv

@@ -1,10 +1,10 @@
-"""Draws ``wiring.svg``: both boards, what hangs on their pins, and the resistors that matter.
+"""Draws the wiring of each board on a page of its own: ``wiring-mega.svg``, ``-uno``, ``-teensy``.
 
-    python3 wiring.py            write the drawing
-    python3 wiring.py --check    exit code 1 where the drawing is not what the headers say
+    python3 wiring.py            write the drawings
+    python3 wiring.py --check    exit code 1 where a drawing is not what the headers say
 
-Pins come from ``drum/board.h`` and ``taxels/board.h``, so the drawing follows the firmware.
-Only the standard library is needed.
+Pins come from ``drum/board.h``, ``taxels/board.h`` and ``finger/board.h``, so the drawings follow
+the firmware. Each fits a sheet of A4 upright. Only the standard library is needed.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 HERE = Path(__file__).parent
-DRAWING = HERE / "wiring.svg"
 COLOURS = {
     "red": "#c62828",
     "black": "#222222",
@@ -30,20 +29,26 @@ COLOURS = {
     "white": "#b9b9b9",
     "brown": "#6d4c41",
 }
-WIDTH, ROW, GAP = 1180, 32, 26
-BOARD_LEFT, BOARD_RIGHT = 176, 384
-PART_LEFT, PART_RIGHT = 800, 1140
-LABEL_AT, PULL_AT = 400, 660
+WIDTH, ROW, GAP = 1180, 32, 18
+BOARD_LEFT, BOARD_RIGHT = 40, 250
+PART_LEFT, PART_RIGHT = 790, 1150
+LABEL_AT, SERIES_AT, PULL_AT = 264, 460, 690
+TOP = 92
+INPUT_FILTER = "1 kΩ"
 
 
 class Row(NamedTuple):
-    """One wire: a board's pin, the part's terminal, its colour, and a resistor on it."""
+    """One wire: a board's pin, the part's terminal, its colour, and what is soldered to it.
+
+    ``series`` is a resistor in the wire, ``pull`` one from the wire to a supply or to ground.
+    """
 
     pin: str
     signal: str
     terminal: str
     colour: str
     pull: str = ""
+    series: str = ""
 
 
 class Part(NamedTuple):
@@ -68,6 +73,15 @@ def taxel_pins() -> tuple[list[str], list[str], str]:
     inputs = _numbers(text, r"INPUT_CHANNEL\[INPUTS\] = \{([^}]*)\}")
     (ohm,) = _numbers(text, r"DIVIDER_OHM = (\d+)")
     return [f"D{n}" for n in lines], [f"A{n}" for n in inputs], f"{ohm / 1000:g} kΩ"
+
+
+def finger_pins() -> tuple[list[str], list[str], int]:
+    """Lines and inputs of the finger board, and the taxel board's baud: ``finger/board.h``."""
+    text = (HERE / "finger" / "board.h").read_text(encoding="utf-8")
+    lines = _numbers(text, r"LINE_PIN\[3\] = \{([^}]*)\}")
+    inputs = _numbers(text, r"INPUT_PIN\[3\] = \{([^}]*)\}")
+    (baud,) = _numbers(text, r"TAXEL_BOARD_BAUD = (\d+)")
+    return [str(n) for n in lines], [f"{n} (A{n - 14})" for n in inputs], baud
 
 
 def _numbers(text: str, pattern: str) -> list[int]:
@@ -105,11 +119,11 @@ def drum_parts() -> list[Part]:
             "Actuator: position and ends",
             "switches open at the end",
             (
-                Row("A0", "position", "potentiometer, wiper", "blue"),
-                Row("5V", "supply", "potentiometer, lower end", "red"),
-                Row("GND", "ground", "potentiometer, upper end", "black"),
-                Row(p["END_UP"], "end up", "upper switch, to GND", "white", "4.7 kΩ to 5 V"),
-                Row(p["END_DOWN"], "end down", "lower switch, to GND", "grey", "4.7 kΩ to 5 V"),
+                Row("A0", "position", "potentiometer, wiper", "blue", "1 MΩ to GND"),
+                Row("5V", "supply", "potentiometer, lower end", "red", series="470 Ω"),
+                Row("GND", "ground", "potentiometer, upper end", "black", series="470 Ω"),
+                _switch(p["END_UP"], "end up", "upper switch, to GND", "white", "100 nF"),
+                _switch(p["END_DOWN"], "end down", "lower switch, to GND", "grey", "100 nF"),
             ),
         ),
         Part(
@@ -126,7 +140,7 @@ def drum_parts() -> list[Part]:
             "Emergency stop",
             "contact 2 is in the motor supply",
             (
-                Row(p["ESTOP"], "stop, open = tripped", "contact 1", "brown", "4.7 kΩ to 5 V"),
+                _switch(p["ESTOP"], "stop, open = tripped", "contact 1", "brown", "1 nF"),
                 Row("GND", "ground", "contact 1", "black"),
             ),
         ),
@@ -134,12 +148,26 @@ def drum_parts() -> list[Part]:
             "Index sensor at the drum",
             "high at the mark",
             (
-                Row(p["INDEX"], "index", "OUT", "blue", "4.7 kΩ to 5 V"),
+                _switch(p["INDEX"], "index", "OUT", "blue", "10 nF"),
                 Row("5V", "supply", "VCC", "red"),
                 Row("GND", "ground", "GND", "black"),
             ),
         ),
+        Part(
+            "Arduino Uno",
+            "its page has the other ends",
+            (
+                Row(p["SYNC"], "sync", "D8, 10 kΩ to GND there", "orange"),
+                Row(p["INDEX"], "index", "D9", "blue"),
+                Row("GND", "ground", "GND", "black"),
+            ),
+        ),
     ]
+
+
+def _switch(pin: str, signal: str, terminal: str, colour: str, capacitor: str) -> Row:
+    """A contact or an open collector: pulled up at the wire, filtered at the pin."""
+    return Row(pin, signal, terminal, colour, "4.7 kΩ to 5 V", f"{INPUT_FILTER}, {capacitor}")
 
 
 def taxel_parts() -> list[Part]:
@@ -172,25 +200,86 @@ def taxel_parts() -> list[Part]:
                 Row("GND", "ground", "shield only", "black"),
             ),
         ),
+        Part(
+            "Arduino Mega",
+            "its page has the other ends",
+            (
+                Row("D8", "sync", drum_pins()["SYNC"], "orange", "10 kΩ to GND"),
+                Row("D9", "index", drum_pins()["INDEX"], "blue"),
+                Row("GND", "ground", "GND", "black"),
+            ),
+        ),
+        Part(
+            "Teensy, for the moving finger",
+            "its page has the level shifter",
+            (
+                Row("D1 (TX)", "frames", "level shifter, 5 V side", "violet"),
+                Row("GND", "ground", "GND", "black"),
+            ),
+        ),
     ]
 
 
-def drawing() -> str:
-    """The whole picture as SVG."""
-    body: list[str] = []
-    top = 92
-    mega_bottom = top + _height(drum_parts())
-    uno_top = mega_bottom + 84
-    uno_bottom = uno_top + _height(taxel_parts())
-    body += _board("Arduino Mega 2560", "drum", top, mega_bottom)
-    body += _board("Arduino Uno", "taxels", uno_top, uno_bottom)
-    body += _parts(drum_parts(), top)
-    body += _parts(taxel_parts(), uno_top)
-    body += _between(mega_bottom, uno_top)
-    body += _text(40, 40, "Wiring of both boards", 22, "start", "bold")
-    note = "USB of both boards to the computer. Pin names are those printed on the boards."
-    body += _text(40, 64, note, 14)
-    height = uno_bottom + 30
+def finger_parts() -> list[Part]:
+    """What hangs on the Teensy: the taxel board, or the sensor itself."""
+    lines, inputs, baud = finger_pins()
+    return [
+        Part(
+            "Taxel board, through a level shifter",
+            f"{baud:,} baud; TAXEL_BOARD_FITTED = true",
+            (
+                Row("0 (RX1)", "frames", "shifter, 3.3 V side; Uno D1", "violet"),
+                Row("3.3V", "supply", "shifter, low side", "red"),
+                Row("GND", "ground", "shifter and Uno GND", "black"),
+            ),
+        ),
+        Part(
+            "or the finger's sensor itself",
+            "TAXEL_BOARD_FITTED = false; 3.3 V, never 5 V",
+            (
+                *(
+                    Row(pin, f"line {i}", f"common line {i}: row {i}", colour)
+                    for i, (pin, colour) in enumerate(
+                        zip(lines, ("red", "orange", "yellow"), strict=True), 1
+                    )
+                ),
+                *(
+                    Row(pin, f"input {i}", f"read line {i}: column {i}", colour, "10 kΩ to GND")
+                    for i, (pin, colour) in enumerate(
+                        zip(inputs, ("green", "blue", "grey"), strict=True), 1
+                    )
+                ),
+                Row("GND", "ground", "shield only", "black"),
+            ),
+        ),
+    ]
+
+
+PAGES = {
+    "mega": ("Arduino Mega 2560", "drum", drum_parts),
+    "uno": ("Arduino Uno", "taxels", taxel_parts),
+    "teensy": ("Teensy 4.0", "finger", finger_parts),
+}
+
+
+def drawing(page: str) -> str:
+    """The page of one board as SVG."""
+    name, folder, parts_of = PAGES[page]
+    parts = parts_of()
+    bottom = TOP + _height(parts)
+    note = "USB to the computer. Pin names are those printed on the board."
+    if any(", " in row.series for part in parts for row in part.rows):
+        note += f" {INPUT_FILTER}, 100 nF: in the wire, and from the pin to GND."
+    body = [
+        *_text(40, 40, f"Wiring of the {name}", 22, "start", "bold"),
+        *_text(40, 64, note, 13),
+        *_board(name, folder, TOP, bottom),
+        *_parts(parts, TOP),
+    ]
+    if page == "mega":
+        body += _supply(bottom + 30)
+        bottom += 90
+    height = bottom + 30
     head = (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}" '
         f'width="{WIDTH}" height="{height}" font-family="DejaVu Sans, Verdana, sans-serif">'
@@ -229,8 +318,32 @@ def _wire(row: Row, y: int) -> Iterator[str]:
     yield from _text(BOARD_RIGHT - 12, y + 5, row.pin, 14, "end", "bold")
     yield from _text(PART_LEFT + 14, y + 5, row.terminal, 14)
     yield from _text(LABEL_AT, y - 5, f"{row.signal} ({row.colour})", 12)
+    if row.series:
+        yield _symbol(SERIES_AT, y - 5)
+        yield from _text(SERIES_AT + 34, y - 5, row.series, 12)
     if row.pull:
         yield from _resistor(PULL_AT, y, row.pull)
+
+
+def _symbol(x: int, y: int) -> str:
+    return (
+        f'<rect x="{x}" y="{y}" width="30" height="10" fill="#ffffff" '
+        'stroke="#222222" stroke-width="1.6"/>'
+    )
+
+
+SUPPLY = ("supply, 24 V or 12 V", "limit of its current", "E-stop, contact 2", "driver and bridge")
+
+
+def _supply(top: int) -> Iterator[str]:
+    """The way of the motors' supply, which no pin of the board is part of."""
+    width = (PART_RIGHT - BOARD_LEFT - 3 * 40) // 4
+    for place, name in enumerate(SUPPLY):
+        left = BOARD_LEFT + place * (width + 40)
+        yield _box(left, top, left + width, top + 50, "#f8e3e3", "#8a3a3a")
+        yield from _text(left + width // 2, top + 30, name, 14, "middle", "bold")
+        if place:
+            yield _line(left - 40, top + 25, left, top + 25, "red")
 
 
 def _resistor(x: int, y: int, text: str) -> Iterator[str]:
@@ -238,39 +351,9 @@ def _resistor(x: int, y: int, text: str) -> Iterator[str]:
     yield f'<circle cx="{x - 46}" cy="{y}" r="4" fill="#222222"/>'
     yield _line(x - 46, y, x - 46, y - 11, "black", 1.6)
     yield _line(x - 46, y - 11, x - 36, y - 11, "black", 1.6)
-    yield (
-        f'<rect x="{x - 36}" y="{y - 16}" width="30" height="10" fill="#ffffff" '
-        'stroke="#222222" stroke-width="1.6"/>'
-    )
+    yield _symbol(x - 36, y - 16)
     yield _line(x - 6, y - 11, x + 4, y - 11, "black", 1.6)
     yield from _text(x + 9, y - 7, text, 12)
-
-
-def _between(mega_bottom: int, uno_top: int) -> Iterator[str]:
-    """Sync, index and ground from the Mega's lower edge to the Uno's left side."""
-    p = drum_pins()
-    wires = (
-        (p["SYNC"], "D8", "sync", "orange", "10 kΩ to GND"),
-        (p["INDEX"], "D9", "index", "blue", ""),
-        ("GND", "GND", "ground", "black", ""),
-    )
-    for i, (mega, uno, signal, colour, pull) in enumerate(wires):
-        y, x, into = mega_bottom - 40 - 30 * i, 150 - 44 * i, uno_top + 84 + 30 * i
-        yield _line(BOARD_LEFT, y, x, y, colour)
-        yield _line(x, y, x, into, colour)
-        yield _line(x, into, BOARD_LEFT, into, colour)
-        yield from _text(BOARD_LEFT + 12, y + 5, mega, 14, "start", "bold")
-        yield from _text(BOARD_LEFT + 12, into + 5, uno, 14, "start", "bold")
-        yield _upright(x - 8, mega_bottom + 10, f"{signal} ({colour})")
-        if pull:
-            yield f'<circle cx="{x}" cy="{uno_top - 20}" r="4" fill="#222222"/>'
-            yield _line(x, uno_top - 20, x + 16, uno_top - 20, "black", 1.6)
-            yield (
-                f'<rect x="{x + 16}" y="{uno_top - 25}" width="30" height="10" fill="#ffffff" '
-                'stroke="#222222" stroke-width="1.6"/>'
-            )
-            yield _line(x + 46, uno_top - 20, x + 56, uno_top - 20, "black", 1.6)
-            yield from _text(x + 61, uno_top - 16, pull, 12)
 
 
 def _box(left: int, top: int, right: int, bottom: int, fill: str, edge: str) -> str:
@@ -296,25 +379,18 @@ def _text(
     )
 
 
-def _upright(x: int, y: int, text: str) -> str:
-    return (
-        f'<text transform="translate({x} {y}) rotate(-90)" font-size="12" text-anchor="middle" '
-        f'fill="#222222">{escape(text)}</text>'
-    )
-
-
 def main(arguments: list[str]) -> int:
-    """Write the drawing, or compare it."""
-    if arguments == ["--check"]:
-        same = DRAWING.is_file() and DRAWING.read_text(encoding="utf-8") == drawing()
-        print(
-            "wiring.svg matches the headers"
-            if same
-            else "wiring.svg is stale: run python arduino/wiring.py"
-        )
-        return 0 if same else 1
-    DRAWING.write_text(drawing(), encoding="utf-8")
-    return 0
+    """Write the drawings, or compare them."""
+    stale = []
+    for page in PAGES:
+        path = HERE / f"wiring-{page}.svg"
+        if arguments != ["--check"]:
+            path.write_text(drawing(page), encoding="utf-8")
+        elif not path.is_file() or path.read_text(encoding="utf-8") != drawing(page):
+            stale.append(path.name)
+    if stale:
+        print(f"{', '.join(stale)}: stale; run python arduino/wiring.py")
+    return 1 if stale else 0
 
 
 if __name__ == "__main__":

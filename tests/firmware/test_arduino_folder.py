@@ -119,7 +119,7 @@ def test_the_taxel_boards_pin_table_agrees_with_its_header() -> None:
 
 def test_the_default_taxel_order_is_that_of_table_and_drawing() -> None:
     rows = [(row[0], row[-1]) for row in table("### Uno")]
-    drawn = (FOLDER / "wiring.svg").read_text(encoding="utf-8")
+    drawn = (FOLDER / "wiring-uno.svg").read_text(encoding="utf-8")
     terminals = re.findall(r">((?:common|top|bottom)[^<]*: (?:row|column) \d)<", drawn)
     assert order_of(rows) == DRAWN_WIRING
     assert order_of(list(zip(SIGNALS, terminals, strict=True))) == DRAWN_WIRING
@@ -149,17 +149,38 @@ def order_of(wires: list[tuple[str, str]]) -> tuple[int, ...]:
     return tuple(6 * lines[row] + inputs[top, column] for top, row, column in places)
 
 
-def test_the_drawing_agrees_with_the_headers() -> None:
+def test_the_drawings_agree_with_the_headers() -> None:
     command = [sys.executable, str(FOLDER / "wiring.py"), "--check"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
 
 
-def test_every_pull_resistor_of_the_readme_is_in_the_drawing() -> None:
-    drawn = (FOLDER / "wiring.svg").read_text(encoding="utf-8")
-    assert drawn.count("10 kΩ to 5 V") == 1  # the stepper driver's enable
-    assert drawn.count("4.7 kΩ to 5 V") == 4  # emergency stop, two ends, index
-    assert drawn.count("10 kΩ to GND") == 3 + 1 + 1 + 6  # bridge, clock, sync, dividers
+def test_the_mechanics_are_drawn_with_the_dimensions_of_the_firmware() -> None:
+    command = [sys.executable, str(FOLDER / "mechanics.py"), "--check"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.parametrize("board", ["mega", "uno", "teensy"])
+def test_a_drawing_fits_one_sheet(board: str) -> None:
+    drawn = (FOLDER / f"wiring-{board}.svg").read_text(encoding="utf-8")
+    found = re.search(r'viewBox="0 0 (\d+) (\d+)"', drawn)
+    assert found is not None
+    assert int(found[2]) / int(found[1]) < 297 / 210
+
+
+def test_every_resistor_of_the_readme_is_in_the_drawings() -> None:
+    mega, uno, teensy = (
+        (FOLDER / f"wiring-{board}.svg").read_text(encoding="utf-8")
+        for board in ("mega", "uno", "teensy")
+    )
+    assert mega.count("10 kΩ to 5 V") == 1  # the stepper driver's enable
+    assert mega.count("4.7 kΩ to 5 V") == 4  # emergency stop, two ends, index
+    assert mega.count(">10 kΩ to GND<") == 3 + 1  # bridge, clock
+    assert mega.count(">470 Ω<") == 2  # the potentiometer's ends
+    assert mega.count("1 MΩ to GND") == 1  # its wiper
+    assert uno.count(">10 kΩ to GND<") == 6 + 1  # dividers, sync
+    assert teensy.count("10 kΩ to GND") == 3  # dividers
 
 
 @pytest.mark.parametrize(("board", "mcu"), [("drum", "atmega2560"), ("taxels", "atmega328p")])
