@@ -189,7 +189,8 @@ def _label(texture: Texture, parameters: WorldParameters, middle_mm: float) -> A
     )
     text = f"{texture.name}  {texture.group}{size_mm}"
     path = TextPath((0, 0), text, LABEL_HEIGHT_MM, prop=FontProperties(family="DejaVu Sans"))
-    letters = CrossSection([np.asarray(outline)[:-1] for outline in path.to_polygons()], FillRule.EvenOdd)
+    outlines = [np.asarray(outline)[:-1] for outline in path.to_polygons()]
+    letters = CrossSection(outlines, FillRule.EvenOdd)
     left, low, right, high = letters.bounds()
     letters = letters.translate((middle_mm - (left + right) / 2, -(low + high) / 2))
     solid = Manifold.extrude(letters, THICKNESS_MM).rotate((90.0, 0.0, 0.0))
