@@ -31,7 +31,7 @@ static uint32_t millivolts(int code)
 
 static int code_of(const struct chip *chip, double share, int channel)
 {
-    return (int)(share * FULL_SCALE + input_noise(chip, channel) + 0.5);
+    return (int)(share * FULL_SCALE + analog_noise(chip, channel) + 0.5);
 }
 
 /* Return the driven line, or -1 if none or several are driven, or one floats. */
@@ -50,9 +50,8 @@ static uint32_t convert_taxel(const struct analog *analog, int input, int *chann
     const struct chip *chip = analog->chip;
     int line = driven_line(chip);
     *channel = line < 0 || input >= INPUTS ? -1 : line * INPUTS + input;
-    if (input < INPUTS && sensor_needs_network(analog->sensor))
-        return millivolts(code_of(chip, sensor_share(analog->sensor, input), input));
-    return *channel < 0 ? 0 : millivolts(code_of(chip, input_voltage(chip, *channel), *channel));
+    if (input >= INPUTS) return 0;
+    return millivolts(code_of(chip, sensor_share(analog->sensor, input), line < 0 ? input : *channel));
 }
 
 static void on_conversion(avr_irq_t *irq, uint32_t value, void *param)
@@ -64,7 +63,7 @@ static void on_conversion(avr_irq_t *irq, uint32_t value, void *param)
     if (started.mux.kind != ADC_MUX_SINGLE) return;
     int input = started.mux.src, channel = input > 0 ? -1 : input, level = 0;
     if (chip->kind == SIM_TAXELS) level = convert_taxel(analog, input, &channel);
-    else if (!input) level = millivolts(code_of(chip, input_voltage(chip, 0), 0));
+    else if (!input) level = millivolts(code_of(chip, analog_input(chip, 0), 0));
     /* simavr reads the multiplexer only when ADCL is read, so all channels hold the sample. */
     for (int c = 0; c < CHANNELS; c++) analog->adc->adc_values[c] = level;
     if (!chip->io.report_samples) return;

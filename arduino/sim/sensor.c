@@ -1,8 +1,8 @@
-/* The sensor behind the taxel sensor's pins, with wiring faults.
+/* The sensor behind the taxel board's pins, with wiring faults.
  *
- * A healthy sensor does not need this file: an input reads the driven line's share. With a fault, or
- * with a pull-up on, the voltage of an input's node is computed from all conductances at it, in units
- * of the divider's conductance.
+ * The voltage of an input's node follows from all conductances at it, in units of the divider's: the
+ * divider, the three taxels of the input, of which the driven line pulls one up and the others, whose
+ * lines are low, pull down, and a pull-up if it is on.
  */
 #include "sensor.h"
 
@@ -12,21 +12,12 @@
 #define INPUTS 6
 #define LINE_SHIFT 4 /* lines are PD4, PD5, PD6 */
 #define PULL_UP 0.28 /* 10 kOhm of divider beside 35 kOhm of pull-up */
-#define MOST 0.9995
 
 enum { PIND = 0x29, DDRD = 0x2a, PORTD = 0x2b, DDRC = 0x27, PORTC = 0x28 };
 
 static int pull_ups(const struct sensor *sensor)
 {
     return sensor->chip->avr->data[PORTC] & ~sensor->chip->avr->data[DDRC] & 0x3f;
-}
-
-/* Return whether more than the driven line determines the readings. */
-int sensor_needs_network(const struct sensor *sensor)
-{
-    const sim_io *io = &sensor->chip->io;
-    return io->driven_low | pull_ups(sensor) | io->lines_low | io->lines_high | io->lines_together |
-           io->inputs_high | io->inputs_low | io->inputs_open | io->inputs_together;
 }
 
 /* Return the level of a line's driver: 0, 1, or -1 if the pin is an input. */
@@ -50,13 +41,6 @@ static int line_level(const struct sensor *sensor, int line)
     return level >= 0 ? level : BIT(sensor->chip->avr->data[PORTD], LINE_SHIFT + line);
 }
 
-static double taxel(const struct sensor *sensor, int line, int input)
-{
-    double share = input_voltage(sensor->chip, line * INPUTS + input);
-    if (share > MOST) share = MOST;
-    return share > 0 ? share / (1 - share) : 0;
-}
-
 static void add_input(const struct sensor *sensor, int input, double *pulls, double *up)
 {
     if (!BIT(sensor->chip->io.inputs_open, input)) {
@@ -65,7 +49,7 @@ static void add_input(const struct sensor *sensor, int input, double *pulls, dou
     }
     if (BIT(pull_ups(sensor), input)) *pulls += PULL_UP, *up += PULL_UP;
     for (int line = 0; line < LINES; line++) {
-        double conductance = taxel(sensor, line, input);
+        double conductance = analog_input(sensor->chip, line * INPUTS + input);
         *pulls += conductance;
         if (line_level(sensor, line)) *up += conductance;
     }

@@ -11,7 +11,6 @@ struct sensor {
 };
 
 void sensor_open(struct sensor *sensor, struct chip *chip);
-int sensor_needs_network(const struct sensor *sensor);
 double sensor_share(const struct sensor *sensor, int input);
 
 #endif

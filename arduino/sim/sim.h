@@ -56,8 +56,9 @@ enum sim_loadcell_mode {
  * library is loaded. */
 typedef struct sim_io {
     /* in, valid until changed */
-    /* Voltages as shares of the reference: rows at equal distances, the first at the slice's
-     * start, the last at its end, linear in between. Noise is added, in codes, per interval. */
+    /* Drum: voltages as shares of the reference. Taxels: conductances in units of the divider's.
+     * Rows at equal distances, the first at the slice's start, the last at its end, linear in
+     * between. Noise is added, in codes, per interval. */
     double analog[SIM_MAX_ROWS][SIM_CHANNELS];
     double analog_noise[SIM_MAX_ROWS][SIM_CHANNELS];
     int64_t loadcell_period_q16;       /* HX711: chip cycles of one conversion × 65536 */

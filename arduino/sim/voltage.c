@@ -13,8 +13,8 @@ static int row_now(const struct chip *chip, double *passed)
     return row;
 }
 
-/* Return the present voltage of a channel as a share of the reference. */
-double input_voltage(const struct chip *chip, int channel)
+/* Return the present value of a channel: a share of the reference, or a taxel's conductance. */
+double analog_input(const struct chip *chip, int channel)
 {
     const sim_io *io = &chip->io;
     double passed;
@@ -23,7 +23,7 @@ double input_voltage(const struct chip *chip, int channel)
     return io->analog_rows > 1 ? here + (io->analog[row + 1][channel] - here) * passed : here;
 }
 
-double input_noise(const struct chip *chip, int channel)
+double analog_noise(const struct chip *chip, int channel)
 {
     double passed;
     return chip->io.analog_noise[row_now(chip, &passed)][channel];

@@ -72,6 +72,14 @@ def test_no_fault_gives_no_sentence() -> None:
             {"silent": 1 << 2 | 1 << 8 | 1 << 14},
             ["input A2 does not reach the sensor: its three taxels read nothing"],
         ),
+        (
+            {"full": 1 << 8, "silent": 1 << 2 | 1 << 14 | 1 << 3},
+            [
+                "taxel 10 (line D4, input A3) does not conduct: it is open or torn",
+                "taxel 6 (line D5, input A2) reads full scale with nothing on it: "
+                "look for a short in the sensor",
+            ],
+        ),
     ],
 )
 def test_a_sentence_names_the_wire_or_the_taxel(bits: dict[str, int], sentences: list[str]) -> None:

@@ -1,9 +1,10 @@
 """The sensor: 18 taxels in two layers under a skin that blurs, lags and relaxes.
 
-Levels are shares of the supply at the converter, one row a millisecond; a reading interpolates
-between two rows at its own time. Taxels count row by row along the travel, the top layer first.
-Levels, counts, dead and stuck taxels are in the order of the readings, which follow the wiring in
-``arduino/README.md``.
+The skin computes conductances, one row a millisecond; a reading interpolates between two rows at
+its own time. The three taxels of an input share its divider, and the lines that are not driven are
+held low, so each loads the others (:func:`divider_share`). Taxels count row by row along the
+travel, the top layer first. Conductances, counts, dead and stuck taxels are in the order of the
+readings, which follow the wiring in ``arduino/README.md``.
 """
 
 from __future__ import annotations
@@ -40,13 +41,15 @@ from rigctl.values import DRAWN_WIRING, N_TAXELS
 
 FULL_COUNTS = 1023
 SLOT_US = 50
-STUCK_LEVEL = 0.6
+SHORTED = 1e6
+"""Conductance of a taxel that is shorted, in units of the divider's."""
+NOMINAL_DIVIDER_KOHM = 10.0
 SENSOR_SERIAL = 1
 """Seeds the sensor's own gains, which do not depend on the session's seed."""
 
-_LINES, _INPUTS = 3, 6
+_INPUTS = 6
 _TURN_MM, _FAST, _SLOW, _RELAX, _REST = range(5)
-_FRICTION, _CROSSTALK, _DEPTH_CELLS, _SHIFT, _TEXTURE = range(5, 10)
+_FRICTION, _DEPTH_CELLS, _SHIFT, _TEXTURE = range(5, 9)
 _ALONG, _OFFSET, _GAIN = range(3)
 _READING = np.array(DRAWN_WIRING)
 _Floats = NDArray[np.float64]
@@ -84,15 +87,15 @@ def _sense_contact(
 
 
 @inlined
-def _crosstalk(levels: _Floats, share: float) -> None:
-    """Couple the readings of each column: lines that are not driven are held low."""
-    for column in range(_INPUTS):
-        mean = 0.0
-        for line in range(_LINES):
-            mean += levels[line * _INPUTS + column] / _LINES
-        for line in range(_LINES):
-            reading = line * _INPUTS + column
-            levels[reading] += share * (mean - levels[reading])
+def divider_share(own: float, together: float) -> float:
+    """Return the share of the supply that an input has while one of its taxels is driven.
+
+    ``own``: that taxel's conductance; ``together``: the sum over all taxels of the input, whose
+    other lines are low; both in units of the divider's conductance. ``arduino/sim/sensor.c``
+    computes the same node with faults of the wiring, and
+    :func:`rigctl.encoding.reading.conductance` undoes it.
+    """
+    return own / (together + 1.0)
 
 
 @compiled
@@ -107,7 +110,7 @@ def _slides(log: _Floats, first_ms: int, count: int) -> bool:
 
 @compiled
 def _simulate(
-    levels: _Floats,
+    conductances: _Floats,
     pressure: _Floats,
     log: _Floats,
     table: _Table,
@@ -119,18 +122,18 @@ def _simulate(
     first_ms: int,
     count: int,
 ) -> None:
-    """Compute the levels of ``count`` milliseconds from ``first_ms`` on.
+    """Compute the conductances of ``count`` milliseconds from ``first_ms`` on.
 
     ``pressure`` (2, n): fast and slow part, updated; ``table`` (depths, positions, 2) and ``mean``
     (depths, 2): conductances of :class:`ContactTables`; ``taxels`` (3, n): position along the
     travel, depth offset, gain; ``reading`` (n,): the reading of each taxel; ``jitter`` (count, 9),
     or empty if nothing slides under pressure.
     """
-    sensed, level = np.zeros(N_TAXELS), np.zeros(N_TAXELS)
+    sensed = np.zeros(N_TAXELS)
     for k in range(count):
         row = log[(first_ms + k) % RING_MS]
         before = log[(first_ms + k - 1) % RING_MS]
-        out = levels[(first_ms + k) % RING_MS]
+        out = conductances[(first_ms + k) % RING_MS]
         if row[FORCE_G] > 0.0:
             _sense_contact(sensed, table, mean, taxels, row, c)
             if abs(row[DRUM_MM] - before[DRUM_MM]) > 1e-4:
@@ -144,26 +147,29 @@ def _simulate(
             pressure[0, i] += (sensed[i] - pressure[0, i]) * c[_FAST]
             pressure[1, i] += (pressure[0, i] - pressure[1, i]) * c[_SLOW]
             lasting = max(0.0, pressure[0, i] - c[_RELAX] * pressure[1, i])
-            conductance = c[_REST] + taxels[_GAIN, i] * lasting
-            level[i] = conductance / (1.0 + conductance)
-        for i in range(N_TAXELS):
-            out[reading[i]] = level[i]
-        _crosstalk(out, c[_CROSSTALK])
+            out[reading[i]] = c[_REST] + taxels[_GAIN, i] * lasting
 
 
 @compiled
 def _digitise(
-    levels: _Floats, starts_us: _Floats, slot_us: float, noise: NDArray[np.float32], rms: float
+    conductances: _Floats,
+    starts_us: _Floats,
+    slot_us: float,
+    noise: NDArray[np.float32],
+    rms: float,
 ) -> NDArray[np.uint16]:
-    counts = np.empty((starts_us.size, levels.shape[1]), np.uint16)
+    counts = np.empty((starts_us.size, conductances.shape[1]), np.uint16)
     for frame in range(starts_us.size):
-        for i in range(levels.shape[1]):
+        for i in range(conductances.shape[1]):
             at_ms = (starts_us[frame] + i * slot_us) * 1e-3
             low = int(at_ms)
             share = at_ms - low
-            here, after = levels[low % RING_MS, i], levels[(low + 1) % RING_MS, i]
-            level = here * (1.0 - share) + after * share
-            value = level * FULL_COUNTS + rms * noise[frame, i] + 0.5
+            here, after = conductances[low % RING_MS], conductances[(low + 1) % RING_MS]
+            together = 0.0
+            for reading in range(i % _INPUTS, conductances.shape[1], _INPUTS):
+                together += here[reading] * (1.0 - share) + after[reading] * share
+            own = here[i] * (1.0 - share) + after[i] * share
+            value = divider_share(own, together) * FULL_COUNTS + rms * noise[frame, i] + 0.5
             counts[frame, i] = int(min(max(value, 0.0), float(FULL_COUNTS)))
     return counts
 
@@ -171,9 +177,9 @@ def _digitise(
 class Skin:
     """The sensor of one session, fixed under the drum.
 
-    ``levels``: float64 (RING_MS, 18); row ``ms % RING_MS`` holds the share of the supply at each
-    reading's divider at that millisecond, without the converter's noise. ``executor``, if given,
-    computes noise in advance. ``touch``: what a person does to the sensor now.
+    ``conductances``: float64 (RING_MS, 18); row ``ms % RING_MS`` holds that of each reading's taxel
+    at that millisecond, in units of the divider's. ``executor``, if given, computes noise in
+    advance. ``touch``: what a person does to the sensor now.
     """
 
     def __init__(
@@ -199,8 +205,7 @@ class Skin:
         self._contact = 0
         self.time_ms = 0
         self.touch = NO_TOUCH
-        rest = parameters.rest_conductance / (1.0 + parameters.rest_conductance)
-        self.levels = np.full((RING_MS, N_TAXELS), rest)
+        self.conductances = np.full((RING_MS, N_TAXELS), self._constants[_REST])
 
     def set_plate(self, tables: ContactTables, mounting: Mounting) -> None:
         """Mount another plate at the plant's present time."""
@@ -232,7 +237,7 @@ class Skin:
         """
         noise = self._adc.rows(first_frame, starts_us.size)
         counts: NDArray[np.uint16] = _digitise(
-            self.levels, starts_us, slot_us, noise, self._p.adc_noise_counts
+            self.conductances, starts_us, slot_us, noise, self._p.adc_noise_counts
         )
         return counts
 
@@ -240,7 +245,7 @@ class Skin:
         slides = _slides(self._plant.log, self.time_ms + 1, count)
         jitter = self._friction.rows(self.time_ms, count) if slides else NO_JITTER
         _simulate(
-            self.levels,
+            self.conductances,
             self._pressure,
             self._plant.log,
             self._table,
@@ -253,16 +258,16 @@ class Skin:
             count,
         )
         if self.touch != NO_TOUCH or self._p.dead_taxels or self._p.stuck_taxels:
-            self._change_levels(np.arange(self.time_ms + 1, self.time_ms + 1 + count) % RING_MS)
+            self._change(np.arange(self.time_ms + 1, self.time_ms + 1 + count) % RING_MS)
         self.time_ms += count
 
-    def _change_levels(self, rows: NDArray[np.int64]) -> None:
+    def _change(self, rows: NDArray[np.int64]) -> None:
         """Apply what a person does, and taxels that are dead or stuck."""
-        levels = self.levels[rows]
-        self.touch.apply(levels)
-        levels[:, list(self._p.dead_taxels)] = 0.0
-        levels[:, list(self._p.stuck_taxels)] = STUCK_LEVEL
-        self.levels[rows] = levels
+        conductances = self.conductances[rows]
+        self.touch.apply(conductances)
+        conductances[:, list(self._p.dead_taxels)] = 0.0
+        conductances[:, list(self._p.stuck_taxels)] = SHORTED
+        self.conductances[rows] = conductances
 
     def _begin_contact(self, contact: int) -> None:
         """Draw the small changes of skin and fabric that each contact brings."""
@@ -286,9 +291,8 @@ def _constants(p: WorldParameters) -> _Floats:
             1.0 - math.exp(-1.0 / p.viscous_lag_ms),
             1.0 - math.exp(-1e-3 / p.relaxation_s),
             p.relaxation,
-            p.rest_conductance,
+            p.rest_conductance * _divider(p),
             p.friction_noise,
-            p.crosstalk,
             0.0,
             0.0,
             1.0,
@@ -296,10 +300,15 @@ def _constants(p: WorldParameters) -> _Floats:
     )
 
 
+def _divider(p: WorldParameters) -> float:
+    """Return the conductance of the nominal divider in units of the fitted one's."""
+    return p.divider_kohm / NOMINAL_DIVIDER_KOHM
+
+
 def _sensor_gains(p: WorldParameters, seed: int) -> _Floats:
     """Return each taxel's gain: its layer's, times the sensor's spread and the session's change."""
     layer = np.where(np.arange(N_TAXELS) < N_SITES, p.top_gain, p.bottom_gain)
     own = random_generator(SENSOR_SERIAL, NoiseStream.SENSOR).standard_normal(N_TAXELS)
     session = random_generator(seed, NoiseStream.SESSION).standard_normal(N_TAXELS)
-    gains: _Floats = layer * np.exp(p.gain_spread * own + p.session_spread * session)
+    gains: _Floats = _divider(p) * layer * np.exp(p.gain_spread * own + p.session_spread * session)
     return gains

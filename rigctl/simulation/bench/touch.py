@@ -1,6 +1,7 @@
 """A person's fingers at the simulated sensor: places that are pressed, lines that are unplugged.
 
-Levels are shares of the supply, in the order of the readings (:mod:`rigctl.simulation.bench.skin`).
+Conductances are in units of the divider's, in the order of the readings
+(:mod:`rigctl.simulation.bench.skin`).
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from rigctl.values import DRAWN_WIRING, N_TAXELS
 
 SIDE = 3
 N_PLACES = SIDE * SIDE
-PRESSED_LEVEL = 0.45
+PRESSED = 0.8
 BOTTOM_SHARE, NEIGHBOUR_SHARE = 0.6, 0.3
 """What the bottom layer and a neighbouring place feel of a press."""
 _N_INPUTS = 6
@@ -33,25 +34,25 @@ class Touch:
     places: frozenset[int] = frozenset()
     is_unplugged: bool = False
 
-    def apply(self, levels: NDArray[np.float64]) -> None:
-        """Change levels, (n, 18), as the touch does."""
+    def apply(self, conductances: NDArray[np.float64]) -> None:
+        """Change conductances, (n, 18), as the touch does."""
         if self.places:
-            np.maximum(levels, _pressed_levels(self.places), out=levels)
+            np.maximum(conductances, _pressed(self.places), out=conductances)
         if self.is_unplugged:
-            levels[:, np.isin(np.arange(N_TAXELS) % _N_INPUTS, _BOTTOM_INPUTS)] = 0.0
+            conductances[:, np.isin(np.arange(N_TAXELS) % _N_INPUTS, _BOTTOM_INPUTS)] = 0.0
 
 
 NO_TOUCH = Touch()
 
 
-def _pressed_levels(places: Iterable[int]) -> NDArray[np.float64]:
-    """Return the least level of each reading, (18,)."""
+def _pressed(places: Iterable[int]) -> NDArray[np.float64]:
+    """Return the least conductance of each reading, (18,)."""
     rows, columns = np.divmod(np.arange(N_PLACES), SIDE)
     felt = np.zeros(N_PLACES)
     for place in places:
         away = abs(rows - place // SIDE) + abs(columns - place % SIDE)
         share = np.where(away == 0, 1.0, np.where(away == 1, NEIGHBOUR_SHARE, 0.0))
         felt = np.maximum(felt, share)
-    levels = np.empty(N_TAXELS)
-    levels[_READING] = PRESSED_LEVEL * np.concatenate([felt, BOTTOM_SHARE * felt])
-    return levels
+    conductances = np.empty(N_TAXELS)
+    conductances[_READING] = PRESSED * np.concatenate([felt, BOTTOM_SHARE * felt])
+    return conductances

@@ -198,7 +198,7 @@ class ChipSimulation:
         skin.advance()
         first, count = self._taxels_done_ms, self._done_ms - self._taxels_done_ms
         rows = np.arange(first, first + count + 1) % RING_MS
-        chip.analog[: count + 1] = skin.levels[rows]
+        chip.analog[: count + 1] = skin.conductances[rows]
         noise = self._adc_noise.rows(first, count)
         np.multiply(noise, self._bench.parameters.adc_noise_counts, out=chip.noise[:count])
         chip.io.analog_rows = count + 1

@@ -129,8 +129,8 @@ class Chip:
 
     The arrays are views of ``io``: ``tx``, ``tx_cycle``, ``edge_cycle``, ``edge_signal``,
     ``edge_level`` (valid up to their counts, until the next :meth:`run`); ``analog`` float64
-    (33, 18), shares of the reference from the start to the end of the run; ``noise``, the same in
-    ADC codes.
+    (33, 18), from the start to the end of the run: conductances of the taxels in units of the
+    divider's, for the drum shares of the reference; ``noise``, the same in ADC codes.
     """
 
     def __init__(self, library: ctypes.CDLL, image: Path, kind: Kind) -> None:

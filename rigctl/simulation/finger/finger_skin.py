@@ -124,7 +124,7 @@ class FingerSkin:
     def _jump(self, time_ms: int) -> None:
         """Continue at another time, where noise has other numbers, from the present state."""
         now = self._motion.time_ms
-        for rows in (self._motion.log, self._skin.levels):
+        for rows in (self._motion.log, self._skin.conductances):
             rows[[(time_ms - 1) % RING_MS, time_ms % RING_MS]] = rows[
                 [(now - 1) % RING_MS, now % RING_MS]
             ]

@@ -101,6 +101,9 @@ def _taxel_findings(test: SelfTest, wiring: Sequence[int]) -> Iterator[str]:
     bad_inputs = test.inputs_high | test.inputs_low | test.inputs_open | test.inputs_together
     silent = _unexplained(test.silent, bad_lines, bad_inputs)
     full = _unexplained(test.full, bad_lines, bad_inputs)
+    # A shorted taxel pulls its input to the lines that are low, so the others of it read nothing.
+    shorted = {reading % N_INPUTS for reading in full}
+    silent = {reading for reading in silent if reading % N_INPUTS not in shorted}
     if len(silent) == N_TAXELS:
         yield (
             "no taxel conducts: plug the sensor in (a sensor that rests open reads like this, too)"

@@ -21,6 +21,13 @@ ENTRY_CYCLES = 4
 """Interrupt entry of the 328P, which the simulator does not count."""
 
 
+def counts_of(conductances: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the readings of taxels (18,) with these conductances, in units of the divider's."""
+    columns = conductances.reshape(3, 6)
+    shares = columns / (1 + columns.sum(axis=0))
+    return (shares.ravel() * 1023 + 0.5).astype(np.int64)
+
+
 class TaxelChip:
     """An image on a chip; leaving the context frees it."""
 

@@ -8,21 +8,22 @@ import numpy as np
 import pytest
 
 from rigctl.wire.taxels.frames import IDENTIFY, SELF_TEST, SelfTestBit, encode_request
-from rigctl.wire.taxels.self_test import Coverage, SelfTest
+from rigctl.wire.taxels.self_test import Coverage, SelfTest, findings
 from tests.firmware.taxels.chip import FRAME_CYCLES, TaxelChip
 
 TEST_FRAMES = 21
 AT_REST = 0.02
-"""Voltage of an untouched taxel, as a share of the supply."""
+"""Conductance of an untouched taxel, in units of the divider's."""
+SHORTED = 1e6
 ALL = Coverage.LINES | Coverage.OPEN_INPUTS | Coverage.SHORT_INPUTS | Coverage.TAXELS
 
 
-def outcome_with(levels: dict[int, float] | None = None, **faults: int) -> SelfTest:
-    """Return the outcome at boot with faults of the wiring and some taxel levels."""
+def outcome_with(conductances: dict[int, float] | None = None, **faults: int) -> SelfTest:
+    """Return the outcome at boot with faults of the wiring and some conductances."""
     with TaxelChip() as board:
         board.chip.analog[0] = AT_REST
-        for reading, level in (levels or {}).items():
-            board.chip.analog[0, reading] = level
+        for reading, conductance in (conductances or {}).items():
+            board.chip.analog[0, reading] = conductance
         for name, lines_or_inputs in faults.items():
             setattr(board.x, name, lines_or_inputs)
         board.run(TEST_FRAMES + 10)
@@ -55,8 +56,12 @@ def test_a_line_at_5_v_is_found_and_no_other() -> None:
 
 
 def test_open_and_shorted_taxels_are_found() -> None:
-    outcome = outcome_with({3: 0.0, 16: 0.0, 8: 1.0})
-    assert outcome == SelfTest(1, ALL, silent=1 << 3 | 1 << 16, full=1 << 8)
+    outcome = outcome_with({3: 0.0, 16: 0.0, 8: SHORTED})
+    silenced_by_the_short = 1 << 2 | 1 << 14
+    silent = 1 << 3 | 1 << 16 | silenced_by_the_short
+    assert outcome == SelfTest(1, ALL, silent=silent, full=1 << 8)
+    sentences = findings(outcome)
+    assert [name.split(" ")[1] for name in sentences] == ["10", "17", "6"]
 
 
 def test_a_touched_sensor_is_no_fault() -> None:

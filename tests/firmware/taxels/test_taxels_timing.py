@@ -8,16 +8,25 @@ import numpy as np
 import pytest
 
 from rigctl.wire.taxels.frames import IDENTIFY, SELF_TEST, encode_request
-from tests.firmware.taxels.chip import ENTRY_CYCLES, FRAME_CYCLES, SLOT_CYCLES, TaxelChip
+from tests.firmware.taxels.chip import (
+    ENTRY_CYCLES,
+    FRAME_CYCLES,
+    SLOT_CYCLES,
+    TaxelChip,
+    counts_of,
+)
 
 FRAMES = 5000
+CONDUCTANCES = np.arange(18) / 20
+RAMP = 0.5
+"""Conductance of every taxel at the end of a slice."""
 
 
 @pytest.fixture(scope="module")
 def long_run() -> Iterator[TaxelChip]:
     """Yield a board that has sampled for five seconds."""
     with TaxelChip() as board:
-        board.chip.analog[0] = np.arange(18) / 20
+        board.chip.analog[0] = CONDUCTANCES
         board.run(FRAMES)
         yield board
 
@@ -52,7 +61,8 @@ def test_a_status_comes_every_hundred_frames(long_run: TaxelChip) -> None:
 
 
 def test_readings_are_the_voltages_in_taxel_order(long_run: TaxelChip) -> None:
-    expected = (np.arange(18) / 20 * 1023 + 0.5).astype(int)
+    expected = counts_of(CONDUCTANCES)
+    assert len(set(expected.tolist())) == 18
     assert np.array_equal(long_run.samples[100], expected)
     assert np.array_equal(long_run.samples[-1], expected)
 
@@ -61,18 +71,20 @@ def test_a_reading_is_the_voltage_at_its_sample_time() -> None:
     with TaxelChip() as board:
         board.run(20)
         board.x.analog_rows = 2
-        board.chip.analog[0], board.chip.analog[1] = 0.0, 1.0
+        board.chip.analog[0], board.chip.analog[1] = 0.0, RAMP
         before = board.sampled(17).size
         slice_start = board.x.cycle
         board.run(1)
         instants = [int(board.sampled(t)[before]) for t in range(18)]
-        board.chip.analog[0] = 1.0
+        board.chip.analog[0] = RAMP
         board.run(3)
         shares = (np.array(instants) - slice_start) / FRAME_CYCLES
         inside = (shares > 0) & (shares < 1)
         got = np.concatenate([b.samples for b in board.blocks])
-        ramp = got[np.argmax((got != 0).any(axis=1) & (got != 1023).any(axis=1))]
-        assert np.abs(ramp[inside] - shares[inside] * 1023).max() <= 1.5
+        top = counts_of(np.full(18, RAMP))[0]
+        ramp = got[np.argmax((got != 0).any(axis=1) & (got != top).any(axis=1))]
+        expected = shares * RAMP / (1 + 3 * shares * RAMP) * 1023
+        assert np.abs(ramp[inside] - expected[inside]).max() <= 1.5
 
 
 def test_the_processor_has_time_left(long_run: TaxelChip) -> None:

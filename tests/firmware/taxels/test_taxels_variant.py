@@ -9,14 +9,14 @@ from rigctl.wire.taxels.self_test import Coverage, SelfTest
 from tests.firmware.taxels.chip import FRAME_CYCLES, TaxelChip
 
 IMAGE = "firmware/taxels-driven-low.elf"
-LEVELS = np.arange(1, 19) / 25
+CONDUCTANCES = np.arange(1, 19) / 12
 
 
 def variant() -> TaxelChip:
     """Return the variant with a matching sensor."""
     board = TaxelChip(IMAGE)
     board.x.driven_low = 1
-    board.chip.analog[0] = LEVELS
+    board.chip.analog[0] = CONDUCTANCES
     return board
 
 
@@ -24,7 +24,7 @@ def test_pressure_lowers_the_reading_of_its_line_and_input() -> None:
     with variant() as board:
         board.run(60)
         # This header has the pins in reverse order.
-        conductance = (LEVELS / (1 - LEVELS)).reshape(3, 6)[::-1, ::-1]
+        conductance = CONDUCTANCES.reshape(3, 6)[::-1, ::-1]
         others = conductance.sum(axis=0) - conductance
         pulls_up = (1 + others) / (1 + others + conductance)
         assert np.abs(board.samples[-1].reshape(3, 6) - 1023 * pulls_up).max() <= 1

@@ -142,7 +142,9 @@ class WorldParameters:
     relaxation: float = _p(0.1, "", 0, 0.3, "share of the pressure that settles slowly", IDENTIFIED)
     relaxation_s: float = _p(1.5, "s", 0.5, 10, "time constant of that share")
     friction_noise: float = _p(0.01, "", 0, 0.05, "jitter of the pressure during sliding, rms")
-    crosstalk: float = _p(0.02, "", 0, 0.1, "share of the other lines' signal in a reading")
+    divider_kohm: float = _p(
+        10.0, "kΩ", 0.8, 47, "resistor at each input; conductances are in units of 1 / 10 kΩ"
+    )
     adc_noise_counts: float = _p(0.7, "counts", 0, 3, "noise of one conversion, rms")
     dead_taxels: tuple[int, ...] = ()
     stuck_taxels: tuple[int, ...] = ()
