@@ -12,19 +12,22 @@ from gui.live.review.marks import EventMarks
 from gui.live.store.drum_course import DrumCourse
 from gui.live.store.timeline import CAPACITY_S, Timeline
 from rigctl.acquisition.live_buffer import LiveReader
-from rigctl.encoding.normalisation import FULL_SCALE
+from rigctl.encoding.normalisation import RunningRange
+from rigctl.encoding.reading import FULL_SCALE, Reading
 from rigctl.values import SAMPLE_RATE_HZ
 
 
 class LiveData:
     """The last ``capacity`` samples.
 
-    ``low``, ``high``: each taxel's range in counts, float64 (n_taxels,).
+    ``reading``: what they are; ``low``, ``high``: each taxel's range in it, float64 (n_taxels,).
     """
 
     def __init__(self, n_taxels: int, capacity: int = CAPACITY_S * SAMPLE_RATE_HZ) -> None:
         self.timeline = Timeline(capacity, n_taxels, 2 * n_taxels)
         self.drum, self.marks = DrumCourse(), EventMarks()
+        self.reading = self._engine_reading = Reading.COUNTS
+        self._own_range: RunningRange | None = None
         self.low = np.zeros(n_taxels)
         self.high = np.full(n_taxels, float(FULL_SCALE))
 
@@ -35,15 +38,42 @@ class LiveData:
 
     def pull(self, live: LiveReader) -> None:
         """Append what the engine wrote since the last pull."""
-        self.timeline.pull(live)
+        n_new = self.timeline.pull(live)
+        if self._own_range is None:
+            low, high = live.normalisation
+        else:
+            self._own_range.update(self.samples_before(self.timeline.newest, n_new))
+            shown = self._own_range.normalisation
+            low, high = shown.low, shown.high
+        self.low, self.high = np.asarray(low, float), np.asarray(high, float)
         self.drum.pull(live, self.timeline)
+
+    def show_reading(self, reading: Reading, engine: Reading, inputs: tuple[int, ...]) -> None:
+        """Show counts or conductances from the next sample on, and remove those of before.
+
+        ``engine``: the reading of the engine's ranges; for another one the range is that of all
+        readings shown. ``inputs``: the input of each taxel.
+        """
+        if (reading, engine) == (self.reading, self._engine_reading):
+            return
+        self.reading, self._engine_reading = reading, engine
+        n_taxels = len(self.low)
+        is_own = reading is not engine
+        self._own_range = RunningRange(n_taxels, reading.least_range, reading) if is_own else None
+        self.timeline.inputs = inputs if reading is Reading.CONDUCTANCE else ()
+        self.timeline.clear()
+
+    @property
+    def has_own_range(self) -> bool:
+        """Whether the views show another reading than the engine encodes."""
+        return self._own_range is not None
 
     def add_event(self, at_s: float, kind: str, text: str, data: Mapping[str, Any]) -> None:
         """Mark an event of the engine that happens about now, at its time."""
         self.marks.add(float(self.timeline.position_at(at_s)), kind, text, data)
 
     def reading_at(self, position: int, taxel: int) -> int | None:
-        """Return the reading of a taxel, from 0, at a position in counts, None if it is lost."""
+        """Return the reading of a taxel, from 0, at a position, None if it is lost."""
         readings = self.samples_before(position, 1)
         return int(readings[0, taxel]) if len(readings) else None
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 from PySide6.QtCore import QElapsedTimer, QPointF, QRectF, Signal
 from PySide6.QtGui import QResizeEvent
 
@@ -76,7 +75,6 @@ class LivePlots(PlotGrid):
     def pull(self, live: LiveReader) -> None:
         """Take the new samples."""
         self.data.pull(live)
-        self.data.low, self.data.high = (np.asarray(side, float) for side in live.normalisation)
         self._follow()
 
     def draw_new(self) -> None:

@@ -1,10 +1,10 @@
-"""Readings in counts or in volts."""
+"""Readings in counts, in volts, or as conductances."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rigctl.encoding.normalisation import FULL_SCALE
+from rigctl.encoding.reading import FULL_SCALE, STEPS
 
 NOMINAL_SUPPLY_V = 5.0
 """The converter's reference where the board has not reported its supply."""
@@ -12,13 +12,19 @@ NOMINAL_SUPPLY_V = 5.0
 
 @dataclass(frozen=True, slots=True)
 class ValueScale:
-    """The unit of readings; ``supply_v``: the voltage of the highest count, None for counts."""
+    """The unit of readings; ``supply_v``: the voltage of the highest count, None for counts.
+
+    ``is_conductance``: readings are steps of the divider's conductance, shown as multiples of it.
+    """
 
     supply_v: float | None = None
+    is_conductance: bool = False
 
     @property
     def unit(self) -> str:
         """The name of the unit."""
+        if self.is_conductance:
+            return "× G divider"
         return "counts" if self.supply_v is None else "V"
 
     def text(self, counts: float, signed: bool = False, digits: int = 3) -> str:
@@ -27,6 +33,8 @@ class ValueScale:
         ``digits``: of a voltage behind the point.
         """
         sign = "+" if signed else ""
+        if self.is_conductance:
+            return f"{counts / STEPS:{sign}.{digits}f}".replace("-", "−")
         if self.supply_v is None:
             return f"{counts:{sign}.0f}".replace("-", "−")
         return f"{counts * self.supply_v / FULL_SCALE:{sign}.{digits}f}".replace("-", "−")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Coroutine
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -21,6 +22,7 @@ from rigctl.acquisition.taxels.pipeline import SamplePipeline
 from rigctl.encoding.encoder import Encoder
 from rigctl.encoding.normalisation import Normalisation, RunningRange
 from rigctl.encoding.parameters import preset
+from rigctl.encoding.reading import Reading, input_of_each
 from rigctl.errors import BoardRebooted, LinkLost, RigFault
 from rigctl.values import BoardIdentity, DrumState
 from rigctl.wire.drum.codes import reset_cause_text
@@ -76,7 +78,8 @@ class Boards:
         self._published_test = (0, 0)
         self.followed_range = FollowedRange(rig.config.taxels.count, self.encoder, self.set_range)
         self._stop_following_range: Callable[[], None] = lambda: None
-        self.has_taxel_range = bool(rig.config.taxels.low)
+        self._is_calibrated = bool(rig.config.taxels.low) and not _takes_conductance(rig)
+        self.has_taxel_range = self._is_calibrated
         """Whether each taxel's range is calibrated or was measured."""
 
     async def connect(self) -> None:
@@ -89,7 +92,7 @@ class Boards:
         taxels.on_fault(self._taxels_failed)
         taxels.on_self_test(self._publish_self_test)
         self.drum_poller.subscribe(self._show_drum)
-        if self._rig.config.taxels.low:
+        if self._is_calibrated:
             self.set_range(self.encoder.normalisation)
         else:
             self._follow_range()
@@ -111,8 +114,11 @@ class Boards:
 
     async def calibrate_range(self, seconds: float) -> Normalisation:
         """Observe the taxels for this long, set the observed range and return it."""
-        observed = RunningRange(self._rig.config.taxels.count)
-        unsubscribe = self.pipeline.subscribe(lambda block: observed.update(block.samples))
+        encoder = self.encoder
+        observed = RunningRange(self._rig.config.taxels.count, reading=encoder.parameters.reading)
+        unsubscribe = self.pipeline.subscribe(
+            lambda block: observed.update(encoder.readings(block.samples))
+        )
         try:
             await asyncio.sleep(seconds)
         finally:
@@ -220,14 +226,24 @@ class Boards:
         )
 
 
+def _takes_conductance(rig: Rig) -> bool:
+    """Return whether the encoder takes conductances, for which a calibration in counts is none."""
+    return rig.config.encoder.reading == Reading.CONDUCTANCE
+
+
 def _compiled_encoder(rig: Rig) -> Encoder:
     """Return the live encoder, compiled before anything moves."""
-    taxels = rig.config.taxels
-    if taxels.low:
+    taxels, config = rig.config.taxels, rig.config.encoder
+    parameters = replace(preset(config.preset), reading=Reading(config.reading))
+    inputs: tuple[int, ...] = ()
+    if _takes_conductance(rig):
+        inputs = input_of_each(taxels.order, "[taxels] wiring in rig.toml")
+        normalisation = Normalisation.full_scale(taxels.count, reading=Reading.CONDUCTANCE)
+    elif taxels.low:
         low, high = np.array(taxels.low, np.uint16), np.array(taxels.high, np.uint16)
         normalisation = Normalisation(low, high)
     else:
         normalisation = Normalisation.full_scale(taxels.count)
-    encoder = Encoder(normalisation, preset(rig.config.encoder.preset))
+    encoder = Encoder(normalisation, parameters, inputs=inputs)
     encoder.warm_up()
     return encoder

@@ -72,6 +72,8 @@ class StatusBuilder:
             clock_ppm={"drum": poller.clock_fit.ppm, "taxels": pipeline.clock_fit.ppm},
             boards=boards.board_health.statuses(),
             sensor_layout=self._layout,
+            reading=boards.encoder.parameters.reading,
+            wiring=self._rig.config.taxels.order,
             limits=self._rig.config.limits,
             has_taxel_range=boards.has_taxel_range,
             loadcell_calibrated=self._rig.config.loadcell.calibrated,

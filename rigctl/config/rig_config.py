@@ -156,6 +156,11 @@ class EncoderConfig:
     """The live encoder."""
 
     preset: str = text("default", "name of an encoder preset")
+    reading: str = text(
+        "counts",
+        "counts, or conductance: without the load of the other taxels of an input",
+        ("counts", "conductance"),
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -107,6 +107,7 @@ def _count_variants(
     variants: Sequence[_Variant],
 ) -> list[Counts]:
     """Return the counts of each variant, uint32 (n_trials, n_trains, n_bins)."""
+    normalisation.check_reading(parameters)
     if taxels is None:
         taxels = np.arange(normalisation.n_taxels)
     views = TrialViews.from_arrays(trials)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rigctl.encoding.kernel import NeuronBlocks, TrainEncoder, TrialViews, to_raster
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, KERNEL_RA_ORDER, EncoderParameters
+from rigctl.encoding.reading import Reading, conductance
 from rigctl.errors import WrongUse
 from rigctl.values import Spikes
 
@@ -30,6 +31,8 @@ class Encoder:
     Starts at rest. Call :meth:`reset` where a trial starts (the rise of sync) and after a gap.
     The first call compiles or loads the kernel; :meth:`warm_up` does that beforehand.
     ``sa_scale``: float64 (n_taxels,), a factor on the SA current of each taxel, or None for 1.
+    ``inputs``: the input of each taxel (:func:`rigctl.encoding.reading.input_of_each`), which the
+    reading ``conductance`` needs; the ranges are in its unit, samples remain counts.
     Raises :class:`WrongUse` for parameters whose RA filter needs whole trials.
     """
 
@@ -38,7 +41,9 @@ class Encoder:
         normalisation: Normalisation,
         parameters: EncoderParameters = DEFAULT,
         sa_scale: NDArray[np.float64] | None = None,
+        inputs: Sequence[int] = (),
     ) -> None:
+        normalisation.check_reading(parameters)
         if parameters.filters_whole_trials:
             raise WrongUse(
                 f"encoder preset {parameters.name!r} filters whole trials in its RA channel, "
@@ -46,6 +51,7 @@ class Encoder:
                 f"ra_order {KERNEL_RA_ORDER}"
             )
         self.parameters = parameters
+        self._inputs = inputs
         self._sa_scale = None if sa_scale is None else sa_scale[None, :]
         self._normalisation = normalisation
         self._blocks = self._blocks_at_rest()
@@ -64,6 +70,7 @@ class Encoder:
                 f"the encoder has {self._normalisation.n_taxels} taxels, but the new ranges have "
                 f"{value.n_taxels}"
             )
+        value.check_reading(self.parameters)
         self._normalisation = value
         self._blocks.set_normalisation(value)
 
@@ -83,11 +90,18 @@ class Encoder:
     def encode(self, samples: Samples) -> NDArray[np.uint8]:
         """Return the spikes of each sample: uint16 (n, n_taxels) → uint8 (n, 2·n_taxels), SA, RA.
 
-        Raises :class:`WrongUse` for another number of taxels.
+        Samples are counts. Raises :class:`WrongUse` for another number of taxels.
         """
         _check(samples, self._normalisation)
+        samples = self.readings(samples)
         self._clipped_counts += self._normalisation.count_clipped(samples)
         return self._encode(self._blocks, samples)
+
+    def readings(self, samples: Samples) -> Samples:
+        """Return counts uint16 (n, n_taxels) in the reading that ranges and neurons take."""
+        if self.parameters.reading is Reading.COUNTS:
+            return samples
+        return conductance(samples, self._inputs)
 
     def _blocks_at_rest(self) -> NeuronBlocks:
         return NeuronBlocks(1, self._normalisation, self.parameters, self._sa_scale)
@@ -122,9 +136,11 @@ def encode_trials(
     """Return the spike trains of many trials, encoded side by side, each from rest.
 
     Trials of the same tile share memory: to keep one and free the others, copy it.
-    ``trials``: uint16 (n_i, n_taxels) each. ``sa_scale``: float64 (n_trials, n_taxels), a factor
-    on the SA current of each trial and taxel (the force matrix C), or None for 1 everywhere.
+    ``trials``: uint16 (n_i, n_taxels) each, in the reading of ranges and parameters.
+    ``sa_scale``: float64 (n_trials, n_taxels), a factor on the SA current of each trial and taxel
+    (the force matrix C), or None for 1 everywhere.
     """
+    normalisation.check_reading(parameters)
     for samples in trials:
         _check(samples, normalisation)
     spikes: dict[int, Spikes] = {}

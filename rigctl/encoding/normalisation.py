@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.encoding.parameters import EncoderParameters
+from rigctl.encoding.reading import FULL_SCALE, HIGHEST, Reading
 from rigctl.errors import WrongUse
-
-FULL_SCALE = 1023
 
 
 @dataclass(frozen=True, slots=True)
 class Normalisation:
-    """Lowest and highest reading of each taxel, uint16 (n_taxels,) each.
+    """Lowest and highest reading of each taxel, uint16 (n_taxels,) each, in units of ``reading``.
 
     A reading r becomes (r − low) / (high − low), clipped to 0–1. A taxel whose range is empty
     (constant over the data) always reads 0. ``source`` describes where the range is from.
@@ -25,6 +25,7 @@ class Normalisation:
     low: NDArray[np.uint16]
     high: NDArray[np.uint16]
     source: str = "calibration"
+    reading: Reading = Reading.COUNTS
 
     def __post_init__(self) -> None:
         if self.low.shape != self.high.shape or self.low.ndim != 1:
@@ -49,6 +50,15 @@ class Normalisation:
         """Taxels (counted from 1) without a signal in this range."""
         return [int(i) + 1 for i in np.flatnonzero(self.low == self.high)]
 
+    def check_reading(self, parameters: EncoderParameters) -> None:
+        """Raise WrongUse for parameters with another reading than that of the ranges."""
+        if parameters.reading is not self.reading:
+            raise WrongUse(
+                f"the taxel ranges ({self.source}) are of {self.reading}, encoder "
+                f"{parameters.name} takes {parameters.reading}: take ranges and encoder with the "
+                "same reading"
+            )
+
     def apply(self, samples: NDArray[np.uint16]) -> NDArray[np.float64]:
         """Return readings uint16 (n, n_taxels) as numbers from 0 to 1, float64, clipped."""
         low, high = self.low.astype(np.float64), self.high.astype(np.float64)
@@ -57,7 +67,11 @@ class Normalisation:
 
     def has_ranges_of(self, other: Normalisation) -> bool:
         """Return whether the ranges of all taxels are equal, wherever they are from."""
-        return np.array_equal(self.low, other.low) and np.array_equal(self.high, other.high)
+        return (
+            self.reading is other.reading
+            and np.array_equal(self.low, other.low)
+            and np.array_equal(self.high, other.high)
+        )
 
     def count_clipped(self, samples: NDArray[np.uint16]) -> NDArray[np.int64]:
         """Return the number of readings of each taxel outside its range, int64 (n_taxels,)."""
@@ -66,13 +80,21 @@ class Normalisation:
         return counts
 
     @classmethod
-    def full_scale(cls, n_taxels: int, highest: int = FULL_SCALE) -> Normalisation:
+    def full_scale(
+        cls, n_taxels: int, highest: int = FULL_SCALE, reading: Reading = Reading.COUNTS
+    ) -> Normalisation:
         """Return the whole range of readings: the converter's, 0–1023, or a session's own."""
+        highest = highest if reading is Reading.COUNTS else HIGHEST
         low = np.zeros(n_taxels, np.uint16)
-        return cls(low, np.full(n_taxels, highest, np.uint16), f"full scale 0–{highest}")
+        return cls(low, np.full(n_taxels, highest, np.uint16), f"full scale 0–{highest}", reading)
 
     @classmethod
-    def from_samples(cls, recordings: Iterable[NDArray[np.uint16]], source: str) -> Normalisation:
+    def from_samples(
+        cls,
+        recordings: Iterable[NDArray[np.uint16]],
+        source: str,
+        reading: Reading = Reading.COUNTS,
+    ) -> Normalisation:
         """Return the minimum and maximum of each taxel over recordings, uint16 (n, n_taxels) each.
 
         Raises :class:`WrongUse` if there is no sample.
@@ -82,7 +104,7 @@ class Normalisation:
             raise WrongUse("no samples to take the taxel ranges from")
         low = np.min([lo for lo, _ in ends], axis=0).astype(np.uint16)
         high = np.max([hi for _, hi in ends], axis=0).astype(np.uint16)
-        return cls(low, high, source)
+        return cls(low, high, source, reading)
 
 
 class RunningRange:
@@ -92,7 +114,10 @@ class RunningRange:
     as wide as the noise would make every neuron fire.
     """
 
-    def __init__(self, n_taxels: int, min_width: int = 0) -> None:
+    def __init__(
+        self, n_taxels: int, min_width: int = 0, reading: Reading = Reading.COUNTS
+    ) -> None:
+        self._reading = reading
         self._min_width = min_width
         self._low = np.full(n_taxels, np.iinfo(np.uint16).max, np.uint16)
         self._high = np.zeros(n_taxels, np.uint16)
@@ -111,8 +136,8 @@ class RunningRange:
     def normalisation(self) -> Normalisation:
         """The range so far; before the first sample the converter's whole range."""
         if bool(np.any(self._low > self._high)):
-            return Normalisation.full_scale(self._low.shape[0])
+            return Normalisation.full_scale(self._low.shape[0], reading=self._reading)
         least = self._low.astype(np.int64) + self._min_width
         high = np.minimum(np.maximum(self._high, least), np.iinfo(np.uint16).max)
         source = "running range since the start"
-        return Normalisation(self._low, high.astype(np.uint16), source)
+        return Normalisation(self._low, high.astype(np.uint16), source, self._reading)

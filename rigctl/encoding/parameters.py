@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from math import isfinite
 
+from rigctl.encoding.reading import Reading
 from rigctl.errors import WrongUse
 
 MAX_SUBSTEPS = 64
@@ -66,6 +67,7 @@ class EncoderParameters:
     Each sample takes ``substeps`` Euler steps of ``substep_ms`` with constant input.
     With ``reset`` at the next sample, u changes once a sample and a sample has at most one spike;
     ``clamp_v`` then limits v to the threshold before u uses it.
+    ``reading``: the quantity of the samples and of the taxel ranges.
     ``sa_gain`` multiplies the normalised reading (0–1); ``ra_gain`` its low-passed derivative
     (``ra_lowpass_hz``, ``ra_filter``, ``ra_order``) by ``ra_derivative``. The linear-phase filter
     has no order.
@@ -96,6 +98,7 @@ class EncoderParameters:
     ra_order: int = KERNEL_RA_ORDER
     ra_derivative: RaDerivative = RaDerivative.PER_SECOND
     sample_rate_hz: float = 1000.0
+    reading: Reading = Reading.COUNTS
 
     def __post_init__(self) -> None:
         for key, value in asdict(self).items():
@@ -142,6 +145,7 @@ class EncoderParameters:
             "ra_rectify": Rectify,
             "ra_filter": RaFilter,
             "ra_derivative": RaDerivative,
+            "reading": Reading,
         }
         typed: dict[str, object] = dict(values)
         for key, enum in enums.items():

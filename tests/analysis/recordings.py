@@ -61,6 +61,7 @@ def record(
     layout: SensorLayout | None = None,
     mounts: int = 1,
     seat: float = 0.0,
+    rig: str = "virtual",
 ) -> Path:
     """Record every trial of a small plan; trials in ``torn`` lack a few samples."""
     names = ", ".join(f'"{name}"' for name in textures)
@@ -73,9 +74,7 @@ def record(
         mounts=mounts,
     )
     plan = parse_protocol(text, "by hand").plan()
-    header = SessionHeader(
-        plan.hash, seed, len(plan.trials), "virtual", True, "2026-11-21T12:00:00Z"
-    )
+    header = SessionHeader(plan.hash, seed, len(plan.trials), rig, True, "2026-11-21T12:00:00Z")
     header = replace(header, sensor_layout=layout)
     counter, sequence = 0, 0
     with Recorder(folder, header, text, "") as recorder:

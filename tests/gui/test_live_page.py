@@ -14,7 +14,8 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from gui.analysis.export.picture_foot import FOOT_PX
-from gui.live.page.live_bar import VOLTS
+from gui.live.export.shown_samples import shown_samples
+from gui.live.page.live_bar import CONDUCTANCE, VOLTS
 from gui.live.page.live_page import ENCODER, SAVE, TAXELS, LivePage
 from gui.widgets.theme import LIGHT
 from gui.widgets.typed_paths import NO_FOLDER, NO_WHOLE_PATH
@@ -23,6 +24,8 @@ from rigctl.encoding.encoder import Encoder
 from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import preset
+from rigctl.encoding.reading import Reading, conductance, input_of_each
+from rigctl.values import DRAWN_WIRING
 from tests.gui.fake_engine import STATUS, FakeEngine
 from tests.gui.steps import click, wait_until
 
@@ -289,6 +292,45 @@ def test_another_encoder_is_used_from_now_on(page: LivePage, engine: FakeEngine)
     strip.preset.setCurrentIndex(0)
     strip.preset.activated.emit(0)
     assert page.plots.data.timeline.recode is None
+
+
+def test_conductances_are_shown_and_encoded_without_the_load_of_neighbours(
+    page: LivePage, engine: FakeEngine
+) -> None:
+    page.show_status(parse_status({**STATUS, "rig": "virtual", "wiring": list(DRAWN_WIRING)}))
+    page.bar.unit.setCurrentText(CONDUCTANCE)
+    data = page.plots.data
+    assert not len(data.timeline) and "of the conductance" in page.encoder_strip.sentence.text()
+    stream(page, engine, 2000)
+    counts = engine.live.taxels(2000).samples
+    expected = conductance(counts, input_of_each(DRAWN_WIRING, ""))
+    shown = data.samples_before(data.timeline.newest, 2000)
+    assert np.array_equal(shown[-2000:], expected)
+    assert np.all(data.low <= expected.min(axis=0)) and np.all(data.high >= expected.max(axis=0))
+    assert page.plots.value_scale.unit == "× G divider"
+    assert page.plots.value_scale.text(4096) == "1.000"
+    window = page.plots.navigation.window
+    assert shown_samples(data, window, (0,)).unit == Reading.CONDUCTANCE.unit
+    page.bar.unit.setCurrentText("counts")
+    assert data.timeline.recode is None and data.reading is Reading.COUNTS
+
+
+def test_a_rig_with_unknown_inputs_refuses_conductances(page: LivePage) -> None:
+    reports: list[tuple[str, str]] = []
+    page.reported.connect(lambda kind, text: reports.append((kind, text)))
+    page.bar.unit.setCurrentText(CONDUCTANCE)
+    assert not reports, "what the window remembers waits for a rig"
+    page.show_status(parse_status({**STATUS, "rig": "virtual", "wiring": []}))
+    assert page.bar.unit.currentText() == "counts"
+    ((kind, text),) = reports
+    assert kind == "refused" and "which taxels share an input" in text
+
+
+def test_views_follow_an_engine_that_encodes_conductances(page: LivePage) -> None:
+    status = {**STATUS, "rig": "virtual", "wiring": list(DRAWN_WIRING), "reading": "conductance"}
+    page.show_status(parse_status(status))
+    assert page.bar.unit.currentText() == CONDUCTANCE
+    assert page.plots.data.timeline.recode is None and not page.plots.data.has_own_range
 
 
 def test_c_scales_the_current_of_the_present_force(page: LivePage, tmp_path: Path) -> None:

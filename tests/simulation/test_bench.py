@@ -9,10 +9,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rigctl.encoding.reading import conductance, input_of_each
 from rigctl.simulation.bench.bench import Bench
 from rigctl.simulation.bench.contact import contact_tables, draw_mounting, force_table
 from rigctl.simulation.bench.load_cell import FULL_SCALE, LAST_COUNTS, NEXT_US, convert
-from rigctl.simulation.bench.mechanics import DEPTH_MM, DRUM_MM, FORCE_G, DrumTrajectory
+from rigctl.simulation.bench.mechanics import (
+    DEPTH_MM,
+    DRUM_MM,
+    FORCE_G,
+    RING_MS,
+    DrumTrajectory,
+)
 from rigctl.simulation.bench.textures import CATALOGUE, printed_heights
 from rigctl.simulation.bench.world.parameters import WorldParameters
 from rigctl.simulation.simulated_rig import LoadcellFault
@@ -233,10 +240,11 @@ def test_the_sensor_is_wired_as_drawn() -> None:
     """Reading = 6 · line + input: a line is a row along the travel, inputs 0–2 are the top."""
     counts = {}
     for plate in "DF":
-        bench = Bench(dataclasses.replace(QUIET, start_mm=20.0, crosstalk=0.0), 0)
+        bench = Bench(dataclasses.replace(QUIET, start_mm=20.0), 0)
         bench.set_plate(plate)
         press(bench, 500.0)
-        counts[plate] = turn(bench, 100.0, 1500)[300:].astype(float)
+        alone = conductance(turn(bench, 100.0, 1500)[300:], input_of_each(range(18), "bench"))
+        counts[plate] = alone.astype(float)
     share = texture_share(counts["F"]).reshape(3, 6)
     assert np.all(share[:, :3] > 2 * share[:, 3:])
     for line in (0, 1):
@@ -244,16 +252,25 @@ def test_the_sensor_is_wired_as_drawn() -> None:
         assert behind == pytest.approx(50, abs=2)
 
 
-def test_readings_of_one_input_have_crosstalk() -> None:
+def test_the_taxels_of_an_input_load_each_other() -> None:
+    bench = Bench(dataclasses.replace(QUIET, start_mm=20.0), 0)
+    press(bench, 500.0)
+    counts = turn(bench, 0.0, 100)[-1].astype(float)
+    conductances = bench.skin.conductances[bench.skin.time_ms % len(bench.skin.conductances)]
+    alone = 1023 * conductances / (1 + conductances)
+    assert np.all(counts < 0.95 * alone)
+    together = conductances.reshape(3, 6) / (1 + conductances.reshape(3, 6).sum(axis=0))
+    assert np.abs(counts - 1023 * together.ravel()).max() < 1.5
+
+
+def test_another_divider_scales_what_the_taxels_conduct() -> None:
     levels = []
-    for crosstalk in (0.0, 0.1):
-        bench = Bench(dataclasses.replace(QUIET, start_mm=20.0, crosstalk=crosstalk), 0)
+    for kohm in (10.0, 1.0):
+        bench = Bench(dataclasses.replace(QUIET, start_mm=20.0, divider_kohm=kohm), 0)
         press(bench, 500.0)
         bench.skin.advance()
-        levels.append(bench.skin.levels[bench.skin.time_ms % len(bench.skin.levels)].copy())
-    free, pulled = (level.reshape(3, 6) for level in levels)
-    assert np.allclose(pulled, free + 0.1 * (free.mean(axis=0) - free), atol=1e-12)
-    assert np.ptp(free, axis=0).max() > 0.05
+        levels.append(bench.skin.conductances[bench.skin.time_ms % RING_MS].copy())
+    assert np.allclose(levels[0], 10 * levels[1])
 
 
 def test_a_mounted_plate_keeps_its_alignment_until_it_is_mounted_again() -> None:

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gui.live.export.table_file import ShownSamples
+from gui.live.export.table_file import COUNTS, ShownSamples
 from gui.live.live_data import LiveData
 from gui.live.store.time_window import TimeWindow
+from rigctl.encoding.reading import Reading
 
 
 def shown_samples(
@@ -32,4 +33,5 @@ def shown_samples(
         spikes[:, trains],
         tuple(taxels),
         data.drum.held_at(position),
+        COUNTS if data.reading is Reading.COUNTS else data.reading.unit,
     )

@@ -12,14 +12,16 @@ from rigctl.analysis.data.atomic_file import atomic_file
 
 Floats = NDArray[np.float64]
 _ROWS_AT_ONCE = 20_000
+COUNTS = "counts (0–1023)"
 
 
 class ShownSamples(NamedTuple):
     """Samples in a time window with force and speed at each of them.
 
     ``time_s``: engine's time, float64 (n,). ``position``: board's counter, int64 (n,).
-    ``samples``: counts, uint16 (n, k); ``taxels``: their numbers from 0. ``spikes``: uint8
-    (n, 2·k), SA then RA. ``drum``: (n,) each, NaN before the first reading of the load cell.
+    ``samples``: readings in ``unit``, uint16 (n, k); ``taxels``: their numbers from 0.
+    ``spikes``: uint8 (n, 2·k), SA then RA. ``drum``: (n,) each, NaN before the first reading of
+    the load cell.
     """
 
     title: str
@@ -29,6 +31,7 @@ class ShownSamples(NamedTuple):
     spikes: NDArray[np.uint8]
     taxels: tuple[int, ...]
     drum: dict[str, Floats]
+    unit: str = COUNTS
 
 
 def write_table(shown: ShownSamples, path: Path) -> None:
@@ -38,7 +41,7 @@ def write_table(shown: ShownSamples, path: Path) -> None:
     header = ["sample", "time_s", *shown.drum, *names, *trains]
     formats = ["%d", "%.6f"] + ["%.2f"] * len(shown.drum) + ["%d"] * (len(names) + len(trains))
     with atomic_file(path) as partial, partial.open("w", encoding="utf-8") as file:
-        file.write(f"# {shown.title}; T… readings in counts (0–1023), T_… spikes in the sample\n")
+        file.write(f"# {shown.title}; T… readings in {shown.unit}, T_… spikes in the sample\n")
         file.write(",".join(header) + "\n")
         for first in range(0, len(shown.time_s), _ROWS_AT_ONCE):
             rows = slice(first, first + _ROWS_AT_ONCE)

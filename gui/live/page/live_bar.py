@@ -10,7 +10,7 @@ from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.labels import label
 from gui.widgets.layouts import hbox, push_button, vbox
 
-COUNTS, VOLTS = "counts", "volts"
+COUNTS, VOLTS, CONDUCTANCE = "counts", "volts", "conductance"
 _STEP = 10  # samples in one step of the scroll bar, whose numbers have 32 bits
 
 
@@ -29,8 +29,11 @@ class LiveBar(QWidget):
             self.span.addItem(f"{span_s} s", span_s)
         self.span.setToolTip("Length of the time axis (+ and −)")
         self.unit = QComboBox()
-        self.unit.addItems([COUNTS, VOLTS])
-        self.unit.setToolTip("Unit of the readings")
+        self.unit.addItems([COUNTS, VOLTS, CONDUCTANCE])
+        self.unit.setToolTip(
+            "Unit of the readings. Conductance is free of the load of the other taxels of an\n"
+            "input, in multiples of the divider's; the encoder of the strip takes it, too"
+        )
         self.buttons = {name: self._strip_button(name, tip) for name, tip in strips.items()}
         self.scroll_bar = QScrollBar(Qt.Orientation.Horizontal)
         self.scroll_bar.setAccessibleName("Place in the last minutes")

@@ -14,7 +14,7 @@ from gui.live.export.save_strip import SaveStrip
 from gui.live.export.saver import Saver
 from gui.live.export.shown_samples import shown_samples
 from gui.live.live_plots import LivePlots
-from gui.live.page.live_bar import VOLTS, LiveBar
+from gui.live.page.live_bar import CONDUCTANCE, VOLTS, LiveBar
 from gui.live.page.pointer import Pointer
 from gui.live.page.readout import cursor_text, difference_text
 from gui.live.page.taxel_strip import TaxelStrip
@@ -27,6 +27,8 @@ from gui.widgets.layouts import vbox
 from gui.widgets.theme import Theme
 from rigctl.acquisition.live_buffer import LiveReader
 from rigctl.acquisition.rpc.messages import EngineStatus
+from rigctl.encoding.reading import Reading, input_of_each
+from rigctl.errors import WrongUse
 
 TAXELS, TRIALS, ENCODER, SAVE = "Taxels", "Trials", "Encoder", "Save"
 _STRIPS = {
@@ -68,6 +70,8 @@ class LivePage(QWidget):
             SAVE: self.save_strip,
         }
         self._supply_v, self._is_simulated = NOMINAL_SUPPLY_V, False
+        self._engine_reading = Reading.COUNTS
+        self._wiring: tuple[int, ...] | None = None
         self._live: LiveReader | None = None
         self._head = 0
         self._since_draw, self._since_texts = QElapsedTimer(), QElapsedTimer()
@@ -137,6 +141,11 @@ class LivePage(QWidget):
         board = status.boards.get("taxels")
         supply_v = board.supply_v if board is not None else None
         self._supply_v = supply_v or NOMINAL_SUPPLY_V
+        if status.rig:
+            self._wiring = status.wiring
+            if status.reading is not self._engine_reading:
+                self._engine_reading = status.reading
+                self.bar.unit.setCurrentText(status.reading)
         self._set_unit()
 
     def add_event(self, at_s: float, kind: str, text: str, data: Mapping[str, Any]) -> None:
@@ -203,8 +212,23 @@ class LivePage(QWidget):
         self._strips[name].setVisible(is_shown)
 
     def _set_unit(self) -> None:
-        is_volts = self.bar.unit.currentText() == VOLTS
-        self.plots.set_value_scale(ValueScale(self._supply_v if is_volts else None))
+        unit = self.bar.unit.currentText()
+        reading = Reading.CONDUCTANCE if unit == CONDUCTANCE else Reading.COUNTS
+        if self._wiring is None:  # no rig has been connected: what the window remembers waits
+            reading = Reading.COUNTS
+        before, inputs = self.plots.data.reading, tuple[int, ...]()
+        try:
+            if reading is Reading.CONDUCTANCE:
+                inputs = input_of_each(self._wiring or (), "this rig")
+        except WrongUse as error:
+            self.reported.emit("refused", str(error))
+            self.bar.unit.setCurrentText(Reading.COUNTS)
+            return
+        self.plots.data.show_reading(reading, self._engine_reading, inputs)
+        if reading is not before:
+            self.encoder_strip.apply_reading()
+        supply_v = self._supply_v if unit == VOLTS else None
+        self.plots.set_value_scale(ValueScale(supply_v, reading is Reading.CONDUCTANCE))
         self.show_texts()
 
     def _mark_encoder(self, text: str) -> None:

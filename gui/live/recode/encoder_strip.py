@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import PRESETS, preset
+from rigctl.encoding.reading import Reading
 from rigctl.errors import RigctlError, WrongUse
 
 ENGINE, NO_C, BLIND, OF_PLATE, TYPED = "engine", "none", "blind", "plate", "typed"
@@ -89,7 +91,14 @@ class EncoderStrip(QWidget):
     def set_ranges(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> None:
         """Use these ranges of the taxels, in counts, (n_taxels,) each."""
         if isinstance(recode := self._data.timeline.recode, Recoder):
-            recode.set_ranges(_ranges(low, high))
+            recode.set_ranges(_ranges(low, high, self._data.reading))
+
+    def apply_reading(self) -> None:
+        """Encode the reading that the views show from now on; a C is of one reading."""
+        if self.scaling.currentData() in (BLIND, OF_PLATE):
+            self._load()
+        elif self._data.timeline.recode is not None or self._data.has_own_range:
+            self._apply()
 
     def wait(self) -> None:
         """Wait for a model that is being read, as before the window closes."""
@@ -125,7 +134,7 @@ class EncoderStrip(QWidget):
         from rigctl.session.files.force_matrix_file import load_force
 
         try:
-            force, _ = load_force(typed_path(path))
+            force, _ = load_force(typed_path(path), self._data.reading)
         except RigctlError as error:
             self._loaded.emit(str(error))
             return
@@ -145,14 +154,18 @@ class EncoderStrip(QWidget):
                 scale, words = self._scale(scaling)
             except WrongUse as error:
                 problem = str(error)
-        if name == ENGINE and scale is None:
+        if name == ENGINE and scale is None and not self._data.has_own_range:
             self._data.timeline.recode = None
             text = "The spikes are the engine's."
         else:
-            parameters = preset("default" if name == ENGINE else name)
-            ranges = _ranges(self._data.low, self._data.high)
-            self._data.timeline.recode = Recoder(ranges, parameters, scale)
-            text = f"From here on encoder {parameters.name}, {words}; the record stays as it is."
+            reading = self._data.reading
+            parameters = replace(preset("default" if name == ENGINE else name), reading=reading)
+            ranges = _ranges(self._data.low, self._data.high, reading)
+            inputs = self._data.timeline.inputs
+            self._data.timeline.recode = Recoder(ranges, parameters, scale, inputs)
+            of = "" if reading is Reading.COUNTS else f" of the {reading}"
+            chosen = f"encoder {parameters.name}{of}, {words}"
+            text = f"From here on {chosen}; the record stays as it is."
         show_text(self.sentence, f"{text} {problem}".strip())
         self.changed.emit(text)
 
@@ -169,5 +182,6 @@ class EncoderStrip(QWidget):
         return self._force.texture_blind(speed_mm_s, force_g), "C blind to the plate"
 
 
-def _ranges(low: NDArray[np.float64], high: NDArray[np.float64]) -> Normalisation:
-    return Normalisation(low.astype(np.uint16), high.astype(np.uint16), "range of the live views")
+def _ranges(low: NDArray[np.float64], high: NDArray[np.float64], reading: Reading) -> Normalisation:
+    limits = low.astype(np.uint16), high.astype(np.uint16)
+    return Normalisation(*limits, "range of the live views", reading)

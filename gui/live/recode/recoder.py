@@ -15,7 +15,8 @@ from rigctl.wire.taxels.frames import Flag
 class Recoder:
     """Encodes samples as they arrive; starts from rest after a gap and where sync rises.
 
-    ``sa_scale``: float64 (n_taxels,), C, or None for 1.
+    ``sa_scale``: float64 (n_taxels,), C, or None for 1; ``inputs``: the input of each taxel, for
+    conductances.
     """
 
     def __init__(
@@ -23,11 +24,12 @@ class Recoder:
         ranges: Normalisation,
         parameters: EncoderParameters,
         sa_scale: NDArray[np.float64] | None,
+        inputs: tuple[int, ...] = (),
     ) -> None:
         # The compiler of the encoder takes long to load: not before somebody encodes anew.
         from rigctl.encoding.encoder import Encoder
 
-        self._encoder = Encoder(ranges, parameters, sa_scale)
+        self._encoder = Encoder(ranges, parameters, sa_scale, inputs)
         self._encoder.warm_up()
         self._next = -1
         self._has_sync = True

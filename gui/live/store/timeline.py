@@ -15,6 +15,7 @@ from gui.live.history import N_ROWS, LiveSamples, SampleWindow
 from gui.live.store.pixel_columns import PixelColumns, reduce_columns
 from gui.live.store.pyramid import Pyramid
 from gui.live.store.ring import Ring
+from rigctl.encoding.reading import conductance
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
 
 CAPACITY_S = 660
@@ -31,6 +32,7 @@ class Timeline:
     Rings, a row each sample: ``counters`` int64 (position), ``time_s`` float64 (engine's time),
     ``samples`` uint16 (n_taxels,), ``flags`` uint8, ``spikes`` uint8 (n_rows,) in the encoder's
     order. ``recode``: replaces the spikes of samples that arrive, None for those of the engine.
+    ``inputs``: the input of each taxel to store conductances of the counts that arrive, else empty.
     """
 
     def __init__(
@@ -48,6 +50,7 @@ class Timeline:
         self._pyramid = Pyramid(capacity, n_taxels, n_rows)
         self.generation = 0
         self.recode: Recode | None = None
+        self.inputs: tuple[int, ...] = ()
         self._columns: PixelColumns | None = None
         self._columns_at = (0, 0, 0, 0, 0, 0)
         self.clear()
@@ -107,7 +110,7 @@ class Timeline:
             positions = self._positions(counters, time_s)
             self.counters.append(positions)
             self.time_s.append(time_s)
-            self.samples.append(samples)
+            self.samples.append(conductance(samples, self.inputs) if self.inputs else samples)
             self.flags.append(flags)
             if self.recode is not None:
                 spikes = self.recode(positions, samples, flags)

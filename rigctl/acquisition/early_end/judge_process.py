@@ -18,8 +18,6 @@ import numpy as np
 
 from rigctl.analysis.learning.mean_interval import half_width
 from rigctl.encoding.encoder import encode_trials
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import DEFAULT, PRESETS
 from rigctl.errors import SessionError
 from rigctl.protocol.early_end import Condition, EarlyEnd
 from rigctl.session.read.part_file import existing_parts
@@ -106,11 +104,9 @@ class Judge:
 
 def mean_rate_hz(session: Session, row: int, of: str) -> float:
     """Return the spikes of all SA or RA neurons in a trial, a neuron and second."""
-    header = session.header
-    low, high = (np.array(side, np.uint16) for side in (header.taxel_low, header.taxel_high))
-    samples = np.ascontiguousarray(session.samples(row))
-    parameters = PRESETS.get(header.encoder_preset, DEFAULT)
-    (spikes,) = encode_trials([samples], Normalisation(low, high), parameters)
+    ranges, samples = session.header.calibrated_ranges, session.readings(row)
+    assert ranges is not None  # no run with an early end begins without
+    (spikes,) = encode_trials([samples], ranges, session.header.encoder_parameters)
     n = spikes.n_trains // 2
     first = 0 if of == "sa_rate" else n
     count = int(spikes.row_start[first + n] - spikes.row_start[first])

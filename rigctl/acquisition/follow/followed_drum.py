@@ -18,7 +18,7 @@ class FollowedDrum:
 
     def __init__(self, growing: GrowingSession, writer: LiveWriter) -> None:
         self._growing = growing
-        self._live = FollowedLive(writer, growing.session.header)
+        self._live = FollowedLive(writer, growing.session)
         self._status = FollowedStatus(growing.session)
 
     @property

@@ -8,28 +8,27 @@ from rigctl.acquisition.follow.growing_session import at_loadcell, loadcell_time
 from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.taxels.pipeline import SamplePipeline
 from rigctl.encoding.encoder import Encoder
-from rigctl.encoding.normalisation import Normalisation, RunningRange
-from rigctl.encoding.parameters import DEFAULT, preset
-from rigctl.session.format.metadata.header import SessionHeader
+from rigctl.encoding.normalisation import RunningRange
+from rigctl.encoding.reading import Reading
 from rigctl.session.read.part import StructuredArray
+from rigctl.session.read.session import Session
 from rigctl.values import Block
-
-MIN_RANGE_COUNTS = 128
 
 
 class FollowedLive:
     """Writes blocks and polls of a session as live data."""
 
-    def __init__(self, writer: LiveWriter, header: SessionHeader) -> None:
+    def __init__(self, writer: LiveWriter, session: Session) -> None:
         self._writer = writer
-        self._range = RunningRange(header.n_taxels, MIN_RANGE_COUNTS)
-        self._follows_range = not header.taxel_low
-        low, high = (np.array(s, np.uint16) for s in (header.taxel_low, header.taxel_high))
-        full = Normalisation.full_scale(header.n_taxels)
-        first = full if self._follows_range else Normalisation(low, high)
-        self._encoder = Encoder(
-            first, preset(header.encoder_preset) if header.encoder_preset else DEFAULT
-        )
+        header = session.header
+        parameters, calibrated = header.encoder_parameters, header.calibrated_ranges
+        least_width = parameters.reading.least_range
+        self._range = RunningRange(header.n_taxels, least_width, parameters.reading)
+        self._follows_range = calibrated is None
+        first = calibrated or self._range.normalisation
+        takes_counts = parameters.reading is Reading.COUNTS
+        inputs = () if takes_counts else session.inputs
+        self._encoder = Encoder(first, parameters, inputs=inputs)
         self._pipeline = SamplePipeline(
             self._encoder, writer, waits_for_disk=False, batch_samples=1
         )
@@ -38,7 +37,7 @@ class FollowedLive:
 
     def add_block(self, block: Block) -> None:
         """Encode and store samples."""
-        if self._follows_range and self._range.update(block.samples):
+        if self._follows_range and self._range.update(self._encoder.readings(block.samples)):
             self._encoder.normalisation = widened = self._range.normalisation
             self._writer.set_range(widened.low, widened.high)
         self._pipeline.add_block(block)

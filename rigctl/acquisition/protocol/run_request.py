@@ -16,6 +16,7 @@ from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.rpc.arguments import NameText, NoteText, PathText, Seed
 from rigctl.config.resources import find_protocol, source_commit
 from rigctl.config.text_file import refuse_link_outside
+from rigctl.encoding.reading import Reading
 from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.protocol.loader import load_protocol
 from rigctl.protocol.plan import Plan
@@ -101,7 +102,14 @@ def open_run(request: RunRequest, context: RunContext) -> OpenedRun:
 
 def _check_early_end(plan: Plan) -> None:
     """Raise WrongUse where rates would depend on trials that are to come."""
-    if plan.protocol.early_end is not None and not plan.protocol.config.taxels.low:
+    if plan.protocol.early_end is None:
+        return
+    if plan.protocol.config.encoder.reading != Reading.COUNTS:
+        raise WrongUse(
+            "early_end needs calibrated ranges, which are in counts: set reading = "
+            '"counts" under [encoder] in rig.toml, or remove [early_end]'
+        )
+    if not plan.protocol.config.taxels.low:
         raise WrongUse(
             "early_end needs the range of the taxels, because rates depend on it: calibrate the "
             "range and write it as low and high under [taxels] into rig.toml, or remove [early_end]"
@@ -190,6 +198,7 @@ def session_header(plan: Plan, **fields: Any) -> SessionHeader:
         software_version=__version__,
         software_commit=source_commit(),
         encoder_preset=config.encoder.preset,
+        encoder_reading=config.encoder.reading,
         n_taxels=config.taxels.count,
         wiring=config.taxels.order,
         sensor_layout=SensorLayout.of_rig(config.taxels),

@@ -33,6 +33,7 @@ from rigctl.acquisition.calibration.calibration_values import (
 )
 from rigctl.config.names import shorten
 from rigctl.config.rig_config import RigLimits
+from rigctl.encoding.reading import Reading
 from rigctl.errors import WrongUse
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.values import N_TAXELS
@@ -189,7 +190,8 @@ class EngineStatus:
     ``poll_retries``: repeated polls of the drum since the engine started.
     ``clock_ppm``: how fast each board's clock runs against the computer's, None before known.
     ``boards``: by name, those that have connected. ``sensor_layout``: rows, columns and layers of
-    the sensor.
+    the sensor. ``reading``: what the live encoder takes of the samples, and the unit of its ranges;
+    ``wiring``: the reading of the taxel wire at each place, empty where it is not known.
     """
 
     at_s: float = 0.0
@@ -233,6 +235,8 @@ class EngineStatus:
     clock_ppm: Mapping[str, float | None] = field(default_factory=dict)
     boards: Mapping[str, BoardStatus] = field(default_factory=dict)
     sensor_layout: SensorLayout = PAPER_SENSOR
+    reading: Reading = Reading.COUNTS
+    wiring: tuple[int, ...] = ()
     limits: RigLimits = NOMINAL_LIMITS
     recording: RecordingStatus = RecordingStatus()
     run: RunStatus = RunStatus()
@@ -322,6 +326,8 @@ _STATUS_PARSERS: FieldParsers = {
     "limits": lambda data: parse_fields(RigLimits, data, {}),
     "calibration": lambda data: parse_fields(CalibrationStatus, data, _CALIBRATION_PARSERS),
     "sensor_layout": lambda data: parse_fields(SensorLayout, data, {"layers": tuple}),
+    "reading": Reading,
+    "wiring": tuple,
 }
 
 

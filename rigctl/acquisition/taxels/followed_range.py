@@ -8,8 +8,6 @@ from rigctl.encoding.encoder import Encoder
 from rigctl.encoding.normalisation import Normalisation, RunningRange
 from rigctl.values import Block
 
-MIN_RANGE_COUNTS = 128
-"""Least width of the range: well above the converter's noise, well below a touch."""
 RELEASE_S = 10.0
 """So long after the last touch by hand the sensor is at rest again."""
 
@@ -23,7 +21,8 @@ class FollowedRange:
     def __init__(
         self, n_taxels: int, encoder: Encoder, set_range: Callable[[Normalisation], None]
     ) -> None:
-        self._running = RunningRange(n_taxels, MIN_RANGE_COUNTS)
+        reading = encoder.parameters.reading
+        self._running = RunningRange(n_taxels, reading.least_range, reading)
         self._encoder = encoder
         self._set_range = set_range
         self._clipped = -1
@@ -37,7 +36,7 @@ class FollowedRange:
         self._seen_s = block.arrived_s
         if self._is_held or block.arrived_s < self._resumes_s:
             return
-        if self._clipped != before and self._running.update(block.samples):
+        if self._clipped != before and self._running.update(self._encoder.readings(block.samples)):
             self._set_range(self._running.normalisation)
 
     def hold(self) -> None:

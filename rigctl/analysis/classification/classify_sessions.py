@@ -17,7 +17,13 @@ from rigctl.analysis.classification.trained_trials import find_trained, trained_
 from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.data.condition_tasks import c_per_trial
 from rigctl.analysis.data.fingerprint import hash_array
-from rigctl.analysis.data.trial_set import TrialRef, TrialSet, join_sessions, open_trials
+from rigctl.analysis.data.trial_set import (
+    TrialRef,
+    TrialSet,
+    counted,
+    join_sessions,
+    open_trials,
+)
 from rigctl.analysis.data.wiring_check import check_source_wiring
 from rigctl.analysis.features.transferred_c import (
     RateError,
@@ -129,7 +135,7 @@ def classify(
     complete trial, or where the model's C lacks the speed, force or texture of every trial.
     """
     _check_sensor(model, paths)
-    trials = join_sessions(paths, resources.progress)
+    trials = join_sessions(paths, resources.progress, model.parameters.reading)
     if model.c is not None:
         trials = covered_trials(trials, model.c, by_texture=model.force == "texture")
     trials = trials.without_gaps()
@@ -194,8 +200,9 @@ def _posteriors(task: _PredictionTask) -> _Posteriors:
     model = task.model
     with open_trials(task.files) as reader:
         samples = [reader.read(trial) for trial in task.trials]
+    with open_trials(counted(task.files)) as reader:
+        hashes = [hash_array(reader.read(trial)) for trial in task.trials]
     clipped = np.sum([model.normalisation.count_clipped(readings) for readings in samples], axis=0)
-    hashes = list(map(hash_array, samples))
     scale = None
     if model.c is not None:
         scale = c_per_trial(task.trials, model.c, blind=model.force == "blind")

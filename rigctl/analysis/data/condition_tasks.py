@@ -9,7 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.data.fingerprint import fingerprint
-from rigctl.analysis.data.trial_set import ScratchMemory, TrialReader, TrialRef, open_trials
+from rigctl.analysis.data.trial_set import (
+    ScratchMemory,
+    TrialReader,
+    TrialRef,
+    counted,
+    open_trials,
+)
 from rigctl.encoding.batch import (
     Counts,
     common_bin_edges,
@@ -88,15 +94,24 @@ TRIALS_PER_READ = 32
 
 
 def fingerprint_trials(task: tuple[dict[int, SampleFile], tuple[TrialRef, ...]]) -> Arrays:
-    """Return ``hashes`` uint64 (n,); ``low``, ``high`` uint16 (n, n_taxels) of some trials."""
+    """Return ``hashes`` uint64 (n,); ``low``, ``high`` uint16 (n, n_taxels) of some trials.
+
+    The hashes are of the counts, the others of the readings.
+    """
     files, trials = task
+    hashes, low, high = _fingerprints(files, trials)
+    if any(file.inputs for file in files.values()):
+        hashes, _, _ = _fingerprints(counted(files), trials)
+    return {"hashes": hashes, "low": low, "high": high}
+
+
+def _fingerprints(files: SampleFiles, trials: Sequence[TrialRef]) -> tuple[NDArray[Any], ...]:
     with open_trials(files) as reader:
         parts = [
             fingerprint(*reader.read_block(trials[first : first + TRIALS_PER_READ], SCRATCH))
             for first in range(0, len(trials), TRIALS_PER_READ)
         ]
-    hashes, low, high = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-    return {"hashes": hashes, "low": low, "high": high}
+    return tuple(np.concatenate(arrays) for arrays in zip(*parts, strict=True))
 
 
 def count_condition(condition: ConditionTask) -> Arrays:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from rigctl.analysis.data.wiring_check import check_same_sensor, check_same_wiring
 from rigctl.analysis.execution.executor import Progress
+from rigctl.encoding.reading import Reading, conductance
 from rigctl.errors import SessionError
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.session.read.closing_digest import read_closing_digest
@@ -56,7 +57,8 @@ class TrialSet:
     """Committed trials with motion, from one session or several of the same layout.
 
     ``paths``: absolute, as other processes open them too. ``provenance``: a mapping of plain
-    values for each session; ``files``: parts of all sessions; ``remarks``: sentences on omissions.
+    values for each session; ``files``: parts of all sessions; ``remarks``: sentences on omissions;
+    ``reading``: what readers of the files return.
     """
 
     paths: tuple[Path, ...]
@@ -66,6 +68,7 @@ class TrialSet:
     provenance: tuple[dict[str, Any], ...]
     files: tuple[SampleFile, ...]
     remarks: tuple[str, ...] = field(default=())
+    reading: Reading = Reading.COUNTS
 
     @property
     def textures(self) -> tuple[str, ...]:
@@ -132,7 +135,7 @@ class ScratchMemory(threading.local):
 
 
 class TrialBlock(NamedTuple):
-    """Samples of several trials in one array, uint16 (n, n_taxels).
+    """Readings of several trials in one array, uint16 (n, n_taxels).
 
     Each trial has ``lengths`` rows from row ``starts`` on, int64 (n_trials,).
     """
@@ -148,14 +151,22 @@ class TrialBlock(NamedTuple):
 
 
 class TrialReader:
-    """A reader of the samples of trials, for one thread; see :func:`open_trials`."""
+    """A reader of trials, for one thread; see :func:`open_trials`.
+
+    It returns counts or, of files with ``inputs``, conductances.
+    """
 
     def __init__(self, reader: SampleReader, files: SampleFiles) -> None:
         self._reader = reader
         self._files = files
 
     def read(self, trial: TrialRef) -> NDArray[np.uint16]:
-        """Return the samples of a trial, uint16 (n, n_taxels). Raises SessionError naming it."""
+        """Return the readings of a trial, uint16 (n, n_taxels). Raises SessionError naming it."""
+        samples = self._read_counts(trial)
+        inputs = self._files[trial.sample_range.file].inputs
+        return conductance(samples, inputs) if inputs else samples
+
+    def _read_counts(self, trial: TrialRef) -> NDArray[np.uint16]:
         try:
             return self._reader.read(trial.sample_range)
         except (OSError, SessionError) as error:
@@ -167,7 +178,7 @@ class TrialReader:
     def read_block(
         self, trials: Sequence[TrialRef], scratch: ScratchMemory | None = None
     ) -> TrialBlock:
-        """Return the samples of at least one trial in one array, in ``scratch`` if given.
+        """Return the readings of at least one trial in one array, in ``scratch`` if given.
 
         Raises SessionError naming the trial that cannot be read.
         """
@@ -182,7 +193,10 @@ class TrialReader:
             self._reader.read_all(ranges, samples, starts.tolist())
         except (OSError, SessionError):
             for trial, out in zip(trials, block.arrays, strict=True):
-                out[:] = self.read(trial)  # one by one, so that the error names the trial
+                out[:] = self._read_counts(trial)  # one by one, so that the error names the trial
+        for trial, out in zip(trials, block.arrays, strict=True):
+            if inputs := self._files[trial.sample_range.file].inputs:
+                out[:] = conductance(out, inputs)
         return block
 
 
@@ -194,11 +208,14 @@ def open_trials(files: SampleFiles) -> Iterator[TrialReader]:
 
 
 def join_sessions(
-    paths: Sequence[Path], progress: Progress = lambda stage, done, total: None
+    paths: Sequence[Path],
+    progress: Progress = lambda stage, done, total: None,
+    reading: Reading = Reading.COUNTS,
 ) -> TrialSet:
     """Return one set from session folders, without the trials whose rows were altered.
 
-    Raises SessionError for mixed layouts or no trial.
+    Raises SessionError for mixed layouts or no trial, WrongUse for conductances of a session whose
+    wiring is not known.
     """
     trials: list[TrialRef] = []
     remarks: list[str] = []
@@ -217,7 +234,7 @@ def join_sessions(
             _check_layout(sources[0], sources[-1])
             check_same_sensor(paths, layouts)
             trials += _moving_trials(session, number, len(files), remarks)
-            files += session.sample_files()
+            files += _files(session, reading)
     if not trials:
         details = "; ".join(remarks) or ", ".join(map(str, paths))
         raise SessionError(f"there is no committed trial with motion: {details}")
@@ -229,7 +246,20 @@ def join_sessions(
         tuple(sources),
         tuple(replace(file, path=file.path.absolute()) for file in files),
         tuple(remarks),
+        reading,
     )
+
+
+def counted(files: SampleFiles) -> SampleFiles:
+    """Return files whose readers return counts, whatever the set's reading."""
+    numbers = range(len(files)) if isinstance(files, Sequence) else files
+    return {number: replace(files[number], inputs=()) for number in numbers}
+
+
+def _files(session: Session, reading: Reading) -> Sequence[SampleFile]:
+    if reading is Reading.COUNTS:
+        return session.sample_files()
+    return [replace(file, inputs=session.inputs) for file in session.sample_files()]
 
 
 def _show_mib(progress: Progress, done_bytes: int, total_bytes: int) -> None:

@@ -29,6 +29,7 @@ from rigctl.analysis.features.spike_counts import (
     encoder_items,
     files_of_trials,
     group_by_condition,
+    inputs_of,
     join_searched_c,
     prepare_trials,
 )
@@ -103,7 +104,7 @@ def encode_sessions(request: EncodeRequest, made_utc: str, resources: Resources)
     Raises SessionError or WrongUse for what cannot be encoded, DiskFault where the folder cannot
     be written. The cache keeps the results of an interrupted run.
     """
-    trials = join_sessions(request.sessions, resources.progress)
+    trials = join_sessions(request.sessions, resources.progress, request.parameters.reading)
     check_selection(trials, request.trial, request.taxel)
     resources.executor.check_visible(trials.paths)
     with atomic_directory(request.out) as folder:
@@ -175,7 +176,8 @@ def _write_spikes(
         c = None if scale is None else scale[rows]
         files = files_of_trials(prepared.trials.files, trials[rows])
         tasks.append(_SpikeTask(files, trials[rows], ranges, parameters, c, order))
-        encoder = (ranges.low, ranges.high, encoder_items(parameters), c, np.array(order))
+        encoding = (encoder_items(parameters), inputs_of(files))
+        encoder = (ranges.low, ranges.high, *encoding, c, np.array(order))
         keys.append(cache_key("spikes", prepared.hashes[rows], *encoder))
     total = 0
     for found in resources.map_cached(_encode, tasks, keys, "writing spikes"):

@@ -5,7 +5,7 @@ Every step goes through the cache, so that nothing is computed twice.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from enum import StrEnum
 from typing import Any, NamedTuple
@@ -29,7 +29,7 @@ from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
 from rigctl.errors import WrongUse
-from rigctl.session.read.sample_index import SampleFile
+from rigctl.session.read.sample_index import SampleFile, SampleFiles
 
 CHUNK = 256
 """Trials that one task reads."""
@@ -166,6 +166,12 @@ def files_of_trials(
     return {number: files[number] for number in sorted({t.sample_range.file for t in trials})}
 
 
+def inputs_of(files: SampleFiles) -> list[tuple[int, ...]]:
+    """Return how files share inputs, as a part of a cache key."""
+    every = files.values() if isinstance(files, Mapping) else files
+    return sorted({file.inputs for file in every})
+
+
 def encoder_items(parameters: EncoderParameters) -> list[tuple[str, Any]]:
     """Return the parameters that determine spikes, as a part of a cache key."""
     return sorted((name, value) for name, value in parameters.as_dict().items() if name != "name")
@@ -186,6 +192,7 @@ def _condition_key(condition: ConditionTask, hashes: NDArray[np.uint64]) -> str:
         condition.normalisation.low,
         condition.normalisation.high,
         encoder_items(condition.parameters),
+        inputs_of(condition.files),
         condition.layouts,
         condition.forces_g,
         condition.reference_g,
@@ -229,7 +236,7 @@ def _file_key(files: dict[int, SampleFile], trials: Sequence[TrialRef], cache: C
         return ""
     rows = np.array([(trial.sample_range.start, trial.sample_range.stop) for trial in trials])
     identity = (str(file.path.resolve()), status.st_size, status.st_mtime_ns, status.st_ino)
-    return cache_key("fingerprints", identity, rows)
+    return cache_key("fingerprints", identity, rows, file.inputs)
 
 
 def _ranges(
@@ -245,9 +252,15 @@ def _ranges(
                 f"{trials.paths[0]} has {trials.n_taxels} taxels, {over.source} has "
                 f"{over.n_taxels}: the ranges do not fit"
             )
+        if over.reading is not trials.reading:
+            raise WrongUse(
+                f"the taxel ranges ({over.source}) are of {over.reading}, the encoder takes "
+                f"{trials.reading}: take ranges of the same reading"
+            )
         return over
     if over is RangesOver.ALL:
-        return Normalisation.from_samples([low, high], "minimum and maximum over all trials used")
+        source = "minimum and maximum over all trials used"
+        return Normalisation.from_samples([low, high], source, trials.reading)
     trained = [
         i
         for i, trial in enumerate(trials.trials)
@@ -259,4 +272,4 @@ def _ranges(
             "--ranges all, or name others in an analysis file"
         )
     source = f"minimum and maximum over the trials at {conditions.training_text}"
-    return Normalisation.from_samples([low[trained], high[trained]], source)
+    return Normalisation.from_samples([low[trained], high[trained]], source, trials.reading)

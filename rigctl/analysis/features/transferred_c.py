@@ -84,7 +84,7 @@ def load_c(
 
     Raises SessionError or WrongUse where it does not fit the trials.
     """
-    force, inputs = load_force(file)
+    force, inputs = load_force(file, trials.reading)
     check_source_wiring(file, inputs, trials.provenance)
     covered_trials(trials, force, by_texture=True, least_share=LEAST_COVERED)
     return ForceMatrixSource(file, force, unseen_sessions(trials, inputs, resources))

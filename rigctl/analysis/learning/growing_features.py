@@ -13,7 +13,6 @@ from rigctl.analysis.execution.executor import Progress
 from rigctl.analysis.learning.complete_block import Condition
 from rigctl.encoding.features import FeatureLayout, feature_matrices
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import DEFAULT, PRESETS, EncoderParameters
 from rigctl.session.read.session import Session
 
 TILE_TRIALS = 32
@@ -32,10 +31,10 @@ class GrowingFeatures:
         self.session = Session.open(folder)
         self.features: dict[int, Matrix] = {}
         self.changes = 0
-        self._parameters = _parameters(self.session)
+        self._parameters = self.session.header.encoder_parameters
         self._complete: dict[int, bool] = {}
         self._ends: dict[int, tuple[NDArray[np.uint16], NDArray[np.uint16]]] = {}
-        self._ranges: tuple[int, Normalisation | None] = (0, _calibrated(self.session))
+        self._ranges: tuple[int, Normalisation | None] = (0, self.session.header.calibrated_ranges)
         self._is_calibrated = self._ranges[1] is not None
         self._layout: FeatureLayout | None = None
 
@@ -87,7 +86,7 @@ class GrowingFeatures:
 
     def _encode(self, rows: Sequence[int], ranges: Normalisation) -> None:
         assert self._layout is not None
-        samples = [np.ascontiguousarray(self.session.samples(row)) for row in rows]
+        samples = [self.session.readings(row) for row in rows]
         speeds = [float(self.session.trials[row]["speed_mm_s"]) for row in rows]
         (matrix,) = feature_matrices(samples, speeds, ranges, [self._layout], self._parameters)
         self.features.update(zip(rows, matrix, strict=True))
@@ -100,7 +99,8 @@ class GrowingFeatures:
             return ranges
         ends = [self._ends_of(row) for row in rows[:first]]
         both = [np.stack(pair) for pair in ends]
-        ranges = Normalisation.from_samples(both, f"the first {first} trials")
+        source = f"the first {first} trials"
+        ranges = Normalisation.from_samples(both, source, self._parameters.reading)
         self._ranges = first, ranges
         self._layout = self._covering(rows)
         self.features.clear()
@@ -109,7 +109,7 @@ class GrowingFeatures:
 
     def _ends_of(self, row: int) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
         if row not in self._ends:
-            samples = self.session.samples(row)
+            samples = self.session.readings(row)
             self._ends[row] = samples.min(axis=0), samples.max(axis=0)
         return self._ends[row]
 
@@ -117,15 +117,3 @@ class GrowingFeatures:
         table = self.session.trials[list(rows)]
         counts, speeds = table["count"].tolist(), table["speed_mm_s"].tolist()
         return FeatureLayout.covering(counts, speeds, scaled=True)
-
-
-def _parameters(session: Session) -> EncoderParameters:
-    return PRESETS.get(session.header.encoder_preset, DEFAULT)
-
-
-def _calibrated(session: Session) -> Normalisation | None:
-    header = session.header
-    if not (header.taxel_low and header.taxel_high):
-        return None
-    low, high = (np.array(side, np.uint16) for side in (header.taxel_low, header.taxel_high))
-    return Normalisation(low, high, "calibration of the session")

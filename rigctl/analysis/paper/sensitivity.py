@@ -59,7 +59,9 @@ def compare_presets(
     presets classify the same trials. ``folder`` holds the feature files of one preset at a time.
     """
     limited = replace(settings, k_max=min(COMPONENTS, settings.k_max))
-    others = [name for name in PRESET_ORDER if PRESETS[name] != base[0].parameters]
+    reading = base[0].parameters.reading
+    presets = {name: replace(PRESETS[name], reading=reading) for name in PRESET_ORDER}
+    others = [name for name in PRESET_ORDER if presets[name] != base[0].parameters]
     rows: list[Row] = []
     for name in PRESET_ORDER:
         if name not in others:
@@ -69,7 +71,7 @@ def compare_presets(
         part.mkdir()
         progress = _share_progress(others.index(name), len(others), resources.progress)
         preset_resources = replace(resources, progress=progress)
-        representations = encode(PRESETS[name], part, resources=preset_resources)
+        representations = encode(presets[name], part, resources=preset_resources)
         results, _ = run_tasks(representations, limited, preset_resources)
         rows += _preset_rows(name, representations, results)
         shutil.rmtree(part)

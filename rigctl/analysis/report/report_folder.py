@@ -100,7 +100,7 @@ def make_report(
     can be written; then there is no report folder.
     """
     executor, progress = resources.executor, resources.progress
-    trials = join_sessions(request.sessions, progress)
+    trials = join_sessions(request.sessions, progress, request.parameters.reading)
     check_selection(trials, request.trial, request.taxel)
     if request.model is not None:
         check_output_path(request.model.path)

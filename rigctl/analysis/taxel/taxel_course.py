@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -77,7 +77,7 @@ def load_course(
         samples = reader.read(trial)
     index = taxel - 1 if taxel else int(ranges.apply(samples).std(axis=0).argmax())
     factor = 1.0 if c is None else float(c[row, index])
-    own = Normalisation(ranges.low[[index]], ranges.high[[index]], ranges.source)
+    own = replace(ranges, low=ranges.low[[index]], high=ranges.high[[index]])
     words = _words(trials, trial, index, ranges, parameters, None if c is None else factor)
     simulated = bool(trials.provenance[trial.session]["simulated"])
     texts = (_title(trial, index), words, trials_origin(trials), simulated)
@@ -146,7 +146,7 @@ def _words(
     place = f"row {layout.row_of(index) + 1}, column {index % layout.columns + 1}"
     if len(layout.layers) > 1:
         place = f"layer {layout.layers[layout.layer_of(index)]}, {place}"
-    span = f"0–1: {ranges.low[index]}–{ranges.high[index]} counts"
+    span = f"0–1: {ranges.low[index]}–{ranges.high[index]} {ranges.reading.unit}"
     scaled = "without C" if c is None else f"SA current times C = {c:.4g}"
     session = trials.paths[trial.session].name
     return f"{place} · {span} · encoder {parameters.name} · {scaled} · session {session}"

@@ -74,7 +74,7 @@ def encode_taxel(request: TaxelRequest, resources: Resources) -> tuple[str, ...]
     SessionError for what cannot be encoded, DiskFault where a file cannot be written.
     """
     request.check_files()
-    trials = join_sessions(request.sessions, resources.progress)
+    trials = join_sessions(request.sessions, resources.progress, request.parameters.reading)
     check_selection(trials, request.trial, request.taxel)
     trials = trials_to_encode(trials, request.reference_g, request.scaled_by)
     prepared = prepare_trials(trials, resources, request.ranges)

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from rigctl.encoding.parameters import EncoderParameters
 
 
+READINGS = ("counts", "conductance")
+
+
 def add_encoder(parser: argparse.ArgumentParser) -> None:
     """Add the options of the encoder, the reference force and the taxel ranges."""
     group = parser.add_argument_group("the encoder")
@@ -37,6 +40,13 @@ def add_encoder(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="NAME=VALUE",
         help="change a parameter of the preset, such as sa_gain=120; may be repeated",
+    )
+    group.add_argument(
+        "--reading",
+        choices=READINGS,
+        default=READINGS[0],
+        help="what the encoder takes of a taxel: its counts (default, as in the paper), or the "
+        "conductance without the load of the other taxels of its input",
     )
     group.add_argument(
         "--ranges",
@@ -88,6 +98,8 @@ def parameters_of(args: argparse.Namespace) -> EncoderParameters:
     from rigctl.encoding.parameters import override, preset
 
     base = preset(args.preset)
+    if args.reading != base.reading:
+        base = override(base, [f"reading={args.reading}"])
     return override(base, args.set) if args.set else base
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from rigctl.config.rig_config import MAX_TAXELS
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
+from rigctl.encoding.reading import Reading
 from rigctl.errors import WrongUse
 from rigctl.session.files.analysis_file import open_analysis_file
 from rigctl.session.format.annotated_arrays import write_array, write_text
@@ -25,7 +27,7 @@ ENCODER_UNITS = {
 }  # fmt: skip
 
 
-LATER_PARAMETERS = ("ra_filter", "ra_order", "ra_derivative")
+LATER_PARAMETERS = (("ra_filter", "ra_order", "ra_derivative"), ("reading",))
 """Parameters that files of older versions lack; those were encoded with the default."""
 
 
@@ -37,7 +39,7 @@ def write_encoder(group: Any, parameters: EncoderParameters, ranges: Normalisati
             write_text(group, name, value, doc)
         else:
             write_array(group, name, value, ENCODER_UNITS.get(name, ""), doc)
-    unit = "stored counts"
+    unit = ranges.reading.unit
     write_array(group, "taxel_low", ranges.low, unit, "reading that becomes 0", "taxel")
     write_array(group, "taxel_high", ranges.high, unit, "reading that becomes 1", "taxel")
     write_text(group, "taxel_range_source", ranges.source, "what the ranges are from")
@@ -46,8 +48,9 @@ def write_encoder(group: Any, parameters: EncoderParameters, ranges: Normalisati
 def read_parameters(file: Hdf5File, group: str) -> EncoderParameters:
     """Return the parameters in a group. Raises SessionError or WrongUse for invalid ones."""
     defaults = EncoderParameters().as_dict()
-    if not any(file.has(f"{group}/{name}") for name in LATER_PARAMETERS):
-        defaults = {k: v for k, v in defaults.items() if k not in LATER_PARAMETERS}
+    for names in LATER_PARAMETERS:
+        if not any(file.has(f"{group}/{name}") for name in names):
+            defaults = {k: v for k, v in defaults.items() if k not in names}
     paths = {name: f"{group}/{name}" for name in defaults}
     file.check(
         text(paths[name]) if isinstance(default, str) else numbers(paths[name])
@@ -68,14 +71,26 @@ def read_ranges(file: Hdf5File, group: str) -> Normalisation:
     file.check([numbers(low, 1), numbers(high, 1), text(source)])
     if not 1 <= file.shape(low)[0] <= MAX_TAXELS:
         raise WrongUse(f"{low} has {file.shape(low)[0]} taxels")
-    return Normalisation(file.array(low, np.uint16), file.array(high, np.uint16), file.text(source))
+    limits = file.array(low, np.uint16), file.array(high, np.uint16)
+    return Normalisation(*limits, file.text(source), read_reading(file, group))
+
+
+def read_reading(file: Hdf5File, group: str) -> Reading:
+    """Return the reading that ranges and neurons in a group take; older files have counts."""
+    path = f"{group}/reading"
+    if not file.has(path):
+        return Reading.COUNTS
+    file.check([text(path)])
+    if file.text(path) not in list(Reading):
+        raise WrongUse(f"{path} is {file.text(path)!r}, not one of {', '.join(Reading)}")
+    return Reading(file.text(path))
 
 
 def load_ranges(path: Path) -> Normalisation:
     """Return the taxel ranges of a spikes or model file. Raises SessionError for another file."""
     with open_analysis_file(path, "--ranges takes all, training or one") as file:
         ranges = read_ranges(file, "encoder")
-    return Normalisation(ranges.low, ranges.high, f"those of {path}: {ranges.source}")
+    return replace(ranges, source=f"those of {path}: {ranges.source}")
 
 
 def _value(file: Hdf5File, path: str, default: Any) -> str | float | int | bool:

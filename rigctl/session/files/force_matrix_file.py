@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from rigctl.encoding.force_matrix import ForceMatrix
+from rigctl.encoding.reading import Reading
 from rigctl.errors import SessionError, WrongUse
 from rigctl.session.files.analysis_file import open_analysis_file, read_inputs
+from rigctl.session.files.encoder_group import read_reading
 from rigctl.session.format.annotated_arrays import write_array, write_texts
 from rigctl.session.hdf5.hdf5_file import Hdf5File
 from rigctl.session.hdf5.schema import numbers, texts
@@ -73,15 +75,23 @@ def _check(force: ForceMatrix) -> None:
         raise WrongUse("C has a speed or a force that is not finite")
 
 
-def load_force(path: Path) -> tuple[ForceMatrix, tuple[dict[str, Any], ...]]:
+def load_force(path: Path, reading: Reading) -> tuple[ForceMatrix, tuple[dict[str, Any], ...]]:
     """Return C of a model or spikes file, and the source sessions of its search.
 
-    Raises SessionError for a newer, damaged or other file and for one without C.
+    ``reading``: what the encoder takes that is to use this C.
+
+    Raises SessionError for a newer, damaged or other file and for one without C, WrongUse for a C
+    of another reading.
     """
     with open_analysis_file(path, "--c takes a model or a spikes.h5") as file:
         if not file.has("c"):
             raise SessionError(
                 f"{path} contains no C: name a model of a Force Scaled representation, or a "
                 "spikes.h5 of sessions with several forces"
+            )
+        if (searched_on := read_reading(file, "encoder")) is not reading:
+            raise WrongUse(
+                f"{path}: its C was searched with reading = {searched_on}, this encoder takes "
+                f"{reading}: use the same reading, or a C that was searched with it"
             )
         return read_force(file, "c"), read_inputs(file)

@@ -31,13 +31,15 @@ class SampleFile:
     """Chunks of the samples of one part.
 
     A chunk of ``chunk_rows`` rows begins at each of ``offsets`` (int64, bytes from the start of
-    the file); ``offsets`` is None if only HDF5 can read them.
+    the file); ``offsets`` is None if only HDF5 can read them. ``inputs``: the input of each taxel
+    where the samples are to become conductances, else empty.
     """
 
     path: Path
     n_taxels: int
     chunk_rows: int
     offsets: NDArray[np.int64] | None
+    inputs: tuple[int, ...] = ()
 
 
 SampleFiles = Sequence[SampleFile] | Mapping[int, SampleFile]

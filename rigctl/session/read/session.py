@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.config.rig_config import RigConfig, parse_config
+from rigctl.encoding.reading import Reading, conductance, input_of_each
 from rigctl.errors import SessionError
 from rigctl.session.format import file_names, layout
 from rigctl.session.format.data_sets import SessionLayout
+from rigctl.session.format.metadata.header import ADC_COUNTS, IMPORTED
 from rigctl.session.format.metadata.wiring import session_wiring
 from rigctl.session.format.table_rows import parse_trial
 from rigctl.session.read.part import PartReader, StructuredArray
@@ -83,6 +85,19 @@ class Session(SessionReader):
     def wiring(self) -> tuple[int, ...]:
         """Reading of the taxel wire in each column of the samples; empty if unknown."""
         return session_wiring(self.header, self.parts[0].text("/rig_toml"))
+
+    @property
+    def inputs(self) -> tuple[int, ...]:
+        """Analog input of each column of the samples, for conductances. Raises WrongUse."""
+        is_counted = self.header.sample_unit == ADC_COUNTS and self.header.rig != IMPORTED
+        return input_of_each(self.wiring if is_counted else (), str(self.path))
+
+    def readings(self, index: int) -> NDArray[np.uint16]:
+        """Return a trial's samples as the live encoder took them, uint16 (n, n_taxels)."""
+        samples = np.ascontiguousarray(self.samples(index))
+        if self.header.encoder_reading == Reading.COUNTS:
+            return samples
+        return conductance(samples, self.inputs)
 
     @property
     def scaling(self) -> tuple[tuple[float, float], ...]:

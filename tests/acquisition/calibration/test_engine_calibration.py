@@ -291,6 +291,7 @@ def test_the_taxels_of_the_virtual_sensor_are_identified_as_drawn(harness: Engin
         now = harness.engine.boards.encoder.normalisation.high
         assert (now - high).max() < 5, "but for noise it is the range from before"
         await harness.wait(RELEASE_S)
+        await handle("set", {"force_g": 1000})
         for command in ("arm", "tare", "home", "approach"):
             await handle(command, {})
         now = harness.engine.boards.encoder.normalisation.high

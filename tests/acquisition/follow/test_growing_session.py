@@ -86,7 +86,7 @@ def test_the_live_views_get_samples_spikes_and_force(harness: EngineHarness) -> 
     harness.record()
     writer = LiveWriter(harness.folder / "followed.live")
     growing = GrowingSession(harness.session)
-    live = FollowedLive(writer, growing.session.header)
+    live = FollowedLive(writer, growing.session)
     for new in growing.take_rows():
         for block in new.blocks:
             live.add_block(block)

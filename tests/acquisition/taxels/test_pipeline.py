@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,9 +12,11 @@ import pytest
 
 from rigctl.acquisition.live_buffer import LiveReader, LiveWriter
 from rigctl.acquisition.taxels.pipeline import SamplePipeline
-from rigctl.encoding.encoder import Encoder
+from rigctl.encoding.encoder import Encoder, encode_trial
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.values import Block, Gap
+from rigctl.encoding.parameters import DEFAULT
+from rigctl.encoding.reading import Reading, conductance, input_of_each
+from rigctl.values import DRAWN_WIRING, Block, Gap
 
 N = 1200
 RISES = (300, 700)
@@ -84,6 +87,34 @@ def test_live_spikes_equal_offline_spikes_from_each_rise(live: LiveWriter, lengt
     assert np.array_equal(spikes, expected)
     assert expected.sum() > 100
     assert pipeline.sample_count == N
+
+
+@pytest.mark.parametrize("length", [1, 20, 1200])
+def test_live_conductances_encode_as_those_of_the_recorded_counts(
+    live: LiveWriter, length: int
+) -> None:
+    block, inputs = touch(), input_of_each(DRAWN_WIRING, "rig.toml")
+    block = replace(block, samples=block.samples // 3)
+    parameters = replace(DEFAULT, reading=Reading.CONDUCTANCE)
+    readings = conductance(block.samples, inputs)
+    ranges = Normalisation.from_samples([readings], "all", Reading.CONDUCTANCE)
+    pipeline = SamplePipeline(
+        Encoder(ranges, parameters, inputs=inputs), live, waits_for_disk=False
+    )
+    for piece in pieces(block, length):
+        pipeline.add_block(piece)
+    pipeline.flush()
+    view = LiveReader(live.path)
+    shown = view.taxels(4096)
+    view.close()
+    bounds = [0, *(frame + 1 for frame in RISES), N]
+    for first, end in pairwise(bounds):
+        spikes = encode_trial(readings[first:end], ranges, parameters)
+        for row in range(36):
+            found = np.repeat(np.arange(end - first), shown.spikes[first:end, row])
+            assert np.array_equal(found, spikes.train(row))
+    assert np.array_equal(shown.samples, block.samples), "the live data hold counts"
+    assert shown.spikes.sum() > 100
 
 
 def test_the_encoder_resets_after_a_gap(live: LiveWriter) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -19,13 +20,17 @@ from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.features import SPEED_SCALED, UNSCALED, trial_features
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters, override, preset
+from rigctl.encoding.reading import Reading, conductance, input_of_each
 from rigctl.errors import WrongUse
 from rigctl.session.files.encoder_group import load_ranges
 from rigctl.session.files.force_matrix_file import load_force
+from rigctl.session.format.metadata.header import IMPORTED
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
+from rigctl.session.read.session import Session
 from tests.analysis.recordings import record
 
 WHEN = "2026-11-21T12:00:00Z"
+CONDUCTANCE = replace(DEFAULT, reading=Reading.CONDUCTANCE)
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +50,52 @@ def encode(days: list[Path], out: Path, **options: object) -> h5py.File:
     return h5py.File(encode_sessions(request, WHEN, Resources()).file)
 
 
+def test_conductances_are_encoded_as_a_named_choice(days: list[Path], tmp_path: Path) -> None:
+    trials = join_sessions(days).without_gaps()
+    with open_trials(trials.files) as reader:
+        counts = [reader.read(trial) for trial in trials.trials]
+    with Session.open(days[0]) as session:
+        inputs = input_of_each(session.wiring, "")
+    samples = [conductance(one, inputs) for one in counts]
+    ranges = Normalisation.from_samples(samples, "", Reading.CONDUCTANCE)
+    with encode(days, tmp_path / "out", parameters=CONDUCTANCE) as file:
+        assert file["encoder/reading"][()].decode() == "conductance"
+        assert np.array_equal(file["encoder/taxel_high"][:], ranges.high)
+        ptr, sample = file["spikes/ptr"][:], file["spikes/sample"][:]
+        rows = [row for _, row in SensorLayout.default(18).train_names()]
+        for spikes, pointers in zip(encode_trials(samples, ranges, CONDUCTANCE), ptr, strict=True):
+            for train, row in enumerate(rows):
+                found = sample[pointers[train] : pointers[train + 1]]
+                np.testing.assert_array_equal(found, spikes.train(row))
+    with encode(days, tmp_path / "counts") as counted, h5py.File(file_of(tmp_path / "out")) as file:
+        assert np.array_equal(counted["trials/content"][:], file["trials/content"][:])
+        assert not np.array_equal(counted["spikes/ptr"][:], ptr)
+
+
+def test_readings_are_not_mixed(days: list[Path], tmp_path: Path) -> None:
+    with encode(days, tmp_path / "counts"):
+        pass
+    counts = file_of(tmp_path / "counts")
+    ranges = load_ranges(counts)
+    with pytest.raises(WrongUse, match="of counts, the encoder takes conductance"):
+        encode(days, tmp_path / "mixed", parameters=CONDUCTANCE, ranges=ranges)
+    with pytest.raises(WrongUse, match="its C was searched with reading = counts"):
+        load_force(counts, Reading.CONDUCTANCE)
+    assert not (tmp_path / "mixed").exists()
+
+
+def test_a_session_whose_inputs_are_not_known_has_no_conductances(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    session = record(tmp_path / "imported", "AB", travel_mm=24.0, rig=IMPORTED)
+    assert main(["encode", str(session), "--out", "x", "--reading", "conductance"]) == 2
+    assert "does not say which taxels share an input" in capsys.readouterr().err
+
+
+def file_of(folder: Path) -> Path:
+    return folder / "spikes.h5"
+
+
 @pytest.mark.parametrize("scaled_by", list(ScaledBy))
 def test_spikes_windows_and_c_are_those_of_the_trials(
     days: list[Path], tmp_path: Path, scaled_by: ScaledBy
@@ -55,7 +106,7 @@ def test_spikes_windows_and_c_are_those_of_the_trials(
         samples = [reader.read(trial) for trial in trials.trials]
     ranges = Normalisation.from_samples(samples, "")
     with encode(days, tmp_path / "out", scaled_by=scaled_by) as file:
-        force, _ = load_force(Path(file.filename))
+        force, _ = load_force(Path(file.filename), Reading.COUNTS)
         scale = None
         if scaled_by is not ScaledBy.NONE:
             scale = c_per_trial(trials.trials, force, blind=scaled_by is ScaledBy.BLIND)

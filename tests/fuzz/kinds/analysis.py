@@ -15,6 +15,7 @@ from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
+from rigctl.encoding.reading import Reading
 from rigctl.session.files.analysis_file import load_inputs
 from rigctl.session.files.encoder_group import load_ranges
 from rigctl.session.files.finger_model_file import (
@@ -144,7 +145,7 @@ def read_finger_model(folder: Path) -> object:
 
 def read_force(folder: Path) -> object:
     """Load C with its sources, as ``--c`` does."""
-    return plain(load_force(folder / FILE))
+    return plain(load_force(folder / FILE, Reading.COUNTS))
 
 
 def read_ranges(folder: Path) -> object:

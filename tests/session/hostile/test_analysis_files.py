@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from rigctl.encoding.parameters import EncoderParameters
+from rigctl.encoding.reading import Reading
 from rigctl.errors import SessionError
 from rigctl.session.files.analysis_file import load_inputs
 from rigctl.session.files.encoder_group import LATER_PARAMETERS, load_ranges
@@ -30,7 +31,7 @@ Load = Callable[[Path], Any]
 
 def load_spikes(path: Path) -> None:
     """Read all that rigctl reads of a file of spikes."""
-    load_force(path)
+    load_force(path, Reading.COUNTS)
     load_ranges(path)
     load_inputs(path)
 
@@ -136,7 +137,7 @@ def delete(path: Path, names: tuple[str, ...]) -> None:
 
 def test_a_model_of_an_older_version_has_the_default_ra_channel(tmp_path: Path) -> None:
     path = write_model(tmp_path / "model.h5")
-    delete(path, tuple(f"encoder/{name}" for name in LATER_PARAMETERS))
+    delete(path, tuple(f"encoder/{name}" for names in LATER_PARAMETERS for name in names))
     model = load_model(path)
     assert model.parameters == EncoderParameters()
     assert model.c is not None and model.c.rate_hz is None

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from rigctl.encoding.normalisation import FULL_SCALE
+import numpy as np
+
+from rigctl.encoding.normalisation import Normalisation
+from rigctl.encoding.parameters import DEFAULT, PRESETS, EncoderParameters
+from rigctl.encoding.reading import FULL_SCALE, Reading
 from rigctl.session.format.annotated_arrays import Attributes
 from rigctl.session.format.layout import DRUM_EXPERIMENT
 from rigctl.session.format.metadata.header_values import parse_header_values
@@ -29,8 +33,10 @@ class SessionHeader:
 
     ``start_utc`` is an ISO 8601 time stamp from the command line, ``start_loop_s`` the loop time
     at that instant. ``taxel_low`` and ``taxel_high`` are the calibrated range of each taxel in
-    stored counts, empty without calibration. ``wiring`` is the reading of the taxel wire in each
-    column of the samples; :mod:`rigctl.session.format.metadata.wiring` explains an empty one.
+    stored counts, empty without calibration. ``encoder_reading``: what the live encoder took of the
+    samples, a :class:`~rigctl.encoding.reading.Reading`; older parts have counts. ``wiring`` is the
+    reading of the taxel wire in each column of the samples;
+    :mod:`rigctl.session.format.metadata.wiring` explains an empty one.
     ``sensor_layout`` has rows, columns and layers of the sensor; None in older parts.
     ``sample_unit`` is the unit of a reading, ``highest_reading`` its upper limit. ``cut_by`` is
     the signal that marks the first sample of a trial, empty if unknown. ``simulation`` holds what
@@ -55,6 +61,7 @@ class SessionHeader:
     software_version: str = ""
     software_commit: str = ""
     encoder_preset: str = ""
+    encoder_reading: str = Reading.COUNTS
     n_taxels: int = N_TAXELS
     sample_rate_hz: int = SAMPLE_RATE_HZ
     sample_unit: str = ADC_COUNTS
@@ -69,6 +76,23 @@ class SessionHeader:
     reference_um_per_s: int = 0
     stages: tuple[str, ...] = ()
     tracker: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def encoder_parameters(self) -> EncoderParameters:
+        """Parameters of the live encoder; those of an unknown preset are the default's."""
+        known = PRESETS.get(self.encoder_preset, DEFAULT)
+        return replace(known, reading=Reading(self.encoder_reading))
+
+    @property
+    def calibrated_ranges(self) -> Normalisation | None:
+        """Calibrated range of each taxel for the live encoder; None without one.
+
+        A calibration is in counts, so there is none for another reading.
+        """
+        if not self.taxel_low or self.encoder_reading != Reading.COUNTS:
+            return None
+        low, high = (np.array(side, np.uint16) for side in (self.taxel_low, self.taxel_high))
+        return Normalisation(low, high, "calibration of the session")
 
     def to_attributes(self) -> Attributes:
         """Return the attributes of a part's root; sequences and mappings become JSON."""

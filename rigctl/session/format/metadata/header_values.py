@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.config.rig_config import MAX_TAXELS
+from rigctl.encoding.reading import Reading
 from rigctl.errors import SessionError
 from rigctl.session.format.metadata.sensor_layout import ATTRIBUTE, SensorLayout
 from rigctl.session.hdf5.json_text import parse_json, parse_objects
@@ -15,7 +16,7 @@ from rigctl.values import BoardIdentity
 
 TEXTS = (
     "plan_hash", "rig", "start_utc", "protocol", "operator", "sensor", "software_version",
-    "software_commit", "encoder_preset", "sample_unit", "cut_by", "experiment",
+    "software_commit", "encoder_preset", "encoder_reading", "sample_unit", "cut_by", "experiment",
 )  # fmt: skip
 INT64 = 1 << 63
 COUNT = 1 << 31
@@ -66,6 +67,8 @@ def _check_plain(name: str, value: Any, path: Path) -> None:
     if name in TEXTS:
         if not isinstance(value, str):
             raise _wrong(path, name, value, "a text")
+        if name == "encoder_reading" and value not in list(Reading):
+            raise _wrong(path, name, value, f"one of {', '.join(Reading)}")
     elif name in INTEGERS:
         low, high = INTEGERS[name]
         if not isinstance(value, int) or not low <= value <= high:

@@ -1,0 +1,73 @@
+"""What the encoder takes as a taxel's reading: counts, or the conductance behind them.
+
+Three taxels share an input and its divider, and the lines that are not driven are held low, so
+each taxel loads the other two: r_i = G_i / (G_1 + G_2 + G_3 + G_divider). With S = r_1 + r_2 + r_3
+this gives G_i = G_divider · r_i / (1 − S). Files hold counts; the conductance is computed where
+samples are read, as a whole number of steps, so that live and offline encoders get the same bits.
+``docs/reference/encoding.md`` states the bound of its error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.errors import WrongUse
+
+FULL_SCALE = 1023
+STEPS = 4096
+"""Steps of the divider's conductance: a quarter of the least change that a count can show."""
+HIGHEST = 65_535
+"""About 16 times the divider's conductance; more, as of a shorted taxel, reads the same."""
+N_INPUTS, N_LINES = 6, 3
+MIN_RANGE_COUNTS = 128
+
+
+class Reading(StrEnum):
+    """The quantity that taxel ranges and neurons work with."""
+
+    COUNTS = "counts"
+    CONDUCTANCE = "conductance"
+
+    @property
+    def unit(self) -> str:
+        """The unit of a stored range."""
+        return "stored counts" if self is Reading.COUNTS else f"divider's conductance / {STEPS}"
+
+    @property
+    def least_range(self) -> int:
+        """Least width of a live range: well above the converter's noise, well below a touch."""
+        return MIN_RANGE_COUNTS if self is Reading.COUNTS else MIN_RANGE_COUNTS * STEPS // 1024
+
+
+def input_of_each(wiring: Sequence[int], where: str) -> tuple[int, ...]:
+    """Return the analog input of each column of samples, from the reading at each place.
+
+    Raises WrongUse, which begins with ``where``, for a wiring other than 3 lines × 6 inputs.
+    """
+    if sorted(wiring) != list(range(N_LINES * N_INPUTS)):
+        raise WrongUse(
+            f"{where} does not say which taxels share an input of the taxel board, so the "
+            f"conductance is not known: use reading = {Reading.COUNTS}"
+        )
+    return tuple(reading % N_INPUTS for reading in wiring)
+
+
+def conductance(samples: NDArray[np.uint16], inputs: Sequence[int]) -> NDArray[np.uint16]:
+    """Return the conductance of each taxel in steps of the divider's / :data:`STEPS`.
+
+    ``samples``: counts uint16 (n, n_taxels); ``inputs``: the input of each column, as
+    :func:`input_of_each` returns it. Above :data:`HIGHEST` the steps saturate.
+    """
+    columns = np.array(inputs)
+    # Sums of three readings are exact in float32, whose matrix product is the fastest sum here.
+    shared = (columns[:, None] == columns).astype(np.float32)
+    rest = np.float32(FULL_SCALE) - samples.astype(np.float32) @ shared
+    left = np.maximum(rest.astype(np.int32), 0)
+    steps = samples.astype(np.int32) * STEPS + left // 2
+    steps //= np.maximum(left, 1)
+    found: NDArray[np.uint16] = np.minimum(steps, HIGHEST).astype(np.uint16)
+    return found
