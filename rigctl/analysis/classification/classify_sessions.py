@@ -33,6 +33,7 @@ from rigctl.analysis.features.transferred_c import (
     unseen_sessions,
 )
 from rigctl.encoding.features import feature_matrices
+from rigctl.encoding.reading import Reading
 from rigctl.errors import SessionError
 from rigctl.session.files.model_file import Model
 from rigctl.session.read.sample_index import SampleFile
@@ -200,8 +201,10 @@ def _posteriors(task: _PredictionTask) -> _Posteriors:
     model = task.model
     with open_trials(task.files) as reader:
         samples = [reader.read(trial) for trial in task.trials]
-    with open_trials(counted(task.files)) as reader:
-        hashes = [hash_array(reader.read(trial)) for trial in task.trials]
+    hashes = list(map(hash_array, samples))
+    if model.parameters.reading is not Reading.COUNTS:
+        with open_trials(counted(task.files)) as reader:
+            hashes = [hash_array(reader.read(trial)) for trial in task.trials]
     clipped = np.sum([model.normalisation.count_clipped(readings) for readings in samples], axis=0)
     scale = None
     if model.c is not None:

@@ -194,9 +194,9 @@ class TrialReader:
         except (OSError, SessionError):
             for trial, out in zip(trials, block.arrays, strict=True):
                 out[:] = self._read_counts(trial)  # one by one, so that the error names the trial
-        for trial, out in zip(trials, block.arrays, strict=True):
-            if inputs := self._files[trial.sample_range.file].inputs:
-                out[:] = conductance(out, inputs)
+        if self._files[ranges[0].file].inputs:
+            for trial, out in zip(trials, block.arrays, strict=True):
+                out[:] = conductance(out, self._files[trial.sample_range.file].inputs)
         return block
 
 

@@ -17,7 +17,8 @@ from rigctl.analysis.data.trial_set import join_sessions
 from rigctl.analysis.features.representations import represent
 from rigctl.cli import main
 from rigctl.encoding.parameters import EncoderParameters
-from rigctl.errors import SessionError
+from rigctl.encoding.reading import Reading
+from rigctl.errors import SessionError, WrongUse
 from rigctl.session.files.model_file import load_model, save_model
 from rigctl.session.files.seal import SEALED
 from tests.analysis.recordings import record
@@ -54,6 +55,26 @@ def test_a_model_does_not_report_its_own_trials_as_a_result(
     answer = as_dict(found)
     assert answer["trained_on"] == 36 and answer["without_trained"]["asked"] == 0
     assert answer["without_trained"]["accuracy"] is None
+
+
+def test_a_model_of_conductances_reads_them_and_knows_its_trials(
+    trained: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
+    _, session, _ = trained
+    (tmp_path / "features").mkdir()
+    parameters = EncoderParameters(reading=Reading.CONDUCTANCE)
+    with pytest.raises(WrongUse, match="are of counts"):
+        represent(join_sessions([session]), parameters, tmp_path / "features")
+    trials = join_sessions([session], reading=Reading.CONDUCTANCE)
+    made = represent(trials, parameters, tmp_path / "features")
+    path = tmp_path / "model.h5"
+    model, _ = train_model(made, ModelRequest(path, "Speed Scaled", 12), UTC, 7)
+    save_model(model, path)
+    loaded = load_model(path)
+    assert loaded.parameters.reading is loaded.normalisation.reading is Reading.CONDUCTANCE
+    found = classify(loaded, [session])
+    assert found.n_trained_on == found.n_scored == 36
+    assert sum(p.right is True for p in found.predictions) > 30
 
 
 def test_trials_are_known_in_a_copy_under_another_name(
