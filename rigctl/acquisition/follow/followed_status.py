@@ -62,7 +62,7 @@ class FollowedStatus:
             loadcell_age_s=polled_s,
             sensor_layout=self._session.sensor_layout,
             reading=self._session.header.encoder_parameters.reading,
-            wiring=self._session.wiring,
+            wiring=self._session.header.wiring,
             recording=growth.recording(now_s),
             run=self._run(),
             **self._drum(growth.is_growing(polled_s)),
