@@ -90,7 +90,8 @@ class Session(SessionReader):
     def inputs(self) -> tuple[int, ...]:
         """Analog input of each column of the samples, for conductances. Raises WrongUse."""
         is_counted = self.header.sample_unit == ADC_COUNTS and self.header.rig != IMPORTED
-        return input_of_each(self.wiring if is_counted else (), str(self.path))
+        wiring = self.header.wiring or self.wiring
+        return input_of_each(wiring if is_counted else (), str(self.path))
 
     def readings(self, index: int) -> NDArray[np.uint16]:
         """Return a trial's samples as the live encoder took them, uint16 (n, n_taxels)."""
