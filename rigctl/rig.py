@@ -97,6 +97,7 @@ def _simulated_rig(
         seed,
         simulation,
         world.header_fields(),
+        commissions=True,
     )
 
 

@@ -27,6 +27,7 @@ void begin();
 void cut();
 void start_reading();       // once a tick; the reading is there at the next
 uint16_t position_um();
+uint16_t position_raw();
 bool end_up();
 bool end_down();
 }  // namespace bridge

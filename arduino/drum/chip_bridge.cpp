@@ -43,6 +43,7 @@ void start_reading() {
 }
 
 uint16_t position_um() { return potentiometer.position_um(); }
+uint16_t position_raw() { return potentiometer.raw(); }
 
 bool end_up() { return PINC & pins::END_UP; }
 bool end_down() { return PINC & pins::END_DOWN; }

@@ -34,5 +34,7 @@ void store_byte(uint16_t address, uint8_t byte) {
 SettingsFrom load(uint16_t *words) { return stored.load(words); }
 void save(const uint16_t *words) { stored.save(words); }
 bool saving() { return stored.saving(); }
+uint32_t commissioned() { return stored.commissioned(); }
+void commission(uint32_t hash) { stored.commission(hash); }
 
 }  // namespace ports

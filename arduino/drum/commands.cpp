@@ -39,6 +39,9 @@ bool Commands::begin(Command command) {
         case Command::Defaults: return defaults();
         case Command::Tune: return tune();
         case Command::TareTurn: return tare_turn();
+        case Command::Nudge: return nudge();
+        case Command::Commission: return commission();
+        case Command::ApproachSetup: return approach_setup();
     }
     return false;
 }
@@ -61,6 +64,10 @@ bool Commands::follow(Event event) {
             pending_ = Pending::Change;
             goal_ = State::Hold;
             break;
+        case State::Nudge:
+            pending_ = Pending::Change;
+            goal_ = State::Idle;
+            break;
         default: break;
     }
     return true;
@@ -78,8 +85,18 @@ bool Commands::home() {
     return true;
 }
 
-// A set force too near a limit would end in OVER_FORCE at the first overshoot.
 bool Commands::approach() {
+    return controller_.commission().holds() && press();
+}
+
+// Before the board is commissioned, the one that the set-up needs.
+bool Commands::approach_setup() {
+    constexpr uint16_t MOST_SETUP_TENTHS = 1000;
+    return bank_.word(reg::force_set) <= MOST_SETUP_TENTHS && press();
+}
+
+// A set force too near a limit would end in OVER_FORCE at the first overshoot.
+bool Commands::press() {
     constexpr uint32_t MOST_TENTHS = board::MOST_FORCE_G * 10UL;
     if (!controller_.machine().accepts(Event::Approach)) return false;
     if (!controller_.contact().gone() || !controller_.sensor().tare_holds()) return false;
@@ -88,6 +105,18 @@ bool Commands::approach() {
     controller_.contact().press();
     controller_.force_control().begin();
     return follow(Event::Approach);
+}
+
+bool Commands::nudge() {
+    return controller_.begin_nudge(bank_.word(reg::nudge_direction) != 0) && follow(Event::Nudge);
+}
+
+bool Commands::commission() {
+    if (!controller_.may_change(Guard::Resting) || ports::saving()) return false;
+    if (controller_.commission().holds()) return true;
+    controller_.commission().keep();
+    pending_ = Pending::Save;
+    return true;
 }
 
 bool Commands::run() {

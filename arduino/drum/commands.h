@@ -36,6 +36,10 @@ class Commands {
     bool move();
     bool home();
     bool approach();
+    bool approach_setup();
+    bool press();
+    bool nudge();
+    bool commission();
     bool run();
     bool tare(bool forced);
     bool tare_turn();

@@ -14,7 +14,7 @@ constexpr uint16_t LIFT_TIME_MS = 700;
 // A lift that takes longer is stuck.
 constexpr uint16_t LIFT_LIMIT_MS = 1.6f * (board::ACTUATOR_TRAVEL_UM / board::ACTUATOR_MAX_MM_S);
 
-constexpr uint16_t bit(Fault fault) { return 1u << static_cast<uint8_t>(fault); }
+constexpr uint32_t bit(Fault fault) { return 1UL << static_cast<uint8_t>(fault); }
 
 bool needs_heartbeat(State state) {
     return state != State::Boot && state != State::Selftest && state != State::Idle &&
@@ -32,6 +32,7 @@ void Controller::apply_settings() {
     const uint8_t inverted = bank_.word(reg::signal_polarity);
     if (signals_.configure(fitted, inverted)) contact_.forget();
     sensor_.configure(bank_);
+    commission_.configure(bank_);
 }
 
 void Controller::restore_defaults() {
@@ -59,8 +60,8 @@ bool Controller::may_change(Guard guard) const {
 
 // --- supervision ----------------------------------------------------------------------------------
 
-uint16_t Controller::causes() const {
-    uint16_t bits = 0;
+uint32_t Controller::causes() const {
+    uint32_t bits = 0;
     if (signals_.estop_open()) bits |= bit(Fault::Estop);
     const State state = machine_.state();
     if (state == State::Boot || state == State::Selftest) return bits;
@@ -73,7 +74,7 @@ uint16_t Controller::causes() const {
 }
 
 void Controller::supervise() {
-    const uint16_t bits = causes();
+    const uint32_t bits = causes();
     if (!bits) return;
     for (uint8_t n = 1; n < FAULT_COUNT; ++n)
         if (bits >> n & 1) raise(static_cast<Fault>(n));
@@ -98,6 +99,13 @@ bool Controller::clear_fault() {
     if (!machine_.accepts(Event::Clear) || causes()) return false;
     machine_.clear();
     if (machine_.state() != entered_) enter(machine_.state());
+    return true;
+}
+
+bool Controller::begin_nudge(bool presses) {
+    if (!machine_.accepts(Event::Nudge) || causes()) return false;
+    heartbeat_.restart();
+    nudge_.begin(presses, signals_.position_um());
     return true;
 }
 
@@ -128,7 +136,8 @@ void Controller::enter(State state) {
 }
 
 void Controller::drive_actuator() {
-    duty_ = actuator_.tick();
+    const bool nudging = machine_.drive() == Drive::Nudge;
+    duty_ = nudging ? nudge_.tick(signals_.position_um()) : actuator_.tick();
     ports::drive(duty_);
 }
 
@@ -166,6 +175,7 @@ void Controller::progress() {
             break;
         case State::Retract:
         case State::FaultLift: lift(); break;
+        case State::Nudge: nudge_on(); break;
         default: break;
     }
     if (duty_ > 0 && (signals_.end_down() || signals_.at_bottom())) raise(Fault::ActuatorEnd);
@@ -210,6 +220,11 @@ void Controller::lift() {
     } else if (late) {
         raise(Fault::ActuatorEnd);
     }
+}
+
+void Controller::nudge_on() {
+    if (nudge_.presses() ? signals_.end_down() : signals_.end_up()) nudge_.end();
+    if (nudge_.over()) go(Event::Nudged);
 }
 
 // --- samples --------------------------------------------------------------------------------------

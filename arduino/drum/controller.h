@@ -9,11 +9,13 @@
 #include "actuator.h"       // speed to duty
 #include "axis.h"           // the drum's motions
 #include "bank.h"           // settings
+#include "commission.h"     // are they those of the set-up
 #include "contact.h"        // is the drum lifted
 #include "force_control.h"  // contact force
 #include "force_sensor.h"   // samples
 #include "heartbeat.h"      // is the computer alive
 #include "machine.h"        // states
+#include "nudge.h"          // a small motion
 #include "signals.h"        // inputs
 
 class Controller {
@@ -38,9 +40,11 @@ class Controller {
     void go(Event event);
     bool arm();
     bool clear_fault();
+    // Moves the actuator a little out of IDLE; false where it may not.
+    bool begin_nudge(bool presses);
 
     // Causes of faults that are present now, one bit per fault.
-    uint16_t causes() const;
+    uint32_t causes() const;
     bool resting() const;
     // Returns whether settings that give a force its meaning, or stop it, may change.
     bool may_change(Guard guard) const;
@@ -48,6 +52,8 @@ class Controller {
     const Machine &machine() const { return machine_; }
     const Heartbeat &heartbeat() const { return heartbeat_; }
     const Signals &signals() const { return signals_; }
+    const Commission &commission() const { return commission_; }
+    const Nudge &nudge() const { return nudge_; }
     ForceSensor &sensor() { return sensor_; }
     const ForceSensor &sensor() const { return sensor_; }
     Axis &axis() { return axis_; }
@@ -69,6 +75,7 @@ class Controller {
     void selftest();
     void approach();
     void lift();
+    void nudge_on();
     int32_t place_tare() const;
     void watch_contact();
     uint32_t in_state_ms() const { return signals_.now_ms() - entered_ms_; }
@@ -82,6 +89,8 @@ class Controller {
     Contact contact_{sensor_, signals_};
     ForceControl force_control_{bank_, signals_, sensor_, axis_, contact_};
     Actuator actuator_;
+    Commission commission_;
+    Nudge nudge_;
     uint32_t entered_ms_ = 0;
     State entered_ = State::Boot;
     int16_t duty_ = 0;

@@ -37,6 +37,7 @@ static void run_tick() {
     Inputs inputs;
     inputs.now_ms = clock::now_ms();
     inputs.position_um = bridge::position_um();
+    inputs.position_raw = bridge::position_raw();
     inputs.estop_open = estop::take();
     inputs.end_up = bridge::end_up();
     inputs.end_down = bridge::end_down();

@@ -8,7 +8,7 @@
 #include "flash.h"  // constant tables stay in program memory
 
 constexpr uint16_t MAGIC = 21063;
-constexpr uint16_t MAP_VERSION = 3;
+constexpr uint16_t MAP_VERSION = 4;
 constexpr uint16_t BOARD_DRUM = 1;
 constexpr uint8_t UNIT = 1;
 constexpr uint32_t BAUD = 115200;
@@ -18,9 +18,9 @@ constexpr uint8_t TARE_PLACES = 16;
 constexpr int32_t SCALE_LEAST_UG = 200;
 constexpr int32_t SCALE_MOST_UG = 25000;
 constexpr uint16_t SETTINGS_START = 64;
-constexpr uint16_t SETTINGS_WORDS = 49;
-constexpr uint16_t COUNTERS_END = 128;
-constexpr uint16_t MAP_END = 384;
+constexpr uint16_t SETTINGS_WORDS = 50;
+constexpr uint16_t COUNTERS_END = 141;
+constexpr uint16_t MAP_END = 416;
 
 enum class Command : uint8_t {
     None = 0,
@@ -40,6 +40,9 @@ enum class Command : uint8_t {
     Tune = 14,
     TareTurn = 15,
     TareAnyway = 16,
+    Nudge = 17,
+    Commission = 18,
+    ApproachSetup = 19,
 };
 
 enum class CommandResult : uint8_t {
@@ -83,6 +86,8 @@ enum class Status : uint8_t {
     Tared = 9,
     ContactMayStand = 10,
     LiftFailed = 11,
+    Commissioned = 12,
+    DirectionKnown = 13,
 };
 
 enum class Guard : uint8_t {
@@ -118,25 +123,24 @@ constexpr uint16_t state = 16;
 constexpr uint16_t fault = 17;
 constexpr uint16_t fault_at_ms = 18;
 constexpr uint16_t fault_bits = 20;
-constexpr uint16_t board_time_us = 21;
-constexpr uint16_t steps = 23;
-constexpr uint16_t angle = 25;
-constexpr uint16_t speed = 26;
-constexpr uint16_t force = 27;
-constexpr uint16_t actuator_position_um = 28;
-constexpr uint16_t actuator_drive = 29;
-constexpr uint16_t command_acknowledged = 30;
-constexpr uint16_t command_result = 31;
-constexpr uint16_t sync_count = 32;
-constexpr uint16_t sync_rise_us = 33;
-constexpr uint16_t sync_fall_us = 35;
-constexpr uint16_t index_count = 37;
-constexpr uint16_t loadcell_sequence = 38;
-constexpr uint16_t loadcell_time_us = 39;
-constexpr uint16_t loadcell_recent = 41;
-constexpr uint16_t heartbeat_seen = 51;
-constexpr uint16_t crc_errors = 52;
-constexpr uint16_t late_ticks = 53;
+constexpr uint16_t board_time_us = 22;
+constexpr uint16_t steps = 24;
+constexpr uint16_t angle = 26;
+constexpr uint16_t speed = 27;
+constexpr uint16_t force = 28;
+constexpr uint16_t actuator_position_um = 29;
+constexpr uint16_t actuator_drive = 30;
+constexpr uint16_t command_acknowledged = 31;
+constexpr uint16_t command_result = 32;
+constexpr uint16_t sync_count = 33;
+constexpr uint16_t sync_rise_us = 34;
+constexpr uint16_t sync_fall_us = 36;
+constexpr uint16_t index_count = 38;
+constexpr uint16_t loadcell_sequence = 39;
+constexpr uint16_t loadcell_time_us = 40;
+constexpr uint16_t loadcell_recent = 42;
+constexpr uint16_t heartbeat_seen = 52;
+constexpr uint16_t crc_errors = 53;
 constexpr uint16_t status_bits = 54;
 constexpr uint16_t last_contact_um = 55;
 constexpr uint16_t heartbeat = 64;
@@ -185,6 +189,7 @@ constexpr uint16_t tare_place_12 = 109;
 constexpr uint16_t tare_place_13 = 110;
 constexpr uint16_t tare_place_14 = 111;
 constexpr uint16_t tare_place_15 = 112;
+constexpr uint16_t nudge_direction = 113;
 constexpr uint16_t frames_seen = 116;
 constexpr uint16_t exceptions_sent = 117;
 constexpr uint16_t longest_isr_us = 118;
@@ -197,8 +202,20 @@ constexpr uint16_t proposed_gain_i = 124;
 constexpr uint16_t tuned_stiffness_g_per_mm = 125;
 constexpr uint16_t tuned_delay = 126;
 constexpr uint16_t settings_from = 127;
-constexpr uint16_t ring_raw = 128;
-constexpr uint16_t ring_time_us = 256;
+constexpr uint16_t late_ticks = 128;
+constexpr uint16_t settings_hash = 129;
+constexpr uint16_t loadcell_rate = 131;
+constexpr uint16_t loadcell_spikes = 132;
+constexpr uint16_t loadcell_noise = 133;
+constexpr uint16_t loadcell_unique = 134;
+constexpr uint16_t position_raw = 135;
+constexpr uint16_t nudge_travel_um = 136;
+constexpr uint16_t nudge_duty = 137;
+constexpr uint16_t tuned_dead_band = 138;
+constexpr uint16_t tuned_stiction = 139;
+constexpr uint16_t tuned_rate = 140;
+constexpr uint16_t ring_raw = 160;
+constexpr uint16_t ring_time_us = 288;
 }  // namespace reg
 
 // Everything that may be written, by rising address; bounds are raw register integers,
@@ -210,10 +227,10 @@ struct Setting {
     int32_t low, high, initial, least;
 };
 
-constexpr uint8_t SETTING_COUNT = 46;
+constexpr uint8_t SETTING_COUNT = 47;
 constexpr Setting SETTINGS[SETTING_COUNT] FLASH = {
     {64, Kind::U16, Guard::None, 0L, 65535L, 0L, 0L},  // heartbeat, 
-    {65, Kind::U16, Guard::None, 0L, 16L, 0L, 0L},  // command, 
+    {65, Kind::U16, Guard::None, 0L, 19L, 0L, 0L},  // command, 
     {66, Kind::U16, Guard::None, 0L, 65535L, 0L, 0L},  // command_sequence, 
     {67, Kind::U16, Guard::Resting, 0L, 31L, 0L, 0L},  // signal_polarity, 
     {68, Kind::U16, Guard::None, 500L, 20000L, 8000L, 0L},  // speed_set, mm/s
@@ -258,6 +275,7 @@ constexpr Setting SETTINGS[SETTING_COUNT] FLASH = {
     {110, Kind::I16, Guard::Lifted, -32768L, 32767L, 0L, 0L},  // tare_place_13, counts
     {111, Kind::I16, Guard::Lifted, -32768L, 32767L, 0L, 0L},  // tare_place_14, counts
     {112, Kind::I16, Guard::Lifted, -32768L, 32767L, 0L, 0L},  // tare_place_15, counts
+    {113, Kind::U16, Guard::None, 0L, 1L, 0L, 0L},  // nudge_direction, 
 };
 
 #endif  // DRUM_MAP_H

@@ -19,6 +19,7 @@ enum class State : uint8_t {
     Retract = 8,
     FaultLift = 9,
     FaultOff = 10,
+    Nudge = 11,
 };
 
 enum class Event : uint8_t {
@@ -40,6 +41,8 @@ enum class Event : uint8_t {
     TimedFault = 15,
     OffFault = 16,
     LiftTimeOver = 17,
+    Nudge = 18,
+    Nudged = 19,
 };
 
 enum class Fault : uint8_t {
@@ -57,29 +60,39 @@ enum class Fault : uint8_t {
     Hang = 11,
     Selftest = 12,
     ForceUnreached = 13,
+    ActuatorReversed = 14,
+    ActuatorStuck = 15,
+    PositionWire = 16,
+    ForceMissing = 17,
+    ForceUnexplained = 18,
+    TooDeep = 19,
+    ForceUnsteady = 20,
+    LoadcellRate = 21,
+    LoadcellNoise = 22,
 };
 
-constexpr uint8_t STATE_COUNT = 11;
-constexpr uint8_t EVENT_COUNT = 18;
-constexpr uint8_t FAULT_COUNT = 14;
+constexpr uint8_t STATE_COUNT = 12;
+constexpr uint8_t EVENT_COUNT = 20;
+constexpr uint8_t FAULT_COUNT = 23;
 
 // Bit n: fault n lifts off before it switches off; all others switch off.
-constexpr uint16_t LIFT_FAULTS = 0x25fc;
+constexpr uint32_t LIFT_FAULTS = 0x7f25fc;
 
 // TRANSITIONS[state][event] is the next state, REFUSED where the event is refused.
 constexpr uint8_t REFUSED = 255;
 constexpr uint8_t TRANSITIONS[STATE_COUNT][EVENT_COUNT] FLASH = {
-    {1, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 10, 10, 255},  // BOOT
-    {255, 2, 10, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 10, 10, 255},  // SELFTEST
-    {255, 255, 255, 8, 2, 255, 255, 255, 255, 2, 255, 255, 255, 255, 255, 10, 10, 255},  // IDLE
-    {255, 255, 255, 255, 2, 4, 5, 255, 8, 3, 255, 255, 255, 255, 255, 9, 10, 255},  // ARMED
-    {255, 255, 255, 255, 255, 255, 255, 255, 255, 8, 255, 3, 255, 255, 255, 9, 10, 255},  // POSITION
-    {255, 255, 255, 255, 255, 255, 255, 255, 8, 8, 255, 255, 6, 255, 255, 9, 10, 255},  // APPROACH
-    {255, 255, 255, 255, 255, 255, 255, 7, 8, 8, 255, 255, 255, 255, 255, 9, 10, 255},  // HOLD
-    {255, 255, 255, 255, 255, 255, 255, 255, 8, 8, 255, 255, 255, 6, 255, 9, 10, 255},  // RUN
-    {255, 255, 255, 255, 255, 255, 255, 255, 255, 8, 255, 255, 255, 255, 3, 9, 10, 255},  // RETRACT
-    {255, 255, 255, 255, 255, 255, 255, 255, 255, 9, 255, 255, 255, 255, 255, 9, 10, 10},  // FAULT_LIFT
-    {255, 255, 255, 255, 255, 255, 255, 255, 255, 10, 2, 255, 255, 255, 255, 10, 10, 255},  // FAULT_OFF
+    {1, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 10, 10, 255, 255, 255},  // BOOT
+    {255, 2, 10, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 10, 10, 255, 255, 255},  // SELFTEST
+    {255, 255, 255, 8, 2, 255, 255, 255, 255, 2, 255, 255, 255, 255, 255, 10, 10, 255, 11, 255},  // IDLE
+    {255, 255, 255, 255, 2, 4, 5, 255, 8, 3, 255, 255, 255, 255, 255, 9, 10, 255, 255, 255},  // ARMED
+    {255, 255, 255, 255, 255, 255, 255, 255, 255, 8, 255, 3, 255, 255, 255, 9, 10, 255, 255, 255},  // POSITION
+    {255, 255, 255, 255, 255, 255, 255, 255, 8, 8, 255, 255, 6, 255, 255, 9, 10, 255, 255, 255},  // APPROACH
+    {255, 255, 255, 255, 255, 255, 255, 7, 8, 8, 255, 255, 255, 255, 255, 9, 10, 255, 255, 255},  // HOLD
+    {255, 255, 255, 255, 255, 255, 255, 255, 8, 8, 255, 255, 255, 6, 255, 9, 10, 255, 255, 255},  // RUN
+    {255, 255, 255, 255, 255, 255, 255, 255, 255, 8, 255, 255, 255, 255, 3, 9, 10, 255, 255, 255},  // RETRACT
+    {255, 255, 255, 255, 255, 255, 255, 255, 255, 9, 255, 255, 255, 255, 255, 9, 10, 10, 255, 255},  // FAULT_LIFT
+    {255, 255, 255, 255, 255, 255, 255, 255, 255, 10, 2, 255, 255, 255, 255, 10, 10, 255, 255, 255},  // FAULT_OFF
+    {255, 255, 255, 255, 2, 255, 255, 255, 255, 2, 255, 255, 255, 255, 255, 10, 10, 255, 255, 2},  // NUDGE
 };
 
 enum class Drive : uint8_t {
@@ -88,6 +101,7 @@ enum class Drive : uint8_t {
     Approach = 2,
     ForceLoop = 3,
     Lift = 4,
+    Nudge = 5,
 };
 
 // What the drivers may do in a state; everything not allowed here is held off.
@@ -107,6 +121,7 @@ constexpr Outputs OUTPUTS[STATE_COUNT] FLASH = {
     {1, 1, 4},  // RETRACT
     {1, 1, 4},  // FAULT_LIFT
     {0, 0, 0},  // FAULT_OFF
+    {0, 0, 5},  // NUDGE
 };
 
 #endif  // DRUM_STATES_H

@@ -8,7 +8,7 @@ namespace {
 constexpr int32_t FULL_SCALE = 0x7fffff;
 constexpr uint32_t SILENCE_US = board::LOADCELL_PERIOD_US * 24UL / 10;
 constexpr uint32_t GAP_US = board::LOADCELL_PERIOD_US * 18UL / 10;
-constexpr uint16_t bit(Fault fault) { return 1u << static_cast<uint8_t>(fault); }
+constexpr uint32_t bit(Fault fault) { return 1UL << static_cast<uint8_t>(fault); }
 
 }  // namespace
 
@@ -46,8 +46,8 @@ void Loadcell::tick(uint32_t now_us) {
     }
 }
 
-uint16_t Loadcell::faults() const {
-    uint16_t bits = 0;
+uint32_t Loadcell::faults() const {
+    uint32_t bits = 0;
     if (silent_) bits |= bit(Fault::LoadcellSilent);
     if (saturated_) bits |= bit(Fault::LoadcellSaturated);
     if (equal_run_ >= FROZEN_RUN && !saturated_) bits |= bit(Fault::LoadcellFrozen);

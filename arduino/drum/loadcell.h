@@ -28,7 +28,7 @@ class Loadcell {
     void tick(uint32_t now_us);
 
     // Bits of fault_bits that this sensor sees now.
-    uint16_t faults() const;
+    uint32_t faults() const;
     bool saturated() const { return saturated_; }
     // Samples have come since the boot.
     bool alive() const { return settled_ > SETTLING && !silent_; }

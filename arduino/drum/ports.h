@@ -51,6 +51,9 @@ void drive(int16_t permille);  // positive presses
 SettingsFrom load(uint16_t *words);
 void save(const uint16_t *words);
 bool saving();
+// The hash that was last kept, 0 for none; commission() begins a write as save() does.
+uint32_t commissioned();
+void commission(uint32_t hash);
 uint8_t stored_byte(uint16_t address);
 bool store_ready();  // for another byte
 void store_byte(uint16_t address, uint8_t byte);

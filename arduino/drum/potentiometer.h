@@ -13,7 +13,9 @@ class Potentiometer {
         if (!primed_) smoothed_ = reading * SMOOTHING;
         else smoothed_ += reading - smoothed_ / SMOOTHING;
         primed_ = true;
+        raw_ = reading;
     }
+    uint16_t raw() const { return raw_; }
 
     uint16_t position_um() const {
         // A fraction with a power of two below: a division would cost 40 µs a tick.
@@ -24,6 +26,7 @@ class Potentiometer {
   private:
     static constexpr uint8_t SMOOTHING = 8;
 
+    uint16_t raw_ = 0;
     uint16_t smoothed_ = 0;  // sum of SMOOTHING readings
     bool primed_ = false;
 };

@@ -63,7 +63,8 @@ uint16_t Report::status_bits() const {
            flag(Status::Homed, controller_.axis().homed()) |
            flag(Status::Tared, commands_.tared()) |
            flag(Status::ContactMayStand, !controller_.contact().gone()) |
-           flag(Status::LiftFailed, controller_.contact().lift_failed());
+           flag(Status::LiftFailed, controller_.contact().lift_failed()) |
+           flag(Status::Commissioned, controller_.commission().holds());
 }
 
 void Report::fill_state() {
@@ -71,7 +72,7 @@ void Report::fill_state() {
     bank_.put(reg::state, static_cast<uint16_t>(machine.state()));
     bank_.put(reg::fault, static_cast<uint16_t>(machine.fault()));
     bank_.put_wide(reg::fault_at_ms, machine.fault_at_ms());
-    bank_.put(reg::fault_bits, controller_.causes());
+    bank_.put_wide(reg::fault_bits, controller_.causes());
     bank_.put_wide(reg::board_time_us, ports::now_us());
     bank_.put(reg::command_acknowledged, commands_.acknowledged());
     bank_.put(reg::command_result, static_cast<uint16_t>(commands_.result()));
@@ -117,5 +118,9 @@ void Report::fill_counters() {
     bank_.put(reg::free_stack_bytes, health.free_stack_bytes);
     bank_.put(reg::idle_permille, health.idle_permille);
     bank_.put(reg::loadcell_dropped, controller_.sensor().loadcell().dropped());
+    bank_.put_wide(reg::settings_hash, controller_.commission().hash());
+    bank_.put(reg::position_raw, controller_.signals().position_raw());
+    bank_.put(reg::nudge_travel_um, static_cast<uint16_t>(controller_.nudge().travel_um()));
+    bank_.put(reg::nudge_duty, controller_.nudge().duty());
     bank_.put(reg::index_error_steps, static_cast<uint16_t>(controller_.axis().index_error()));
 }

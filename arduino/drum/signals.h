@@ -9,7 +9,7 @@
 
 struct Inputs {
     uint32_t now_ms;
-    uint16_t position_um;
+    uint16_t position_um, position_raw;
     bool estop_open, end_up, end_down, index_high;
 };
 
@@ -23,6 +23,8 @@ class Signals {
     bool fitted(Signal signal) const { return fitted_ >> static_cast<uint8_t>(signal) & 1; }
     uint32_t now_ms() const { return inputs_.now_ms; }
     uint16_t position_um() const { return inputs_.position_um; }
+    // The potentiometer's reading of ten bits, as converted.
+    uint16_t position_raw() const { return inputs_.position_raw; }
     bool index_high() const { return inputs_.index_high; }
     bool estop_wire_open() const { return inputs_.estop_open; }
     bool estop_open() const { return fitted(Signal::Estop) && inputs_.estop_open; }
@@ -45,7 +47,7 @@ class Signals {
   private:
     bool inverted(Signal signal) const { return inverted_ >> static_cast<uint8_t>(signal) & 1; }
 
-    Inputs inputs_ = {0, 0, false, false, false, false};
+    Inputs inputs_ = {0, 0, 0, false, false, false, false};
     uint8_t fitted_ = 0, inverted_ = 0;  // bits of Signal
 };
 

@@ -61,7 +61,7 @@ class Boards:
         self.drum_poller = DrumPoller(
             rig.drum, rig.loop, allows_heartbeat, publish_lost, self._drum_reconnected
         )
-        self.motion = DrumMotion(self.drum_poller, rig.config)
+        self.motion = DrumMotion(self.drum_poller, rig.config, rig.commissions)
         self.board_health = BoardHealth(self.drum_poller, rig.taxels, self.identities)
         self.encoder = _compiled_encoder(rig)
         self.pipeline = SamplePipeline(

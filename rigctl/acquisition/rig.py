@@ -26,7 +26,8 @@ class Rig:
     ``kind``: virtual, firmware or bench. ``seed``: that of a simulated rig. ``simulation``: the
     :class:`rigctl.simulation.simulated_rig.SimulatedRig` behind the boards, which the engine must
     not import; None at the bench. ``world``: what a session stores about a simulated rig.
-    ``path``: the ``rig.toml`` of a bench, which takes its calibrations.
+    ``path``: the ``rig.toml`` of a bench, which takes its calibrations. ``commissions``: the drum's
+    board is commissioned by this program, because its wires are known to be as drawn.
     """
 
     kind: str
@@ -39,6 +40,7 @@ class Rig:
     simulation: Any = None
     world: dict[str, Any] = field(default_factory=dict)
     path: Path | None = None
+    commissions: bool = False
     _truth_log: TruthLog | None = None
 
     @property

@@ -12,7 +12,15 @@ REFUSED_IN_STATE = 4
 """Modbus exception of a command or a change that the present state refuses."""
 
 _WIRING = frozenset({"optional_signals", "signal_polarity"})
-_NEEDS_LIFT = frozenset({Command.TARE, Command.TARE_TURN, Command.APPROACH, Command.DEFAULTS})
+_NEEDS_LIFT = frozenset(
+    {
+        Command.TARE,
+        Command.TARE_TURN,
+        Command.APPROACH,
+        Command.APPROACH_SETUP,
+        Command.DEFAULTS,
+    }
+)
 _RESTING = (State.IDLE, State.ARMED)
 _EVENTS = {
     Command.ARM: StateEvent.ARM,
@@ -21,6 +29,8 @@ _EVENTS = {
     Command.HOME: StateEvent.MOVE,
     Command.TARE_TURN: StateEvent.MOVE,
     Command.APPROACH: StateEvent.APPROACH,
+    Command.APPROACH_SETUP: StateEvent.APPROACH,
+    Command.NUDGE: StateEvent.NUDGE,
     Command.RUN: StateEvent.RUN,
     Command.RETRACT: StateEvent.RETRACT,
     Command.CLEAR: StateEvent.CLEAR,
@@ -49,6 +59,8 @@ def _resting_reason(command: Command, state: State, status_bits: int) -> str:
     if command in _NEEDS_LIFT and status_bits >> Status.CONTACT_MAY_STAND & 1:
         return "it may rest on something: arm it or retract, so that it lifts"
     if command is Command.APPROACH and state is State.ARMED:
+        if not status_bits >> Status.COMMISSIONED & 1:
+            return "it is not commissioned for these settings: run rigctl setup"
         tared = status_bits >> Status.TARED & 1
         return "the force is too near a limit" if tared else "the load cell is not tared: tare it"
     if command is Command.TARE:
@@ -63,7 +75,7 @@ def _state_reason(command: Command, state: State) -> str:
     """Return in which states a command is possible, where this is none of them."""
     if command in _EVENTS:
         possible = [s for s in State if next_state(s, _EVENTS[command]) is not None]
-    elif command in (Command.TARE, Command.TARE_ANYWAY, Command.SAVE):
+    elif command in (Command.TARE, Command.TARE_ANYWAY, Command.SAVE, Command.COMMISSION):
         possible = list(_RESTING)
     else:
         return ""

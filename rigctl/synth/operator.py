@@ -44,6 +44,8 @@ class DrumOperator:
             **settle_settings(settle),
             clock_trim_ppm=round(rig.parameters.drum_clock_ppm),
         )
+        self._send(Command.COMMISSION)
+        self._wait_until(lambda: rig.result is not CommandResult.RUNNING, "keeping the settings")
         self._run_command(Command.ARM, State.ARMED)
 
     def wait(self, seconds: float, on_polls: OnPolls = lambda polls: None) -> None:

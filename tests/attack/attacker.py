@@ -32,6 +32,8 @@ FAR_STEPS = 10_000
 
 ARM: tuple[Step, ...] = (
     wait_until_idle(500),
+    send(Command.COMMISSION),
+    wait(40),
     send(Command.ARM),
     wait_until_idle(3000),
     send(Command.TARE),

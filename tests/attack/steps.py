@@ -24,7 +24,7 @@ MAX_WORDS = 8
 PLACES = tuple(r for r in SETTINGS if r.name.startswith("tare_place"))
 GUARDED = tuple(r for r in SETTINGS if r.guard is not Guard.NONE and r not in PLACES[1:])
 """Settings that determine the meaning of a force: drawn more often than the others."""
-NO_COMMAND = 17
+NO_COMMAND = max(Command) + 1
 """A value of register ``command`` that is no command."""
 
 FEW_VALUES = 32
@@ -123,6 +123,8 @@ _LIFT: tuple[Step, ...] = (send(Command.ARM), wait_until_idle(1800))
 _PRESS: tuple[Step, ...] = (
     write("over_force", 30_000),
     write("force_set", 15_000),
+    send(Command.COMMISSION),
+    wait(40),
     send(Command.APPROACH),
     wait_until_idle(4500),
     send(Command.TARE),

@@ -113,6 +113,8 @@ class Operator:
         if goal is State.IDLE and self.state is not State.IDLE:
             await self.do(Command.DISARM)
         while self.state is not goal:
+            if self.state in (State.IDLE, State.ARMED) and not self.shows(Status.COMMISSIONED):
+                await self.do(Command.COMMISSION)
             if self.state is State.ARMED and not self.shows(Status.TARED):
                 await self.do(Command.TARE)
             command = NEXT_COMMAND[self.state]

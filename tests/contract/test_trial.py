@@ -61,7 +61,7 @@ async def perform(operator: Operator) -> Trial:
         clock_trim_ppm=operator.clocks_ppm["drum"],
     )
     await operator.watch(0.2)
-    for command in (Command.ARM, Command.TARE, Command.HOME):
+    for command in (Command.COMMISSION, Command.ARM, Command.TARE, Command.HOME):
         await operator.do(command)
     await drum.set(move_target=PLATE_START_MM / MM_PER_STEP)
     await operator.do(Command.MOVE)

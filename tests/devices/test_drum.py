@@ -10,6 +10,7 @@ import pytest
 from rigctl.devices.drum import Drum
 from rigctl.errors import BoardRebooted, CommandRefused, LinkLost, WrongBoard, WrongUse
 from rigctl.wire.drum.codes import Command
+from rigctl.wire.drum.register_table import BY_NAME
 from rigctl.wire.drum.states import Fault, State
 from tests.devices.memory_link import (
     JumpingLoop,
@@ -40,8 +41,8 @@ def test_connect_returns_the_identity_and_reads_the_settings() -> None:
 def test_every_byte_of_a_connect_a_setting_and_a_command() -> None:
     async def main(loop: JumpingLoop) -> None:
         link = MemoryLink(loop)
-        identity = "5247 0003 0001 0100 0000 0001 0007 0001 0040 3200 0000 7a12 07d0 01ef"
-        settings = "0000 0000 0009" + 46 * " 0000"
+        identity = "5247 0004 0001 0100 0000 0001 0007 0001 0040 3200 0000 7a12 07d0 01ef"
+        settings = "0000 0000 0009" + 47 * " 0000"
         script = Script(
             link,
             [
@@ -50,8 +51,8 @@ def test_every_byte_of_a_connect_a_setting_and_a_command() -> None:
                     rtu(bytes.fromhex("031c" + identity)),
                 ),
                 (
-                    rtu(bytes.fromhex("03 0040 0031")),
-                    rtu(bytes.fromhex("0362" + settings)),
+                    rtu(bytes.fromhex("03 0040 0032")),
+                    rtu(bytes.fromhex("0364" + settings)),
                 ),
                 (
                     rtu(bytes.fromhex("17 0044 0002 0044 0002 04 1f40 1388")),
@@ -93,7 +94,7 @@ def test_connect_waits_for_a_board_that_boots_slowly() -> None:
     [
         ("magic", 0, "not a drum board"),
         ("board_id", 2, "not a drum board"),
-        ("map_version", 9, "firmware 1.3 speaks register map 9, this program map 3: make firmware"),
+        ("map_version", 9, "firmware 1.3 speaks register map 9, this program map 4: make firmware"),
     ],
 )
 def test_another_device_is_named(register: str, value: int, sentence: str) -> None:
@@ -232,9 +233,10 @@ def test_a_gap_in_the_load_cell_is_read_from_the_ring() -> None:
         start_us = round(loop.time() * 1e6)
         for n in range(65521, 65561):
             place = n % 64
-            board.words[128 + 2 * place : 130 + 2 * place] = [0, n - 65500]
+            raw, at = (BY_NAME[name].address + 2 * place for name in ("ring_raw", "ring_time_us"))
+            board.words[raw : raw + 2] = [0, n - 65500]
             at_us = start_us + (n - 65520) * 12_500
-            board.words[256 + 2 * place : 258 + 2 * place] = [at_us >> 16, at_us & 0xFFFF]
+            board.words[at : at + 2] = [at_us >> 16, at_us & 0xFFFF]
         await asyncio.sleep(0.5)
         board.put("loadcell_sequence", 65560 % 65536)
         board.put("loadcell_time_us", start_us + 500_000)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from rigctl.simulation.simulated_rig import SimulatedRig
 from rigctl.values import Block
-from rigctl.wire.drum.codes import Command
+from rigctl.wire.drum.codes import Command, CommandResult
 from rigctl.wire.drum.register_table import BY_NAME, POLL_BLOCK, REGISTERS, UNIT
 from rigctl.wire.drum.registers import BlockLayout, pack_value
 from rigctl.wire.drum.states import Fault, State
@@ -171,6 +171,8 @@ class Host:
         """Arm and tare after power-up."""
         self.wait(BOOT_US)
         self.until(lambda poll: poll["state"] == State.IDLE)
+        self.command(Command.COMMISSION)
+        self.until(lambda poll: poll["command_result"] == CommandResult.DONE)
         self.command(Command.ARM)
         self.state(State.ARMED)
         self.command(Command.TARE)

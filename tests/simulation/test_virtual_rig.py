@@ -43,8 +43,9 @@ def _session() -> list[tuple[int, bytes]]:
         return framed(head + b"".join(w.to_bytes(2, "big") for w in (number, code, number)))
 
     beats = [(at, command(n, Command.NONE)) for n, at in enumerate(range(200, 6000, 100), 100)]
-    requests = {300: command(1, Command.ARM), 1500: command(2, Command.TARE)}
-    requests |= {2100: command(3, Command.APPROACH), 4500: command(4, Command.RUN)}
+    requests = {250: command(1, Command.COMMISSION), 300: command(2, Command.ARM)}
+    requests |= {1500: command(3, Command.TARE), 2100: command(4, Command.APPROACH)}
+    requests |= {4500: command(5, Command.RUN)}
     merged = dict(beats) | requests
     return sorted(merged.items())
 

@@ -92,6 +92,7 @@ void DrumBoard::tick() {
     Inputs inputs;
     inputs.now_ms = milliseconds_;
     inputs.position_um = potentiometer_.position_um();
+    inputs.position_raw = potentiometer_.raw();
     inputs.estop_open = estop_latched_ || estop_open();
     estop_latched_ = estop_fitted_ && estop_open();
     inputs.end_up = io.end_up;
@@ -351,6 +352,8 @@ void drive(int16_t permille) { running->drive(permille); }
 SettingsFrom load(uint16_t *words) { return running->store().load(words); }
 void save(const uint16_t *words) { running->store().save(words); }
 bool saving() { return running->store().saving(); }
+uint32_t commissioned() { return running->store().commissioned(); }
+void commission(uint32_t hash) { running->store().commission(hash); }
 uint8_t stored_byte(uint16_t address) { return running->stored(address); }
 bool store_ready() { return true; }
 void store_byte(uint16_t address, uint8_t byte) { running->stored(address) = byte; }

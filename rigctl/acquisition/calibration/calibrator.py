@@ -134,7 +134,7 @@ class Calibrator:
 async def calibrate_alone(rig: Rig, work: Callable[[Calibrator], Awaitable[object]]) -> None:
     """Connect the drum board alone, do the work, and always leave the drum lifted and off."""
     poller = DrumPoller(rig.drum, rig.loop)
-    calibrator = Calibrator(rig, DrumMotion(poller, rig.config))
+    calibrator = Calibrator(rig, DrumMotion(poller, rig.config, rig.commissions))
     await poller.connect()
     polling = asyncio.ensure_future(poller.run())
     try:

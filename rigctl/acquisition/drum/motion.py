@@ -22,12 +22,13 @@ from rigctl.acquisition.drum.settings import (
 from rigctl.config.rig_config import RigConfig
 from rigctl.errors import CommandRefused, RigFault, WrongUse
 from rigctl.values import DrumState, PlannedTrial
-from rigctl.wire.drum.codes import Command, CommandResult
+from rigctl.wire.drum.codes import Command, CommandResult, Status
 from rigctl.wire.drum.states import STATE_TEXT, State
 
 SELF_TEST_TIMEOUT_S = 10.0
 LIFT_TIMEOUT_S = 20.0
 TARE_TIMEOUT_S = 10.0
+COMMISSION_TIMEOUT_S = 5.0
 HOME_TIMEOUT_S = 120.0
 MOVE_TIMEOUT_S = 600.0
 APPROACH_EXTRA_S = 20.0
@@ -42,12 +43,15 @@ SHOWN_SETTINGS: Final = ("speed_set", "force_set", "acceleration_set", "travel_s
 class DrumMotion:
     """The drum's moves on this rig. ``check`` may raise to end any wait.
 
-    ``stop_count`` counts STOPs: a jog that was requested before one does not start after it.
+    ``commissions``: commission the board for the settings it gets, as for a simulated rig that is
+    wired as drawn. ``stop_count`` counts STOPs: a jog that was requested before one does not start
+    after it.
     """
 
-    def __init__(self, poller: DrumPoller, config: RigConfig) -> None:
+    def __init__(self, poller: DrumPoller, config: RigConfig, commissions: bool = False) -> None:
         self.poller = poller
         self.config = config
+        self._commissions = commissions
         self.check: Callable[[], None] = lambda: None
         self.settings: dict[str, float] = {}
         self.homed = False
@@ -114,6 +118,17 @@ class DrumMotion:
         """Write the settings that determine a force. Raises CommandRefused if the board refuses."""
         settings = rig_settings(self.config)
         await self.write_settings(**{name: settings[name] for name in GUARDED_SETTINGS})
+        if self._commissions:
+            await self.commission()
+
+    async def commission(self) -> None:
+        """Let the board press with the settings that it has. Raises CommandRefused.
+
+        It is at rest and lifted, or has not pressed since its boot.
+        """
+        status_bits = round((await self.poller.drum.get("status_bits"))["status_bits"])
+        if not status_bits >> Status.COMMISSIONED & 1:
+            await self.execute(Command.COMMISSION, COMMISSION_TIMEOUT_S, "keeping the settings")
 
     async def write_settings(self, **values: float) -> None:
         """Write the settings, in engineering units, that differ from those on the board."""

@@ -1,7 +1,7 @@
 """Health counters of both boards: late ticks, longest interrupt, free stack, idle time.
 
-The taxel board sends its counters ten times a second. The drum's late ticks are in every poll;
-its other counters are read once a second, after all other code that waited for the same poll.
+The taxel board sends its counters ten times a second. Those of the drum are read once a second,
+after all other code that waited for the same poll.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from rigctl.acquisition.drum.poller import DrumPoller
 from rigctl.acquisition.rpc.messages import BoardStatus
 from rigctl.devices.taxels import Taxels
 from rigctl.errors import RigFault
-from rigctl.values import BoardIdentity, DrumState, Event
+from rigctl.values import BoardIdentity, Event
 from rigctl.wire.drum.codes import is_abnormal_reset, reset_cause_text
 from rigctl.wire.taxels.frames import CYCLES_PER_US
 
@@ -25,6 +25,7 @@ READ_PERIOD_CYCLES = 20
 EVENT_KIND = "board"
 START, END = "start", "end"
 
+_LATE_TICKS = "late_ticks"
 _DRUM_COUNTERS = ("longest_isr_us", "free_stack_bytes", "idle_permille")
 _RAM_BYTES = {DRUM: 8192, TAXELS: 2048}
 _U16 = 1 << 16
@@ -59,7 +60,6 @@ class BoardHealth:
         self._identities = identities
         self._late_ticks = {DRUM: LateTickCounter(), TAXELS: LateTickCounter()}
         self._drum_counters: Mapping[str, float] = {}
-        poller.subscribe(self._count_late_ticks)
 
     async def run(self) -> None:
         """Read the drum's counters once a second, until cancelled."""
@@ -68,7 +68,9 @@ class BoardHealth:
             await asyncio.sleep(0)
             if self._poller.connected:
                 with suppress(RigFault):  # the next poll reports a lost drum
-                    self._drum_counters = await self._poller.drum.get(*_DRUM_COUNTERS)
+                    self._drum_counters = await self._poller.drum.get(_LATE_TICKS, *_DRUM_COUNTERS)
+                    late_ticks = round(self._drum_counters[_LATE_TICKS])
+                    self._late_ticks[DRUM].update(self._identities[DRUM].boot_count, late_ticks)
             for _ in range(READ_PERIOD_CYCLES):
                 await self._poller.wait_cycle()
 
@@ -120,10 +122,6 @@ class BoardHealth:
             "supply_v": supply_mv / 1000 if supply_mv else None,
             "self_test": None if taxels.self_test is None else tuple(taxels.findings),
         }
-
-    def _count_late_ticks(self, state: DrumState) -> None:
-        reading = round(state.values["late_ticks"])
-        self._late_ticks[DRUM].update(self._identities[DRUM].boot_count, reading)
 
 
 def _counters(

@@ -7,7 +7,7 @@ that the HDF5 1.10 tools of today's distributions read.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 from uuid import uuid4
 
@@ -29,6 +29,7 @@ class Column:
     """A named value of a row: NumPy type code (``S`` is UTF-8 text), unit, meaning.
 
     ``before``: the value in parts that are older than the column, None if every part has it.
+    ``older_code``: the type code in older parts, empty where it never changed.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Column:
     unit: str
     doc: str
     before: int | None = None
+    older_code: str = ""
 
     @property
     def text_bytes(self) -> int:
@@ -69,14 +71,14 @@ class TableLayout:
     def older_dtype(self) -> np.dtype[Any] | None:
         """Row type in older parts, None where it never changed."""
         first = [column for column in self.columns if column.before is None]
-        if len(first) == len(self.columns):
-            return None
-        return np.dtype([(c.name, c.stored_dtype) for c in first])
+        older = [replace(c, type_code=c.older_code) if c.older_code else c for c in first]
+        dtype = np.dtype([(c.name, c.stored_dtype) for c in older])
+        return None if dtype == self.dtype else dtype
 
     def complete(self, rows: NDArray[Any]) -> NDArray[Any]:
         """Return rows as stored with all columns, also those that an older part lacks."""
         names = rows.dtype.names or ()
-        if len(names) == len(self.columns):
+        if rows.dtype == self.dtype:
             return rows
         complete = np.empty(rows.shape, self.dtype)
         for column in self.columns:

@@ -64,7 +64,7 @@ DRUM = TableLayout(
         Column("board_time_us", "i8", "µs", "the drum's clock at the reply, unwrapped"),
         Column("state", "u1", "", "state of the drum"),
         Column("fault", "u1", "", "first latched fault, 0 when none"),
-        Column("fault_bits", "u2", "", "causes present at the poll"),
+        Column("fault_bits", "u4", "", "causes present at the poll", older_code="u2"),
         Column("status_bits", "u2", "", "status bits of the drum wire"),
         Column("steps", "i8", "steps", "signed microsteps"),
         Column("angle_deg", "f4", "°", "drum angle from the steps"),

@@ -13,7 +13,7 @@ from rigctl.wire.drum.states import LIFT_FAULTS, OUTPUTS, Fault, State, StateEve
 
 REFUSED = 255
 _KINDS = {"u16": "U16", "i16": "I16", "u32": "U32", "i32": "I32"}
-_ACTUATOR = {"off": 0, "hold": 1, "approach": 2, "force_loop": 3, "lift": 4}
+_ACTUATOR = {"off": 0, "hold": 1, "approach": 2, "force_loop": 3, "lift": 4, "nudge": 5}
 _ENUMERATIONS: tuple[type[IntEnum], ...] = (
     codes.Command,
     codes.CommandResult,
@@ -143,7 +143,7 @@ def state_header() -> str:
         f"constexpr uint8_t EVENT_COUNT = {len(StateEvent)};\n"
         f"constexpr uint8_t FAULT_COUNT = {len(Fault)};\n\n"
         "// Bit n: fault n lifts off before it switches off; all others switch off.\n"
-        f"constexpr uint16_t LIFT_FAULTS = 0x{lift_mask:04x};\n",
+        f"constexpr uint32_t LIFT_FAULTS = 0x{lift_mask:06x};\n",
         _transitions(),
         _outputs(),
     ]

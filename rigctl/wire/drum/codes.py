@@ -28,6 +28,9 @@ class Command(IntEnum):
     TUNE = 14
     TARE_TURN = 15
     TARE_ANYWAY = 16
+    NUDGE = 17
+    COMMISSION = 18
+    APPROACH_SETUP = 19
 
 
 class CommandResult(IntEnum):
@@ -81,6 +84,8 @@ class Status(IntEnum):
     TARED = 9
     CONTACT_MAY_STAND = 10
     LIFT_FAILED = 11
+    COMMISSIONED = 12
+    DIRECTION_KNOWN = 13
 
 
 class Guard(IntEnum):

@@ -14,7 +14,7 @@ from rigctl.values import SCALE_BAND_UG_PER_COUNT
 from rigctl.wire.drum.codes import Guard
 
 MAGIC = 0x5247
-MAP_VERSION = 3
+MAP_VERSION = 4
 BOARD_DRUM = 1
 BOARD_TAXELS = 2
 UNIT = 1
@@ -99,44 +99,43 @@ POLL = (
     Register(16, "state", "value of State"),
     Register(17, "fault", "first latched Fault, 0 if none"),
     Register(18, "fault_at_ms", "board time of the first fault", "ms", kind="u32"),
-    Register(20, "fault_bits", "causes present now, bit n is fault n"),
+    Register(20, "fault_bits", "causes present now, bit n is fault n", kind="u32"),
     Register(
-        21, "board_time_us", "board clock at the reply, wraps after 71.6 minutes", "µs", kind="u32"
+        22, "board_time_us", "board clock at the reply, wraps after 71.6 minutes", "µs", kind="u32"
     ),
-    Register(23, "steps", "signed microsteps since ZERO_STEPS or boot", "steps", kind="i32"),
-    Register(25, "angle", "drum angle from the steps", "°", 0.01),
-    Register(26, "speed", "surface speed commanded to the stepper now", "mm/s", 0.01, kind="i16"),
-    Register(27, "force", "newest load-cell reading after tare and scale", "g", 0.1, kind="i16"),
-    Register(28, "actuator_position_um", "actuator travel from its upper end", "µm"),
-    Register(29, "actuator_drive", "signed duty, positive presses", "permille", kind="i16"),
-    Register(30, "command_acknowledged", "last command_sequence seen"),
-    Register(31, "command_result", "value of CommandResult for that sequence"),
-    Register(32, "sync_count", "rises of the sync line since boot, wraps"),
-    Register(33, "sync_rise_us", "board time of the last rise", "µs", kind="u32"),
-    Register(35, "sync_fall_us", "board time of the last fall", "µs", kind="u32"),
-    Register(37, "index_count", "index marks seen since boot, wraps"),
-    Register(38, "loadcell_sequence", "number of the newest load-cell sample, wraps"),
+    Register(24, "steps", "signed microsteps since ZERO_STEPS or boot", "steps", kind="i32"),
+    Register(26, "angle", "drum angle from the steps", "°", 0.01),
+    Register(27, "speed", "surface speed commanded to the stepper now", "mm/s", 0.01, kind="i16"),
+    Register(28, "force", "newest load-cell reading after tare and scale", "g", 0.1, kind="i16"),
+    Register(29, "actuator_position_um", "actuator travel from its upper end", "µm"),
+    Register(30, "actuator_drive", "signed duty, positive presses", "permille", kind="i16"),
+    Register(31, "command_acknowledged", "last command_sequence seen"),
+    Register(32, "command_result", "value of CommandResult for that sequence"),
+    Register(33, "sync_count", "rises of the sync line since boot, wraps"),
+    Register(34, "sync_rise_us", "board time of the last rise", "µs", kind="u32"),
+    Register(36, "sync_fall_us", "board time of the last fall", "µs", kind="u32"),
+    Register(38, "index_count", "index marks seen since boot, wraps"),
+    Register(39, "loadcell_sequence", "number of the newest load-cell sample, wraps"),
     Register(
-        39, "loadcell_time_us", "board time at which the newest sample was ready", "µs", kind="u32"
+        40, "loadcell_time_us", "board time at which the newest sample was ready", "µs", kind="u32"
     ),
     Register(
-        41,
+        42,
         "loadcell_recent",
         "newest raw samples first",
         "counts",
         kind="i32",
         count=LOADCELL_RECENT,
     ),
-    Register(51, "heartbeat_seen", "last heartbeat value received"),
-    Register(52, "crc_errors", "requests dropped for a bad CRC, wraps"),
-    Register(53, "late_ticks", "1 kHz ticks that started a period late or more, wraps"),
+    Register(52, "heartbeat_seen", "last heartbeat value received"),
+    Register(53, "crc_errors", "requests dropped for a bad CRC, wraps"),
     Register(54, "status_bits", "bits of Status"),
     Register(55, "last_contact_um", "actuator travel at the last contact", "µm"),
 )
 
 SETTINGS = (
     setting(64, "heartbeat", "any change counts as a beat; 0 is allowed", (0, 65535, 0)),
-    setting(65, "command", "value of Command, executed with the next register", (0, 16, 0)),
+    setting(65, "command", "value of Command, executed with the next register", (0, 19, 0)),
     setting(66, "command_sequence", "a new value executes the command", (0, 65535, 0)),
     setting(67, "signal_polarity", "bits of Signal: inverted", (0, 31, 0), guard=RESTING),
     setting(68, "speed_set", "surface speed of RUN", (500, 20000, 8000), "mm/s", 0.01),
@@ -220,6 +219,7 @@ SETTINGS = (
         )
         for place in range(TARE_PLACES)
     ),
+    setting(113, "nudge_direction", "of NUDGE: 0 lifts, 1 presses", (0, 1, 0)),
 )
 
 COUNTERS = (
@@ -237,11 +237,23 @@ COUNTERS = (
     Register(125, "tuned_stiffness_g_per_mm", "force per commanded travel, last TUNE", "g/mm"),
     Register(126, "tuned_delay", "from a commanded speed to its force, last TUNE", "ms", 0.1),
     Register(127, "settings_from", "value of SettingsFrom: what the board booted with"),
+    Register(128, "late_ticks", "1 kHz ticks that started a period late or more, wraps"),
+    Register(129, "settings_hash", "of what COMMISSION binds to: wires, scale, board", kind="u32"),
+    Register(131, "loadcell_rate", "measured conversions, 0: not yet", "samples/s", 0.01),
+    Register(132, "loadcell_spikes", "single samples far from both neighbours, wraps"),
+    Register(133, "loadcell_noise", "standard deviation of the ring", "counts", 0.1),
+    Register(134, "loadcell_unique", "distinct values among the last 64"),
+    Register(135, "position_raw", "the potentiometer's last reading, 0 to 1023", "counts"),
+    Register(136, "nudge_travel_um", "travel of the last nudge, + is downwards", "µm", kind="i16"),
+    Register(137, "nudge_duty", "duty at which that nudge ended", "permille"),
+    Register(138, "tuned_dead_band", "duty at which the rod moved, last TUNE", "permille"),
+    Register(139, "tuned_stiction", "duty above the dead band to start, last TUNE", "permille"),
+    Register(140, "tuned_rate", "actuator's speed at full duty, as measured", "mm/s", 0.01),
 )
 
 RING = (
-    Register(128, "ring_raw", "sample n at place n mod 64", "counts", kind="i32", count=RING_DEPTH),
-    Register(256, "ring_time_us", "board time of that sample", "µs", kind="u32", count=RING_DEPTH),
+    Register(160, "ring_raw", "sample n at place n mod 64", "counts", kind="i32", count=RING_DEPTH),
+    Register(288, "ring_time_us", "board time of that sample", "µs", kind="u32", count=RING_DEPTH),
 )
 
 REGISTERS: tuple[Register, ...] = IDENTITY + POLL + SETTINGS + COUNTERS + RING
@@ -249,8 +261,8 @@ BY_NAME: dict[str, Register] = {register.name: register for register in REGISTER
 IDENTITY_BLOCK = (0, 14)
 POLL_BLOCK = (16, 40)
 """First address and count of the read of every poll."""
-SETTINGS_BLOCK = (64, 49)
-END = 384
+SETTINGS_BLOCK = (64, 50)
+END = 416
 """First address that does not exist; reading or writing there is exception 2.
 
 Addresses between the entries read as 0 and refuse writes with exception 2.

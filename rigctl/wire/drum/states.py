@@ -25,6 +25,7 @@ class State(IntEnum):
     RETRACT = 8
     FAULT_LIFT = 9
     FAULT_OFF = 10
+    NUDGE = 11
 
 
 STATE_TEXT: dict[State, str] = {
@@ -39,6 +40,7 @@ STATE_TEXT: dict[State, str] = {
     State.RETRACT: "lifting off",
     State.FAULT_LIFT: "fault: lifting off",
     State.FAULT_OFF: "fault: switched off",
+    State.NUDGE: "moving the actuator a little",
 }
 
 
@@ -63,6 +65,8 @@ class StateEvent(IntEnum):
     TIMED_FAULT = 15
     OFF_FAULT = 16
     LIFT_TIME_OVER = 17
+    NUDGE = 18
+    NUDGED = 19
 
 
 class Fault(IntEnum):
@@ -85,6 +89,15 @@ class Fault(IntEnum):
     HANG = 11
     SELFTEST = 12
     FORCE_UNREACHED = 13
+    ACTUATOR_REVERSED = 14
+    ACTUATOR_STUCK = 15
+    POSITION_WIRE = 16
+    FORCE_MISSING = 17
+    FORCE_UNEXPLAINED = 18
+    TOO_DEEP = 19
+    FORCE_UNSTEADY = 20
+    LOADCELL_RATE = 21
+    LOADCELL_NOISE = 22
 
 
 FAULT_TEXT: dict[Fault, str] = {
@@ -102,6 +115,34 @@ FAULT_TEXT: dict[Fault, str] = {
     Fault.HANG: "the controller hung and its watchdog restarted it: report this with the session",
     Fault.SELFTEST: "self-test failed: see the fault bits, check the wiring, restart the board",
     Fault.FORCE_UNREACHED: "the force did not settle in time: check the plate, or lower the force",
+    Fault.ACTUATOR_REVERSED: (
+        "the actuator moves against its duty: swap its two wires (or the potentiometer's outer two)"
+    ),
+    Fault.ACTUATOR_STUCK: (
+        "the actuator does not follow its duty: check its supply, its wires, and that nothing jams"
+    ),
+    Fault.POSITION_WIRE: (
+        "the potentiometer's reading is beyond its resistors: a wire of it is broken or shorted"
+    ),
+    Fault.FORCE_MISSING: (
+        "the drum is pressed deeper and the load cell does not feel it: check the cell's four wires"
+    ),
+    Fault.FORCE_UNEXPLAINED: (
+        "the reading of the load cell changed without motion: check its wires and what touches it"
+    ),
+    Fault.TOO_DEEP: (
+        "the actuator went deeper than the contact explains: check load cell, sensor and plate"
+    ),
+    Fault.FORCE_UNSTEADY: (
+        "the force swings about its set-point: run rigctl calibrate force, or change the actuator"
+    ),
+    Fault.LOADCELL_RATE: (
+        "the load cell amplifier samples at another rate than the board is built for: set its RATE "
+        "pin, or build the board for its rate"
+    ),
+    Fault.LOADCELL_NOISE: (
+        "the load cell's readings are not those of a cell: check its four wires and the amplifier"
+    ),
 }
 
 LIFT_FAULTS = frozenset(
@@ -115,11 +156,18 @@ LIFT_FAULTS = frozenset(
         Fault.NO_CONTACT,
         Fault.STEP_COUNT,
         Fault.FORCE_UNREACHED,
+        Fault.POSITION_WIRE,
+        Fault.FORCE_MISSING,
+        Fault.FORCE_UNEXPLAINED,
+        Fault.TOO_DEEP,
+        Fault.FORCE_UNSTEADY,
+        Fault.LOADCELL_RATE,
+        Fault.LOADCELL_NOISE,
     }
 )
 """Faults after which the drum is lifted until contact is gone, and then switched off.
 
-All others (E-stop, hang, actuator end, self-test) switch everything off immediately.
+All others (E-stop, hang, self-test, what the actuator does) switch everything off immediately.
 """
 
 
@@ -128,7 +176,7 @@ class Outputs(NamedTuple):
 
     stepper_enabled: bool
     stepper_may_step: bool
-    actuator: str  # "off", "hold", "approach", "force_loop", "lift"
+    actuator: str  # "off", "hold", "approach", "force_loop", "lift", "nudge"
 
 
 OUTPUTS: dict[State, Outputs] = {
@@ -143,6 +191,7 @@ OUTPUTS: dict[State, Outputs] = {
     State.RETRACT: Outputs(True, True, "lift"),
     State.FAULT_LIFT: Outputs(True, True, "lift"),
     State.FAULT_OFF: Outputs(False, False, "off"),
+    State.NUDGE: Outputs(False, False, "nudge"),
 }
 """RETRACT and FAULT_LIFT may step only to ramp down a drum that still turns.
 
@@ -158,6 +207,7 @@ _TRANSITIONS: dict[State, dict[StateEvent, State]] = {
     },
     State.IDLE: {
         StateEvent.ARM: State.RETRACT,
+        StateEvent.NUDGE: State.NUDGE,
         StateEvent.STOP: State.IDLE,
         StateEvent.DISARM: State.IDLE,
     },
@@ -190,6 +240,11 @@ _TRANSITIONS: dict[State, dict[StateEvent, State]] = {
         StateEvent.STOP: State.FAULT_LIFT,
     },
     State.FAULT_OFF: {StateEvent.CLEAR: State.IDLE, StateEvent.STOP: State.FAULT_OFF},
+    State.NUDGE: {
+        StateEvent.NUDGED: State.IDLE,
+        StateEvent.DISARM: State.IDLE,
+        StateEvent.STOP: State.IDLE,
+    },
 }
 
 
@@ -198,8 +253,8 @@ def next_state(state: State, event: StateEvent) -> State | None:
 
     A refused command gets Modbus exception 4 and changes nothing; a refused completion is
     ignored. OFF_FAULT always leads to FAULT_OFF. TIMED_FAULT leads to FAULT_LIFT from every
-    state that drives the actuator and to FAULT_OFF from IDLE, BOOT and SELFTEST, which drive
-    nothing; in FAULT_OFF and FAULT_LIFT it changes nothing.
+    state that may press and to FAULT_OFF from IDLE, BOOT and SELFTEST, which drive nothing, and
+    from NUDGE, which does not know yet where up is; in FAULT_OFF and FAULT_LIFT it changes nothing.
     """
     if event is StateEvent.OFF_FAULT:
         return State.FAULT_OFF
@@ -211,4 +266,4 @@ def next_state(state: State, event: StateEvent) -> State | None:
 def _after_timed_fault(state: State) -> State:
     if state in (State.FAULT_LIFT, State.FAULT_OFF):
         return state
-    return State.FAULT_OFF if OUTPUTS[state].actuator == "off" else State.FAULT_LIFT
+    return State.FAULT_OFF if OUTPUTS[state].actuator in ("off", "nudge") else State.FAULT_LIFT

@@ -56,6 +56,7 @@ def test_commands_and_faults_follow_the_table(state: State) -> None:
         (State.APPROACH, 12_000),
         (State.RUN, 6000),
         (State.FAULT_LIFT, 800),
+        (State.NUDGE, 1300),
     ],
     ids=str,
 )

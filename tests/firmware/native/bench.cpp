@@ -64,8 +64,10 @@ bool Bench::finish(int limit_ms) {
     return result() == CommandResult::Done;
 }
 
+bool Bench::commission() { return command(Command::Commission) == Answer::Ok && finish(100); }
+
 bool Bench::arm_and_tare() {
-    return command(Command::Arm) == Answer::Ok && finish(8000) &&
+    return commission() && command(Command::Arm) == Answer::Ok && finish(8000) &&
            command(Command::Tare) == Answer::Ok && finish(2000);
 }
 
@@ -84,6 +86,7 @@ void Bench::one_ms() {
     const double shown_mm = inverted_position ? 50 - rod_mm : rod_mm;
     Inputs inputs = {time_ms,
                      static_cast<uint16_t>(std::lround(shown_mm * 1023 / 50) * 50000 / 1023),
+                     static_cast<uint16_t>(std::lround(shown_mm * 1023 / 50)),
                      estop_open, end_up != inverted_ends, end_down != inverted_ends, false};
     drum.tick(inputs);
     if (each_ms) each_ms();
@@ -196,6 +199,11 @@ IndexMark index_mark() { return current->mark; }
 void wire_signals(uint8_t, uint8_t) {}
 void enable_bridge(bool on) { current->bridge_on = on; }
 void drive(int16_t permille) { current->drive_permille = permille; }
+uint32_t commissioned() { return current ? current->commissioned : 0; }
+void commission(uint32_t hash) {
+    current->commissioned = hash;
+    current->saving = true;
+}
 SettingsFrom load(uint16_t *) { return SettingsFrom::Defaults; }
 void save(const uint16_t *) { current->saving = true; }
 bool saving() {

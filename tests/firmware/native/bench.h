@@ -43,6 +43,7 @@ class Bench {
     bool finish(int limit_ms);  // waits for the running command; true when it was DONE
 
     State state() const { return drum.machine().state(); }
+    bool commission();
     bool arm_and_tare();
     bool hold(double force_g, int limit_ms = 15000);
 
@@ -61,6 +62,7 @@ class Bench {
     double force_g = 0, rod_mm = 0, drum_mm = 0, peak_g = 0;
     int16_t drive_permille = 0;
     bool stepper_on = false, bridge_on = false, saving = false;
+    uint32_t commissioned = 0;
     std::vector<uint32_t> step_cycles;  // of the steps since clear
     bool keep_steps = false;
     StepEngine engine;

@@ -136,6 +136,7 @@ TEST(a_wrong_scale_that_was_set_lifted_ends_at_the_boards_own_limit) {
         CHECK(bench.write_wide(reg::scale_ug_per_count, scale) == Answer::Ok);
         CHECK(bench.write(reg::over_force, {30000}) == Answer::Ok);
         bench.write(reg::force_set, {15000});
+        CHECK(bench.commission());
         bench.command(Command::Approach);
         bench.finish(15000);
         CHECK(fault(bench) == Fault::OverForce || fault(bench) == Fault::NoContact);
@@ -251,6 +252,7 @@ TEST(a_change_of_the_wires_of_a_lift_leaves_nothing_known) {
     CHECK(bench.command(Command::Tare) == Answer::Refused);
     CHECK(bench.command(Command::Retract) == Answer::Ok);
     CHECK(bench.finish(8000));
+    CHECK(bench.commission());
     CHECK(bench.hold(500));
 }
 

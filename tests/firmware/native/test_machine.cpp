@@ -29,6 +29,7 @@ const Way WAYS[] = {
     {State::FaultLift,
      {Event::Booted, Event::SelftestPassed, Event::Arm, Event::Lifted, Event::TimedFault}},
     {State::FaultOff, {Event::OffFault}},
+    {State::Nudge, {Event::Booted, Event::SelftestPassed, Event::Nudge}},
 };
 
 Machine in(const Way &way) {
@@ -62,7 +63,7 @@ TEST(nothing_is_driven_where_the_drum_is_off) {
         const Outputs outputs = in(way).outputs();
         const bool off = way.state == State::Boot || way.state == State::Selftest ||
                          way.state == State::Idle || way.state == State::FaultOff;
-        CHECK_EQUAL(outputs.stepper_enabled, !off);
+        CHECK_EQUAL(outputs.stepper_enabled, !off && way.state != State::Nudge);
         CHECK_EQUAL(static_cast<Drive>(outputs.drive) == Drive::Off, off);
         CHECK(!outputs.stepper_may_step || outputs.stepper_enabled);
     }
@@ -72,7 +73,7 @@ TEST(a_fault_lifts_or_switches_off_in_every_state) {
     for (const Way &way : WAYS) {
         for (uint8_t f = 1; f < FAULT_COUNT; ++f) {
             Machine machine = in(way);
-            const bool driven = machine.drive() != Drive::Off;
+            const bool driven = machine.drive() != Drive::Off && machine.drive() != Drive::Nudge;
             const bool lifts = LIFT_FAULTS >> f & 1;
             machine.raise(static_cast<Fault>(f), 77);
             const bool lifted = lifts && driven;

@@ -120,11 +120,11 @@ TEST(exceptions) {
     Slave slave;
     CHECK(is_exception(slave.feed(framed({1, 4, 0, 0, 0, 1})), 4, 1));
     CHECK(is_exception(slave.feed(framed({1, 0x2b, 14, 1, 0})), 0x2b, 1));
-    CHECK(is_exception(slave.feed(framed({1, 3, 1, 128, 0, 1})), 3, 2));
-    CHECK(is_exception(slave.feed(framed({1, 3, 1, 127, 0, 2})), 3, 2));
+    CHECK(is_exception(slave.feed(framed({1, 3, 1, 160, 0, 1})), 3, 2));
+    CHECK(is_exception(slave.feed(framed({1, 3, 1, 159, 0, 2})), 3, 2));
     CHECK(is_exception(slave.feed(framed({1, 3, 0xff, 0xff, 0, 2})), 3, 2));
     CHECK(is_exception(slave.feed(framed({1, 6, 0, 16, 0, 1})), 6, 2));
-    CHECK(is_exception(slave.feed(framed({1, 6, 0, 113, 0, 0})), 6, 2));
+    CHECK(is_exception(slave.feed(framed({1, 6, 0, 114, 0, 0})), 6, 2));
     CHECK(is_exception(slave.feed(framed({1, 3, 0, 0, 0, 0})), 3, 3));
     CHECK(is_exception(slave.feed(framed({1, 3, 0, 0, 0, 126})), 3, 3));
     CHECK(is_exception(slave.feed(framed({1, 6, 0, 68, 0xff, 0xff})), 6, 3));

@@ -17,6 +17,7 @@ COMMANDS = {
     StateEvent.RETRACT: Command.RETRACT,
     StateEvent.STOP: Command.STOP,
     StateEvent.CLEAR: Command.CLEAR,
+    StateEvent.NUDGE: Command.NUDGE,
 }
 FAULTS = (StateEvent.TIMED_FAULT, StateEvent.OFF_FAULT)
 COMPLETIONS = {
@@ -27,6 +28,7 @@ COMPLETIONS = {
     State.RUN: (StateEvent.TRAVEL_DONE,),
     State.RETRACT: (StateEvent.LIFTED,),
     State.FAULT_LIFT: (StateEvent.LIFT_TIME_OVER,),
+    State.NUDGE: (StateEvent.NUDGED,),
 }
 """Events that the firmware raises itself, each only in the state that it completes."""
 ATTENDED = tuple(s for s in State if s not in (State.BOOT, State.SELFTEST))
@@ -72,6 +74,10 @@ def enter(drum: DrumChip, state: State) -> None:
         drum.rod_mm = 15.0
         drum.run(20)
         assert drum.command(Command.ARM) == 0
+    elif state is State.NUDGE:
+        drum.rod_mm = 5.0
+        drum.run(20)
+        assert drum.command(Command.NUDGE) == 0
     elif state is State.FAULT_LIFT:
         enter_from_idle(drum, State.ARMED)
         cause(drum, StateEvent.TIMED_FAULT)

@@ -215,7 +215,8 @@ class DrumChip:
         return State(self.get("state"))
 
     def arm(self) -> None:
-        """Arm, and tare the load cell."""
+        """Commission the board for its settings, arm, and tare the load cell."""
+        assert self.command(Command.COMMISSION, 500) == 0
         assert self.command(Command.ARM, 5000) == 0
         assert self.command(Command.TARE, 8000) == 0
         assert self.state is State.ARMED
