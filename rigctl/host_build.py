@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
+ARDUINO = ROOT / "arduino"
 BOARDS = ("drum", "taxels", "finger")
 # The finger board frames its bytes as the taxel board does.
 _SHARED = {"finger": ("taxels/cobs.cpp", "taxels/cobs.h", "taxels/crc32.cpp", "taxels/crc32.h")}
@@ -42,11 +43,11 @@ def dynamic_library_path(board: str) -> Path:
     return ROOT / "build" / "host" / dynamic_library_name(board)
 
 
-def sources(board: str) -> list[Path]:
+def sources(board: str, arduino: Path = ARDUINO) -> list[Path]:
     """Return the sources of a board's library: its portable core and its host body."""
-    core, body = ROOT / "arduino" / board, ROOT / "arduino" / "host"
+    core, body = arduino / board, arduino / "host"
     files = [*core.glob("*.cpp"), *core.glob("*.h"), *body.glob("*.h"), *(body / board).iterdir()]
-    shared = [ROOT / "arduino" / name for name in _SHARED.get(board, ())]
+    shared = [arduino / name for name in _SHARED.get(board, ())]
     return sorted(path for path in files + shared if not path.name.startswith("chip"))
 
 
@@ -63,7 +64,7 @@ def digest(board: str) -> str:
 
 def image_hash(board: str) -> str:
     """Return the build hash of the chip's image of the same sources, as its Makefile does."""
-    folder = ROOT / "arduino" / board
+    folder = ARDUINO / board
     files = [*folder.glob("*.cpp"), *folder.glob("*.h"), *folder.glob("*.ino")]
     content = b"".join(path.read_bytes() for path in sorted(files, key=lambda path: path.name))
     return hashlib.sha256(content).hexdigest()[:8]
@@ -84,8 +85,16 @@ def compiler() -> list[str]:
     raise BuildFailed(f"no C++ compiler for the virtual boards: {CURE}{COMMAND}")
 
 
-def build(board: str, output: Path | None = None, defines: Sequence[str] = ()) -> Path:
-    """Compile a board's library with ``-D`` options and return its path. Raises BuildFailed."""
+def build(
+    board: str,
+    output: Path | None = None,
+    defines: Sequence[str] = (),
+    arduino: Path = ARDUINO,
+) -> Path:
+    """Compile a board's library with ``-D`` options and return its path. Raises BuildFailed.
+
+    From another copy of ``arduino/`` it still names the sources of this one, which it varies.
+    """
     target = output or dynamic_library_path(board)
     target.parent.mkdir(parents=True, exist_ok=True)
     partial = target.with_name(f"{target.name}.{os.getpid()}.part")
@@ -98,8 +107,8 @@ def build(board: str, output: Path | None = None, defines: Sequence[str] = ()) -
         f"-DBUILD_HASH=0x{image_hash(board)}UL",
         f'-DSOURCES="{digest(board)}"',
         *(f"-D{define}" for define in defines),
-        *(f"-I{ROOT / 'arduino' / folder}" for folder in sorted(folders)),
-        *(str(path) for path in sources(board) if path.suffix == ".cpp"),
+        *(f"-I{arduino / folder}" for folder in sorted(folders)),
+        *(str(path) for path in sources(board, arduino) if path.suffix == ".cpp"),
         *("-o", str(partial)),
     ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -31,20 +31,13 @@ constexpr uint8_t END_DOWN = _BV(PC6);      // D31
 }  // namespace pins
 #endif
 
-#ifndef MICROSTEPS
-#define MICROSTEPS 16
-#endif
-
-#ifndef INVERTED
-#define INVERTED 0
-#endif
-
 namespace board {
 
 // Stepper driver: false where low switches it on. Its pull resistor goes to the other level.
 constexpr bool STEPPER_ENABLE_HIGH = false;
 
-// Drum: 200 full steps, 16 microsteps, a 4:1 belt, 400 mm of texture a turn.
+// Drum: 200 full steps, a 4:1 belt, 400 mm of texture a turn.
+constexpr uint8_t MICROSTEPS = 16;
 constexpr uint16_t STEPS_PER_TURN = 200 * MICROSTEPS * 4;
 constexpr uint32_t NM_PER_TURN = 400000000UL;
 
@@ -68,7 +61,7 @@ constexpr uint16_t UG_PER_COUNT = 2400;
 // Bits of Signal that hold until settings say otherwise. Set an emergency stop that closes when it is
 // pressed, or a missing one, here: a board whose stop reads open refuses such a setting.
 constexpr uint8_t SIGNALS_FITTED = 0x1f;
-constexpr uint8_t SIGNALS_INVERTED = INVERTED;
+constexpr uint8_t SIGNALS_INVERTED = 0;
 
 }  // namespace board
 

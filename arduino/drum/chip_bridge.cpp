@@ -61,9 +61,6 @@ void enable_bridge(bool on) {
 
 // A half bridge at rest is disconnected from the timer, so that it stays low without a spike.
 void drive(int16_t permille) {
-#ifdef SWAPPED_ACTUATOR  // a broken image that the tests must catch
-    permille = -permille;
-#endif
     const uint16_t counts = static_cast<uint16_t>(permille < 0 ? -permille : permille) * 4;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
         if (!counts || estop::tripped()) {

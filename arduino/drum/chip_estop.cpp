@@ -36,9 +36,7 @@ namespace estop {
 void begin() {
     PORTE |= pins::ESTOP;
     EICRB = (EICRB & ~_BV(ISC51)) | _BV(ISC50);  // either edge: the wire may be inverted
-#ifndef NO_ESTOP_INTERRUPT  // a broken image that the tests must catch
     EIMSK |= _BV(INT5);
-#endif
 }
 
 // Levels before the first configuration are ignored. Later an opening is latched until the

@@ -67,9 +67,7 @@ void begin() {
     set_sleep_mode(SLEEP_MODE_IDLE);
     sleep_enable();
     // 64 ms on the chip: less than the 100 ms in which a hang has to end.
-#ifndef NO_WATCHDOG  // a broken image that the tests must catch
     wdt_enable(WDTO_60MS);
-#endif
 }
 
 bool watchdog_reset() { return reset_cause & _BV(WDRF); }

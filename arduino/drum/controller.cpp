@@ -46,12 +46,6 @@ bool Controller::resting() const {
 }
 
 bool Controller::may_change(Guard guard) const {
-#ifdef NO_GUARD  // a broken image that the tests must catch
-    return true;
-#endif
-#ifdef ESTOP_CONFIGURABLE  // another
-    if (signals_.estop_open()) return true;
-#endif
     if (!resting() || signals_.estop_open()) return false;
     if (contact_.gone()) return true;
     // After a boot nothing has been pressed yet, and arming lifts first.
@@ -210,9 +204,6 @@ void Controller::lift() {
     contact_.watch();
     const bool late = lifting_ms > LIFT_LIMIT_MS;
     if (late) contact_.lift_too_long();
-#ifdef SHORT_LIFT  // a broken image that the tests must catch
-    if (!retracting && lifting_ms >= LIFT_TIME_MS) return go(Event::LiftTimeOver);
-#endif
     if (!retracting) {
         if ((contact_.gone() && lifting_ms >= LIFT_TIME_MS) || late) go(Event::LiftTimeOver);
     } else if (high && !ports::moving() && sensor_.zero().known()) {

@@ -51,10 +51,6 @@ static void run_serial() {
     const serial::Received received = serial::take();
     if (received.damaged) drum.modbus().poison();
     unsent = drum.modbus().take(received.byte);
-#ifdef HANG_ON_TARGET  // a broken image for the tests of watchdog and emergency stop
-    while (drum.bank().wide(reg::move_target) == HANG_ON_TARGET) {
-    }
-#endif
 }
 
 static void send_reply() {

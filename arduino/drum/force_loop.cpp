@@ -6,10 +6,6 @@
 
 namespace {
 
-#ifndef GAIN_TIMES  // a broken image that the tests must catch asks for more
-#define GAIN_TIMES 1
-#endif
-
 constexpr float PERIOD_S = board::LOADCELL_PERIOD_US * 1e-6f;
 constexpr float LAG_S = board::ACTUATOR_LAG_S;
 constexpr float DELAY_S = board::LOADCELL_DELAY_S;
@@ -139,7 +135,7 @@ float ForceLoop::update(float force_g, const ForceTarget &target, const DrumTurn
         drift_ = limited(drift_ + target.gain_i * surprise_, MAX_DRIFT);
         const float surface = drift_ + run_out_rate(turn.after(LAG_S));
         const float now = compression_ + pending_ + surface * DELAY_S;
-        speed = GAIN_TIMES * target.gain_p * (target.force_g * compliance_ - now) - surface;
+        speed = target.gain_p * (target.force_g * compliance_ - now) - surface;
     } else {
         // The cell feels the drum's mass being hurried along and takes it for contact.
         speed = command_ + limited(speed - command_, FREE_SPEED_STEP);

@@ -31,12 +31,7 @@ class Signals {
     bool end_up() const { return fitted(Signal::EndSwitches) && inputs_.end_up; }
     bool end_down() const { return fitted(Signal::EndSwitches) && inputs_.end_down; }
     // Both end switches together mean broken or wrongly configured wires: the drum is not lifted.
-    bool at_upper_end() const {
-#ifdef BOTH_ENDS_BELIEVED  // a broken image that the tests must catch
-        return end_up();
-#endif
-        return end_up() && !end_down();
-    }
+    bool at_upper_end() const { return end_up() && !end_down(); }
     // The actuator at an end of its travel, by the potentiometer.
     bool at_top() const { return inputs_.position_um <= board::ACTUATOR_END_UM; }
     bool at_bottom() const {

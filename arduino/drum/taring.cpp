@@ -12,9 +12,6 @@ constexpr int32_t MAX_SPREAD_UG = 10000000; // 10 g
 }  // namespace
 
 bool Taring::begin(bool forced) {
-#ifdef TARE_IN_CONTACT  // a broken image that the tests must catch
-    forced = true;
-#endif
     ForceSensor &sensor = controller_.sensor();
     if (!controller_.resting() || sensor.loadcell().faults()) return false;
     const bool free = controller_.contact().gone() && sensor.near_zero(sensor.loadcell().raw());

@@ -20,11 +20,7 @@ struct Sample {
     uint8_t spikes[TAXELS];
 };
 
-#ifdef STATE_IN_FLOAT  // broken on purpose: a test must see other spikes
-typedef float NeuronState;
-#else
 typedef double NeuronState;
-#endif
 
 class Neurons {
 public:

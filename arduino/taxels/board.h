@@ -30,8 +30,6 @@ const uint8_t SYNC_MASK = 0x01;     // D8 = PB0, also the input capture pin of t
 const uint8_t INDEX_MASK = 0x02;    // D9 = PB1
 
 // 16 MHz, double speed: 500 kbaud without error (ATmega328P data sheet, table of UBRR).
-#ifndef UBRR_VALUE
-#define UBRR_VALUE 3
-#endif
+const uint8_t UBRR_VALUE = 3;
 
 #endif

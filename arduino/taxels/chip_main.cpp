@@ -74,9 +74,7 @@ int main()
     talk.begin(boots);
     for (;;) {
         wait_for_frame();
-#ifndef NEVER_KICK_WATCHDOG
         wdt_reset();
-#endif
         talk.take(take_frame());
         look_at_stack();
     }

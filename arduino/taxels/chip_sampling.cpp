@@ -26,11 +26,7 @@ const uint8_t BANDGAP = _BV(REFS0) | BANDGAP_MUX;
 const uint8_t BANDGAP_SLOT = SLOTS - 1;      // the one before it lets the bandgap settle
 const uint16_t WRAPPED_BEFORE = 400;         // entered so early: the next trigger has passed
 const uint16_t IN_TIME_BEFORE = 592;         // entered by then, a line gets its 10 µs to settle
-#ifdef START_BY_SOFTWARE
-const uint8_t CONVERT = _BV(ADEN) | _BV(ADIE) | _BV(ADPS2) | _BV(ADPS0);
-#else
 const uint8_t CONVERT = _BV(ADEN) | _BV(ADIE) | _BV(ADATE) | _BV(ADPS2) | _BV(ADPS0);
-#endif
 const uint8_t ISR_FRAME_CYCLES = 201;        // entry, saving and restoring registers, reti
 
 #define SETUP(line, input) \
@@ -98,11 +94,7 @@ __attribute__((noinline)) void begin_with_late_edges()
 inline void close_frame()
 {
     Frame *full = filling;
-#ifdef STUCK_FRAME_COUNTER
-    full->counter = samples;
-#else
     full->counter = samples++;
-#endif
     full->edges = uint8_t((sync_count & 0x03) | (index_count & 0x0C));
     full->flags = uint8_t(frame_flags | ((pins ^ late_toggles) & SYNC_MASK));
     frame_flags = 0;
@@ -166,12 +158,6 @@ inline void store_reading(uint8_t done, uint16_t reading)
 
 }  // namespace
 
-#ifdef NEVER_CLEAR_COMPARE
-#define CLEAR_COMPARE ""
-#else
-#define CLEAR_COMPARE "ldi r24, %[ocf1b]\n out %[tifr1], r24\n"
-#endif
-
 // Entered at 336 … 591 cycles, that is in time, the result is taken and the next line driven
 // and input selected immediately. Slots 1 … 17 need no more: 80 cycles with entry. By hand, because
 // the compiler would save twenty registers first, for the sake of the rare cases.
@@ -209,7 +195,8 @@ ISR(ADC_vect, ISR_NAKED)
         "out %[portd], r24\n"
         "ldd r24, Z+1\n"
         "sts %[admux], r24\n"
-        CLEAR_COMPARE
+        "ldi r24, %[ocf1b]\n"
+        "out %[tifr1], r24\n"
         "pop r31\n pop r30\n pop r25\n pop r24\n out __SREG__, r24\n pop r24\n reti\n"
         "1: lds r24, %[adc]\n"
         "lds r30, %[adc]+1\n"
@@ -260,9 +247,7 @@ extern "C" void __vector_adc_slow()
     }
     in_time = false;
     PORTC = next == BANDGAP_SLOT ? spare_pulls : 0;
-#ifndef NEVER_CLEAR_COMPARE
     TIFR1 = _BV(OCF1B);
-#endif
     slot = next;
     if (next == BANDGAP_SLOT) spare_taken = spare_asked;
     // Once, or twice where the trigger of one slot was lost: its place is filled, the
@@ -273,14 +258,6 @@ extern "C" void __vector_adc_slow()
     } while (done != next);
     note_duration(entered);
 }
-
-#ifdef START_BY_SOFTWARE
-// A deliberately broken image: whatever interrupt is being served delays the sample.
-ISR(TIMER1_COMPB_vect)
-{
-    ADCSRA = CONVERT | _BV(ADSC);
-}
-#endif
 
 // An edge of sync or index. While slot 0 is awaited, OCF1B tells whether the frame's boundary
 // has passed; the capture register, whether a rise of sync came before it all the same.
@@ -335,9 +312,6 @@ void sampling_begin()
     ADCSRA = CONVERT | _BV(ADIF);
     OCR1A = SLOT_CYCLES - 1;
     OCR1B = SLOT_CYCLES - 1;
-#ifdef START_BY_SOFTWARE
-    TIMSK1 = _BV(OCIE1B);
-#endif
     TCCR1B = _BV(ICES1) | _BV(WGM12) | _BV(CS10);
 }
 

@@ -14,13 +14,13 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.host_build import build
 from rigctl.wire.drum.states import State
 from tests.attack.attacker import run_attack
 from tests.attack.benches import VirtualBench
 from tests.attack.chips import ChipBench
 from tests.attack.statistics import AttackStatistics, run_attacks
 from tests.attack.steps import STATES, Attack, grid_attacks, random_attack
+from tests.firmware.building import host_library
 
 SEED = int(os.environ.get("RIGCTL_ATTACK_SEED", "1"))
 RANDOM_ATTACKS = int(os.environ.get("RIGCTL_ATTACKS", "5000"))
@@ -29,16 +29,17 @@ WORST_SHARE = 0.3
 CONTROL_SEED, CONTROL_ATTACKS = 1, 5000
 
 CONTROLS = (
-    ("NO_RAW_LIMIT", "force", 0),
-    ("NO_GUARD", "guard", 0),
-    ("ANY_SCALE", "bounds", 0),
-    ("SHORT_LIFT", "lift", 0),
-    ("BOTH_ENDS_BELIEVED", "lift", 2287),
-    ("TARE_IN_CONTACT", "tare", 0),
-    ("ESTOP_CONFIGURABLE", "stop", 0),
-    ("HEARTBEAT_IGNORED", "heartbeat", 0),
+    ("no-raw-limit", "force", 0),
+    ("unguarded", "guard", 0),
+    ("any-scale", "bounds", 0),
+    ("short-lift", "lift", 0),
+    ("both-ends-believed", "lift", 2287),
+    ("tare-in-contact", "tare", 0),
+    ("estop-configurable", "stop", 0),
+    ("deaf", "heartbeat", 0),
 )
-"""A firmware without a rule, the judge's rule that detects it, and the first attack to try.
+"""A firmware without a rule (``BROKEN``), the judge's rule that detects it, and the first attack
+to try.
 
 Without the guard or with any scale no force gets too high, because the limit in raw counts
 remains; and a tare in contact leads to no approach. The judge detects these by their direct effect:
@@ -87,14 +88,14 @@ def test_no_attack_on_the_chip_succeeds(
     assert statistics.worst[0].peak_g > 0.8 * statistics.limit_g, "the attacks do not press"
 
 
-@pytest.mark.parametrize(("define", "rule", "first"), CONTROLS)
+@pytest.mark.parametrize(("broken", "rule", "first"), CONTROLS)
 def test_a_firmware_without_a_rule_is_detected(
-    define: str, rule: str, first: int, tmp_path: Path, record_property: RecordProperty
+    broken: str, rule: str, first: int, tmp_path: Path, record_property: RecordProperty
 ) -> None:
-    library = build("drum", tmp_path / f"{define}.so", [define])
+    library = host_library("drum", broken, tmp_path / f"{broken}.so")
     for number in chain(range(first, CONTROL_ATTACKS), range(first)):
         outcome = run_attack(VirtualBench(library), random_attack(CONTROL_SEED, number))
         if rule in outcome.broken:
-            record_property("shown", f"{define}, attack {number}: {outcome.broken[rule]}")
+            record_property("shown", f"{broken}, attack {number}: {outcome.broken[rule]}")
             return
-    pytest.fail(f"{CONTROL_ATTACKS} attacks of seed {CONTROL_SEED} do not notice {define}")
+    pytest.fail(f"{CONTROL_ATTACKS} attacks of seed {CONTROL_SEED} do not notice {broken}")

@@ -195,7 +195,7 @@ def controls() -> str:
     head = (
         "Each check of `drum/support/checks.py`, `drum/support/attacks.py` and `taxels/checks.py`\n"
         "in `tests/firmware` passes on the image, and must fail on an image that is broken in\n"
-        "this one point; `arduino/Makefile` builds them.\n\n"
+        "this one point; `BROKEN` in `tests/firmware/broken.py` says how.\n\n"
         "| broken image | defect | check that fails on it |\n|---|---|---|\n"
     )
     drum = (*CONTROLS, *ATTACK_CONTROLS)

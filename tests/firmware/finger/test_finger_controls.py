@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl import host_build
 from rigctl.simulation.boards.finger_firmware import FingerFirmware
 from rigctl.wire.finger.decoder import FingerDecoder
+from tests.firmware.broken import BROKEN
+from tests.firmware.building import host_library
 from tests.firmware.finger.scans import (
     differing_trains,
     differing_windows,
@@ -24,21 +25,21 @@ SCANS = [synthetic_scan(number) for number in range(20)]
 def sent_by(tmp_path: Path) -> dict[str, bytes]:
     """Bytes that the good board and each broken one send."""
     sent = {}
-    for define in ("", "STATE_IN_FLOAT", "DISTANCE_IN_FLOAT"):
-        defines = [define] if define else []
-        board = FingerFirmware(host_build.build("finger", tmp_path / f"{define}.so", defines))
-        sent[define] = through_host_build(SCANS, board)
+    for name in ("", *BROKEN["finger"]):
+        path = host_library("finger", name, tmp_path / f"{name}.so") if name else None
+        board = FingerFirmware(path)
+        sent[name] = through_host_build(SCANS, board)
         board.close()
     return sent
 
 
 def test_state_in_single_precision_gives_other_spikes(sent_by: dict[str, bytes]) -> None:
     assert differing_trains(sent_by[""], SCANS) == 0
-    assert differing_trains(sent_by["STATE_IN_FLOAT"], SCANS) > 0
+    assert differing_trains(sent_by["state-in-float"], SCANS) > 0
 
 
 def test_distance_in_single_precision_gives_other_windows(sent_by: dict[str, bytes]) -> None:
     assert differing_windows(sent_by[""], SCANS) == 0
-    assert differing_windows(sent_by["DISTANCE_IN_FLOAT"], SCANS) > 0
-    spikes = [FingerDecoder().feed(sent_by[define])[0].spikes for define in sent_by]
+    assert differing_windows(sent_by["distance-in-float"], SCANS) > 0
+    spikes = [FingerDecoder().feed(sent_by[name])[0].spikes for name in sent_by]
     assert np.array_equal(spikes[0], spikes[2])

@@ -15,6 +15,6 @@ const bool SYNC_FITTED = false;
 const bool INDEX_FITTED = false;
 const uint8_t SYNC_MASK = 0x01;
 const uint8_t INDEX_MASK = 0x02;
-#define UBRR_VALUE 3
+const uint8_t UBRR_VALUE = 3;
 
 #endif

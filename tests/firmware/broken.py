@@ -1,0 +1,165 @@
+"""Firmware that differs from the shipped sources in one named point, for the tests.
+
+``BROKEN[board][name]`` is a list of edits of ``arduino/``. Most take a safety rule away, and a test
+must notice that; some only choose another value of a board's header. In
+:mod:`tests.firmware.building` ``built`` makes ``firmware/BOARD-NAME.elf`` of an edited copy of the
+sources, and ``host_library`` makes the same for this computer. An edit whose text is not there
+exactly once fails the build: the rule has moved, and so must its control.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+Edit = tuple[str, str, str]
+"""File below the board's folder, text that it holds exactly once, and what replaces that."""
+
+
+class EditFailed(Exception):
+    """An edit does not fit the sources; the message names variant, file and text."""
+
+
+HANGS: Edit = (
+    "drum.ino",
+    "    unsent = drum.modbus().take(received.byte);\n",
+    "    unsent = drum.modbus().take(received.byte);\n"
+    "    while (drum.bank().wide(reg::move_target) == -32000) {\n    }\n",
+)
+_CLEAR_COMPARE = '        "ldi r24, %[ocf1b]\\n"\n        "out %[tifr1], r24\\n"\n'
+
+BROKEN: dict[str, dict[str, list[Edit]]] = {
+    "drum": {
+        "hangs": [HANGS],
+        "unwatched": [HANGS, ("chip_health.cpp", "    wdt_enable(WDTO_60MS);\n", "")],
+        "no-estop": [("chip_estop.cpp", "    EIMSK |= _BV(INT5);\n", "")],
+        "swapped": [
+            (
+                "chip_bridge.cpp",
+                "void drive(int16_t permille) {\n",
+                "void drive(int16_t permille) {\n    permille = -permille;\n",
+            )
+        ],
+        "deaf": [
+            (
+                "heartbeat.h",
+                "return age_ms_ >= limit_ms;",
+                "return age_ms_ >= limit_ms && age_ms_ > 60000;",
+            )
+        ],
+        "gain-10": [("force_loop.cpp", "speed = target.gain_p *", "speed = 10 * target.gain_p *")],
+        "unguarded": [
+            (
+                "controller.cpp",
+                "    if (!resting() || signals_.estop_open()) return false;\n",
+                "    return true;\n",
+            )
+        ],
+        "estop-configurable": [
+            (
+                "controller.cpp",
+                "    if (!resting() || signals_.estop_open()) return false;\n",
+                "    if (signals_.estop_open()) return true;\n    if (!resting()) return false;\n",
+            )
+        ],
+        "any-scale": [
+            (
+                "bank.cpp",
+                "    if (value > -setting.least && value < setting.least) return false;\n",
+                "",
+            )
+        ],
+        "no-raw-limit": [
+            (
+                "zero.cpp",
+                "return known_ && !within(raw, board::MOST_COUNTS);",
+                "return false && !within(raw, board::MOST_COUNTS);",
+            )
+        ],
+        "short-lift": [
+            (
+                "controller.cpp",
+                "(contact_.gone() && lifting_ms >= LIFT_TIME_MS)",
+                "lifting_ms >= LIFT_TIME_MS",
+            )
+        ],
+        "both-ends-believed": [
+            ("signals.h", "return end_up() && !end_down();", "return end_up();")
+        ],
+        "tare-in-contact": [
+            (
+                "taring.cpp",
+                "bool Taring::begin(bool forced) {\n",
+                "bool Taring::begin(bool forced) {\n    forced = true;\n",
+            )
+        ],
+        # An emergency stop that closes when it is pressed.
+        "normally-open": [("board.h", "SIGNALS_INVERTED = 0;", "SIGNALS_INVERTED = 1;")],
+        # Twice the steps a millimetre: at 160 mm/s more than 10,000 a second in contact.
+        "fine": [("board.h", "MICROSTEPS = 16;", "MICROSTEPS = 32;")],
+    },
+    "taxels": {
+        "stuck-counter": [("chip_sampling.cpp", "counter = samples++;", "counter = samples;")],
+        "never-clear": [
+            ("chip_sampling.cpp", _CLEAR_COMPARE, ""),
+            ("chip_sampling.cpp", "    TIFR1 = _BV(OCF1B);\n", ""),
+        ],
+        # An interrupt starts each conversion: whatever is being served delays the sample.
+        "by-software": [
+            ("chip_sampling.cpp", "_BV(ADIE) | _BV(ADATE) |", "_BV(ADIE) |"),
+            (
+                "chip_sampling.cpp",
+                "    TCCR1B = _BV(ICES1)",
+                "    TIMSK1 = _BV(OCIE1B);\n    TCCR1B = _BV(ICES1)",
+            ),
+            (
+                "chip_sampling.cpp",
+                "// An edge of sync or index.",
+                "ISR(TIMER1_COMPB_vect) { ADCSRA = CONVERT | _BV(ADSC); }\n"
+                "// An edge of sync or index.",
+            ),
+        ],
+        # 250 kbaud carry 25 bytes a millisecond and a frame has 33: frames must be dropped.
+        "slow-wire": [("board.h", "UBRR_VALUE = 3;", "UBRR_VALUE = 7;")],
+        "never-kick": [("chip_main.cpp", "        wdt_reset();\n", "")],
+    },
+    "finger": {
+        "state-in-float": [
+            ("neurons.h", "typedef double NeuronState;", "typedef float NeuronState;")
+        ],
+        "distance-in-float": [
+            (
+                "scaled_time.cpp",
+                "    distance_nm_ += velocity_um_per_s;\n",
+                "    distance_nm_ = uint64_t(float(distance_nm_) + float(velocity_um_per_s));\n",
+            )
+        ],
+    },
+}
+
+
+def edited_copy(arduino: Path, board: str, name: str, folder: Path) -> Path:
+    """Write the sources of a broken board below ``folder``; return that copy of ``arduino/``.
+
+    Files that are the same already keep their time, so that make builds only what changed. Raises
+    EditFailed where an edit does not fit.
+    """
+    copy = folder / "arduino"
+    files = [
+        path for path in arduino.rglob("*") if path.is_file() and "__pycache__" not in path.parts
+    ]
+    texts = {path.relative_to(arduino): path.read_bytes() for path in files}
+    for file, old, new in BROKEN[board][name]:
+        path = Path(board) / file
+        found = texts[path].count(old.encode())
+        if found != 1:
+            raise EditFailed(
+                f"{board}-{name}: arduino/{path} holds {found} times, not once, the text {old!r}: "
+                "adapt BROKEN in tests/firmware/broken.py"
+            )
+        texts[path] = texts[path].replace(old.encode(), new.encode())
+    for path, content in texts.items():
+        target = copy / path
+        if not target.is_file() or target.read_bytes() != content:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(content)
+    return copy
