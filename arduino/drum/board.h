@@ -48,6 +48,11 @@ constexpr float ACTUATOR_LAG_S = 0.030f;
 constexpr uint16_t ACTUATOR_TRAVEL_UM = 50000;
 constexpr uint16_t ACTUATOR_END_UM = 300;
 
+// Its potentiometer of 10 kOhm with 470 Ohm at each end and 1 MOhm from the wiper to ground: readings
+// at the ends of the travel, and readings that only a broken or shorted wire gives.
+constexpr uint16_t POSITION_TOP_RAW = 44, POSITION_BOTTOM_RAW = 979;
+constexpr uint16_t POSITION_BROKEN_LOW = 22, POSITION_BROKEN_HIGH = 1000;
+
 // Load-cell amplifier: HX711 at its 80 samples a second; a conversion shows the force of this long
 // ago. One on a board with RATE to ground gives 10: then 100000 and 0.050.
 constexpr uint32_t LOADCELL_PERIOD_US = 12500;

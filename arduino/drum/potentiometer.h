@@ -19,8 +19,12 @@ class Potentiometer {
 
     uint16_t position_um() const {
         // A fraction with a power of two below: a division would cost 40 µs a tick.
-        constexpr uint32_t UM_TIMES_1024 = board::ACTUATOR_TRAVEL_UM * 1024ULL / (1023 * SMOOTHING);
-        return smoothed_ * UM_TIMES_1024 >> 10;
+        constexpr uint16_t TOP = board::POSITION_TOP_RAW * SMOOTHING;
+        constexpr uint16_t BOTTOM = board::POSITION_BOTTOM_RAW * SMOOTHING;
+        constexpr uint32_t UM_TIMES_1024 = board::ACTUATOR_TRAVEL_UM * 1024ULL / (BOTTOM - TOP);
+        if (smoothed_ <= TOP) return 0;
+        if (smoothed_ >= BOTTOM) return board::ACTUATOR_TRAVEL_UM;
+        return (smoothed_ - TOP) * UM_TIMES_1024 >> 10;
     }
 
   private:

@@ -10,7 +10,6 @@
 
 #define FULL_SCALE 1023
 #define SIMAVR_STEPS 1023 /* simavr reads mV × 1023 / vref */
-#define MILLIVOLTS 5000
 #define CHANNELS 8
 #define TIMER1_COMPB_328P 12
 #define ADCSRB_328P 0x7b
@@ -22,11 +21,11 @@
 #define INPUTS 6
 
 /* Return the millivolts that simavr converts to exactly this code. */
-static uint32_t millivolts(int code)
+static uint32_t millivolts(const struct chip *chip, int code)
 {
     if (code < 0) code = 0;
     if (code > FULL_SCALE) code = FULL_SCALE;
-    return (code * MILLIVOLTS + SIMAVR_STEPS - 1) / SIMAVR_STEPS;
+    return (code * (int)chip->avr->avcc + SIMAVR_STEPS - 1) / SIMAVR_STEPS;
 }
 
 static int code_of(const struct chip *chip, double share, int channel)
@@ -51,7 +50,7 @@ static uint32_t convert_taxel(const struct analog *analog, int input, int *chann
     int line = driven_line(chip);
     *channel = line < 0 || input >= INPUTS ? -1 : line * INPUTS + input;
     if (input >= INPUTS) return 0;
-    return millivolts(code_of(chip, sensor_share(analog->sensor, input), line < 0 ? input : *channel));
+    return millivolts(chip, code_of(chip, sensor_share(analog->sensor, input), line < 0 ? input : *channel));
 }
 
 static void on_conversion(avr_irq_t *irq, uint32_t value, void *param)
@@ -63,7 +62,7 @@ static void on_conversion(avr_irq_t *irq, uint32_t value, void *param)
     if (started.mux.kind != ADC_MUX_SINGLE) return;
     int input = started.mux.src, channel = input > 0 ? -1 : input, level = 0;
     if (chip->kind == SIM_TAXELS) level = convert_taxel(analog, input, &channel);
-    else if (!input) level = millivolts(code_of(chip, analog_input(chip, 0), 0));
+    else if (!input) level = millivolts(chip, code_of(chip, analog_input(chip, 0), 0));
     /* simavr reads the multiplexer only when ADCL is read, so all channels hold the sample. */
     for (int c = 0; c < CHANNELS; c++) analog->adc->adc_values[c] = level;
     if (!chip->io.report_samples) return;

@@ -152,7 +152,6 @@ static avr_t *load(const char *image, const char *mcu)
     firmware.frequency = FREQUENCY; /* before loading, which derives baud and ADC clocks from it */
     avr_load_firmware(avr, &firmware);
     avr->frequency = FREQUENCY;
-    avr->vcc = avr->avcc = avr->aref = MILLIVOLTS;
     avr->log = LOG_NONE;
     avr->sleep = on_sleep;
     return avr;
@@ -177,6 +176,13 @@ static void open_peripherals(sim_board *board)
     profile_open(&board->profile, chip);
 }
 
+/* The converter's reference is the supply. */
+static void supply(sim_board *board)
+{
+    avr_t *avr = board->chip.avr;
+    avr->vcc = avr->avcc = avr->aref = board->chip.io.supply_mv;
+}
+
 sim_board *sim_open(const char *image, int kind)
 {
     if (kind != SIM_DRUM && kind != SIM_TAXELS) return NULL;
@@ -188,6 +194,8 @@ sim_board *sim_open(const char *image, int kind)
     avr->custom.data = board;
     board->chip_reset = avr->reset;
     avr->reset = on_reset;
+    board->chip.io.supply_mv = MILLIVOLTS;
+    supply(board);
     open_peripherals(board);
     sim_reset(board, 1);
     board->chip.io.resets = 0;
@@ -222,7 +230,9 @@ static void begin(sim_board *board, uint64_t until)
     serial_begin(&board->serial);
     pins_begin(&board->pins);
     bound_burst(board);
+    supply(board);
     if (board->chip.kind == SIM_DRUM) {
+        loadcell_begin(&board->loadcell);
         bridge_begin(&board->bridge);
         motor_show_mark(&board->motor); /* the wiring may have changed */
     }
@@ -246,6 +256,8 @@ int sim_run(sim_board *board, uint64_t until)
     }
     if (board->chip.kind == SIM_DRUM) motor_end(&board->motor), bridge_end(&board->bridge);
     board->chip.io.cycle = avr->cycle;
+    board->chip.io.bridge_on = board->pins.out_level[SIM_OUT_BRIDGE];
+    board->chip.io.stepper_on = !board->pins.out_level[SIM_OUT_ENABLE];
     board->chip.io.loadcell_ready = (uint64_t)board->loadcell.ready_q16 >> 16;
     return state == cpu_Done || state == cpu_Crashed;
 }

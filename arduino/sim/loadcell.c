@@ -10,10 +10,18 @@
 #define SETTLING 4
 #define FULL_SCALE 0x7fffff
 
+static void show_dout(struct loadcell *cell)
+{
+    int level = cell->dout | cell->chip->io.loadcell_data_open;
+    if (level == cell->shown) return;
+    cell->shown = level;
+    pins_set(cell->pins, PORT_DOUT, BIT_DOUT, level);
+}
+
 static void put_dout(struct loadcell *cell, int level)
 {
     cell->dout = level;
-    pins_set(cell->pins, PORT_DOUT, BIT_DOUT, level);
+    show_dout(cell);
 }
 
 static void start(struct loadcell *cell, int settling)
@@ -30,12 +38,13 @@ void loadcell_open(struct loadcell *cell, struct chip *chip, struct pins *pins)
     cell->gain_pulses = DATA_PULSES + 1;
     chip->io.loadcell_period_q16 = (int64_t)200000 << 16;
     start(cell, SETTLING);
+    cell->shown = -1;
     put_dout(cell, 1);
 }
 
 void loadcell_restore(struct loadcell *cell)
 {
-    pins_set(cell->pins, PORT_DOUT, BIT_DOUT, cell->dout);
+    pins_set(cell->pins, PORT_DOUT, BIT_DOUT, cell->shown);
 }
 
 static int32_t conversion(struct loadcell *cell)
@@ -119,8 +128,17 @@ static void clock_rise(struct loadcell *cell)
     if (cell->pulses == DATA_PULSES + 1) cell->chip->io.loadcell_reads++;
 }
 
+/* The wires may have changed. */
+void loadcell_begin(struct loadcell *cell)
+{
+    show_dout(cell);
+    loadcell_clock(cell, cell->pins->out_level[SIM_OUT_SCK]);
+}
+
 void loadcell_clock(struct loadcell *cell, int level)
 {
+    if (cell->chip->io.loadcell_clock_open) level = 0;
+    if (level == cell->sck) return;
     cell->sck = level;
     if (level) {
         clock_rise(cell);

@@ -16,11 +16,13 @@ struct loadcell {
     int pulses;          /* clock rises of the present read, 0: none */
     int gain_pulses;     /* pulses that selected the gain of the next conversion */
     int sck, dout, down;
+    int shown;           /* level of DOUT at the chip */
 };
 
 void loadcell_open(struct loadcell *cell, struct chip *chip, struct pins *pins);
 uint64_t loadcell_next(const struct loadcell *cell);
 void loadcell_run(struct loadcell *cell, uint64_t now);
+void loadcell_begin(struct loadcell *cell);
 void loadcell_clock(struct loadcell *cell, int level);
 void loadcell_restore(struct loadcell *cell);
 

@@ -1,6 +1,7 @@
 /* The stepper: pulses of the compare pin turn the drum with its index mark. */
 #include "motor.h"
 
+#include <math.h>
 #include <stddef.h>
 
 #include "avr_timer.h"
@@ -18,15 +19,15 @@ enum { COM_PORT = 0, COM_TOGGLE = 1, COM_SET = 3 };
 static double position(const struct motor *motor)
 {
     uint64_t since = motor->chip->avr->cycle - motor->stepped;
-    if (since >= motor->interval) return (double)motor->steps;
-    return motor->from + ((double)motor->steps - motor->from) * (double)since / (double)motor->interval;
+    if (since >= motor->interval) return motor->steps;
+    return motor->from + (motor->steps - motor->from) * (double)since / (double)motor->interval;
 }
 
 static int on_mark(const struct motor *motor)
 {
     const sim_io *io = &motor->chip->io;
     if (io->steps_per_turn <= 0) return 0;
-    int64_t at = motor->steps % io->steps_per_turn;
+    double at = fmod(motor->steps, io->steps_per_turn);
     return (at < 0 ? at + io->steps_per_turn : at) < io->mark_length_steps;
 }
 
@@ -40,6 +41,12 @@ void motor_show_mark(struct motor *motor)
     report_edge(motor->chip, SIM_OUT_INDEX, level);
 }
 
+static int backwards(const struct motor *motor)
+{
+    int level = motor->pins->out_level[SIM_OUT_DIR], wire = motor->chip->io.direction;
+    return wire == SIM_DIRECTION_STUCK ? 0 : level ^ (wire == SIM_DIRECTION_REVERSED);
+}
+
 static void make_step(struct motor *motor)
 {
     if (motor->pins->out_level[SIM_OUT_ENABLE]) return; /* driver off: the pulse moves nothing */
@@ -49,7 +56,7 @@ static void make_step(struct motor *motor)
     motor->interval = motor->chip->avr->cycle - motor->stepped;
     if (motor->interval > LONGEST_STEP) motor->interval = LONGEST_STEP;
     motor->stepped = motor->chip->avr->cycle;
-    motor->steps += motor->pins->out_level[SIM_OUT_DIR] ? -1 : 1;
+    motor->steps += backwards(motor) ? -motor->chip->io.step_size : motor->chip->io.step_size;
     motor_show_mark(motor);
 }
 
@@ -151,6 +158,7 @@ void motor_open(struct motor *motor, struct chip *chip, struct pins *pins)
     /* simavr allows second listeners on four registers: these two, and TCCR4A of the bridge. */
     avr_register_io_write(avr, TCCR1A, on_step_mode, motor);
     avr_register_io_write(avr, OCR1AL, on_match_write, motor);
+    chip->io.step_size = 1;
     chip->io.steps_per_turn = 12800;
     chip->io.mark_length_steps = 64;
     pins_set(pins, PORT_INDEX, BIT_INDEX, 0);
@@ -158,8 +166,7 @@ void motor_open(struct motor *motor, struct chip *chip, struct pins *pins)
 
 void motor_place(struct motor *motor, int64_t steps)
 {
-    motor->steps = steps;
-    motor->from = steps;
+    motor->steps = motor->from = (double)steps;
     motor->stepped = motor->interval = 0;
     motor->matched = 0;
     motor_end(motor);
@@ -167,6 +174,6 @@ void motor_place(struct motor *motor, int64_t steps)
 
 void motor_end(struct motor *motor)
 {
-    motor->chip->io.drum_steps = motor->steps;
+    motor->chip->io.drum_steps = (int64_t)floor(motor->steps);
     motor->chip->io.drum_place = position(motor);
 }

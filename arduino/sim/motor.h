@@ -7,7 +7,7 @@
 struct motor {
     struct chip *chip;
     struct pins *pins;
-    int64_t steps;               /* position commanded by the last pulse */
+    double steps;                /* position commanded by the last pulse */
     double from;                 /* position at that pulse */
     uint64_t stepped, interval;  /* cycle of the last pulse, and the time since the one before */
     int index_pin;               /* level of the index mark at the chip */

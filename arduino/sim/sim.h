@@ -45,6 +45,13 @@ enum sim_input {
     SIM_IN_SYNC = 4,      /* PB0, taxels */
 };
 
+/* What the stepper's driver makes of the direction line. */
+enum sim_direction {
+    SIM_DIRECTION_DRAWN = 0,
+    SIM_DIRECTION_REVERSED = 1,
+    SIM_DIRECTION_STUCK = 2,    /* always forwards */
+};
+
 enum sim_loadcell_mode {
     SIM_LOADCELL_NORMAL = 0,
     SIM_LOADCELL_SILENT = 1,    /* no conversion becomes ready */
@@ -61,11 +68,16 @@ typedef struct sim_io {
      * between. Noise is added, in codes, per interval. */
     double analog[SIM_MAX_ROWS][SIM_CHANNELS];
     double analog_noise[SIM_MAX_ROWS][SIM_CHANNELS];
+    double step_size;                  /* steps by which a pulse turns the drum */
     int64_t loadcell_period_q16;       /* HX711: chip cycles of one conversion × 65536 */
     int64_t host_byte_q16;             /* cable: chip cycles of one byte from the host × 65536 */
     int32_t loadcell_counts;           /* value of a conversion that ends in this slice */
     int32_t loadcell_mode;             /* enum sim_loadcell_mode */
+    int32_t loadcell_clock_open;       /* 1: a resistor holds the amplifier's clock low */
+    int32_t loadcell_data_open;        /* 1: the chip pulls its input up */
+    int32_t supply_mv;                 /* of the chip, which is its reference */
     int32_t motor_jammed;              /* 1: step pulses do not turn the drum */
+    int32_t direction;                 /* enum sim_direction */
     int32_t mark_length_steps;         /* index mark covers steps 0 … this − 1 of a turn */
     int32_t mark_inverted;             /* 1: the drum's chip sees the mark low */
     int32_t enable_high;               /* 1: high switches the stepper's driver on */
@@ -97,6 +109,7 @@ typedef struct sim_io {
     int32_t tx_count;
     int32_t edge_count;
     uint64_t cycle;
+    int32_t bridge_on, stepper_on; /* levels at the drivers' enables, 1: on */
     double drive;             /* mean signed duty of the bridge over the slice, + presses */
     int64_t drum_steps;       /* commanded position of the drum, in steps from the mark's start */
     double drum_place;        /* true position at the end: a step takes its time */

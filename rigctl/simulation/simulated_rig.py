@@ -15,8 +15,17 @@ import numpy as np
 from msgspec import Meta
 
 from rigctl.errors import LinkLost
+from rigctl.simulation.bench.electrics import (
+    AS_DRAWN,
+    Circuit,
+    TestPoints,
+    Wire,
+    wire_level,
+    wire_of,
+)
 from rigctl.simulation.bench.ground_truth import GroundTruth
 from rigctl.simulation.bench.touch import N_PLACES, NO_TOUCH, Touch
+from rigctl.simulation.wirings import circuit_of, find_wiring
 from rigctl.wire.drum.codes import Signal
 
 DRUM = "drum"
@@ -30,6 +39,7 @@ Rate = Annotated[float, Meta(ge=0, le=1)]
 Push = Annotated[float, Meta(ge=-100_000, le=100_000)]
 Places = Annotated[Collection[Annotated[int, Meta(ge=0, lt=N_PLACES)]], Meta(max_length=N_PLACES)]
 Wires = Annotated[Collection[Signal], Meta(max_length=len(Signal))]
+WiringName = Annotated[str, Meta(max_length=80)]
 
 
 class LoadcellFault(IntEnum):
@@ -43,7 +53,12 @@ class LoadcellFault(IntEnum):
 
 @dataclass(slots=True)
 class Disturbances:
-    """Disturbances that are active on the bench; mechanics and boards read them."""
+    """Disturbances that are active on the bench; mechanics and boards read them.
+
+    ``absent`` and ``inverted``: optional wires that the rig does not have, or has with the opposite
+    polarity. ``circuit``: how the bench is connected. ``held_ends``: the upper and the lower end
+    switch, by a hand.
+    """
 
     estop_pressed: bool = False
     motor_jammed: bool = False
@@ -52,10 +67,24 @@ class Disturbances:
     touch: Touch = NO_TOUCH
     absent: frozenset[Signal] = frozenset()
     inverted: frozenset[Signal] = frozenset()
+    circuit: Circuit = AS_DRAWN
+    held_ends: tuple[bool, bool] = (False, False)
 
-    def wire_level(self, signal: Signal, level: bool) -> bool:
-        """Return the level at the board's end of an optional wire; a missing one is pulled up."""
-        return signal in self.absent or level != (signal in self.inverted)
+    @property
+    def motor_turns(self) -> bool:
+        """Return whether the drum follows the board's pulses."""
+        return not self.motor_jammed and self.circuit.motor_turns(self.estop_pressed)
+
+    def estop_level(self) -> bool:
+        """Return the level at the board's end of the emergency stop's wire; high is open."""
+        wire = wire_of(self.circuit.estop, Signal.ESTOP, self.absent, self.inverted)
+        return wire_level(wire, self.estop_pressed)
+
+    def index_wire(self) -> Wire:
+        """Return the wire between index sensor and drum board."""
+        if Signal.INDEX in self.absent:
+            return Wire.LOW
+        return wire_of(self.circuit.index, Signal.INDEX, self.absent, self.inverted)
 
 
 class LineNoise:
@@ -91,6 +120,8 @@ class SimulatedLink:
         self._on_bytes: Callable[[bytes, float], None] | None = None
         self._on_lost: Callable[[str], None] | None = None
         self._board: Callable[[bytes], None] | None = None
+        self._reached = self
+        self._ports: Collection[SimulatedLink] = (self,)
 
     def open(
         self, on_bytes: Callable[[bytes, float], None], on_lost: Callable[[str], None]
@@ -110,8 +141,9 @@ class SimulatedLink:
         if not self.is_open:
             raise LinkLost(f"{self.name}: the port is closed: connect the board again")
         arrived = self.noise[TO_BOARD].apply(bytes(data))
-        if self._board is not None and arrived and not self.stalled:
-            self._board(arrived)
+        board = self._reached._board
+        if board is not None and arrived and not self.stalled:
+            board(arrived)
 
     def close(self) -> None:
         """Stop receiving; a second call does nothing."""
@@ -124,6 +156,14 @@ class SimulatedLink:
 
     def deliver(self, data: bytes, at_s: float) -> None:
         """Board side: deliver bytes, the last of which arrives at ``at_s``; lost if closed."""
+        for port in self._ports:
+            port._receive(data, at_s)
+
+    def reach(self, board: SimulatedLink, ports: Collection[SimulatedLink]) -> None:
+        """Plug the cable into the board of another link; ``ports`` are those of this link's board."""
+        self._reached, self._ports = board, ports
+
+    def _receive(self, data: bytes, at_s: float) -> None:
         if self.stalled:
             return
         arrived = self.noise[TO_HOST].apply(data)
@@ -162,6 +202,24 @@ class FaultInjection:
         self._disturbances = disturbances
         self._on_change = on_change
         self._reset = reset
+        self._wirings: tuple[str, ...] = ()
+
+    @property
+    def wirings(self) -> tuple[str, ...]:
+        """Return the names of the wrong wirings that are on, in their order."""
+        return self._wirings
+
+    def wire(self, name: WiringName, on: bool = True) -> None:
+        """Switch a wrong wiring of the catalogue on or off.
+
+        Raises WrongUse that lists the names most like an unknown one.
+        """
+        known = find_wiring(name).name
+        others = tuple(one for one in self._wirings if one != known)
+        self._wirings = (*others, known) if on else others
+        self._disturbances.circuit = circuit_of(self._wirings)
+        self._connect_ports(self._disturbances.circuit.ports)
+        self._on_change()
 
     def unplug(self, board: Board) -> None:
         """Unplug a board's cable; the board itself keeps running."""
@@ -219,6 +277,11 @@ class FaultInjection:
         self._disturbances.push_g = force_g
         self._on_change()
 
+    def hold_ends(self, upper: bool = False, lower: bool = False) -> None:
+        """Hold end switches by hand, wherever the actuator is; neither releases both."""
+        self._disturbances.held_ends = upper, lower
+        self._on_change()
+
     def touch_sensor(self, places: Places = (), unplugged: bool = False) -> None:
         """Press these places by hand; ``unplugged``: without the bottom layer's read lines."""
         self._disturbances.touch = Touch(frozenset(places), unplugged)
@@ -229,6 +292,13 @@ class FaultInjection:
         self._disturbances.absent = frozenset(absent)
         self._disturbances.inverted = frozenset(inverted)
         self._on_change()
+
+    def _connect_ports(self, boards: tuple[str, str]) -> None:
+        """Plug the cables of the drum's and the taxels' port into these boards."""
+        reached = dict(zip((DRUM, TAXELS), boards, strict=True))
+        for name, link in self._links.items():
+            ports = [self._links[port] for port, board in reached.items() if board == name]
+            link.reach(self._links[reached[name]], ports)
 
     def _set_loadcell(self, fault: LoadcellFault, on: bool) -> None:
         self._disturbances.loadcell = fault if on else LoadcellFault.NONE
@@ -250,6 +320,10 @@ class SimulatedRig(Protocol):
     @property
     def truth(self) -> GroundTruth:
         """Ground truth up to the present time."""
+
+    @property
+    def test_points(self) -> TestPoints:
+        """What a meter shows on the bench."""
 
     @property
     def slice_us(self) -> int:

@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from rigctl.simulation.bench.bench import LOG_EVERY_MS, Bench
+from rigctl.simulation.bench.electrics import TestPoints
 from rigctl.simulation.bench.ground_truth import GroundTruth
 from rigctl.simulation.bench.world.parameters import WorldParameters
 from rigctl.simulation.boards.drum_cosimulation import DrumCosimulation
@@ -110,7 +111,7 @@ class VirtualRig:
         bench.on_sync = self._taxels.set_sync
         links = {DRUM: self.drum, TAXELS: self.taxels}
         self.faults = FaultInjection(
-            links, bench.disturbances, self.cosimulation.apply_disturbances, self._reset
+            links, bench.disturbances, self._apply_disturbances, self._reset
         )
 
     @property
@@ -142,6 +143,10 @@ class VirtualRig:
     def skip_mountings(self, count: int) -> None:
         self._bench.skip_mountings(count)
 
+    @property
+    def test_points(self) -> TestPoints:
+        return self._bench.test_points(self.cosimulation.firmware.io)
+
     def close(self) -> None:
         self._closed = True
         self.drum.close()
@@ -158,6 +163,10 @@ class VirtualRig:
             data = self._taxels.send(flush_at_ms * 1000)
             if data:
                 self.taxels.deliver(data, flush_at_ms * 1e-3)
+
+    def _apply_disturbances(self) -> None:
+        self.cosimulation.apply_disturbances()
+        self._taxels.firmware.io.supply_mv = self._bench.disturbances.circuit.logic_mv
 
     def _reset(self, board: str) -> None:
         if board == DRUM:

@@ -1,6 +1,7 @@
 #include "drum_board.h"
 
 #include <algorithm>
+#include <cmath>
 
 namespace {
 
@@ -25,7 +26,12 @@ class Running {
 
 }  // namespace
 
-DrumBoard::DrumBoard() { eeprom_.fill(0xff); }
+DrumBoard::DrumBoard() {
+    eeprom_.fill(0xff);
+    io.steps_per_turn = board::STEPS_PER_TURN;
+    io.step_size = 1;
+    io.conversion_in_step = 1;
+}
 
 void DrumBoard::boot(uint8_t reset_cause) {
     const Running here(this);
@@ -106,7 +112,8 @@ void DrumBoard::tick() {
 
 void DrumBoard::convert() {
     io.conversion_due = 0;
-    drum_->sample({static_cast<int32_t>(io.conversion_counts), now_us(), true});
+    drum_->sample({static_cast<int32_t>(io.conversion_counts), now_us(),
+                   io.conversion_in_step != 0});
     if (drum_->control_due()) drum_->control_force();
 }
 
@@ -133,8 +140,8 @@ void DrumBoard::step() {
 // The drum takes the duration of a step to reach each new step.
 double DrumBoard::place_now() const {
     const uint64_t since = cycle_ - stepped_;
-    if (since >= step_length_) return static_cast<double>(steps_);
-    const double left = static_cast<double>(steps_) - from_;
+    if (since >= step_length_) return steps_;
+    const double left = steps_ - from_;
     return from_ + left * static_cast<double>(since) / static_cast<double>(step_length_);
 }
 
@@ -143,20 +150,20 @@ void DrumBoard::turn(bool backwards) {
     from_ = place_now();
     step_length_ = std::min(cycle_ - stepped_, LONGEST_STEP);
     stepped_ = cycle_;
-    steps_ += backwards ? -1 : 1;
+    const bool turns_back = io.direction == 2 ? false : backwards != (io.direction == 1);
+    steps_ += turns_back ? -io.step_size : io.step_size;
     show_mark();
 }
 
 void DrumBoard::place(int64_t steps) {
-    steps_ = steps;
-    from_ = io.position = static_cast<double>(steps);
+    steps_ = from_ = io.position = static_cast<double>(steps);
     show_mark();
 }
 
 // Edges of the index mark; the leading edge forwards is the trailing edge backwards.
 void DrumBoard::show_mark() {
-    const int64_t at = steps_ % board::STEPS_PER_TURN;
-    const bool level = (at < 0 ? at + board::STEPS_PER_TURN : at) < io.mark_length_steps;
+    const double turn = static_cast<double>(io.steps_per_turn), at = std::fmod(steps_, turn);
+    const bool level = (at < 0 ? at + turn : at) < static_cast<double>(io.mark_length_steps);
     const bool pin = level != static_cast<bool>(io.mark_inverted);
     if (pin != index_pin_ && (pin != index_inverted_) != engine_.backwards())
         mark_ = {engine_.position(), static_cast<uint16_t>(mark_.count + 1)};
@@ -299,6 +306,8 @@ void DrumBoard::report() {
     io.result = result;
     io.sample_sequence = drum_->loadcell().sequence();
     io.boot_cycle = static_cast<int64_t>(booted_);
+    io.bridge_on = bridge_on_;
+    io.stepper_on = stepper_on_;
 }
 
 int32_t DrumBoard::write(uint16_t address, uint16_t count, const uint8_t *bytes) {

@@ -93,7 +93,7 @@ class DrumBoard {
     uint32_t milliseconds_ = 0;
     ports::SyncLine sync_ = {0, 0, 0, false};
     ports::IndexMark mark_ = {0, 0};
-    int64_t steps_ = 0;                        // position commanded by the last step
+    double steps_ = 0;                         // position commanded by the last step
     double from_ = 0;                          // position at that step
     uint64_t stepped_ = 0, step_length_ = 0;   // cycle of the last step, time from the one before
     bool stepper_on_ = false, bridge_on_ = false;

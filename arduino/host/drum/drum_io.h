@@ -16,21 +16,25 @@ struct DrumIO {
     int64_t potentiometer;       // reading of ten bits
     int64_t end_up, end_down;    // levels of the end switches' wires
     int64_t motor_jammed;
+    int64_t direction;           // 0: as drawn, 1: reversed, 2: always forwards
+    int64_t steps_per_turn;      // from one index mark to the next
     int64_t mark_length_steps;   // the index mark covers these steps of a turn, 0: no wire
     int64_t mark_inverted;
     int64_t poll_address, poll_count;
     int64_t heartbeat_on;        // the board has a heartbeat without a host
     // From the bench, consumed by the next run.
     int64_t conversion_due;
-    int64_t conversion_cycle, conversion_counts;
+    int64_t conversion_cycle, conversion_counts, conversion_in_step;
     // From the board.
     int64_t state, fault, result;
     int64_t change_count;        // how often one of these three changed
     int64_t sample_sequence;     // of the newest load-cell sample
     int64_t boot_cycle;          // of the last boot
     int64_t rx_end_cycle;        // at which the last byte received is complete
+    int64_t bridge_on, stepper_on;
     int64_t tx_count, edge_count;
     int64_t overflows;           // bytes and edges lost because the buffers were full
+    double step_size;            // steps by which a pulse turns the drum; from the bench
     double drive;                // mean duty of the actuator in the last run, positive presses
     double position;             // of the drum at its end, steps
     int64_t tx_cycle[MAX_BYTES], edge_cycle[MAX_EDGES];

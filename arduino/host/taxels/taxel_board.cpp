@@ -6,12 +6,10 @@ namespace {
 
 // Diagnostics that only a chip has: on a PC no interrupt is late and no stack is short.
 const uint16_t FREE_STACK_BYTES = 1024, ALL_IDLE_PERMILLE = 1000;
-const uint16_t SUPPLY_MV = 5000;
 
 // An ideal divider and pull-up: the self-test's readings of fault-free wiring.
 const uint32_t PULL_OHM = 35000;
 const uint16_t PULLED_UP = uint16_t(1023UL * DIVIDER_OHM / (DIVIDER_OHM + PULL_OHM));
-const uint16_t BANDGAP_READING = uint16_t(uint32_t(BANDGAP_MV) * 1024 / SUPPLY_MV);
 
 // The board whose firmware runs in this thread; the functions of ports.h take no board.
 thread_local TaxelBoard *running = nullptr;
@@ -130,7 +128,11 @@ bool serial_send(const uint8_t *bytes, uint8_t size, uint8_t kept_free)
 bool serial_receive(uint8_t &byte) { return running->take(byte); }
 uint16_t missed_frames() { return 0; }
 void report_sampling(Status &status) { running->report(status); }
-void ask_bandgap() { running->ask_spare(BANDGAP_READING); }
+void ask_bandgap()
+{
+    running->ask_spare(uint16_t(BANDGAP_MV * 1024L / running->io.supply_mv));
+}
+
 void ask_input(uint8_t, uint8_t pulled_inputs) { running->ask_spare(pulled_inputs ? PULLED_UP : 0); }
 
 bool spare_answered(uint16_t &reading)

@@ -27,7 +27,8 @@ public:
     void close(int32_t frames);
     void receive(const uint8_t *bytes, int32_t count);
 
-    TaxelIO io = {};
+    TaxelIO io = {.supply_mv = 5000, .tx_count = 0, .overflows = 0, .readings = {}, .flags = {},
+                  .edges = {}, .tx = {}};
 
     // Implementation of ports.h for the running board.
     bool send(const uint8_t *bytes, uint8_t size, uint8_t kept_free);

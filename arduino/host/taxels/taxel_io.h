@@ -10,6 +10,7 @@ constexpr int32_t MAX_FRAMES = 4096, MAX_BYTES = 65536;
 enum class EdgeOf : int64_t { Sync = 0, Index = 1 };
 
 struct TaxelIO {
+    int64_t supply_mv;               // from the bench
     int64_t tx_count;
     int64_t overflows;               // bytes lost because the buffer was full
     uint16_t readings[MAX_FRAMES][18];

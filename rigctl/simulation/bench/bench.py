@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Executor
+from typing import Any
 
 import numpy as np
 
+from rigctl.simulation.bench import electrics
 from rigctl.simulation.bench.contact import contact_tables, draw_mounting, force_table
+from rigctl.simulation.bench.electrics import TestPoints, Wire, wire_on
 from rigctl.simulation.bench.ground_truth import GroundTruth
 from rigctl.simulation.bench.load_cell import LoadCellAmplifier
 from rigctl.simulation.bench.mechanics import DRUM_MM, FORCE_G, RING_MS, DrumTrajectory, Mechanics
@@ -23,17 +26,24 @@ class Bench:
     """One simulated bench, reproducible for a seed. The boards advance its time.
 
     ``executor``, if given, computes noise in advance. ``on_sync(level, at_us)``, if set, receives
-    the edges of the sync line.
+    the edges of the sync line. ``has_network``: the taxel board computes the voltages at its inputs
+    itself, as a simulated chip does. ``electrics``: constants of the electrical layer.
 
     Raises WrongUse for a parameter outside its plausible range.
     """
 
     def __init__(
-        self, parameters: WorldParameters, seed: int, executor: Executor | None = None
+        self,
+        parameters: WorldParameters,
+        seed: int,
+        executor: Executor | None = None,
+        has_network: bool = False,
     ) -> None:
         self.parameters = validated(parameters)
         self.seed = seed
         self.disturbances = Disturbances()
+        self.electrics = electrics.constants(self.disturbances.circuit)
+        self._has_network = has_network
         self.plant = Mechanics(parameters)
         self.skin = Skin(parameters, seed, self.plant, executor)
         self.loadcell = LoadCellAmplifier(parameters, seed, self.plant, self.disturbances)
@@ -41,7 +51,8 @@ class Bench:
         self.logged_ms = 0
         self._logged_level = 0
         self._mountings = 0
-        self.sync_level = 0
+        self.sync_level = self._sync_pin = 0
+        self._has_sync = True
         self.on_sync: Callable[[int, int], None] | None = None
         self._sync_edges: list[tuple[int, int]] = []
         self.set_plate("A")
@@ -66,15 +77,55 @@ class Bench:
         self._mountings += count
 
     def apply_disturbances(self) -> None:
-        """Pass changed disturbances to the mechanics and the sensor."""
-        self.skin.touch = self.disturbances.touch
-        self.plant.set_disturbances(self.disturbances.motor_jammed, self.disturbances.push_g)
+        """Pass changed disturbances to the electrical layer, the mechanics and the sensor."""
+        now, circuit = self.disturbances, self.disturbances.circuit
+        self.electrics[:] = electrics.constants(
+            circuit, now.absent, now.inverted, now.estop_pressed, now.held_ends
+        )
+        self.skin.touch = now.touch
+        self.skin.connect(electrics.taxel_map(circuit, self._has_network))
+        self.loadcell.connect(circuit)
+        self.plant.set_disturbances(now.motor_jammed, now.push_g)
+        self.plant.set_diameter(circuit.diameter)
+        if circuit.sync != self._has_sync:
+            self._has_sync = circuit.sync
+            self.set_sync(self._sync_pin, self.plant.time_ms * 1000)
+
+    def wire_drum(self, io: Any) -> None:
+        """Set a drum board's inputs of motor and index mark, which both kinds of boards have."""
+        p, now = self.parameters, self.disturbances
+        index, circuit = now.index_wire(), now.circuit
+        has_edges = index in (Wire.DRAWN, Wire.INVERTED)
+        io.motor_jammed = int(not now.motor_turns)
+        io.direction, io.step_size = int(circuit.direction), circuit.step_size
+        io.steps_per_turn = round(p.steps_per_turn) // circuit.marks_per_turn
+        io.mark_length_steps = has_edges * round(p.index_length_mm / p.mm_per_step)
+        io.mark_inverted = int(index in (Wire.INVERTED, Wire.OPEN))
+
+    def test_points(self, io: Any) -> TestPoints:
+        """Return what a meter shows on the bench; ``io``: outputs of the drum board."""
+        now, circuit = self.disturbances, self.disturbances.circuit
+        powered = circuit.has_supply(now.estop_pressed)
+        return TestPoints(
+            boards_v=circuit.logic_mv * 1e-3,
+            motor_supply=circuit.motor_supply * powered,
+            actuator_supply=circuit.actuator_supply * powered,
+            bridge_enabled=circuit.bridge_held_on or bool(io.bridge_on),
+            driver_enabled=wire_on(circuit.enable, bool(io.stepper_on)),
+        )
+
+    def index_at_taxels(self, level: int) -> int | None:
+        """Return the level of the index wire at the taxel board, None without that wire."""
+        circuit = self.disturbances.circuit
+        return level ^ (circuit.index is Wire.INVERTED) if circuit.index_at_uno else None
 
     def set_sync(self, level: int, at_us: int) -> None:
-        """Handle a new level of the drum board's sync pin."""
+        """Handle a new level of the drum board's sync pin; a resistor holds an open wire low."""
+        self._sync_pin = level
         if Signal.SYNC in self.disturbances.absent:
             return
         level = level ^ (Signal.SYNC in self.disturbances.inverted)
+        level = level if self._has_sync else 0
         if level == self.sync_level:
             return
         self.sync_level = level
@@ -83,10 +134,14 @@ class Bench:
             self.on_sync(level, at_us)
 
     def advance(self, until_ms: int, drive: float, trajectory: DrumTrajectory) -> None:
-        """Advance the mechanics, at most 1 s a call; skin and ground truth follow when logged."""
+        """Advance the mechanics, at most 1 s a call; skin and ground truth follow when logged.
+
+        ``drive``: duty of the drum board's bridge pins, positive presses.
+        """
         if until_ms - self.logged_ms > LOG_EVERY_MS:
             self.log_truth()
-        self.plant.advance(until_ms, drive, trajectory)
+        voltage = electrics.terminal_voltage(self.electrics, drive)
+        self.plant.advance(until_ms, voltage, trajectory)
 
     def log_truth(self) -> None:
         """Append what the plant did since the last call to the ground truth."""

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.simulation.bench.electrics import Circuit
 from rigctl.simulation.bench.mechanics import LOADCELL_G, RING_MS, Mechanics
 from rigctl.simulation.bench.noise import NoiseRows, NoiseStream
 from rigctl.simulation.bench.numba_options import compiled, inlined
@@ -16,12 +17,17 @@ from rigctl.simulation.simulated_rig import Disturbances, LoadcellFault
 FULL_SCALE = 8_388_607
 SETTLING_CONVERSIONS = 4
 
-NEXT_US, NUMBER, CREEP_G, LAST_COUNTS, _STATE_SIZE = range(5)
+SPIKE_G = 1000.0
+"""By how much a single bad conversion is wrong."""
+
+NEXT_US, NUMBER, CREEP_G, LAST_COUNTS, _ORIGIN_US, _ORIGIN, _WEIGHED, _STATE_SIZE = range(8)
 """Indices of ``state``, float64: time of the next conversion, number of conversions since
-power-up, creep, and the last value."""
+power-up, creep, the last value, time and number of the conversion from which the clock has its
+present rate, and the number of values."""
 
 PERIOD_US, _AVERAGE_MS, _CREEP_GAIN, _CREEP, _DRIFT_G = range(5)
 _DRIFT_S, _NOISE_G, _OFFSET, _UG, _FAULT = range(5, 10)
+_GAIN, _STRAY, _STRAY_NOISE, _SPIKE_EVERY, _CONSTANTS_SIZE = range(10, 15)
 _SILENT, _FROZEN, _SATURATED = (
     int(fault) for fault in (LoadcellFault.SILENT, LoadcellFault.FROZEN, LoadcellFault.SATURATED)
 )
@@ -40,13 +46,18 @@ def _mean_g(log: _Floats, end_ms: int, count: int) -> float:
 def weigh(
     state: _Floats, constants: _Floats, log: _Floats, force_g: float, noise: float, at_us: float
 ) -> float:
-    """Return the counts of a fault-free conversion that ends at ``at_us``."""
+    """Return the counts of a conversion that ends at ``at_us``."""
     state[CREEP_G] += constants[_CREEP_GAIN] * (force_g - state[CREEP_G])
     drift_g = constants[_DRIFT_G] * math.sin(2.0 * math.pi * at_us * 1e-6 / constants[_DRIFT_S])
     mean_g = _mean_g(log, int(at_us) // 1000, int(constants[_AVERAGE_MS]))
     creep_g, noise_g = constants[_CREEP] * state[CREEP_G], constants[_NOISE_G] * noise
     total_g = mean_g + drift_g + creep_g + noise_g
-    counts = np.rint(constants[_OFFSET] + total_g * 1e6 / constants[_UG])
+    signal = constants[_OFFSET] + total_g * 1e6 / constants[_UG]
+    stray = constants[_STRAY] + constants[_STRAY_NOISE] * noise
+    state[_WEIGHED] += 1.0
+    if constants[_SPIKE_EVERY] > 0.0 and state[_WEIGHED] % constants[_SPIKE_EVERY] == 0.0:
+        stray += SPIKE_G * 1e6 / constants[_UG]
+    counts = np.rint(constants[_GAIN] * signal + stray)
     return float(max(-FULL_SCALE - 1.0, min(float(FULL_SCALE), counts)))
 
 
@@ -55,7 +66,8 @@ def convert(state: _Floats, constants: _Floats, log: _Floats, force_g: float, no
     """Store the due conversion in ``LAST_COUNTS``; return False if the amplifier is silent."""
     counts = weigh(state, constants, log, force_g, noise, state[NEXT_US])
     state[NUMBER] += 1.0
-    state[NEXT_US] = math.floor((state[NUMBER] + 1.0) * constants[PERIOD_US])
+    since = state[NUMBER] + 1.0 - state[_ORIGIN]
+    state[NEXT_US] = math.floor(state[_ORIGIN_US] + since * constants[PERIOD_US])
     if constants[_FAULT] == _SATURATED:
         state[LAST_COUNTS] = FULL_SCALE
     elif constants[_FAULT] != _FROZEN:
@@ -82,16 +94,17 @@ class LoadCellAmplifier:
     ) -> None:
         self._plant = plant
         self._disturbances = disturbances
-        rate_hz = parameters.loadcell_rate_hz * (1.0 + parameters.loadcell_clock_ppm * 1e-6)
-        self.period_us = 1e6 / rate_hz
+        self._rate_hz = parameters.loadcell_rate_hz * (1.0 + parameters.loadcell_clock_ppm * 1e-6)
+        self._parameters = parameters
         self._noise = NoiseRows(seed, NoiseStream.LOADCELL, 1)
         self._weigh_count = 0
         self._state = np.zeros(_STATE_SIZE)
-        self._constants = np.array(
+        self._constants = np.zeros(_CONSTANTS_SIZE)
+        self._constants[: _FAULT + 1] = np.array(
             [
-                self.period_us,
-                round(parameters.loadcell_average_ms),
-                1.0 - math.exp(-1.0 / (rate_hz * parameters.loadcell_creep_s)),
+                1e6 / self._rate_hz,
+                0.0,
+                0.0,
                 parameters.loadcell_creep,
                 parameters.loadcell_drift_g,
                 parameters.loadcell_drift_s,
@@ -105,15 +118,42 @@ class LoadCellAmplifier:
         self._state[NUMBER] = SETTLING_CONVERSIONS - 1
         self._state[NEXT_US] = math.floor(SETTLING_CONVERSIONS * self.period_us)
         self.arrays = self._state, self._constants
+        self.connect(disturbances.circuit)
+
+    @property
+    def period_us(self) -> float:
+        """Present time from one conversion to the next."""
+        return float(self._constants[PERIOD_US])
+
+    def connect(self, circuit: Circuit) -> None:
+        """Connect cell and amplifier in this way from now on; a started conversion ends as it would.
+
+        A slower amplifier averages for a longer time.
+        """
+        p, rate_hz = self._parameters, self._rate_hz / circuit.cell_periods
+        if 1e6 / rate_hz != self.period_us:
+            self._state[[_ORIGIN_US, _ORIGIN]] = self._state[NEXT_US], self._state[NUMBER] + 1.0
+        self._constants[[PERIOD_US, _AVERAGE_MS, _CREEP_GAIN]] = (
+            1e6 / rate_hz,
+            round(p.loadcell_average_ms * circuit.cell_periods),
+            1.0 - math.exp(-1.0 / (rate_hz * p.loadcell_creep_s)),
+        )
+        self._constants[[_GAIN, _STRAY, _STRAY_NOISE, _SPIKE_EVERY]] = (
+            circuit.cell_gain,
+            circuit.cell_stray_counts,
+            circuit.cell_noise_counts,
+            circuit.cell_spike_every,
+        )
 
     def noise(self, until_us: int) -> NDArray[np.float32]:
         """Return standard normal noise, float32 (n,), for all conversions up to a time."""
         count = 2 + int(max(0.0, until_us - self._state[NEXT_US]) / self.period_us)
-        self._constants[_FAULT] = self._disturbances.loadcell
+        has_data = self._disturbances.circuit.cell_data
+        self._constants[_FAULT] = self._disturbances.loadcell if has_data else LoadcellFault.SILENT
         return self._noise.rows(int(self._state[NUMBER]), count).reshape(-1)
 
     def weigh(self, at_us: int) -> int:
-        """Return raw counts of a fault-free conversion, for a caller with its own clock."""
+        """Return raw counts of a conversion, for a caller with its own clock."""
         noise = float(self._noise.rows(self._weigh_count, 1)[0, 0])
         self._weigh_count += 1
         log, force_g = self._plant.log, self._plant.force_g

@@ -177,6 +177,7 @@ class Mechanics:
         self.log = np.zeros((RING_MS, 5))
         self._state = np.zeros(_STATE_SIZE)
         self.constants = _constants(parameters)
+        self._factor = float(self.constants[_C_FACTOR])
         cells = round(parameters.circumference_mm / GRID_MM)
         self._force_table: _Table = np.zeros((2, cells), np.float32)
         self._state[ROD] = parameters.actuator_start_mm
@@ -199,6 +200,16 @@ class Mechanics:
         self._force_table = table.force_g
         self.constants[_C_TRAVEL_CELLS] = 1.0 / table.cell_mm
         self.constants[_C_FRAME] = table.frame_mm_g
+
+    def set_diameter(self, diameter: float) -> None:
+        """Move the surface by this multiple of the travel from now on; it stays where it is."""
+        factor = self._factor * diameter
+        if factor == self.constants[_C_FACTOR]:
+            return
+        s, c = self._state, self.constants
+        nominal_mm = (s[_POSITION] + s[_SLIP] - c[_C_START]) / c[_C_FACTOR]
+        c[_C_FACTOR] = factor
+        s[_SLIP] = c[_C_START] + nominal_mm * factor - s[_POSITION]
 
     def set_disturbances(self, jammed: bool, push_g: float) -> None:
         """Jam or release the drum, and press on the load cell."""

@@ -25,6 +25,7 @@ class NoiseStream(IntEnum):
     SEATING = 6
     SENSOR = 7
     POWER_UP = 8
+    SWITCHES = 9
 
 
 def random_generator(seed: int, stream: NoiseStream, counter: int = 0) -> np.random.Generator:

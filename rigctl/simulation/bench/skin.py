@@ -205,6 +205,7 @@ class Skin:
         self._contact = 0
         self.time_ms = 0
         self.touch = NO_TOUCH
+        self._map: _Floats | None = None
         self.conductances = np.full((RING_MS, N_TAXELS), self._constants[_REST])
 
     def set_plate(self, tables: ContactTables, mounting: Mounting) -> None:
@@ -216,6 +217,11 @@ class Skin:
         self._taxels[_OFFSET] = np.tile(depth_offsets_mm(self._p, mounting), 2)
         self._mounting_gains = mounting.gains
         self._set_gains()
+
+    def connect(self, taxel_map: _Floats | None) -> None:
+        """Lead taxels to readings by :func:`rigctl.simulation.bench.electrics.taxel_map`."""
+        self.advance()
+        self._map = taxel_map
 
     def advance(self) -> None:
         """Simulate up to the plant's present time; at most RING_MS / 2 in one call."""
@@ -257,7 +263,8 @@ class Skin:
             self.time_ms + 1,
             count,
         )
-        if self.touch != NO_TOUCH or self._p.dead_taxels or self._p.stuck_taxels:
+        is_changed = self.touch != NO_TOUCH or self._map is not None
+        if is_changed or self._p.dead_taxels or self._p.stuck_taxels:
             self._change(np.arange(self.time_ms + 1, self.time_ms + 1 + count) % RING_MS)
         self.time_ms += count
 
@@ -265,6 +272,8 @@ class Skin:
         """Apply what a person does, and taxels that are dead or stuck."""
         conductances = self.conductances[rows]
         self.touch.apply(conductances)
+        if self._map is not None:
+            conductances = conductances @ self._map.T
         conductances[:, list(self._p.dead_taxels)] = 0.0
         conductances[:, list(self._p.stuck_taxels)] = SHORTED
         self.conductances[rows] = conductances

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rigctl.simulation.bench.bench import LOG_EVERY_MS, Bench
 from rigctl.simulation.boards import kernel
 from rigctl.simulation.boards.drum_firmware import SYNC, DrumFirmware
-from rigctl.wire.drum.codes import ResetCause, Signal
+from rigctl.wire.drum.codes import ResetCause
 from rigctl.wire.drum.register_table import POLL_BLOCK
 
 NOMINAL_HZ = 16_000_000
@@ -37,7 +37,6 @@ class DrumCosimulation:
         self._scales = np.array(
             [self._cycles_per_ms, start_steps, p.mm_per_step, p.actuator_travel_mm]
         )
-        self._wiring = np.zeros(4, np.bool_)
         self._control = kernel.new_control(self.firmware.handle, self.firmware.addresses)
         self._conversions = np.zeros((MAX_CONVERSIONS, 2), np.int64)
         self._polls = np.zeros((MAX_POLLS, POLL_BLOCK[1]), np.uint16)
@@ -85,7 +84,7 @@ class DrumCosimulation:
             bench.loadcell.noise(until_ms * 1000),
             firmware.arrays,
             self._scales,
-            self._wiring,
+            bench.electrics,
             self._control,
             self._results,
             until_ms,
@@ -105,19 +104,9 @@ class DrumCosimulation:
 
     def apply_disturbances(self) -> None:
         """Pass changed disturbances to the board's pins and to the mechanics."""
-        p, disturbances, io = self.bench.parameters, self.bench.disturbances, self.firmware.io
-        self._wiring[:] = [
-            signal in signals
-            for signal in (Signal.END_SWITCHES, Signal.POSITION)
-            for signals in (disturbances.absent, disturbances.inverted)
-        ]
-        connected = Signal.INDEX not in disturbances.absent
-        io.mark_length_steps = connected * round(p.index_length_mm / p.mm_per_step)
-        io.mark_inverted = int(Signal.INDEX in disturbances.inverted)
-        io.motor_jammed = int(disturbances.motor_jammed)
-        estop = disturbances.wire_level(Signal.ESTOP, disturbances.estop_pressed)
-        self.firmware.set_estop(int(estop))
+        self.bench.wire_drum(self.firmware.io)
         self.bench.apply_disturbances()
+        self.firmware.set_estop(int(self.bench.disturbances.estop_level()))
 
     def reset(self) -> None:
         self.firmware.boot(1 << ResetCause.EXTERNAL)
@@ -128,5 +117,7 @@ class DrumCosimulation:
             at_us = int(self.us(cycle))
             if signal == SYNC:
                 self.bench.set_sync(level, at_us)
-            elif self.on_index is not None:
-                self.on_index(level, at_us)
+                continue
+            at_taxels = self.bench.index_at_taxels(level)
+            if self.on_index is not None and at_taxels is not None:
+                self.on_index(at_taxels, at_us)

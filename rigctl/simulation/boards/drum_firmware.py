@@ -25,6 +25,8 @@ INTEGER_FIELDS = (
     "end_up",
     "end_down",
     "motor_jammed",
+    "direction",
+    "steps_per_turn",
     "mark_length_steps",
     "mark_inverted",
     "poll_address",
@@ -33,6 +35,7 @@ INTEGER_FIELDS = (
     "conversion_due",
     "conversion_cycle",
     "conversion_counts",
+    "conversion_in_step",
     "state",
     "fault",
     "result",
@@ -40,13 +43,15 @@ INTEGER_FIELDS = (
     "sample_sequence",
     "boot_cycle",
     "rx_end_cycle",
+    "bridge_on",
+    "stepper_on",
     "tx_count",
     "edge_count",
     "overflows",
 )
 """The integers of :class:`DrumIO` in order; the kernel indexes them."""
 
-FLOAT_FIELDS = ("drive", "position")
+FLOAT_FIELDS = ("step_size", "drive", "position")
 
 
 class DrumIO(ctypes.Structure):
@@ -78,8 +83,8 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
 class DrumFirmware(FirmwareLibrary):
     """One drum board.
 
-    ``arrays`` are views of ``io`` for compiled code: :data:`INTEGER_FIELDS` int64 (22,),
-    :data:`FLOAT_FIELDS` float64 (2,) and the newest poll uint16 (40,). Raises RigFault if its
+    ``arrays`` are views of ``io`` for compiled code: :data:`INTEGER_FIELDS` int64 (27,),
+    :data:`FLOAT_FIELDS` float64 (3,) and the newest poll uint16 (40,). Raises RigFault if its
     library cannot be used.
     """
 
@@ -87,7 +92,7 @@ class DrumFirmware(FirmwareLibrary):
         super().__init__("drum", DrumIO, _SIGNATURES, library)
         self.io.poll_address, self.io.poll_count = POLL_BLOCK
         integers: NDArray[np.int64] = self._view("potentiometer", len(INTEGER_FIELDS), I64)
-        floats: NDArray[np.float64] = self._view("drive", len(FLOAT_FIELDS), ctypes.c_double)
+        floats: NDArray[np.float64] = self._view("step_size", len(FLOAT_FIELDS), ctypes.c_double)
         poll: NDArray[np.uint16] = self._view("poll_words", POLL_BLOCK[1], ctypes.c_uint16)
         self.arrays = integers, floats, poll
 

@@ -17,7 +17,15 @@ from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from rigctl.simulation.bench import load_cell, mechanics
+from rigctl.simulation.bench import electrics, load_cell, mechanics
+from rigctl.simulation.bench.electrics import (
+    CELL_CLOCK_OPEN,
+    END_DOWN,
+    END_UP,
+    end_level,
+    terminal_drive,
+    wiper_share,
+)
 from rigctl.simulation.bench.load_cell import LAST_COUNTS, NEXT_US, convert
 from rigctl.simulation.bench.mechanics import (
     FORCE,
@@ -30,10 +38,6 @@ from rigctl.simulation.bench.numba_options import compiled, inlined
 from rigctl.simulation.boards.drum_firmware import FLOAT_FIELDS, INTEGER_FIELDS
 
 FULL_READING = 1023
-END_MM = 0.05
-"""Distance to the actuator's end at which the end switch opens."""
-FLOATING_READING = 0.37 * FULL_READING
-"""An arbitrary reading of a potentiometer whose wire is missing."""
 
 _HANDLE, _RUN, _POLL, POLL_AT_MS, POLL_EVERY_MS = range(5)
 STOP_ON_CHANGE, CONVERSIONS, POLLS, _CONTROL_SIZE = range(5, 9)
@@ -43,19 +47,15 @@ numbers of results."""
 CYCLES_PER_MS, START_STEPS, MM_PER_STEP, ROD_END_MM = range(4)
 """Indices of ``scales``, float64."""
 
-END_ABSENT, END_INVERTED, POSITION_ABSENT, POSITION_INVERTED = range(4)
-"""Indices of ``wiring``, bool: state of the bench's optional wires."""
-
 _POTENTIOMETER = INTEGER_FIELDS.index("potentiometer")
 _END_UP, _END_DOWN = map(INTEGER_FIELDS.index, ("end_up", "end_down"))
-_DUE, _DUE_CYCLE, _DUE_COUNTS = (
-    INTEGER_FIELDS.index(f"conversion_{name}") for name in ("due", "cycle", "counts")
+_DUE, _DUE_CYCLE, _DUE_COUNTS, _IN_STEP = (
+    INTEGER_FIELDS.index(f"conversion_{name}") for name in ("due", "cycle", "counts", "in_step")
 )
 _CHANGES, _SEQUENCE = map(INTEGER_FIELDS.index, ("change_count", "sample_sequence"))
 _DRIVE, _POSITION = map(FLOAT_FIELDS.index, ("drive", "position"))
 _Floats = NDArray[np.float64]
 _Integers = NDArray[np.int64]
-_Bools = NDArray[np.bool_]
 
 
 def new_control(handle: int, addresses: tuple[int, int]) -> _Integers:
@@ -90,19 +90,21 @@ The address is an argument, not a constant, so that the compiled caller can be c
 
 
 @inlined
-def _set_actuator_pins(integers: _Integers, rod_mm: float, scales: _Floats, wiring: _Bools) -> None:
+def _set_actuator_pins(
+    integers: _Integers, rod_mm: float, time_ms: float, scales: _Floats, e: _Floats
+) -> None:
     """Set the board's inputs from the actuator's position."""
-    share = rod_mm / scales[ROD_END_MM]
-    reading = (1.0 - share if wiring[POSITION_INVERTED] else share) * FULL_READING
-    integers[_POTENTIOMETER] = int((FLOATING_READING if wiring[POSITION_ABSENT] else reading) + 0.5)
-    up, down = rod_mm < END_MM, rod_mm > scales[ROD_END_MM] - END_MM
-    integers[_END_UP] = wiring[END_ABSENT] or up != wiring[END_INVERTED]
-    integers[_END_DOWN] = wiring[END_ABSENT] or down != wiring[END_INVERTED]
+    share = wiper_share(e, rod_mm / scales[ROD_END_MM], time_ms)
+    integers[_POTENTIOMETER] = int(share * FULL_READING + 0.5)
+    integers[_END_UP] = end_level(e, END_UP, rod_mm, scales[ROD_END_MM])
+    integers[_END_DOWN] = end_level(e, END_DOWN, rod_mm, scales[ROD_END_MM])
 
 
 def _source_digest() -> str:
     """Return a digest of the other files that are compiled into the kernel."""
-    texts = (Path(str(module.__file__)).read_bytes() for module in (mechanics, load_cell))
+    texts = (
+        Path(str(module.__file__)).read_bytes() for module in (electrics, mechanics, load_cell)
+    )
     return hashlib.sha256(b"".join(texts)).hexdigest()
 
 
@@ -116,7 +118,7 @@ def _compile_kernel(digest: str) -> Callable[..., Any]:
         noise: NDArray[np.float32],
         io: tuple[_Integers, _Floats, NDArray[np.uint16]],
         scales: _Floats,
-        wiring: _Bools,
+        e: _Floats,
         control: _Integers,
         results: tuple[_Integers, NDArray[np.uint16], _Integers],
         until_ms: int,
@@ -129,13 +131,14 @@ def _compile_kernel(digest: str) -> Callable[..., Any]:
         changes = integers[_CHANGES] if digest else 0
         while s[TIME_MS] < until_ms:
             end_ms = s[TIME_MS] + 1.0
-            _set_actuator_pins(integers, s[ROD], scales, wiring)
+            _set_actuator_pins(integers, s[ROD], s[TIME_MS], scales, e)
             at_us = cell[NEXT_US]
             if at_us < end_ms * 1000.0:
                 integers[_DUE] = convert(cell, cell_constants, log, s[FORCE], noise[conversion])
                 conversion += 1
                 integers[_DUE_CYCLE] = int(at_us * 1e-3 * scales[CYCLES_PER_MS])
-                integers[_DUE_COUNTS] = int(cell[LAST_COUNTS])
+                integers[_IN_STEP] = e[CELL_CLOCK_OPEN] == 0.0
+                integers[_DUE_COUNTS] = int(cell[LAST_COUNTS]) if integers[_IN_STEP] else 0
             sequence = integers[_SEQUENCE]
             _call_board(control[_RUN], control[_HANDLE], int(end_ms * scales[CYCLES_PER_MS]))
             if integers[_SEQUENCE] != sequence:
@@ -143,7 +146,7 @@ def _compile_kernel(digest: str) -> Callable[..., Any]:
                 conversions[sample, 1] = integers[_DUE_COUNTS]
                 sample += 1
             travel_mm = (floats[_POSITION] - scales[START_STEPS]) * scales[MM_PER_STEP]
-            step_millisecond(s, c, log, force_table, travel_mm, floats[_DRIVE])
+            step_millisecond(s, c, log, force_table, travel_mm, terminal_drive(e, floats[_DRIVE]))
             if end_ms >= control[POLL_AT_MS]:
                 _call_board(control[_POLL], control[_HANDLE], 0)
                 polls[poll] = poll_words

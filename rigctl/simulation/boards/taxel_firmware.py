@@ -23,6 +23,7 @@ class TaxelIO(ctypes.Structure):
     """Inputs and outputs of the board."""
 
     _fields_ = (
+        ("supply_mv", I64),
         ("tx_count", I64),
         ("overflows", I64),
         ("readings", ctypes.c_uint16 * N_TAXELS * MAX_FRAMES),

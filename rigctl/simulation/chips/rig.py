@@ -17,6 +17,7 @@ import numpy as np
 from rigctl.config.resources import checkout
 from rigctl.errors import RigFault
 from rigctl.simulation.bench.bench import Bench
+from rigctl.simulation.bench.electrics import TestPoints, actuator_pins
 from rigctl.simulation.bench.ground_truth import GroundTruth
 from rigctl.simulation.bench.mechanics import RING_MS, DrumTrajectory
 from rigctl.simulation.bench.noise import NoiseRows, NoiseStream, random_generator
@@ -38,7 +39,6 @@ from rigctl.simulation.simulated_rig import (
     SimulatedLink,
     SimulatedRig,
 )
-from rigctl.wire.drum.codes import Signal
 
 SLICE_US = 1000
 DRUM_BAUD = 115_200
@@ -46,8 +46,8 @@ TAXELS_BAUD = 500_000
 REPLY_TIMEOUT_US = 60_000
 BATCH = 4
 """Slices that the taxels' chip runs at a time; USB delivers about every 4 ms."""
-END_MM = 0.05
-"""Distance to the actuator's end at which the end switch opens."""
+SPIKE_EVERY_MS, SPIKE_US = 50, 5
+"""Period and length of spikes on the wires of switches with noise."""
 
 _WIRES = {int(Output.SYNC): Input.SYNC, int(Output.INDEX): Input.INDEX}
 
@@ -114,6 +114,10 @@ class ChipSimulation:
     def skip_mountings(self, count: int) -> None:
         self._bench.skip_mountings(count)
 
+    @property
+    def test_points(self) -> TestPoints:
+        return self._bench.test_points(self.drum_board.chip.io)
+
     def close(self) -> None:
         self._closed = True
         self.drum.close()
@@ -126,19 +130,23 @@ class ChipSimulation:
         p = self._bench.parameters
         io = self.drum_board.chip.io
         io.analog_rows = 2
-        io.steps_per_turn = round(p.steps_per_turn)
-        self._configure_mark()
-        period_cycles = self._bench.loadcell.period_us * self.drum_board.clock.cycles_per_us
-        io.loadcell_period_q16 = round(period_cycles * 65536)
+        self._wire_drum()
         self.drum_board.chip.place_drum(round(p.start_mm / p.mm_per_step))
         return float(io.drum_place)
 
-    def _configure_mark(self) -> None:
-        p, disturbances = self._bench.parameters, self._bench.disturbances
-        io = self.drum_board.chip.io
-        connected = Signal.INDEX not in disturbances.absent
-        io.mark_length_steps = connected * round(p.index_length_mm / p.mm_per_step)
-        io.mark_inverted = int(Signal.INDEX in disturbances.inverted)
+    def _wire_drum(self) -> None:
+        circuit, io = self._bench.disturbances.circuit, self.drum_board.chip.io
+        self._bench.wire_drum(io)
+        period_cycles = self._bench.loadcell.period_us * self.drum_board.clock.cycles_per_us
+        io.loadcell_period_q16 = round(period_cycles * 65536)
+        io.loadcell_clock_open, io.loadcell_data_open = not circuit.cell_clock, not circuit.cell_data
+        io.supply_mv = circuit.logic_mv
+
+    def _wire_taxels(self) -> None:
+        circuit, io = self._bench.disturbances.circuit, self.taxels_board.chip.io
+        io.supply_mv = circuit.logic_mv
+        io.inputs_together = sum(1 << at for at in circuit.shorted_inputs)
+        io.inputs_open = sum(1 << at for at in circuit.missing_dividers)
 
     def _run_slice(self) -> None:
         end_ms = self._done_ms + 1
@@ -151,24 +159,29 @@ class ChipSimulation:
         self._done_ms = end_ms
 
     def _run_drum(self, end_ms: int) -> None:
-        chip, rod_mm = self.drum_board.chip, self._bench.plant.rod_mm
-        travel_mm = self._bench.parameters.actuator_travel_mm
+        chip, bench = self.drum_board.chip, self._bench
+        share, up, down = actuator_pins(
+            bench.electrics, bench.plant.rod_mm, bench.parameters.actuator_travel_mm, self._done_ms
+        )
         chip.analog[0, 0] = chip.analog[1, 0]
-        chip.analog[1, 0] = self._potentiometer(rod_mm / travel_mm)
-        ends = {Input.END_UP: rod_mm < END_MM, Input.END_DOWN: rod_mm > travel_mm - END_MM}
-        for signal, at_end in ends.items():
-            level = self._bench.disturbances.wire_level(Signal.END_SWITCHES, at_end)
-            self._set_input(signal, int(level), end_ms)
+        chip.analog[1, 0] = share
+        self._set_input(Input.END_UP, int(up), end_ms)
+        self._set_input(Input.END_DOWN, int(down), end_ms)
+        if bench.disturbances.circuit.switch_noise and end_ms % SPIKE_EVERY_MS == 0:
+            self._disturb_switches(end_ms)
         if chip.io.loadcell_ready <= self.drum_board.clock.cycle(end_ms * SLICE_US):
-            chip.io.loadcell_counts = self._bench.loadcell.weigh(self._done_ms * 1000)
+            chip.io.loadcell_counts = bench.loadcell.weigh(self._done_ms * 1000)
         self.drum_board.run(end_ms * SLICE_US)
 
-    def _potentiometer(self, share: float) -> float:
-        """Return the potentiometer's voltage share; without its wire the input floats."""
-        disturbances = self._bench.disturbances
-        if Signal.POSITION in disturbances.absent:
-            return 0.37
-        return 1.0 - share if Signal.POSITION in disturbances.inverted else share
+    def _disturb_switches(self, end_ms: int) -> None:
+        """Put a spike on each switch's wire, at a time in the slice that the seed determines."""
+        random = random_generator(self._bench.seed, NoiseStream.SWITCHES, end_ms)
+        begin_us = max(self.time_us, self._done_ms * SLICE_US)
+        starts_us = begin_us + np.sort(random.integers(1, SLICE_US // 4, len(self._input_levels)))
+        for (signal, level), at_us in zip(self._input_levels.items(), starts_us, strict=True):
+            for at, shown in ((at_us, 1 - level), (at_us + SPIKE_US, level)):
+                cycle = self.drum_board.clock.cycle(float(at))
+                self.drum_board.chip.set_input(signal, cycle, shown)
 
     def _set_input(self, signal: Input, level: int, end_ms: int) -> None:
         if self._input_levels[signal] != level:
@@ -186,8 +199,11 @@ class ChipSimulation:
             at_us, level = clock.us(int(chip.edge_cycle[i])), int(chip.edge_level[i])
             if wire is Input.SYNC:
                 self._bench.set_sync(level, int(at_us))
-                level = self._bench.sync_level
-            self._edges.append((wire, level, at_us))
+                self._edges.append((wire, self._bench.sync_level, at_us))
+                continue
+            at_taxels = self._bench.index_at_taxels(level)
+            if at_taxels is not None:
+                self._edges.append((wire, at_taxels, at_us))
 
     def _run_taxels(self) -> None:
         """Run the taxels' chip up to the bench's present time."""
@@ -206,13 +222,14 @@ class ChipSimulation:
         self.taxels_board.run(self._done_ms * SLICE_US)
 
     def _apply_disturbances(self) -> None:
-        disturbances, io = self._bench.disturbances, self.drum_board.chip.io
-        self._configure_mark()
-        io.loadcell_mode = int(disturbances.loadcell)
-        io.motor_jammed = int(disturbances.motor_jammed)
-        estop = disturbances.wire_level(Signal.ESTOP, disturbances.estop_pressed)
-        self._set_input(Input.ESTOP, int(estop), self._done_ms + 1)
+        disturbances, sync = self._bench.disturbances, self._bench.sync_level
         self._bench.apply_disturbances()
+        self._wire_drum()
+        self._wire_taxels()
+        self.drum_board.chip.io.loadcell_mode = int(disturbances.loadcell)
+        self._set_input(Input.ESTOP, int(disturbances.estop_level()), self._done_ms + 1)
+        if self._bench.sync_level != sync:
+            self._edges.append((Input.SYNC, self._bench.sync_level, self._done_ms * SLICE_US))
 
     def _reset(self, board: str) -> None:
         if self._taxels_done_ms < self._done_ms:
@@ -239,7 +256,7 @@ def open_chip_simulation(
     if root is None:
         raise RigFault("simulated chips need a checkout: use --rig virtual")
     library = load_library(root / "build" / "sim" / "libchips.so")
-    bench = Bench(parameters, seed)
+    bench = Bench(parameters, seed, has_network=True)
     drum_chip = Chip(library, drum_image, Kind.DRUM)
     try:
         taxels_chip = Chip(library, taxels_image, Kind.TAXELS)

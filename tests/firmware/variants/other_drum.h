@@ -33,6 +33,8 @@ constexpr float ACTUATOR_MAX_MM_S = 6.0f;
 constexpr float ACTUATOR_LAG_S = 0.045f;
 constexpr uint16_t ACTUATOR_TRAVEL_UM = 40000;
 constexpr uint16_t ACTUATOR_END_UM = 500;
+constexpr uint16_t POSITION_TOP_RAW = 44, POSITION_BOTTOM_RAW = 979;
+constexpr uint16_t POSITION_BROKEN_LOW = 22, POSITION_BROKEN_HIGH = 1000;
 constexpr uint32_t LOADCELL_PERIOD_US = 100000;
 constexpr float LOADCELL_DELAY_S = 0.050f;
 constexpr uint16_t MOST_FORCE_G = 1500;

@@ -9,6 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.simulation.bench.electrics import AS_DRAWN, actuator_pins, constants
 from rigctl.simulation.chips.simavr import Chip, Input, Kind, Output, load_library
 from rigctl.wire.drum.codes import Command, CommandResult
 from rigctl.wire.drum.register_table import BY_NAME, Register
@@ -16,6 +17,8 @@ from rigctl.wire.drum.states import State
 from tests.firmware.building import built
 
 MS = 16_000
+WIRED = constants(AS_DRAWN)
+"""The electrical layer of a bench that is wired as drawn."""
 ENTRY_CYCLES = 5
 """Interrupt entry of the 2560, which the simulator does not count."""
 CONTACT_MM = 20.0
@@ -111,7 +114,7 @@ class DrumChip:
         self._felt = [*self._felt[1:], self.force_g]
         felt = sum(self._felt) / 10 + 0.3 * self._noise.standard_normal()
         self.x.loadcell_counts = OFFSET_COUNTS + round(felt / G_PER_COUNT)
-        self.chip.analog[0, 0] = self.rod_mm / 50.0
+        self.chip.analog[0, 0] = actuator_pins(WIRED, self.rod_mm, 50.0)[0]
 
     def pin(self, signal: Input, level: int, after_cycles: int = 0) -> int:
         """Change an input pin after some cycles; return the cycle of the change."""

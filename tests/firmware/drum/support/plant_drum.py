@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.simulation.bench.contact import ForceTable, contact_tables, draw_mounting, force_table
+from rigctl.simulation.bench.electrics import actuator_pins
 from rigctl.simulation.bench.load_cell import LoadCellAmplifier
 from rigctl.simulation.bench.mechanics import DrumTrajectory, Mechanics
 from rigctl.simulation.bench.world.parameters import WorldParameters, validated
@@ -16,7 +17,7 @@ from rigctl.simulation.chips.simavr import Output
 from rigctl.simulation.simulated_rig import Disturbances
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import State
-from tests.firmware.drum.support.chip import MS, DrumChip
+from tests.firmware.drum.support.chip import MS, WIRED, DrumChip
 
 CYCLES_PER_US = 16
 MEAN_MS = 200
@@ -77,13 +78,14 @@ class PlantDrum(DrumChip):
 
     def _advance_bench(self, duty: float) -> None:
         end_ms = int(self.x.cycle) // MS
-        travel_mm = (self.x.drum_place - self._start_steps) * self.parameters.mm_per_step
-        self.plant.advance(end_ms, duty, DrumTrajectory(end_ms * 1000.0, travel_mm, 0.0))
+        drum_mm = (self.x.drum_place - self._start_steps) * self.parameters.mm_per_step
+        self.plant.advance(end_ms, duty, DrumTrajectory(end_ms * 1000.0, drum_mm, 0.0))
         self.rod_mm, self.force_g = self.plant.rod_mm, self.plant.force_g
         self.forces.append(self.force_g)
         if self.x.loadcell_ready <= (end_ms + 1) * MS:
             self.x.loadcell_counts = self._cell.weigh(end_ms * 1000)
-        self.chip.analog[0, 0] = self.rod_mm / self.parameters.actuator_travel_mm
+        travel_mm = self.parameters.actuator_travel_mm
+        self.chip.analog[0, 0] = actuator_pins(WIRED, self.rod_mm, travel_mm)[0]
 
     def prepare(self) -> None:
         """Arm, home and tare."""
