@@ -7,6 +7,7 @@ links are ports and the clock is real time; on a simulated rig both come from th
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -37,16 +38,18 @@ def open_rig(
     paced: bool = True,
     config: RigConfig | None = None,
     world: SimulatedWorld | None = None,
+    wirings: Sequence[str] = (),
 ) -> Rig:
     """Open ``virtual``, ``firmware``, or the rig that a ``rig.toml`` describes.
 
-    ``seed`` and ``world`` define a simulated bench; ``paced`` runs it in real time. The default
+    ``seed``, ``world`` and ``wirings``, names of :data:`rigctl.simulation.wirings.WIRINGS`, define a
+    simulated bench; ``paced`` runs it in real time. The default
     ``config`` of ``virtual`` and ``firmware`` is that of the world. The boards are not connected:
     use ``rig.drum.connect()`` and ``rig.taxels.connect()``. Raises WrongUse for a rig that does
-    not exist or cannot have a world, ConfigError for an unusable description.
+    not exist or cannot have a world or wirings, ConfigError for an unusable description.
     """
     if spec in (VIRTUAL, FIRMWARE):
-        return _simulated_rig(spec, seed, paced, config, world)
+        return _simulated_rig(spec, seed, paced, config, world, wirings)
     path = Path(spec)
     if not is_plain_file(path):
         raise WrongUse(
@@ -54,10 +57,15 @@ def open_rig(
         )
     config = _validate_taxel_count(config or load_config(path))
     if config.ports.simulate:
-        return _simulated_rig(config.ports.simulate, seed, paced, config, world)
+        return _simulated_rig(config.ports.simulate, seed, paced, config, world, wirings)
     if world is not None:
         raise WrongUse(
             f"{path} describes a real rig, which has no world file: leave --world out, or set "
+            "[ports] simulate to rehearse"
+        )
+    if wirings:
+        raise WrongUse(
+            f"{path} describes a real rig, which is wired as it is: leave --wire out, or set "
             "[ports] simulate to rehearse"
         )
     return _bench(path, config)
@@ -74,18 +82,27 @@ def _validate_taxel_count(config: RigConfig) -> RigConfig:
 
 
 def _simulated_rig(
-    kind: str, seed: int, paced: bool, config: RigConfig | None, world: SimulatedWorld | None
+    kind: str,
+    seed: int,
+    paced: bool,
+    config: RigConfig | None,
+    world: SimulatedWorld | None,
+    wirings: Sequence[str],
 ) -> Rig:
     from rigctl.simulation.bench.world.world_file import NOMINAL_WORLD
     from rigctl.simulation.clock import SimulatedTimeLoop
     from rigctl.simulation.virtual_rig import compile_kernels
+    from rigctl.simulation.wirings import find_wiring
 
+    known = [find_wiring(name).name for name in wirings]
     world = world or NOMINAL_WORLD
     config = _validate_taxel_count(config or world.rig_config())
     compile_kernels()
     _validate_emergency_stop(config)
     simulation = _open_simulation(kind, seed, world)
     _wire_signals(simulation, config)
+    for name in known:
+        simulation.faults.wire(name)
     loop = SimulatedTimeLoop(simulation, 1.0 if paced else None)
     return Rig(
         kind,

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from gui.operate.bench_controls import FAULTS
+from gui.operate.bench_controls import FAULTS, WIRINGS_ON_OFF
 from rigctl.acquisition.calibration.calibration_values import ForceLoopGains, MassReading
 from rigctl.acquisition.calibration.words import gains_words, imbalance_words
 
@@ -75,7 +75,7 @@ def _measured(command: str, result: Mapping[str, Any]) -> str:
         case "plate" if "texture" in result:
             return f"{result['texture']} is on the drum"
         case "inject" if "injected" in result:
-            return injected_words(result["injected"], FAULTS)
+            return injected_words(result["injected"], {**FAULTS, **WIRINGS_ON_OFF})
         case "test_taxels" if "found" in result:
             return "; ".join(map(str, result["found"])) or "no findings"
         case "record" if "session" in result:

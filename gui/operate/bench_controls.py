@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from string import ascii_uppercase
 from typing import Any
 
-from PySide6.QtCore import Signal
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QComboBox, QGridLayout, QGroupBox, QLabel
 
 from gui.widgets.focus_wheel import focus_wheel
 from gui.widgets.layouts import push_button
 from rigctl.acquisition.rpc.messages import EngineStatus
+from rigctl.simulation.wirings import WIRINGS
 from rigctl.wire.drum.states import State
 
 TEXTURES = tuple(ascii_uppercase[:16])
@@ -32,6 +34,14 @@ FAULTS: dict[str, dict[str, Any]] = {
 }
 """Text of each fault that can be injected, and the arguments of the engine's command."""
 
+WRONGLY, AS_DRAWN = "Wire wrongly", "Wire as drawn"
+WIRINGS_ON_OFF: dict[str, dict[str, Any]] = {
+    f"{text}: {name}": {"fault": "wire", "name": name, "on": is_on}
+    for name in WIRINGS
+    for text, is_on in ((WRONGLY, True), (AS_DRAWN, False))
+}
+"""The same for the wrong wirings of the catalogue."""
+
 
 class BenchControls(QGroupBox):
     """The mounted plate, and on a simulated rig the faults that users can inject."""
@@ -48,13 +58,27 @@ class BenchControls(QGroupBox):
         self.fault.addItems(list(FAULTS))
         self.inject = push_button("Inject", self._inject)
         self.inject.setAccessibleName("Inject the chosen fault")
-        self._fault_row = (QLabel("Fault"), self.fault, self.inject)
+        self.wiring = focus_wheel(QComboBox())
+        for wiring in WIRINGS.values():
+            self.wiring.addItem(wiring.name)
+            self.wiring.setItemData(
+                self.wiring.count() - 1, wiring.text, Qt.ItemDataRole.ToolTipRole
+            )
+        self.wiring.currentTextChanged.connect(self._show_wiring)
+        self.wire = push_button(WRONGLY, self._wire)
+        self.wire.setAccessibleName("Switch the chosen wrong wiring on or off")
+        self._wirings_on: tuple[str, ...] = ()
+        self._rows = (
+            (QLabel("Fault"), self.fault, self.inject),
+            (QLabel("Wiring"), self.wiring, self.wire),
+        )
         grid = QGridLayout(self)
         grid.setContentsMargins(8, 6, 8, 8)
         grid.addWidget(QLabel("Plate"), 0, 0)
         grid.addWidget(self.plate, 0, 1, 1, 2)
-        for column, widget in enumerate(self._fault_row):
-            grid.addWidget(widget, 1, column)
+        for row, widgets in enumerate(self._rows, 1):
+            for column, widget in enumerate(widgets):
+                grid.addWidget(widget, row, column)
         grid.setColumnStretch(1, 1)
 
     def show_status(self, status: EngineStatus) -> None:
@@ -62,8 +86,10 @@ class BenchControls(QGroupBox):
         obstacle = plate_obstacle(status)
         self.plate.setEnabled(not obstacle)
         self.plate.setToolTip(f"Texture plate on the drum{obstacle and f'. Locked: {obstacle}'}")
-        for widget in self._fault_row:
+        for widget in chain(*self._rows):
             widget.setVisible(status.simulated)
+        self._wirings_on = status.wirings
+        self._show_wiring()
         if not self.plate.view().isVisible():
             self._show_plate(status.texture)
 
@@ -75,6 +101,21 @@ class BenchControls(QGroupBox):
 
     def _send_plate(self) -> None:
         self.command_requested.emit("plate", {"texture": self.plate.currentText()})
+
+    def _show_wiring(self) -> None:
+        """Show whether the chosen wiring is on, and in its list which others are."""
+        for row in range(self.wiring.count()):
+            font = self.wiring.font()
+            font.setBold(self.wiring.itemText(row) in self._wirings_on)
+            self.wiring.setItemData(row, font, Qt.ItemDataRole.FontRole)
+        is_on = self.wiring.currentText() in self._wirings_on
+        self.wire.setText(AS_DRAWN if is_on else WRONGLY)
+        self.wiring.setToolTip(WIRINGS[self.wiring.currentText()].text)
+
+    def _wire(self) -> None:
+        self.command_requested.emit(
+            "inject", WIRINGS_ON_OFF[f"{self.wire.text()}: {self.wiring.currentText()}"]
+        )
 
     def _inject(self) -> None:
         self.command_requested.emit("inject", FAULTS[self.fault.currentText()])

@@ -129,7 +129,7 @@ def add_panel_menus(
     add_buttons(menus, "Rig", [*operate.buttons.values(), operate.set_button])
     steps = operate.bring_up
     guided = [steps.next, steps.calibrate, steps.steps, operate.record_box.button]
-    add_buttons(menus, "Rig", [*guided, operate.bench.inject])
+    add_buttons(menus, "Rig", [*guided, operate.bench.inject, operate.bench.wire])
     add_buttons(menus, "Rig → Jog", operate.jog.buttons.values())
     queue = protocol.queue
     queued = (queue.add_button, queue.remove_button, queue.next_button)

@@ -21,7 +21,7 @@ def drum_controls(
         *operate.buttons.values(),
         *operate.jog.buttons.values(),
         *by_hand,
-        *(bench.plate, bench.inject),
+        *(bench.plate, bench.inject, bench.wire),
         *protocol.buttons.values(),
         *(protocol.continue_button, queue.next_button),
         *(prompt.confirm, prompt.abort),

@@ -54,6 +54,11 @@ class Rig:
         return self.simulation.faults if self.simulated else None
 
     @property
+    def wirings(self) -> tuple[str, ...]:
+        """Names of the wrong wirings of a simulated rig that are on; empty at the bench."""
+        return tuple(self.simulation.faults.wirings) if self.simulated else ()
+
+    @property
     def plate(self) -> str | None:
         """Texture of a simulated plate; None at the bench, where nobody has said it yet."""
         return str(self.simulation.plate) if self.simulated else None

@@ -15,7 +15,7 @@ import numpy as np
 from msgspec import Meta
 
 from rigctl.errors import LinkLost
-from rigctl.simulation.bench.electrics import (
+from rigctl.simulation.bench.circuit import (
     AS_DRAWN,
     Circuit,
     TestPoints,

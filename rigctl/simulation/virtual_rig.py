@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from rigctl.simulation.bench.bench import LOG_EVERY_MS, Bench
-from rigctl.simulation.bench.electrics import TestPoints
+from rigctl.simulation.bench.circuit import TestPoints
 from rigctl.simulation.bench.ground_truth import GroundTruth
 from rigctl.simulation.bench.world.parameters import WorldParameters
 from rigctl.simulation.boards.drum_cosimulation import DrumCosimulation

@@ -1,6 +1,6 @@
 """The catalogue of wrong wirings and faulty parts: switches of the simulated bench.
 
-Each :class:`Wiring` changes fields of the :class:`~rigctl.simulation.bench.electrics.Circuit`.
+Each :class:`Wiring` changes fields of the :class:`~rigctl.simulation.bench.circuit.Circuit`.
 Wirings of one ``group`` look the same to every sensor of the rig; a check by hand decides which it
 is.
 """
@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 from rigctl.config.names import shorten
 from rigctl.errors import WrongUse
-from rigctl.simulation.bench.electrics import AS_DRAWN, Circuit, Direction, Wiper, Wire
+from rigctl.simulation.bench.circuit import AS_DRAWN, Circuit, Direction, Wiper, Wire
 
 N_NEAR = 4
 """Names that an error lists."""
@@ -492,18 +492,20 @@ WIRINGS: Mapping[str, Wiring] = {wiring.name: wiring for wiring in _CATALOGUE}
 
 
 def find_wiring(name: str) -> Wiring:
-    """Return a wiring of the catalogue, in any case of letters.
+    """Return a wiring of the catalogue, in any case of letters and with any minus sign.
 
     Raises WrongUse that lists the names most like a wrong one.
     """
-    by_folded = {known.casefold(): wiring for known, wiring in WIRINGS.items()}
-    folded = " ".join(name.casefold().split())
-    if folded in by_folded:
-        return by_folded[folded]
-    near = [known for known in by_folded if folded and set(folded.split()) & set(known.split())]
-    likely = list(dict.fromkeys([*get_close_matches(folded, by_folded, N_NEAR), *near]))[:N_NEAR]
-    names = ", ".join(by_folded[one].name for one in likely) or ", ".join(WIRINGS)
+    by_folded = {_folded(known): wiring for known, wiring in WIRINGS.items()}
+    if (known := by_folded.get(_folded(name))) is not None:
+        return known
+    near = get_close_matches(_folded(name), by_folded, N_NEAR, cutoff=0.0)
+    names = ", ".join(f'"{by_folded[one].name}"' for one in near)
     raise WrongUse(f"there is no wiring {shorten(repr(name))}: near it are {names}")
+
+
+def _folded(name: str) -> str:
+    return " ".join(name.casefold().replace("−", "-").split())
 
 
 def circuit_of(names: Iterable[str]) -> Circuit:
@@ -517,7 +519,8 @@ def circuit_of(names: Iterable[str]) -> Circuit:
 def catalogue_table() -> str:
     """Return the catalogue as a table in Markdown."""
     rows = [
-        f"| `{w.name}` | {w.board} | {w.text} | {w.reaches} | {w.group or '–'} |" for w in _CATALOGUE
+        f"| `{w.name}` | {w.board} | {w.text} | {w.reaches} | {w.group or '–'} |"
+        for w in _CATALOGUE
     ]
     head = ["| wiring | board | what is connected how | shows on | not told apart from |"]
     return "\n".join([*head, "|---|---|---|---|---|", *rows]) + "\n"

@@ -27,6 +27,19 @@ def add_world(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_wirings(parser: argparse.ArgumentParser) -> None:
+    """Add ``--wire NAME`` to a command that opens a simulated rig."""
+    parser.add_argument(
+        "--wire",
+        type=_wiring_name,
+        action="append",
+        default=[],
+        metavar="NAME",
+        help='wire a simulated rig wrongly, such as "actuator swapped"; may be repeated '
+        "(docs/reference/world.md lists the names)",
+    )
+
+
 def chosen_world(path: Path | None) -> SimulatedWorld | None:
     """Return the world of a file, None without a file. Raises ConfigError."""
     from rigctl.simulation.bench.world.world_file import load_world
@@ -41,6 +54,13 @@ def session_world(folder: Path) -> SimulatedWorld | None:
 
     with Session.open(folder) as session:
         return world_from_header(session.header.simulation, folder)
+
+
+def _wiring_name(text: str) -> str:
+    """Return the name of a wiring as the catalogue has it. Raises WrongUse."""
+    from rigctl.simulation.wirings import find_wiring
+
+    return find_wiring(text).name
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -11,7 +11,7 @@ from rigctl.acquisition.engine import Engine
 from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.protocol.run_request import RunRequest
 from rigctl.acquisition.rpc.command_handler import CommandHandler
-from rigctl.cli.data.world import add_world, chosen_world, session_world
+from rigctl.cli.data.world import add_wirings, add_world, chosen_world, session_world
 from rigctl.cli.options.arguments import path_or_name, whole_number
 from rigctl.cli.rig.engine_process import EngineProcess, utc_now
 from rigctl.protocol.plan import MAX_SEED
@@ -35,11 +35,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--yes", action="store_true")
     add_world(parser)
+    add_wirings(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Open the rig, announce the engine, wait for its first client, serve."""
-    rig = open_rig(args.rig, seed=args.seed, paced=args.paced, world=_world(args))
+    rig = open_rig(
+        args.rig, seed=args.seed, paced=args.paced, world=_world(args), wirings=args.wire
+    )
     with closing(rig):
         process = EngineProcess(args.name, args.rig, is_bench=not rig.simulated)
         live = LiveWriter(process.live_path)

@@ -28,7 +28,7 @@ from rigctl.acquisition.rpc.messages import (
 from rigctl.cli import INTERRUPTED
 from rigctl.cli.data.closing import print_session
 from rigctl.cli.data.missing import print_missing
-from rigctl.cli.data.world import add_world
+from rigctl.cli.data.world import add_wirings, add_world
 from rigctl.cli.options.arguments import a_path, add_seed, path_or_name
 from rigctl.cli.options.progress import ProgressLine, clock
 from rigctl.cli.options.terminal import Interrupts
@@ -61,6 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="virtual, firmware, or a rig.toml (default: that of the session, else virtual)",
     )
     add_world(parser)
+    add_wirings(parser)
     parser.add_argument(
         "--out",
         type=a_path("--out"),
@@ -287,6 +288,7 @@ def _engine_arguments(args: argparse.Namespace) -> list[str]:
     }
     # In one word, or a name that begins with a dash would be an option.
     given = [f"{name}={value}" for name, value in named.items() if value is not None]
+    given += [f"--wire={name}" for name in args.wire]
     return [*given, *(["--yes"] if args.yes else [])]
 
 

@@ -18,7 +18,7 @@ from contextlib import closing
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from rigctl.cli.data.world import add_world, chosen_world
+from rigctl.cli.data.world import add_wirings, add_world, chosen_world
 from rigctl.cli.options.arguments import add_seed, whole_number
 from rigctl.errors import WrongUse
 from rigctl.finger_rig import open_finger_rig
@@ -40,6 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.add_argument("--rig", choices=(VIRTUAL, FIRMWARE), default=VIRTUAL)
     add_world(parser)
+    add_wirings(parser)
     parser.add_argument("--plate", metavar="A–P", help="texture on the drum (A)")
     add_seed(parser, "seed of the simulated world", default=0)
     parser.add_argument("--json", action="store_true", help="print the addresses as one JSON line")
@@ -83,6 +84,8 @@ def run(args: argparse.Namespace) -> int:
 def _require_fitting_options(args: argparse.Namespace) -> None:
     if args.finger and args.rig != VIRTUAL:
         raise WrongUse("the finger's image under QEMU is slower than real time: use --rig virtual")
+    if args.finger and args.wire:
+        raise WrongUse("the wirings are those of the drum's bench: leave --wire out")
     if args.finger and args.plate is not None:
         raise WrongUse("the person chooses the finger's plate: leave --plate out")
     if not args.finger and (args.udp is not None or args.session is not None):
@@ -94,7 +97,8 @@ def _require_fitting_options(args: argparse.Namespace) -> None:
 
 
 def _serve_drum(args: argparse.Namespace, world: SimulatedWorld | None) -> None:
-    with closing(open_rig(args.rig, seed=args.seed, paced=True, world=world)) as rig:
+    opened = open_rig(args.rig, seed=args.seed, paced=True, world=world, wirings=args.wire)
+    with closing(opened) as rig:
         rig.set_plate(args.plate or "A")
         assert rig.simulation is not None
         links = (rig.simulation.drum, rig.simulation.taxels)

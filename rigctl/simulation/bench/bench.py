@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from rigctl.simulation.bench import electrics
+from rigctl.simulation.bench.circuit import TestPoints, Wire, wire_on
 from rigctl.simulation.bench.contact import contact_tables, draw_mounting, force_table
-from rigctl.simulation.bench.electrics import TestPoints, Wire, wire_on
 from rigctl.simulation.bench.ground_truth import GroundTruth
 from rigctl.simulation.bench.load_cell import LoadCellAmplifier
 from rigctl.simulation.bench.mechanics import DRUM_MM, FORCE_G, RING_MS, DrumTrajectory, Mechanics

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.simulation.bench.electrics import Circuit
+from rigctl.simulation.bench.circuit import Circuit
 from rigctl.simulation.bench.mechanics import LOADCELL_G, RING_MS, Mechanics
 from rigctl.simulation.bench.noise import NoiseRows, NoiseStream
 from rigctl.simulation.bench.numba_options import compiled, inlined

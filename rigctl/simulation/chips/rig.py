@@ -17,7 +17,8 @@ import numpy as np
 from rigctl.config.resources import checkout
 from rigctl.errors import RigFault
 from rigctl.simulation.bench.bench import Bench
-from rigctl.simulation.bench.electrics import TestPoints, actuator_pins
+from rigctl.simulation.bench.circuit import TestPoints
+from rigctl.simulation.bench.electrics import actuator_pins
 from rigctl.simulation.bench.ground_truth import GroundTruth
 from rigctl.simulation.bench.mechanics import RING_MS, DrumTrajectory
 from rigctl.simulation.bench.noise import NoiseRows, NoiseStream, random_generator
@@ -139,7 +140,10 @@ class ChipSimulation:
         self._bench.wire_drum(io)
         period_cycles = self._bench.loadcell.period_us * self.drum_board.clock.cycles_per_us
         io.loadcell_period_q16 = round(period_cycles * 65536)
-        io.loadcell_clock_open, io.loadcell_data_open = not circuit.cell_clock, not circuit.cell_data
+        io.loadcell_clock_open, io.loadcell_data_open = (
+            not circuit.cell_clock,
+            not circuit.cell_data,
+        )
         io.supply_mv = circuit.logic_mv
 
     def _wire_taxels(self) -> None:

@@ -9,7 +9,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.simulation.bench.electrics import AS_DRAWN, actuator_pins, constants
+from rigctl.simulation.bench.circuit import AS_DRAWN
+from rigctl.simulation.bench.electrics import actuator_pins, constants
 from rigctl.simulation.chips.simavr import Chip, Input, Kind, Output, load_library
 from rigctl.wire.drum.codes import Command, CommandResult
 from rigctl.wire.drum.register_table import BY_NAME, Register
