@@ -160,7 +160,7 @@ class SimulatedLink:
             port._receive(data, at_s)
 
     def reach(self, board: SimulatedLink, ports: Collection[SimulatedLink]) -> None:
-        """Plug the cable into the board of another link; ``ports`` are those of this link's board."""
+        """Plug the cable into the board of a link; ``ports`` are those of our own board."""
         self._reached, self._ports = board, ports
 
     def _receive(self, data: bytes, at_s: float) -> None:

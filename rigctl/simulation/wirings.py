@@ -519,8 +519,7 @@ def circuit_of(names: Iterable[str]) -> Circuit:
 def catalogue_table() -> str:
     """Return the catalogue as a table in Markdown."""
     rows = [
-        f"| `{w.name}` | {w.board} | {w.text} | {w.reaches} | {w.group or '–'} |"
-        for w in _CATALOGUE
+        f"| {w.name} | {w.board} | {w.text} | {w.reaches} | {w.group or '–'} |" for w in _CATALOGUE
     ]
-    head = ["| wiring | board | what is connected how | shows on | not told apart from |"]
+    head = ["| wiring | board | what is connected how | shows on | alike to the sensors |"]
     return "\n".join([*head, "|---|---|---|---|---|", *rows]) + "\n"

@@ -140,7 +140,7 @@ class Bench:
         """
         if until_ms - self.logged_ms > LOG_EVERY_MS:
             self.log_truth()
-        voltage = electrics.terminal_voltage(self.electrics, drive)
+        voltage = drive * float(self.electrics[electrics.PRESS if drive > 0.0 else electrics.LIFT])
         self.plant.advance(until_ms, voltage, trajectory)
 
     def log_truth(self) -> None:

@@ -49,8 +49,8 @@ class Circuit:
     Supplies: ``logic_mv`` of the boards; ``actuator_supply`` and ``motor_supply`` as shares of the
     nominal voltage; ``stop_cuts_supply``: the second contact of the emergency stop interrupts both.
 
-    Actuator: ``actuator_polarity`` −1 with its two wires exchanged; ``press_half`` and ``lift_half``
-    of the bridge work; ``bridge_held_on``: its enable is high whatever the board says.
+    Actuator: ``actuator_polarity`` is −1 with exchanged wires; ``press_half`` and ``lift_half`` of
+    the bridge work; ``bridge_held_on``: its enable is high whatever the board says.
 
     Potentiometer: ``wiper``; ``is_position_reversed``; its ``ground_end`` and ``supply_end`` are
     connected; ``pull_down`` is fitted.
@@ -61,10 +61,11 @@ class Circuit:
     Load cell: of the signal a share ``cell_gain`` arrives, negative with exchanged wires, with
     ``cell_stray_counts`` and ``cell_noise_counts`` (rms) of other origin; a conversion takes
     ``cell_periods`` nominal periods; ``cell_clock`` and ``cell_data`` are connected; every
-    ``cell_spike_every``-th conversion, if that is not 0, is wrong by :data:`SPIKE_G`.
+    ``cell_spike_every``-th conversion, if that is not 0, is wrong by 1,000 g.
 
-    Stepper: ``coils`` are paired as drawn; ``step`` is connected; ``enable``; ``direction``; a pulse
-    turns the drum by ``step_size`` steps; the surface moves by ``diameter`` times the nominal travel.
+    Stepper: ``coils`` are paired as drawn; ``step`` is connected; ``enable``; ``direction``; a
+    pulse turns the drum by ``step_size`` steps; the surface moves by ``diameter`` times the nominal
+    travel.
 
     Index and sync: ``index`` with ``marks_per_turn``; ``index_at_uno`` and ``sync`` are connected.
 

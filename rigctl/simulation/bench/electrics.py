@@ -1,8 +1,8 @@
 """The electrical layer of the bench: what lies between its mechanics and the boards' pins.
 
 A :class:`~rigctl.simulation.bench.circuit.Circuit` says how the bench is connected.
-:func:`constants` turns it into an array for compiled code, which computes the actuator's voltage and
-the levels at the drum board's inputs. Both kinds of boards use these functions.
+:func:`constants` turns it into an array for compiled code, which computes the actuator's voltage
+and the levels at the drum board's inputs. Both kinds of boards use these functions.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ def constants(
 ) -> _Floats:
     """Return the constants of a circuit, float64 (14,), for the functions below.
 
-    ``absent``: optional wires of the drum board that the rig does not have; ``inverted``: those with
-    the opposite polarity. ``held_ends``: a hand holds the upper or the lower end switch.
+    ``absent``: optional wires of the drum board that the rig does not have; ``inverted``: those
+    with the opposite polarity. ``held_ends``: a hand holds the upper or the lower end switch.
     """
     has_position = Signal.POSITION not in absent
     voltage = circuit.actuator_polarity * circuit.actuator_supply
@@ -110,11 +110,6 @@ def wiper_share(e: _Floats, share: float, time_ms: float) -> float:
     return float(up / (up + down))
 
 
-def terminal_voltage(e: _Floats, duty: float) -> float:
-    """Return :func:`terminal_drive` without compiled code around it."""
-    return float(duty * (e[PRESS] if duty > 0.0 else e[LIFT]))
-
-
 @compiled
 def _actuator_pins(
     e: _Floats, rod_mm: float, travel_mm: float, time_ms: float
@@ -134,8 +129,8 @@ def actuator_pins(
 def taxel_map(circuit: Circuit, has_network: bool) -> _Floats | None:
     """Return how conductances at the board's readings follow from those as drawn, (18, 18).
 
-    None for a sensor that is wired as drawn. ``has_network``: the board computes the voltages at its
-    inputs itself, with shorted inputs and missing dividers.
+    None for a sensor that is wired as drawn. ``has_network``: the board computes the voltages at
+    its inputs itself, with shorted inputs and missing dividers.
     """
     by_reading = np.zeros((N_TAXELS, N_TAXELS))
     for reading in range(N_TAXELS):

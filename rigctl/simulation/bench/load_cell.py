@@ -126,7 +126,7 @@ class LoadCellAmplifier:
         return float(self._constants[PERIOD_US])
 
     def connect(self, circuit: Circuit) -> None:
-        """Connect cell and amplifier in this way from now on; a started conversion ends as it would.
+        """Connect cell and amplifier in this way; a conversion that has begun ends as it would.
 
         A slower amplifier averages for a longer time.
         """

@@ -1,4 +1,4 @@
-"""Render the tables of ``docs/reference/world.md`` from the parameters.
+"""Render the tables of ``docs/reference/world.md`` from parameters, plates and wirings.
 
 ``python -m rigctl.simulation.bench.world.parameter_tables`` writes them; ``--check`` only compares.
 """
@@ -11,6 +11,7 @@ from pathlib import Path
 from rigctl.simulation.bench.textures import CATALOGUE
 from rigctl.simulation.bench.world.parameter_fields import ParameterInfo
 from rigctl.simulation.bench.world.parameters import WorldParameters, parameter_infos
+from rigctl.simulation.wirings import catalogue_table
 
 PAGE = Path(__file__).parents[4] / "docs" / "reference" / "world.md"
 
@@ -35,7 +36,8 @@ def heading(name: str) -> str:
 
 def render(page: str) -> str:
     """Return the page with current tables; the text between them is unchanged."""
-    for name, lines in (("parameters", _parameters()), ("plates", _plates())):
+    tables = {"parameters": _parameters(), "plates": _plates(), "wirings": "\n" + catalogue_table()}
+    for name, lines in tables.items():
         begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->"
         before, _, rest = page.partition(begin)
         page = f"{before}{begin}{lines}{end}{rest.partition(end)[2]}"
