@@ -43,10 +43,11 @@ def open_rig(
     """Open ``virtual``, ``firmware``, or the rig that a ``rig.toml`` describes.
 
     ``seed``, ``world`` and ``wirings``, names of the catalogue of
-    :mod:`rigctl.simulation.wirings`, define a simulated bench; ``paced`` runs it in real time. The default ``config`` of ``virtual`` and
-    ``firmware`` is that of the world. The boards are not connected:
-    use ``rig.drum.connect()`` and ``rig.taxels.connect()``. Raises WrongUse for a rig that does
-    not exist or cannot have a world or wirings, ConfigError for an unusable description.
+    :mod:`rigctl.simulation.wirings`, define a simulated bench; ``paced`` runs it in real time. The
+    default ``config`` of ``virtual`` and ``firmware`` is that of the world. The boards are not
+    connected: use ``rig.drum.connect()`` and ``rig.taxels.connect()``. Raises WrongUse for a rig
+    that does not exist or cannot have a world or wirings, and for an unknown wiring, ConfigError
+    for an unusable description.
     """
     if spec in (VIRTUAL, FIRMWARE):
         return _simulated_rig(spec, seed, paced, config, world, wirings)

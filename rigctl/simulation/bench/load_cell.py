@@ -132,7 +132,9 @@ class LoadCellAmplifier:
         """
         p, rate_hz = self._parameters, self._rate_hz / circuit.cell_periods
         if 1e6 / rate_hz != self.period_us:
-            self._state[[_ORIGIN_US, _ORIGIN]] = self._state[NEXT_US], self._state[NUMBER] + 1.0
+            since = self._state[NUMBER] + 1.0 - self._state[_ORIGIN]
+            self._state[_ORIGIN_US] += since * self.period_us
+            self._state[_ORIGIN] = self._state[NUMBER] + 1.0
         self._constants[[PERIOD_US, _AVERAGE_MS, _CREEP_GAIN]] = (
             1e6 / rate_hz,
             round(p.loadcell_average_ms * circuit.cell_periods),
