@@ -18,6 +18,7 @@ namespace stepper {  // chip_stepper.cpp
 void begin();
 void cut();       // interrupts are off: no further pulse leaves the pin
 void wire_index(bool inverted);
+bool index_high();
 void wire_sync(bool fitted, bool inverted);
 bool breathing(); // called once a tick: the step interrupt comes when it should
 }  // namespace stepper

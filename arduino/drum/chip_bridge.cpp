@@ -5,6 +5,7 @@
 #include "chip.h"
 #include "ports.h"
 #include "potentiometer.h"
+#include "steady_level.h"
 #include "variant.h"
 
 namespace {
@@ -14,6 +15,7 @@ constexpr uint8_t FAST_PWM_A = _BV(WGM41);
 constexpr uint8_t ADC_CONTROL = _BV(ADEN) | _BV(ADPS2) | _BV(ADPS1) | _BV(ADPS0);
 
 Potentiometer potentiometer;
+uint8_t ends;  // levels of the end switches, as last read
 
 }  // namespace
 
@@ -37,6 +39,7 @@ void cut() {
 }
 
 void start_reading() {
+    ends = steady_level(PINC, pins::END_UP | pins::END_DOWN, ends);
     if (ADCSRA & _BV(ADSC)) return;
     potentiometer.take(ADC);
     ADCSRA = ADC_CONTROL | _BV(ADSC);
@@ -45,8 +48,8 @@ void start_reading() {
 uint16_t position_um() { return potentiometer.position_um(); }
 uint16_t position_raw() { return potentiometer.raw(); }
 
-bool end_up() { return PINC & pins::END_UP; }
-bool end_down() { return PINC & pins::END_DOWN; }
+bool end_up() { return ends & pins::END_UP; }
+bool end_down() { return ends & pins::END_DOWN; }
 
 }  // namespace bridge
 

@@ -7,6 +7,7 @@
 
 #include "chip.h"
 #include "isr_meter.h"
+#include "steady_level.h"
 #include "variant.h"
 
 namespace {
@@ -16,7 +17,10 @@ volatile bool fitted = true;
 bool told;  // how it is wired
 volatile uint8_t open_level = pins::ESTOP;  // what the input shows when it is open
 
-inline bool open() { return (PINE & pins::ESTOP) == open_level; }
+inline bool open() {
+    const uint8_t level = open_level;
+    return steady_level(PINE, pins::ESTOP, level ^ pins::ESTOP) == level;
+}
 
 inline void trip() {
     latched = true;

@@ -18,6 +18,7 @@
 #include "chip.h"
 #include "isr_meter.h"
 #include "ports.h"
+#include "steady_level.h"
 #include "variant.h"
 
 #pragma GCC optimize("O2")  // also where the IDE builds for size
@@ -42,6 +43,7 @@ uint8_t fraction;   // of a cycle, summed up over steps
 volatile bool running;
 ports::SyncLine sync_state;
 volatile bool sync_fitted = true, sync_inverted, index_inverted;
+volatile uint8_t index_level;
 volatile uint16_t index_count;
 int32_t index_position;
 
@@ -104,6 +106,14 @@ inline void move_sync(Mark mark) {
     }
 }
 
+// The mark's wire by the majority of three looks. A spike calls the interrupt without a change.
+inline bool index_changes() {
+    const uint8_t now = steady_level(PINE, pins::INDEX, index_level);
+    const bool changed = now != index_level;
+    index_level = now;
+    return changed;
+}
+
 }  // namespace
 
 ISR(TIMER1_COMPA_vect, __attribute__((flatten))) {
@@ -123,8 +133,9 @@ ISR(TIMER1_COMPA_vect, __attribute__((flatten))) {
 // The mark's edges; the leading one when going forwards is the trailing one backwards.
 ISR(INT4_vect) {
     const IsrMeter meter;
-    const bool high = static_cast<bool>(PINE & pins::INDEX) != index_inverted;
-    if (high == engine.backwards()) return;
+    if (!index_changes()) return;
+    const bool at_mark = static_cast<bool>(index_level) != index_inverted;
+    if (at_mark == engine.backwards()) return;
     index_position = engine.position();
     index_count = index_count + 1;
 }
@@ -138,6 +149,7 @@ void begin() {
     TCCR1A = PIN_RESTS;
     TCCR1B = _BV(CS10);
     EICRB = (EICRB & ~(_BV(ISC41) | _BV(ISC40))) | _BV(ISC40);
+    index_changes();
     EIMSK |= _BV(INT4);
 }
 
@@ -151,6 +163,8 @@ void cut() {
 }
 
 void wire_index(bool inverted) { index_inverted = inverted; }
+
+bool index_high() { return index_level; }
 
 void wire_sync(bool fitted, bool inverted) {
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {

@@ -41,7 +41,7 @@ static void run_tick() {
     inputs.estop_open = estop::take();
     inputs.end_up = bridge::end_up();
     inputs.end_down = bridge::end_down();
-    inputs.index_high = PINE & pins::INDEX;
+    inputs.index_high = stepper::index_high();
     drum.modbus().tick();
     drum.tick(inputs);
     if (stepper::breathing()) health::kick();

@@ -9,6 +9,7 @@ struct pin { char port; int bit; };
 static const struct pin INPUT[] = {
     [SIM_IN_ESTOP] = {'E', 5}, [SIM_IN_END_UP] = {'C', 7}, [SIM_IN_END_DOWN] = {'C', 6},
     [SIM_IN_INDEX] = {'B', 1}, [SIM_IN_SYNC] = {'B', 0},
+    [SIM_IN_MARK] = {'E', 4},
 };
 static const struct pin OUTPUT[OUTPUT_COUNT] = {
     [SIM_OUT_STEP] = {'B', 5}, [SIM_OUT_DIR] = {'A', 0}, [SIM_OUT_ENABLE] = {'A', 1},

@@ -43,6 +43,7 @@ enum sim_input {
     SIM_IN_END_DOWN = 2,  /* PC6, drum, high = at the end */
     SIM_IN_INDEX = 3,     /* PB1, taxels */
     SIM_IN_SYNC = 4,      /* PB0, taxels */
+    SIM_IN_MARK = 5,      /* PE4, drum, which the turning drum sets as well */
 };
 
 /* What the stepper's driver makes of the direction line. */

@@ -32,6 +32,13 @@ BROKEN: dict[str, dict[str, list[Edit]]] = {
         "hangs": [HANGS],
         "unwatched": [HANGS, ("chip_health.cpp", "    wdt_enable(WDTO_60MS);\n", "")],
         "no-estop": [("chip_estop.cpp", "    EIMSK |= _BV(INT5);\n", "")],
+        "one-look": [
+            (
+                "steady_level.h",
+                "return (first & second) | (second & third) | (first & third);",
+                "return first | (second & third & 0);",
+            )
+        ],
         "swapped": [
             (
                 "chip_bridge.cpp",

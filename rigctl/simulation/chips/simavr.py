@@ -53,6 +53,7 @@ class Input(IntEnum):
     END_DOWN = 2
     INDEX = 3
     SYNC = 4
+    MARK = 5
 
 
 class ResetBy(IntEnum):

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from rigctl.simulation.chips.simavr import Output
+from rigctl.simulation.chips.simavr import Input, Output
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import State
 from tests.firmware.drum.support.chip import ENTRY_CYCLES, DrumChip
@@ -125,3 +125,18 @@ def test_replies_begin_within_five_milliseconds(holding: DrumChip) -> None:
         holding.beat()
         one_byte = round(16e6 * 10 / 115200)
         assert holding.first_reply_cycle - one_byte - holding.last_byte_cycle < 5 * 16_000
+
+
+def test_a_spike_is_no_index_mark_to_a_drum_that_turns_backwards() -> None:
+    with DrumChip() as drum:
+        drum.arm()
+        drum.set("move_target", -20_000)
+        assert drum.command(Command.MOVE) == 0
+        drum.poll_for(300)
+        marks = drum.get("index_count")
+        for _ in range(100):
+            drum.pin(Input.MARK, 1, 1000)
+            drum.pin(Input.MARK, 0, 1020)
+            drum.run(1)
+        assert drum.state is State.POSITION
+        assert drum.get("index_count") == marks

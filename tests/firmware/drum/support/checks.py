@@ -122,12 +122,35 @@ def the_set_force_is_reached_and_held(image: str) -> None:
         assert forces.max() <= 1.05 * SET_FORCE_G
 
 
+SPIKE_CYCLES = 20
+"""1.25 µs: what the resistor and capacitor of a wire may let pass."""
+
+
+def spikes_on_the_switch_wires_do_nothing(image: str) -> None:
+    """Each millisecond all four wires have a spike, at all places of the millisecond in turn."""
+    wires = (Input.ESTOP, Input.END_UP, Input.END_DOWN, Input.MARK)
+    with DrumChip(image) as drum:
+        drum.arm()
+        drum.hold(SET_FORCE_G)
+        marks = drum.get("index_count")
+        for number in range(MS // SPIKE_CYCLES):
+            for wire in wires:
+                drum.pin(wire, 1, number * SPIKE_CYCLES)
+                drum.pin(wire, 0, (number + 1) * SPIKE_CYCLES)
+            drum.run(1)
+            if number % 20 == 0:
+                drum.beat()
+        assert drum.state is State.HOLD
+        assert drum.get("index_count") == marks
+
+
 Check = Callable[[str], None]
 CHECKS: tuple[tuple[Check, str], ...] = (
     (the_emergency_stop_acts_within_100_us, IMAGE),
     (a_hung_loop_is_reset_within_100_ms, HANGS),
     (a_lost_heartbeat_lifts_and_switches_off, IMAGE),
     (the_set_force_is_reached_and_held, IMAGE),
+    (spikes_on_the_switch_wires_do_nothing, IMAGE),
 )
 """Each check, and the good image that it passes on."""
 
@@ -137,5 +160,6 @@ CONTROLS: tuple[tuple[str, str, Check], ...] = (
     ("deaf", "heartbeat ignored", a_lost_heartbeat_lifts_and_switches_off),
     ("swapped", "actuator's sign swapped", the_set_force_is_reached_and_held),
     ("gain-10", "loop gain times ten", the_set_force_is_reached_and_held),
+    ("one-look", "one look at a wire decides", spikes_on_the_switch_wires_do_nothing),
 )
 """Broken image, what is broken in it, and the check that must fail on it."""
