@@ -91,7 +91,9 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
 
         await self._server.open(door, open_desk)
         try:
-            await self._connect()
+            if not await self._connected():
+                await self._close()
+                return 0
             self.spawn(self._tick())
             if request is not None:
                 self.start(request)
@@ -105,6 +107,19 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         await self._shutdown_requested.wait()
         await self._close()
         return 0
+
+    async def _connected(self) -> bool:
+        """Connect the boards; return False where the engine is to end before they answer."""
+        connecting = self.loop.create_task(self._connect())
+        ending = self.loop.create_task(self._shutdown_requested.wait())
+        await asyncio.wait((connecting, ending), return_when=asyncio.FIRST_COMPLETED)
+        for task in (connecting, ending):
+            task.cancel()
+        await asyncio.wait((connecting, ending))
+        if connecting.cancelled():
+            return False
+        connecting.result()
+        return True
 
     def _describe(self) -> dict[str, Any]:
         """Return what each client learns of the rig when it connects."""

@@ -210,13 +210,16 @@ class EngineClient:
     def shut_down(self, timeout_s: float = 30.0) -> int | None:
         """End the engine, which makes the rig safe; return its exit code where it is our process.
 
-        An engine that has disconnected this client goes on. Raises RigFault where it does not end
-        in time.
+        An engine that has disconnected this client goes on. Raises EngineRefusal where another
+        client has control, and the engine goes on; RigFault where it does not end in time.
         """
-        if not self._link_error:
-            self.send("shutdown")
-            self._wait_sent()
-        self.close()
+        try:
+            if not self._link_error:
+                self.request("shutdown")
+        except LinkLost:
+            pass  # it has ended, or is too busy to answer: its process tells
+        finally:
+            self.close()
         return None if self._is_disconnected else self._wait_ended(timeout_s)
 
     def leave(self, timeout_s: float = 30.0) -> int | None:
@@ -335,12 +338,6 @@ class EngineClient:
             self._set_lost(error.strerror or "connection broken")
             return False
         return True
-
-    def _wait_sent(self) -> None:
-        """Wait until all is sent, for ten seconds at most."""
-        end_s = time.monotonic() + WAIT_TIMEOUT_S
-        while self._outbox and not self._link_error and time.monotonic() < end_s:
-            self._receive(max(0.0, end_s - time.monotonic()))
 
     def _give_up_waiting(self) -> None:
         """Refuse what waits to be sent, so that nothing of it is executed after a STOP."""

@@ -12,12 +12,14 @@ import json
 import sys
 import threading
 from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, Generic, Protocol, TypeVar
 
 from rigctl.acquisition.health.notices import wiring_notice
 from rigctl.acquisition.rpc.client import COMMAND_LINE, EngineClient, client_name
+from rigctl.acquisition.rpc.engine_launch import EngineRefusal
 from rigctl.acquisition.rpc.messages import (
     EngineStatus,
     PromptStatus,
@@ -162,7 +164,8 @@ class RunWatcher(Generic[_Status]):
                 self._client.send("introduce", name=client_name(COMMAND_LINE))
                 ended = self._watch()
             except BaseException:
-                self._client.shut_down()
+                with suppress(EngineRefusal):  # another client has control: the run is theirs
+                    self._client.shut_down()
                 raise
             self._client.leave()
             return ended

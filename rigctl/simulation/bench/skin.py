@@ -44,6 +44,9 @@ SLOT_US = 50
 SHORTED = 1e6
 """Conductance of a taxel that is shorted, in units of the divider's."""
 NOMINAL_DIVIDER_KOHM = 10.0
+LASTING_PRESSURE = 1e-6
+"""A pressure that ebbs below this rests exactly: it moves a reading by less than 0.001 counts, and
+without an end its exponential would reach into every later contact."""
 SENSOR_SERIAL = 1
 """Seeds the sensor's own gains, which do not depend on the session's seed."""
 
@@ -146,6 +149,10 @@ def _simulate(
         for i in range(N_TAXELS):
             pressure[0, i] += (sensed[i] - pressure[0, i]) * c[_FAST]
             pressure[1, i] += (pressure[0, i] - pressure[1, i]) * c[_SLOW]
+            if sensed[i] == 0.0:
+                for part in range(2):
+                    if pressure[part, i] < LASTING_PRESSURE:
+                        pressure[part, i] = 0.0
             lasting = max(0.0, pressure[0, i] - c[_RELAX] * pressure[1, i])
             out[reading[i]] = c[_REST] + taxels[_GAIN, i] * lasting
 

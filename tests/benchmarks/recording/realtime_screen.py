@@ -59,8 +59,11 @@ def screen_latencies_ms(folder: Path) -> NDArray[np.float64]:
         end_s = time.monotonic() + SECONDS
         while time.monotonic() < end_s:
             QTest.qWait(100)
+            client.drain()
+        client.request("abort")
+        while window.finger_tab.link.status.run.is_active:  # it would ask before it closes
+            QTest.qWait(100)
     finally:
-        client.send("abort")
         window.close()
         client.shut_down()
     with open_finger_session(folder / "run") as session:
