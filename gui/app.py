@@ -229,12 +229,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the console script; return the exit code."""
     parser = argparse.ArgumentParser(prog="rigctl-gui", description=__doc__)
     add_arguments(parser)
+    os.environ["PYTHONSAFEPATH"] = "1"  # no child imports from the working folder
     try:
         return run(parser.parse_args(argv))
     except RigctlError as error:
         print(f"rigctl-gui: {visible(str(error))}", file=sys.stderr)
         return error.exit_code
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -5,25 +5,23 @@ from __future__ import annotations
 import json
 import pkgutil
 import sys
+import traceback
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TextIO
 
 import tests.benchmarks
 
 OUTPUT = Path("build/bench.jsonl")
 
 
-def rows(wanted: list[str]) -> Iterator[dict[str, Any]]:
-    """Yield the figures of the wanted modules; an empty list means all modules."""
+def groups(wanted: list[str]) -> Iterator[str]:
+    """Yield the wanted modules; an empty list means all modules."""
     packages = pkgutil.walk_packages(tests.benchmarks.__path__, "tests.benchmarks.")
     for module in sorted((m.name for m in packages), key=_last):
-        if _last(module).startswith("_") or (wanted and _last(module) not in wanted):
-            continue
-        measured = import_module(module)
-        if hasattr(measured, "measure"):
-            yield from measured.measure()
+        if not _last(module).startswith(("_", "test_")) and (not wanted or _last(module) in wanted):
+            yield module
 
 
 def _last(module: str) -> str:
@@ -31,19 +29,34 @@ def _last(module: str) -> str:
 
 
 def main(wanted: list[str]) -> int:
-    """Write the figures to :data:`OUTPUT`, print them, and return 1 where one is over its limit."""
+    """Write the figures to :data:`OUTPUT` and print them.
+
+    Returns 1 where a figure is over its limit or a group has failed; the others are measured.
+    """
     OUTPUT.parent.mkdir(exist_ok=True)
-    over = []
+    complaints = []
     with OUTPUT.open("w") as output:
-        for row in rows(wanted):
-            line = json.dumps(row)
-            print(line, flush=True)
-            output.write(line + "\n")
-            if row.get("limit") is not None and row["value"] > row["limit"]:
-                over.append(f"{row['name']} is {row['value']}, its limit {row['limit']}")
-    for sentence in over:
+        for module in groups(wanted):
+            try:
+                complaints += _measure(module, output)
+            except Exception as error:  # noqa: BLE001 - top of a group: the next one is measured
+                traceback.print_exc()
+                complaints.append(f"{_last(module)} failed: {error}")
+    for sentence in complaints:
         print(sentence, file=sys.stderr)
-    return 1 if over else 0
+    return 1 if complaints else 0
+
+
+def _measure(module: str, output: TextIO) -> list[str]:
+    """Write and print the figures of a module; return a sentence on each over its limit."""
+    measured, over = import_module(module), []
+    for row in measured.measure() if hasattr(measured, "measure") else ():
+        line = json.dumps(row)
+        print(line, flush=True)
+        output.write(line + "\n")
+        if row.get("limit") is not None and row["value"] > row["limit"]:
+            over.append(f"{row['name']} is {row['value']}, its limit {row['limit']}")
+    return over
 
 
 if __name__ == "__main__":
