@@ -113,6 +113,15 @@ def test_a_resumed_run_continues_with_the_draws_of_the_next_slide() -> None:
     assert len(other) != len(whole)
 
 
+@pytest.mark.parametrize("seed", [3, 6])
+def test_nothing_of_a_slide_is_left_after_a_long_rest(seed: int) -> None:
+    """With this skin a reading of these slides moved by a count, on every processor."""
+    soft = WorldParameters(top_gain=1.0, relaxation=0.3)
+    whole = _slide_readings(open_virtual_finger(soft, seed=seed), 2)
+    resumed = _slide_readings(open_virtual_finger(soft, seed=seed, first_slide=2), 2)
+    assert np.array_equal(whole, resumed)
+
+
 def test_a_sample_reaches_the_host_within_a_flush_and_the_cables_time(rig: VirtualFinger) -> None:
     host = FingerHost(rig)
     host.wait(1_000_000)
