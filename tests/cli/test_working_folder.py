@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 
 from rigctl.acquisition.rpc.engine_files import running_engines
+from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE, runtime_folder
 
 SCRIPT = """
 open(__file__ + ".ran", "w").close()
@@ -39,8 +40,9 @@ LABS_OWN = {"csv", "queue", "random", "serial", "signal", "statistics"}
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    """Return a working folder with a script of every name."""
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a working folder with a script of every name; engines are announced beside it."""
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
     place = tmp_path / "data"
     place.mkdir()
     names = {*sys.stdlib_module_names, *packages_distributions(), "gui"} - {"rigctl"}
@@ -53,10 +55,10 @@ def folder(tmp_path: Path) -> Path:
     return place
 
 
-def environment(folder: Path) -> dict[str, str]:
-    """Return an environment in which rigctl writes below the folder, and shows no window."""
-    own = {"RIGCTL_RUNTIME": str(folder), "QT_QPA_PLATFORM": "offscreen"}
-    return {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"} | own
+def environment() -> dict[str, str]:
+    """Return an environment in which Python may import from the working folder."""
+    own = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}
+    return {**own, "QT_QPA_PLATFORM": "offscreen"}
 
 
 def imported(folder: Path) -> list[str]:
@@ -69,7 +71,7 @@ def call(folder: Path, command: Sequence[str], *words: str) -> str:
     done = subprocess.run(
         [*command, *words],
         cwd=folder,
-        env=environment(folder),
+        env=environment(),
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
@@ -108,8 +110,8 @@ def test_the_window_its_reader_and_its_engine_import_no_script(
     program: list[str], folder: Path
 ) -> None:
     words = [*program, "--rig", "virtual"]
-    with subprocess.Popen(words, cwd=folder, env=environment(folder)) as window:
-        while not running_engines(folder) and window.poll() is None:
+    with subprocess.Popen(words, cwd=folder, env=environment()) as window:
+        while not running_engines(runtime_folder()) and window.poll() is None:
             pass
         window.send_signal(signal.SIGTERM)
         assert window.wait(120) == 0
