@@ -6,12 +6,13 @@ from itertools import count
 from pathlib import Path
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QLineEdit, QSpinBox, QWidget
+from PySide6.QtWidgets import QCheckBox, QLineEdit, QWidget
 
 from gui.analysis.tasks.task_values import DRUM, FINGER, AnalysisRequest, model_path
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import label, plain_tooltip, show_text
 from gui.widgets.layouts import combo_box, container, form_layout, hbox, push_button, vbox
+from gui.widgets.number_box import NumberBox, WholeNumberBox, has_refused
 from rigctl.encoding.parameters import PRESETS
 
 TASKS = {
@@ -59,14 +60,14 @@ class AnalysisOptionsForm(QWidget):
         heading = hbox(label("Sessions"), self.add_button, self.remove_button)
         self.session_row = container(vbox(heading, self.session_names))
         self.task, self.engine = combo_box(TASKS), combo_box(ENGINES)
-        self.draws = QSpinBox(minimum=1, maximum=10_000, value=DRAWS[DRUM])
-        self.components = QSpinBox(minimum=1, maximum=1000, value=50)
+        self.draws = WholeNumberBox(minimum=1, maximum=10_000, value=DRAWS[DRUM])
+        self.components = WholeNumberBox(minimum=1, maximum=1000, value=50)
         self.draws.setToolTip("Number of random splits into training and test trials")
         self.components.setToolTip("Largest number of principal components")
         self.preset = combo_box({name: name for name in PRESETS})
-        self.reference = QDoubleSpinBox(decimals=1, maximum=1e6, value=500.0, suffix=" g")
+        self.reference = NumberBox(decimals=1, maximum=1e6, value=500.0, suffix=" g")
         self.reference.setToolTip("Force to which the SA rates of the other forces are scaled")
-        self.seed = QSpinBox(maximum=MAX_SEED)
+        self.seed = WholeNumberBox(maximum=MAX_SEED)
         self.seed.setToolTip("Seed of the draws")
         self.sensitivity = QCheckBox("Compare all encoder presets")
         self.model = combo_box({"None": "", **REPRESENTATIONS})
@@ -122,6 +123,12 @@ class AnalysisOptionsForm(QWidget):
     def sessions(self) -> tuple[str, ...]:
         """Return the session folders, the open one first."""
         return (*((self._open_session,) if self._open_session else ()), *self._added)
+
+    @property
+    def has_refused(self) -> bool:
+        """Whether a field has a refused text; the first one then says why, with the focus."""
+        fields = (self.draws, self.components, self.reference, self.seed)
+        return has_refused(*(field for field in fields if field.isVisible()))
 
     def request(self) -> AnalysisRequest:
         """Return the chosen options, with a new folder beside the open session."""

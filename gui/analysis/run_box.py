@@ -149,7 +149,7 @@ class AnalysisRunBox(QGroupBox):
         method = self.method.currentData()
         if method == MODEL and not self.model.text().strip():
             self.show_refusal("No model: choose a model file, which an analysis saves.")
-        else:
+        elif method not in (PAPER, REALTIME) or not self.form.has_refused:
             self.run_requested.emit(method)
 
     def _lay_out(self) -> None:

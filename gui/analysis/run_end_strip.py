@@ -7,6 +7,7 @@ from pathlib import Path
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QFrame
 
+from gui.widgets.formatting import grouped
 from gui.widgets.labels import label
 from gui.widgets.layouts import hbox, push_button
 from rigctl.acquisition.rpc.messages import EngineStatus, RunStatus
@@ -53,6 +54,6 @@ def _trials(run: RunStatus) -> str:
     """Return how many trials a run has, and how the rest is recorded."""
     n, planned = run.trials_committed, run.trials_planned
     if n >= planned:
-        return "1 trial" if n == 1 else f"{n:,} trials"
+        return "1 trial" if n == 1 else f"{grouped(n)} trials"
     rest = "" if run.state == "done" else ": Continue a session … in Protocol records the rest"
-    return f"{n:,} of {planned:,} trials{rest}"
+    return f"{grouped(n)} of {grouped(planned)} trials{rest}"

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from PySide6.QtWidgets import QDoubleSpinBox
-
 from gui.calibrate.imbalance_plot import ImbalancePlot
 from gui.calibrate.part_page import PartPage
 from gui.widgets.focus_wheel import focus_wheel
 from gui.widgets.labels import label, show_text
 from gui.widgets.layouts import hbox
+from gui.widgets.number_box import NumberBox, has_refused
 from rigctl.acquisition.calibration.calibration_values import (
     FORCE,
     IMBALANCE,
@@ -34,7 +33,7 @@ class ForcePart(PartPage):
 
     def __init__(self) -> None:
         super().__init__(FORCE, "Press and measure", "Find the gains of the force loop")
-        self.force = focus_wheel(QDoubleSpinBox(decimals=0, suffix=" g", singleStep=50))
+        self.force = focus_wheel(NumberBox(decimals=0, suffix=" g", singleStep=50))
         self.force.setAccessibleName("Force of the step test")
         self._limits: RigLimits | None = None
         self._set_limits(RigLimits())
@@ -46,7 +45,8 @@ class ForcePart(PartPage):
 
     def measure(self) -> None:
         """Press, step and lift."""
-        self.send("calibrate_force", force_g=self.force.value())
+        if not has_refused(self.force):
+            self.send("calibrate_force", force_g=self.force.value())
 
     def result(self, found: CalibrationStatus) -> str:
         """Return the gains."""

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from PySide6.QtCore import QEvent, Qt
-from PySide6.QtWidgets import QDoubleSpinBox, QHeaderView, QTableWidget, QTableWidgetItem
+from PySide6.QtWidgets import QHeaderView, QTableWidget, QTableWidgetItem
 
 from gui.calibrate.part_page import PartPage
 from gui.calibrate.residual_plot import ResidualPlot
 from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.focus_wheel import focus_wheel
-from gui.widgets.formatting import age
+from gui.widgets.formatting import age, grouped
 from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import hbox, push_button
+from gui.widgets.number_box import NumberBox, has_refused
 from gui.widgets.theme import scaled_px
 from rigctl.acquisition.calibration.calibration_values import (
     LOADCELL,
@@ -42,9 +43,8 @@ class LoadCellPart(PartPage):
 
     def __init__(self) -> None:
         super().__init__(LOADCELL, "Read", READ_TIP)
-        self.mass = focus_wheel(QDoubleSpinBox(decimals=1, suffix=" g"))
+        self.mass = focus_wheel(NumberBox(decimals=1, suffix=" g"))
         self.mass.setRange(0.0, MAX_MASS_G)
-        self.mass.setSpecialValueText("0 g, empty")
         self.mass.setValue(200.0)
         self.mass.setAccessibleName("Known mass")
         self.live = label("", "muted", wraps=True)
@@ -78,7 +78,10 @@ class LoadCellPart(PartPage):
 
     def measure(self) -> None:
         """Read the load cell, first without a mass."""
-        self.send("calibrate_loadcell", mass_g=self.mass.value() if self._readings else 0.0)
+        if not self._readings:
+            self.send("calibrate_loadcell", mass_g=0.0)
+        elif not has_refused(self.mass):
+            self.send("calibrate_loadcell", mass_g=self.mass.value())
 
     def result(self, found: CalibrationStatus) -> str:
         """Return the scale."""
@@ -124,11 +127,11 @@ class LoadCellPart(PartPage):
 
     def _show_reading(self, status: EngineStatus, counts: float, spread: float) -> None:
         force = f"{status.force_g:.1f} g, " if status.tared else ""
-        text = f"Now {force}{counts:,.0f} counts ± {spread:,.0f} in the last second"
+        text = f"Now {force}{grouped(counts)} counts ± {grouped(spread)} in the last second"
         if largest_g := max(self.mass.value(), *(r.mass_g for r in self._readings), 0.0):
             allowed = MAX_SPREAD_SHARE * largest_g * 1e6 / abs(status.scale_ug_per_count)
             rest = "at rest" if spread <= allowed else "not at rest"
-            text = f"{text}: {rest} (at most ± {allowed:,.0f} for {largest_g:g} g)"
+            text = f"{text}: {rest} (at most ± {grouped(allowed)} for {largest_g:g} g)"
         show_text(self.live, text)
 
     def _show_readings(self) -> None:
@@ -139,8 +142,8 @@ class LoadCellPart(PartPage):
         self.table.setRowCount(len(self._readings))
         for row, reading in enumerate(self._readings):
             left = f"{residuals[row]:+.2f}".replace("-", "−") if residuals else "–"
-            texts = (f"{reading.mass_g:g}", f"{reading.mean_counts:,.0f}")
-            for column, text in enumerate((*texts, f"{reading.sd_counts:,.0f}", left)):
+            texts = (f"{reading.mass_g:g}", grouped(reading.mean_counts))
+            for column, text in enumerate((*texts, grouped(reading.sd_counts), left)):
                 item = QTableWidgetItem(text)
                 item.setTextAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
                 self.table.setItem(row, column, item)

@@ -78,6 +78,8 @@ class FingerTab(QObject):
 
     def connect_rig(self, rig: str) -> None:
         """Start or join the engine of a rig."""
+        if self.setup.has_refused:
+            return
         self.bar.rig.choose(shown_rig(rig))
         self._open(self.setup.engine(rig))
 
@@ -126,6 +128,8 @@ class FingerTab(QObject):
         self.link.request(command, **args)
 
     def _start(self) -> None:
+        if self.setup.has_refused:
+            return
         try:
             request = self.setup.request(self.bar.rig.currentData())
         except RigctlError as error:

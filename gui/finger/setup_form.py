@@ -6,13 +6,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from PySide6.QtCore import QDateTime, Signal
-from PySide6.QtWidgets import QCheckBox, QGroupBox, QLineEdit, QSpinBox
+from PySide6.QtWidgets import QCheckBox, QGroupBox, QLineEdit
 
 from gui.engine_clients import FingerEngineSpec
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.formatting import duration
 from gui.widgets.labels import label
 from gui.widgets.layouts import combo_box, form_layout, hbox, vbox
+from gui.widgets.number_box import WholeNumberBox, has_refused
 from gui.widgets.typed_paths import new_files_folder, typed_path
 from rigctl.config import resources
 from rigctl.errors import RigctlError
@@ -57,11 +58,11 @@ class FingerSetupForm(QGroupBox):
         self.model = QLineEdit(placeholderText="Session folder or model file")
         self.representation = combo_box(_REPRESENTATIONS)
         self.representation.setToolTip("With or without speed scaling")
-        self.components = QSpinBox(minimum=1, maximum=180, value=DEFAULT_COMPONENTS)
+        self.components = WholeNumberBox(minimum=1, maximum=180, value=DEFAULT_COMPONENTS)
         self.components.setToolTip("Principal components of the models")
         self.out = QLineEdit(str(Path.home() / "rigctl-sessions"))
         self.out.setToolTip("Every session gets a new folder in here")
-        self.seed, self.session = QSpinBox(maximum=MAX_SEED), QSpinBox(maximum=9999)
+        self.seed, self.session = WholeNumberBox(maximum=MAX_SEED), WholeNumberBox(maximum=9999)
         self.seed.setToolTip("Seed of the virtual finger; the order of scans is the protocol's")
         self.session.setToolTip(
             "Session of the virtual finger: the sensor drifts from one to the next"
@@ -95,6 +96,12 @@ class FingerSetupForm(QGroupBox):
     def choose_stage(self, stage: str) -> None:
         """Choose a stage; a simulated calibration or run is another session than the training."""
         self.stage.setCurrentIndex(self.stage.findData(stage))
+
+    @property
+    def has_refused(self) -> bool:
+        """Whether a field has a refused text; the first one then says why, with the focus."""
+        fields = (self.components, self.seed, self.session)
+        return has_refused(*(field for field in fields if field.isVisible()))
 
     def engine(self, rig: str) -> FingerEngineSpec:
         """Return the engine of a rig with the chosen person."""

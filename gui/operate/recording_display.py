@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from PySide6.QtWidgets import QWidget
 
+from gui.widgets.formatting import grouped
 from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import container, hbox, vbox
 from gui.widgets.status_lamp import Level, StatusLamp
@@ -51,7 +52,7 @@ def judge_recording(recording: RecordingStatus, unrecorded: int) -> tuple[Level,
     if recording.failure:
         return Level.BAD, "NOT RECORDING", recording.failure
     if recording.active:
-        total = f"{recording.samples_on_disk:,} samples".replace(",", "\u202f")
+        total = f"{grouped(recording.samples_on_disk)} samples"
         return Level.OK, "Recording", f"{total}, {recording.samples_last_s}/s to disk"
     if unrecorded > UNRECORDED_LIMIT:
         return Level.BAD, "NOT RECORDING", "a protocol is running, but no samples reach the disk"

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtWidgets import QLineEdit, QPushButton, QSpinBox, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLineEdit, QPushButton, QVBoxLayout, QWidget
 
 from gui.analysis.tasks.worker import Worker
 from gui.protocol.run_values import PLAN_ROWS, PlanSummary
@@ -16,6 +16,7 @@ from gui.widgets.file_combo_box import ElidedComboBox
 from gui.widgets.formatting import day_time, time_stamp
 from gui.widgets.labels import label, show_text
 from gui.widgets.layouts import form_layout, group_box, hbox
+from gui.widgets.number_box import WholeNumberBox
 from gui.widgets.typed_paths import folder_problem, new_files_folder
 from rigctl.config import resources
 
@@ -45,7 +46,7 @@ class ProtocolForm(QWidget):
         self.protocol = ElidedComboBox()
         self.out = QLineEdit(str(Path.home() / "rigctl-sessions"))
         self.out.setToolTip("Every session gets a new folder in here")
-        self.seed = QSpinBox(maximum=MAX_SEED)
+        self.seed = WholeNumberBox(maximum=MAX_SEED)
         self.seed.setToolTip("Seed of the random order of trials; stored with the session")
         self.operator = QLineEdit(maxLength=MAX_NAME_LETTERS)
         self.operator.setToolTip("Who records: stored with the session, remembered for the next")
@@ -112,7 +113,8 @@ class ProtocolForm(QWidget):
     def current_problem(self) -> str:
         """What keeps a run from starting; empty for nothing."""
         problem = folder_problem(self.out.text())
-        return self._plan.problem or (f"Save in: {problem}" if problem else "")
+        seed = f"Seed: {self.seed.refusal}" if self.seed.refusal else ""
+        return seed or self._plan.problem or (f"Save in: {problem}" if problem else "")
 
     def show_plan(self, plan: PlanSummary) -> None:
         """Show the plan of the chosen protocol, or why it cannot run."""
@@ -173,7 +175,8 @@ class ProtocolForm(QWidget):
 
     def _connect(self) -> None:
         self.protocol.currentIndexChanged.connect(lambda _: self.request_plan())
-        self.seed.valueChanged.connect(self.request_plan)
+        self.seed.valueChanged.connect(lambda _: self.request_plan(self.seed.value()))
+        self.seed.refusal_changed.connect(self.show_problem)
         self.out.textChanged.connect(lambda _: self.show_problem())
 
     def _lay_out(self) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gui.protocol.run_values import BAD, COMMITTED, AttemptRow, PlanSummary, Row, SessionNews
-from gui.widgets.formatting import duration, size
+from gui.widgets.formatting import duration, grouped, size
 from gui.widgets.typed_paths import typed_path
 from rigctl.errors import RigctlError, SessionError
 
@@ -48,7 +48,7 @@ def summarise(plan: Plan, out: str = "") -> PlanSummary:
     time = f"{rig}, {total} with plate changes" if changes_s else rig
     texts = (
         *_conditions(plan),
-        f"{len(plan.trials):,}",
+        grouped(len(plan.trials)),
         f"{plan.plate_changes}",
         time,
         f"{size(plan.bytes_estimate)}{_free(out)}",

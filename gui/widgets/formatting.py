@@ -10,6 +10,11 @@ def capitalised(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
+def grouped(number: float) -> str:
+    """Return a whole number with narrow spaces between thousands: a comma is a decimal mark."""
+    return f"{number:,.0f}".replace(",", "\u202f")
+
+
 def duration(seconds: float) -> str:
     """Return a duration in its two largest units."""
     whole = max(0, round(seconds))

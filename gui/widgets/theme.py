@@ -189,6 +189,10 @@ def _style_sheet(theme: Theme) -> str:
     QLabel[role="heading"] {{ font-weight: 600; }}
     QLabel[role="bad"] {{ color: {theme.bad}; font-weight: 600; }}
     QLabel[role="warn"] {{ color: {theme.warn}; font-weight: 600; }}
+    QLabel[role="refusal"] {{
+        background: {theme.bad_back}; color: {theme.bad}; border: 1px solid {theme.bad};
+        border-radius: 4px; padding: 3px 6px;
+    }}
     QLabel[role="value"] {{ font-size: 10pt; font-weight: 600; }}
     QLabel[role="stale"] {{ color: {theme.muted}; font-style: italic; }}
     QLabel[role="alarm"] {{ color: {theme.bad}; font-size: 12pt; font-weight: 800; }}

@@ -15,6 +15,7 @@ from rigctl.config.names import MAX_NAME_BYTES, name_problem, shorten
 from rigctl.config.text_file import read_text
 from rigctl.config.toml_bounds import MAX_BYTES, KeyPath, OutOfBounds, find_excess, parse_bounded
 from rigctl.config.toml_lines import lines_of_paths
+from rigctl.config.typed_number import has_group_marks
 from rigctl.config.visible_text import visible_line
 from rigctl.errors import WrongUse
 
@@ -239,7 +240,9 @@ class TomlTable:
 
     def _number(self, key: str, value: Any, unit: str, low: float, high: float) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
-            self.fail(key, f"must be a number, not {_format(value)}")
+            cure = "leave out the marks between groups of digits"
+            ending = f": {cure}" if has_group_marks(value) else ""
+            self.fail(key, f"must be a number, not {_format(value)}{ending}")
         if not low <= value <= high:
             in_unit = f" {unit}" if unit else ""
             shown = f"{value:g}" if isinstance(value, float) else str(value)
@@ -249,6 +252,9 @@ class TomlTable:
     def _refuse_run_together(self, key: str, value: Any) -> None:
         """Raise for a text of several numbers, such as a person types without commas."""
         parts = value.replace(";", " ").split() if isinstance(value, str) else ()
+        if len(parts) == 1 and "," in value and all(map(_is_number, value.split(","))):
+            both = value.replace(",", ", ")
+            self.fail(key, f"{value} may be one number or more: type {both} or use a decimal point")
         if len(parts) > 1 and all(map(_is_number, parts)):
             self.fail(key, f"{_format(value)} is not one number: separate numbers by commas")
 

@@ -6,24 +6,32 @@ its own words. So the text always holds what the form shows.
 
 from __future__ import annotations
 
+import re
 from math import isfinite
 from typing import Any
 
 from rigctl.config.toml_bounds import INTEGER_BITS
 from rigctl.config.toml_edit import Item, Value
 from rigctl.config.toml_field import FieldType, TomlField
+from rigctl.config.typed_number import typed_number
+from rigctl.errors import WrongUse
 
 _NUMBERS = (FieldType.INTEGER, FieldType.NUMBER, FieldType.INTEGERS, FieldType.NUMBERS)
 
 
 def value_of(item: TomlField, typed: str) -> Value:
-    """Return the value for what is typed; a list is typed as ``40, 60, 80``."""
+    """Return the value for what is typed; a list is typed as ``40, 60, 80`` or ``40; 60; 80``.
+
+    A comma between two digits of a list of numbers may be its decimal mark or not: ``40,60`` stays
+    a text unless semicolons separate the numbers.
+    """
     if not item.type.is_list:
         return _item(item, typed)
-    parts = [part.strip() for part in typed.split(",")]
+    parts = [part.strip() for part in _separated(item, typed)]
     while parts and not parts[-1]:
         parts.pop()
-    return [_item(item, part) for part in parts]
+    is_clear = ";" in typed
+    return [part if "," in part and not is_clear else _item(item, part) for part in parts]
 
 
 def typed_of(value: Any) -> str:
@@ -59,7 +67,14 @@ def default_of(item: TomlField) -> str:
 
 
 def _short(number: float) -> str:
-    return f"{int(number):,}" if number == int(number) else f"{number:g}"
+    whole = f"{int(number):,}".replace(",", "\u202f")  # a comma would be a decimal mark
+    return whole if number == int(number) else f"{number:g}"
+
+
+def _separated(item: TomlField, typed: str) -> list[str]:
+    if item.type not in _NUMBERS:
+        return typed.split(",")
+    return typed.split(";") if ";" in typed else re.split(r",(?![0-9])", typed)
 
 
 def _item(item: TomlField, typed: str) -> Item:
@@ -68,12 +83,9 @@ def _item(item: TomlField, typed: str) -> Item:
 
 def _number(typed: str) -> Item:
     try:
-        whole = int(typed)
-        return whole if whole.bit_length() <= INTEGER_BITS else float(typed)
-    except (ValueError, OverflowError):
-        pass
-    try:
-        number = float(typed)
-    except ValueError:
+        number = typed_number(typed)
+    except WrongUse:
         return typed.strip()
-    return number if isfinite(number) else typed.strip()
+    is_whole = number.as_tuple().exponent == 0 and int(number).bit_length() <= INTEGER_BITS
+    value = int(number) if is_whole else float(number)
+    return value if isfinite(value) else typed.strip()

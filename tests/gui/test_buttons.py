@@ -9,6 +9,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
 from gui.operate.operate_panel import ACTIONS
+from gui.operate.set_points import SPEED_LATER
 from rigctl.wire.drum.states import Fault, State, StateEvent, next_state
 from tests.gui.steps import Harness, click, turn_wheel, wait_until
 
@@ -74,6 +75,21 @@ def test_set_button_sends_speed_and_force(harness: Harness) -> None:
     operate.force.setValue(1000.0)
     click(operate.set_button)
     assert harness.engine.requests[-1] == ("set", {"speed_mm_s": 120.0, "force_g": 1000.0})
+
+
+def test_set_says_when_a_turning_drum_takes_a_speed(harness: Harness) -> None:
+    points = harness.window.operate_panel.set_points
+    harness.update(state=int(State.RUN), speed_set_mm_s=80.0, force_set_g=500.0)
+    assert points.allowed.text() == SPEED_LATER
+    points.speed.setValue(80.0)
+    points.force.setValue(600.0)
+    click(points.set_button)
+    assert harness.engine.requests[-1] == ("set", {"force_g": 600.0})
+    points.speed.setValue(120.0)
+    click(points.set_button)  # the engine refuses it
+    assert harness.engine.requests[-1] == ("set", {"speed_mm_s": 120.0, "force_g": 600.0})
+    harness.update(state=int(State.HOLD))
+    assert points.allowed.text().startswith("Allowed: 20 to 150 mm/s")
 
 
 def test_set_points_stay_within_the_limits_of_the_rig(harness: Harness) -> None:

@@ -70,9 +70,9 @@ def test_the_live_reading_says_whether_the_mass_is_at_rest(
 ) -> None:
     reading = {"scale_ug_per_count": 2400, "loadcell_counts": 163_333.0, "loadcell_age_s": 0.05}
     harness.update(**reading, loadcell_sd_counts=120.0, calibration={"masses": MASSES[:1]})
-    assert "163,333 counts ± 120 in the last second: at rest" in page.load_cell.live.text()
+    assert "163\u202f333 counts ± 120 in the last second: at rest" in page.load_cell.live.text()
     harness.update(loadcell_sd_counts=5000.0)
-    assert "not at rest (at most ± 2,083 for 500 g)" in page.load_cell.live.text()
+    assert "not at rest (at most ± 2\u202f083 for 500 g)" in page.load_cell.live.text()
     harness.update(loadcell_age_s=3.0)
     assert page.load_cell.live.text() == "The load cell's last reading is 3 s old"
     harness.update(loadcell_age_s=None, loadcell_counts=None)
@@ -182,7 +182,7 @@ def test_the_empty_reading_is_read_again(harness: Harness, page: CalibratePage) 
     click(part.measure_button)
     assert harness.engine.requests == [("calibrate_loadcell", {"mass_g": 0.0})]
     harness.update()
-    assert "at rest (at most ± 2,083 for 500 g)" in part.live.text()
+    assert "at rest (at most ± 2\u202f083 for 500 g)" in part.live.text()
     part.mass.setValue(200)
     harness.update(loadcell_age_s=None, loadcell_counts=None)
 

@@ -100,8 +100,28 @@ def test_a_mistake_stands_beside_its_field_as_it_is_typed(editor: ProtocolEditor
     assert not travel.mistake
 
 
+def test_a_decimal_comma_is_a_point_and_group_marks_are_refused(editor: ProtocolEditor) -> None:
+    speeds, travel = row(editor, "speeds_mm_s"), row(editor, "trial", "travel_mm")
+    fill(travel.field, "12,5")
+    assert written(editor, "trial", "travel_mm") == 12.5
+    for typed in ("1.000,5", "1'000", "1 000"):
+        fill(travel.field, typed)
+        words = f"must be a number, not {typed!r}: leave out the marks between groups of digits"
+        assert travel.mistake == words
+    fill(travel.field, "100")
+    fill(speeds.field, "40,60")
+    words = "40,60 may be one number or more: type 40, 60 or use a decimal point"
+    assert speeds.mistake == words
+    for typed in ("40, 60.5", "40; 60,5"):
+        fill(speeds.field, typed)
+        assert written(editor, "speeds_mm_s") == [40, 60.5]
+
+
 def test_the_help_of_a_field_names_its_whole_range(editor: ProtocolEditor) -> None:
-    assert "0 to 9,223,372,036,854,775,807; default 0" in row(editor, "order", "seed").note.text()
+    assert (
+        "0 to 9\u202f223\u202f372\u202f036\u202f854\u202f775\u202f807; default 0"
+        in row(editor, "order", "seed").note.text()
+    )
 
 
 def test_an_emptied_field_is_left_out_and_shows_its_default(editor: ProtocolEditor) -> None:

@@ -68,7 +68,7 @@ def test_plan_and_check_have_the_limits_of_the_connected_rig(
     harness.window.poll()
     form = editor.form
     assert form.rows["speeds_mm_s",].mistake == "80 is outside 20 to 70 mm/s"
-    assert "50 to 1,500 g" in form.rows["forces_g",].note.text()
+    assert "50 to 1\u202f500 g" in form.rows["forces_g",].note.text()
     assert form.steps.of_kind["turn"][0].mistake == "75 is outside 20 to 70 mm/s"
     wait_until(lambda: "speeds_mm_s: 80 is outside 20 to 70" in editor.verdict.text())
     wait_until(lambda: "is outside 20 to 70 mm/s" in panel.problem.text())

@@ -8,6 +8,7 @@ from PySide6.QtWidgets import QLineEdit, QWidget
 from gui.analysis.trials.trial_model import TrialModel
 from gui.analysis.trials.trial_table import AttemptTable
 from gui.analysis.trials.trial_table_view import TrialTableView
+from gui.widgets.formatting import grouped
 from gui.widgets.labels import label
 from gui.widgets.layouts import hbox, push_button, vbox
 
@@ -146,7 +147,8 @@ class TrialList(QWidget):
 
     def _show_count(self) -> None:
         n, total = self.model.rowCount(), len(self.model.table)
-        self.count.setText(f"{n:,} of {total:,} attempts" if n < total else f"{total:,} attempts")
+        shown = f"{grouped(n)} of " if n < total else ""
+        self.count.setText(f"{shown}{grouped(total)} attempts")
 
     def _fit_columns(self) -> None:
         """Make each column as wide as its name with the mark of sorting, and its widest text."""

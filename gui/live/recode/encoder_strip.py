@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QLineEdit, QWidget
+from PySide6.QtWidgets import QCheckBox, QLineEdit, QWidget
 
 from gui.live.live_data import LiveData
 from gui.live.recode.recoder import Recoder
@@ -16,6 +16,7 @@ from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.labels import ElidedLabel, label, show_text
 from gui.widgets.layouts import combo_box, vbox
+from gui.widgets.number_box import NumberBox
 from gui.widgets.typed_paths import typed_path
 from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.encoding.force_matrix import ForceMatrix
@@ -54,7 +55,7 @@ class EncoderStrip(QWidget):
         self.scaling = combo_box(scalings)
         for box in (self.preset, self.scaling):
             box.setMinimumContentsLength(_LONGEST_NAME)
-        self.c = QDoubleSpinBox(minimum=0.01, maximum=_HIGHEST_C, value=1.0, singleStep=0.1)
+        self.c = NumberBox(minimum=0.01, maximum=_HIGHEST_C, value=1.0, singleStep=0.1)
         self.c.setPrefix("C = ")
         self.c.setToolTip("One factor on the SA current of all taxels, without a unit")
         self.c.setKeyboardTracking(False)

@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
-from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QWidget
+from PySide6.QtWidgets import QComboBox, QWidget
 
 from gui.analysis.tasks.worker import Worker
 from gui.widgets.labels import label
 from gui.widgets.layouts import push_button
+from gui.widgets.number_box import NumberBox, has_refused
 from gui.widgets.typed_paths import typed_path
 from rigctl.analysis.data.atomic_directory import PARTIAL
 
@@ -36,7 +37,7 @@ class MovieMaker(QObject):
         for name, end in (("GIF", ".gif"), ("MP4", ".mp4")):
             self.kind.addItem(name, end)
         self.kind.setToolTip("Kind of the movie; an MP4 needs ffmpeg on this computer")
-        self.length = QDoubleSpinBox(minimum=0.1, maximum=LONGEST_S, value=1.0, decimals=1)
+        self.length = NumberBox(minimum=0.1, maximum=LONGEST_S, value=1.0, decimals=1)
         self.length.setSuffix(" s")
         self.length.setToolTip("How much of the trial the movie shows")
         self.button = push_button(MOVIE, self._click, TIP)
@@ -76,7 +77,7 @@ class MovieMaker(QObject):
         if self.worker.is_busy:
             self.cancel()
             self.told.emit("The movie is cancelled.")
-        else:
+        elif not has_refused(self.length):
             self.requested.emit()
 
     def _end(self, path: str) -> None:

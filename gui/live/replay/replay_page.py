@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QLineEdit, QScrollBar, QSpinBox, QWidget
+from PySide6.QtWidgets import QAbstractSpinBox, QCheckBox, QLineEdit, QScrollBar, QWidget
 
 from gui.analysis.export.picture_foot import foot_text
 from gui.analysis.tasks.task_values import DRUM, SessionTable, TrialData
@@ -23,6 +23,7 @@ from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.labels import ElidedLabel, label, show_text
 from gui.widgets.layouts import push_button, vbox
+from gui.widgets.number_box import NumberBox, WholeNumberBox
 from gui.widgets.theme import Theme
 from rigctl.values import SAMPLE_RATE_HZ
 
@@ -115,7 +116,7 @@ class ReplayPage(QWidget):
         self.session = QLineEdit()
         self.session.setPlaceholderText("session folder")
         self.session.setMinimumWidth(120)
-        self.trial = QSpinBox(minimum=1, maximum=1)
+        self.trial = WholeNumberBox(minimum=1, maximum=1)
         self.whole_session = QCheckBox("go on to the next")
         browse = browse_button(self.path_requested, PathKind.SESSION, self.open)
         row: tuple[QWidget, ...] = (
@@ -130,9 +131,9 @@ class ReplayPage(QWidget):
         self.play = push_button("Play", self._toggle, "Play or stop")
         self.place = QScrollBar(Qt.Orientation.Horizontal)
         self.place.setAccessibleName("Place in the trial")
-        self.speed = QDoubleSpinBox(minimum=0.001, maximum=1000.0, decimals=3, value=1.0)
+        self.speed = NumberBox(minimum=0.001, maximum=1000.0, decimals=3, value=1.0)
         self.speed.setPrefix("× ")
-        self.speed.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
+        self.speed.setStepType(QAbstractSpinBox.StepType.AdaptiveDecimalStepType)
         self.speed.setToolTip("Speed of the replay in times real time")
         self.movies = MovieMaker()
         self.place.setMinimumWidth(120)
@@ -149,7 +150,7 @@ class ReplayPage(QWidget):
         movies.saved.connect(self._show_saved)
         movies.failed.connect(lambda sentence: self._fail("trial_movie", sentence))
         self.session.returnPressed.connect(self._open_typed)
-        self.trial.valueChanged.connect(lambda number: self._load(number - 1))
+        self.trial.valueChanged.connect(lambda _: self._load(self.trial.value() - 1))
         self.speed.valueChanged.connect(lambda speed: setattr(self.player, "speed", speed))
         self.place.valueChanged.connect(self._seek)
         pointer.taxel_changed.connect(lambda _: self._ask_voltage())

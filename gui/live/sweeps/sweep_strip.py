@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QCheckBox, QSpinBox, QWidget
+from PySide6.QtWidgets import QCheckBox, QWidget
 
 from gui.live.spikes.spike_rates import FULL_SCALE_HZ
 from gui.live.sweeps.earlier_trials import BIN_S, MOST
 from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.labels import ElidedLabel, label, show_text
 from gui.widgets.layouts import vbox
+from gui.widgets.number_box import WholeNumberBox
 
 OFF = "The time axis scrolls with the newest samples."
 WAITS = "No trial has begun yet: the time axis scrolls until the sync line rises."
@@ -25,7 +26,7 @@ class SweepStrip(QWidget):
         super().__init__()
         self.align = QCheckBox("begin each trial at the left")
         self.align.setToolTip("t = 0 is the first sample of the trial, as the session cuts it")
-        self.count = QSpinBox(minimum=0, maximum=MOST, value=5)
+        self.count = WholeNumberBox(minimum=0, maximum=MOST, value=5)
         self.count.setToolTip(
             "Whole trials of the same plate, speed and force, in faint lines: force, speed, the\n"
             "readings of the chosen taxel, and in its rows of the raster the mean rate of its\n"

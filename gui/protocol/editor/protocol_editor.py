@@ -14,6 +14,7 @@ from gui.protocol.editor.key_form import KeyForm
 from gui.protocol.editor.protocol_text import ProtocolTextEdit
 from gui.protocol.editor.steps_box import NAME as STEPS
 from gui.protocol.run_values import CheckedText, SavedProtocol
+from gui.widgets.formatting import grouped
 from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import container, hbox, push_button, scroll_area, vbox
 from gui.widgets.typed_paths import typed_path
@@ -29,7 +30,7 @@ MAX_FORM_LETTERS = 32_768
 """A longer text would make the window wait at every key of the form."""
 NEW_STEP = {"at": "start", "kind": "tare"}
 _WAITS = "The form waits until the text is mended. {problem}"
-_TOO_LONG = f"the text has more than {MAX_FORM_LETTERS:,} letters: edit it as text"
+_TOO_LONG = f"the text has more than {grouped(MAX_FORM_LETTERS)} letters: edit it as text"
 
 
 class ProtocolEditor(QWidget):

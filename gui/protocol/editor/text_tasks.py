@@ -7,7 +7,7 @@ from pathlib import Path
 
 from gui.protocol.run_tasks import summarise
 from gui.protocol.run_values import PLAN_ROWS, CheckedText, ProtocolText, SavedProtocol
-from gui.widgets.formatting import duration, size
+from gui.widgets.formatting import duration, grouped, size
 from rigctl.config import resources
 from rigctl.config.text_file import read_text
 from rigctl.config.toml_bounds import MAX_BYTES
@@ -68,7 +68,9 @@ def _finger_summary(text: str, name: str) -> str:
 
     plan = parse_finger_protocol(text, name).plan(list(Stage))
     time, disk = duration(plan.duration_s), size(plan.bytes_estimate)
-    return f"No errors: {len(plan.trials):,} scans of the moving finger, {time}, {disk} on disk"
+    return (
+        f"No errors: {grouped(len(plan.trials))} scans of the moving finger, {time}, {disk} on disk"
+    )
 
 
 def save_protocol(path: str, text: str, may_replace: bool) -> SavedProtocol:

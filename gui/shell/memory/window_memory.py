@@ -8,12 +8,13 @@ from typing import TypeVar
 from zlib import crc32
 
 from PySide6.QtCore import QByteArray, QObject, QTimer
-from PySide6.QtWidgets import QDoubleSpinBox, QLineEdit, QWidget
+from PySide6.QtWidgets import QLineEdit, QWidget
 
 from gui.live.page.live_page import LivePage
 from gui.live.review.navigation import SPANS_S
 from gui.shell.docks import DockArea
 from gui.shell.memory.user_settings import MAX_LETTERS, UserSettings
+from gui.widgets.number_box import NumberBox
 
 SAVE_MS = 5000
 """A crash loses at most the changes of this time."""
@@ -32,7 +33,7 @@ class WindowMemory(QObject):
         self._timer = QTimer(self, interval=SAVE_MS)
         self._timer.timeout.connect(self.save)
 
-    def keep_number(self, key: str, box: QDoubleSpinBox) -> None:
+    def keep_number(self, key: str, box: NumberBox) -> None:
         """Restore a number, and remember it from now on."""
         self._keep(key, box.value, box.setValue, lambda n: box.minimum() <= n <= box.maximum())
 

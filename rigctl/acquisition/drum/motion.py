@@ -137,6 +137,18 @@ class DrumMotion:
             await self.poller.drum.set(**changed)
             self.settings.update(changed)
 
+    async def require_no_travel(self) -> None:
+        """Raise CommandRefused while the drum turns in contact: it reads the speed when it starts.
+
+        The same holds for acceleration, travel and run-in. The board's force loop reads the force
+        at every tick.
+        """
+        if (await self._fresh_state()).state == State.RUN:
+            raise CommandRefused(
+                "the drum turns, at the speed with which it began: set speed, acceleration, "
+                "travel and run-in once it holds still or is lifted; the force can change now"
+            )
+
     async def arm(self) -> None:
         """Power up and lift off, unless the drum is armed already.
 

@@ -95,7 +95,11 @@ class CommandHandler(CalibrationCommands):
         travel_mm: Magnitude = None,
         run_in_mm: Magnitude = None,
     ) -> Result:
-        """Write an operator's settings; return the values that the board took."""
+        """Write an operator's settings; return the values that the board took.
+
+        While the drum turns in contact, only the force can change: the travel keeps what it began
+        with. Raises CommandRefused for the others.
+        """
         given = (speed_mm_s, force_g, acceleration_mm_s2, travel_mm, run_in_mm)
         pairs = zip(OPERATOR_SETTINGS, given, strict=True)
         values = {name: value for name, value in pairs if value is not None}
@@ -103,6 +107,8 @@ class CommandHandler(CalibrationCommands):
             _require_limits(name, value, self._engine.rig.config.limits)
         registers = {OPERATOR_SETTINGS[name]: value for name, value in values.items()}
         with self._by_hand() as motion:
+            if registers.keys() - {"force_set"}:
+                await motion.require_no_travel()
             written = await motion.poller.drum.set(**registers)
             motion.settings.update(written)
         return {name: written[OPERATOR_SETTINGS[name]] for name in values}

@@ -147,6 +147,34 @@ def test_refusals_are_sentences(harness: EngineHarness) -> None:
     harness.run(scenario)
 
 
+def test_a_turning_drum_takes_another_force_and_refuses_another_speed(
+    harness: EngineHarness,
+) -> None:
+    """The speed was taken, logged and shown while the drum turned on with the old one."""
+
+    async def scenario(harness: EngineHarness) -> None:
+        handle, status = handler_of(harness), harness.engine.status
+        for command in ("arm", "tare", "home"):
+            await handle(command, {})
+        await handle("set", {"speed_mm_s": 40, "force_g": 300, "travel_mm": 100})
+        await handle("approach", {})
+        run = asyncio.ensure_future(handle("run", {}))
+        await harness.until(lambda: state_of(harness) is State.RUN)
+        for name, value in {"speed_mm_s": 80, "travel_mm": 50, "run_in_mm": 60}.items():
+            with pytest.raises(CommandRefused, match=r"set speed, .* once it holds still or is"):
+                await handle("set", {name: value, "force_g": 500})
+        assert (status().speed_set_mm_s, status().force_set_g) == (40, 300)
+        await handle("set", {"force_g": 400})
+        await harness.wait(1)
+        assert status().speed_mm_s == pytest.approx(40, rel=0.01)
+        assert status().force_g == pytest.approx(400, rel=0.05)
+        await run
+        await handle("set", {"speed_mm_s": 80})
+        assert status().speed_set_mm_s == 80
+
+    harness.run(scenario)
+
+
 def test_only_operator_settings_can_be_set(harness: EngineHarness) -> None:
     async def scenario(harness: EngineHarness) -> None:
         handle = handler_of(harness)
