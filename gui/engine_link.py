@@ -108,6 +108,11 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         return self._client is not None
 
     @property
+    def is_waiting(self) -> bool:
+        """Whether a command has no answer yet, such as a move that goes on."""
+        return bool(self._pending)
+
+    @property
     def has_joined(self) -> bool:
         """Whether the engine ran before this window connected to it."""
         return self._client is not None and self._client.process is None

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
 
-from gui.analysis.tasks.task_values import TrialData
+from gui.analysis.tasks.task_values import BLOCK, TrialData
 from gui.live.spikes.train_rows import TrainRows
 from gui.widgets.plots.plot_axes import (
     colour_axes,
@@ -22,12 +20,20 @@ from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
 
 NO_TRIAL = "Open a session and choose a trial on the left"
+COLUMNS = 2048
+"""Places over the time in view at most, for each the lowest and highest reading: a screen's."""
+FEW_SAMPLES = 8192
+"""Are drawn one by one."""
 LEAST_PX = (300, 130, 130)
 """Width and heights of two plots whose labels and numbers can be read."""
 
 
 class TrialView(PlotGrid):
-    """Traces and spikes of a trial; drag moves and the wheel zooms both in time."""
+    """Traces and spikes of a trial; drag moves and the wheel zooms both in time.
+
+    Only what is in view is drawn, and of many samples the extremes of each place: a path through
+    all samples of ten minutes takes seconds at each painting, and STOP would wait.
+    """
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
@@ -39,6 +45,8 @@ class TrialView(PlotGrid):
         self.spikes_plot.setXLink(self.samples_plot)
         for plot in (self.samples_plot, self.spikes_plot):
             plot.setMouseEnabled(x=True, y=False)
+        self._curves: list[pg.PlotCurveItem] = []
+        self.samples_plot.getViewBox().sigXRangeChanged.connect(lambda *_: self._draw())
         self.set_theme(theme)
         self.show_trial(None)
 
@@ -57,15 +65,38 @@ class TrialView(PlotGrid):
         self.data = data
         for plot in (self.samples_plot, self.spikes_plot):
             plot.clear()
+        self._curves = []
         heading = data.heading if data is not None else NO_TRIAL
         self.show_heading(self.samples_plot, heading, self._theme)
         rows = TrainRows(data.layout if data is not None else SensorLayout.default(N_TAXELS))
         self._label(rows)
         if data is None or not len(data.samples):
             return
-        self._draw_samples(data.samples, rows)
-        self._draw_spikes(data, rows)
+        self._rows = rows
+        whole = data.samples if data.blocks is None else np.concatenate(list(data.blocks))
+        self._low = whole.min(axis=0).astype(float)
+        self._span = np.maximum(whole.max(axis=0) - self._low, 1.0)
+        layers, groups = rows.layer_colours(self._theme), rows.group_colours(self._theme)
+        for plot, colours in ((self.samples_plot, layers), (self.spikes_plot, groups)):
+            for colour in colours:
+                curve = pg.PlotCurveItem(pen=pg.mkPen(colour, width=1), skipFiniteCheck=True)
+                plot.addItem(curve)
+                self._curves.append(curve)
         self.samples_plot.setXRange(0, len(data.samples) / SAMPLE_RATE_HZ, padding=0)
+        self._draw()
+
+    def _draw(self) -> None:
+        """Draw what is in view."""
+        if self.data is None or not self._curves:
+            return
+        n = len(self.data.samples)
+        left_s, right_s = self.samples_plot.getViewBox().viewRange()[0]
+        first = min(max(0, int(left_s * SAMPLE_RATE_HZ) - 1), n - 1)
+        end = min(max(first + 1, int(right_s * SAMPLE_RATE_HZ) + 2), n)
+        factor = -(-(end - first) // COLUMNS) if end - first > FEW_SAMPLES else 1
+        n_layers = len(self._rows.layer_colours(self._theme))
+        self._draw_samples(first, end, factor, self._curves[:n_layers])
+        self._draw_spikes(first, end, factor, self._curves[n_layers:])
 
     def _label(self, rows: TrainRows) -> None:
         ticks = taxel_ticks(rows.sensor_layout.n_taxels), rows.group_ticks()
@@ -76,30 +107,55 @@ class TrialView(PlotGrid):
             plot.setYRange(-height, 0, padding=0)
             plot.getAxis("left").setTicks([[(-y, name) for y, name in names], []])
 
-    def _draw_samples(self, samples: NDArray[np.uint16], rows: TrainRows) -> None:
-        low = samples.min(axis=0).astype(float)
-        span = np.maximum(samples.max(axis=0) - low, 1.0)
-        time_s = np.arange(len(samples)) / SAMPLE_RATE_HZ
-        for layer, colour in enumerate(rows.layer_colours(self._theme)):
-            taxels = np.array(rows.sensor_layout.taxels_of(layer))
-            share = (samples[:, taxels] - low[taxels]) / span[taxels]
-            y = (0.85 * share - 0.92 - taxels).T
+    def _draw_samples(
+        self, first: int, end: int, factor: int, curves: list[pg.PlotCurveItem]
+    ) -> None:
+        assert self.data is not None
+        at, readings = extremes(self.data, first, end, factor)
+        share = (readings - self._low) / self._span
+        for layer, curve in enumerate(curves):
+            taxels = np.array(self._rows.sensor_layout.taxels_of(layer))
+            y = (0.85 * share[:, taxels] - 0.92 - taxels).T
             connect = np.ones(y.shape, np.int32)
             connect[:, -1] = 0
-            x = np.tile(time_s, len(taxels))
-            _draw_curve(self.samples_plot, x, y.ravel(), connect.ravel(), colour)
+            x = np.tile(at / SAMPLE_RATE_HZ, len(taxels))
+            curve.setData(x, y.ravel(), connect=connect.ravel(), skipFiniteCheck=True)
 
-    def _draw_spikes(self, data: TrialData, rows: TrainRows) -> None:
-        shown_row = np.argsort(rows.order)[data.spike_row]
-        time_s = data.spike_sample / SAMPLE_RATE_HZ
-        ends = np.array([0.1, 0.9])
-        for group, colour in enumerate(rows.group_colours(self._theme)):
-            in_group = rows.group_of[shown_row] == group
+    def _draw_spikes(
+        self, first: int, end: int, factor: int, curves: list[pg.PlotCurveItem]
+    ) -> None:
+        """Draw a line for each spike, one for all of a row that stand at the same place."""
+        assert self.data is not None
+        shown_row = np.argsort(self._rows.order)
+        is_in_view = (self.data.spike_sample >= first) & (self.data.spike_sample < end)
+        places = np.zeros((len(self._rows), -(-(end - first) // factor)), bool)
+        column = (self.data.spike_sample[is_in_view] - first) // factor
+        places[shown_row[self.data.spike_row[is_in_view]], column] = True
+        row, column = np.nonzero(places)
+        time_s, ends = (first + column * factor) / SAMPLE_RATE_HZ, np.array([0.1, 0.9])
+        for group, curve in enumerate(curves):
+            in_group = self._rows.group_of[row] == group
             x = np.repeat(time_s[in_group], 2)
-            y = (-shown_row[in_group, None] - ends).ravel()
-            _draw_curve(self.spikes_plot, x, y, "pairs", colour)
+            y = (-row[in_group, None] - ends).ravel()
+            curve.setData(x, y, connect="pairs", skipFiniteCheck=True)
 
 
-def _draw_curve(plot: pg.PlotItem, x: Any, y: Any, connect: Any, colour: str) -> None:
-    pen = pg.mkPen(colour, width=1)
-    plot.addItem(pg.PlotCurveItem(x, y, connect=connect, pen=pen, skipFiniteCheck=True))
+def extremes(
+    data: TrialData, first: int, end: int, factor: int
+) -> tuple[NDArray[np.int64], NDArray[np.uint16]]:
+    """Return the samples from ``first`` to before ``end``: at which, (k,), readings, (k, n_taxels).
+
+    Where ``factor`` is 2 or more, each place of so many samples has two: its lowest and highest
+    reading of each taxel.
+    """
+    if factor < 2:
+        return np.arange(first, end), data.samples[first:end]
+    low, high, scale = data.samples, data.samples, 1
+    if data.blocks is not None and factor >= BLOCK:
+        (low, high), scale = data.blocks, BLOCK
+        first, end, factor = first // BLOCK, end // BLOCK, factor // BLOCK
+    starts = np.arange(first, end, factor)
+    lowest = np.minimum.reduceat(low[:end], starts, axis=0)
+    highest = np.maximum.reduceat(high[:end], starts, axis=0)
+    both = np.stack([lowest, highest], axis=1)
+    return np.repeat(starts * scale, 2), both.reshape(-1, low.shape[1])

@@ -40,6 +40,7 @@ from gui.shell.view_menus import add_live_actions, add_trial_actions
 from gui.widgets.file_browser import FileBrowser, PathKind
 from gui.widgets.layouts import container, scroll_area, vbox
 from gui.widgets.theme import Theme, ThemeChoice
+from rigctl.acquisition.drum.contact import RESTING_STATES
 from rigctl.acquisition.rpc.engine_files import FINGER_EXPERIMENT, EngineFile
 
 FRAME_MS = 33
@@ -68,7 +69,7 @@ class MainWindow(SteadyFocusWindow):
         self.settings = settings if settings is not None else UserSettings(None)
         self.stack = PageStack()
         self.docks = DockArea(self.stack)
-        self.appearance = Appearance(self.settings, choice, self.docks)
+        self.appearance = Appearance(self.settings, choice, self.docks, self._is_at_rest)
         theme = self.appearance.theme
         self.drum = DrumController(theme, factory)
         self.engine_link, self.toolbar = self.drum.link, self.drum.toolbar
@@ -264,6 +265,8 @@ class MainWindow(SteadyFocusWindow):
         for place in (self.toolbar, self.docks):
             place.stop_requested.connect(self.stop)
         self.appearance.theme_changed.connect(self._show_theme)
+        self.appearance.reported.connect(self.report)
+        self.engine_link.status_changed.connect(lambda _: self.appearance.follow_system())
         self.drum.title_changed.connect(self.setWindowTitle)
         boxes = (self.toolbar.rig, self.toolbar.world)
         panels = (self.operate_panel, self.protocol_panel, self.analysis_tab.panel, self.finger_tab)
@@ -332,6 +335,15 @@ class MainWindow(SteadyFocusWindow):
             self._panel = name
             self.replay.leave()
             self._show_view()
+
+    def _is_at_rest(self) -> bool:
+        """Whether nothing goes on at the rigs of this window that STOP would end."""
+        link, finger = self.engine_link, self.finger_tab.link
+        if any(each.status.run.is_active or each.is_waiting for each in (link, finger)):
+            return False
+        status = link.status
+        rests = status.state in RESTING_STATES and not status.calibration.measuring
+        return rests or not link.is_connected or link.follows
 
     def _show_theme(self, theme: Theme) -> None:
         """Give the plots, which have colours of their own, those of another theme."""

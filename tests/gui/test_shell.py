@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 from PySide6.QtCore import QPoint, QRect, QSize, Qt
 from PySide6.QtGui import QAccessible, QGuiApplication
 from PySide6.QtWidgets import QApplication, QScrollArea, QWidget
 
+from gui.shell.appearance import NOT_AT_REST
 from gui.shell.main_window import MainWindow
 from gui.widgets.layouts import PanelArea
-from gui.widgets.theme import ThemeChoice, applied_theme
+from gui.widgets.theme import DARK, LIGHT, ThemeChoice, applied_theme, text_scale
 from rigctl.wire.drum.states import State
 from tests.gui.fake_engine import FakeEngine
 from tests.gui.steps import Harness, wait_until
@@ -28,6 +31,50 @@ def _fits(window: QWidget, size: QSize) -> bool:
     """Resize a window; return whether it took the size. Its layout follows a little later."""
     window.resize(size)
     return window.size() == size
+
+
+@pytest.mark.parametrize(
+    "busy",
+    [{"state": int(State.HOLD)}, {"run": {"state": "paused"}}, {"state": int(State.POSITION)}],
+)
+def test_theme_and_text_size_wait_until_the_rig_is_at_rest(
+    harness: Harness, busy: dict[str, Any]
+) -> None:
+    """All widgets are styled anew in one piece, for which STOP would wait."""
+    window = harness.window
+    choices = {
+        (menu.rpartition(" ")[2], action.text()): action
+        for menu, action in window.menus.actions()
+        if menu.endswith(("Theme", "Text size"))
+    }
+    dark, large = choices["Theme", "Dark"], choices["size", "115 %"]
+    harness.update(**busy)
+    for action in (dark, large):
+        action.trigger()
+        assert NOT_AT_REST in window.status_line.text()
+        window.status_line.clear()
+    assert applied_theme() is LIGHT and text_scale() == 1
+    assert choices["Theme", "Light"].isChecked() and choices["size", "100 %"].isChecked()
+    harness.update(state=int(State.ARMED), run={"state": "idle"})
+    try:
+        dark.trigger()
+        large.trigger()
+        assert applied_theme() is DARK and text_scale() == 1.15
+    finally:
+        choices["Theme", "Light"].trigger()
+        choices["size", "100 %"].trigger()
+    assert NOT_AT_REST not in window.status_line.text()
+
+
+def test_a_command_without_an_answer_keeps_the_theme(harness: Harness) -> None:
+    harness.update(state=int(State.ARMED))
+    harness.engine.replies = False
+    harness.window.engine_link.request("approach")
+    dark = next(action for _, action in harness.window.menus.actions() if action.text() == "Dark")
+    dark.trigger()
+    assert applied_theme() is LIGHT
+    harness.engine.answer_all()
+    harness.window.poll()
 
 
 @pytest.mark.parametrize("panel", ["operate", "protocol", "analysis", "finger"])

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from PySide6.QtWidgets import QApplication
 
-from gui.analysis.tasks.task_values import TrialData
+from gui.analysis.tasks.task_values import BLOCK, TrialData
 from gui.analysis.trial_view import TrialView
 from gui.widgets.theme import LIGHT
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
@@ -34,3 +36,36 @@ def test_groups_are_those_of_the_sensor(
     assert view.spikes_plot.viewRange()[1] == [-2 * n, 0]
     assert len(view.samples_plot.getAxis("left")._tickLevels[0]) <= 10
     view.hide()
+
+
+def test_a_long_trial_is_drawn_by_its_extremes_and_a_part_of_it_sample_by_sample(
+    qapp: QApplication,
+) -> None:
+    """A path through ten minutes of samples took seconds at each painting, and STOP waited."""
+    n, layout = 600_000, SensorLayout.default(18)
+    samples = np.full((n, 18), 500, np.uint16)
+    samples[123_456] = 1000  # a single reading that no view may lose
+    samples[400_000:400_010, 3] = np.arange(10)
+    row, at = np.repeat(np.arange(36), 20_000), np.tile(np.arange(0, n, 30), 36)
+    blocks = samples.reshape(-1, BLOCK, 18)
+    ends = np.stack([blocks.min(axis=1), blocks.max(axis=1)])
+    whole = TrialData("Trial 1: plate A", samples, row, at, layout, blocks=ends)
+    view = TrialView(LIGHT)
+    view.resize(900, 600)
+    view.show()
+    view.show_trial(whole)
+    drawn = [len(item.getData()[0]) for plot in plots_of(view) for item in plot.items]
+    assert sum(drawn) < 300_000
+    x, y = view.samples_plot.items[0].getData()
+    assert abs(x[np.argmax(y)] - 123.456) < 0.3 and np.ptp(y[: len(y) // 9]) > 0.8
+    view.samples_plot.setXRange(399.9, 400.2, padding=0)
+    x, y = view.samples_plot.items[0].getData()
+    steps = np.flatnonzero((x >= 400) & (x < 400.0095))
+    assert len(x) < 9 * 400 and np.all(np.diff(y[steps][-10:]) >= 0)
+    x, _ = view.spikes_plot.items[0].getData()
+    assert set(np.round(np.diff(np.unique(x)), 3)) == {0.03}
+    view.close()
+
+
+def plots_of(view: TrialView) -> tuple[Any, Any]:
+    return view.samples_plot, view.spikes_plot

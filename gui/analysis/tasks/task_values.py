@@ -71,11 +71,16 @@ class TrialFeatures(NamedTuple):
     window_ms: int
 
 
+BLOCK = 64
+"""Samples of which a long trial has the lowest and highest readings."""
+
+
 class TrialData(NamedTuple):
     """Readings and spikes of one trial, and what the drum did.
 
     ``samples``: uint16 (n, n_taxels). ``spike_row`` and ``spike_sample``: int64 (k,), one entry per
-    spike; rows are SA taxel 1 … n, then RA 1 … n.
+    spike; rows are SA taxel 1 … n, then RA 1 … n. ``blocks``: uint16 (2, n // BLOCK, n_taxels), the
+    lowest and highest readings of each whole block of samples, for a trial with many.
     """
 
     title: str
@@ -86,6 +91,7 @@ class TrialData(NamedTuple):
     course: TrialCourse | None = None
     features: TrialFeatures | None = None
     simulated: bool = False
+    blocks: NDArray[np.uint16] | None = None
 
     @property
     def heading(self) -> str:

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import multiprocessing
+import threading
 from multiprocessing.connection import Connection as Pipe
 from multiprocessing.process import BaseProcess
+from queue import SimpleQueue
 from typing import Any, NamedTuple
 
 from PySide6.QtCore import QObject, Signal
 
 from gui.analysis.tasks import worker_tasks
-from gui.analysis.tasks.task_sender import TaskSender
+from gui.analysis.tasks.task_sender import JOIN_TIMEOUT_S, TaskSender
+
+QUICK_S = 0.002
+"""Most that the window waits for a result: for the short ones, which are all but few."""
 
 
 class _KilledProcess(NamedTuple):
@@ -19,12 +24,15 @@ class _KilledProcess(NamedTuple):
     process: BaseProcess
     pipe: Pipe
     sender: TaskSender
+    receiver: threading.Thread | None
 
     def close(self) -> bool:
         """Close all of it once the process has ended; return whether it has."""
         if self.process.exitcode is None:
             return False
         self.sender.join()
+        if self.receiver is not None:
+            self.receiver.join(JOIN_TIMEOUT_S)
         self.pipe.close()
         self.process.close()
         return True
@@ -45,6 +53,8 @@ class Worker(QObject):
         self._process: BaseProcess | None = None
         self._pipe: Pipe | None = None
         self._sender: TaskSender | None = None
+        self._receiver: threading.Thread | None = None
+        self._received: SimpleQueue[Any] = SimpleQueue()
         self._pending: list[str] = []
         self._killed: list[_KilledProcess] = []
 
@@ -64,21 +74,19 @@ class Worker(QObject):
     def poll(self) -> None:
         """Emit the signals for everything that the process sent since the last call."""
         self._close_killed()
-        while self._pipe is not None and self._pending:
-            try:
-                if not self._pipe.poll():
-                    return
-                kind, *values = self._pipe.recv()
-            except (EOFError, OSError):
+        if self._pipe is not None and self._pending:
+            self._receive(self._pipe)
+        while self._pending and not self._received.empty():
+            message = self._received.get()
+            if message is None:
                 task = self._pending[0]
                 self.cancel()
                 self.failed.emit(task, "the analysis process ended unexpectedly: try again")
-                return
-            if kind == "progress":
-                self.progressed.emit(*values)
+            elif message[0] == "progress":
+                self.progressed.emit(*message[1:])
             else:
                 task = self._pending.pop(0)
-                (self.finished if kind == "done" else self.failed).emit(task, *values)
+                (self.finished if message[0] == "done" else self.failed).emit(task, *message[1:])
 
     def cancel(self) -> None:
         """End the process and its task; the next task starts another process.
@@ -90,10 +98,27 @@ class Worker(QObject):
         process, self._process = self._process, None
         pipe, self._pipe = self._pipe, None
         sender, self._sender = self._sender, None
+        receiver, self._receiver = self._receiver, None
+        self._received = SimpleQueue()
         if process is not None and pipe is not None and sender is not None:
             process.kill()
-            self._killed.append(_KilledProcess(process, pipe, sender))
+            self._killed.append(_KilledProcess(process, pipe, sender, receiver))
         self._close_killed()
+
+    def _receive(self, pipe: Pipe) -> None:
+        """Read what has arrived in a thread, as a result may be the rows of a long session."""
+        if self._receiver is None and _has_arrived(pipe):
+            self._receiver = threading.Thread(
+                target=_read_all,
+                args=(pipe, self._received),
+                name="rigctl-worker-results",
+                daemon=True,
+            )
+            self._receiver.start()
+        if self._receiver is not None:
+            self._receiver.join(QUICK_S)
+            if not self._receiver.is_alive():
+                self._receiver = None
 
     def _close_killed(self) -> None:
         self._killed = [killed for killed in self._killed if not killed.close()]
@@ -105,3 +130,19 @@ class Worker(QObject):
         self._process.start()
         far_end.close()
         self._sender = TaskSender(self._pipe)
+
+
+def _has_arrived(pipe: Pipe) -> bool:
+    try:
+        return pipe.poll()
+    except OSError:  # its process has ended, which reading tells
+        return True
+
+
+def _read_all(pipe: Pipe, received: SimpleQueue[Any]) -> None:
+    """Read the messages that have arrived; None for the end of the process."""
+    try:
+        while pipe.poll():
+            received.put(pipe.recv())
+    except (EOFError, OSError):
+        received.put(None)

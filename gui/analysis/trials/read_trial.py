@@ -6,13 +6,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gui.analysis.tasks.task_values import TrialCourse, TrialData, TrialFeatures
+from gui.analysis.tasks.task_values import BLOCK, TrialCourse, TrialData, TrialFeatures
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from rigctl.encoding.normalisation import Normalisation
     from rigctl.session.read.session import Session
     from rigctl.values import Spikes
 
+MANY_SAMPLES = 100_000
 N_WARM_TAXELS, N_WARM_SAMPLES, WARM_MM_S = 18, 100, 40.0
 
 
@@ -38,7 +41,14 @@ def read_trial(session: Session, row: int, taxel_range: Normalisation) -> TrialD
         _course(session, row),
         _features(spikes, float(trial["speed_mm_s"])),
         session.header.simulated,
+        _blocks(samples) if len(samples) > MANY_SAMPLES else None,
     )
+
+
+def _blocks(samples: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    n_blocks = len(samples) // BLOCK
+    blocks = samples[: n_blocks * BLOCK].reshape(n_blocks, BLOCK, samples.shape[1])
+    return np.stack([blocks.min(axis=1), blocks.max(axis=1)])
 
 
 def load_encoder() -> None:
