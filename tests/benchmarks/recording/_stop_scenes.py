@@ -1,0 +1,161 @@
+"""Press STOP in every scene of a window with an engine; print scene and time of each press.
+
+The presses are posted by a thread at their times, as those of a keyboard and a mouse are: what
+holds the window's thread holds them.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import QEvent, QPointF, Qt
+from PySide6.QtGui import QKeyEvent, QMouseEvent
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QWidget
+from shiboken6 import delete
+
+from gui.analysis.results import AnalysisResults, plot_page
+from gui.analysis.tasks.task_values import TrialData
+from gui.shell.main_window import MainWindow
+from gui.widgets.theme import ThemeChoice
+from rigctl.session.format.metadata.sensor_layout import SensorLayout
+from rigctl.wire.drum.states import State
+from tests.gui.texts.results_scenes import largest_accuracy, largest_confusion
+
+SIZE = (1400, 900)
+PRESSES, BETWEEN_S, FIRST_S = 6, 0.23, 0.02
+LONG_SAMPLES = 600_000
+"""Ten minutes in one trial."""
+_KEYS = Qt.KeyboardModifier.NoModifier
+
+
+class StopScenes:
+    """A window, and the planned times of the presses in each scene."""
+
+    def __init__(self, session: str) -> None:
+        self._session = session
+        self.window = MainWindow(choice=ThemeChoice.LIGHT)
+        self.window.resize(*SIZE)
+        self.presses: list[tuple[str, float]] = []
+
+    def connect(self) -> None:
+        """Connect to a virtual rig in real time, and press until the force is held."""
+        self.window.show()
+        self.window.connect_rig("virtual")
+        link = self.window.engine_link
+        self._until(lambda: link.status.drum_connected and link.status.taxels_connected)
+        for command, state in (("arm", State.ARMED), ("tare", State.ARMED), ("home", State.ARMED)):
+            self._command(command, state)
+
+    def play(self) -> None:
+        """Press STOP in each scene."""
+        self._command("approach", State.HOLD)
+        actions = {action.text(): action for _, action in self.window.menus.actions()}
+        self._scene("theme", actions["Dark"].trigger)
+        self._command("approach", State.HOLD)
+        self._scene("text size", actions["130 %"].trigger)
+        self._command("approach", State.HOLD)
+        for name, action in self._scenes():
+            self._scene(name, action)
+
+    def restyled_ms(self) -> float:
+        """Return how long the window is busy with another theme."""
+        begun_s = time.perf_counter()
+        self.window.set_theme(ThemeChoice.DARK)
+        QApplication.processEvents()
+        return 1000 * (time.perf_counter() - begun_s)
+
+    def _scenes(self) -> Iterator[tuple[str, Callable[[], object]]]:
+        window, tab = self.window, self.window.analysis_tab
+        yield "live plots", lambda: window.show_panel("operate")
+        yield "size of the window", lambda: window.resize(1000, 700)
+        widths_px = window.docks.asked_widths_px()
+        wider = {name: px + 80 for name, px in widths_px.items()}
+        yield "docks", lambda: window.docks.set_side_widths(wider)
+        yield "panel Protocol", lambda: window.show_panel("protocol")
+        yield "trials and notes", lambda: window.protocol_panel.page.opened.emit(self._session)
+        yield "panel Analysis", lambda: window.show_panel("analysis")
+        tab.panel.folder.setText(self._session)
+        yield "a session of 24,000 trials", tab.panel.open_button.click
+        trial = _long_trial()
+        yield "a trial of ten minutes", lambda: tab.trial_view.show_trial(trial)
+        pages = (
+            plot_page("Accuracy", largest_accuracy()),
+            plot_page("Confusion", largest_confusion()),
+        )
+        results = AnalysisResults("done", pages, name="large")
+        yield "results", lambda: tab._finish("analyse", results)
+        for suffix in ("png", "svg", "pdf"):
+            yield f"picture {suffix}", window.save_menu.actions[suffix].trigger
+
+    def _scene(self, name: str, action: Callable[[], object]) -> None:
+        begun_s = time.monotonic() + FIRST_S
+        times_s = [begun_s + BETWEEN_S * number for number in range(PRESSES)]
+        events = [self._events(number) for number in range(PRESSES)]
+        thread = threading.Thread(target=_post, args=(times_s, events))
+        thread.start()
+        action()
+        self._until(lambda: not thread.is_alive())
+        QTest.qWait(300)
+        self.presses += [(name, at_s) for at_s in times_s]
+
+    def _events(self, number: int) -> list[tuple[QWidget, QEvent]]:
+        """Return a press of Esc or of the button, in turn, with its receivers."""
+        if number % 2:
+            button = self.window.toolbar.stop_button
+            return [(button, event) for event in _click(button)]
+        kinds = (QEvent.Type.KeyPress, QEvent.Type.KeyRelease)
+        return [(self.window, QKeyEvent(kind, Qt.Key.Key_Escape, _KEYS)) for kind in kinds]
+
+    def _command(self, command: str, state: State) -> None:
+        link = self.window.engine_link
+        self._until(lambda: link.status.state is not State.RETRACT)
+        link.request(command)
+        self._until(lambda: not link.is_waiting and link.status.state is state)
+
+    def _until(self, done: Callable[[], bool]) -> None:
+        while not done():
+            QTest.qWait(5)
+
+
+def _long_trial() -> TrialData:
+    rng, layout = np.random.default_rng(0), SensorLayout.default(18)
+    samples = rng.integers(0, 1023, (LONG_SAMPLES, 18)).astype(np.uint16)
+    rows, at = rng.integers(0, 36, LONG_SAMPLES), rng.integers(0, LONG_SAMPLES, LONG_SAMPLES)
+    return TrialData("Trial 1: plate A", samples, rows, at, layout)
+
+
+def _click(button: QWidget) -> list[QEvent]:
+    at, left, none = QPointF(10, 10), Qt.MouseButton.LeftButton, Qt.MouseButton.NoButton
+    on_screen = QPointF(button.mapToGlobal(button.rect().center()))
+    kinds = {QEvent.Type.MouseButtonPress: left, QEvent.Type.MouseButtonRelease: none}
+    return [
+        QMouseEvent(kind, at, on_screen, left, buttons, _KEYS) for kind, buttons in kinds.items()
+    ]
+
+
+def _post(times_s: list[float], presses: list[list[tuple[QWidget, QEvent]]]) -> None:
+    for at_s, events in zip(times_s, presses, strict=True):
+        time.sleep(max(0.0, at_s - time.monotonic()))
+        for receiver, event in events:
+            QApplication.postEvent(receiver, event)
+
+
+def main() -> None:
+    """Play the scenes once somebody listens to the engine and says so by a line."""
+    (session,) = sys.argv[1:]
+    pg.mkQApp()
+    scenes = StopScenes(session)
+    scenes.connect()
+    print("connected", flush=True)
+    sys.stdin.readline()
+    scenes.play()
+    print(json.dumps({"presses": scenes.presses, "restyled_ms": scenes.restyled_ms()}), flush=True)
+    scenes.window.close()
+    delete(scenes.window)

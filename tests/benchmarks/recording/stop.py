@@ -1,0 +1,85 @@
+"""Benchmark STOP: from the press of Esc or the button to the engine's log, in every scene."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from typing import Any
+
+from rigctl.acquisition.rpc.client import EngineClient
+from rigctl.acquisition.rpc.engine_files import running_engines
+from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE, runtime_folder
+from tests.benchmarks.recording.table import SET, ensure_set
+
+SOURCE = "from tests.benchmarks.recording._stop_scenes import main; main()"
+"""No module of its own, which the window's processes would load again."""
+MOST_MS = 100.0
+NOTE = (
+    "virtual rig in real time in its engine's process, window 1400x900 offscreen; from the press "
+    "to the event that another client of the engine has received; the longest of each scene: "
+)
+RESTYLE_NOTE = "the window's thread with another theme, which only a rig at rest allows"
+
+
+def measure() -> Iterator[dict[str, Any]]:
+    """Yield the longest way of STOP, and how long another theme keeps the window."""
+    ensure_set()
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ[FOLDER_VARIABLE] = folder
+        answer, logged_s = _play()
+    shutil.rmtree(SET.with_name(f"{SET.name}-figures"))  # what the scenes have saved
+    presses = answer["presses"]
+    if len(logged_s) != len(presses):
+        raise RuntimeError(f"{len(presses)} presses, but {len(logged_s)} stops in the engine's log")
+    longest_ms: dict[str, float] = defaultdict(float)
+    for (scene, pressed_s), at_s in zip(presses, logged_s, strict=True):
+        longest_ms[scene] = max(longest_ms[scene], 1000 * (at_s - pressed_s))
+    load = f"; load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
+    scenes = ", ".join(f"{scene} {ms:.0f}" for scene, ms in longest_ms.items())
+    yield _row("live.stop_ms_max", max(longest_ms.values()), MOST_MS, NOTE + scenes + load)
+    yield _row("live.restyle_ms", answer["restyled_ms"], None, RESTYLE_NOTE + load)
+
+
+def _play() -> tuple[dict[str, Any], list[float]]:
+    """Return what the window's process prints, and when the engine told of each STOP."""
+    with subprocess.Popen(
+        [sys.executable, "-c", SOURCE, str(SET.absolute())],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "QT_QPA_PLATFORM": "offscreen"},
+    ) as window:
+        assert window.stdin is not None and window.stdout is not None
+        window.stdout.readline()
+        (engine,) = running_engines(runtime_folder())
+        client = EngineClient(engine)
+        try:
+            window.stdin.write("go on\n")
+            window.stdin.flush()
+            logged_s = _stops(client, window.stdout.fileno())
+            return json.loads(window.stdout.readline()), logged_s
+        finally:
+            client.close()
+
+
+def _stops(client: EngineClient, until: int) -> list[float]:
+    """Return when a STOP was told, until a descriptor can be read."""
+    logged_s: list[float] = []
+    while True:
+        ready, _, _ = select.select([client.fileno(), until], [], [])
+        now_s = time.monotonic()
+        logged_s += [now_s for message in client.drain() if message.get("event") == "stop"]
+        if until in ready:
+            return logged_s
+
+
+def _row(name: str, value: float, limit: float | None, note: str) -> dict[str, Any]:
+    return {"name": name, "value": round(value, 1), "unit": "ms", "limit": limit, "note": note}
