@@ -41,11 +41,12 @@ def read_trial(session: Session, row: int, taxel_range: Normalisation) -> TrialD
         _course(session, row),
         _features(spikes, float(trial["speed_mm_s"])),
         session.header.simulated,
-        _blocks(samples) if len(samples) > MANY_SAMPLES else None,
+        block_extremes(samples) if len(samples) > MANY_SAMPLES else None,
     )
 
 
-def _blocks(samples: NDArray[np.uint16]) -> NDArray[np.uint16]:
+def block_extremes(samples: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """Return the lowest and highest readings of whole blocks, (2, n // BLOCK, n_taxels)."""
     n_blocks = len(samples) // BLOCK
     blocks = samples[: n_blocks * BLOCK].reshape(n_blocks, BLOCK, samples.shape[1])
     return np.stack([blocks.min(axis=1), blocks.max(axis=1)])

@@ -22,6 +22,7 @@ from shiboken6 import delete
 
 from gui.analysis.results import AnalysisResults, plot_page
 from gui.analysis.tasks.task_values import TrialData
+from gui.analysis.trials.read_trial import block_extremes
 from gui.shell.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
@@ -128,7 +129,8 @@ def _long_trial() -> TrialData:
     rng, layout = np.random.default_rng(0), SensorLayout.default(18)
     samples = rng.integers(0, 1023, (LONG_SAMPLES, 18)).astype(np.uint16)
     rows, at = rng.integers(0, 36, LONG_SAMPLES), rng.integers(0, LONG_SAMPLES, LONG_SAMPLES)
-    return TrialData("Trial 1: plate A", samples, rows, at, layout)
+    blocks = block_extremes(samples)
+    return TrialData("Trial 1: plate A", samples, rows, at, layout, blocks=blocks)
 
 
 def _click(button: QWidget) -> list[QEvent]:
