@@ -173,6 +173,7 @@ class _Note(QLabel):
         """Show a sentence."""
         self.setText(text)
         self._box.setAccessibleDescription(text)
+        self.ensurePolished()  # the style's margins count for the height
         self.place()
         self.show()
         self.raise_()
