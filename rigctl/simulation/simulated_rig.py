@@ -71,9 +71,15 @@ class Disturbances:
     held_ends: tuple[bool, bool] = (False, False)
 
     @property
+    def has_supply(self) -> bool:
+        """Whether motor and actuator have their supplies; a rig without a stop cannot cut them."""
+        is_cut = self.estop_pressed and Signal.ESTOP not in self.absent
+        return not (is_cut and self.circuit.stop_cuts_supply)
+
+    @property
     def motor_turns(self) -> bool:
-        """Return whether the drum follows the board's pulses."""
-        return not self.motor_jammed and self.circuit.motor_turns(self.estop_pressed)
+        """Whether the drum follows the board's pulses."""
+        return self.has_supply and not self.motor_jammed and self.circuit.motor_turns
 
     def estop_level(self) -> bool:
         """Return the level at the board's end of the emergency stop's wire; high is open."""

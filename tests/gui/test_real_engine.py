@@ -16,6 +16,7 @@ from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
 from gui.live.page.live_page import SAVE
+from gui.operate.bench_controls import AS_DRAWN, WRONGLY
 from gui.operate.bring_up import READY, BringUpBox
 from gui.shell.main_window import MainWindow
 from gui.widgets.status_lamp import Level
@@ -228,6 +229,21 @@ def test_unplugged_board_is_reported(window: MainWindow) -> None:
     bench.fault.setCurrentText("Plug in the taxels")
     click(bench.inject)
     wait_until(lambda: window.engine_link.status.taxels_connected, TIMEOUT_MS)
+
+
+def test_wirings_are_switched_while_the_rig_runs(window: MainWindow) -> None:
+    bench, name = window.operate_panel.bench, "E-stop unplugged"
+    window.show_panel("operate")
+    bench.wiring.setCurrentText(name)
+    assert bench.wire.text() == WRONGLY
+    click(bench.wire)
+    wait_until(lambda: window.engine_link.status.wirings == (name,), TIMEOUT_MS)
+    wait_until(lambda: window.engine_link.status.estop_pressed, TIMEOUT_MS)
+    wait_until(lambda: bench.wire.text() == AS_DRAWN, TIMEOUT_MS)
+    assert f"bench: {WRONGLY}: {name}" in window.event_log.toPlainText()
+    click(bench.wire)
+    wait_until(lambda: not window.engine_link.status.estop_pressed, TIMEOUT_MS)
+    assert window.engine_link.status.wirings == ()
 
 
 def _inject(window: MainWindow, fault: str) -> None:

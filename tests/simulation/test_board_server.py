@@ -18,7 +18,7 @@ from pymodbus import FramerType
 from pymodbus.client import AsyncModbusTcpClient, ModbusSerialClient
 
 from rigctl.cli import main
-from rigctl.wire.drum.register_table import MAGIC
+from rigctl.wire.drum.register_table import BY_NAME, MAGIC
 from rigctl.wire.taxels.frames import FrameDecoder
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are of POSIX")
@@ -111,6 +111,27 @@ def test_pymodbus_reads_over_the_terminal(boards: Boards) -> None:
     assert client.connect()
     assert client.read_holding_registers(0, count=1, device_id=1).registers == [MAGIC]
     client.close()
+
+
+def test_wirings_are_served_and_an_unknown_one_is_refused(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    command = [sys.executable, "-m", "rigctl", "serve", "--json", "--pty-only"]
+    command += ["--wire", "potentiometer reversed", "--wire", "upper end switch unplugged"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        port = json.loads(process.stdout.readline())["drum"]["pty"]
+        client: Any = ModbusSerialClient(port, baudrate=115200, timeout=5)
+        assert client.connect()
+        entry = BY_NAME["actuator_position_um"]
+        (position_um,) = client.read_holding_registers(entry.address, device_id=1).registers
+        client.close()
+        process.send_signal(signal.SIGTERM)
+    assert position_um == pytest.approx(45_000, abs=150)
+    assert main(["serve", "--wire", "potentiometer reverse"]) == 2
+    assert 'near it are "potentiometer reversed"' in capsys.readouterr().err
+    assert main(["serve", "--finger", "--wire", "potentiometer reversed"]) == 2
+    assert "leave --wire out" in capsys.readouterr().err
 
 
 def test_pymodbus_reads_over_tcp(boards: Boards) -> None:

@@ -210,10 +210,16 @@ def test_the_actuator_has_the_voltage_of_its_wires(name: str, press: float, lift
     assert (terminal_drive(e, 0.5), terminal_drive(e, -0.25)) == (press, lift)
 
 
-def test_the_stop_cuts_the_supply_unless_its_second_contact_is_missing() -> None:
-    assert terminal_drive(constants(AS_DRAWN, estop_pressed=True), 1.0) == 0.0
-    missing = circuit_of(["E-stop second contact not in the supply"])
-    assert terminal_drive(constants(missing, estop_pressed=True), 1.0) == 1.0
+@pytest.mark.parametrize(
+    ("name", "supply"), [("", 0.0), ("E-stop second contact not in the supply", 1.0)]
+)
+def test_the_stop_cuts_the_supplies_with_its_second_contact(name: str, supply: float) -> None:
+    rig = wired(*([name] if name else []))
+    assert rig.test_points.actuator_supply == rig.test_points.motor_supply == 1.0
+    rig.faults.press_estop()
+    assert rig.test_points.actuator_supply == rig.test_points.motor_supply == supply
+    assert terminal_drive(rig.cosimulation.bench.electrics, 1.0) == supply
+    rig.close()
 
 
 def test_end_switches_follow_their_wires_and_a_hand() -> None:

@@ -80,7 +80,7 @@ class Bench:
         """Pass changed disturbances to the electrical layer, the mechanics and the sensor."""
         now, circuit = self.disturbances, self.disturbances.circuit
         self.electrics[:] = electrics.constants(
-            circuit, now.absent, now.inverted, now.estop_pressed, now.held_ends
+            circuit, now.absent, now.inverted, now.has_supply, now.held_ends
         )
         self.skin.touch = now.touch
         self.skin.connect(electrics.taxel_map(circuit, self._has_network))
@@ -105,11 +105,10 @@ class Bench:
     def test_points(self, io: Any) -> TestPoints:
         """Return what a meter shows on the bench; ``io``: outputs of the drum board."""
         now, circuit = self.disturbances, self.disturbances.circuit
-        powered = circuit.has_supply(now.estop_pressed)
         return TestPoints(
             boards_v=circuit.logic_mv * 1e-3,
-            motor_supply=circuit.motor_supply * powered,
-            actuator_supply=circuit.actuator_supply * powered,
+            motor_supply=circuit.motor_supply * now.has_supply,
+            actuator_supply=circuit.actuator_supply * now.has_supply,
             bridge_enabled=circuit.bridge_held_on or bool(io.bridge_on),
             driver_enabled=wire_on(circuit.enable, bool(io.stepper_on)),
         )

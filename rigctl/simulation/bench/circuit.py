@@ -119,14 +119,10 @@ class Circuit:
     missing_dividers: tuple[int, ...] = ()
     ports: tuple[str, str] = ("drum", "taxels")
 
-    def has_supply(self, estop_pressed: bool) -> bool:
-        """Return whether the second contact of the emergency stop lets the supplies through."""
-        return not (estop_pressed and self.stop_cuts_supply)
-
-    def motor_turns(self, estop_pressed: bool) -> bool:
-        """Return whether the motor follows pulses while the board has switched its driver on."""
-        powered = self.motor_supply > 0.0 and self.has_supply(estop_pressed)
-        return powered and self.coils and self.step and self.enable is Wire.DRAWN
+    @property
+    def motor_turns(self) -> bool:
+        """Whether the motor follows pulses while the board has switched its driver on."""
+        return self.motor_supply > 0.0 and self.coils and self.step and self.enable is Wire.DRAWN
 
 
 AS_DRAWN = Circuit()

@@ -44,17 +44,18 @@ def constants(
     circuit: Circuit,
     absent: Set[Signal] = frozenset(),
     inverted: Set[Signal] = frozenset(),
-    estop_pressed: bool = False,
+    has_supply: bool = True,
     held_ends: tuple[bool, bool] = (False, False),
 ) -> _Floats:
     """Return the constants of a circuit, float64 (14,), for the functions below.
 
     ``absent``: optional wires of the drum board that the rig does not have; ``inverted``: those
-    with the opposite polarity. ``held_ends``: a hand holds the upper or the lower end switch.
+    with the opposite polarity. ``has_supply``: the emergency stop has not cut it. ``held_ends``: a
+    hand holds the upper or the lower end switch.
     """
     has_position = Signal.POSITION not in absent
     voltage = circuit.actuator_polarity * circuit.actuator_supply
-    voltage *= circuit.has_supply(estop_pressed)
+    voltage *= has_supply
     upper, lower = (
         wire_of(wire, Signal.END_SWITCHES, absent, inverted)
         for wire in (circuit.upper_end, circuit.lower_end)
