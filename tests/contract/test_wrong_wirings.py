@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections import defaultdict
 from collections.abc import Coroutine
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 
 from rigctl.errors import RigctlError, WrongUse
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
+from rigctl.simulation.chips.simavr import Input
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import Fault, State
 from tests.contract.operator import NOMINAL, Operator
@@ -179,14 +181,27 @@ def test_boards_answer_at_the_ports_where_they_are(kind: str) -> None:
     assert on_rig(kind, ("two boards of one kind",), connected) == (True, False)
 
 
-async def tripped(at: Operator) -> Fault:
-    await at.drum.connect()
-    await at.watch(0.5)
-    return at.fault
+async def spikes(at: Operator) -> dict[Input, list[int]]:
+    """Return the lengths of the spikes at each pin in half a second, in cycles."""
+    chip, changes = at.simulation.drum_board.chip, defaultdict(list)
+    put = chip.set_input
+
+    def record(signal: Input, cycle: int, level: int) -> None:
+        changes[signal].append(cycle)
+        put(signal, cycle, level)
+
+    chip.set_input = record
+    await asyncio.sleep(0.5)
+    return {signal: np.diff(cycles)[::2].tolist() for signal, cycles in changes.items()}
 
 
-def test_noise_on_switches_trips_a_chip_without_capacitors(images: object) -> None:
-    assert on_rig(FIRMWARE, ("noise on switches",), tripped) is Fault.ESTOP
+def test_noise_on_switches_is_spikes_at_the_pins_of_a_chip(images: object) -> None:
+    lengths = on_rig(FIRMWARE, ("noise on switches",), spikes)
+    assert lengths.keys() == {Input.ESTOP, Input.END_UP, Input.END_DOWN}
+    for each in lengths.values():
+        assert len(each) == 10
+        assert np.array(each) == pytest.approx(80, abs=1)
+    assert on_rig(FIRMWARE, (), spikes) == {}
 
 
 def test_a_wiring_of_a_real_rig_and_an_unknown_one_are_refused(tmp_path: Any) -> None:
