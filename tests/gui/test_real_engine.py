@@ -232,18 +232,24 @@ def test_unplugged_board_is_reported(window: MainWindow) -> None:
 
 
 def test_wirings_are_switched_while_the_rig_runs(window: MainWindow) -> None:
-    bench, name = window.operate_panel.bench, "E-stop unplugged"
+    bench, name = window.operate_panel.bench, "potentiometer reversed"
+    before_um = window.engine_link.status.actuator_position_um
     window.show_panel("operate")
     bench.wiring.setCurrentText(name)
     assert bench.wire.text() == WRONGLY
     click(bench.wire)
-    wait_until(lambda: window.engine_link.status.wirings == (name,), TIMEOUT_MS)
-    wait_until(lambda: window.engine_link.status.estop_pressed, TIMEOUT_MS)
     wait_until(lambda: bench.wire.text() == AS_DRAWN, TIMEOUT_MS)
+    assert window.engine_link.status.wirings == (name,)
     assert f"bench: {WRONGLY}: {name}" in window.event_log.toPlainText()
+    reversed_um = 50_000 - before_um
+    wait_until(lambda: abs(_position_um(window) - reversed_um) < 200, TIMEOUT_MS)
     click(bench.wire)
-    wait_until(lambda: not window.engine_link.status.estop_pressed, TIMEOUT_MS)
+    wait_until(lambda: abs(_position_um(window) - before_um) < 200, TIMEOUT_MS)
     assert window.engine_link.status.wirings == ()
+
+
+def _position_um(window: MainWindow) -> int:
+    return window.engine_link.status.actuator_position_um
 
 
 def _inject(window: MainWindow, fault: str) -> None:
