@@ -88,7 +88,7 @@ class BenchControls(QGroupBox):
         self.plate.setToolTip(f"Texture plate on the drum{obstacle and f'. Locked: {obstacle}'}")
         for widget in chain(*self._rows):
             widget.setVisible(status.simulated)
-        self._wirings_on = status.wirings
+        self._wirings_on = status.wrong_wirings
         self._show_wiring()
         if not self.plate.view().isVisible():
             self._show_plate(status.texture)

@@ -51,7 +51,7 @@ class StatusBuilder:
             rig=self._rig.kind,
             simulated=self._rig.simulated,
             texture=texture,
-            wirings=self._rig.wirings,
+            wrong_wirings=self._rig.wirings,
             drum_connected=poller.connected,
             taxels_connected=boards.taxels_connected,
             state=state,

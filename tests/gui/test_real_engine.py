@@ -239,13 +239,13 @@ def test_wirings_are_switched_while_the_rig_runs(window: MainWindow) -> None:
     assert bench.wire.text() == WRONGLY
     click(bench.wire)
     wait_until(lambda: bench.wire.text() == AS_DRAWN, TIMEOUT_MS)
-    assert window.engine_link.status.wirings == (name,)
+    assert window.engine_link.status.wrong_wirings == (name,)
     assert f"bench: {WRONGLY}: {name}" in window.event_log.toPlainText()
     reversed_um = 50_000 - before_um
     wait_until(lambda: abs(_position_um(window) - reversed_um) < 200, TIMEOUT_MS)
     click(bench.wire)
     wait_until(lambda: abs(_position_um(window) - before_um) < 200, TIMEOUT_MS)
-    assert window.engine_link.status.wirings == ()
+    assert window.engine_link.status.wrong_wirings == ()
 
 
 def _position_um(window: MainWindow) -> int:

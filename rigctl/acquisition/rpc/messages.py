@@ -191,15 +191,15 @@ class EngineStatus:
     ``clock_ppm``: how fast each board's clock runs against the computer's, None before known.
     ``boards``: by name, those that have connected. ``sensor_layout``: rows, columns and layers of
     the sensor. ``reading``: what the live encoder takes of the samples, and the unit of its ranges;
-    ``wiring``: the reading of the taxel wire at each place, empty where it is not known;
-    ``wirings``: names of the wrong wirings of a simulated rig that are on.
+    ``wiring``: the reading of the taxel wire at each place, empty where it is not known.
+    ``wrong_wirings``: names of those of a simulated rig that are on.
     """
 
     at_s: float = 0.0
     rig: str = ""
     simulated: bool = False
     texture: str | None = None
-    wirings: tuple[str, ...] = ()
+    wrong_wirings: tuple[str, ...] = ()
     drum_connected: bool = False
     taxels_connected: bool = False
     state: State | None = None
@@ -304,7 +304,7 @@ def _parse_field(name: str, value: Any, kind: Any, parser: Callable[[Any], Any] 
 
 PARSERS: FieldParsers = {
     "self_test": tuple,
-    "wirings": tuple,
+    "wrong_wirings": tuple,
     "reasons": tuple,
     "recording": lambda data: parse_fields(RecordingStatus, data, {}),
     "current": lambda data: parse_fields(CurrentTrial, data, {}),
