@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import random
 from collections import defaultdict
 from collections.abc import Coroutine
 from typing import Any
@@ -13,6 +14,7 @@ import pytest
 from rigctl.errors import RigctlError, WrongUse
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
 from rigctl.simulation.chips.simavr import Input
+from rigctl.simulation.wirings import WIRINGS
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import Fault, State
 from tests.contract.operator import NOMINAL, Operator
@@ -179,6 +181,26 @@ def test_boards_answer_at_the_ports_where_they_are(kind: str) -> None:
     assert on_rig(kind, (), connected) == (True, True)
     assert on_rig(kind, ("boards swapped",), connected) == (False, False)
     assert on_rig(kind, ("two boards of one kind",), connected) == (True, False)
+
+
+async def shaken(at: Operator) -> tuple[float, float, float]:
+    """Change wires at random times, then wire as drawn; return counts, rate and position."""
+    draw, names = random.Random(SEED), list(WIRINGS)
+    for _ in range(150):
+        at.faults.wire(draw.choice(names), draw.random() < 0.6)
+        await asyncio.sleep(draw.uniform(0.0003, 0.02))
+    for name in at.rig.wirings:
+        at.faults.wire(name, False)
+    await asyncio.sleep(0.5)
+    counts, rate_hz, _ = await cell(at)
+    return counts, rate_hz, at.states[-1].actuator_position_um * 1e-3
+
+
+def test_a_bench_whose_wires_were_changed_at_random_times_is_whole_again(kind: str) -> None:
+    counts, rate_hz, shown_mm = on_rig(kind, (), shaken)
+    assert counts == pytest.approx(OFFSET, abs=1500)
+    assert rate_hz == pytest.approx(80.6, rel=0.01)
+    assert shown_mm == pytest.approx(START_MM, abs=0.15)
 
 
 async def spikes(at: Operator) -> dict[Input, list[int]]:
