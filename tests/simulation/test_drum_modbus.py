@@ -40,7 +40,7 @@ def test_addresses_that_do_not_exist_get_exception_2(host: Host, address: int, c
 def test_addresses_between_the_entries_read_zero_and_refuse_writes(host: Host) -> None:
     assert host.read(14, 2) == (0, 0)
     with pytest.raises(Refused, match="exception 2"):
-        host.write(113, 1)
+        host.write(115, 1)
     with pytest.raises(Refused, match="exception 2"):
         host.write(16, 3)
 

@@ -54,14 +54,15 @@ def poll(beat: int) -> bytes:
 
 
 REQUESTS = {
-    300: command(1, Command.ARM),
-    1500: command(2, Command.TARE),
+    250: command(1, Command.COMMISSION),
+    300: command(2, Command.ARM),
+    1500: command(3, Command.TARE),
     2300: write("move_target", 7040),
-    2350: command(3, Command.MOVE),
+    2350: command(4, Command.MOVE),
     5500: write("move_target", 6400),
-    5550: command(4, Command.MOVE),
-    6500: command(5, Command.APPROACH),
-    8700: command(6, Command.RUN),
+    5550: command(5, Command.MOVE),
+    6500: command(6, Command.APPROACH),
+    8700: command(7, Command.RUN),
 }
 """A host that arms, turns the drum past two places of the index and back, presses and runs."""
 REQUESTS |= {at: poll(at // 50) for at in range(210, int(END_S * 1000), 50)}
