@@ -115,7 +115,7 @@ def _simulated_rig(
         seed,
         simulation,
         world.header_fields(),
-        commissions=True,
+        commissions=not known,
     )
 
 

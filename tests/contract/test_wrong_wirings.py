@@ -183,6 +183,13 @@ def test_boards_answer_at_the_ports_where_they_are(kind: str) -> None:
     assert on_rig(kind, ("two boards of one kind",), connected) == (True, False)
 
 
+def test_a_rig_with_a_wrong_wiring_starts_not_commissioned(kind: str) -> None:
+    for names in ((), ("cell half-bridge",)):
+        rig = open_rig(kind, seed=SEED, paced=False, wirings=names)
+        assert rig.commissions is not bool(names)
+        rig.close()
+
+
 async def shaken(at: Operator) -> tuple[float, float, float]:
     """Change wires at random times, then wire as drawn; return counts, rate and position."""
     draw, names = random.Random(SEED), list(WIRINGS)
