@@ -73,14 +73,16 @@ bool Commands::follow(Event event) {
     return true;
 }
 
+// A drum that the cell feels on something does not turn, whatever the other wires say.
 bool Commands::move() {
-    if (!follow(Event::Move)) return false;
+    if (controller_.sensor().reads_contact() || !follow(Event::Move)) return false;
     controller_.axis().move();
     return true;
 }
 
 bool Commands::home() {
-    if (!controller_.signals().fitted(Signal::Index) || !follow(Event::Move)) return false;
+    if (!controller_.signals().fitted(Signal::Index)) return false;
+    if (controller_.sensor().reads_contact() || !follow(Event::Move)) return false;
     controller_.axis().home();
     return true;
 }

@@ -24,25 +24,24 @@ void Contact::touched() {
 }
 
 bool Contact::close(uint16_t zone_um) const {
-    if (!contact_known_ || !signals_.fitted(Signal::Position)) return true;
+    if (!contact_known_ || !signals_.reads_position()) return true;
     return signals_.position_um() + static_cast<uint32_t>(zone_um) >= contact_um_;
 }
 
 bool Contact::high_enough(bool to_the_top, uint32_t lifting_ms, uint16_t clearance_um) const {
     if (signals_.at_upper_end()) return true;
-    if (!signals_.fitted(Signal::Position))
-        return !signals_.fitted(Signal::EndSwitches) && lifting_ms > FULL_LIFT_MS &&
-               !sensor_.reads_contact();
+    if (sensor_.reads_contact()) return false;
+    if (!signals_.reads_position())
+        return !signals_.fitted(Signal::EndSwitches) && lifting_ms > FULL_LIFT_MS;
     if (signals_.at_top()) return true;
-    return !to_the_top && lifted_by(clearance_um) && !sensor_.reads_contact();
+    return !to_the_top && lifted_by(clearance_um);
 }
 
 // By the upper end, by the reading, or by the way above the last contact.
 bool Contact::seems_gone() const {
     if (signals_.at_upper_end() || free_run_ >= FREE_READINGS) return true;
-    if (!signals_.fitted(Signal::Position)) return false;
-    if (signals_.at_top()) return true;
-    return lifted_by(GONE_UM) && !sensor_.reads_contact();
+    if (!signals_.reads_position() || sensor_.reads_contact()) return false;
+    return signals_.at_top() || lifted_by(GONE_UM);
 }
 
 void Contact::watch() {

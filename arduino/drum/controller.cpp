@@ -14,6 +14,9 @@ constexpr uint16_t LIFT_TIME_MS = 700;
 // A lift that takes longer is stuck.
 constexpr uint16_t LIFT_LIMIT_MS = 1.6f * (board::ACTUATOR_TRAVEL_UM / board::ACTUATOR_MAX_MM_S);
 
+// The first motion since a boot may change the reading by this: 0.1 mm on the stiffest contact.
+constexpr uint16_t FIRST_FORCE_G = 150;
+
 constexpr uint32_t bit(Fault fault) { return 1UL << static_cast<uint8_t>(fault); }
 
 bool needs_heartbeat(State state) {
@@ -32,7 +35,9 @@ void Controller::apply_settings() {
     const uint8_t inverted = bank_.word(reg::signal_polarity);
     if (signals_.configure(fitted, inverted)) contact_.forget();
     sensor_.configure(bank_);
+    const uint32_t hash = commission_.hash();
     commission_.configure(bank_);
+    if (hash != commission_.hash()) motion_.forget();
 }
 
 void Controller::restore_defaults() {
@@ -61,6 +66,9 @@ uint32_t Controller::causes() const {
     if (state == State::Boot || state == State::Selftest) return bits;
     bits |= sensor_.loadcell().faults();
     if (sensor_.over_force()) bits |= bit(Fault::OverForce);
+    // A drum that drives nothing may still be told that it has no potentiometer.
+    if (machine_.drive() != Drive::Off && signals_.position_broken())
+        bits |= bit(Fault::PositionWire);
     const bool needed = needs_heartbeat(state) || machine_.fault() == Fault::Heartbeat;
     if (needed && heartbeat_.silent(bank_.word(reg::heartbeat_limit_ms)))
         bits |= bit(Fault::Heartbeat);
@@ -77,6 +85,13 @@ void Controller::supervise() {
 void Controller::raise(Fault fault) {
     machine_.raise(fault, signals_.now_ms());
     if (machine_.state() != entered_) enter(machine_.state());
+}
+
+// Lifting is no answer where it is not known what lifts.
+void Controller::raise_off(Fault fault) {
+    motion_.forget();
+    machine_.raise(fault, signals_.now_ms());
+    go(Event::OffFault);
 }
 
 void Controller::go(Event event) {
@@ -131,7 +146,7 @@ void Controller::enter(State state) {
 
 void Controller::drive_actuator() {
     const bool nudging = machine_.drive() == Drive::Nudge;
-    duty_ = nudging ? nudge_.tick(signals_.position_um()) : actuator_.tick();
+    duty_ = nudging ? nudge_.tick(signals_.position_um()) : motion_.limited(actuator_.tick());
     ports::drive(duty_);
 }
 
@@ -139,10 +154,12 @@ void Controller::tick(const Inputs &inputs) {
     signals_.update(inputs);
     heartbeat_.tick();
     sensor_.loadcell().tick(ports::now_us());
+    if (signals_.estop_open()) motion_.forget();
     supervise();
     watch_index();
+    watch_motion();
     progress();
-    if (signals_.fitted(Signal::Position)) actuator_.watch(signals_.position_um());
+    if (signals_.reads_position() && motion_.known()) actuator_.watch(signals_.position_um());
     drive_actuator();
 }
 
@@ -153,6 +170,18 @@ void Controller::watch_index() {
         case Axis::IndexEvent::StepsLost: return raise(Fault::StepCount);
         case Axis::IndexEvent::None: return;
     }
+}
+
+// A nudge finds out which way the actuator goes; every other motion has to know.
+void Controller::watch_motion() {
+    const Drive drive = machine_.drive();
+    if (drive == Drive::Off) motion_.end();
+    if (drive == Drive::Off || drive == Drive::Nudge) return;
+    const MotionWatch::Finding found = motion_.check(duty_, signals_);
+    if (found == MotionWatch::Finding::None) return;
+    if (drive == Drive::Lift) contact_.lift_too_long();
+    motion_.forget();
+    raise(found == MotionWatch::Finding::Stuck ? Fault::ActuatorStuck : Fault::ActuatorReversed);
 }
 
 void Controller::progress() {
@@ -215,7 +244,11 @@ void Controller::lift() {
 
 void Controller::nudge_on() {
     if (nudge_.presses() ? signals_.end_down() : signals_.end_up()) nudge_.end();
-    if (nudge_.over()) go(Event::Nudged);
+    if (!nudge_.over()) return;
+    const int16_t travel_um = nudge_.presses() ? nudge_.travel_um() : -nudge_.travel_um();
+    if (travel_um >= MotionWatch::PROGRESS_UM) motion_.confirm();
+    else motion_.forget();
+    go(Event::Nudged);
 }
 
 // --- samples --------------------------------------------------------------------------------------
@@ -223,10 +256,31 @@ void Controller::nudge_on() {
 bool Controller::sample(const Conversion &conversion) {
     if (!sensor_.take(conversion, place_tare())) return false;
     watch_contact();
+    watch_first_force();
     sensor_.check_limits();
     supervise();
     control_due_ = true;
     return true;
+}
+
+// Until a zero exists no limit of the force does. The drum may then become lighter, as a lift does;
+// before the potentiometer has shown that it lifts, not even that.
+void Controller::watch_first_force() {
+    constexpr int32_t MOST = board::counts_of(FIRST_FORCE_G);
+    const int32_t raw = sensor_.loadcell().raw();
+    if (sensor_.zero().known()) {
+        moved_ = false;
+        return;
+    }
+    if (!duty_) return;
+    const bool loads_down = bank_.wide(reg::scale_ug_per_count) < 0;
+    if (!moved_) first_raw_ = least_raw_ = raw;
+    moved_ = true;
+    if (loads_down ? raw > least_raw_ : raw < least_raw_) least_raw_ = raw;
+    const int32_t loaded = loads_down ? least_raw_ - raw : raw - least_raw_;
+    const int32_t off = raw > first_raw_ ? raw - first_raw_ : first_raw_ - raw;
+    const bool blind = !motion_.known() && signals_.reads_position();
+    if (loaded > MOST || (blind && off > MOST)) raise_off(Fault::ForceUnexplained);
 }
 
 int32_t Controller::place_tare() const {

@@ -15,6 +15,7 @@
 #include "force_sensor.h"   // samples
 #include "heartbeat.h"      // is the computer alive
 #include "machine.h"        // states
+#include "motion_watch.h"   // does the actuator follow its duty
 #include "nudge.h"          // a small motion
 #include "signals.h"        // inputs
 
@@ -54,6 +55,7 @@ class Controller {
     const Signals &signals() const { return signals_; }
     const Commission &commission() const { return commission_; }
     const Nudge &nudge() const { return nudge_; }
+    const MotionWatch &motion() const { return motion_; }
     ForceSensor &sensor() { return sensor_; }
     const ForceSensor &sensor() const { return sensor_; }
     Axis &axis() { return axis_; }
@@ -68,9 +70,12 @@ class Controller {
   private:
     void supervise();
     void raise(Fault fault);
+    void raise_off(Fault fault);
     void enter(State state);
     void drive_actuator();
     void watch_index();
+    void watch_motion();
+    void watch_first_force();
     void progress();
     void selftest();
     void approach();
@@ -91,9 +96,13 @@ class Controller {
     Actuator actuator_;
     Commission commission_;
     Nudge nudge_;
+    MotionWatch motion_;
     uint32_t entered_ms_ = 0;
     State entered_ = State::Boot;
     int16_t duty_ = 0;
+    // Raw reading when the actuator first moved since the boot, and the least loaded one since then.
+    int32_t first_raw_ = 0, least_raw_ = 0;
+    bool moved_ = false;
     bool control_due_ = false;  // a sample has come that the force loop has not seen
 };
 

@@ -59,7 +59,7 @@ float ForceControl::in_other_mode(float speed) {
 
 float ForceControl::depth_missing_mm() const {
     const float wanted = bank_.word(reg::depth_set_um) * 0.001f;
-    if (!signals_.fitted(Signal::Position)) return wanted - loop_.depth_mm();
+    if (!signals_.reads_position()) return wanted - loop_.depth_mm();
     return wanted - static_cast<float>(contact_.depth_um()) * 0.001f;
 }
 
@@ -78,7 +78,7 @@ float ForceControl::search_speed() const {
 
 bool ForceControl::finds_nothing(uint32_t searching_ms) const {
     const uint16_t limit = bank_.word(reg::approach_limit_um);
-    const bool too_far = signals_.fitted(Signal::Position) &&
+    const bool too_far = signals_.reads_position() &&
                          signals_.position_um() > static_cast<uint32_t>(start_um_) + limit;
     return too_far || searching_ms > limit / (0.5f * search_speed()) + 500;
 }

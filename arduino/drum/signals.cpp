@@ -12,8 +12,21 @@ bool Signals::configure(uint8_t fitted, uint8_t inverted) {
     return changed & OF_A_LIFT;
 }
 
+// A reading beyond the resistors at the ends, or a faster one than any rod, is not a position.
+void Signals::watch_position() {
+    constexpr uint16_t MOST_UM_A_MS = board::ACTUATOR_MAX_MM_S * 10;
+    const uint16_t now_um = inputs_.position_um, raw = inputs_.position_raw;
+    const uint16_t moved_um = now_um > shown_um_ ? now_um - shown_um_ : shown_um_ - now_um;
+    shown_um_ = now_um;
+    const bool broken = raw <= board::POSITION_BROKEN_LOW || raw >= board::POSITION_BROKEN_HIGH ||
+                        moved_um > MOST_UM_A_MS;
+    if (!broken || !fitted(Signal::Position)) broken_ms_ = 0;
+    else if (broken_ms_ < BROKEN_MS) ++broken_ms_;
+}
+
 void Signals::update(const Inputs &inputs) {
     inputs_ = inputs;
+    watch_position();
     if (inverted(Signal::Index)) inputs_.index_high = !inputs.index_high;
     if (inverted(Signal::EndSwitches)) {
         inputs_.end_up = !inputs.end_up;

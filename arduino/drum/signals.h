@@ -32,17 +32,28 @@ class Signals {
     bool end_down() const { return fitted(Signal::EndSwitches) && inputs_.end_down; }
     // Both end switches together mean broken or wrongly configured wires: the drum is not lifted.
     bool at_upper_end() const { return end_up() && !end_down(); }
+    // The potentiometer is fitted, and its reading is one that whole wires give.
+    bool reads_position() const { return fitted(Signal::Position) && !broken_ms_; }
+    // Its wires are broken or shorted, and not for one reading only.
+    bool position_broken() const { return broken_ms_ >= BROKEN_MS; }
     // The actuator at an end of its travel, by the potentiometer.
-    bool at_top() const { return inputs_.position_um <= board::ACTUATOR_END_UM; }
+    bool at_top() const {
+        return reads_position() && inputs_.position_um <= board::ACTUATOR_END_UM;
+    }
     bool at_bottom() const {
         constexpr uint16_t BOTTOM_UM = board::ACTUATOR_TRAVEL_UM - board::ACTUATOR_END_UM;
-        return fitted(Signal::Position) && inputs_.position_um >= BOTTOM_UM;
+        return reads_position() && inputs_.position_um >= BOTTOM_UM;
     }
 
   private:
+    static constexpr uint8_t BROKEN_MS = 8;
+
+    void watch_position();
     bool inverted(Signal signal) const { return inverted_ >> static_cast<uint8_t>(signal) & 1; }
 
     Inputs inputs_ = {0, 0, 0, false, false, false, false};
+    uint16_t shown_um_ = 0;              // position of the tick before
+    uint8_t broken_ms_ = 0;              // how long the potentiometer gives no reading
     uint8_t fitted_ = 0, inverted_ = 0;  // bits of Signal
 };
 

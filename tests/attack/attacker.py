@@ -23,7 +23,7 @@ from tests.attack.steps import (
     write,
 )
 
-PASSING = (State.SELFTEST, State.POSITION, State.APPROACH, State.RUN, State.RETRACT)
+PASSING = (State.SELFTEST, State.POSITION, State.APPROACH, State.RUN, State.RETRACT, State.NUDGE)
 MAX_STEP_MS, MOTION_STEP_MS = 900, 20
 """Longest time between two reads of the log, and the same while motion is checked."""
 COMMAND, SEQUENCE = BY_NAME["command"].address, BY_NAME["command_sequence"].address
@@ -55,6 +55,12 @@ PREPARATIONS: dict[State, tuple[Step, ...]] = {
         Action(ActionKind.HEARTBEAT, 0),
         wait(251),
         Action(ActionKind.HEARTBEAT, 1),
+    ),
+    State.NUDGE: (
+        wait_until_idle(500),
+        write("nudge_direction", 1),
+        send(Command.NUDGE),
+        wait(60),
     ),
     State.FAULT_OFF: (*HOLD, Action(ActionKind.ESTOP, 1), wait(10)),
 }

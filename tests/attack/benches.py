@@ -13,6 +13,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.simulation.bench.bench import Bench
+from rigctl.simulation.bench.electrics import constants
 from rigctl.simulation.bench.load_cell import LoadCellAmplifier
 from rigctl.simulation.bench.mechanics import ACTUATOR_SPEED, DRUM_MM, FORCE_G, RING_MS, Mechanics
 from rigctl.simulation.bench.world.parameters import WorldParameters, validated
@@ -125,6 +127,7 @@ class _Mechanics:
     def __init__(self) -> None:
         self.parameters = NEAR
         self.disturbances = Disturbances()
+        self.electrics = constants(self.disturbances.circuit)
         self.plant = Mechanics(NEAR)
         self.plant.set_force_table(mounted_contact(PLATE, NEAR, SEED))
         self.loadcell = LoadCellAmplifier(NEAR, SEED, self.plant, self.disturbances)
@@ -137,9 +140,16 @@ class _Mechanics:
     def set_sync(self, level: int, at_us: int) -> None:
         """Ignore the sync line, which is not connected."""
 
+    def index_at_taxels(self, level: int) -> int | None:
+        """Return the index wire's level at the taxel board, which is not there."""
+        return None
+
+    wire_drum = Bench.wire_drum
+
     def apply_disturbances(self) -> None:
-        """Pass no disturbance: only the emergency stop is ever used."""
-        self.plant.set_disturbances(False, 0.0)
+        """Pass the emergency stop, the only disturbance that is ever used."""
+        now = self.disturbances
+        self.electrics[:] = constants(now.circuit, estop_pressed=now.estop_pressed)
 
 
 class VirtualBench:

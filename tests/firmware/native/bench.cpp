@@ -84,9 +84,12 @@ void Bench::one_ms() {
     touch();
     while (next_conversion_us_ <= now_us()) convert();
     const double shown_mm = inverted_position ? 50 - rod_mm : rod_mm;
-    Inputs inputs = {time_ms,
-                     static_cast<uint16_t>(std::lround(shown_mm * 1023 / 50) * 50000 / 1023),
-                     static_cast<uint16_t>(std::lround(shown_mm * 1023 / 50)),
+    constexpr int TOP = board::POSITION_TOP_RAW, BOTTOM = board::POSITION_BOTTOM_RAW;
+    long raw = TOP + std::lround(shown_mm * (BOTTOM - TOP) / 50);
+    if (broken_position >= 0) raw = broken_position;
+    position_.take(static_cast<uint16_t>(raw));
+    if (swapped_ends) std::swap(end_up, end_down);
+    Inputs inputs = {time_ms, position_.position_um(), position_.raw(),
                      estop_open, end_up != inverted_ends, end_down != inverted_ends, false};
     drum.tick(inputs);
     if (each_ms) each_ms();
@@ -123,7 +126,8 @@ void Bench::make_steps() {
 }
 
 void Bench::move_actuator() {
-    const double duty = bridge_on ? drive_permille / 1000.0 : 0;
+    double duty = bridge_on ? drive_permille / 1000.0 : 0;
+    if (swapped_actuator) duty = -duty;
     const double least = p.dead_band + (std::fabs(velocity_) < 0.01 ? p.stiction : 0);
     double target = 0;
     if (std::fabs(duty) > least)

@@ -13,6 +13,7 @@
 
 #include "drum.h"
 #include "ports.h"
+#include "potentiometer.h"
 
 struct BenchParameters {
     double actuator_speed_mm_s = 10, lag_ms = 30, dead_band = 0.08, stiction = 0.01;
@@ -55,6 +56,8 @@ class Bench {
     bool beating = true, estop_open = false, end_up = false, end_down = false;
     bool loadcell_silent = false, loadcell_frozen = false, loadcell_saturated = false;
     bool out_of_step = false, mark_hidden = false, actuator_jammed = false;
+    bool swapped_actuator = false, swapped_ends = false;
+    int broken_position = -1;  // a reading, where its wires are broken
     bool inverted_ends = false, inverted_position = false;
     double push_g = 0;
 
@@ -84,6 +87,7 @@ class Bench {
     std::mt19937 random_;
     std::normal_distribution<double> normal_{0, 1};
     std::deque<double> felt_;
+    Potentiometer position_;
     double velocity_ = 0, next_conversion_us_ = 20000;
     uint64_t next_step_q8_ = 0;  // cycles times 256
     int32_t last_raw_ = 0;

@@ -193,7 +193,7 @@ TEST(inverted_end_switches_and_potentiometer_are_put_right) {
     Bench bench;
     bench.inverted_ends = bench.inverted_position = true;
     CHECK(bench.write(reg::signal_polarity, {12}) == Answer::Ok);
-    bench.run(2);
+    bench.run(100);
     CHECK(!(bench.read(reg::status_bits) >> static_cast<int>(Status::EndUp) & 1));
     CHECK_NEAR(bench.read(reg::actuator_position_um), 5000, 50);
     CHECK(bench.arm_and_tare());

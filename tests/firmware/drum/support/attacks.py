@@ -92,6 +92,7 @@ def a_wrong_scale_is_stopped_by_the_compiled_limit(image: str) -> None:
         assert drum.set("scale_ug_per_count", 200) == 0
         assert drum.set("over_force", 30_000) == 0
         assert drum.set("force_set", 15_000) == 0
+        assert drum.command(Command.COMMISSION, 500) == 0
         assert drum.command(Command.APPROACH) == 0
         drum.poll_for(9000)
         assert max(drum.forces) <= limit_g(drum)

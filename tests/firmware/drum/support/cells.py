@@ -72,11 +72,11 @@ def enter(drum: DrumChip, state: State) -> None:
         drum.run(2)
     elif state is State.RETRACT:
         drum.rod_mm = 15.0
-        drum.run(20)
+        drum.run(60)
         assert drum.command(Command.ARM) == 0
     elif state is State.NUDGE:
         drum.rod_mm = 5.0
-        drum.run(20)
+        drum.run(60)
         assert drum.command(Command.NUDGE) == 0
     elif state is State.FAULT_LIFT:
         enter_from_idle(drum, State.ARMED)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rigctl.simulation.bench.circuit import AS_DRAWN
 from rigctl.simulation.bench.electrics import actuator_pins, constants
 from rigctl.simulation.chips.simavr import Chip, Input, Kind, Output, load_library
-from rigctl.wire.drum.codes import Command, CommandResult
+from rigctl.wire.drum.codes import Command, CommandResult, Status
 from rigctl.wire.drum.register_table import BY_NAME, Register
 from rigctl.wire.drum.states import State
 from tests.firmware.building import built
@@ -220,7 +220,8 @@ class DrumChip:
 
     def arm(self) -> None:
         """Commission the board for its settings, arm, and tare the load cell."""
-        assert self.command(Command.COMMISSION, 500) == 0
+        if not self.get("status_bits") >> Status.COMMISSIONED & 1:
+            assert self.command(Command.COMMISSION, 500) == 0
         assert self.command(Command.ARM, 5000) == 0
         assert self.command(Command.TARE, 8000) == 0
         assert self.state is State.ARMED
