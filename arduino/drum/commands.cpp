@@ -88,24 +88,27 @@ bool Commands::home() {
 }
 
 bool Commands::approach() {
-    return controller_.commission().holds() && press();
+    return controller_.commission().holds() && press(false);
 }
 
 // Before the board is commissioned, the one that the set-up needs.
 bool Commands::approach_setup() {
     constexpr uint16_t MOST_SETUP_TENTHS = 1000;
-    return bank_.word(reg::force_set) <= MOST_SETUP_TENTHS && press();
+    return bank_.word(reg::force_set) <= MOST_SETUP_TENTHS && press(true);
 }
 
 // A set force too near a limit would end in OVER_FORCE at the first overshoot.
-bool Commands::press() {
+bool Commands::press(bool for_setup) {
     constexpr uint32_t MOST_TENTHS = board::MOST_FORCE_G * 10UL;
     if (!controller_.machine().accepts(Event::Approach)) return false;
     if (!controller_.contact().gone() || !controller_.sensor().tare_holds()) return false;
     const uint32_t highest = bank_.word(reg::force_set) + bank_.word(reg::force_set) / 10U;
     if (highest > bank_.word(reg::over_force) || highest > MOST_TENTHS) return false;
+    // Also at twice the speed that is asked for, less than 250 g on the stiffest contact.
+    constexpr int32_t SETUP_COUNTS = board::counts_of(200);
+    controller_.sensor().zero().limit(for_setup ? SETUP_COUNTS : board::MOST_COUNTS);
     controller_.contact().press();
-    controller_.force_control().begin();
+    controller_.force_control().begin(for_setup);
     return follow(Event::Approach);
 }
 
@@ -123,6 +126,7 @@ bool Commands::commission() {
 
 bool Commands::run() {
     if (controller_.force_control().step_test().running()) return false;
+    if (!controller_.commission().holds()) return false;
     if (!controller_.axis().run_in_suffices() || !follow(Event::Run)) return false;
     controller_.axis().run();
     return true;

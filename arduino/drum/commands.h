@@ -37,7 +37,7 @@ class Commands {
     bool home();
     bool approach();
     bool approach_setup();
-    bool press();
+    bool press(bool for_setup);
     bool nudge();
     bool commission();
     bool run();

@@ -12,7 +12,7 @@ constexpr uint16_t GONE_UM = 3000;    // above the last contact: more than ridge
 }  // namespace
 
 void Contact::forget() {
-    contact_known_ = false;
+    contact_known_ = place_known_ = false;
     sensor_.zero().forget();
     free_run_ = 0;
     if (gone()) rests_ = Rests::Unknown;

@@ -4,6 +4,7 @@
 
 #include <stdint.h>
 
+#include "contact_watch.h"  // how deep is too deep
 #include "force_sensor.h"  // what the cell reads
 #include "signals.h"       // position, end switches
 
@@ -38,6 +39,17 @@ class Contact {
     bool high_enough(bool to_the_top, uint32_t lifting_ms, uint16_t clearance_um) const;
     // Returns whether the last contact is this close below, or is not known.
     bool close(uint16_t zone_um) const;
+    // A force was reached: the next approach goes little further than this contact.
+    void remember_place() {
+        place_um_ = contact_um_;
+        place_known_ = signals_.reads_position();
+    }
+    // Another drum or sensor is mounted.
+    void forget_place() { place_known_ = false; }
+    bool too_deep() const {
+        return place_known_ && signals_.reads_position() &&
+               ContactWatch::beyond(signals_.position_um(), place_um_);
+    }
     // Where the last contact began, and the actuator's way below it.
     uint16_t contact_um() const { return contact_um_; }
     int32_t depth_um() const { return static_cast<int32_t>(signals_.position_um()) - contact_um_; }
@@ -53,9 +65,10 @@ class Contact {
     ForceSensor &sensor_;
     const Signals &signals_;
     uint16_t contact_um_ = 0;
+    uint16_t place_um_ = 0;  // the contact at which a force was last reached
     Rests rests_ = Rests::Unknown;
     uint8_t free_run_ = 0;  // readings in a row without contact
-    bool contact_known_ = false;
+    bool contact_known_ = false, place_known_ = false;
     bool lift_failed_ = false;
 };
 

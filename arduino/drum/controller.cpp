@@ -301,4 +301,7 @@ void Controller::control_force() {
     const Drive drive = machine_.drive();
     if (drive == Drive::Approach || drive == Drive::ForceLoop)
         actuator_.want(force_control_.step());
+    else return;
+    const Fault found = force_control_.watch(drive == Drive::ForceLoop, ports::moving());
+    if (found != Fault::None) raise(found);
 }

@@ -7,6 +7,7 @@
 #include "axis.h"          // the drum's angle
 #include "bank.h"          // set force, gains, mode
 #include "contact.h"       // where contact is expected
+#include "contact_watch.h" // does the force fit the motion
 #include "force_loop.h"    // holds a force
 #include "force_sensor.h"  // the force
 #include "signals.h"       // the actuator's position
@@ -19,13 +20,15 @@ class ForceControl {
         : bank_(bank), signals_(signals), sensor_(sensor), axis_(axis), contact_(contact) {}
 
     void configure();
-    // An approach begins.
-    void begin();
+    // An approach begins; that of the set-up is slow.
+    void begin(bool for_setup);
     // One step for the newest sample, in APPROACH, HOLD and RUN. Returns the actuator's speed in
     // mm/s, positive presses.
     float step();
     // The set force was reached: in ForceMode::Lock the actuator rests from now on.
-    void reached() { locked_ = mode() == ForceMode::Lock; }
+    void reached();
+    // After each step: what does not fit, Fault::None where all does.
+    Fault watch(bool holding, bool turning);
     void forget_run_out() { loop_.forget_run_out(); }
 
     ForceMode mode() const { return static_cast<ForceMode>(bank_.word(reg::force_mode)); }
@@ -45,6 +48,7 @@ class ForceControl {
 
   private:
     float search_speed() const;
+    bool unsteady();
     float depth_missing_mm() const;
     float in_other_mode(float speed);
 
@@ -57,9 +61,15 @@ class ForceControl {
     StepTest step_test_;
     ForceTarget target_ = {0, 0, 0, 0};
     float band_g_ = 0;
-    uint32_t contact_ms_ = 0;  // when contact began
+    uint32_t contact_ms_ = 0;  // when contact began first
     uint32_t outside_ms_ = 0;  // when the force was last outside its band
     uint16_t start_um_ = 0;    // the actuator's position when the approach began
+    ContactWatch contact_watch_;
+    Steadiness steadiness_;
+    int16_t force_dg_ = 0;     // newest force, 0.1 g
+    bool for_setup_ = false;
+    bool touched_ = false;     // this approach has found a contact
+    bool sure_ = false;        // and more than a shock
     bool locked_ = false;
 };
 

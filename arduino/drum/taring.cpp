@@ -46,6 +46,7 @@ Taring::Progress Taring::finish() {
     if (!forced_ && !(lifted && sensor.near_zero(tare))) return Progress::Failed;
     // The zero is a raw reading, as the limit is: tares of places are settings.
     if (lifted) sensor.zero().take(cell.tare_mean());
+    if (forced_) controller_.contact().forget_place();
     bank_.put_wide(reg::tare_counts, static_cast<uint32_t>(tare));
     controller_.apply_settings();
     tared_ = true;

@@ -22,5 +22,5 @@ void Zero::take(int32_t counts) {
 }
 
 bool Zero::exceeded(int32_t raw) const {
-    return known_ && !within(raw, board::MOST_COUNTS);
+    return known_ && !within(raw, most_counts_);
 }

@@ -32,6 +32,8 @@ class Zero {
     int32_t counts() const { return counts_; }
     bool near(int32_t raw) const { return known_ && within(raw, board::counts_of(WINDOW_G)); }
     bool free(int32_t raw) const { return known_ && within(raw, board::counts_of(FREE_G)); }
+    // Nothing further off passes from now on.
+    void limit(int32_t counts) { most_counts_ = counts; }
     // Further off than any force that the board lets pass.
     bool exceeded(int32_t raw) const;
 
@@ -41,6 +43,7 @@ class Zero {
         return off <= counts && off >= -counts;
     }
 
+    int32_t most_counts_ = board::MOST_COUNTS;
     int32_t counts_ = 0, first_ = 0, sum_ = 0;
     uint8_t left_ = PAUSE + SAMPLES;
     bool known_ = false;

@@ -27,6 +27,12 @@ HANGS: Edit = (
 )
 _CLEAR_COMPARE = '        "ldi r24, %[ocf1b]\\n"\n        "out %[tifr1], r24\\n"\n'
 
+_SWAPPED: Edit = (
+    "chip_bridge.cpp",
+    "void drive(int16_t permille) {\n",
+    "void drive(int16_t permille) {\n    permille = -permille;\n",
+)
+
 BROKEN: dict[str, dict[str, list[Edit]]] = {
     "drum": {
         "hangs": [HANGS],
@@ -39,12 +45,34 @@ BROKEN: dict[str, dict[str, list[Edit]]] = {
                 "return first | (second & third & 0);",
             )
         ],
-        "swapped": [
+        "swapped": [_SWAPPED],
+        # Swapped wires, and one of the rules for them missing.
+        "swapped-unwatched": [
+            _SWAPPED,
+            ("motion_watch.cpp", "    return compare(duty, signals);", "    return Finding::None;"),
+        ],
+        "swapped-at-once": [
+            _SWAPPED,
+            ("motion_watch.cpp", "    if (known_ || !way) return duty;", "    return duty;"),
+        ],
+        "position-believed": [
+            ("signals.h", "fitted(Signal::Position) && !broken_ms_;", "fitted(Signal::Position);"),
+            ("signals.h", "return broken_ms_ >= BROKEN_MS;", "return false;"),
+            ("contact.cpp", "    if (sensor_.reads_contact()) return false;\n", ""),
+        ],
+        "blind-push": [
             (
-                "chip_bridge.cpp",
-                "void drive(int16_t permille) {\n",
-                "void drive(int16_t permille) {\n    permille = -permille;\n",
-            )
+                "contact_watch.cpp",
+                "sample.position_um - from_um_ > most_um ? Fault::ForceMissing : Fault::None",
+                "most_um ? Fault::None : Fault::ForceMissing",
+            ),
+            ("contact_watch.cpp", "was_settled_ && beyond(", "false && beyond("),
+        ],
+        "bottomless": [
+            ("contact.h", "return place_known_ && signals_", "return false && signals_"),
+        ],
+        "always-commissioned": [
+            ("commission.h", "return ports::commissioned() == hash_;", "return hash_ != 0;")
         ],
         "deaf": [
             (
@@ -78,8 +106,8 @@ BROKEN: dict[str, dict[str, list[Edit]]] = {
         "no-raw-limit": [
             (
                 "zero.cpp",
-                "return known_ && !within(raw, board::MOST_COUNTS);",
-                "return false && !within(raw, board::MOST_COUNTS);",
+                "return known_ && !within(raw, most_counts_);",
+                "return false && !within(raw, most_counts_);",
             )
         ],
         "short-lift": [

@@ -168,6 +168,7 @@ void Bench::convert() {
     if (loadcell_silent) return;
     double mean = 0;
     for (double felt : felt_) mean += felt / static_cast<double>(felt_.size());
+    if (cell_open) mean = 0;
     mean += p.noise_g * normal_(random_);
     int32_t raw = static_cast<int32_t>(std::lround(p.offset_counts + mean * 1e6 / p.ug_per_count));
     if (loadcell_saturated) raw = 0x7fffff;

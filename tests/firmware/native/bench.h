@@ -56,6 +56,7 @@ class Bench {
     bool beating = true, estop_open = false, end_up = false, end_down = false;
     bool loadcell_silent = false, loadcell_frozen = false, loadcell_saturated = false;
     bool out_of_step = false, mark_hidden = false, actuator_jammed = false;
+    bool cell_open = false;  // its excitation: it reads noise about its zero
     bool swapped_actuator = false, swapped_ends = false;
     int broken_position = -1;  // a reading, where its wires are broken
     bool inverted_ends = false, inverted_position = false;

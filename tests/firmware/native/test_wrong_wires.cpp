@@ -1,4 +1,5 @@
 // What wrong, broken and swapped wires of the actuator may do at most; true force is the bench's own.
+#include <cmath>
 #include <cstdio>
 
 #include "bench.h"
@@ -230,4 +231,149 @@ TEST(over_force_lifts_with_a_broken_potentiometer) {
     bench.run(9000);
     CHECK(fault(bench) == Fault::OverForce);
     CHECK_EQUAL(bench.force_g, 0);
+}
+
+// --- the load cell's wires ----------------------------------------------------------------------
+
+TEST(an_approach_without_a_cell_ends_a_millimetre_below_the_last_contact) {
+    for (double stiffness : {300.0, 600.0, 900.0}) {
+        BenchParameters parameters;
+        parameters.stiffness_g_mm = stiffness;
+        Bench bench(parameters);
+        CHECK(bench.arm_and_tare());
+        CHECK(bench.hold(250));
+        CHECK(bench.command(Command::Retract) == Answer::Ok);
+        CHECK(bench.finish(8000));
+        bench.cell_open = true;
+        CHECK(bench.command(Command::Approach) == Answer::Ok);
+        bench.run(12000);
+        CHECK(fault(bench) == Fault::TooDeep);
+        CHECK_EQUAL(bench.force_g, 0);
+        // 1 mm, the speed of the search, its lag and half a millimetre of detection; stiffening.
+        CHECK(bench.peak_g < stiffness * 1.25 * 1.25);
+        std::printf("     %.0f g/mm, blind approach: %.0f g\n", stiffness, bench.peak_g);
+    }
+}
+
+TEST(a_cell_that_opens_in_hold_ends_the_push) {
+    for (double stiffness : {300.0, 600.0, 900.0}) {
+        BenchParameters parameters;
+        parameters.stiffness_g_mm = stiffness;
+        Bench bench(parameters);
+        CHECK(bench.arm_and_tare());
+        CHECK(bench.hold(500));
+        bench.cell_open = true;
+        bench.run(4000);
+        CHECK(fault(bench) == Fault::ForceMissing || fault(bench) == Fault::TooDeep);
+        CHECK_EQUAL(bench.force_g, 0);
+        CHECK(bench.peak_g < 500 + stiffness * 1.3 * (0.4 + 0.111 + 6 * 0.06));
+        std::printf("     %.0f g/mm, open in HOLD: %.0f g\n", stiffness, bench.peak_g);
+    }
+}
+
+TEST(a_cell_that_opens_in_a_run_ends_the_push) {
+    Bench bench;
+    CHECK(bench.arm_and_tare());
+    CHECK(bench.hold(500));
+    CHECK(bench.command(Command::Run) == Answer::Ok);
+    bench.run(1500);
+    bench.cell_open = true;
+    bench.run(4000);
+    CHECK(fault(bench) == Fault::ForceMissing || fault(bench) == Fault::TooDeep);
+    CHECK_EQUAL(bench.force_g, 0);
+    CHECK(bench.peak_g < 500 + 600 * 1.3 * (1 + 0.111 + 6 * 0.06));
+    std::printf("     open in RUN: %.0f g\n", bench.peak_g);
+}
+
+TEST(another_drum_is_approached_after_a_forced_tare) {
+    Bench bench;
+    CHECK(bench.arm_and_tare());
+    CHECK(bench.hold(250));
+    CHECK(bench.command(Command::Retract) == Answer::Ok);
+    CHECK(bench.finish(8000));
+    bench.p.contact_mm += 2;
+    CHECK(bench.command(Command::TareAnyway) == Answer::Ok);
+    CHECK(bench.finish(2000));
+    CHECK(bench.hold(250));
+}
+
+// --- a force that swings ------------------------------------------------------------------------
+
+TEST(an_actuator_with_stiction_that_swings_is_a_fault) {
+    BenchParameters parameters;
+    parameters.dead_band = 0.35;
+    parameters.stiction = 0.10;
+    Bench bench(parameters);
+    // Without a potentiometer the board cannot learn that 45 % are too much.
+    CHECK(bench.write(reg::optional_signals, {without(Signal::Position)}) == Answer::Ok);
+    bench.write(reg::dead_band_permille, {450});
+    CHECK(bench.arm_and_tare());
+    CHECK(bench.hold(250, 30000));
+    double low = 1e9, high = 0;
+    bench.each_ms = [&] {
+        if (bench.state() != State::Hold) return;
+        low = std::fmin(low, bench.force_g);
+        high = std::fmax(high, bench.force_g);
+    };
+    bench.run(10000);
+    CHECK(fault(bench) == Fault::ForceUnsteady);
+    std::printf("     dead band 35 %%, stiction 10 %%, at 250 g: %.0f to %.0f g\n", low, high);
+}
+
+TEST(a_changed_set_force_is_no_swing) {
+    Bench bench;
+    CHECK(bench.arm_and_tare());
+    CHECK(bench.hold(250));
+    for (uint16_t tenths : {10000, 1000, 12000, 500}) {
+        bench.write(reg::force_set, {tenths});
+        bench.run(5000);
+        CHECK(fault(bench) == Fault::None);
+        CHECK_NEAR(bench.force_g, tenths / 10, 25);
+    }
+}
+
+// --- before the board is commissioned -----------------------------------------------------------
+
+TEST(an_uncommissioned_board_presses_for_the_set_up_alone) {
+    for (double stiffness : {300.0, 900.0}) {
+        BenchParameters parameters;
+        parameters.stiffness_g_mm = stiffness;
+        Bench bench(parameters);
+        CHECK(bench.command(Command::Arm) == Answer::Ok);
+        CHECK(bench.finish(8000));
+        CHECK(bench.command(Command::Tare) == Answer::Ok);
+        CHECK(bench.finish(2000));
+        bench.write(reg::force_set, {1000});
+        CHECK(bench.command(Command::Approach) == Answer::Refused);
+        bench.write(reg::force_set, {1001});
+        CHECK(bench.command(Command::ApproachSetup) == Answer::Refused);
+        bench.write(reg::force_set, {1000});
+        CHECK(bench.command(Command::ApproachSetup) == Answer::Ok);
+        CHECK(bench.finish(60000));
+        CHECK(bench.state() == State::Hold);
+        CHECK_NEAR(bench.force_g, 100, 15);
+        CHECK(bench.command(Command::Run) == Answer::Refused);
+        CHECK(bench.command(Command::Commission) == Answer::Refused);
+        // A greater set force ends at the limit of the set-up.
+        bench.write(reg::force_set, {15000});
+        bench.run(5000);
+        CHECK(fault(bench) == Fault::OverForce);
+        CHECK(bench.peak_g < 250);
+        std::printf("     set-up, %.0f g/mm: at most %.0f g\n", stiffness, bench.peak_g);
+        CHECK(bench.command(Command::Clear) == Answer::Ok);
+        CHECK(bench.arm_and_tare());
+        CHECK(bench.hold(500));
+    }
+}
+
+TEST(a_commission_holds_for_its_settings_alone) {
+    Bench bench;
+    CHECK(bench.arm_and_tare());
+    const int32_t hash = bench.read_wide(reg::settings_hash);
+    CHECK(bench.write_wide(reg::scale_ug_per_count, 2500) == Answer::Ok);
+    CHECK(bench.read_wide(reg::settings_hash) != hash);
+    CHECK(bench.command(Command::Approach) == Answer::Refused);
+    CHECK(bench.write_wide(reg::scale_ug_per_count, 2400) == Answer::Ok);
+    CHECK_EQUAL(bench.read_wide(reg::settings_hash), hash);
+    CHECK(bench.command(Command::Approach) == Answer::Ok);
 }

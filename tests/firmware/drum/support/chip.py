@@ -47,7 +47,11 @@ def crc16(data: bytes) -> bytes:
 
 
 class DrumChip:
-    """An image on a chip that runs in steps of a millisecond; leaving the context frees it."""
+    """An image on a chip that runs in steps of a millisecond; leaving the context frees it.
+
+    ``potentiometer``: share of the supply at its pin, None where it is whole. ``cell_is_dead``: its
+    excitation is broken.
+    """
 
     def __init__(self, image: str = "firmware/drum.elf") -> None:
         self.chip = Chip(load_library(built("sim/libchips.so")), built(image), Kind.DRUM)
@@ -57,6 +61,8 @@ class DrumChip:
         self.x.analog_rows = 1
         self._wire_up()
         self.beating = True
+        self.potentiometer: float | None = None
+        self.cell_is_dead = False
         self.rod_mm, self.force_g = 5.0, 0.0
         self.actuator_mm_s = ACTUATOR_MM_S
         self.forces: list[float] = []
@@ -112,10 +118,12 @@ class DrumChip:
         depth = self.rod_mm - CONTACT_MM
         self.force_g = max(0.0, STIFFNESS_G_MM * depth)
         self.forces.append(self.force_g)
-        self._felt = [*self._felt[1:], self.force_g]
+        self._felt = [*self._felt[1:], 0.0 if self.cell_is_dead else self.force_g]
         felt = sum(self._felt) / 10 + 0.3 * self._noise.standard_normal()
         self.x.loadcell_counts = OFFSET_COUNTS + round(felt / G_PER_COUNT)
         self.chip.analog[0, 0] = actuator_pins(WIRED, self.rod_mm, 50.0)[0]
+        if self.potentiometer is not None:
+            self.chip.analog[0, 0] = self.potentiometer
 
     def pin(self, signal: Input, level: int, after_cycles: int = 0) -> int:
         """Change an input pin after some cycles; return the cycle of the change."""

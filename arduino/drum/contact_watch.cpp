@@ -1,0 +1,72 @@
+#include "contact_watch.h"
+
+#include "variant.h"  // cell and actuator
+
+namespace {
+
+constexpr uint16_t BEYOND_UM = 1000;
+// The softest contact that a setting allows, 50 g/mm, gives this force on this way.
+constexpr int16_t RISE_DG = 200;
+constexpr uint16_t RISE_UM = 400;
+// Grooves and run-out of a turning drum.
+constexpr uint16_t GROOVES_UM = 1000;
+constexpr uint16_t LIFTED_UM = 2000;
+constexpr int16_t FELT_DG = 200;
+// What the rod travels before the cell can show it.
+constexpr float FASTEST_MM_S = board::ACTUATOR_MAX_MM_S < 6 ? board::ACTUATOR_MAX_MM_S : 6.0f;
+constexpr uint16_t LATE_UM =
+    FASTEST_MM_S * 1000 * (board::LOADCELL_PERIOD_US * 1e-6f + board::LOADCELL_DELAY_S);
+
+// As long as settling takes three times: 0.66 s at 80 samples a second, 1.77 s at 10.
+constexpr float PERIOD_S = board::LOADCELL_PERIOD_US * 1e-6f;
+constexpr float WINDOW_S = 3.03f * (0.5f + 12.7f * PERIOD_S);
+constexpr uint8_t PART_SAMPLES = WINDOW_S / PERIOD_S / 8;
+
+}  // namespace
+
+void ContactWatch::restart() { referred_ = was_settled_ = false; }
+
+bool ContactWatch::beyond(uint16_t position_um, uint16_t contact_um) {
+    return position_um > static_cast<uint32_t>(contact_um) + BEYOND_UM;
+}
+
+void ContactWatch::refer_to(const Sample &sample) {
+    from_um_ = sample.position_um;
+    from_dg_ = sample.force_dg;
+    referred_ = true;
+}
+
+Fault ContactWatch::check(const Sample &sample) {
+    if (sample.settled && !was_settled_) {
+        was_settled_ = true;
+        settled_um_ = sample.position_um;
+    }
+    if (was_settled_ && beyond(sample.position_um, settled_um_)) return Fault::TooDeep;
+    const bool lifted = sample.position_um + static_cast<uint32_t>(LIFTED_UM) < sample.contact_um;
+    if (lifted && sample.force_dg > FELT_DG) return Fault::ForceUnexplained;
+    const bool rose = sample.force_dg - from_dg_ >= RISE_DG;
+    const bool enough = sample.force_dg >= sample.set_dg - sample.set_dg / 5;
+    if (!referred_ || rose || enough || sample.position_um <= from_um_) {
+        refer_to(sample);
+        return Fault::None;
+    }
+    const uint16_t most_um = LATE_UM + (sample.turning ? GROOVES_UM : RISE_UM);
+    return sample.position_um - from_um_ > most_um ? Fault::ForceMissing : Fault::None;
+}
+
+void Steadiness::restart() {
+    for (uint8_t &part : far_) part = 0;
+    sum_ = in_part_ = 0;
+}
+
+bool Steadiness::lost(bool far_away) {
+    far_[part_] += far_away;
+    sum_ += far_away;
+    if (++in_part_ == PART_SAMPLES) {
+        in_part_ = 0;
+        part_ = (part_ + 1) % PARTS;
+        sum_ -= far_[part_];
+        far_[part_] = 0;
+    }
+    return sum_ > PART_SAMPLES * PARTS / 2;
+}
