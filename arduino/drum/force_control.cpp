@@ -112,8 +112,7 @@ Fault ForceControl::watch(bool holding, bool turning) {
     const int16_t wanted_dg = bank_.word(reg::force_set);
     const int16_t sure_dg = wanted_dg / 2 < SURE_DG ? wanted_dg / 2 : SURE_DG;
     if (loop_.in_contact() && force_dg_ >= sure_dg) sure_ = true;
-    if (!sure_ && contact_.too_deep()) return Fault::TooDeep;
-    if (!loop_.in_contact()) return Fault::None;
+    if (!loop_.in_contact()) return contact_.too_deep() ? Fault::TooDeep : Fault::None;
     const bool by_force = mode() == ForceMode::Hold && !step_test_.running();
     if (holding && by_force && unsteady()) return Fault::ForceUnsteady;
     if (!signals_.reads_position()) return Fault::None;
