@@ -23,6 +23,7 @@ class Actuator {
         set_slope();
     }
     uint16_t dead_band() const { return dead_band_; }
+    float full_mm_s() const { return full_mm_s_; }
 
     // Wanted speed in mm/s, positive presses.
     void want(float mm_s);

@@ -225,5 +225,9 @@ void Commands::end_tune() {
     bank_.put(reg::proposed_gain_i, lroundf(found.gain_i * 100));
     bank_.put(reg::tuned_stiffness_g_per_mm, lroundf(found.stiffness_g_per_mm));
     bank_.put(reg::tuned_delay, lroundf(found.delay_s * 10000));
+    const uint16_t band = controller_.actuator().dead_band(), began = controller_.nudge().duty();
+    bank_.put(reg::tuned_dead_band, band);
+    bank_.put(reg::tuned_stiction, began > band ? began - band : 0);
+    bank_.put(reg::tuned_rate, lroundf(controller_.actuator().full_mm_s() * 100));
     finish(CommandResult::Done);
 }

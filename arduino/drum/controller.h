@@ -54,6 +54,7 @@ class Controller {
     const Heartbeat &heartbeat() const { return heartbeat_; }
     const Signals &signals() const { return signals_; }
     const Commission &commission() const { return commission_; }
+    const Actuator &actuator() const { return actuator_; }
     const Nudge &nudge() const { return nudge_; }
     const MotionWatch &motion() const { return motion_; }
     ForceSensor &sensor() { return sensor_; }

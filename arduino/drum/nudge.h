@@ -20,10 +20,11 @@ class Nudge {
     bool presses() const { return presses_; }
 
     int16_t travel_um() const { return travel_um_; }
-    uint16_t duty() const { return duty_; }
+    // The duty at which the rod began to move, or the last one where it did not.
+    uint16_t duty() const { return moved_at_ ? moved_at_ : duty_; }
 
   private:
-    uint16_t start_um_ = 0, duty_ = 0, ticks_ = 0;
+    uint16_t start_um_ = 0, duty_ = 0, moved_at_ = 0, ticks_ = 0;
     int16_t travel_um_ = 0;
     bool presses_ = false, over_ = true;
 };

@@ -33,12 +33,20 @@ class ScaleLine(NamedTuple):
 
 
 class ForceLoopGains(NamedTuple):
-    """Gains that a step test proposes, with the measured stiffness and delay."""
+    """Gains that a step test proposes, and what was measured of contact and actuator.
+
+    ``dead_band_percent`` and ``stiction_percent`` are of the full duty: what moves the rod at all,
+    and how much more it needs to begin. ``held_within_g``: half of what the held force moved by.
+    """
 
     gain_p_per_s: float
     gain_i_per_s: float
     stiffness_g_per_mm: float
     delay_ms: float
+    dead_band_percent: float
+    stiction_percent: float
+    actuator_mm_s: float
+    held_within_g: float
 
 
 @dataclass(frozen=True, slots=True)

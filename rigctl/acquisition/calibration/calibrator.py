@@ -21,7 +21,12 @@ from rigctl.wire.drum.states import State
 READINGS = 80
 """A second of the load cell, after a second in which it comes to rest."""
 REST_S = 1.0
-TUNE_TIMEOUT_S, TURN_TIMEOUT_S = 10.0, 120.0
+TUNE_TIMEOUT_S, TURN_TIMEOUT_S, NUDGE_TIMEOUT_S = 10.0, 120.0, 5.0
+PRESS = 1
+"""Direction of a nudge: the way in which the dead band matters, with the drum lifted."""
+SETTLE_S, WATCH_S = 1.0, 3.0
+GAINS = "proposed_gain_p", "proposed_gain_i", "tuned_stiffness_g_per_mm", "tuned_delay"
+ACTUATOR = "tuned_dead_band", "tuned_stiction", "tuned_rate"
 
 
 class Calibrator:
@@ -73,7 +78,7 @@ class Calibrator:
             await self.motion.disarm()
 
     async def tune_gains(self, force_g: float) -> ForceLoopGains:
-        """Press, hold, step and lift; return the gains.
+        """Nudge, press, hold, step and hold again; return the gains and what the actuator can hold.
 
         Raises WrongUse for a force outside the rig's limits, RigFault for a bad response.
         """
@@ -83,6 +88,9 @@ class Calibrator:
                 f"{force_g:g} g: this rig presses with {limits.force_min_g:g} to "
                 f"{limits.force_max_g:g} g"
             )
+        await self.lift()
+        await self.motion.write_settings(nudge_direction=PRESS)
+        await self.motion.execute(Command.NUDGE, NUDGE_TIMEOUT_S, "moving the actuator a little")
         await self.motion.arm()
         await self.motion.tare()
         await self.motion.home()
@@ -93,10 +101,29 @@ class Calibrator:
                 "the force did not respond to the step as expected: check the plate, "
                 "the mechanics and the load cell's scale"
             )
-        found = await self._poller.drum.get(
-            "proposed_gain_p", "proposed_gain_i", "tuned_stiffness_g_per_mm", "tuned_delay"
+        await asyncio.sleep(SETTLE_S)
+        held_within_g = await self._watch_held_force()
+        found = await self._poller.drum.get(*GAINS, *ACTUATOR)
+        values = [found[name] for name in GAINS]
+        values += [found[name] / 10 for name in ACTUATOR[:2]]
+        values += [found[ACTUATOR[2]], held_within_g]
+        return ForceLoopGains(*(round(value, 2) for value in values))
+
+    async def _watch_held_force(self) -> float:
+        """Return half of what the held force moves by in some seconds, g."""
+        forces_g: list[float] = []
+        unsubscribe = self._poller.subscribe(
+            lambda state: forces_g.extend(sample.force_g for sample in state.loadcell)
         )
-        return ForceLoopGains(*(round(value, 2) for value in found.values()))
+        try:
+            end_s = self._poller.loop.time() + WATCH_S
+            while self._poller.loop.time() < end_s:
+                await self._poller.wait_cycle()
+                self._poller.healthy_state()
+                self.motion.check()
+        finally:
+            unsubscribe()
+        return (max(forces_g) - min(forces_g)) / 2
 
     async def tare(self, anyway: bool) -> int:
         """Tare the lifted drum and return the counts; ``anyway`` allows any zero."""

@@ -17,7 +17,10 @@ def gains_words(gains: ForceLoopGains) -> str:
     """Return the gains of the force loop and what they come from."""
     return (
         f"proportional gain {gains.gain_p_per_s:g} 1/s, integral gain {gains.gain_i_per_s:g} 1/s, "
-        f"stiffness {gains.stiffness_g_per_mm:g} g/mm, delay {gains.delay_ms:g} ms"
+        f"stiffness {gains.stiffness_g_per_mm:g} g/mm, delay {gains.delay_ms:g} ms; the actuator "
+        f"makes {gains.actuator_mm_s:g} mm/s, rests below {gains.dead_band_percent:g} % duty, "
+        f"begins to move {gains.stiction_percent:g} % above, and held the force within "
+        f"±{gains.held_within_g:g} g"
     )
 
 

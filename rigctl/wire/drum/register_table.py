@@ -245,10 +245,22 @@ COUNTERS = (
     Register(134, "loadcell_unique", "distinct values among the last 64"),
     Register(135, "position_raw", "the potentiometer's last reading, 0 to 1023", "counts"),
     Register(136, "nudge_travel_um", "travel of the last nudge, + is downwards", "µm", kind="i16"),
-    Register(137, "nudge_duty", "duty at which that nudge ended", "permille"),
-    Register(138, "tuned_dead_band", "duty at which the rod moved, last TUNE", "permille"),
-    Register(139, "tuned_stiction", "duty above the dead band to start, last TUNE", "permille"),
-    Register(140, "tuned_rate", "actuator's speed at full duty, as measured", "mm/s", 0.01),
+    Register(137, "nudge_duty", "duty at which the rod began to move in it", "permille"),
+    Register(
+        138,
+        "tuned_dead_band",
+        "duty below which the rod rests, by its speeds, last TUNE",
+        "permille",
+    ),
+    Register(
+        139,
+        "tuned_stiction",
+        "more duty that the last nudge needed to begin, last TUNE",
+        "permille",
+    ),
+    Register(
+        140, "tuned_rate", "actuator's speed at full duty, by its lifts, last TUNE", "mm/s", 0.01
+    ),
 )
 
 RING = (

@@ -89,6 +89,10 @@ def test_the_command_finds_gains_at_a_held_force(capsys: pytest.CaptureFixture[s
     result = calibrated(capsys, "force", "--force", "400")
     assert result["gain_p_per_s"] == pytest.approx(7.5, abs=3.5)
     assert result["stiffness_g_per_mm"] == pytest.approx(650, abs=250)
+    assert result["actuator_mm_s"] == pytest.approx(10, rel=0.15)
+    assert result["dead_band_percent"] == pytest.approx(8, abs=4)
+    assert result["stiction_percent"] == pytest.approx(1, abs=6)
+    assert 0 < float(str(result["held_within_g"])) < 8
 
 
 def test_the_command_finds_the_imbalance(capsys: pytest.CaptureFixture[str]) -> None:
