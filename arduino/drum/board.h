@@ -53,10 +53,11 @@ constexpr uint16_t ACTUATOR_END_UM = 300;
 constexpr uint16_t POSITION_TOP_RAW = 44, POSITION_BOTTOM_RAW = 979;
 constexpr uint16_t POSITION_BROKEN_LOW = 22, POSITION_BROKEN_HIGH = 1000;
 
-// Load-cell amplifier: HX711 at its 80 samples a second; a conversion shows the force of this long
-// ago. One on a board with RATE to ground gives 10: then 100000 and 0.050.
-constexpr uint32_t LOADCELL_PERIOD_US = 12500;
-constexpr float LOADCELL_DELAY_S = 0.006f;
+// Load-cell amplifier: an HX711 with its RATE pin high, and low. A conversion shows the force of the
+// delay ago. LOADCELL_SLOW is the pin's level until settings say otherwise.
+constexpr uint32_t LOADCELL_PERIOD_US = 12500, LOADCELL_SLOW_PERIOD_US = 100000;
+constexpr float LOADCELL_DELAY_S = 0.006f, LOADCELL_SLOW_DELAY_S = 0.050f;
+constexpr bool LOADCELL_SLOW = false;
 
 // Force that no setting lets pass, and the cell by which it is judged in raw counts. A cell that
 // counts otherwise moves the limit by as much: put its scale here, to within a fifth.

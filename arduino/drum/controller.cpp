@@ -8,7 +8,13 @@
 
 namespace {
 
-constexpr uint16_t SELFTEST_LIMIT_MS = board::LOADCELL_PERIOD_US / 25;  // 40 conversions
+constexpr uint32_t bit(Fault fault) { return 1UL << static_cast<uint8_t>(fault); }
+
+// For 40 conversions; an amplifier settles for 400 ms before the first one.
+constexpr uint16_t SELFTEST_LIMIT_MS = board::LOADCELL_SLOW_PERIOD_US / 25;
+constexpr uint32_t SELFTEST_SILENCE_US = 5 * board::LOADCELL_SLOW_PERIOD_US;
+// These forbid to arm; a board that drives nothing may be told of another rate.
+constexpr uint32_t ARMING_ONLY = bit(Fault::LoadcellRate) | bit(Fault::LoadcellNoise);
 // FAULT_LIFT at least: with 250 ms of silence, off within 1 s where contact is gone by then.
 constexpr uint16_t LIFT_TIME_MS = 700;
 // A lift that takes longer is stuck.
@@ -16,8 +22,6 @@ constexpr uint16_t LIFT_LIMIT_MS = 1.6f * (board::ACTUATOR_TRAVEL_UM / board::AC
 
 // The first motion since a boot may change the reading by this: 0.1 mm on the stiffest contact.
 constexpr uint16_t FIRST_FORCE_G = 150;
-
-constexpr uint32_t bit(Fault fault) { return 1UL << static_cast<uint8_t>(fault); }
 
 bool needs_heartbeat(State state) {
     return state != State::Boot && state != State::Selftest && state != State::Idle &&
@@ -44,6 +48,7 @@ void Controller::restore_defaults() {
     bank_.restore_defaults();
     bank_.put(reg::optional_signals, board::SIGNALS_FITTED);
     bank_.put(reg::signal_polarity, board::SIGNALS_INVERTED);
+    bank_.put(reg::loadcell_slow, board::LOADCELL_SLOW);
 }
 
 bool Controller::resting() const {
@@ -76,7 +81,8 @@ uint32_t Controller::causes() const {
 }
 
 void Controller::supervise() {
-    const uint32_t bits = causes();
+    uint32_t bits = causes();
+    if (machine_.drive() == Drive::Off) bits &= ~ARMING_ONLY;
     if (!bits) return;
     for (uint8_t n = 1; n < FAULT_COUNT; ++n)
         if (bits >> n & 1) raise(static_cast<Fault>(n));
@@ -105,7 +111,7 @@ bool Controller::arm() {
 }
 
 bool Controller::clear_fault() {
-    if (!machine_.accepts(Event::Clear) || causes()) return false;
+    if (!machine_.accepts(Event::Clear) || causes() & ~ARMING_ONLY) return false;
     machine_.clear();
     if (machine_.state() != entered_) enter(machine_.state());
     return true;
@@ -205,8 +211,10 @@ void Controller::progress() {
 }
 
 void Controller::selftest() {
-    if (sensor_.loadcell().alive()) go(Event::SelftestPassed);
-    else if (in_state_ms() > SELFTEST_LIMIT_MS) raise(Fault::Selftest);
+    const Loadcell &cell = sensor_.loadcell();
+    const bool silent = cell.silent_us(ports::now_us()) > SELFTEST_SILENCE_US;
+    if (cell.test().known()) go(Event::SelftestPassed);
+    else if (silent || in_state_ms() > SELFTEST_LIMIT_MS) raise(Fault::Selftest);
 }
 
 void Controller::approach() {
@@ -255,6 +263,7 @@ void Controller::nudge_on() {
 
 bool Controller::sample(const Conversion &conversion) {
     if (!sensor_.take(conversion, place_tare())) return false;
+    sensor_.loadcell().test(machine_.drive() == Drive::Off);
     watch_contact();
     watch_first_force();
     sensor_.check_limits();

@@ -18,7 +18,7 @@ constexpr uint8_t TARE_PLACES = 16;
 constexpr int32_t SCALE_LEAST_UG = 200;
 constexpr int32_t SCALE_MOST_UG = 25000;
 constexpr uint16_t SETTINGS_START = 64;
-constexpr uint16_t SETTINGS_WORDS = 50;
+constexpr uint16_t SETTINGS_WORDS = 51;
 constexpr uint16_t COUNTERS_END = 141;
 constexpr uint16_t MAP_END = 416;
 
@@ -190,6 +190,7 @@ constexpr uint16_t tare_place_13 = 110;
 constexpr uint16_t tare_place_14 = 111;
 constexpr uint16_t tare_place_15 = 112;
 constexpr uint16_t nudge_direction = 113;
+constexpr uint16_t loadcell_slow = 114;
 constexpr uint16_t frames_seen = 116;
 constexpr uint16_t exceptions_sent = 117;
 constexpr uint16_t longest_isr_us = 118;
@@ -227,7 +228,7 @@ struct Setting {
     int32_t low, high, initial, least;
 };
 
-constexpr uint8_t SETTING_COUNT = 47;
+constexpr uint8_t SETTING_COUNT = 48;
 constexpr Setting SETTINGS[SETTING_COUNT] FLASH = {
     {64, Kind::U16, Guard::None, 0L, 65535L, 0L, 0L},  // heartbeat, 
     {65, Kind::U16, Guard::None, 0L, 19L, 0L, 0L},  // command, 
@@ -276,6 +277,7 @@ constexpr Setting SETTINGS[SETTING_COUNT] FLASH = {
     {111, Kind::I16, Guard::Lifted, -32768L, 32767L, 0L, 0L},  // tare_place_14, counts
     {112, Kind::I16, Guard::Lifted, -32768L, 32767L, 0L, 0L},  // tare_place_15, counts
     {113, Kind::U16, Guard::None, 0L, 1L, 0L, 0L},  // nudge_direction, 
+    {114, Kind::U16, Guard::Resting, 0L, 1L, 0L, 0L},  // loadcell_slow, 
 };
 
 #endif  // DRUM_MAP_H

@@ -2,15 +2,15 @@
 
 #include <math.h>
 
-#include "variant.h"  // speeds of the actuator, sample period
+#include "variant.h"  // speeds of the actuator
 
 namespace {
 
 // Above the last contact: slowing down takes 0.9 mm, and begins with a sample.
-constexpr uint16_t SLOW_ZONE_UM = 1400 + board::LOADCELL_PERIOD_US / 125;
+constexpr uint16_t SLOW_ZONE_UM = 1400, US_PER_UM = 125;
 constexpr float SEARCH_MM_S = 3.0f;        // near the surface, at most
-// The search is so slow that the set force would take this time to build up.
-constexpr float SEARCH_S = (80000 + board::LOADCELL_PERIOD_US * 8 / 5) / 1e6f;
+// The search is so slow that the set force would take this time, and these periods, to build up.
+constexpr float SEARCH_S = 0.08f, SEARCH_PERIODS = 1.6f;
 constexpr float QUICK_MM_S = board::ACTUATOR_MAX_MM_S < 8 ? board::ACTUATOR_MAX_MM_S : 8.0f;
 constexpr float CONTACT_MM_S = board::ACTUATOR_MAX_MM_S < 6 ? board::ACTUATOR_MAX_MM_S : 6.0f;
 constexpr float SETUP_MM_S = 1.0f;         // nothing is known yet of cell and actuator
@@ -28,6 +28,7 @@ float limited_dg(float force_g) {
 
 // Computes here what each sample needs: a floating-point product takes 10 µs.
 void ForceControl::configure() {
+    loop_.configure(sampling());
     const float force_g = bank_.word(reg::force_set) * 0.1f;
     if (force_g != target_.force_g) {
         contact_watch_.restart();
@@ -55,7 +56,7 @@ void ForceControl::reached() {
 float ForceControl::step() {
     const bool searching = !loop_.in_contact();
     target_.speed_limit = for_setup_ ? SETUP_MM_S : CONTACT_MM_S;
-    if (searching) target_.speed_limit = contact_.close(SLOW_ZONE_UM) ? search_speed() : QUICK_MM_S;
+    if (searching) target_.speed_limit = contact_.close(slow_zone_um()) ? search_speed() : QUICK_MM_S;
     float speed = loop_.update(sensor_.force_g(), target_, axis_.turn());
     if (searching && loop_.in_contact()) {
         outside_ms_ = signals_.now_ms();
@@ -94,7 +95,7 @@ bool ForceControl::within_band() const {
 // stay below the set force, also where the contact is half as stiff again as expected.
 float ForceControl::search_speed() const {
     const float depth_mm = target_.force_g / bank_.word(reg::stiffness_g_per_mm);
-    const float speed = depth_mm / SEARCH_S;
+    const float speed = depth_mm / (SEARCH_S + SEARCH_PERIODS * sampling().period_s);
     const float most = for_setup_ ? SETUP_MM_S : SEARCH_MM_S;
     return speed < most ? speed : most;
 }
@@ -127,6 +128,16 @@ Fault ForceControl::watch(bool holding, bool turning) {
     return Fault::None;
 }
 
+uint16_t ForceControl::slow_zone_um() const {
+    return SLOW_ZONE_UM + static_cast<uint16_t>(sampling().period_us / US_PER_UM);
+}
+
+// The settings' time, but long enough for samples to show it.
+uint16_t ForceControl::settle_ms() const {
+    const uint16_t set = bank_.word(reg::settle_time_ms);
+    return set > sampling().settle_ms ? set : sampling().settle_ms;
+}
+
 bool ForceControl::finds_nothing(uint32_t searching_ms) const {
     const uint16_t limit = bank_.word(reg::approach_limit_um);
     const bool too_far = signals_.reads_position() &&
@@ -135,7 +146,7 @@ bool ForceControl::finds_nothing(uint32_t searching_ms) const {
 }
 
 bool ForceControl::settled() const {
-    return signals_.now_ms() - outside_ms_ >= bank_.word(reg::settle_time_ms);
+    return signals_.now_ms() - outside_ms_ >= settle_ms();
 }
 
 bool ForceControl::settles_too_late() const {

@@ -41,14 +41,17 @@ class ForceControl {
     // Contact is there, but the force takes too long to settle.
     bool settles_too_late() const;
 
-    void begin_step_test() { step_test_.begin(target_.force_g, loop_.stiffness()); }
+    void begin_step_test() { step_test_.begin(target_.force_g, loop_.stiffness(), sampling().period_s); }
     StepTest &step_test() { return step_test_; }
     const StepTest &step_test() const { return step_test_; }
     const ForceLoop &loop() const { return loop_; }
 
   private:
+    const Sampling &sampling() const { return sampling::of(bank_.word(reg::loadcell_slow)); }
     float search_speed() const;
     bool unsteady();
+    uint16_t slow_zone_um() const;
+    uint16_t settle_ms() const;
     float depth_missing_mm() const;
     float in_other_mode(float speed);
 

@@ -2,28 +2,13 @@
 
 #include <math.h>
 
-#include "variant.h"  // actuator lag, sample period and delay
+#include "variant.h"  // actuator lag
 
 namespace {
 
-constexpr float PERIOD_S = board::LOADCELL_PERIOD_US * 1e-6f;
 constexpr float LAG_S = board::ACTUATOR_LAG_S;
-constexpr float DELAY_S = board::LOADCELL_DELAY_S;
-// exp(-x) for x below 4, by a series the compiler works out.
-constexpr float decay(float x, int terms = 16, float n = 1) {
-    return terms ? 1 - x / n * decay(x, terms - 1, n + 1) : 1;
-}
-constexpr float DECAY = PERIOD_S < 4 * LAG_S ? decay(PERIOD_S / LAG_S) : 0;
 constexpr float CONTACT_G = 8.0f;     // far above noise, far below any set force
 constexpr float COMPRESSION_GAIN = 0.3f;
-// A cell that looks seldom has as many turns to learn them in; more would learn its noise.
-constexpr float RUN_OUT_PER_S = 8.0f, MOST_RUN_OUT_GAIN = 0.2f;
-constexpr float RUN_OUT_GAIN =
-    RUN_OUT_PER_S * PERIOD_S < MOST_RUN_OUT_GAIN ? RUN_OUT_PER_S * PERIOD_S : MOST_RUN_OUT_GAIN;
-// A trial shows most of a turn, not all: what it says is forgotten in seconds, or errors add up
-// from trial to trial.
-constexpr float FORGOTTEN_IN_S = 6.0f;
-constexpr float RUN_OUT_KEPT = 1 - PERIOD_S / FORGOTTEN_IN_S;
 constexpr float MAX_DRIFT = 1.0f;     // mm/s
 constexpr float MAX_RUN_OUT = 0.5f;   // mm
 constexpr float PRIOR = 4e-4f;        // mm²: weight of the stiffness believed before
@@ -33,7 +18,7 @@ constexpr float FORGETTING = 0.96f;
 // an approach takes a third longer (plates C and D on the bench).
 constexpr float RESTATED = 0.1f;
 constexpr float MOVING_MM = 0.004f;   // a period's travel below this says nothing of stiffness
-constexpr float FREE_SPEED_STEP = 40.0f * PERIOD_S;  // mm/s a sample
+constexpr float FREE_MM_S2 = 40.0f;   // a speed without contact changes no faster
 constexpr float TURNING_RAD_S = 0.1f;
 
 float limited(float value, float bound) {
@@ -64,11 +49,11 @@ void ForceLoop::begin(float stiffness_g_per_mm) {
 
 void ForceLoop::advance_model() {
     moved_before_ = moved_;
-    moved_ = command_ * PERIOD_S + (speed_ - command_) * LAG_S * (1 - DECAY);
-    speed_ = command_ + (speed_ - command_) * DECAY;
-    constexpr float LATE = DELAY_S / PERIOD_S;
-    shown_ = (1 - LATE) * moved_ + LATE * moved_before_;
-    pending_ = LATE * moved_;
+    moved_ = command_ * sampling_->period_s + (speed_ - command_) * LAG_S * (1 - sampling_->decay);
+    speed_ = command_ + (speed_ - command_) * sampling_->decay;
+    const float late = sampling_->late;
+    shown_ = (1 - late) * moved_ + late * moved_before_;
+    pending_ = late * moved_;
     depth_ += moved_;
 }
 
@@ -101,19 +86,19 @@ float ForceLoop::run_out_rate(const DrumTurn &turn) const {
 }
 
 void ForceLoop::correct(float force_g, const DrumTurn &turn) {
-    const DrumTurn seen = turn.after(-DELAY_S - PERIOD_S / 2);
-    compression_ += shown_ + (drift_ + run_out_rate(seen)) * PERIOD_S;
+    const DrumTurn seen = turn.after(-sampling_->delay_s - sampling_->period_s / 2);
+    compression_ += shown_ + (drift_ + run_out_rate(seen)) * sampling_->period_s;
     surprise_ = force_g * compliance_ - compression_;
     compression_ += COMPRESSION_GAIN * surprise_;
     // A ridge that passes slowly in a ramp would weigh more than all of the run.
     if (turn.rate_rad_s != last_rate_rad_s_) {
-        run_out_gain_ = turns(turn) ? RUN_OUT_GAIN / turn.rate_rad_s : 0;
+        run_out_gain_ = turns(turn) ? sampling_->run_out_gain / turn.rate_rad_s : 0;
         return;
     }
     if (!turns(turn)) return;
     const float share = run_out_gain_ * surprise_;
-    sine_ = limited(RUN_OUT_KEPT * sine_ + share * seen.cosine, MAX_RUN_OUT);
-    cosine_ = limited(RUN_OUT_KEPT * cosine_ - share * seen.sine, MAX_RUN_OUT);
+    sine_ = limited(sampling_->run_out_kept * sine_ + share * seen.cosine, MAX_RUN_OUT);
+    cosine_ = limited(sampling_->run_out_kept * cosine_ - share * seen.sine, MAX_RUN_OUT);
 }
 
 void ForceLoop::observe(float force_g, const DrumTurn &turn) {
@@ -134,11 +119,11 @@ float ForceLoop::update(float force_g, const ForceTarget &target, const DrumTurn
     if (contact_) {
         drift_ = limited(drift_ + target.gain_i * surprise_, MAX_DRIFT);
         const float surface = drift_ + run_out_rate(turn.after(LAG_S));
-        const float now = compression_ + pending_ + surface * DELAY_S;
+        const float now = compression_ + pending_ + surface * sampling_->delay_s;
         speed = target.gain_p * (target.force_g * compliance_ - now) - surface;
     } else {
         // The cell feels the drum's mass being hurried along and takes it for contact.
-        speed = command_ + limited(speed - command_, FREE_SPEED_STEP);
+        speed = command_ + limited(speed - command_, FREE_MM_S2 * sampling_->period_s);
     }
     command_ = limited(speed, target.speed_limit);
     return command_;

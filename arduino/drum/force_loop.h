@@ -13,6 +13,8 @@
 
 #include <stdint.h>
 
+#include "sampling.h"  // period and delay of a sample
+
 struct ForceTarget {
     float force_g;
     float gain_p;       // 1/s: speed of approach per compression missing
@@ -34,6 +36,7 @@ struct DrumTurn {
 
 class ForceLoop {
   public:
+    void configure(const Sampling &sampling) { sampling_ = &sampling; }
     // Free of contact, before pressing down.
     void begin(float stiffness_g_per_mm);
     // One load-cell sample; returns the actuator speed in mm/s, positive presses.
@@ -58,6 +61,7 @@ class ForceLoop {
     void correct(float force_g, const DrumTurn &turn);
     float run_out_rate(const DrumTurn &turn) const;
 
+    const Sampling *sampling_ = &sampling::FAST;
     float command_ = 0, speed_ = 0;        // mm/s, commanded and modelled
     float moved_ = 0, moved_before_ = 0;   // mm in the last two periods
     float shown_ = 0, pending_ = 0;        // mm that the sample shows, and does not show yet

@@ -15,14 +15,17 @@ class ForceSensor {
     // while the amplifier still settles.
     bool take(const Conversion &conversion, int32_t place_tare) {
         loadcell_.set_place_tare(place_tare);
-        return loadcell_.take(conversion);
+        if (!loadcell_.take(conversion)) return false;
+        count_over();
+        return true;
     }
-    // Compares the newest sample with both limits.
+    // Compares the newest samples with both limits.
     void check_limits();
 
     // One reading of the lifted drum at rest.
     void weigh_free() {
-        if (zero_.weigh(loadcell_.raw())) check_tare();
+        if (loadcell_.suspect()) zero_.disturb();
+        else if (zero_.weigh(loadcell_.raw())) check_tare();
     }
 
     float force_g() const { return loadcell_.force_g(); }
@@ -43,12 +46,15 @@ class ForceSensor {
     const Zero &zero() const { return zero_; }
 
   private:
+    void count_over();
     void check_tare() { tare_holds_ = zero_.near(tare_counts_); }
 
     Loadcell loadcell_;
     Zero zero_;
     int32_t tare_counts_ = 0;
     float over_force_g_ = 0;
+    uint8_t over_run_ = 0;  // samples in a row above the settings' limit
+    uint8_t over_needed_ = 1;
     bool over_force_ = false, tare_holds_ = false;
     bool tare_by_place_ = false;  // at least one place of the turn has a tare
 };

@@ -1,13 +1,16 @@
 #include "loadcell.h"
 
+#include <stdlib.h>
+
 #include "drum_states.h"  // fault numbers
-#include "variant.h"      // conversion period
+#include "variant.h"      // counts of a force
 
 namespace {
 
 constexpr int32_t FULL_SCALE = 0x7fffff;
-constexpr uint32_t SILENCE_US = board::LOADCELL_PERIOD_US * 24UL / 10;
-constexpr uint32_t GAP_US = board::LOADCELL_PERIOD_US * 18UL / 10;
+constexpr int32_t SPIKE_COUNTS = board::counts_of(Loadcell::SPIKE_G);
+// The HX711's own oscillator is off by a tenth; its two rates differ by eight.
+constexpr uint8_t RATE_PERCENT = 25;
 constexpr uint32_t bit(Fault fault) { return 1UL << static_cast<uint8_t>(fault); }
 
 }  // namespace
@@ -17,7 +20,10 @@ void Loadcell::supervise(const Conversion &conversion) {
     equal_run_ = repeats ? (equal_run_ < 255 ? equal_run_ + 1 : 255) : 0;
     saturated_ = conversion.raw >= FULL_SCALE || conversion.raw <= -FULL_SCALE - 1;
     out_of_step_ = !conversion.in_step;
-    if (settled_ > SETTLING && conversion.ready_us - seen_us_ > GAP_US) ++dropped_;
+    const uint32_t gap_us = sampling_->period_us / 5 * 9;
+    if (settled_ > SETTLING && conversion.ready_us - seen_us_ > gap_us) ++dropped_;
+    measure_rate(conversion.ready_us);
+    seen_ = true;
     seen_us_ = conversion.ready_us;
     silent_ = false;
 }
@@ -33,14 +39,54 @@ bool Loadcell::take(const Conversion &conversion) {
     raw_[last()] = conversion.raw;
     time_us_[last()] = conversion.ready_us;
     // The end of the range is not a force: the fault is the cell's, not an over-force.
-    if (!saturated_) weigh();
+    if (!saturated_) look_for_spike(conversion.raw);
+    weigh();
     if (tare_left_) add_to_tare(conversion.raw);
     return true;
 }
 
+// A sample that is far off waits for the next one: if that is like the ones before, it was a spike, else
+// the force has moved.
+void Loadcell::look_for_spike(int32_t raw) {
+    const bool first = sequence_ == 1;
+    const bool far = !first && labs(raw - steady_raw_) > SPIKE_COUNTS;
+    if (suspect_ && !far) ++spikes_;
+    suspect_ = far && !suspect_;
+    if (!suspect_) steady_raw_ = raw;
+}
+
+// Over intervals in a row; one with conversions missing begins anew.
+void Loadcell::measure_rate(uint32_t ready_us) {
+    const uint32_t interval_us = ready_us - seen_us_;
+    const bool whole = seen_ && interval_us / 2 <= interval_us_;
+    interval_us_ = interval_us;
+    if (whole && ++intervals_ < RATE_INTERVALS) return;
+    const uint32_t span_us = ready_us - rate_from_us_;
+    constexpr uint32_t TIMES = 100UL * 1000000UL * RATE_INTERVALS;
+    if (whole) rate_ = span_us > TIMES / 65535 ? TIMES / span_us : 65535;
+    rate_from_us_ = ready_us;
+    intervals_ = 0;
+}
+
+bool Loadcell::rate_is_wrong() const {
+    const uint32_t percent = rate_ * (sampling_->period_us / 100) / 10000;
+    return rate_ && (percent > 100 + RATE_PERCENT || percent < 100 - RATE_PERCENT);
+}
+
+void Loadcell::test(bool at_rest) {
+    if (!at_rest || saturated_) return test_.disturb();
+    bool fresh = true;
+    for (uint8_t age = 1; age <= test_.taken() && fresh; ++age)
+        fresh = raw_[(sequence_ - age) % RING_DEPTH] != raw();
+    test_.take(steady_raw_, fresh);
+}
+
 void Loadcell::tick(uint32_t now_us) {
+    // Where the rate itself is wrong, that is the fault, and the samples still come.
+    const uint32_t slowest_us = rate_is_wrong() ? sampling::SLOW.period_us : sampling_->period_us;
+    const int32_t silence_us = slowest_us / 5 * 12;
     // Signed: a sample may be newer than the tick's own clock reading.
-    if (static_cast<int32_t>(now_us - seen_us_) > static_cast<int32_t>(SILENCE_US)) {
+    if (static_cast<int32_t>(now_us - seen_us_) > silence_us) {
         if (!silent_ && settled_ > SETTLING) ++dropped_;
         silent_ = true;
     }
@@ -52,6 +98,8 @@ uint32_t Loadcell::faults() const {
     if (saturated_) bits |= bit(Fault::LoadcellSaturated);
     if (equal_run_ >= FROZEN_RUN && !saturated_) bits |= bit(Fault::LoadcellFrozen);
     if (out_of_step_) bits |= bit(Fault::LoadcellDesync);
+    if (rate_is_wrong()) bits |= bit(Fault::LoadcellRate);
+    if (test_.failed()) bits |= bit(Fault::LoadcellNoise);
     return bits;
 }
 
@@ -59,10 +107,6 @@ void Loadcell::set_scale(int32_t tare_counts, int32_t ug_per_count) {
     tare_counts_ = tare_counts;
     g_per_count_ = static_cast<float>(ug_per_count) * 1e-6f;
     weigh();
-}
-
-void Loadcell::weigh() {
-    force_g_ = static_cast<float>(raw() - tare_counts_ - place_tare_) * g_per_count_;
 }
 
 void Loadcell::begin_tare() {

@@ -4,7 +4,9 @@
 
 #include <stdint.h>
 
-#include "drum_map.h"  // ring depth
+#include "amplifier_test.h"  // is it a cell
+#include "drum_map.h"        // ring depth
+#include "sampling.h"        // rates
 
 struct Conversion {
     int32_t raw;
@@ -22,6 +24,12 @@ class Loadcell {
     // So many equal readings in a row mean that the amplifier is frozen.
     static constexpr uint8_t FROZEN_RUN = 8;
 
+    // A sample this far from the one before and from the one after it is a spike. Ridges and an
+    // approach move the force by less in 12.5 ms.
+    static constexpr uint16_t SPIKE_G = 250;
+    static constexpr uint8_t RATE_INTERVALS = 8;
+
+    void configure(const Sampling &sampling) { sampling_ = &sampling; }
     // Takes a conversion; false while the amplifier still settles.
     bool take(const Conversion &conversion);
     // Once a millisecond; silence is a fault after 2.4 periods.
@@ -30,14 +38,29 @@ class Loadcell {
     // Bits of fault_bits that this sensor sees now.
     uint32_t faults() const;
     bool saturated() const { return saturated_; }
+    // Tests the readings since the last call with `at_rest` false; called after each sample.
+    void test(bool at_rest);
+    const AmplifierTest &test() const { return test_; }
+    // Measured, in 0.01 samples a second; 0 before it is known.
+    uint16_t rate() const { return rate_; }
     // Samples have come since the boot.
     bool alive() const { return settled_ > SETTLING && !silent_; }
+    // Time since the last conversion or the boot.
+    uint32_t silent_us(uint32_t now_us) const { return now_us - seen_us_; }
 
     void set_scale(int32_t tare_counts, int32_t ug_per_count);
     // What the drum's angle adds to the tare, for the next conversion.
     void set_place_tare(int32_t counts) { place_tare_ = counts; }
     int32_t place_tare() const { return place_tare_; }
+    // The force for the loop: at the fast rate, a sample that may be a spike waits for the next.
     float force_g() const { return force_g_; }
+    // The force of the newest sample.
+    float measured_g() const { return grams(raw()); }
+    // The newest sample may be a spike.
+    bool suspect() const { return suspect_; }
+    // The newest sample that is none.
+    int32_t steady_raw() const { return steady_raw_; }
+    uint16_t spikes() const { return spikes_; }
     int32_t raw() const { return raw_[last()]; }
 
     void begin_tare();
@@ -58,11 +81,23 @@ class Loadcell {
     uint8_t last() const { return sequence_ % RING_DEPTH; }
     void supervise(const Conversion &conversion);
     void add_to_tare(int32_t raw);
-    void weigh();
+    void weigh() { force_g_ = grams(sampling_->slow ? raw() : steady_raw_); }
+    void look_for_spike(int32_t raw);
+    void measure_rate(uint32_t ready_us);
+    bool rate_is_wrong() const;
+    float grams(int32_t raw) const {
+        return static_cast<float>(raw - tare_counts_ - place_tare_) * g_per_count_;
+    }
 
     int32_t raw_[RING_DEPTH] = {};
     uint32_t time_us_[RING_DEPTH] = {};
-    uint32_t seen_us_ = 0;
+    const Sampling *sampling_ = &sampling::FAST;
+    AmplifierTest test_;
+    uint32_t seen_us_ = 0, rate_from_us_ = 0, interval_us_ = 0;
+    int32_t steady_raw_ = 0;
+    uint16_t rate_ = 0, spikes_ = 0;
+    uint8_t intervals_ = 0;
+    bool suspect_ = false, seen_ = false;
     uint16_t sequence_ = 0;
     uint16_t dropped_ = 0;
     uint8_t settled_ = 0;

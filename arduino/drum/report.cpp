@@ -37,7 +37,6 @@ void Report::fill_identity() {
     bank_.put(reg::steps_per_turn, board::STEPS_PER_TURN);
     bank_.put_wide(reg::nm_per_step, board::NM_PER_STEP);
     bank_.put(reg::most_force, board::MOST_FORCE_G);
-    bank_.put(reg::overrun_um, board::OVERRUN_UM);
 }
 
 void Report::refresh() {
@@ -100,7 +99,8 @@ void Report::fill_motion() {
 void Report::fill_loadcell() {
     const Loadcell &cell = controller_.sensor().loadcell();
     const uint16_t newest = cell.sequence();
-    bank_.put(reg::force, tenths(cell.force_g()));
+    bank_.put(reg::overrun_um, sampling::of(bank_.word(reg::loadcell_slow)).overrun_um);
+    bank_.put(reg::force, tenths(cell.measured_g()));
     bank_.put(reg::loadcell_sequence, newest);
     bank_.put_wide(reg::loadcell_time_us, cell.time_us());
     for (uint8_t age = 0; age < LOADCELL_RECENT; ++age) {
@@ -118,6 +118,11 @@ void Report::fill_counters() {
     bank_.put(reg::longest_isr_us, health.longest_isr_us);
     bank_.put(reg::free_stack_bytes, health.free_stack_bytes);
     bank_.put(reg::idle_permille, health.idle_permille);
+    const AmplifierTest &test = controller_.sensor().loadcell().test();
+    bank_.put(reg::loadcell_rate, controller_.sensor().loadcell().rate());
+    bank_.put(reg::loadcell_spikes, controller_.sensor().loadcell().spikes());
+    bank_.put(reg::loadcell_noise, test.noise_tenths());
+    bank_.put(reg::loadcell_unique, test.unique());
     bank_.put(reg::loadcell_dropped, controller_.sensor().loadcell().dropped());
     bank_.put_wide(reg::settings_hash, controller_.commission().hash());
     bank_.put(reg::position_raw, controller_.signals().position_raw());

@@ -18,8 +18,8 @@ struct GainProposal {
 
 class StepTest {
   public:
-    // A force is held at a contact of about this stiffness.
-    void begin(float force_g, float stiffness_g_per_mm);
+    // A force is held at a contact of about this stiffness; `period_s` is that of the samples.
+    void begin(float force_g, float stiffness_g_per_mm, float period_s);
     void abandon() { samples_left_ = 0; }
     bool running() const { return samples_left_ != 0; }
 
@@ -35,7 +35,7 @@ class StepTest {
 
     GainProposal proposal_ = {0, 0, 0, 0};
     float before_g_ = 0, after_g_ = 0, sum_g_ = 0;
-    float expected_g_ = 0;
+    float expected_g_ = 0, period_s_ = 0;
     uint8_t samples_left_ = 0, lift_samples_ = 0;
     bool succeeded_ = false;
 };

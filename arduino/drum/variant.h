@@ -26,16 +26,10 @@ constexpr uint32_t NM_PER_STEP = NM_PER_TURN / STEPS_PER_TURN;
 constexpr int32_t counts_of(uint16_t grams) { return grams * 1000000LL / UG_PER_COUNT; }
 constexpr int32_t MOST_COUNTS = counts_of(MOST_FORCE_G);
 
-// What an actuator at full speed travels beyond a force that is too much: until the next sample, as
-// long as that is late, a tick, and its lag, in which it would coast.
-constexpr float OVERRUN_S =
-    LOADCELL_PERIOD_US * 1e-6f + LOADCELL_DELAY_S + 1e-3f + ACTUATOR_LAG_S;
-constexpr uint16_t OVERRUN_UM = ACTUATOR_MAX_MM_S * OVERRUN_S * 1000 + 0.5f;
-
 static_assert(NM_PER_TURN % STEPS_PER_TURN == 0, "a step must be whole nanometres");
 static_assert(STEPS_PER_TURN % 256 == 0 && STEPS_PER_TURN <= 32512,
               "the drum's angle has 256 parts of a turn, its place 15 bits");
-static_assert(LOADCELL_PERIOD_US <= 100000, "slower than any rate of the HX711");
+static_assert(LOADCELL_SLOW_PERIOD_US <= 100000, "slower than any rate of the HX711");
 static_assert(UG_PER_COUNT >= SCALE_LEAST_UG && UG_PER_COUNT <= SCALE_MOST_UG,
               "no load cell on an HX711 counts so");
 static_assert(MOST_COUNTS < 0x600000, "the cell's range ends before the limit does");

@@ -220,6 +220,13 @@ SETTINGS = (
         for place in range(TARE_PLACES)
     ),
     setting(113, "nudge_direction", "of NUDGE: 0 lifts, 1 presses", (0, 1, 0)),
+    setting(
+        114,
+        "loadcell_slow",
+        "the HX711's RATE pin: 0 high, 80 samples a second; 1 low, 10 a second",
+        (0, 1, 0),
+        guard=RESTING,
+    ),
 )
 
 COUNTERS = (
@@ -273,7 +280,7 @@ BY_NAME: dict[str, Register] = {register.name: register for register in REGISTER
 IDENTITY_BLOCK = (0, 14)
 POLL_BLOCK = (16, 40)
 """First address and count of the read of every poll."""
-SETTINGS_BLOCK = (64, 50)
+SETTINGS_BLOCK = (64, 51)
 END = 416
 """First address that does not exist; reading or writing there is exception 2.
 

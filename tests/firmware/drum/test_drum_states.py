@@ -78,7 +78,7 @@ def test_selftest_refuses_every_command_and_passes() -> None:
             drum.run(5)
             assert drum.state is State.SELFTEST
             assert drum.command(COMMANDS[event]) == 4, event.name
-        drum.run(120)
+        drum.run(250)
         assert drum.state is next_state(State.SELFTEST, StateEvent.SELFTEST_PASSED)
 
 

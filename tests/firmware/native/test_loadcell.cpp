@@ -39,7 +39,7 @@ TEST(force_is_counts_from_tare_times_scale) {
     Cell c;
     c.settle();
     c.cell.set_scale(80000, 2400);
-    c.take(80000 + 208333);
+    for (int i = 0; i < 2; ++i) c.take(80000 + 208333);  // one alone may be a spike
     CHECK_NEAR(c.cell.force_g(), 500, 0.01);
     c.cell.set_scale(80000, -2400);
     CHECK_NEAR(c.cell.force_g(), -500, 0.01);

@@ -124,7 +124,7 @@ TEST(exceptions) {
     CHECK(is_exception(slave.feed(framed({1, 3, 1, 159, 0, 2})), 3, 2));
     CHECK(is_exception(slave.feed(framed({1, 3, 0xff, 0xff, 0, 2})), 3, 2));
     CHECK(is_exception(slave.feed(framed({1, 6, 0, 16, 0, 1})), 6, 2));
-    CHECK(is_exception(slave.feed(framed({1, 6, 0, 114, 0, 0})), 6, 2));
+    CHECK(is_exception(slave.feed(framed({1, 6, 0, 115, 0, 0})), 6, 2));
     CHECK(is_exception(slave.feed(framed({1, 3, 0, 0, 0, 0})), 3, 3));
     CHECK(is_exception(slave.feed(framed({1, 3, 0, 0, 0, 126})), 3, 3));
     CHECK(is_exception(slave.feed(framed({1, 6, 0, 68, 0xff, 0xff})), 6, 3));

@@ -74,7 +74,7 @@ class DrumChip:
         self.last_byte_cycle = 0
         self.first_reply_cycle = 0
         self._sequence = self._beat = 0
-        self.run(120)
+        self.run(250)
 
     def __enter__(self) -> Self:
         return self

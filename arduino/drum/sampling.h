@@ -1,0 +1,27 @@
+// What follows from how often the load cell is read. The settings choose one of two rates.
+#ifndef SAMPLING_H
+#define SAMPLING_H
+
+#include <stdint.h>
+
+struct Sampling {
+    bool slow;
+    uint32_t period_us;
+    float period_s, delay_s;
+    float late;            // delay over period
+    float decay;           // of the actuator's speed in a period
+    float run_out_gain;    // of each surprise
+    float run_out_kept;    // from one sample to the next
+    uint16_t overrun_um;   // travel beyond a force that is too much
+    uint16_t settle_ms;    // shortest time that shows a settled force: ten samples
+};
+
+namespace sampling {
+
+extern const Sampling FAST, SLOW;
+
+inline const Sampling &of(bool slow) { return slow ? SLOW : FAST; }
+
+}  // namespace sampling
+
+#endif  // SAMPLING_H
