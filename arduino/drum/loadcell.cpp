@@ -9,8 +9,6 @@ namespace {
 
 constexpr int32_t FULL_SCALE = 0x7fffff;
 constexpr int32_t SPIKE_COUNTS = board::counts_of(Loadcell::SPIKE_G);
-// The HX711's own oscillator is off by a tenth; its two rates differ by eight.
-constexpr uint8_t RATE_PERCENT = 25;
 constexpr uint32_t bit(Fault fault) { return 1UL << static_cast<uint8_t>(fault); }
 
 }  // namespace
@@ -20,8 +18,7 @@ void Loadcell::supervise(const Conversion &conversion) {
     equal_run_ = repeats ? (equal_run_ < 255 ? equal_run_ + 1 : 255) : 0;
     saturated_ = conversion.raw >= FULL_SCALE || conversion.raw <= -FULL_SCALE - 1;
     out_of_step_ = !conversion.in_step;
-    const uint32_t gap_us = sampling_->period_us / 5 * 9;
-    if (settled_ > SETTLING && conversion.ready_us - seen_us_ > gap_us) ++dropped_;
+    if (settled_ > SETTLING && conversion.ready_us - seen_us_ > sampling_->gap_us) ++dropped_;
     measure_rate(conversion.ready_us);
     seen_ = true;
     seen_us_ = conversion.ready_us;
@@ -66,27 +63,27 @@ void Loadcell::measure_rate(uint32_t ready_us) {
     if (whole) rate_ = span_us > TIMES / 65535 ? TIMES / span_us : 65535;
     rate_from_us_ = ready_us;
     intervals_ = 0;
+    judge_rate();
 }
 
-bool Loadcell::rate_is_wrong() const {
-    const uint32_t percent = rate_ * (sampling_->period_us / 100) / 10000;
-    return rate_ && (percent > 100 + RATE_PERCENT || percent < 100 - RATE_PERCENT);
+// Where the rate itself is wrong, that is the fault, and the samples still come.
+void Loadcell::judge_rate() {
+    rate_wrong_ = rate_ && (rate_ < sampling_->low_rate || rate_ > sampling_->high_rate);
+    const Sampling &slowest = rate_wrong_ ? sampling::SLOW : *sampling_;
+    silence_us_ = static_cast<int32_t>(slowest.silence_us);
 }
 
 void Loadcell::test(bool at_rest) {
     if (!at_rest || saturated_) return test_.disturb();
     bool fresh = true;
     for (uint8_t age = 1; age <= test_.taken() && fresh; ++age)
-        fresh = raw_[(sequence_ - age) % RING_DEPTH] != raw();
+        fresh = ring_raw(static_cast<uint8_t>(sequence_ - age)) != raw();
     test_.take(steady_raw_, fresh);
 }
 
 void Loadcell::tick(uint32_t now_us) {
-    // Where the rate itself is wrong, that is the fault, and the samples still come.
-    const uint32_t slowest_us = rate_is_wrong() ? sampling::SLOW.period_us : sampling_->period_us;
-    const int32_t silence_us = slowest_us / 5 * 12;
     // Signed: a sample may be newer than the tick's own clock reading.
-    if (static_cast<int32_t>(now_us - seen_us_) > silence_us) {
+    if (static_cast<int32_t>(now_us - seen_us_) > silence_us_) {
         if (!silent_ && settled_ > SETTLING) ++dropped_;
         silent_ = true;
     }
@@ -98,7 +95,7 @@ uint32_t Loadcell::faults() const {
     if (saturated_) bits |= bit(Fault::LoadcellSaturated);
     if (equal_run_ >= FROZEN_RUN && !saturated_) bits |= bit(Fault::LoadcellFrozen);
     if (out_of_step_) bits |= bit(Fault::LoadcellDesync);
-    if (rate_is_wrong()) bits |= bit(Fault::LoadcellRate);
+    if (rate_wrong_) bits |= bit(Fault::LoadcellRate);
     if (test_.failed()) bits |= bit(Fault::LoadcellNoise);
     return bits;
 }

@@ -29,7 +29,12 @@ class Loadcell {
     static constexpr uint16_t SPIKE_G = 250;
     static constexpr uint8_t RATE_INTERVALS = 8;
 
-    void configure(const Sampling &sampling) { sampling_ = &sampling; }
+    Loadcell() { judge_rate(); }
+
+    void configure(const Sampling &sampling) {
+        sampling_ = &sampling;
+        judge_rate();
+    }
     // Takes a conversion; false while the amplifier still settles.
     bool take(const Conversion &conversion);
     // Once a millisecond; silence is a fault after 2.4 periods.
@@ -84,7 +89,7 @@ class Loadcell {
     void weigh() { force_g_ = grams(sampling_->slow ? raw() : steady_raw_); }
     void look_for_spike(int32_t raw);
     void measure_rate(uint32_t ready_us);
-    bool rate_is_wrong() const;
+    void judge_rate();
     float grams(int32_t raw) const {
         return static_cast<float>(raw - tare_counts_ - place_tare_) * g_per_count_;
     }
@@ -94,10 +99,10 @@ class Loadcell {
     const Sampling *sampling_ = &sampling::FAST;
     AmplifierTest test_;
     uint32_t seen_us_ = 0, rate_from_us_ = 0, interval_us_ = 0;
-    int32_t steady_raw_ = 0;
+    int32_t steady_raw_ = 0, silence_us_ = 0;
     uint16_t rate_ = 0, spikes_ = 0;
     uint8_t intervals_ = 0;
-    bool suspect_ = false, seen_ = false;
+    bool suspect_ = false, seen_ = false, rate_wrong_ = false;
     uint16_t sequence_ = 0;
     uint16_t dropped_ = 0;
     uint8_t settled_ = 0;

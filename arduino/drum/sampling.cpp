@@ -17,11 +17,19 @@ constexpr float RUN_OUT_PER_S = 8.0f, MOST_RUN_OUT_GAIN = 0.2f;
 // from trial to trial.
 constexpr float FORGOTTEN_IN_S = 6.0f;
 
+// The HX711's own oscillator is off by a tenth; its two rates differ by eight.
+constexpr uint8_t RATE_PERCENT = 25;
+constexpr uint16_t rate_of(uint32_t us, uint32_t percent) { return 1000000UL * percent / us; }
+
 // An actuator at full speed goes on until the next sample, as long as that is late, for a tick, and
 // for its lag, in which it coasts.
 constexpr Sampling every(uint32_t us, float delay_s, bool slow) {
     return {slow,
             us,
+            us / 5 * 9,
+            us / 5 * 12,
+            rate_of(us, 100 - RATE_PERCENT),
+            rate_of(us, 100 + RATE_PERCENT),
             us * 1e-6f,
             delay_s,
             delay_s / (us * 1e-6f),

@@ -7,6 +7,9 @@
 struct Sampling {
     bool slow;
     uint32_t period_us;
+    uint32_t gap_us;       // between two samples: one is missing
+    uint32_t silence_us;   // without a sample: a fault
+    uint16_t low_rate, high_rate;  // 0.01 samples a second: beyond them it is another rate
     float period_s, delay_s;
     float late;            // delay over period
     float decay;           // of the actuator's speed in a period

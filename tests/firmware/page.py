@@ -39,7 +39,7 @@ LIMITS = {
     "step_count_error": "0",
     "acceleration_error": "< 1 %",
     "max_steps_per_s": "≥ 10,000",
-    "idle_share": "≥ 60 %",
+    "idle_share": "≥ 50 %",
     "longest_isr_us": "≤ 25",
     "interrupts_off_us": "≤ 10",
     "loadcell_read_us": "≤ 60",

@@ -25,7 +25,7 @@ ROWS = [
 
 def test_rows_are_rendered_with_units_percentages_and_peers() -> None:
     text = page.page(ROWS)
-    assert "| `idle_share` | 61.74 % | ≥ 60 % | asleep |" in text
+    assert "| `idle_share` | 61.74 % | ≥ 50 % | asleep |" in text
     assert "10,240 steps/s" in text and "30,000 steps/s, grbl" in text
     assert "build `0badcafe`" in text
     assert "| lag 50 ms | 0.46 | · · · · m | · · · · · | so · · · · | all kept |" in text

@@ -142,18 +142,18 @@ def test_saved_settings_survive_power_loss_and_a_damaged_slot() -> None:
             drum.set("speed_set", value)
             assert drum.command(Command.SAVE, 2000) == 0
         drum.chip.reset(ResetBy.POWER)
-        drum.run(150)
+        drum.run(250)
         assert drum.get("boot_count") == boots + 1
         assert drum.get("speed_set") == 6200
         slot = drum.chip.read_eeprom(64 + 128, 8)
         drum.chip.write_eeprom(64 + 128, bytes(b ^ 0xFF for b in slot))
         drum.chip.reset(ResetBy.POWER)
-        drum.run(150)
+        drum.run(250)
         assert drum.get("speed_set") == 6100
         slot = drum.chip.read_eeprom(64, 8)
         drum.chip.write_eeprom(64, bytes(b ^ 0xFF for b in slot))
         drum.chip.reset(ResetBy.POWER)
-        drum.run(150)
+        drum.run(250)
         assert drum.get("speed_set") == BY_NAME["speed_set"].default
 
 

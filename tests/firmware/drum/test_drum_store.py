@@ -30,7 +30,7 @@ def lift(drum: DrumChip) -> None:
 
 def power_cycle(drum: DrumChip) -> None:
     drum.chip.reset(ResetBy.POWER)
-    drum.run(120)
+    drum.run(250)
 
 
 def save(drum: DrumChip, values: tuple[int, int]) -> None:

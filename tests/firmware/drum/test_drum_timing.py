@@ -89,14 +89,14 @@ def test_the_longest_modbus_read_delays_no_conversion(holding: DrumChip) -> None
     assert holding.x.loadcell_reads == holding.x.loadcell_conversions
 
 
-def test_the_processor_is_idle_for_60_percent_at_120_mm_s(holding: DrumChip) -> None:
+def test_the_processor_is_idle_for_half_of_its_time_at_120_mm_s(holding: DrumChip) -> None:
     holding.set("speed_set", 12_000)
     assert holding.command(Command.RUN) == 0
     holding.poll_for(500)
     slept, cycle = holding.x.slept_cycles, holding.x.cycle
     holding.poll_for(1500)
     share = (holding.x.slept_cycles - slept) / (holding.x.cycle - cycle)
-    assert share >= 0.6
+    assert share >= 0.5
     assert holding.get("idle_permille") == pytest.approx(1000 * share, abs=60)
     holding.poll_for(1500)
     assert holding.state is State.HOLD

@@ -20,8 +20,8 @@ BENCH = WorldParameters(
     actuator_travel_mm=40,
 )
 STEP_MM = 0.05625
-SELFTEST_MS = 1500
-"""The amplifier settles for four conversions, and the firmware waits for four more."""
+SELFTEST_MS = 1800
+"""The amplifier settles for four conversions, the firmware for four more, and it tests eight."""
 GAINS = 400, 150
 """Initial gains of the force loop, 0.01/s: low enough to hold a force before tuning."""
 
