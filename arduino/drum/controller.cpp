@@ -276,7 +276,7 @@ bool Controller::sample(const Conversion &conversion) {
 // before the potentiometer has shown that it lifts, not even that.
 void Controller::watch_first_force() {
     constexpr int32_t MOST = board::counts_of(FIRST_FORCE_G);
-    const int32_t raw = sensor_.loadcell().raw();
+    const int32_t raw = sensor_.loadcell().steady_raw();
     if (sensor_.zero().known()) {
         moved_ = false;
         return;

@@ -83,6 +83,11 @@ class Actuator:
     gain_i_per_s: float = number(5, "1/s", 0, 50, "integral gain of the force loop")
 
 
+SLOW_GAINS = 4.0, 1.5
+"""Highest gains for a load cell of 10 samples a second, 1/s: with them the variant of the tests
+holds a force before it is tuned (``tests/firmware/drum/support/other_drum.py``)."""
+
+
 @dataclass(frozen=True, slots=True)
 class LoadCell:
     """Conversion of the amplifier's counts to grams."""
@@ -91,6 +96,9 @@ class LoadCell:
         2400, "µg/count", -_SCALES[1], _SCALES[1], "sign included; from calibration with masses"
     )
     calibrated: str = text("", "date and masses of the calibration, for people")
+    rate_hz: int = number(
+        80, "samples/s", 10, 80, "of the amplifier: 80 with its RATE pin high, 10 with it low"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,6 +229,7 @@ def _config(text: TomlText) -> RigConfig:
     _check_limits(config.limits, tables["limits"])
     _check_taxels(config.taxels, tables["taxels"])
     _check_scale(config.loadcell, tables["loadcell"])
+    _check_rate(config.loadcell, config.actuator, tables["loadcell"])
     return config
 
 
@@ -267,6 +276,19 @@ def _check_scale(loadcell: LoadCell, table: TomlTable) -> None:
             "scale_ug_per_count",
             f"{scale} µg a count is too little for a load cell, which has {_SCALES[0]} to "
             f"{_SCALES[1]} of either sign; the drum would press too hard: calibrate it",
+        )
+
+
+def _check_rate(loadcell: LoadCell, actuator: Actuator, table: TomlTable) -> None:
+    if loadcell.rate_hz not in (10, 80):
+        table.fail("rate_hz", "an HX711 gives 80 samples a second, or 10 with its RATE pin low")
+    gains = actuator.gain_p_per_s, actuator.gain_i_per_s
+    if loadcell.rate_hz == 10 and (gains[0] > SLOW_GAINS[0] or gains[1] > SLOW_GAINS[1]):
+        table.fail(
+            "rate_hz",
+            f"at 10 samples a second the force would swing with gains of {gains[0]:g} and "
+            f"{gains[1]:g}: set gain_p_per_s = {SLOW_GAINS[0]:g} and gain_i_per_s = "
+            f"{SLOW_GAINS[1]:g} in [actuator], then run rigctl calibrate force",
         )
 
 

@@ -11,7 +11,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import groupby
 
-from rigctl.devices.drum_refusals import command_refusal_text, settings_refusal_text
+from rigctl.devices.drum_refusals import (
+    amplifier_text,
+    command_refusal_text,
+    settings_refusal_text,
+)
 from rigctl.devices.identity import (
     CONNECT_TIMEOUT_S,
     WHICH_PORT,
@@ -273,7 +277,9 @@ class Drum:
         return self._sequence
 
     async def _refusal(self, command: Command) -> CommandRefused:
-        values = await self.get("state", "fault", "status_bits")
+        values = await self.get("state", "fault", "status_bits", "fault_bits", "loadcell_rate")
         state, fault = State(int(values["state"])), Fault(int(values["fault"]))
         reason = command_refusal_text(command, state, fault, int(values["status_bits"]))
+        if command in (Command.ARM, Command.NUDGE) and state is State.IDLE:
+            reason += amplifier_text(int(values["fault_bits"]), values["loadcell_rate"])
         return CommandRefused(f"{self.link.name}: {reason}")

@@ -44,6 +44,16 @@ def command_refusal_text(command: Command, state: State, fault: Fault, status_bi
     return f"the drum refused {command.name} in state {state.name}" + (reason and f" ({reason})")
 
 
+def amplifier_text(fault_bits: int, rate_hz: float) -> str:
+    """Return why the load cell forbids to arm, with its measured rate, empty where it does not."""
+    text = ""
+    if fault_bits >> Fault.LOADCELL_RATE & 1:
+        text += f": {rate_hz:.3g} samples a second: {FAULT_TEXT[Fault.LOADCELL_RATE]}"
+    if fault_bits >> Fault.LOADCELL_NOISE & 1:
+        text += f": {FAULT_TEXT[Fault.LOADCELL_NOISE]}"
+    return text
+
+
 def _reason(command: Command, state: State, fault: Fault, status_bits: int) -> str:
     if fault is not Fault.NONE:
         return FAULT_TEXT[fault]

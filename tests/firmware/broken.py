@@ -127,6 +127,14 @@ BROKEN: dict[str, dict[str, list[Edit]]] = {
                 "bool Taring::begin(bool forced) {\n    forced = true;\n",
             )
         ],
+        "one-sample": [("force_sensor.cpp", "sampling.slow ? 1 : 2;", "sampling.slow ? 1 : 1;")],
+        "spikes-felt": [("loadcell.h", "sampling_->slow ? raw() : steady_raw_", "raw()")],
+        "any-rate": [
+            ("loadcell.cpp", "    if (rate_wrong_) bits |= bit(Fault::LoadcellRate);\n", "")
+        ],
+        "untested-cell": [
+            ("loadcell.cpp", "    if (test_.failed()) bits |= bit(Fault::LoadcellNoise);\n", "")
+        ],
         # An emergency stop that closes when it is pressed.
         "normally-open": [("board.h", "SIGNALS_INVERTED = 0;", "SIGNALS_INVERTED = 1;")],
         # Twice the steps a millimetre: at 160 mm/s more than 10,000 a second in contact.

@@ -26,6 +26,7 @@ from tests.benchmarks.firmware._force_map import (
     SPEEDS_MM_S,
 )
 from tests.firmware.drum.support.attacks import ATTACK_CONTROLS
+from tests.firmware.drum.support.cell_checks import CELL_CONTROLS
 from tests.firmware.drum.support.cells import COMMANDS, unreachable
 from tests.firmware.drum.support.checks import CONTROLS
 from tests.firmware.taxels.checks import CONTROLS as TAXEL_CONTROLS
@@ -193,12 +194,12 @@ this computer, and the attacks must find it.
 def controls() -> str:
     """Return the table of broken images and the checks that fail on them."""
     head = (
-        "Each check of `drum/support/checks.py`, `drum/support/attacks.py` and `taxels/checks.py`\n"
-        "in `tests/firmware` passes on the image, and must fail on an image that is broken in\n"
-        "this one point; `BROKEN` in `tests/firmware/broken.py` says how.\n\n"
+        "Each check of `checks.py`, `attacks.py` and `cell_checks.py` in `drum/support`, and of\n"
+        "`taxels/checks.py` in `tests/firmware` passes on the image, and must fail on an image\n"
+        "that is broken in this one point; `BROKEN` in `tests/firmware/broken.py` says how.\n\n"
         "| broken image | defect | check that fails on it |\n|---|---|---|\n"
     )
-    drum = (*CONTROLS, *ATTACK_CONTROLS)
+    drum = (*CONTROLS, *ATTACK_CONTROLS, *CELL_CONTROLS)
     found = [(f"drum-{name}", what, check.__name__) for name, what, check in drum]
     found += [(f"taxels-{name}", what, check.__name__) for name, what, check in TAXEL_CONTROLS]
     rows = "".join(f"| `{n}` | {w} | {c.replace('_', ' ')} |\n" for n, w, c in found)

@@ -49,7 +49,8 @@ CELLS = {
         "Cell lost",
         106,
         "Load-cell samples that the computer never received since the engine started: BAD for "
-        f"{RECENT_LOSS_S:g} s after each loss",
+        f"{RECENT_LOSS_S:g} s after each loss. Spikes are single samples far from their "
+        "neighbours, since the board's boot: the board does not act on them",
     ),
     "disk": CellSpec(
         "Disk left", 118, "Free disk space, and how long it lasts at the present recording rate"
@@ -107,9 +108,7 @@ def readings(status: EngineStatus) -> dict[str, Reading]:
         "lost": loss_reading(status.lost_samples, status.lost_age_s, status.taxels_connected),
         "block": age_reading(status.last_block_age_s, BLOCK_AGE_LIMIT_S, status.taxels_connected),
         "poll": _poll(status),
-        "loadcell": loss_reading(
-            status.loadcell_lost, status.loadcell_lost_age_s, status.drum_connected
-        ),
+        "loadcell": _loadcell(status),
         "disk": disk_reading(status.recording),
         "clock": _clock(status.clock_ppm),
         "boards": _boards(status.boards),
@@ -129,6 +128,15 @@ def _poll(status: EngineStatus) -> Reading:
     reading = age_reading(status.poll_age_s, POLL_AGE_LIMIT_S, status.drum_connected)
     retries = f", {status.poll_retries}×" if status.poll_retries else ""
     return Reading(f"{reading.text}{retries}", reading.level)
+
+
+def _loadcell(status: EngineStatus) -> Reading:
+    """Return the lost samples and, where the board has seen any, the spikes."""
+    lost = loss_reading(status.loadcell_lost, status.loadcell_lost_age_s, status.drum_connected)
+    spikes = status.boards["drum"].loadcell_spikes if "drum" in status.boards else None
+    if not spikes or lost.level is Level.BAD:
+        return lost
+    return Reading(f"{spikes} spike{'s' if spikes > 1 else ''}", Level.WARN)
 
 
 def _clock(ppm: Mapping[str, float | None]) -> Reading:

@@ -18,6 +18,7 @@ GUARDED_SETTINGS: Final = (
     "scale_ug_per_count",
     "optional_signals",
     "signal_polarity",
+    "loadcell_slow",
 )
 """Settings that decide what a force means or what stops the drum. The board takes them only while
 it is lifted and at rest, with the emergency stop closed."""
@@ -38,6 +39,7 @@ def rig_settings(config: RigConfig) -> dict[str, float]:
         "stiffness_g_per_mm": actuator.stiffness_g_per_mm,
         "dead_band_permille": actuator.dead_band_permille,
         "scale_ug_per_count": config.loadcell.scale_ug_per_count,
+        "loadcell_slow": float(config.loadcell.rate_hz == 10),
         "gain_p": actuator.gain_p_per_s,
         "gain_i": actuator.gain_i_per_s,
         "optional_signals": _signal_bits(config.signals),

@@ -25,7 +25,7 @@ READ_PERIOD_CYCLES = 20
 EVENT_KIND = "board"
 START, END = "start", "end"
 
-_LATE_TICKS = "late_ticks"
+_LATE_TICKS, _SPIKES, _RATE = "late_ticks", "loadcell_spikes", "loadcell_rate"
 _DRUM_COUNTERS = ("longest_isr_us", "free_stack_bytes", "idle_permille")
 _RAM_BYTES = {DRUM: 8192, TAXELS: 2048}
 _U16 = 1 << 16
@@ -68,7 +68,9 @@ class BoardHealth:
             await asyncio.sleep(0)
             if self._poller.connected:
                 with suppress(RigFault):  # the next poll reports a lost drum
-                    self._drum_counters = await self._poller.drum.get(_LATE_TICKS, *_DRUM_COUNTERS)
+                    self._drum_counters = await self._poller.drum.get(
+                        _LATE_TICKS, _SPIKES, _RATE, *_DRUM_COUNTERS
+                    )
                     late_ticks = round(self._drum_counters[_LATE_TICKS])
                     self._late_ticks[DRUM].update(self._identities[DRUM].boot_count, late_ticks)
             for _ in range(READ_PERIOD_CYCLES):
@@ -80,6 +82,8 @@ class BoardHealth:
         if self._drum_counters:
             readings = [self._drum_counters[name] for name in _DRUM_COUNTERS]
             found[DRUM] = _counters(DRUM, self._late_ticks[DRUM].total, *readings)
+            found[DRUM]["loadcell_spikes"] = round(self._drum_counters[_SPIKES])
+            found[DRUM]["loadcell_rate_hz"] = round(self._drum_counters[_RATE], 1) or None
         status = self._taxels.status
         if status is not None:
             late_ticks = self._late_ticks[TAXELS]

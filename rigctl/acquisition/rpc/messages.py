@@ -155,8 +155,9 @@ class BoardStatus:
     ``self_test``: one sentence per finding, empty for none, None before the result is known.
     ``late_ticks``: since the engine first connected, over the board's restarts;
     ``longest_isr_us`` and ``free_stack_bytes`` (never used): since its boot;
-    ``stack_free_percent``: of the chip's RAM; ``idle_percent``: of the last second. None before
-    they are known.
+    ``stack_free_percent``: of the chip's RAM; ``idle_percent``: of the last second;
+    ``loadcell_rate_hz``, ``loadcell_spikes`` (since its boot): of the drum only. None before they
+    are known.
     """
 
     firmware: str = ""
@@ -170,6 +171,8 @@ class BoardStatus:
     free_stack_bytes: int | None = None
     stack_free_percent: int | None = None
     idle_percent: float | None = None
+    loadcell_rate_hz: float | None = None
+    loadcell_spikes: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

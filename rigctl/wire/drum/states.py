@@ -138,11 +138,12 @@ FAULT_TEXT: dict[Fault, str] = {
         "the force swings about its set-point: run rigctl calibrate force, or change the actuator"
     ),
     Fault.LOADCELL_RATE: (
-        "the load cell amplifier samples at another rate than the board is built for: set its RATE "
-        "pin, or build the board for its rate"
+        "the load cell's amplifier does not sample at the rate of rig.toml: connect its RATE pin "
+        "to its supply for 80 samples a second, or set rate_hz = 10 in [loadcell]"
     ),
     Fault.LOADCELL_NOISE: (
-        "the load cell's readings are not those of a cell: check its four wires and the amplifier"
+        "the load cell's readings are too noisy or too quiet for a cell: keep off it; check its "
+        "four wires, and that the amplifier's E- is connected to GND"
     ),
 }
 
