@@ -42,7 +42,7 @@ def test_every_byte_of_a_connect_a_setting_and_a_command() -> None:
     async def main(loop: JumpingLoop) -> None:
         link = MemoryLink(loop)
         identity = "5247 0004 0001 0100 0000 0001 0007 0001 0040 3200 0000 7a12 07d0 01ef"
-        settings = "0000 0000 0009" + 47 * " 0000"
+        settings = "0000 0000 0009" + 48 * " 0000"
         script = Script(
             link,
             [
@@ -51,8 +51,8 @@ def test_every_byte_of_a_connect_a_setting_and_a_command() -> None:
                     rtu(bytes.fromhex("031c" + identity)),
                 ),
                 (
-                    rtu(bytes.fromhex("03 0040 0032")),
-                    rtu(bytes.fromhex("0364" + settings)),
+                    rtu(bytes.fromhex("03 0040 0033")),
+                    rtu(bytes.fromhex("0366" + settings)),
                 ),
                 (
                     rtu(bytes.fromhex("17 0044 0002 0044 0002 04 1f40 1388")),

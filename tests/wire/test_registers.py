@@ -87,5 +87,5 @@ def test_a_block_is_read_by_name_and_a_short_one_is_refused() -> None:
     layout = registers.BlockLayout(*SETTINGS_BLOCK)
     words = [word for entry in SETTINGS for word in registers.pack_value(entry, entry.default)]
     assert layout.unpack(words) == {entry.name: (entry.default,) for entry in SETTINGS}
-    with pytest.raises(ValueError, match="expected 50 registers, received 3"):
+    with pytest.raises(ValueError, match="expected 51 registers, received 3"):
         layout.unpack((1, 2, 3))
