@@ -1,7 +1,5 @@
 #include "contact_watch.h"
 
-#include "variant.h"  // cell and actuator
-
 namespace {
 
 constexpr uint16_t BEYOND_UM = 1000;
@@ -12,16 +10,6 @@ constexpr uint16_t RISE_UM = 400;
 constexpr uint16_t GROOVES_UM = 1000;
 constexpr uint16_t LIFTED_UM = 2000;
 constexpr int16_t FELT_DG = 200;
-// What the rod travels before the cell can show it.
-constexpr float FASTEST_MM_S = board::ACTUATOR_MAX_MM_S < 6 ? board::ACTUATOR_MAX_MM_S : 6.0f;
-constexpr uint16_t LATE_UM =
-    FASTEST_MM_S * 1000 * (board::LOADCELL_PERIOD_US * 1e-6f + board::LOADCELL_DELAY_S);
-
-// As long as settling takes three times: 0.66 s at 80 samples a second, 1.77 s at 10.
-constexpr float PERIOD_S = board::LOADCELL_PERIOD_US * 1e-6f;
-constexpr float WINDOW_S = 3.03f * (0.5f + 12.7f * PERIOD_S);
-constexpr uint8_t PART_SAMPLES = WINDOW_S / PERIOD_S / 8;
-
 }  // namespace
 
 void ContactWatch::restart() { referred_ = was_settled_ = false; }
@@ -50,7 +38,7 @@ Fault ContactWatch::check(const Sample &sample) {
         refer_to(sample);
         return Fault::None;
     }
-    const uint16_t most_um = LATE_UM + (sample.turning ? GROOVES_UM : RISE_UM);
+    const uint16_t most_um = sampling_->late_um + (sample.turning ? GROOVES_UM : RISE_UM);
     return sample.position_um - from_um_ > most_um ? Fault::ForceMissing : Fault::None;
 }
 
@@ -62,11 +50,11 @@ void Steadiness::restart() {
 bool Steadiness::lost(bool far_away) {
     far_[part_] += far_away;
     sum_ += far_away;
-    if (++in_part_ == PART_SAMPLES) {
+    if (++in_part_ == part_samples_) {
         in_part_ = 0;
         part_ = (part_ + 1) % PARTS;
         sum_ -= far_[part_];
         far_[part_] = 0;
     }
-    return sum_ > PART_SAMPLES * PARTS / 2;
+    return sum_ > part_samples_ * PARTS / 2;
 }

@@ -9,6 +9,7 @@
 #include <stdint.h>
 
 #include "drum_states.h"  // faults
+#include "sampling.h"     // period of a sample
 
 class ContactWatch {
   public:
@@ -19,6 +20,7 @@ class ContactWatch {
         bool settled;              // the force is inside the band of the settings
     };
 
+    void configure(const Sampling &sampling) { sampling_ = &sampling; }
     // An approach begins, or the set force has another value.
     void restart();
     // Before contact: not further than this below the last one.
@@ -29,6 +31,7 @@ class ContactWatch {
   private:
     void refer_to(const Sample &sample);
 
+    const Sampling *sampling_ = &sampling::FAST;
     uint16_t from_um_ = 0;     // where the force last rose, or was what it should be
     int16_t from_dg_ = 0;
     uint16_t settled_um_ = 0;  // where it settled
@@ -38,6 +41,7 @@ class ContactWatch {
 // Share of the last seconds in which a force that was reached is far from its set-point.
 class Steadiness {
   public:
+    void configure(const Sampling &sampling) { part_samples_ = sampling.part_samples; }
     void restart();
     // One sample; true where more than half of the window was far away.
     bool lost(bool far_away);
@@ -46,6 +50,7 @@ class Steadiness {
     static constexpr uint8_t PARTS = 8;
 
     uint8_t far_[PARTS] = {};
+    uint8_t part_samples_ = sampling::FAST.part_samples;
     uint8_t sum_ = 0, part_ = 0, in_part_ = 0;
 };
 

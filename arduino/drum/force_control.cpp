@@ -29,6 +29,8 @@ float limited_dg(float force_g) {
 // Computes here what each sample needs: a floating-point product takes 10 µs.
 void ForceControl::configure() {
     loop_.configure(sampling());
+    contact_watch_.configure(sampling());
+    steadiness_.configure(sampling());
     const float force_g = bank_.word(reg::force_set) * 0.1f;
     if (force_g != target_.force_g) {
         contact_watch_.restart();

@@ -21,6 +21,10 @@ constexpr float FORGOTTEN_IN_S = 6.0f;
 constexpr uint8_t RATE_PERCENT = 25;
 constexpr uint16_t rate_of(uint32_t us, uint32_t percent) { return 1000000UL * percent / us; }
 
+constexpr float FASTEST_MM_S = smaller(board::ACTUATOR_MAX_MM_S, 6.0f);  // in contact
+// As long as settling takes three times: 0.66 s at 80 samples a second, 1.77 s at 10.
+constexpr float window_s(float period_s) { return 3.03f * (0.5f + 12.7f * period_s); }
+
 // An actuator at full speed goes on until the next sample, as long as that is late, for a tick, and
 // for its lag, in which it coasts.
 constexpr Sampling every(uint32_t us, float delay_s, bool slow) {
@@ -39,6 +43,8 @@ constexpr Sampling every(uint32_t us, float delay_s, bool slow) {
             static_cast<uint16_t>(
                 board::ACTUATOR_MAX_MM_S *
                     (us * 1e-6f + delay_s + 1e-3f + board::ACTUATOR_LAG_S) * 1000 + 0.5f),
+            static_cast<uint16_t>(FASTEST_MM_S * 1000 * (us * 1e-6f + delay_s)),
+            static_cast<uint8_t>(window_s(us * 1e-6f) / (us * 1e-6f) / 8),
             static_cast<uint16_t>(us / 100)};
 }
 

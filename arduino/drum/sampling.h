@@ -16,6 +16,8 @@ struct Sampling {
     float run_out_gain;    // of each surprise
     float run_out_kept;    // from one sample to the next
     uint16_t overrun_um;   // travel beyond a force that is too much
+    uint16_t late_um;      // travel in contact before a sample shows it
+    uint8_t part_samples;  // an eighth of the time in which a force must be steady
     uint16_t settle_ms;    // shortest time that shows a settled force: ten samples
 };
 
