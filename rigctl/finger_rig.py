@@ -13,6 +13,7 @@ from rigctl.config.text_file import read_text
 from rigctl.config.toml_bounds import MAX_BYTES
 from rigctl.devices.finger import Finger
 from rigctl.devices.identity import WHICH_PORT
+from rigctl.devices.links.byte_link import ByteLink
 from rigctl.devices.port_discovery import FINGER, TAXELS, create_link, find_boards, identify_board
 from rigctl.devices.trackers.open_tracker import open_tracker
 from rigctl.devices.trackers.plate_frame import PlateFrame, fit_plate_frame
@@ -110,7 +111,7 @@ def _real(path: Path, config: FingerConfig) -> FingerRig:
             raise LinkLost(
                 "no port answered as the finger board: plug it in; rigctl ports lists what is there"
             )
-        diagnose_port = partial(_diagnose_port, path, port, loop)
+        diagnose_port = partial(_diagnose_port, path, loop)
         finger = Finger(create_link(port, FINGER, loop), loop, diagnose_port)
         tracker = configured_tracker(path, config, loop)
     except BaseException:
@@ -129,12 +130,12 @@ def configured_tracker(
         raise ConfigError(f"{path}: tracker.source: {error}") from error
 
 
-async def _diagnose_port(path: Path, port: str, loop: asyncio.AbstractEventLoop) -> str:
-    """Return a sentence where the taxel board answers on ``port``, empty where it does not."""
-    if await identify_board(port, TAXELS, loop) is None:
+async def _diagnose_port(path: Path, loop: asyncio.AbstractEventLoop, link: ByteLink) -> str:
+    """Return a sentence where the taxel board answers at ``link``, empty where it does not."""
+    if await identify_board(link, TAXELS, loop) is None:
         return ""
     return (
-        f"{port}: the taxel board answers there, not the finger board: correct [finger] port in "
+        f"{link.name}: the taxel board answers there, not the finger board: correct [finger] port in "
         f"{path}, or leave it out; {WHICH_PORT}"
     )
 

@@ -18,6 +18,7 @@ from rigctl.config.resources import firmware_image
 from rigctl.config.rig_config import RigConfig, load_config
 from rigctl.config.text_file import is_plain_file
 from rigctl.devices.drum import Drum
+from rigctl.devices.links.byte_link import ByteLink
 from rigctl.devices.port_discovery import DRUM, TAXELS, create_link, find_boards, identify_board
 from rigctl.devices.taxels import Taxels
 from rigctl.errors import ConfigError, LinkLost, WrongUse
@@ -159,8 +160,8 @@ def _bench(path: Path, config: RigConfig) -> Rig:
     try:
         ports = _find_ports(config, loop)
         drum_link, taxel_link = (create_link(ports[board], board, loop) for board in (DRUM, TAXELS))
-        drum = Drum(drum_link, loop, partial(_diagnose_port, path, ports[DRUM], TAXELS, loop))
-        diagnose_taxel_port = partial(_diagnose_port, path, ports[TAXELS], DRUM, loop)
+        drum = Drum(drum_link, loop, partial(_diagnose_port, path, TAXELS, loop))
+        diagnose_taxel_port = partial(_diagnose_port, path, DRUM, loop)
         taxels = Taxels(taxel_link, loop, diagnose_taxel_port, config.taxels)
     except BaseException:
         loop.close()
@@ -184,10 +185,10 @@ def _find_ports(config: RigConfig, loop: asyncio.AbstractEventLoop) -> dict[str,
 
 
 async def _diagnose_port(
-    path: Path, port: str, other_board: str, loop: asyncio.AbstractEventLoop
+    path: Path, other_board: str, loop: asyncio.AbstractEventLoop, link: ByteLink
 ) -> str:
-    """Return a sentence where the other board answers on ``port``, empty where it does not."""
-    identity = await identify_board(port, other_board, loop)
+    """Return a sentence where the other board answers at ``link``, empty where it does not."""
+    identity = await identify_board(link, other_board, loop)
     if identity is None:
         return ""
-    return f"{port}: the {identity.board} board answers there: swap the ports in {path}"
+    return f"{link.name}: the {identity.board} board answers there: swap the ports in {path}"

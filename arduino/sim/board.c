@@ -197,7 +197,7 @@ sim_board *sim_open(const char *image, int kind)
     board->chip.io.supply_mv = MILLIVOLTS;
     supply(board);
     open_peripherals(board);
-    sim_reset(board, 1);
+    sim_reset(board, SIM_POWER_ON);
     board->chip.io.resets = 0;
     return board;
 }
@@ -267,8 +267,8 @@ void sim_reset(sim_board *board, int cause)
     avr_t *avr = board->chip.avr;
     begin_outside(board);
     avr_reset(avr);
-    avr->data[MCUSR_ADDRESS] = cause == 1 ? 1 : 2;
-    if (cause == 1) memset(avr->data + avr->ioend + 1, 0, avr->ramend - avr->ioend);
+    avr->data[MCUSR_ADDRESS] = cause;
+    if (cause == SIM_POWER_ON) memset(avr->data + avr->ioend + 1, 0, avr->ramend - avr->ioend);
     board->chip.io.resets++;
     board->chip.slice_end = avr->cycle;
     restore(board);
@@ -294,3 +294,19 @@ int sim_eeprom_write(sim_board *board, uint32_t offset, const uint8_t *bytes, ui
     if (offset + size > board->chip.avr->e2end + 1u) return 1;
     return avr_ioctl(board->chip.avr, AVR_IOCTL_EEPROM_SET, &range) == EEPROM_REJECTED;
 }
+
+int sim_flash_read(sim_board *board, uint32_t offset, uint8_t *bytes, uint32_t size)
+{
+    if (offset + size > board->chip.avr->flashend + 1u) return 1;
+    memcpy(bytes, board->chip.avr->flash + offset, size);
+    return 0;
+}
+
+int sim_flash_write(sim_board *board, uint32_t offset, const uint8_t *bytes, uint32_t size)
+{
+    if (offset + size > board->chip.avr->flashend + 1u) return 1;
+    memcpy(board->chip.avr->flash + offset, bytes, size);
+    return 0;
+}
+
+void sim_start_at(sim_board *board, uint32_t address) { board->chip.avr->reset_pc = address; }

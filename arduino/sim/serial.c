@@ -15,6 +15,15 @@ static uint64_t byte_cycles(struct serial *serial)
     return uart->cycles_per_byte;
 }
 
+/* Neither end understands bytes of another rate: what arrives is some other byte. The framing errors
+ * that a receiver would often see as well are not simulated. */
+static uint8_t at_rate(struct serial *serial, uint8_t byte)
+{
+    int64_t chip = (int64_t)byte_cycles(serial) << 16, host = serial->chip->io.host_byte_q16;
+    int64_t difference = chip > host ? chip - host : host - chip;
+    return host && difference > host / 20 ? (uint8_t)(byte << 1) ^ 0xa5 : byte;
+}
+
 static void on_byte(avr_irq_t *irq, uint32_t value, void *param)
 {
     struct serial *serial = param;
@@ -27,7 +36,7 @@ static void on_byte(avr_irq_t *irq, uint32_t value, void *param)
         return;
     }
     io->tx_cycle[io->tx_count] = serial->wire_free;
-    io->tx[io->tx_count++] = value;
+    io->tx[io->tx_count++] = at_rate(serial, value);
 }
 
 static void on_room(avr_irq_t *irq, uint32_t value, void *param)
@@ -106,7 +115,7 @@ void serial_run(struct serial *serial, uint64_t now)
     while (serial->head != serial->tail && serial->next_q16 <= now << 16) {
         uint8_t byte = serial->queue[serial->head];
         serial->head = (serial->head + 1) % QUEUE;
-        byte_cycles(serial);
+        byte = at_rate(serial, byte);
         if (serial->full) serial->chip->io.rx_overruns++;
         else avr_raise_irq(serial->input, byte);
         serial->next_q16 += serial->chip->io.host_byte_q16;

@@ -140,8 +140,16 @@ unsigned long sim_io_size(void);
 /* Runs to a cycle (at most one instruction past it). Returns 0, or 1 if the chip stopped. */
 int sim_run(sim_board *board, uint64_t until);
 
-/* Pulls the reset pin (cause 2) or cycles the power (cause 1); SRAM is lost only by power. */
+/* Resets the chip, which sees one of these bits in MCUSR; SRAM is lost only by power. */
+enum sim_reset_cause { SIM_POWER_ON = 1, SIM_RESET_PIN = 2, SIM_BROWN_OUT = 4 };
 void sim_reset(sim_board *board, int cause);
+
+/* Reads or writes the flash, as a programmer does. Returns 0 when it fits. */
+int sim_flash_read(sim_board *board, uint32_t offset, uint8_t *bytes, uint32_t size);
+int sim_flash_write(sim_board *board, uint32_t offset, const uint8_t *bytes, uint32_t size);
+
+/* Lets every reset start at an address, as the fuses of a chip with a bootloader do. */
+void sim_start_at(sim_board *board, uint32_t address);
 
 /* Turns the drum to a step of its turn, its angle at power-up. */
 void sim_place_drum(sim_board *board, int64_t steps);

@@ -13,7 +13,8 @@ class PortsPage(CommandPage):
     def __init__(self, refusal: Callable[[], str]) -> None:
         explanation = (
             "Asks the board on every serial port for its name, firmware and self-test, as "
-            "rigctl ports does. Opening a port resets its board."
+            "rigctl ports does. Opening a port resets its board, whose bootloader is left in peace "
+            "for two seconds first."
         )
         super().__init__(
             "Serial ports",

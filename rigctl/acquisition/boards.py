@@ -85,6 +85,8 @@ class Boards:
     async def connect(self) -> None:
         """Connect both boards, then start samples and heartbeat. Raises LinkLost or WrongBoard."""
         taxels = self._rig.taxels
+        for device in (self._rig.drum, taxels):
+            device.silence.on_begin = partial(self._event_bus.publish, "log")
         self.identities[DRUM] = await self.drum_poller.connect()
         self.identities[TAXELS] = await taxels.connect()
         self.taxels_connected = True

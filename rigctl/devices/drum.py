@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import groupby
 
+from rigctl.devices.boot_silence import BootSilence
 from rigctl.devices.drum_refusals import (
     amplifier_text,
     command_refusal_text,
@@ -90,23 +91,30 @@ class Drum:
     async def connect(self) -> BoardIdentity:
         """Open the link, read identity and settings, and return the identity.
 
-        Raises LinkLost where no board answers in time, WrongBoard where another board does.
+        A port stays open where the board does not answer, if opening it again would reset the
+        board. Raises LinkLost where no board answers in time, WrongBoard where another does.
         """
         self._connected = False
         self.modbus.open()
+        await self.silence.wait()
         try:
             identity = drum_identity(self.link.name, await self._read_identity())
             await self._read_settings(identity.details["steps_per_turn"])
         except BaseException as failure:
-            self.modbus.close()
-            first_connect = self._boot_count is None
-            await raise_diagnosis(failure, self._diagnose_port if first_connect else None)
+            if self._boot_count is None:
+                await raise_diagnosis(failure, self.link, self._diagnose_port)
+            self.silence.close_link()
             raise
         self._connected = True
         self.rebooted = self._boot_count not in (None, identity.boot_count)
         self._boot_count = identity.boot_count
         self.identity = identity
         return identity
+
+    @property
+    def silence(self) -> BootSilence:
+        """When the board may be asked."""
+        return self.modbus.silence
 
     async def poll(self, heartbeat: bool = True) -> DrumState:
         """Return the state with the new load-cell samples; ``heartbeat`` writes one.
@@ -159,7 +167,7 @@ class Drum:
 
     async def _read_identity(self) -> dict[str, tuple[int, ...]]:
         """Repeat the read of the identity block until a board answers or time is up."""
-        deadline_s = self._loop.time() + CONNECT_TIMEOUT_S
+        deadline_s = self.silence.ask_until_s(CONNECT_TIMEOUT_S)
         while True:
             try:
                 return _IDENTITY.unpack(await self.modbus.read(*register_table.IDENTITY_BLOCK))
@@ -172,7 +180,7 @@ class Drum:
                     raise
                 if self._loop.time() > deadline_s:
                     raise no_answer(
-                        self.link.name, "drum", self.modbus.bytes_received > 0
+                        self.silence, self.link, "drum", self.modbus.bytes_received > 0
                     ) from None
 
     async def _read_settings(self, steps_per_turn: int) -> None:

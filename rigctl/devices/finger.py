@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from rigctl.devices.boot_silence import BootSilence
 from rigctl.devices.consumers import Consumers
 from rigctl.devices.finger_requests import SETTINGS_ATTEMPTS, FingerRequests, require_settings
 from rigctl.devices.identity import (
@@ -76,6 +77,8 @@ class Finger:
         self._diagnose_port = diagnose_port
         self._decoder = FingerDecoder()
         self._watch = SilenceWatch(loop, LINK_TIMEOUT_S, self._fall_silent)
+        self.silence = BootSilence(link, loop)
+        self._listens = False
         self._reboots_before = 0
         self._requests = FingerRequests(link, loop)
         self._on_fault: list[OnFault] = []
@@ -107,18 +110,21 @@ class Finger:
 
         Raises LinkLost where no board answers in time, WrongBoard where another board does.
         """
-        self.close()
+        self._watch.stop()
         self._decoder.resync()
         self._watch.heard_s = 0.0
         before = self.settings
-        self.link.open(self._receive, self._lose)
+        self._listens = True
+        self.silence.open_link(self._receive, self._lose)
+        await self.silence.wait()
         try:
             identity = finger_identity(self.link.name, await self._read_identity())
             settings = await self._requests.read_settings()
             await self._requests.wait(FingerStatus, lambda _: not self._decoder.waiting)
         except BaseException as failure:
-            self.close()
-            await raise_diagnosis(failure, self._diagnose_port if before is None else None)
+            if before is None:
+                await raise_diagnosis(failure, self.link, self._diagnose_port)
+            self.silence.close_link()
             raise
         restarted = self.counters.reboots > self._reboots_before
         self.rebooted = restarted or before not in (None, settings)
@@ -209,18 +215,23 @@ class Finger:
         self.link.write(messages.velocity(*values))
 
     async def _read_identity(self) -> FingerIdentity:
-        attempts = max(1, round(CONNECT_TIMEOUT_S / IDENTIFY_INTERVAL_S))
+        left_s = self.silence.ask_until_s(CONNECT_TIMEOUT_S) - self._loop.time()
+        attempts = max(1, round(left_s / IDENTIFY_INTERVAL_S))
         try:
             return await self._requests.ask(
                 messages.identify(), FingerIdentity, attempts=attempts, each_s=IDENTIFY_INTERVAL_S
             )
         except TimeoutError:
-            raise no_answer(self.link.name, "finger", self._watch.heard_s > 0) from None
+            raise no_answer(self.silence, self.link, "finger", self._watch.heard_s > 0) from None
 
     def _receive(self, data: bytes, at_s: float) -> None:
         self._watch.heard_s = at_s
         decoder, counters = self._decoder, self.counters
         block, received = decoder.feed(data)
+        if len(block.counters) or received:
+            self.silence.hear(at_s)
+        if not self._listens:
+            return
         counters.damaged_frames, counters.stale_frames = decoder.damaged, decoder.stale
         if decoder.reboots > counters.reboots:
             counters.reboots = decoder.reboots
@@ -266,7 +277,10 @@ class Finger:
     def _lose(self, reason: str) -> None:
         was_connected = self.connected
         self._requests.fail(LinkLost(reason))
-        self.close()
+        self._watch.stop()
+        self._listens = False
+        self.silence.end()
+        self.silence.close_link()
         if was_connected:
             self._report(LinkLost(reason))
 

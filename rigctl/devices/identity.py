@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 
+from rigctl.devices.boot_silence import ASK_S, BootSilence
+from rigctl.devices.links.byte_link import ByteLink
 from rigctl.errors import LinkLost, RigFault, WrongBoard
 from rigctl.values import N_TAXELS, BoardIdentity
 from rigctl.wire.drum.register_table import BOARD_DRUM, BOARD_TAXELS, MAGIC, MAP_VERSION
@@ -11,24 +13,34 @@ from rigctl.wire.finger import messages as finger
 from rigctl.wire.taxels.frames import WIRE_VERSION, TaxelIdentity
 
 CONNECT_TIMEOUT_S = 4.0
-"""A board that was reset by opening its port answers within this time, bootloader included."""
+"""A board that no bootloader holds up answers within this time after a reset."""
+FLASH_IT = "give the board the firmware of this installation with rigctl flash"
 WHICH_PORT = "rigctl ports shows which board is on which port"
 
-PortDiagnosis = Callable[[], Awaitable[str]]
-"""Returns a sentence about the other board on a port; empty where no board answers."""
+PortDiagnosis = Callable[[ByteLink], Awaitable[str]]
+"""Returns a sentence about the other board at an open link; empty where no board answers."""
 
 
-async def raise_diagnosis(failure: BaseException, diagnose_port: PortDiagnosis | None) -> None:
+async def raise_diagnosis(
+    failure: BaseException, link: ByteLink, diagnose_port: PortDiagnosis | None
+) -> None:
     """Raise WrongBoard with the sentence of ``diagnose_port``, where it has one."""
-    if diagnose_port is not None and isinstance(failure, LinkLost | WrongBoard):
-        sentence = await diagnose_port()
-        if sentence:
-            raise WrongBoard(sentence) from failure
+    if diagnose_port is None or not link.is_open or not isinstance(failure, LinkLost | WrongBoard):
+        return
+    sentence = await diagnose_port(link)
+    if sentence:
+        raise WrongBoard(sentence) from failure
 
 
-def no_answer(port: str, board: str, bytes_came: bool) -> RigFault:
-    """Return the error of a connect to ``board`` that was not answered in time."""
-    seconds = f"within {CONNECT_TIMEOUT_S:g} s"
+def no_answer(silence: BootSilence, link: ByteLink, board: str, bytes_came: bool) -> RigFault:
+    """Return the error of a connect to ``board`` that was not answered in time.
+
+    After a board that talked, a silence begins.
+    """
+    port = link.name
+    if silence.lose():
+        return LinkLost(f"{silence.text}, then asked again; check cable and supply")
+    seconds = f"within {ASK_S if link.resets_board else CONNECT_TIMEOUT_S:g} s"
     if not bytes_came:
         text = f"{port}: no {board} board answered {seconds}: check cable and supply; {WHICH_PORT}"
         return LinkLost(text)
@@ -46,7 +58,7 @@ def drum_identity(name: str, raw: dict[str, tuple[int, ...]]) -> BoardIdentity:
     if map_version != MAP_VERSION:
         raise WrongBoard(
             f"{name}: the drum board's firmware {version} speaks register map {map_version}, "
-            f"this program map {MAP_VERSION}: make firmware, then flash it"
+            f"this program map {MAP_VERSION}: {FLASH_IT} drum"
         )
     return BoardIdentity(
         board="drum",
@@ -68,7 +80,7 @@ def taxel_identity(name: str, reported: TaxelIdentity) -> BoardIdentity:
         raise WrongBoard(
             f"{name}: the taxel board's firmware {version} speaks wire version "
             f"{reported.wire_version} with {reported.n_taxels} taxels, this program version "
-            f"{WIRE_VERSION} with {N_TAXELS}: make firmware, then flash it"
+            f"{WIRE_VERSION} with {N_TAXELS}: {FLASH_IT} taxels"
         )
     return BoardIdentity(
         board="taxels",
@@ -91,7 +103,7 @@ def finger_identity(name: str, reported: finger.FingerIdentity) -> BoardIdentity
             f"{name}: the finger board's firmware {version} speaks wire version "
             f"{reported.wire_version} with {reported.n_taxels} taxels in batches of "
             f"{reported.batch_samples}, this program version {finger.WIRE_VERSION} with "
-            f"{finger.N_TAXELS} in batches of {finger.BATCH_SAMPLES}: make firmware, then flash it"
+            f"{finger.N_TAXELS} in batches of {finger.BATCH_SAMPLES}: {FLASH_IT} finger"
         )
     return BoardIdentity(
         board="finger",

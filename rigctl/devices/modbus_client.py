@@ -25,6 +25,7 @@ from pymodbus.pdu.register_message import (
     WriteMultipleRegistersResponse,
 )
 
+from rigctl.devices.boot_silence import BootSilence
 from rigctl.devices.links.byte_link import ByteLink
 from rigctl.errors import CommandRefused, LinkLost
 from rigctl.wire import modbus_rtu
@@ -122,11 +123,12 @@ class ModbusClient:
     ``timeouts`` counts replies that are missing or damaged, ``stale`` replies to other requests,
     ``retries`` polls that were sent again.
     ``bytes_received`` counts all bytes since the link was opened, ``received_at_s`` is the loop
-    time of the newest.
+    time of the newest. While ``silence`` is on, only a stop is sent.
     """
 
     def __init__(self, link: ByteLink, loop: asyncio.AbstractEventLoop) -> None:
         self.link = link
+        self.silence = BootSilence(link, loop)
         self.timeouts = 0
         self.stale = 0
         self.retries = 0
@@ -157,9 +159,8 @@ class ModbusClient:
         """
         if self._closed_reason is None and self.link.is_open:
             return
-        self.close()
         self.bytes_received = 0
-        self.link.open(self._on_bytes, self._on_lost)
+        self.silence.open_link(self._on_bytes, self._on_lost)
         self._closed_reason = None
 
     def close(self) -> None:
@@ -208,6 +209,10 @@ class ModbusClient:
         try:
             async with self._lock:
                 await self._retry_until_answered(_write_request(address, words, is_urgent=True))
+        except LinkLost:
+            if self.silence.is_on:  # a bootloader that got the stop listens again
+                self.silence.lose()
+            raise
         finally:
             self._stops_pending -= 1
             if not self._stops_pending:
@@ -221,6 +226,8 @@ class ModbusClient:
         stops_before = self._stops_total
         while True:
             await self._no_stop_pending.wait()
+            if self.silence.is_on:
+                raise LinkLost(self.silence.text)
             if (wait_s := self._quiet_from_s(request, request.count) - self._loop.time()) > 0.0:
                 await asyncio.sleep(wait_s)
             async with self._lock:
@@ -241,6 +248,7 @@ class ModbusClient:
             if reply is not None and self._answers(request, reply, asked_s):
                 if repeated:
                     self._expect_late_reply()
+                self.silence.hear(self._loop.time())
                 if isinstance(reply, ExceptionResponse):
                     raise RequestRefused(self.link.name, reply.exception_code)
                 if request.retry_early and not repeated:
@@ -311,6 +319,7 @@ class ModbusClient:
         if self._closed_reason is None:
             self._closed_reason = reason
             self.link.close()
+            self.silence.end()
             self._abort(LinkLost(reason))
 
     def _abort(self, error: Exception) -> None:

@@ -39,10 +39,17 @@ FINGER_BAUD = 115_200
 
 
 _DRIVERS: dict[str, type[Drum] | type[Taxels] | type[Finger]] = {
-    DRUM: Drum,
     TAXELS: Taxels,
     FINGER: Finger,
+    DRUM: Drum,
 }
+"""The drum comes last: while the others are asked, a bootloader that its board may have is gone."""
+_SETTINGS = {
+    DRUM: (register_table.BAUD, 0.0),
+    TAXELS: (frames.BAUD, TAXELS_BATCH_S),
+    FINGER: (FINGER_BAUD, FINGER_BATCH_S),
+}
+"""Baud rate and batches of each board's port."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,29 +76,32 @@ def create_link(port: str, board: str, loop: asyncio.AbstractEventLoop) -> ByteL
     """
     if port.startswith(SCHEME):
         return TcpLink(port, loop)
-    if board == DRUM:
-        return SerialLink(port, register_table.BAUD, loop)
-    if board == FINGER:
-        return SerialLink(port, FINGER_BAUD, loop, FINGER_BATCH_S)
-    return SerialLink(port, frames.BAUD, loop, TAXELS_BATCH_S)
+    # The USB of a Teensy is its own: opening its port resets nothing.
+    return SerialLink(port, *_SETTINGS[board][:1], loop, _SETTINGS[board][1], board != FINGER)
 
 
 async def identify_board(
-    port: str, board: str, loop: asyncio.AbstractEventLoop
+    link: ByteLink, board: str, loop: asyncio.AbstractEventLoop
 ) -> BoardIdentity | None:
-    """Return the identity of the ``board`` on ``port``, None where it does not answer."""
+    """Return the identity of the ``board`` at an open link, None where it does not answer."""
     try:
-        return (await _report(PortReport(port, ""), board, loop)).identity
+        return (await _report(PortReport(link.name, ""), link, board, loop)).identity
     except RigFault:
         return None
 
 
-async def _report(report: PortReport, board: str, loop: asyncio.AbstractEventLoop) -> PortReport:
-    """Connect ``board`` on the port of ``report`` and return the report with what it reports."""
-    link = create_link(report.port, board, loop)
+async def _report(
+    report: PortReport, link: ByteLink, board: str, loop: asyncio.AbstractEventLoop
+) -> PortReport:
+    """Connect ``board`` over ``link`` and return the report with what it reports.
+
+    Where another board is there, the link stays open: opening it again would reset that board.
+    """
+    if isinstance(link, SerialLink):
+        link.retune(*_SETTINGS[board])
     device = _DRIVERS[board](link, loop)
+    report = replace(report, identity=await device.connect())
     try:
-        report = replace(report, identity=await device.connect())
         if isinstance(device, Taxels):
             return _add_taxel_status(report, device)
         if isinstance(device, Finger):
@@ -118,17 +128,21 @@ def _add_taxel_status(report: PortReport, taxels: Taxels) -> PortReport:
 
 
 async def probe_port(port: str, description: str, loop: asyncio.AbstractEventLoop) -> PortReport:
-    """Return a report of one port, which is probed for each board."""
+    """Return a report of one port, which is opened once and asked for each board."""
     errors = []
-    for board in _DRIVERS:
-        try:
-            return await _report(PortReport(port, description), board, loop)
-        except LinkLost as lost:
-            errors.append(str(lost))
-            if "answered" not in errors[-1]:
-                break
-        except RigFault as refusal:
-            errors.append(str(refusal))
+    link = create_link(port, TAXELS, loop)
+    try:
+        for board in _DRIVERS:
+            try:
+                return await _report(PortReport(port, description), link, board, loop)
+            except LinkLost as lost:
+                errors.append(str(lost))
+                if "answered" not in errors[-1]:
+                    break
+            except RigFault as refusal:
+                errors.append(str(refusal))
+    finally:
+        link.close()
     # The driver whose board it is knows most; the others heard nothing or foreign bytes.
     error = min(errors, key=_vagueness).removeprefix(f"{port}: ")
     if "answered" in error:

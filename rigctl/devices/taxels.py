@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rigctl.config.rig_config import ADC_MAX, TaxelArray
+from rigctl.devices.boot_silence import BootSilence
 from rigctl.devices.consumers import Consumers
 from rigctl.devices.identity import (
     CONNECT_TIMEOUT_S,
@@ -86,6 +87,8 @@ class Taxels:
         self._boot_count: int | None = None
         self._identified: asyncio.Future[TaxelIdentity] | None = None
         self._watch = SilenceWatch(loop, LINK_TIMEOUT_S, self._fall_silent)
+        self.silence = BootSilence(link, loop)
+        self._listens = False
         self._blocks: Consumers[Block] = Consumers(self._report_consumer)
         self._on_fault: list[OnFault] = []
         self._on_self_test: list[OnSelfTest] = []
@@ -145,18 +148,21 @@ class Taxels:
     async def connect(self) -> BoardIdentity:
         """Open the link, wait for identity and sample counter, and return the identity.
 
-        Raises LinkLost where no board answers in time, WrongBoard where another board does.
+        As to whether the port stays open where the board does not answer see :meth:`Drum.connect`. Raises LinkLost where no board answers in time, WrongBoard where another board does.
         """
-        self.close()
+        self._watch.stop()
         self._decoder.resync()
         self._identified = self._loop.create_future()
-        self.link.open(self._receive, self._lose)
+        self._listens = True
+        self.silence.open_link(self._receive, self._lose)
+        await self.silence.wait()
         try:
             identity = taxel_identity(self.link.name, await self._read_identity())
         except BaseException as failure:
-            self.close()
-            first_connect = self._boot_count is None
-            await raise_diagnosis(failure, self._diagnose_port if first_connect else None)
+            self._identified = None
+            if self._boot_count is None:
+                await raise_diagnosis(failure, self.link, self._diagnose_port)
+            self.silence.close_link()
             raise
         self.rebooted = self._boot_count not in (None, identity.boot_count)
         self._boot_count = identity.boot_count
@@ -174,11 +180,11 @@ class Taxels:
         """Request the identity until it and a status frame have come; raises if time is up."""
         identified = self._identified
         assert identified is not None
-        deadline_s = self._loop.time() + CONNECT_TIMEOUT_S
+        deadline_s = self.silence.ask_until_s(CONNECT_TIMEOUT_S)
         while not identified.done() or self._decoder.waiting:
             if self._loop.time() > deadline_s:
                 raise no_answer(
-                    self.link.name, "taxel", identified.done() or self._watch.heard_s > 0
+                    self.silence, self.link, "taxel", identified.done() or self._watch.heard_s > 0
                 )
             if not identified.done():
                 self.link.write(encode_request(IDENTIFY))
@@ -190,6 +196,10 @@ class Taxels:
     def _receive(self, data: bytes, at_s: float) -> None:
         self._watch.heard_s = at_s
         decoded = self._decoder.feed(data, at_s)
+        if decoded.blocks or decoded.statuses:
+            self.silence.hear(at_s)
+        if not self._listens:
+            return
         self._count(decoded)
         if decoded.statuses:
             self.status = decoded.statuses[-1]
@@ -231,10 +241,13 @@ class Taxels:
             callback(fault)
 
     def _lose(self, reason: str) -> None:
+        self.silence.end()
         if self._identified is not None and not self._identified.done():
             self._identified.set_exception(LinkLost(reason))
             return
-        self.close()
+        self._watch.stop()
+        self._listens = False
+        self.silence.close_link()
         self._report(LinkLost(reason))
 
     def _fall_silent(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Coroutine
+from functools import partial
 from typing import Any
 
 from rigctl.acquisition.event_bus import EventBus
@@ -74,6 +75,7 @@ class FingerDevices:
     async def connect(self) -> None:
         """Connect board and tracker. Raises LinkLost, WrongBoard or RigFault."""
         finger = self._rig.finger
+        finger.silence.on_begin = partial(self._event_bus.publish, "log")
         finger.on_block(self._take_block)
         finger.on_message(self._take_message)
         finger.on_fault(self._finger_failed)

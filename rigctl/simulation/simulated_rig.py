@@ -115,10 +115,12 @@ class SimulatedLink:
     """One board's cable. The host opens, writes and closes; the simulation delivers.
 
     It implements the byte link of the devices. All calls come from the event loop's thread.
+    A board with a bootloader ``resets_board`` when the link is opened.
     """
 
     def __init__(self, name: str, seed: int = 0) -> None:
         self.name = name
+        self.resets_board = False
         self.is_open = False
         self.plugged = True
         self.stalled = False
@@ -128,19 +130,22 @@ class SimulatedLink:
         self._board: Callable[[bytes], None] | None = None
         self._reached = self
         self._ports: Collection[SimulatedLink] = (self,)
+        self._on_open: Callable[[], None] = lambda: None
 
     def open(
         self, on_bytes: Callable[[bytes, float], None], on_lost: Callable[[str], None]
     ) -> None:
         """Start receiving: ``on_bytes(data, at_s)`` in simulated seconds, ``on_lost(reason)`` once.
 
-        Raises LinkLost if the cable is unplugged or already open.
+        Raises LinkLost if the cable is unplugged, or open for others.
         """
         if not self.plugged:
             raise LinkLost(f"{self.name}: no such port: plug the board in")
-        if self.is_open:
+        if self.is_open and on_bytes != self._on_bytes:
             raise LinkLost(f"{self.name}: the port is in use: close the other program")
-        self._on_bytes, self._on_lost, self.is_open = on_bytes, on_lost, True
+        if not self.is_open:
+            self._on_bytes, self._on_lost, self.is_open = on_bytes, on_lost, True
+            self._on_open()
 
     def write(self, data: bytes) -> None:
         """Send bytes to the board. Raises LinkLost if the link is not open."""
@@ -159,6 +164,10 @@ class SimulatedLink:
     def attach(self, board: Callable[[bytes], None]) -> None:
         """Board side: call ``board(data)`` for each write of the host."""
         self._board = board
+
+    def reset_on_open(self, reset: Callable[[], None]) -> None:
+        """Board side: call ``reset`` when the host opens the port, as its line DTR does."""
+        self.resets_board, self._on_open = True, reset
 
     def deliver(self, data: bytes, at_s: float) -> None:
         """Board side: deliver bytes, the last of which arrives at ``at_s``; lost if closed."""

@@ -57,6 +57,7 @@ class MemoryLink:
 
     def __init__(self, loop: JumpingLoop, name: str = "cable") -> None:
         self.name = name
+        self.resets_board = False
         self.is_open = False
         self.plugged = True
         self.board: Callable[[bytes], None] = lambda data: None
@@ -69,8 +70,8 @@ class MemoryLink:
     def open(self, on_bytes: OnBytes, on_lost: OnLost) -> None:
         if not self.plugged:
             raise LinkLost(f"{self.name}: there is no such port")
+        self.times_opened += not self.is_open
         self._on_bytes, self._on_lost, self.is_open = on_bytes, on_lost, True
-        self.times_opened += 1
 
     def write(self, data: bytes) -> None:
         if not self.is_open:

@@ -17,6 +17,7 @@ import pytest
 
 from rigctl.cli import create_parser
 from rigctl.cli.rig import ports as ports_command
+from rigctl.devices import boot_silence
 from rigctl.devices import drum as drum_module
 from rigctl.devices import finger as finger_module
 from rigctl.devices import taxels as taxels_module
@@ -95,6 +96,8 @@ class Terminals:
 def terminals(monkeypatch: pytest.MonkeyPatch) -> Iterator[Terminals]:
     for module in (drum_module, taxels_module, finger_module):
         monkeypatch.setattr(module, "CONNECT_TIMEOUT_S", 0.4)
+    monkeypatch.setattr(boot_silence, "AFTER_OPEN_S", 0.3)
+    monkeypatch.setattr(boot_silence, "ASK_S", 0.5)
     there = Terminals()
     yield there
     there.close()

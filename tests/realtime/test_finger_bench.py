@@ -248,6 +248,8 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Give boards half a second to answer."""
     monkeypatch.setattr("rigctl.devices.finger.CONNECT_TIMEOUT_S", 0.5)
     monkeypatch.setattr("rigctl.devices.taxels.CONNECT_TIMEOUT_S", 0.5)
+    monkeypatch.setattr("rigctl.devices.boot_silence.AFTER_OPEN_S", 0.3)
+    monkeypatch.setattr("rigctl.devices.boot_silence.ASK_S", 0.5)
 
 
 @pytest.mark.usefixtures("impatient")
@@ -266,7 +268,7 @@ def test_firmware_of_another_wire_version_is_refused(place: Path) -> None:
         error = refusal(place, port)
     assert isinstance(error, WrongBoard)
     assert "speaks wire version 9" in str(error)
-    assert "make firmware, then flash it" in str(error)
+    assert "rigctl flash finger" in str(error)
 
 
 def test_without_any_port_the_board_is_asked_for(

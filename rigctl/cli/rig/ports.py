@@ -1,6 +1,7 @@
 """List serial ports and the board on each.
 
-Query the board on every serial port. Opening a port resets its board.
+Query the board on every serial port. Opening a port resets its board, whose bootloader is left in
+peace for two seconds first.
 """
 
 from __future__ import annotations
@@ -8,11 +9,18 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
+import sys
 from collections.abc import Mapping
 
+from rigctl.devices.boot_silence import AFTER_OPEN_S
 from rigctl.devices.port_discovery import PortReport, probe_ports
 from rigctl.values import BoardIdentity
 from rigctl.wire.drum.codes import SettingsFrom, reset_cause_text
+
+
+SILENT_FIRST = (
+    f"a board's bootloader may be listening, so each port stays silent for {AFTER_OPEN_S:g} s first"
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Query the ports and print one report for each."""
+    print(f"asking every port; {SILENT_FIRST}", file=sys.stderr)
     with asyncio.Runner(loop_factory=asyncio.SelectorEventLoop) as runner:
         reports = runner.run(probe_ports(runner.get_loop(), args.port))
     if args.json:

@@ -15,6 +15,8 @@ class ByteLink(Protocol):
     """A serial port, a socket or a simulated cable. All calls come from the loop's thread."""
 
     name: str
+    resets_board: bool
+    """Whether opening it resets the board, as a serial port does most Arduinos."""
 
     @property
     def is_open(self) -> bool:
@@ -22,7 +24,10 @@ class ByteLink(Protocol):
         ...
 
     def open(self, on_bytes: OnBytes, on_lost: OnLost) -> None:
-        """Open the port and start reading. Raises LinkLost with one sentence."""
+        """Open the port and start reading; its owner may open it again, which changes nothing.
+
+        Raises LinkLost with one sentence.
+        """
         ...
 
     def write(self, data: bytes) -> None:

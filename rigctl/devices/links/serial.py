@@ -19,6 +19,8 @@ WINDOWS_BUFFER = 65536
 READ_TIMEOUT_S = 0.05
 """How long a read for a first byte blocks before the thread checks whether to stop."""
 WRITE_TIMEOUT_S = 0.2
+DTR_PULSE_S = 0.1
+"""A capacitor makes a short pulse of the falling line; it charges again in a few milliseconds."""
 
 
 class SerialLink:
@@ -26,12 +28,21 @@ class SerialLink:
 
     ``batch_s`` 0 delivers bytes as they come, which suits requests and replies; for a stream,
     batches of 10 ms cost less. A thread reads; all other calls come from the loop's thread.
+
+    Opening the port raises DTR, which resets an Uno, a Nano or a Mega. Where the system allows it
+    (not on Windows), DTR stays up after a close, so that the next open resets nothing.
     """
 
     def __init__(
-        self, port: str, baud: int, loop: asyncio.AbstractEventLoop, batch_s: float = 0.0
+        self,
+        port: str,
+        baud: int,
+        loop: asyncio.AbstractEventLoop,
+        batch_s: float = 0.0,
+        resets_board: bool = True,
     ) -> None:
         self.name = port
+        self.resets_board = resets_board
         self._baud = baud
         self._loop = loop
         self._batch_s = batch_s
@@ -47,16 +58,38 @@ class SerialLink:
         return self._port is not None
 
     def open(self, on_bytes: OnBytes, on_lost: OnLost) -> None:
-        """Open the port and start to read; on most Arduinos this resets the board."""
-        if self._port is not None:
-            raise LinkLost(f"{self.name}: the port is open already")
-        self._port = port = self._open_port()
+        """Open the port and start to read; on most Arduinos this resets the board.
+
+        An open port only gets other callbacks.
+        """
         self._on_bytes, self._on_lost = on_bytes, on_lost
+        if self._port is not None:
+            return
+        self._port = port = self._open_port()
         self._stop = threading.Event()
         self._thread = threading.Thread(
             target=self._read, args=(port, self._stop), name=f"read {self.name}", daemon=True
         )
         self._thread.start()
+
+    def retune(self, baud: int, batch_s: float) -> None:
+        """Change baud rate and batches, without a reset where the port is open."""
+        self._baud, self._batch_s = baud, batch_s
+        if self._port is not None:
+            try:
+                self._port.baudrate = baud
+                self._port.timeout = batch_s or READ_TIMEOUT_S
+            except (serial.SerialException, OSError, ValueError) as error:
+                raise LinkLost(self._lost_text(error)) from error
+
+    async def reset_board(self) -> None:
+        """Reset the board behind the open port by its line DTR, as programmers do."""
+        if self._port is not None:
+            for level in (False, True):
+                # A pseudo-terminal has no such line.
+                with suppress(serial.SerialException, OSError):
+                    self._port.dtr = self._port.rts = level
+                await asyncio.sleep(DTR_PULSE_S)
 
     def write(self, data: bytes) -> None:
         """Send bytes. Raises LinkLost where the port is closed or accepts no bytes."""
@@ -91,6 +124,7 @@ class SerialLink:
         except (serial.SerialException, OSError, ValueError) as error:
             raise LinkLost(f"{self.name}: {_open_error_text(error)}") from error
         _reduce_latency(port)
+        _keep_dtr(port)
         return port
 
     def _read(self, port: serial.Serial, stop: threading.Event) -> None:
@@ -138,6 +172,17 @@ def _open_error_text(error: Exception) -> str:
     if number == errno.EACCES or "PermissionError" in str(error):
         return "the port may not be opened: join the group dialout, or close what holds it"
     return f"the port cannot be opened: {error}"
+
+
+def _keep_dtr(port: serial.Serial) -> None:
+    """Let the system leave DTR up when the port is closed: dropped, the next open would reset."""
+    if os.name == "posix":
+        import termios
+
+        with suppress(termios.error):
+            settings = termios.tcgetattr(port.fileno())
+            settings[2] &= ~termios.HUPCL
+            termios.tcsetattr(port.fileno(), termios.TCSANOW, settings)
 
 
 def _reduce_latency(port: serial.Serial) -> None:

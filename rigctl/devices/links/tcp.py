@@ -18,6 +18,7 @@ class TcpLink:
 
     def __init__(self, address: str, loop: asyncio.AbstractEventLoop) -> None:
         self.name = address
+        self.resets_board = False
         self._address = _host_and_port(address)
         self._loop = loop
         self._socket: socket.socket | None = None
@@ -30,7 +31,10 @@ class TcpLink:
         return self._socket is not None
 
     def open(self, on_bytes: OnBytes, on_lost: OnLost) -> None:
-        """Connect. Raises LinkLost where no server listens."""
+        """Connect, unless connected. Raises LinkLost where no server listens."""
+        self._on_bytes, self._on_lost = on_bytes, on_lost
+        if self._socket is not None:
+            return
         try:
             connection = socket.create_connection(self._address, CONNECT_TIMEOUT_S)
         except OSError as error:
@@ -39,7 +43,7 @@ class TcpLink:
             ) from error
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setblocking(False)
-        self._socket, self._on_bytes, self._on_lost = connection, on_bytes, on_lost
+        self._socket = connection
         self._loop.add_reader(connection, self._receive)
 
     def write(self, data: bytes) -> None:

@@ -10,6 +10,8 @@ advance.
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -59,7 +61,13 @@ class ChipSimulation:
     ``drum_board`` and ``taxels_board`` give tests and benchmarks access to the chips.
     """
 
-    def __init__(self, bench: Bench, drum_chip: Chip, taxels_chip: Chip) -> None:
+    def __init__(
+        self,
+        bench: Bench,
+        drum_chip: Chip,
+        taxels_chip: Chip,
+        with_bootloader: Collection[str] = (),
+    ) -> None:
         self.time_us = 0
         self._closed = False
         self._done_ms = self._taxels_done_ms = 0
@@ -80,6 +88,8 @@ class ChipSimulation:
         self._edges: list[tuple[Input, int, float]] = []
         self._input_levels = {Input.ESTOP: 0, Input.END_UP: 0, Input.END_DOWN: 0}
         self._start_steps = self._connect_bench()
+        for board in with_bootloader:
+            links[board].reset_on_open(partial(self._reset, board))
 
     @property
     def truth(self) -> GroundTruth:
@@ -118,6 +128,10 @@ class ChipSimulation:
     @property
     def test_points(self) -> TestPoints:
         return self._bench.test_points(self.drum_board.chip.io)
+
+    def dip_supply(self, board: str) -> None:
+        """Let a board's supply dip until its brown-out detector resets the chip."""
+        self._reset(board, ResetBy.BROWN_OUT)
 
     def close(self) -> None:
         self._closed = True
@@ -235,11 +249,11 @@ class ChipSimulation:
         if self._bench.sync_level != sync:
             self._edges.append((Input.SYNC, self._bench.sync_level, self._done_ms * SLICE_US))
 
-    def _reset(self, board: str) -> None:
+    def _reset(self, board: str, by: ResetBy = ResetBy.PIN) -> None:
         if self._taxels_done_ms < self._done_ms:
             self._run_taxels()
         chip = {DRUM: self.drum_board, TAXELS: self.taxels_board}[board].chip
-        chip.reset(ResetBy.PIN)
+        chip.reset(by)
 
 
 def _clocks(bench: Bench) -> tuple[BoardClock, BoardClock]:
@@ -250,10 +264,16 @@ def _clocks(bench: Bench) -> tuple[BoardClock, BoardClock]:
 
 
 def open_chip_simulation(
-    parameters: WorldParameters, seed: int, drum_image: Path, taxels_image: Path
+    parameters: WorldParameters,
+    seed: int,
+    drum_image: Path,
+    taxels_image: Path,
+    bootloaders: Mapping[str, Path] = {},
 ) -> SimulatedRig:
     """Return a bench whose boards run these images, reproducible for a seed.
 
+    A board with one of the ``bootloaders``, Intel HEX files by board, starts in it, and opening its
+    cable resets it as the line DTR of a serial port does.
     Raises RigFault if image or shim is missing, WrongUse for a parameter outside its range.
     """
     root = checkout()
@@ -261,10 +281,10 @@ def open_chip_simulation(
         raise RigFault("simulated chips need a checkout: use --rig virtual")
     library = load_library(root / "build" / "sim" / "libchips.so")
     bench = Bench(parameters, seed, has_network=True)
-    drum_chip = Chip(library, drum_image, Kind.DRUM)
+    drum_chip = Chip(library, drum_image, Kind.DRUM, bootloaders.get(DRUM))
     try:
-        taxels_chip = Chip(library, taxels_image, Kind.TAXELS)
+        taxels_chip = Chip(library, taxels_image, Kind.TAXELS, bootloaders.get(TAXELS))
     except RigFault:
         drum_chip.close()
         raise
-    return ChipSimulation(bench, drum_chip, taxels_chip)
+    return ChipSimulation(bench, drum_chip, taxels_chip, bootloaders)

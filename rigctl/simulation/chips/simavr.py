@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.config.intel_hex import parse_intel_hex
 from rigctl.config.resources import checkout
 from rigctl.errors import RigFault, WrongUse
 
@@ -61,6 +62,7 @@ class ResetBy(IntEnum):
 
     POWER = 1
     PIN = 2
+    BROWN_OUT = 4
 
 
 _U64, _U8 = ctypes.c_uint64, ctypes.c_uint8
@@ -103,6 +105,9 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "sim_io_size": (ctypes.c_ulong, []),
     "sim_run": (ctypes.c_int, [_POINTER, _U64]),
     "sim_reset": (None, [_POINTER, ctypes.c_int]),
+    "sim_flash_read": (ctypes.c_int, [_POINTER, _SIZE, ctypes.c_char_p, _SIZE]),
+    "sim_flash_write": (ctypes.c_int, [_POINTER, _SIZE, ctypes.c_char_p, _SIZE]),
+    "sim_start_at": (None, [_POINTER, _SIZE]),
     "sim_place_drum": (None, [_POINTER, ctypes.c_int64]),
     "sim_eeprom_read": (ctypes.c_int, [_POINTER, _SIZE, ctypes.c_char_p, _SIZE]),
     "sim_eeprom_write": (ctypes.c_int, [_POINTER, _SIZE, ctypes.c_char_p, _SIZE]),
@@ -131,16 +136,29 @@ class Chip:
     The arrays are views of ``io``: ``tx``, ``tx_cycle``, ``edge_cycle``, ``edge_signal``,
     ``edge_level`` (valid up to their counts, until the next :meth:`run`); ``analog`` float64
     (33, 18), from the start to the end of the run: conductances of the taxels in units of the
-    divider's, for the drum shares of the reference; ``noise``, the same in ADC codes.
+    divider's, for the drum shares of the reference; ``noise``, the same in ADC codes. With a
+    ``bootloader``, an Intel HEX file, every reset starts there.
     """
 
-    def __init__(self, library: ctypes.CDLL, image: Path, kind: Kind) -> None:
+    def __init__(
+        self, library: ctypes.CDLL, image: Path, kind: Kind, bootloader: Path | None = None
+    ) -> None:
         self._library = library
         self._handle = library.sim_open(str(image).encode(), int(kind)) if image.is_file() else None
         if not self._handle:
             raise RigFault(f"{image}: no firmware image to run: run `make firmware`")
         self.io: Any = io_type().from_address(library.sim_io_of(self._handle))
         self._map_arrays()
+        if bootloader is not None:
+            self._add_bootloader(bootloader)
+
+    def _add_bootloader(self, path: Path) -> None:
+        segments = parse_intel_hex(path.read_text())
+        for address, data in segments:
+            self._library.sim_flash_write(self._handle, address, data, len(data))
+        self._library.sim_start_at(self._handle, segments[0][0])
+        self.reset(ResetBy.POWER)
+        self.io.resets = 0
 
     def _map_arrays(self) -> None:
         self.tx = self._view("tx", np.uint8)
@@ -181,8 +199,15 @@ class Chip:
             raise RigFault(f"the simulated chip stopped at cycle {self.io.cycle}")
 
     def reset(self, by: ResetBy = ResetBy.PIN) -> None:
-        """Reset the chip; the EEPROM persists."""
+        """Reset the chip; EEPROM and flash persist."""
         self._library.sim_reset(self._handle, int(by))
+
+    def read_flash(self, offset: int, size: int) -> bytes:
+        """Read bytes of the program. Raises WrongUse outside of the flash."""
+        buffer = ctypes.create_string_buffer(size)
+        if self._library.sim_flash_read(self._handle, offset, buffer, size):
+            raise WrongUse(f"the flash has no bytes {offset} … {offset + size - 1}")
+        return buffer.raw
 
     def place_drum(self, steps: int) -> None:
         """Turn the drum to ``steps`` behind the start of its index mark."""

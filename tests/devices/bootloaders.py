@@ -1,0 +1,49 @@
+"""The factory bootloaders of the boards, and a bench whose chips start in them."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Coroutine, Mapping
+from pathlib import Path
+from typing import Any
+
+from rigctl.devices.drum import Drum
+from rigctl.devices.taxels import Taxels
+from rigctl.simulation.bench.world.parameters import WorldParameters
+from rigctl.simulation.chips.rig import ChipSimulation, open_chip_simulation
+from rigctl.simulation.clock import SimulatedTimeLoop
+from tests.firmware.building import built
+
+FOLDER = Path("/usr/share/arduino/hardware/arduino/avr/bootloaders")
+"""Where Debian's arduino-core-avr puts them."""
+MEGA = FOLDER / "stk500v2/stk500boot_v2_mega2560.hex"
+UNO = FOLDER / "optiboot/optiboot_atmega328.hex"
+OLD_NANO = FOLDER / "atmega/ATmegaBOOT_168_atmega328.hex"
+
+
+class BootBench:
+    """A bench of chips with bootloaders, and both drivers, in simulated time."""
+
+    def __init__(
+        self, bootloaders: Mapping[str, Path], drum_image: str = "firmware/drum.elf"
+    ) -> None:
+        built("sim/libchips.so")
+        images = built(drum_image), built("firmware/taxels.elf")
+        simulation = open_chip_simulation(WorldParameters(), 1, *images, bootloaders)
+        assert isinstance(simulation, ChipSimulation)
+        self.simulation = simulation
+        self.loop = SimulatedTimeLoop(simulation)
+        self.drum = Drum(simulation.drum, self.loop)
+        self.taxels = Taxels(simulation.taxels, self.loop)
+
+    def run(self, main: Callable[[BootBench], Coroutine[Any, Any, None]]) -> None:
+        """Run ``main`` and close everything."""
+        asyncio.set_event_loop(self.loop)
+        try:
+            self.loop.run_until_complete(main(self))
+        finally:
+            self.drum.close()
+            self.taxels.close()
+            asyncio.set_event_loop(None)
+            self.loop.close()
+            self.simulation.close()
