@@ -62,6 +62,7 @@ void send(const uint8_t *bytes, uint16_t count);
 namespace health {  // chip_health.cpp: watchdog, reset cause, stack, idle time
 void begin();
 bool watchdog_reset();
+void count_tick_in_isr();  // from the tick interrupt
 void kick();           // the watchdog, when all have checked in
 void count_late(uint8_t ticks);
 void sleep_until_interrupt();  // called, and left, with interrupts off

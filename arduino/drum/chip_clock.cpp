@@ -22,6 +22,7 @@ ISR(TIMER3_COMPA_vect) {
     milliseconds = milliseconds + 1;
     whole_us = whole_us + 1000;
     ticks = ticks + 1;
+    health::count_tick_in_isr();
     estop::check_level();
 }
 

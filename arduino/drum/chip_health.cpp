@@ -21,6 +21,11 @@ constexpr uint8_t PAINT = 0xc5;
 constexpr uint16_t SECOND_MS = 1000;
 constexpr uint16_t CYCLES_PER_PERMILLE = 16000;
 
+// A reset keeps this memory, which no bootloader uses: what the program was doing when it ended.
+constexpr uint32_t WATCHED = 0x57a7c4ed;
+constexpr uint8_t HUNG_MS = 32;  // half the watchdog's time; a tick that comes on time leaves 1
+uint32_t watched __attribute__((section(".noinit")));  // WATCHED: the watchdog was on
+uint8_t unkicked_ms __attribute__((section(".noinit")));
 uint8_t reset_cause __attribute__((section(".noinit")));
 uint16_t late_ticks;
 uint32_t slept_cycles;
@@ -42,13 +47,18 @@ void look_at_stack() {
 
 }  // namespace
 
-// Before anything else: after a watchdog reset the watchdog still runs, and with a bootloader
-// only the very first instructions know why the chip was reset.
+// Before anything else: after a watchdog reset the watchdog still runs. A Mega's bootloader clears
+// MCUSR, and after a watchdog reset it jumps here with interrupts on, or starts once more. A hang is
+// then known from the ticks without a kick, unless interrupts were off and nothing counted.
 extern "C" void keep_reset_cause() __attribute__((naked, used, section(".init3")));
 extern "C" void keep_reset_cause() {
+    cli();
     reset_cause = MCUSR;
     MCUSR = 0;
     wdt_disable();
+    const bool hung = watched == WATCHED && unkicked_ms >= HUNG_MS;
+    if (hung && !(reset_cause & _BV(PORF))) reset_cause |= _BV(WDRF);
+    watched = 0;
 }
 
 // Paints the memory between the variables and the stack, before any call.
@@ -68,12 +78,19 @@ void begin() {
     sleep_enable();
     // 64 ms on the chip: less than the 100 ms in which a hang has to end.
     wdt_enable(WDTO_60MS);
+    unkicked_ms = 0;
+    watched = WATCHED;
 }
 
 bool watchdog_reset() { return reset_cause & _BV(WDRF); }
 
+void count_tick_in_isr() {
+    if (unkicked_ms < UINT8_MAX) ++unkicked_ms;
+}
+
 void kick() {
     wdt_reset();
+    unkicked_ms = 0;
     slept_cycles += slept_in_tick;
     slept_in_tick = 0;
     if (++second_ms < SECOND_MS) return;

@@ -1,6 +1,7 @@
 #include "chip_boot.h"
 
 #include <avr/eeprom.h>
+#include <avr/interrupt.h>
 #include <avr/io.h>
 #include <avr/wdt.h>
 
@@ -20,6 +21,12 @@ struct Place {
 Place EEMEM places[2];
 uint16_t free_bytes = RAMEND;
 
+// A reset keeps this memory, which no bootloader uses: what the program was doing when it ended.
+const uint32_t WATCHED = 0x57A7C4ED;
+const uint8_t HUNG_FRAMES = 32;  // half the watchdog's time
+
+__attribute__((section(".noinit"))) uint32_t watched;  // WATCHED: the watchdog was on
+__attribute__((section(".noinit"))) bool was_watched;
 __attribute__((section(".noinit"))) uint8_t saved_mcusr;
 __attribute__((section(".noinit"))) uint8_t saved_r2;
 
@@ -36,16 +43,33 @@ bool load(uint8_t which, uint16_t &count)
 
 }  // namespace
 
+__attribute__((section(".noinit"))) volatile uint8_t unkicked_frames;
+
+void watch_begins()
+{
+    unkicked_frames = 0;
+#ifndef FORGETS_HANGS
+    watched = WATCHED;
+#endif
+}
+
 // Before the C runtime clears anything: keep the reset cause, stop a watchdog that still runs.
+// Optiboot clears MCUSR; a hang is then known from the frames without a kick, unless interrupts
+// were off and nothing counted.
 extern "C" void save_reset_cause() __attribute__((naked, used, section(".init3")));
 extern "C" void save_reset_cause()
 {
+    cli();
     saved_mcusr = MCUSR;
     MCUSR = 0;
     wdt_disable();
+    was_watched = watched == WATCHED;
+    const bool hung = was_watched && unkicked_frames >= HUNG_FRAMES;
+    if (hung && !(saved_mcusr & _BV(PORF))) saved_mcusr |= _BV(WDRF);
+    watched = 0;
 }
 
-// Optiboot clears MCUSR and hands its copy over in r2.
+// Newer Optiboots hand their copy of MCUSR over in r2; the 4.4 that Arduino ships leaves r2 alone.
 extern "C" void save_r2() __attribute__((naked, used, section(".init0")));
 extern "C" void save_r2()
 {
@@ -70,7 +94,9 @@ extern "C" void paint_stack()
 
 uint8_t reset_cause()
 {
-    return saved_mcusr ? saved_mcusr : saved_r2;
+    if (saved_mcusr) return saved_mcusr;
+    const bool is_cause = !(saved_r2 & 0xF0) && (was_watched || !(saved_r2 & _BV(WDRF)));
+    return is_cause ? saved_r2 : 0;
 }
 
 uint16_t count_boot()

@@ -70,11 +70,13 @@ int main()
     sampling_begin();
     set_sleep_mode(SLEEP_MODE_IDLE);
     wdt_enable(WDTO_60MS);
+    watch_begins();
     sei();
     talk.begin(boots);
     for (;;) {
         wait_for_frame();
         wdt_reset();
+        unkicked_frames = 0;
         talk.take(take_frame());
         look_at_stack();
     }

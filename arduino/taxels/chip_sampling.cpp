@@ -16,6 +16,7 @@
 #include <avr/io.h>
 #include <util/atomic.h>
 
+#include "chip_boot.h"
 #include "plan.h"
 
 volatile uint8_t frame_closed;
@@ -100,6 +101,7 @@ inline void close_frame()
     frame_flags = 0;
     if (any_late) begin_with_late_edges();
     if (frame_closed) missed++;
+    if (unkicked_frames < UINT8_MAX) unkicked_frames++;
     frame_closed = 1;
     filling = closed;
     closed = full;

@@ -13,7 +13,8 @@ from rigctl.acquisition.drum.poller import DrumPoller
 from rigctl.devices import boot_silence
 from rigctl.errors import LinkLost, RigFault
 from rigctl.simulation.simulated_rig import DRUM, TAXELS
-from tests.devices.bootloaders import MEGA, OLD_NANO, UNO, BootBench
+from tests.devices.boot_bench import BootBench
+from tests.firmware.bootloaders import MEGA, OLD_NANO, UNO
 
 
 def test_a_mega_answers_the_first_connect() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from rigctl.devices.finger import Finger
+from rigctl.devices.links.byte_link import ByteLink
 from rigctl.errors import (
     CommandRefused,
     LinkLost,
@@ -208,7 +209,7 @@ def test_nobody_and_foreign_bytes_are_said_in_time() -> None:
 
 def test_the_other_board_on_the_port_is_named() -> None:
     async def main(loop: JumpingLoop) -> None:
-        async def diagnose() -> str:
+        async def diagnose(link: ByteLink) -> str:
             return "the taxels board answers there"
 
         finger = Finger(MemoryLink(loop), loop, diagnose)

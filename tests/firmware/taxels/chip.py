@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 
@@ -31,8 +32,11 @@ def counts_of(conductances: NDArray[np.float64]) -> NDArray[np.int64]:
 class TaxelChip:
     """An image on a chip; leaving the context frees it."""
 
-    def __init__(self, image: str = "firmware/taxels.elf") -> None:
-        self.chip = Chip(load_library(built("sim/libchips.so")), built(image), Kind.TAXELS)
+    def __init__(
+        self, image: str = "firmware/taxels.elf", bootloader: Path | None = None
+    ) -> None:
+        library = load_library(built("sim/libchips.so"))
+        self.chip = Chip(library, built(image), Kind.TAXELS, bootloader)
         self.x = self.chip.io
         self.x.report_samples = 1
         self.x.host_byte_q16 = BYTE_CYCLES << 16

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 
@@ -53,8 +54,11 @@ class DrumChip:
     excitation is broken.
     """
 
-    def __init__(self, image: str = "firmware/drum.elf") -> None:
-        self.chip = Chip(load_library(built("sim/libchips.so")), built(image), Kind.DRUM)
+    def __init__(
+        self, image: str = "firmware/drum.elf", bootloader: Path | None = None
+    ) -> None:
+        library = load_library(built("sim/libchips.so"))
+        self.chip = Chip(library, built(image), Kind.DRUM, bootloader)
         self.x = self.chip.io
         self.x.report_steps = 1
         self.x.host_byte_q16 = round(16e6 * 10 / 115200 * 65536)

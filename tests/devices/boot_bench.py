@@ -1,4 +1,4 @@
-"""The factory bootloaders of the boards, and a bench whose chips start in them."""
+"""A bench whose chips start in the factory bootloaders of the boards."""
 
 from __future__ import annotations
 
@@ -13,12 +13,6 @@ from rigctl.simulation.bench.world.parameters import WorldParameters
 from rigctl.simulation.chips.rig import ChipSimulation, open_chip_simulation
 from rigctl.simulation.clock import SimulatedTimeLoop
 from tests.firmware.building import built
-
-FOLDER = Path("/usr/share/arduino/hardware/arduino/avr/bootloaders")
-"""Where Debian's arduino-core-avr puts them."""
-MEGA = FOLDER / "stk500v2/stk500boot_v2_mega2560.hex"
-UNO = FOLDER / "optiboot/optiboot_atmega328.hex"
-OLD_NANO = FOLDER / "atmega/ATmegaBOOT_168_atmega328.hex"
 
 
 class BootBench:
