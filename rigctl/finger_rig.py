@@ -135,8 +135,8 @@ async def _diagnose_port(path: Path, loop: asyncio.AbstractEventLoop, link: Byte
     if await identify_board(link, TAXELS, loop) is None:
         return ""
     return (
-        f"{link.name}: the taxel board answers there, not the finger board: correct [finger] port in "
-        f"{path}, or leave it out; {WHICH_PORT}"
+        f"{link.name}: the taxel board answers there, not the finger board: correct [finger] port "
+        f"in {path}, or leave it out; {WHICH_PORT}"
     )
 
 

@@ -36,6 +36,7 @@ MODULES = {
     "accept": ".rig.accept",
     "calibrate": ".rig.calibrate",
     "ports": ".rig.ports",
+    "flash": ".rig.flash",
     "realtime": ".realtime.realtime",
     "gui": "gui.app",
     "engine": ".rig.engine",

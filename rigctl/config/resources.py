@@ -1,7 +1,7 @@
 """The paths of protocols and firmware images, in a checkout or in an installed wheel.
 
-A wheel carries the protocols in ``rigctl/_data``. An editable install has no such folder, so
-the checkout comes first. Firmware images exist in a checkout only.
+A wheel carries protocols, sketches and images to flash in ``rigctl/_data``. An editable install has
+no such folder, so the checkout comes first. Images for simulated chips exist in a checkout only.
 """
 
 from __future__ import annotations
@@ -86,6 +86,31 @@ def firmware_image(board: str) -> Path:
     if not image.is_file():
         raise WrongUse(f"{image} is not built: run make firmware")
     return image
+
+
+def flash_image(board: str) -> tuple[Path, str]:
+    """Return the image of ``drum`` or ``taxels`` as Intel HEX, and its build hash.
+
+    Raises WrongUse without one.
+    """
+    root = checkout()
+    folder = root / "build" / "firmware" if root else _PACKAGE / "_data" / "firmware"
+    image, hash_file = folder / f"{board}.hex", folder / f"{board}.build"
+    if image.is_file() and hash_file.is_file():
+        return image, hash_file.read_text().strip()
+    if root is not None:
+        raise WrongUse(f"{image} is not built: run make firmware, which needs avr-gcc")
+    raise WrongUse(
+        f"this installation has no image of the {board} board, because avr-gcc was missing when it "
+        "was packed: upload the sketch that `rigctl flash --sketches DIR` writes, with the Arduino "
+        "IDE"
+    )
+
+
+def sketch_sources() -> Path:
+    """Return the folder with the sources of the boards' sketches, a folder for each."""
+    root = checkout()
+    return root / "arduino" if root else _PACKAGE / "_data" / "arduino"
 
 
 def installed_library(name: str) -> Path:

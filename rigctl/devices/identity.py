@@ -14,7 +14,6 @@ from rigctl.wire.taxels.frames import WIRE_VERSION, TaxelIdentity
 
 CONNECT_TIMEOUT_S = 4.0
 """A board that no bootloader holds up answers within this time after a reset."""
-FLASH_IT = "give the board the firmware of this installation with rigctl flash"
 WHICH_PORT = "rigctl ports shows which board is on which port"
 
 PortDiagnosis = Callable[[ByteLink], Awaitable[str]]
@@ -58,7 +57,7 @@ def drum_identity(name: str, raw: dict[str, tuple[int, ...]]) -> BoardIdentity:
     if map_version != MAP_VERSION:
         raise WrongBoard(
             f"{name}: the drum board's firmware {version} speaks register map {map_version}, "
-            f"this program map {MAP_VERSION}: {FLASH_IT} drum"
+            f"this program map {MAP_VERSION}: to give it this installation's firmware, `rigctl flash drum`"
         )
     return BoardIdentity(
         board="drum",
@@ -80,7 +79,7 @@ def taxel_identity(name: str, reported: TaxelIdentity) -> BoardIdentity:
         raise WrongBoard(
             f"{name}: the taxel board's firmware {version} speaks wire version "
             f"{reported.wire_version} with {reported.n_taxels} taxels, this program version "
-            f"{WIRE_VERSION} with {N_TAXELS}: {FLASH_IT} taxels"
+            f"{WIRE_VERSION} with {N_TAXELS}: to give it this installation's firmware, `rigctl flash taxels`"
         )
     return BoardIdentity(
         board="taxels",
@@ -103,7 +102,7 @@ def finger_identity(name: str, reported: finger.FingerIdentity) -> BoardIdentity
             f"{name}: the finger board's firmware {version} speaks wire version "
             f"{reported.wire_version} with {reported.n_taxels} taxels in batches of "
             f"{reported.batch_samples}, this program version {finger.WIRE_VERSION} with "
-            f"{finger.N_TAXELS} in batches of {finger.BATCH_SAMPLES}: {FLASH_IT} finger"
+            f"{finger.N_TAXELS} in batches of {finger.BATCH_SAMPLES}: to give it this installation's firmware, `rigctl flash finger`"
         )
     return BoardIdentity(
         board="finger",

@@ -80,6 +80,17 @@ def create_link(port: str, board: str, loop: asyncio.AbstractEventLoop) -> ByteL
     return SerialLink(port, *_SETTINGS[board][:1], loop, _SETTINGS[board][1], board != FINGER)
 
 
+async def read_identity(port: str, board: str, loop: asyncio.AbstractEventLoop) -> BoardIdentity:
+    """Return the identity of the ``board`` on ``port``. Raises as the drivers' connect."""
+    link = create_link(port, board, loop)
+    try:
+        identity = (await _report(PortReport(port, ""), link, board, loop)).identity
+        assert identity is not None
+        return identity
+    finally:
+        link.close()
+
+
 async def identify_board(
     link: ByteLink, board: str, loop: asyncio.AbstractEventLoop
 ) -> BoardIdentity | None:

@@ -172,7 +172,11 @@ def test_late_early_and_impossible_velocities_are_answered_not_raised() -> None:
     [
         (1, 0x48, "the board there is not a finger board"),
         (4, 2, "the board there is not a finger board"),
-        (3, 9, r"firmware 1\.2 speaks wire version 9 .* this program version 1 .*rigctl flash finger"),
+        (
+            3,
+            9,
+            r"firmware 1\.2 speaks wire version 9 .* this program version 1 .*rigctl flash finger",
+        ),
         (11, 18, "with 18 taxels"),
         (14, 50, "in batches of 50"),
     ],

@@ -48,6 +48,13 @@ class ProgressLine:
         left = f", {remaining(self.elapsed_s, done / total)} left" if 0 < done < total else ""
         self.show(f"{stage}: {done} of {total}{left}", last=done >= total)
 
+    def show_share(self, stage: str, share: float) -> None:
+        """Show the share of a stage that is done, 0 to 1; a new stage appears immediately."""
+        if stage != self._stage:
+            self.end()
+            self._stage, self._began_s, self._shown_s = stage, time.monotonic(), float("-inf")
+        self.show(f"{stage}: {share:.0%}" if 0 < share < 1 else stage, last=share >= 1)
+
     def say(self, sentence: str) -> None:
         """Print a sentence that stays."""
         if not self._quiet:

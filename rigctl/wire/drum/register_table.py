@@ -85,7 +85,9 @@ IDENTITY = (
     Register(3, "firmware_version", "major × 256 + minor"),
     Register(4, "build_hash", "first 32 bits of the hash of the sources built", kind="u32"),
     Register(6, "boot_count", "boots since the EEPROM was erased, wraps"),
-    Register(7, "reset_cause", "bits of ResetCause; 0: the bootloader cleared them, and it was no hang"),
+    Register(
+        7, "reset_cause", "bits of ResetCause; 0: the bootloader cleared them, and it was no hang"
+    ),
     Register(8, "ring_depth", "load-cell samples kept in the ring"),
     Register(9, "steps_per_turn", "microsteps of one drum turn", "steps"),
     Register(

@@ -32,9 +32,7 @@ def counts_of(conductances: NDArray[np.float64]) -> NDArray[np.int64]:
 class TaxelChip:
     """An image on a chip; leaving the context frees it."""
 
-    def __init__(
-        self, image: str = "firmware/taxels.elf", bootloader: Path | None = None
-    ) -> None:
+    def __init__(self, image: str = "firmware/taxels.elf", bootloader: Path | None = None) -> None:
         library = load_library(built("sim/libchips.so"))
         self.chip = Chip(library, built(image), Kind.TAXELS, bootloader)
         self.x = self.chip.io

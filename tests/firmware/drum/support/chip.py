@@ -54,9 +54,7 @@ class DrumChip:
     excitation is broken.
     """
 
-    def __init__(
-        self, image: str = "firmware/drum.elf", bootloader: Path | None = None
-    ) -> None:
+    def __init__(self, image: str = "firmware/drum.elf", bootloader: Path | None = None) -> None:
         library = load_library(built("sim/libchips.so"))
         self.chip = Chip(library, built(image), Kind.DRUM, bootloader)
         self.x = self.chip.io
