@@ -148,7 +148,9 @@ class Taxels:
     async def connect(self) -> BoardIdentity:
         """Open the link, wait for identity and sample counter, and return the identity.
 
-        As to whether the port stays open where the board does not answer see :meth:`Drum.connect`. Raises LinkLost where no board answers in time, WrongBoard where another board does.
+        As to whether the port stays open where the board does not answer see
+        :meth:`Drum.connect`. Raises LinkLost where no board answers in time, WrongBoard where
+        another board does.
         """
         self._watch.stop()
         self._decoder.resync()

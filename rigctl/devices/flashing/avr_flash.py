@@ -1,7 +1,7 @@
 """Flash a Mega, an Uno or a Nano by its bootloader, so that an interruption leaves nothing unsafe.
 
-The program's first page is written first with a jump to itself, and with its own bytes last: a chip
-whose flash was interrupted runs this jump, and its pins stay inputs, which the rig's resistors hold
+The program's first page is written first with an endless loop, and with its own bytes last: a chip
+whose flash was interrupted runs this loop, and its pins stay inputs, which the rig's resistors hold
 at the levels that switch the drivers off.
 """
 
@@ -26,7 +26,13 @@ from rigctl.errors import LinkLost, WrongUse
 
 PAGE_BYTES = 256
 """A page of the ATmega2560, two of the ATmega328P."""
-JUMP_TO_ITSELF = b"\xff\xcf"
+WAIT_FOR_EVER = bytes.fromhex(
+    "f894"  # cli
+    "1124 14be"  # eor r1, r1; out MCUSR, r1
+    "a895 88e1 80936000 10926000"  # wdr; the watchdog off, by both writes to WDTCSR
+    "0000 fecf"  # nop; rjmp back to it
+)
+"""The same on both chips."""
 STALL_S = 8.0
 """avrdude writes a fiftieth of an image in less than a second; it gives up after a minute."""
 ATTEMPTS = 3
@@ -119,15 +125,15 @@ async def write_image(
 
 
 def guarded_parts(image: Segments) -> tuple[Segments, Segments, Segments]:
-    """Return what is written first, then, and last: jump to itself, all pages but the first, it."""
-    jump = JUMP_TO_ITSELF + b"\xff" * (PAGE_BYTES - len(JUMP_TO_ITSELF))
+    """Return what is written first, then, and last: a loop, all pages but the first, and that."""
+    wait = WAIT_FOR_EVER.ljust(PAGE_BYTES, b"\xff")
     rest = [
         (max(start, PAGE_BYTES), data[max(0, PAGE_BYTES - start) :])
         for start, data in image
         if start + len(data) > PAGE_BYTES
     ]
     first = [(start, data[: PAGE_BYTES - start]) for start, data in image if start < PAGE_BYTES]
-    return [(0, jump)], rest, first
+    return [(0, wait)], rest, first
 
 
 def _write_parts(folder: Path, image: Segments) -> list[tuple[Path, int]]:
@@ -172,7 +178,8 @@ class _Progress:
 
 
 async def _wait_for(port: str, is_there: Callable[[str], bool]) -> None:
-    """Return when the port is there. Raises LinkLost where it does not come back."""
+    """Return a moment later when the port is there. Raises LinkLost where it does not come back."""
+    await asyncio.sleep(LOOK_AGAIN_S)
     loop = asyncio.get_running_loop()
     deadline_s = loop.time() + RETURN_S
     while not is_there(port):

@@ -14,6 +14,8 @@ from rigctl.devices.links.serial import SerialLink
 
 ANSWER_S = 0.15
 """A bootloader answers within some milliseconds, USB included."""
+CLOSED_S = 0.1
+"""The board sees that the port was closed before the next program opens it."""
 ATTEMPTS = 6
 """An Uno's bootloader blinks for a third of a second before it listens."""
 
@@ -52,6 +54,7 @@ async def ask_signature(
         return await (_ask_v2(line) if kind is MEGA else _ask_v1(line))
     finally:
         link.close()
+        await asyncio.sleep(CLOSED_S)
 
 
 class _Line:
