@@ -9,11 +9,13 @@ from pathlib import Path
 
 import pytest
 
+from rigctl import host_build
 from rigctl.config import resources
 from rigctl.errors import ProtocolError, WrongUse
 
 ROOT = Path(__file__).resolve().parents[2]
 ASK = """
+from pathlib import Path
 from rigctl.config import resources
 from rigctl.protocol.loader import load_protocol
 print(resources.__file__)
@@ -24,6 +26,12 @@ except Exception as error:
     print(error)
 from rigctl.simulation.boards.drum_firmware import DrumFirmware
 from rigctl.simulation.boards.taxel_firmware import TaxelFirmware
+from rigctl.devices.flashing.flash import installed_image, read_image
+from rigctl.devices.flashing.sketches import write_sketches
+for board in ("drum", "taxels"):
+    image, build_hash = installed_image(board)
+    print(image, build_hash, read_image(image)[0][0])
+print(*(len(list(folder.iterdir())) for folder in write_sketches(Path("sketches"))))
 for board in (DrumFirmware(), TaxelFirmware()):
     print(board._library._name)
     board.close()
@@ -83,7 +91,11 @@ def test_a_wheel_carries_the_protocols_and_the_virtual_boards(tmp_path: Path) ->
         file.extractall(installed)
     ask = [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(installed)!r})\n{ASK}"]
     out = subprocess.run(ask, cwd=tmp_path, check=True, capture_output=True, text=True).stdout
-    where, trials, image, *libraries = out.splitlines()
+    where, trials, image, drum, taxels, sketches, *libraries = out.splitlines()
+    for board, line in (("drum", drum), ("taxels", taxels)):
+        build_hash = host_build.image_hash(board)
+        assert line == f"{installed}/rigctl/_data/firmware/{board}.hex {build_hash} 0"
+    assert all(int(count) > 10 for count in sketches.split())
     assert where.startswith(str(installed))
     assert trials == "24000"
     assert "need a source checkout" in image

@@ -126,7 +126,7 @@ def test_a_stream_without_an_identity_is_refused() -> None:
     [
         ({"board_id": 1}, "not a taxel board"),
         ({"magic": 1}, "not a taxel board"),
-        ({"wire_version": 3}, "firmware 1.2 speaks wire version 3 .* rigctl flash taxels"),
+        ({"wire_version": 3}, "firmware 1.2 speaks wire version 3 .*`rigctl flash taxels`"),
     ],
 )
 def test_another_board_or_firmware_is_refused(change: dict[str, int], sentence: str) -> None:

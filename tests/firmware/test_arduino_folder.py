@@ -7,11 +7,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from rigctl.config.resources import checkout
 from rigctl.config.rig_config import TaxelArray
+from rigctl.devices.flashing.sketches import write_sketches
+from rigctl.errors import WrongUse
 from rigctl.values import DRAWN_WIRING
+from rigctl.wire.finger.model_header import model_header
 from rigctl.wire.taxels.self_test import INPUT_PINS, LINE_PINS
 from tests.firmware.building import built
 
@@ -185,17 +189,18 @@ def test_every_resistor_of_the_readme_is_in_the_drawings() -> None:
 
 @pytest.mark.parametrize(("board", "mcu"), [("drum", "atmega2560"), ("taxels", "atmega328p")])
 def test_a_sketch_builds_as_the_ide_builds_it(board: str, mcu: str, tmp_path: Path) -> None:
+    folder = {path.name: path for path in write_sketches(tmp_path / "sketches")}[board]
     core = tmp_path / "core"
     core.mkdir()
     (core / "Arduino.h").write_text(CORE)
     sketch = tmp_path / f"{board}.ino.cpp"
     sketch.write_text(f'#include <Arduino.h>\n#line 1 "{board}.ino"\n')
     with sketch.open("a", encoding="utf-8") as text:
-        text.write((FOLDER / board / f"{board}.ino").read_text(encoding="utf-8"))
+        text.write((folder / f"{board}.ino").read_text(encoding="utf-8"))
     objects = []
-    for source in [sketch, *sorted((FOLDER / board).glob("*.cpp"))]:
+    for source in [sketch, *sorted(folder.glob("*.cpp"))]:
         objects.append(str(tmp_path / f"{source.name}.o"))
-        include = [f"-I{core}", f"-I{FOLDER / board}"]
+        include = [f"-I{core}", f"-I{folder}"]
         compile_ = ["avr-g++", *IDE_FLAGS, f"-mmcu={mcu}", *include, str(source)]
         subprocess.run([*compile_, "-o", objects[-1]], check=True, capture_output=True)
     image = tmp_path / f"{board}.elf"
@@ -203,6 +208,70 @@ def test_a_sketch_builds_as_the_ide_builds_it(board: str, mcu: str, tmp_path: Pa
     subprocess.run(link, check=True, capture_output=True)
     budgets = [sys.executable, str(FOLDER / "budgets.py"), board, str(image)]
     assert subprocess.run(budgets, capture_output=True, check=False).returncode == 0
+
+
+TEENSY_FLAGS = [
+    "-c",
+    "-std=gnu++17",
+    "-O2",
+    "-Wall",
+    "-Werror",
+    "-mcpu=cortex-m7",
+    "-mthumb",
+    "-mfpu=fpv5-d16",
+    "-mfloat-abi=hard",
+    "-fno-exceptions",
+    "-fno-rtti",
+    "-DARDUINO=10819",
+    "-D__IMXRT1062__",
+    "-include",
+    "Arduino.h",
+]
+
+
+@pytest.mark.parametrize("with_model", [False, True])
+def test_the_fingers_sketch_builds_as_it_is_written(with_model: bool, tmp_path: Path) -> None:
+    """Against a stub of the Teensy core, each file on its own, as the IDE compiles them."""
+    random = np.random.default_rng(3)
+    features, components, textures = 180, 4, ["A", "B"]
+    model = tmp_path / "my model.h"
+    model.write_text(
+        model_header(
+            random.standard_normal(features),
+            random.standard_normal((features, components)),
+            random.standard_normal((2, components)),
+            random.standard_normal(2),
+            textures,
+        )
+    )
+    folder = write_sketches(tmp_path / "sketches", model if with_model else None)[-1]
+    assert (folder / "trained_model.h").exists() == with_model
+    (folder / "finger.ino").rename(folder / "finger.ino.cpp")
+    stub = Path(__file__).parent / "teensy"
+    for source in sorted(folder.glob("*.cpp")):
+        output = tmp_path / f"{source.name}.o"
+        command = ["arm-none-eabi-g++", *TEENSY_FLAGS, f"-I{stub}", f"-I{folder}", str(source)]
+        done = subprocess.run(
+            [*command, "-o", str(output)], capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        if source.name == "finger.ino.cpp":
+            names = subprocess.run(
+                ["arm-none-eabi-nm", "-C", str(output)], capture_output=True, text=True, check=True
+            )
+            assert ("FINGER_CLASSIFIER" in names.stdout) == with_model
+
+
+def test_sketches_are_never_written_over_and_a_model_is_one(tmp_path: Path) -> None:
+    folders = write_sketches(tmp_path / "here")
+    names = [path.name for folder in folders for path in folder.iterdir()]
+    assert all(name == name.lower() and name.isascii() for name in names)
+    with pytest.raises(WrongUse, match="exists already: give another folder"):
+        write_sketches(tmp_path / "here")
+    (tmp_path / "notes.h").write_text("nothing")
+    with pytest.raises(WrongUse, match="is no model of the finger board: write one with"):
+        write_sketches(tmp_path / "there", tmp_path / "notes.h")
+    assert not (tmp_path / "there").exists()
 
 
 def test_the_image_to_flash_is_intel_hex_without_eeprom() -> None:
