@@ -13,7 +13,7 @@ DEBIAN_RUN := python3-venv libegl1 libgl1 libxkbcommon0 libdbus-1-3 libfontconfi
   libxkbcommon-x11-0 libxcb-cursor0 libxcb-icccm4 libxcb-keysyms1 libxcb-image0 libxcb-render-util0 libxcb-shape0
 DEBIAN_FIRMWARE := gcc g++ make gcc-avr avr-libc libsimavr-dev libelf-dev \
   gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm
-DEBIAN_TEST := $(DEBIAN_RUN) $(DEBIAN_FIRMWARE) hdf5-tools mbpoll
+DEBIAN_TEST := $(DEBIAN_RUN) $(DEBIAN_FIRMWARE) hdf5-tools mbpoll arduino-core-avr avrdude
 
 .DEFAULT_GOAL := help
 .PHONY: help setup boards demo gui test check pytest firmware bench orders realtime identify scale shots soak fuzz scans attack docs lock clean

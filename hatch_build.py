@@ -17,7 +17,6 @@ from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
-
 IMAGES = tuple(f"{board}.{kind}" for board in ("drum", "taxels") for kind in ("hex", "build"))
 """What `rigctl flash` writes, and the build hash of each."""
 
@@ -44,7 +43,6 @@ class VirtualBoards(BuildHookInterface[Any]):
         for board in build.BOARDS:
             place = f"rigctl/_data/boards/{build.dynamic_library_name(board)}"
             build_data["force_include"][str(build.dynamic_library_path(board))] = place
-
 
     def _pack_images(self, build_data: dict[str, Any]) -> None:
         """Build and pack the boards' images."""

@@ -26,16 +26,19 @@ IN_FLIGHT_S = 0.25
 class BootSilence:
     """Says when the board behind a link may be asked, and until when.
 
-    A link that resets no board is never silent. ``on_begin(text)`` is called at the start of each
-    silence with a sentence for the user.
+    A link that resets no board is never silent. ``on_begin(text)`` is called with a sentence for
+    the user when a silence begins, once until the board has answered; ``hint`` is what else may
+    be the matter with a board that talked.
     """
 
-    def __init__(self, link: ByteLink, loop: asyncio.AbstractEventLoop) -> None:
+    def __init__(self, link: ByteLink, loop: asyncio.AbstractEventLoop, hint: str = "") -> None:
         self.on_begin: Callable[[str], None] = lambda text: None
         self._link = link
         self._loop = loop
         self._opened_s = self._begun_s = self._until_s = self._heard_s = float("-inf")
         self._over = asyncio.Event()
+        self._hint = hint
+        self._told = ""
 
     @property
     def is_on(self) -> bool:
@@ -46,8 +49,10 @@ class BootSilence:
     def text(self) -> str:
         """A sentence about the present silence."""
         seconds = self._until_s - self._begun_s
+        hint = self._hint if seconds == AFTER_LOSS_S else ""
         return (
             f"{self._link.name}: the board's bootloader may be listening: silent for {seconds:g} s"
+            f"{hint}"
         )
 
     def open_link(
@@ -68,7 +73,7 @@ class BootSilence:
     def hear(self, at_s: float) -> None:
         """Note that the board's program talks, so that no bootloader does."""
         if at_s > self._opened_s + IN_FLIGHT_S:
-            self._heard_s = at_s
+            self._heard_s, self._told = at_s, ""
             self.end()
 
     def end(self) -> None:
@@ -103,4 +108,6 @@ class BootSilence:
         if self._link.resets_board:
             self._begun_s = self._loop.time()
             self._until_s = self._begun_s + seconds
-            self.on_begin(self.text)
+            if self._told != self.text:
+                self._told = self.text
+                self.on_begin(self.text)

@@ -38,7 +38,7 @@ def no_answer(silence: BootSilence, link: ByteLink, board: str, bytes_came: bool
     """
     port = link.name
     if silence.lose():
-        return LinkLost(f"{silence.text}, then asked again; check cable and supply")
+        return LinkLost(f"{silence.text}; then it is asked again: check cable and supply")
     seconds = f"within {ASK_S if link.resets_board else CONNECT_TIMEOUT_S:g} s"
     if not bytes_came:
         text = f"{port}: no {board} board answered {seconds}: check cable and supply; {WHICH_PORT}"
@@ -57,7 +57,8 @@ def drum_identity(name: str, raw: dict[str, tuple[int, ...]]) -> BoardIdentity:
     if map_version != MAP_VERSION:
         raise WrongBoard(
             f"{name}: the drum board's firmware {version} speaks register map {map_version}, "
-            f"this program map {MAP_VERSION}: to give it this installation's firmware, `rigctl flash drum`"
+            f"this program map {MAP_VERSION}: "
+            "to give it this installation's firmware, `rigctl flash drum`"
         )
     return BoardIdentity(
         board="drum",
@@ -79,7 +80,8 @@ def taxel_identity(name: str, reported: TaxelIdentity) -> BoardIdentity:
         raise WrongBoard(
             f"{name}: the taxel board's firmware {version} speaks wire version "
             f"{reported.wire_version} with {reported.n_taxels} taxels, this program version "
-            f"{WIRE_VERSION} with {N_TAXELS}: to give it this installation's firmware, `rigctl flash taxels`"
+            f"{WIRE_VERSION} with {N_TAXELS}: "
+            "to give it this installation's firmware, `rigctl flash taxels`"
         )
     return BoardIdentity(
         board="taxels",
@@ -102,7 +104,8 @@ def finger_identity(name: str, reported: finger.FingerIdentity) -> BoardIdentity
             f"{name}: the finger board's firmware {version} speaks wire version "
             f"{reported.wire_version} with {reported.n_taxels} taxels in batches of "
             f"{reported.batch_samples}, this program version {finger.WIRE_VERSION} with "
-            f"{finger.N_TAXELS} in batches of {finger.BATCH_SAMPLES}: to give it this installation's firmware, `rigctl flash finger`"
+            f"{finger.N_TAXELS} in batches of {finger.BATCH_SAMPLES}: "
+            "to give it this installation's firmware, `rigctl flash finger`"
         )
     return BoardIdentity(
         board="finger",

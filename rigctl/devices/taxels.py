@@ -36,6 +36,9 @@ from rigctl.wire.taxels.self_test import SelfTest, findings
 IDENTIFY_INTERVAL_S = 0.1
 LINK_TIMEOUT_S = 0.2
 """A board that sends no byte for this time counts as lost."""
+OLD_NANO = (
+    "; a Nano with the old bootloader restarts for ever after a hang: pull its cable and plug it in"
+)
 SELF_TEST_TIMEOUT_S = 1.0
 """A self-test takes 21 ms; its outcome may queue behind samples."""
 
@@ -87,7 +90,7 @@ class Taxels:
         self._boot_count: int | None = None
         self._identified: asyncio.Future[TaxelIdentity] | None = None
         self._watch = SilenceWatch(loop, LINK_TIMEOUT_S, self._fall_silent)
-        self.silence = BootSilence(link, loop)
+        self.silence = BootSilence(link, loop, OLD_NANO)
         self._listens = False
         self._blocks: Consumers[Block] = Consumers(self._report_consumer)
         self._on_fault: list[OnFault] = []

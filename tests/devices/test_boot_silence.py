@@ -166,7 +166,7 @@ def test_a_stop_is_sent_into_the_silence_and_nothing_else_is() -> None:
         await bench.drum.connect()
         bench.simulation.faults.stall(DRUM)
         await asyncio.sleep(1.5)
-        with pytest.raises(LinkLost, match="silent for 5 s, then asked again"):
+        with pytest.raises(LinkLost, match="silent for 5 s; then it is asked again"):
             await bench.drum.connect()
         with pytest.raises(LinkLost, match="may be listening: silent for 5 s"):
             await bench.drum.set(speed_set=40)

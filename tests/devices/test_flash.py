@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from rigctl.config.resources import checkout
 from rigctl.devices.flashing import avr_flash, programs
 from rigctl.devices.flashing.avr_flash import ATMEGA2560, WAIT_FOR_EVER, guarded_parts, write_image
 from rigctl.devices.flashing.bootloader import MEGA as MEGA_KIND
+from rigctl.devices.flashing.flash import find_port
 from rigctl.errors import LinkLost, WrongUse
 from rigctl.simulation.chips.simavr import Kind
 from tests.devices.flash_board import FlashBoard
@@ -77,6 +79,35 @@ def test_the_wrong_board_is_refused_by_its_signature(
         assert main(["flash", firmware, "--port", there.port]) == 2
         assert sentence in capsys.readouterr().err
         assert there.chip.read_flash(0, 4096) == before
+
+
+@dataclass(frozen=True, order=True)
+class Usb:
+    """A port as pyserial lists it."""
+
+    device: str
+    vid: int | None = 0x2341
+    description: str = ""
+
+
+def test_the_board_is_found_by_its_name_else_by_the_signature_of_its_chip(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def find(board: str) -> str:
+        async def search() -> str:
+            return await find_port(board, asyncio.get_running_loop())
+
+        return asyncio.run(search())
+
+    with new_board("drum", MEGA) as mega, new_board("taxels", UNO) as uno:
+        uno.chip.write_flash(0, WAIT_FOR_EVER.ljust(256, b"\xff"))
+        ports = [Usb(mega.port), Usb(uno.port)]
+        monkeypatch.setattr("serial.tools.list_ports.comports", lambda: ports)
+        assert find("drum") == mega.port
+        assert find("taxels") == uno.port
+        ports.pop()
+        with pytest.raises(LinkLost, match="no bootloader of an ATmega328P answered: plug the"):
+            find("taxels")
 
 
 def test_an_interrupted_flash_begins_again(
@@ -168,7 +199,7 @@ def test_a_port_that_vanishes_during_the_flash_is_named(
     monkeypatch.setattr(avr_flash, "RETURN_S", 0.0)
     monkeypatch.setattr(avr_flash, "LOOK_AGAIN_S", 0.01)
     write = partial(write_image, "/dev/ttyUSB7", ATMEGA2560, MEGA_KIND, [(0, b"\0" * 8)])
-    with pytest.raises(LinkLost, match="the port vanished while .* plug it in, then run the same"):
+    with pytest.raises(LinkLost, match=r"the port vanished while .* plug it in, then run the same"):
         asyncio.run(write(lambda what, share: None, lambda port: False))
     with pytest.raises(LinkLost, match=r"interrupted 3 times, .* programmer is not responding"):
         asyncio.run(write(lambda what, share: None, lambda port: True))

@@ -17,7 +17,6 @@ from rigctl.devices.port_discovery import PortReport, probe_ports
 from rigctl.values import BoardIdentity
 from rigctl.wire.drum.codes import SettingsFrom, reset_cause_text
 
-
 SILENT_FIRST = (
     f"a board's bootloader may be listening, so each port stays silent for {AFTER_OPEN_S:g} s first"
 )

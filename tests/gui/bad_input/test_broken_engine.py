@@ -82,7 +82,7 @@ def test_other_firmware_is_named_with_its_cure(broken: RigWindow, fault: Path) -
     window.toolbar.rig.choose("virtual")
     click(window.toolbar.connect_button)
     wait_until(lambda: "register map" in broken.log, 60_000)
-    assert "make firmware, then flash it" in window.status_line.text()
+    assert "`rigctl flash drum`" in window.status_line.text()
     assert window.status_line.text() in window.status_line.toolTip()
     assert "drum board's firmware" in window.toolbar.state_words.toolTip()
     assert window.toolbar.connect_button.text() == "Connect"
