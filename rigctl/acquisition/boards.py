@@ -85,8 +85,8 @@ class Boards:
     async def connect(self) -> None:
         """Connect both boards, then start samples and heartbeat. Raises LinkLost or WrongBoard."""
         taxels = self._rig.taxels
-        for device in (self._rig.drum, taxels):
-            device.silence.on_begin = partial(self._event_bus.publish, "log")
+        self._rig.drum.silence.on_begin = partial(self._publish_silence, DRUM)
+        taxels.silence.on_begin = partial(self._publish_silence, TAXELS)
         self.identities[DRUM] = await self.drum_poller.connect()
         self.identities[TAXELS] = await taxels.connect()
         self.taxels_connected = True
@@ -130,6 +130,10 @@ class Boards:
         self.has_taxel_range = True
         self.set_range(observed.normalisation)
         return observed.normalisation
+
+    def _publish_silence(self, board: str, text: str) -> None:
+        """Say what is waited for: at the first connect for the log, after a loss for everybody."""
+        self._event_bus.publish("link" if board in self.identities else "log", text, board=board)
 
     def _follow_range(self) -> None:
         """Without a calibration, encode with the range of all readings so far."""

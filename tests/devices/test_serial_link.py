@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import termios
 import tty
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -94,6 +95,22 @@ def test_a_second_owner_is_refused_and_the_port_is_free_after_a_close(terminal: 
         first.close()
         second.open(ear.on_bytes, ear.on_lost)
         second.close()
+
+    asyncio.run(main())
+
+
+def test_the_line_that_resets_the_board_stays_up_after_a_close(terminal: Terminal) -> None:
+    async def main() -> None:
+        settings = termios.tcgetattr(terminal.slave)
+        settings[2] |= termios.HUPCL
+        termios.tcsetattr(terminal.slave, termios.TCSANOW, settings)
+        link = SerialLink(terminal.path, 115200, asyncio.get_running_loop())
+        ear = LinkRecorder()
+        link.open(ear.on_bytes, ear.on_lost)
+        link.retune(500_000, 0.01)
+        assert termios.tcgetattr(terminal.slave)[4] == termios.B500000
+        link.close()
+        assert not termios.tcgetattr(terminal.slave)[2] & termios.HUPCL
 
     asyncio.run(main())
 

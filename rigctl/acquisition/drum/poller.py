@@ -136,6 +136,8 @@ class DrumPoller:
             subscriber(state)
 
     async def _reconnect(self) -> None:
+        if self.drum.silence.is_on:
+            raise LinkLost(self.drum.silence.text)  # the cycles go on meanwhile
         try:
             identity = await self.connect()
         except RigFault as refusal:
