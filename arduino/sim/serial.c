@@ -15,8 +15,8 @@ static uint64_t byte_cycles(struct serial *serial)
     return uart->cycles_per_byte;
 }
 
-/* Neither end understands bytes of another rate: what arrives is some other byte. The framing errors
- * that a receiver would often see as well are not simulated. */
+/* A byte that the host sends at another rate arrives as some other byte. The framing errors that a chip
+ * would often see as well are not simulated, nor what the host makes of the chip's bytes. */
 static uint8_t at_rate(struct serial *serial, uint8_t byte)
 {
     int64_t chip = (int64_t)byte_cycles(serial) << 16, host = serial->chip->io.host_byte_q16;
@@ -36,7 +36,7 @@ static void on_byte(avr_irq_t *irq, uint32_t value, void *param)
         return;
     }
     io->tx_cycle[io->tx_count] = serial->wire_free;
-    io->tx[io->tx_count++] = at_rate(serial, value);
+    io->tx[io->tx_count++] = value;
 }
 
 static void on_room(avr_irq_t *irq, uint32_t value, void *param)

@@ -35,7 +35,8 @@ class BootSilence:
         self.on_begin: Callable[[str], None] = lambda text: None
         self._link = link
         self._loop = loop
-        self._opened_s = self._begun_s = self._until_s = self._heard_s = float("-inf")
+        self._opened_s = self._until_s = self._heard_s = float("-inf")
+        self._seconds = 0.0
         self._over = asyncio.Event()
         self._hint = hint
         self._told = ""
@@ -48,11 +49,9 @@ class BootSilence:
     @property
     def text(self) -> str:
         """A sentence about the present silence."""
-        seconds = self._until_s - self._begun_s
-        hint = self._hint if seconds == AFTER_LOSS_S else ""
         return (
-            f"{self._link.name}: the board's bootloader may be listening: silent for {seconds:g} s"
-            f"{hint}"
+            f"{self._link.name}: the board's bootloader may be listening: silent for "
+            f"{self._seconds:g} s{self._hint if self._seconds == AFTER_LOSS_S else ''}"
         )
 
     def open_link(
@@ -106,8 +105,8 @@ class BootSilence:
 
     def _begin(self, seconds: float) -> None:
         if self._link.resets_board:
-            self._begun_s = self._loop.time()
-            self._until_s = self._begun_s + seconds
+            self._seconds = seconds
+            self._until_s = self._loop.time() + seconds
             if self._told != self.text:
                 self._told = self.text
                 self.on_begin(self.text)

@@ -30,7 +30,11 @@ _BAUD = {
 
 
 class FlashBoard:
-    """One board. ``cut_after`` bytes from the host, the cable is pulled for ``cut_s``."""
+    """One board; leaving the context frees it.
+
+    ``on_bytes`` is called when bytes have come, ``times_opened`` counts how often the host has
+    opened the port. A board that is ``deaf`` has a cable that carries nothing.
+    """
 
     def __init__(self, image: Path, kind: Kind, bootloader: Path) -> None:
         self.chip = Chip(load_library(built("sim/libchips.so")), image, kind, bootloader)

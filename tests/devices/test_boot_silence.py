@@ -132,7 +132,11 @@ def test_a_taxel_board_whose_reset_button_is_pressed_is_back(bootloader: Path) -
         bench.simulation.faults.reset(TAXELS)
         await asyncio.sleep(0.5)
         assert isinstance(faults[0], LinkLost)
+        said: list[str] = []
+        taxels.silence.on_begin = said.append
         again = await _until_connected(taxels.connect)
+        (text,) = said
+        assert "silent for 5 s; a Nano with the old bootloader restarts for ever" in text
         assert again.boot_count == first.boot_count + 1  # type: ignore[attr-defined]
         assert taxels.rebooted
 

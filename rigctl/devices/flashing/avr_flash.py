@@ -169,12 +169,8 @@ class _Progress:
 
     def _marks(self) -> list[int]:
         """Return the marks of the bars from the first that writes."""
-        _, found, bars = self._text.partition("Writing |")
-        return (
-            [bar.count("#") for bar in bars.replace("Writing |", "Reading |").split("Reading |")]
-            if found
-            else []
-        )
+        _, _, bars = self._text.partition("Writing |")
+        return [bar.count("#") for bar in bars.replace("Reading |", "Writing |").split("Writing |")]
 
 
 async def _wait_for(port: str, is_there: Callable[[str], bool]) -> None:
