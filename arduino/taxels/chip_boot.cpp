@@ -48,13 +48,11 @@ __attribute__((section(".noinit"))) volatile uint8_t unkicked_frames;
 void watch_begins()
 {
     unkicked_frames = 0;
-#ifndef FORGETS_HANGS
     watched = WATCHED;
-#endif
 }
 
 // Before the C runtime clears anything: keep the reset cause, stop a watchdog that still runs.
-// Optiboot clears MCUSR; a hang is then known from the frames without a kick, unless interrupts
+// Optiboot clears MCUSR; a hang is then known from the frames that nobody took, unless interrupts
 // were off and nothing counted.
 extern "C" void save_reset_cause() __attribute__((naked, used, section(".init3")));
 extern "C" void save_reset_cause()

@@ -10,8 +10,8 @@
 // sampling begins. Two places with a check byte each: power lost while writing costs one count.
 uint16_t count_boot();
 
-// Frames since the watchdog was kicked last. A reset keeps the number: many of them mean that the
-// program hung, even where a bootloader has cleared the chip's own record.
+// Frames that nobody took since the watchdog was kicked last. A reset keeps the number: many of them
+// mean that the program hung, even where a bootloader has cleared the chip's own record.
 extern volatile uint8_t unkicked_frames;
 
 // Call it where the watchdog is switched on.

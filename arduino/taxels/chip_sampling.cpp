@@ -100,8 +100,10 @@ inline void close_frame()
     full->flags = uint8_t(frame_flags | ((pins ^ late_toggles) & SYNC_MASK));
     frame_flags = 0;
     if (any_late) begin_with_late_edges();
-    if (frame_closed) missed++;
-    if (unkicked_frames < UINT8_MAX) unkicked_frames++;
+    if (frame_closed) {
+        missed++;
+        unkicked_frames++;
+    }
     frame_closed = 1;
     filling = closed;
     closed = full;

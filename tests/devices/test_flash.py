@@ -28,6 +28,14 @@ OLD = {"drum": "firmware/drum-hangs.elf", "taxels": "firmware/taxels-never-kick.
 """Another build of each firmware, which is on the board before."""
 
 
+@pytest.fixture(autouse=True)
+def patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Give a bootloader more time than on a bench: chips run slower on a busy computer."""
+    monkeypatch.setattr("rigctl.devices.flashing.bootloader.ANSWER_S", 0.5)
+    monkeypatch.setattr("rigctl.devices.flashing.bootloader.CLOSED_S", 0.5)
+    monkeypatch.setattr("rigctl.devices.boot_silence.ASK_S", 4.0)
+
+
 def new_board(board: str, bootloader: Path) -> FlashBoard:
     built(f"firmware/{board}.hex")
     kind = Kind.DRUM if board == "drum" else Kind.TAXELS
@@ -113,7 +121,7 @@ def test_the_board_is_found_by_its_name_else_by_the_signature_of_its_chip(
 def test_an_interrupted_flash_begins_again(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(avr_flash, "STALL_S", 3.0)
+    monkeypatch.setattr(avr_flash, "STALL_S", 6.0)
     image = image_of("taxels")
     with new_board("taxels", UNO) as there:
         interrupted_at: list[int] = []
@@ -134,7 +142,7 @@ def test_an_interrupted_flash_begins_again(
 def test_a_board_whose_flash_stays_interrupted_runs_nothing_and_can_be_flashed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(avr_flash, "STALL_S", 3.0)
+    monkeypatch.setattr(avr_flash, "STALL_S", 6.0)
     monkeypatch.setattr(avr_flash, "ATTEMPTS", 1)
     with new_board("taxels", UNO) as there:
 

@@ -25,6 +25,13 @@ HANGS: Edit = (
     "    unsent = drum.modbus().take(received.byte);\n"
     "    while (drum.bank().wide(reg::move_target) == -32000) {\n    }\n",
 )
+_HANGS_LATER: Edit = (
+    "chip_main.cpp",
+    "        talk.take(take_frame());\n",
+    "        talk.take(take_frame());\n"
+    "        static uint16_t frames;\n        while (frames == 200) {\n        }\n"
+    "        frames++;\n",
+)
 _CLEAR_COMPARE = '        "ldi r24, %[ocf1b]\\n"\n        "out %[tifr1], r24\\n"\n'
 
 _SWAPPED: Edit = (
@@ -37,6 +44,7 @@ BROKEN: dict[str, dict[str, list[Edit]]] = {
     "drum": {
         "hangs": [HANGS],
         "unwatched": [HANGS, ("chip_health.cpp", "    wdt_enable(WDTO_60MS);\n", "")],
+        "forgets-hangs": [HANGS, ("chip_health.cpp", "    watched = WATCHED;\n", "")],
         "no-estop": [("chip_estop.cpp", "    EIMSK |= _BV(INT5);\n", "")],
         "one-look": [
             (
@@ -163,6 +171,8 @@ BROKEN: dict[str, dict[str, list[Edit]]] = {
         ],
         # 250 kbaud carry 25 bytes a millisecond and a frame has 33: frames must be dropped.
         "slow-wire": [("board.h", "UBRR_VALUE = 3;", "UBRR_VALUE = 7;")],
+        "hangs": [_HANGS_LATER],
+        "forgets-hangs": [_HANGS_LATER, ("chip_boot.cpp", "    watched = WATCHED;\n", "")],
         "never-kick": [("chip_main.cpp", "        wdt_reset();\n", "")],
     },
     "finger": {

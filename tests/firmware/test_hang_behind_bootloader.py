@@ -53,14 +53,14 @@ def test_other_resets_of_a_mega_are_no_hang(by: ResetBy) -> None:
 def causes(image: str) -> list[int]:
     """Return what the boots of an Uno whose program hangs again and again report."""
     with TaxelChip(image, UNO) as board:
-        board.run(2000)
+        board.run(2500)
         boots = [identity.boot_count for identity in board.identities]
         assert boots == list(range(1, len(boots) + 1)) and len(boots) >= 3
         return [identity.reset_cause for identity in board.identities]
 
 
 def test_a_hung_taxel_board_says_so_behind_optiboot() -> None:
-    first, *others = causes("firmware/taxels-never-kick.elf")
+    first, *others = causes("firmware/taxels-hangs.elf")
     assert first == 0 and set(others) == {WATCHDOG}
 
 

@@ -71,7 +71,8 @@ async def find_bootloader(port: str, chip: Chip, loop: asyncio.AbstractEventLoop
     Raises WrongUse where a bootloader answers for another chip, LinkLost where none answers.
     """
     others = (kind for other in CHIPS.values() for kind in other.bootloaders)
-    for kind in dict.fromkeys((*chip.bootloaders, *others)):
+    kinds = dict.fromkeys((*chip.bootloaders, *others))
+    for kind in (*kinds, *kinds):  # again, because a busy computer may miss the moment of a reset
         signature = await ask_signature(port, kind, loop)
         if signature == chip.signature:
             return kind
