@@ -89,6 +89,13 @@ class Rig:
             self.simulation.faults.touch_sensor(places, unplugged)
         return self.simulated
 
+    def answer(self, key: str, amount: float) -> str:
+        """Do on a simulated bench what a person is asked; return the answer, empty at the bench.
+
+        ``key`` is that of the question, ``amount`` the number that it is about.
+        """
+        return str(self.simulation.hands.answer(key, amount)) if self.simulated else ""
+
     def begin_truth(self, folder: Path, start: Start) -> None:
         """Log the ground truth of a simulated rig into a session from now on.
 

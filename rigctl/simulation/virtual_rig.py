@@ -13,6 +13,7 @@ from rigctl.simulation.bench.ground_truth import GroundTruth
 from rigctl.simulation.bench.world.parameters import WorldParameters
 from rigctl.simulation.boards.drum_cosimulation import DrumCosimulation
 from rigctl.simulation.boards.taxels import FLUSH_US, VirtualTaxels
+from rigctl.simulation.hands import SimulatedHands
 from rigctl.simulation.simulated_rig import DRUM, TAXELS, FaultInjection, SimulatedLink
 
 SLICE_US = 20_000
@@ -113,6 +114,7 @@ class VirtualRig:
         self.faults = FaultInjection(
             links, bench.disturbances, self._apply_disturbances, self._reset
         )
+        self.hands = SimulatedHands(bench, self.faults)
 
     @property
     def truth(self) -> GroundTruth:

@@ -30,11 +30,16 @@ class CalibratedValues:
 
     def edited(self, path: Path) -> str:
         """Return the text of ``rig.toml`` with the keys. Raises ConfigError if it is invalid."""
-        source = read_text(path, MAX_BYTES)
-        parse_config(source, str(path))
-        text = set_keys(source, self.table, self.keys)
-        parse_config(text, str(path))
-        return text
+        return edited_rig_file(path, self.table, self.keys)
+
+
+def edited_rig_file(path: Path, table: str, keys: Mapping[str, Value]) -> str:
+    """Return the text of ``rig.toml`` with keys of a table. Raises ConfigError if it is invalid."""
+    source = read_text(path, MAX_BYTES)
+    parse_config(source, str(path))
+    text = set_keys(source, table, keys)
+    parse_config(text, str(path))
+    return text
 
 
 def loadcell_values(scale: LoadCellScale, masses_g: Iterable[float], day: str) -> CalibratedValues:

@@ -29,6 +29,7 @@ SELF_TEST_TIMEOUT_S = 10.0
 LIFT_TIMEOUT_S = 20.0
 TARE_TIMEOUT_S = 10.0
 COMMISSION_TIMEOUT_S = 5.0
+NUDGE_TIMEOUT_S = 10.0
 HOME_TIMEOUT_S = 120.0
 MOVE_TIMEOUT_S = 600.0
 APPROACH_EXTRA_S = 20.0
@@ -193,11 +194,24 @@ class DrumMotion:
                 )
         self.homed = True
 
-    async def approach(self) -> None:
-        """Press until the force has settled. Raises CommandRefused where the board refuses."""
+    async def approach(self, by_setup: bool = False) -> None:
+        """Press until the force has settled. Raises CommandRefused where the board refuses.
+
+        ``by_setup``: as a board takes it that is not commissioned yet, with 100 g at most.
+        """
         await self._write_guarded_settings()
         timeout_s = APPROACH_EXTRA_S + self.settings["approach_timeout_ms"] / 1000
-        await self.reach(Command.APPROACH, State.HOLD, timeout_s, "reaching the force")
+        command = Command.APPROACH_SETUP if by_setup else Command.APPROACH
+        await self.reach(command, State.HOLD, timeout_s, "reaching the force")
+
+    async def nudge(self, presses: bool) -> float:
+        """Move the actuator of a drum that is off a little; return its travel in µm, + downwards.
+
+        Raises BoardFault where the potentiometer does not follow as it should.
+        """
+        await self.write_settings(nudge_direction=float(presses))
+        await self.execute(Command.NUDGE, NUDGE_TIMEOUT_S, "the nudge")
+        return (await self.poller.drum.get("nudge_travel_um"))["nudge_travel_um"]
 
     async def run(self) -> DrumState:
         """Turn through run-in, window and ramp; return the state in which the drum holds again."""

@@ -235,6 +235,11 @@ class Mechanics:
         return int(self._state[_CONTACTS])
 
     @property
+    def drum_mm(self) -> float:
+        """True position of the drum's surface."""
+        return float(self._state[_POSITION])
+
+    @property
     def rod_mm(self) -> float:
         """True actuator travel from its upper end."""
         return float(self._state[ROD])

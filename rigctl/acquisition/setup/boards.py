@@ -1,0 +1,109 @@
+"""The boards themselves: which port, which firmware, which drum, which wires are fitted."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import NamedTuple
+
+from rigctl.acquisition.setup.verdict import YES, YES_OR_NO, Question, Verdict
+from rigctl.acquisition.setup.workbench import Workbench
+from rigctl.config.rig_config import Signals
+
+SAME_SHARE = 0.005
+MOTOR_STEPS = 200
+CIRCUMFERENCE = Question(
+    "circumference",
+    "Lay a strip of paper around the drum with its plates on, mark where it meets, and measure "
+    "it: how long is one turn?",
+    (),
+    "mm",
+    50,
+    5000,
+)
+MICROSTEPS = Question(
+    "microsteps", "To how many microsteps is the stepper's driver set?", (), "microsteps", 1, 256
+)
+FITTED = {
+    "estop": "an emergency stop on D3",
+    "index": "an index mark with its sensor on D2",
+    "end_switches": "end switches of the actuator on D30 and D31",
+    "position": "the actuator's potentiometer on A0",
+    "sync": "the sync wire from the Mega's D24 to the Uno's D8",
+}
+
+
+class DrumReadings(NamedTuple):
+    """A turn in mm and the microsteps as a person says, and what the board is built for."""
+
+    turn_mm: float
+    microsteps: float
+    built_turn_mm: float
+    built_steps: int
+
+
+async def check_ports(bench: Workbench) -> Verdict:
+    """Say which board is where, and keep the ports of a bench."""
+    rig = bench.rig
+    ports = {"drum": rig.drum.link.name, "taxels": rig.taxels.link.name}
+    if rig.path is not None and not rig.config.ports.simulate:
+        bench.keep("ports", ports)
+    found = ", ".join(f"{board} board on {port}" for board, port in ports.items())
+    return Verdict("a drum board and a taxel board", found)
+
+
+async def check_drum(bench: Workbench) -> Verdict:
+    """Ask for the drum's size and its driver's microsteps, and compare with the firmware."""
+    turn_mm = await bench.number(CIRCUMFERENCE)
+    microsteps = await bench.number(MICROSTEPS)
+    details = bench.rig.drum.identity.details
+    built_mm = details["steps_per_turn"] * details["nm_per_step"] / 1e6
+    verdict = judge_drum(DrumReadings(turn_mm, microsteps, built_mm, details["steps_per_turn"]))
+    if verdict.passed:
+        bench.keep("drum", {"circumference_mm": round(built_mm, 3)})
+    return verdict
+
+
+def judge_drum(seen: DrumReadings) -> Verdict:
+    """Judge a drum by what the firmware is built for."""
+    expected = f"{seen.built_turn_mm:g} mm a turn, {seen.built_steps} microsteps a turn"
+    ratio = seen.built_steps / (MOTOR_STEPS * seen.microsteps)
+    found = (
+        f"{seen.turn_mm:g} mm a turn, {seen.microsteps:g} microsteps a step, "
+        f"which a belt of {ratio:g}:1 makes right"
+    )
+    if abs(seen.turn_mm / seen.built_turn_mm - 1) > SAME_SHARE:
+        return Verdict(
+            expected,
+            found,
+            f"the firmware is built for a drum of {seen.built_turn_mm:g} mm around, and every "
+            "speed and every plate would be off by as much: measure again, else set NM_PER_TURN "
+            "in arduino/drum/board.h and circumference_mm in rig.toml, and flash",
+            ("drum of 360 mm",),
+        )
+    if ratio < 1 or abs(ratio * 4 - round(ratio * 4)) > 0.01:
+        return Verdict(
+            expected,
+            found,
+            "no usual belt makes these microsteps right: read the driver's switches again, and "
+            "set MICROSTEPS and STEPS_PER_TURN in arduino/drum/board.h to them",
+        )
+    return Verdict(expected, found)
+
+
+async def check_fitted(bench: Workbench) -> Verdict:
+    """Ask which of the optional wires are fitted, and keep that."""
+    answers = {
+        field.name: await bench.ask(
+            Question(f"fitted_{field.name}", f"Is there {FITTED[field.name]}?", YES_OR_NO)
+        )
+        == YES
+        for field in fields(Signals)
+    }
+    if answers != {name: getattr(bench.rig.config.signals, name) for name in answers}:
+        bench.keep("signals", answers)
+        await bench.configure()
+    fitted = [name.replace("_", " ") for name, has in answers.items() if has]
+    missing = [name.replace("_", " ") for name, has in answers.items() if not has]
+    lost = f"; without {', '.join(missing)}, see arduino/README.md for what that costs"
+    found = f"{', '.join(fitted) or 'none'}{lost if missing else ''}"
+    return Verdict("emergency stop, index, end switches, position, sync", found)

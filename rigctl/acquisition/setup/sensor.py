@@ -1,0 +1,148 @@
+"""The sensor: supply and self-test of its board, noise at rest, and which reading is which taxel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.acquisition.calibration.wiring_steps import WiringStep, WiringSteps, mean_readings
+from rigctl.acquisition.calibration.words import wiring_words
+from rigctl.acquisition.setup.verdict import DONE, Question, Remedy, Verdict
+from rigctl.acquisition.setup.workbench import Workbench
+from rigctl.config.rig_config import ADC_MAX
+from rigctl.errors import WrongUse
+from rigctl.values import N_TAXELS
+from rigctl.wire.taxels.self_test import N_INPUTS, SelfTest
+
+LEAST_SUPPLY_V, MOST_SUPPLY_V = 4.6, 5.4
+MOST_NOISE_COUNTS = 8.0
+REST_S = 1.0
+TRIES = 3
+
+LEAVE_SENSOR = Question("leave_sensor", "Put the sensor in, unpressed, and do not touch it.")
+
+
+class SensorReadings(NamedTuple):
+    """The untouched sensor: its board's supply in V, findings, and each taxel's mean and spread."""
+
+    supply_v: float
+    test: SelfTest
+    findings: tuple[str, ...]
+    mean: NDArray[np.float64]
+    sd: NDArray[np.float64]
+
+
+async def check_sensor(bench: Workbench) -> Verdict:
+    """Let the taxel board test itself, and read the untouched sensor."""
+    await bench.ask(LEAVE_SENSOR)
+    taxels = bench.rig.taxels
+    test = await taxels.test()
+    samples = await bench.taxel_samples(REST_S)
+    supply_v = taxels.status.supply_mv / 1000 if taxels.status else 0.0
+    mean, sd = samples.mean(axis=0), samples.std(axis=0)
+    return judge_sensor(SensorReadings(supply_v, test, tuple(taxels.findings), mean, sd))
+
+
+def judge_sensor(seen: SensorReadings) -> Verdict:
+    """Judge the supply, the board's own findings, and each taxel's noise."""
+    expected = f"{LEAST_SUPPLY_V:g} to {MOST_SUPPLY_V:g} V, no finding, noise below 8 counts"
+    found = (
+        f"{seen.supply_v:.2f} V, {'; '.join(seen.findings) or 'no finding'}, noise up to "
+        f"{seen.sd.max():.1f} counts"
+    )
+    problem, *causes = _sensor_problem(seen)
+    return Verdict(expected, found, problem, tuple(causes))
+
+
+def _sensor_problem(seen: SensorReadings) -> tuple[str, ...]:
+    if seen.supply_v and not LEAST_SUPPLY_V <= seen.supply_v <= MOST_SUPPLY_V:
+        return (
+            f"the board's supply is {seen.supply_v:.2f} V instead of 5 V: use a short USB cable "
+            "at a port of the computer itself, and feed nothing else from the board's 5 V pin",
+            "supply at 4.4 V",
+        )
+    if seen.findings:
+        more = f" ({len(seen.findings)} findings)" if len(seen.findings) > 1 else ""
+        return (f"{seen.findings[0]}{more}", *_test_causes(seen.test))
+    stuck = np.flatnonzero((seen.sd == 0) & (seen.mean >= ADC_MAX))
+    if stuck.size:
+        return (
+            f"taxel {stuck[0] + 1} stays at {seen.mean[stuck[0]]:.0f} counts: it is shorted, or "
+            "pressed by how the sensor is mounted; look for a short, and free the sensor",
+        )
+    noisy = int(seen.sd.argmax())
+    if seen.sd[noisy] > MOST_NOISE_COUNTS:
+        return (
+            f"taxel {noisy + 1} scatters by {seen.sd[noisy]:.0f} counts: its wires are long or lie "
+            "beside the motor's, or its contact is loose; lay them apart and press the plug in",
+        )
+    return ("",)
+
+
+def _test_causes(test: SelfTest) -> tuple[str, ...]:
+    silent = [reading for reading in range(N_TAXELS) if test.silent >> reading & 1]
+    named = {
+        "taxel inputs shorted": test.inputs_together,
+        "taxel divider missing": test.inputs_open,
+        "taxel line open": len(silent) >= N_INPUTS,
+        "taxel input open": 0 < len(silent) < N_INPUTS,
+    }
+    return tuple(name for name, is_found in named.items() if is_found)
+
+
+async def check_order(bench: Workbench) -> Verdict:
+    """Identify each taxel's reading by unplugging a layer and pressing each place."""
+    steps = WiringSteps(bench.rig, partial(mean_readings, bench.rig, bench.require_taxels))
+    try:
+        while steps.step is not WiringStep.DONE:
+            await _take(bench, steps)
+    finally:
+        steps.end()
+    return judge_order(steps.wiring, bench.rig.config.taxels.order)
+
+
+async def _take(bench: Workbench, steps: WiringSteps) -> None:
+    """Take one step; what is not clear is asked again."""
+    before = ""
+    for _ in range(TRIES):
+        key = f"sensor_{steps.step.name.lower()}"
+        await bench.ask(Question(key, before + steps.question, (DONE,)))
+        try:
+            await steps.take()
+        except WrongUse as unclear:
+            before = f"Not clear: {unclear}. "
+        else:
+            return
+    raise WrongUse(before.removeprefix("Not clear: ").rstrip(". "))
+
+
+def judge_order(wiring: Sequence[int], expected: Sequence[int]) -> Verdict:
+    """Judge the order of the taxels that was found, against that of ``rig.toml``."""
+    asked, found = wiring_words(expected), wiring_words(wiring)
+    if tuple(wiring) == tuple(expected):
+        return Verdict(asked, found)
+    remedy = Remedy("taxels", {"wiring": list(wiring)}, found)
+    half = len(expected) // 2
+    if tuple(wiring) == (*expected[half:], *expected[:half]):
+        return Verdict(
+            asked,
+            found,
+            "the two layers are exchanged: the bottom layer's read lines are where the top "
+            "layer's belong; plug A0 to A2 and A3 to A5 the other way round, or let rig.toml take "
+            "the order that was found",
+            ("taxel layers exchanged",),
+            remedy,
+        )
+    return Verdict(
+        asked,
+        found,
+        "lines or read lines of the sensor are exchanged against rig.toml, so taxels would change "
+        "places: compare D4 to D6 and A0 to A5 with the drawing and plug them so, or let rig.toml "
+        "take the order that was found",
+        ("taxel lines permuted", "taxel inputs permuted"),
+        remedy,
+    )
