@@ -34,6 +34,7 @@ MODULES = {
     "recover": ".data.recover",
     "note": ".data.note",
     "accept": ".rig.accept",
+    "setup": ".rig.setup",
     "calibrate": ".rig.calibrate",
     "ports": ".rig.ports",
     "flash": ".rig.flash",

@@ -30,9 +30,7 @@ WATCH_PRESS = Question(
     "watch_rod",
     "Lay a finger on the actuator's rod: after your answer it moves a little, in small jerks.",
 )
-WHICH_WAY_PRESS = Question(
-    "which_way_rod", "Which way did the drum move?", (UP, DOWN, NOT_AT_ALL)
-)
+WHICH_WAY_PRESS = Question("which_way_rod", "Which way did the drum move?", (UP, DOWN, NOT_AT_ALL))
 WATCH_LIFT = Question("watch_rod", "The same once more, the other way.")
 WHICH_WAY_LIFT = Question(
     "which_way_rod", "Which way did the drum move now?", (UP, DOWN, NOT_AT_ALL)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import NamedTuple
 
 from rigctl.acquisition.setup.verdict import YES, YES_OR_NO, Question, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
 from rigctl.config.rig_config import Signals
+from rigctl.devices.port_discovery import DRUM, TAXELS, PortReport
 
 SAME_SHARE = 0.005
 MOTOR_STEPS = 200
@@ -61,6 +63,34 @@ async def check_drum(bench: Workbench) -> Verdict:
     if verdict.passed:
         bench.keep("drum", {"circumference_mm": round(built_mm, 3)})
     return verdict
+
+
+def judge_reports(reports: Sequence[PortReport]) -> Verdict:
+    """Judge what answered on the ports: one board of each kind is needed."""
+    kinds = [report.identity.board for report in reports if report.identity is not None]
+    found = "; ".join(
+        f"{report.port}: {f'{report.identity.board} board' if report.identity else report.error}"
+        for report in reports
+    )
+    problem = _ports_problem(kinds, bool(reports))
+    twice = ("two boards of one kind",) if len(kinds) > len(set(kinds)) else ()
+    return Verdict("a drum board and a taxel board", found or "no serial port", problem, twice)
+
+
+def _ports_problem(kinds: Sequence[str], has_ports: bool) -> str:
+    twice = next((kind for kind in (DRUM, TAXELS) if kinds.count(kind) > 1), "")
+    missing = next((kind for kind in (DRUM, TAXELS) if kind not in kinds), "")
+    if twice:
+        cure = f"flash one of them with rigctl flash {missing}" if missing else "unplug one of them"
+        return f"two boards answer as the {twice} board: {cure}"
+    if not missing:
+        return ""
+    if not has_ports:
+        return "there is no serial port: plug both boards in, and look at what rigctl doctor says"
+    return (
+        f"no port answers as the {missing} board: plug it in; if it is, load its firmware with "
+        f"rigctl flash {missing}, and if that fails, look at what rigctl doctor says"
+    )
 
 
 def judge_drum(seen: DrumReadings) -> Verdict:

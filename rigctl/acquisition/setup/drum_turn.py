@@ -37,15 +37,10 @@ WHICH_WAY = Question(
     "which_way_drum",
     "Which way did its surface move over the sensor, compared with the arrow “forward” of the "
     "drawing?",
-    (BACK_TURNS = 1
-FORWARD, BACKWARD, STOOD),
+    (FORWARD, BACKWARD, STOOD),
 )
-
-
 WATCH_BACK = Question("mark_drum", "After your answer it turns back by one turn.")
-CAME_BACK = Question(
-    "which_way_drum", "Which way did it turn now?", (FORWARD, BACKWARD, STOOD)
-)
+CAME_BACK = Question("which_way_drum", "Which way did it turn now?", (FORWARD, BACKWARD, STOOD))
 
 
 class TurnReadings(NamedTuple):
@@ -156,6 +151,7 @@ def _turn_problem(
                 "stepper enable unplugged",
                 "step unplugged",
                 "stepper coils crossed",
+                "stepper unplugged",
             ),
             None,
         )
@@ -171,8 +167,8 @@ def _turn_problem(
         )
     if seen.seen == seen.seen_back:
         return (
-            f"the drum turns {seen.seen} both ways: the driver's DIR wire from D22 is open; connect "
-            "it",
+            f"the drum turns {seen.seen} both ways: the driver's DIR wire from D22 is open; "
+            "connect it",
             ("direction stuck",),
             None,
         )

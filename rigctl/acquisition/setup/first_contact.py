@@ -150,7 +150,7 @@ def judge_trial(seen: TrialReadings) -> Verdict:
             found,
             "the sync line is the wrong way round: take the inverter out of the wire from the "
             "Mega's D24 to the Uno's D8, or set [inverted] sync = true in rig.toml",
-                    )
+        )
     return Verdict(
         expected,
         found,

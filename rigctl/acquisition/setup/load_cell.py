@@ -25,7 +25,7 @@ LEAST_NOISE_COUNTS, MOST_NOISE_COUNTS, OPEN_NOISE_COUNTS = 2.0, 1500.0, 9000.0
 """A bridge at gain 128 scatters by some tens to some hundreds of counts, open inputs by more."""
 PRESS_SIGMAS, LEAST_PRESS_COUNTS = 6.0, 2000.0
 HX711_COUNTS_PER_SENSITIVITY = 256 * 2**23
-"""Counts at capacity are the sensitivity times this (:data:`rigctl.values.SCALE_BAND_UG_PER_COUNT`)."""
+"""Counts at capacity are the sensitivity times this (`rigctl.values`)."""
 RIGHT_SCALE = (0.7, 1.4)
 """Found over expected scale: cells differ by some percent, mechanics by some ten."""
 TWICE = (1.4, 2.9)
@@ -125,6 +125,7 @@ def _rest_problem(seen: CellReadings) -> tuple[str, ...]:
             "the load cell reads the same again and again, which no bridge does: the amplifier's "
             "SCK wire (D5) is off, or A+ and A− touch each other; check SCK first, then these two",
             "cell clock unplugged",
+            "cell inputs shorted",
         )
     if not LEAST_RATE_HZ <= seen.rate_hz <= MOST_RATE_HZ:
         return (

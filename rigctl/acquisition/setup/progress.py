@@ -103,4 +103,3 @@ def _contradiction(kept: Mapping[str, Mapping[str, Value]], config: RigConfig, n
             if now != value:
                 return f"{name} says [{table}] {key} = {now}, setup had found {value}"
     return ""
-

@@ -1,4 +1,4 @@
-"""The sensor: supply and self-test of its board, noise at rest, and which reading is which taxel."""
+"""The sensor: supply and self-test of its board, noise at rest, and its taxels' order."""
 
 from __future__ import annotations
 

@@ -192,4 +192,3 @@ def _causes(latched: int, bits: int) -> list[Fault]:
     listed = [fault for fault in Fault if fault and bits >> fault & 1]
     ordered = [Fault(latched), *listed] if latched else listed
     return [f for f in dict.fromkeys(ordered) if f is not Fault.SELFTEST]
-

@@ -75,7 +75,7 @@ def judge_stop(seen: StopReadings) -> Verdict:
         problem, cause = (
             "the board does not see the stop: its contact is bridged, or its wires are on "
             "another input than D3; take the bridge out",
-            "",
+            "E-stop bridged",
         )
     elif seen == (False, False, False):
         problem, cause = (
@@ -200,7 +200,7 @@ def _end_problem(seen: EndReadings, is_inverted: bool) -> tuple[str, str, Remedy
         return (
             "neither end switch responds: they are bridged, or are not the ones on the board's "
             "inputs; check both wires",
-            "",
+            "end switches bridged",
             None,
         )
     return (
