@@ -23,6 +23,7 @@ from rigctl.acquisition.protocol.step_runner import mountings_before
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus, RunStatus
 from rigctl.acquisition.served_engine import ServedEngine
+from rigctl.acquisition.setup.desk import SetupDesk
 from rigctl.acquisition.status import StatusBuilder
 from rigctl.acquisition.taxels.pipeline import FAST_BATCH_SAMPLES, REAL_TIME_BATCH_SAMPLES
 from rigctl.errors import DiskFault, WrongUse
@@ -53,11 +54,12 @@ class Engine(ServedEngine[Run, RunRequest]):
         )
         self.manual = ManualRecorder(self.boards, self.event_bus)
         self.calibration = Calibration(rig, self.boards, self._today)
+        self.setup = SetupDesk(rig, self.boards.motion, self.calibration.measurement, self._today)
         self.judge: JudgeLink | None = None
         """Judges the conditions of the run, where its protocol lets them end early."""
         self._utc_now = utc_now
         self._texture = rig.plate
-        self._status_builder = StatusBuilder(rig, self.boards, self.calibration)
+        self._status_builder = StatusBuilder(rig, self.boards, self.calibration, self.setup)
 
     def start(self, request: RunRequest) -> Run:
         """Start a run.

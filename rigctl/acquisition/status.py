@@ -13,6 +13,7 @@ from rigctl.acquisition.drum.contact import contact_words, has_status
 from rigctl.acquisition.health.rate_meter import RateMeter, age_s
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus, RunStatus
+from rigctl.acquisition.setup.desk import SetupDesk
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.values import DrumState
 from rigctl.wire.drum.codes import Status
@@ -24,8 +25,10 @@ RATE_WINDOW_S = 1.0
 class StatusBuilder:
     """Builds the status message of one engine."""
 
-    def __init__(self, rig: Rig, boards: Boards, calibration: Calibration) -> None:
-        self._rig = rig
+    def __init__(
+        self, rig: Rig, boards: Boards, calibration: Calibration, setup: SetupDesk
+    ) -> None:
+        self._rig, self._setup = rig, setup
         self._calibration = calibration
         self._raw_counts: deque[int] = deque(maxlen=READINGS)
         self._layout = SensorLayout.of_rig(rig.config.taxels)
@@ -81,6 +84,7 @@ class StatusBuilder:
             scale_ug_per_count=self._rig.config.loadcell.scale_ug_per_count,
             has_taxel_order=self._calibration.has_taxel_order,
             calibration=self._calibration.status(),
+            setup=self._setup.status(),
             recording=recording,
             run=run,
             **(self._raw_reading() if self._raw_counts else {}),
@@ -117,6 +121,7 @@ def _drum_fields(drum: DrumState, now_s: float) -> dict[str, Any]:
         "angle_deg": drum.angle_deg,
         "actuator_position_um": drum.actuator_position_um,
         "tared": has_status(drum, Status.TARED),
+        "commissioned": has_status(drum, Status.COMMISSIONED),
         "homed": has_status(drum, Status.HOMED),
         "contact_may_stand": has_status(drum, Status.CONTACT_MAY_STAND),
         "estop_pressed": not has_status(drum, Status.ESTOP_CLOSED),

@@ -25,8 +25,8 @@ from rigctl.acquisition.early_end.condition_end import Amount, ConditionEnd
 from rigctl.acquisition.engine import Engine
 from rigctl.acquisition.protocol.run_request import RunRequest
 from rigctl.acquisition.rpc.arguments import NoteText, Number, PathText, TextureName
-from rigctl.acquisition.rpc.calibration_commands import CalibrationCommands
 from rigctl.acquisition.rpc.declared_commands import EngineCommand, Result, summary_of
+from rigctl.acquisition.rpc.setup_commands import SetupCommands
 from rigctl.config.rig_config import RigLimits
 from rigctl.errors import WrongUse
 from rigctl.values import DrumState
@@ -65,7 +65,7 @@ Magnitude = Annotated[float, Meta(ge=0, le=100_000)] | None
 Note = Annotated[str, Meta(max_length=500, pattern=r"\A[^\x00-\x1f\x7f]*\Z")]
 
 
-class CommandHandler(CalibrationCommands):
+class CommandHandler(SetupCommands):
     """Executes requests to the engine of a drum rig."""
 
     request_type = RunRequest

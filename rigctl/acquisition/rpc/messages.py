@@ -31,6 +31,7 @@ from rigctl.acquisition.calibration.calibration_values import (
     ForceLoopGains,
     MassReading,
 )
+from rigctl.acquisition.setup.setup_status import PartStatus, SetupStatus
 from rigctl.config.names import shorten
 from rigctl.config.rig_config import RigLimits
 from rigctl.encoding.reading import Reading
@@ -49,6 +50,7 @@ DISCONNECTED = "disconnected"
 PAPER_SENSOR = SensorLayout.default(N_TAXELS)
 NOMINAL_LIMITS = RigLimits()
 NO_CALIBRATION = CalibrationStatus()
+NO_SETUP = SetupStatus()
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -186,7 +188,7 @@ class EngineStatus:
     ``loadcell_age_s``: loop time since the newest data, None before any. ``limits``: set-points
     that the engine takes. ``loadcell_counts``, ``loadcell_sd_counts``: mean and spread of the
     last second, None before any. ``has_taxel_order``: rig.toml says which reading is which taxel,
-    or they are identified.
+    or they are identified. ``commissioned``: the board presses for protocols.
     ``is_moved_by_hand``: a client's own command moves the drum, so no run can start.
     ``gaps``, ``lost_samples``, ``loadcell_lost``: since the engine started; ``lost_age_s`` and
     ``loadcell_lost_age_s``: loop time since the last of them, None where that is not known.
@@ -216,6 +218,7 @@ class EngineStatus:
     steps: int = 0
     angle_deg: float = 0.0
     actuator_position_um: int = 0
+    commissioned: bool = True
     tared: bool = False
     contact_may_stand: bool = False
     estop_pressed: bool = False
@@ -246,6 +249,7 @@ class EngineStatus:
     recording: RecordingStatus = RecordingStatus()
     run: RunStatus = RunStatus()
     calibration: CalibrationStatus = NO_CALIBRATION
+    setup: SetupStatus = NO_SETUP
 
     @property
     def is_left_in_contact(self) -> bool:
@@ -323,6 +327,11 @@ _CALIBRATION_PARSERS: FieldParsers = {
     "wiring_pressed": lambda pairs: tuple(map(tuple, pairs)),
     "wiring": tuple,
 }
+_SETUP_PARSERS: FieldParsers = {
+    "parts": lambda rows: tuple(parse_fields(PartStatus, row, {}) for row in rows),
+    "choices": tuple,
+    "remarks": tuple,
+}
 _STATUS_PARSERS: FieldParsers = {
     **PARSERS,
     "boards": lambda boards: {
@@ -331,6 +340,7 @@ _STATUS_PARSERS: FieldParsers = {
     "run": lambda data: parse_fields(RunStatus, data, PARSERS),
     "limits": lambda data: parse_fields(RigLimits, data, {}),
     "calibration": lambda data: parse_fields(CalibrationStatus, data, _CALIBRATION_PARSERS),
+    "setup": lambda data: parse_fields(SetupStatus, data, _SETUP_PARSERS),
     "sensor_layout": lambda data: parse_fields(SensorLayout, data, {"layers": tuple}),
     "reading": Reading,
     "wiring": tuple,
