@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from rigctl.simulation.bench.bench import Bench
+from rigctl.simulation.bench.electrics import TestPoints
 from rigctl.simulation.simulated_rig import FaultInjection
 from rigctl.wire.drum.codes import Signal
 
@@ -20,10 +21,15 @@ MOTOR_STEPS, BELT = 200, 4
 
 
 class SimulatedHands:
-    """One person at one bench. A question that they do not know they answer with ``done``."""
+    """One person at one bench. A question that they do not know they answer with ``done``.
 
-    def __init__(self, bench: Bench, faults: FaultInjection) -> None:
-        self._bench, self._faults = bench, faults
+    ``meter()`` returns what they would measure now.
+    """
+
+    def __init__(
+        self, bench: Bench, faults: FaultInjection, meter: Callable[[], TestPoints]
+    ) -> None:
+        self._bench = bench
         self._rod_mm = self._drum_mm = 0.0
         self._acts: dict[str, Callable[[float], object]] = {
             "press_estop": lambda _: faults.press_estop(),
@@ -41,13 +47,14 @@ class SimulatedHands:
         }
         p = bench.parameters
         self._answers: dict[str, Callable[[], str]] = {
-            "circumference": lambda: f"{p.circumference_mm:g}",
+            "circumference": lambda: f"{self._turn_mm():g}",
             "microsteps": lambda: f"{p.steps_per_turn / (MOTOR_STEPS * BELT):g}",
             "capacity": lambda: f"{CAPACITY_G:g}",
             "sensitivity": self._sensitivity,
             "mass_first": lambda: f"{MASSES_G[0]:g}",
             "mass_second": lambda: f"{MASSES_G[1]:g}",
-            "is_supply_cut": lambda: "yes",
+            "is_supply_cut": lambda: _yes(not any(meter()[1:3])),
+            "is_bridge_off": lambda: _yes(not meter().bridge_enabled),
             "make_room": lambda: "clear",
             "which_way_rod": self._which_way_rod,
             "count_turns": lambda: f"{self._turns():.2f}",
@@ -65,8 +72,7 @@ class SimulatedHands:
         return known() if known is not None else "done"
 
     def _has(self, signal: Signal) -> Callable[[], str]:
-        absent = self._bench.disturbances
-        return lambda: "no" if signal in absent.absent else "yes"
+        return lambda: _yes(signal not in self._bench.disturbances.absent)
 
     def _sensitivity(self) -> str:
         ug_per_count = self._bench.parameters.loadcell_ug_per_count
@@ -93,4 +99,13 @@ class SimulatedHands:
         return self._bench.plant.drum_mm - self._drum_mm
 
     def _turns(self) -> float:
-        return abs(self._moved_mm()) / self._bench.parameters.circumference_mm
+        return abs(self._moved_mm()) / self._turn_mm()
+
+    def _turn_mm(self) -> float:
+        """Return what a strip of paper around the drum measures."""
+        circuit = self._bench.disturbances.circuit
+        return self._bench.parameters.circumference_mm * circuit.diameter
+
+
+def _yes(is_so: bool) -> str:
+    return "yes" if is_so else "no"

@@ -114,7 +114,7 @@ class VirtualRig:
         self.faults = FaultInjection(
             links, bench.disturbances, self._apply_disturbances, self._reset
         )
-        self.hands = SimulatedHands(bench, self.faults)
+        self.hands = SimulatedHands(bench, self.faults, lambda: self.test_points)
 
     @property
     def truth(self) -> GroundTruth:

@@ -85,7 +85,7 @@ class ChipSimulation:
         links = {DRUM: self.drum, TAXELS: self.taxels}
         disturbances, on_change = bench.disturbances, self._apply_disturbances
         self.faults = FaultInjection(links, disturbances, on_change, self._reset)
-        self.hands = SimulatedHands(bench, self.faults)
+        self.hands = SimulatedHands(bench, self.faults, lambda: self.test_points)
         self._adc_noise = NoiseRows(bench.seed, NoiseStream.ADC, CHANNELS)
         self._edges: list[tuple[Input, int, float]] = []
         self._input_levels = {Input.ESTOP: 0, Input.END_UP: 0, Input.END_DOWN: 0}
