@@ -15,8 +15,10 @@ NUDGES = 6
 MOVED_UM = 40
 BROKEN_LOW, BROKEN_HIGH = 22, 1000
 """Readings of the potentiometer beyond its series resistors (arduino/drum/board.h)."""
-MOST_DUTY = 150
-"""Permille at which a nudge ends, in the mean; at the full supply an actuator needs about 100."""
+MOST_DUTY = 260
+"""Permille at which a nudge ends, in the mean; an actuator at its full supply needs about 190."""
+RAMP_PERMILLE = 90
+"""How far above its dead band the duty of a nudge rises until the actuator has moved 0.1 mm."""
 UP, DOWN, NOT_AT_ALL = "up", "down", "not at all"
 OUT, CLEAR, NEITHER = "out", "clear", "neither"
 
@@ -203,11 +205,14 @@ def _direction_problem(
             Remedy("inverted", {"position": not is_inverted}, text),
         )
     if seen.press.duty > MOST_DUTY:
+        dead_band = min(500, round(seen.press.duty) - RAMP_PERMILLE)
+        text = f"[actuator] dead_band_permille = {dead_band}"
         return (
             f"the actuator needs a duty of {seen.press.duty / 10:.0f} % to move at all: its supply "
             "is half of what it is made for, such as 12 V for 24 V, or it rubs; measure the "
-            "bridge's supply against the actuator's label, and free the rod",
+            "bridge's supply against the actuator's label and free the rod, or let rig.toml say "
+            f"{text}",
             ("actuator supply half",),
-            None,
+            Remedy("actuator", {"dead_band_permille": dead_band}, text),
         )
     return "", (), None
