@@ -138,6 +138,20 @@ def _add_taxel_status(report: PortReport, taxels: Taxels) -> PortReport:
     return replace(report, supply_v=supply_v, self_test=self_test, counters=counters)
 
 
+async def probe_link(link: ByteLink, loop: asyncio.AbstractEventLoop) -> PortReport:
+    """Return a report of a link of a drum rig, closed, on which either board may answer."""
+    error = ""
+    for board in (DRUM, TAXELS):
+        device = _DRIVERS[board](link, loop)
+        try:
+            return PortReport(link.name, "", await device.connect())
+        except RigFault as refusal:
+            error = error or str(refusal).removeprefix(f"{link.name}: ")
+        finally:
+            device.close()
+    return PortReport(link.name, "", error=error)
+
+
 async def probe_port(port: str, description: str, loop: asyncio.AbstractEventLoop) -> PortReport:
     """Return a report of one port, which is opened once and asked for each board."""
     errors = []

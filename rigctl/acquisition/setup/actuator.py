@@ -142,13 +142,14 @@ def _problem(
     seen: ActuatorReadings, has_position: bool, is_inverted: bool
 ) -> tuple[str, tuple[str, ...], Remedy | None]:
     ways = seen.press.seen, seen.lift.seen
-    if NOT_AT_ALL in ways:
+    follows = [(abs(n.travel_um) >= MOVED_UM) == (n.seen != NOT_AT_ALL) for n in seen[1:]]
+    if NOT_AT_ALL in ways and (all(follows) or not has_position):
         return (*_missing_way(ways), None)
-    if has_position and abs(seen.press.travel_um) < MOVED_UM:
+    if has_position and not all(follows):
         return (
-            "the actuator moved and the potentiometer did not follow: its wiper's wire to A0 is "
-            "open and nothing holds the input, or it is not coupled to the rod; connect the wiper "
-            "with its pull-down of 1 MΩ, and check the coupling",
+            "the potentiometer says something else than the eye: its wiper's wire to A0 is open "
+            "and nothing holds the input, or it is not coupled to the rod; connect the wiper with "
+            "its pull-down of 1 MΩ, and check the coupling",
             ("potentiometer wiper open, no pull-down",),
             None,
         )

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from dataclasses import fields
 from typing import NamedTuple
 
+from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.setup.verdict import YES, YES_OR_NO, Question, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
 from rigctl.config.rig_config import Signals
-from rigctl.devices.port_discovery import DRUM, TAXELS, PortReport
+from rigctl.devices.port_discovery import DRUM, TAXELS, PortReport, probe_link
 
 SAME_SHARE = 0.005
 MOTOR_STEPS = 200
@@ -65,31 +66,43 @@ async def check_drum(bench: Workbench) -> Verdict:
     return verdict
 
 
-def judge_reports(reports: Sequence[PortReport]) -> Verdict:
-    """Judge what answered on the ports: one board of each kind is needed."""
-    kinds = [report.identity.board for report in reports if report.identity is not None]
+async def find_boards(rig: Rig) -> Verdict:
+    """Say which board answers at which port of a rig that could not connect."""
+    links = {DRUM: rig.drum.link, TAXELS: rig.taxels.link}
+    reports = {board: await probe_link(link, rig.loop) for board, link in links.items()}
+    return judge_reports(list(reports.values()), list(reports))
+
+
+def judge_reports(reports: Sequence[PortReport], expected: Sequence[str] = ()) -> Verdict:
+    """Judge what answered on the ports: one board of each kind; ``expected``: which on which."""
+    kinds = [report.identity.board if report.identity else "" for report in reports]
     found = "; ".join(
-        f"{report.port}: {f'{report.identity.board} board' if report.identity else report.error}"
-        for report in reports
+        f"{report.port}: {f'{kind} board' if kind else report.error}"
+        for report, kind in zip(reports, kinds, strict=True)
     )
-    problem = _ports_problem(kinds, bool(reports))
-    twice = ("two boards of one kind",) if len(kinds) > len(set(kinds)) else ()
-    return Verdict("a drum board and a taxel board", found or "no serial port", problem, twice)
-
-
-def _ports_problem(kinds: Sequence[str], has_ports: bool) -> str:
     twice = next((kind for kind in (DRUM, TAXELS) if kinds.count(kind) > 1), "")
     missing = next((kind for kind in (DRUM, TAXELS) if kind not in kinds), "")
+    problem, *causes = _ports_problem(twice, missing, bool(reports))
+    if not problem and expected and kinds != list(expected):
+        problem = (
+            "the two boards are exchanged: exchange their cables, or the ports drum and taxels in "
+            "rig.toml"
+        )
+        causes = ["boards swapped"]
+    return Verdict("a drum board and a taxel board", found or "no port", problem, tuple(causes))
+
+
+def _ports_problem(twice: str, missing: str, has_ports: bool) -> tuple[str, ...]:
     if twice:
         cure = f"flash one of them with rigctl flash {missing}" if missing else "unplug one of them"
-        return f"two boards answer as the {twice} board: {cure}"
+        return f"two boards answer as the {twice} board: {cure}", "two boards of one kind"
     if not missing:
-        return ""
+        return ("",)
     if not has_ports:
-        return "there is no serial port: plug both boards in, and look at what rigctl doctor says"
+        return ("there is no serial port: plug both boards in, and see what rigctl doctor says",)
     return (
         f"no port answers as the {missing} board: plug it in; if it is, load its firmware with "
-        f"rigctl flash {missing}, and if that fails, look at what rigctl doctor says"
+        f"rigctl flash {missing}, and if that fails, see what rigctl doctor says",
     )
 
 

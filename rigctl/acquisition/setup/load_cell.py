@@ -123,9 +123,9 @@ def _rest_problem(seen: CellReadings) -> tuple[str, ...]:
     if seen.unique < LEAST_UNIQUE or seen.sd_counts < LEAST_NOISE_COUNTS:
         return (
             "the load cell reads the same again and again, which no bridge does: the amplifier's "
-            "SCK wire (D5) is off, or A+ and A− touch each other; check SCK first, then these two",
+            "SCK wire (D5) is off, or the amplifier hangs; check SCK, then switch its supply off "
+            "and on",
             "cell clock unplugged",
-            "cell inputs shorted",
         )
     if not LEAST_RATE_HZ <= seen.rate_hz <= MOST_RATE_HZ:
         return (
@@ -182,11 +182,11 @@ def judge_press(free: CellReadings, pressed: CellReadings, ug_per_count: int) ->
         return Verdict(
             expected,
             f"a change by {change:+.0f} counts, which is none",
-            "the load cell does not feel the finger: nothing feeds its bridge (E+ is off), or its "
-            "signal is on B+ and B− while channel A is read, which look alike; check E+ for the "
-            "amplifier's supply with a meter, then that the signal is on A+ and A−, and then that "
-            "no screw bridges the cell",
-            ("cell excitation open", "cell on channel B"),
+            "the load cell does not feel the finger: nothing feeds its bridge (E+ is off), A+ and "
+            "A− touch each other, or its signal is on B+ and B− while channel A is read, which "
+            "look alike; measure E+ to E− (the amplifier's supply), then A+ to A− unplugged "
+            "(its rated resistance), then look that no screw bridges the cell",
+            ("cell excitation open", "cell inputs shorted", "cell on channel B"),
         )
     if grams < 0:
         text = f"scale_ug_per_count = {-ug_per_count}"

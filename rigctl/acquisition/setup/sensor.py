@@ -85,9 +85,11 @@ def _sensor_problem(seen: SensorReadings) -> tuple[str, ...]:
 
 def _test_causes(test: SelfTest) -> tuple[str, ...]:
     silent = [reading for reading in range(N_TAXELS) if test.silent >> reading & 1]
+    is_full = [test.full >> reading & 1 for reading in range(N_TAXELS)]
+    full_inputs = [i for i in range(N_INPUTS) if all(is_full[i::N_INPUTS])]
     named = {
         "taxel inputs shorted": test.inputs_together,
-        "taxel divider missing": test.inputs_open,
+        "taxel divider missing": test.inputs_open or full_inputs,
         "taxel line open": len(silent) >= N_INPUTS,
         "taxel input open": 0 < len(silent) < N_INPUTS,
     }
@@ -99,25 +101,37 @@ async def check_order(bench: Workbench) -> Verdict:
     steps = WiringSteps(bench.rig, partial(mean_readings, bench.rig, bench.require_taxels))
     try:
         while steps.step is not WiringStep.DONE:
-            await _take(bench, steps)
+            if problem := await _take(bench, steps):
+                return _unclear_order(bench.rig.config.taxels.order, problem)
     finally:
         steps.end()
     return judge_order(steps.wiring, bench.rig.config.taxels.order)
 
 
-async def _take(bench: Workbench, steps: WiringSteps) -> None:
-    """Take one step; what is not clear is asked again."""
-    before = ""
+async def _take(bench: Workbench, steps: WiringSteps) -> str:
+    """Take one step; what is not clear is asked again. Return why it stays so, else nothing."""
+    unclear = ""
     for _ in range(TRIES):
         key = f"sensor_{steps.step.name.lower()}"
+        before = f"Not clear: {unclear}. " if unclear else ""
         await bench.ask(Question(key, before + steps.question, (DONE,)))
         try:
             await steps.take()
-        except WrongUse as unclear:
-            before = f"Not clear: {unclear}. "
+        except WrongUse as refusal:
+            unclear = str(refusal)
         else:
-            return
-    raise WrongUse(before.removeprefix("Not clear: ").rstrip(". "))
+            return ""
+    return unclear
+
+
+def _unclear_order(order: Sequence[int], unclear: str) -> Verdict:
+    """Return the verdict of presses that stay unclear; two inputs that touch always do."""
+    return Verdict(
+        wiring_words(order),
+        "presses that are not clear",
+        f"{unclear}; where it was one place only, the two inputs touch each other: separate them",
+        ("taxel inputs shorted",),
+    )
 
 
 def judge_order(wiring: Sequence[int], expected: Sequence[int]) -> Verdict:

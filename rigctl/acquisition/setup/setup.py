@@ -182,7 +182,8 @@ class Setup:
         if not present:
             return Verdict(expected, "an end before its time", str(fault))
         texts = " ".join(FAULT_TEXT[cause] for cause in present[:1])
-        causes = tuple(name for cause in present for name in FAULT_CAUSES.get(cause, ()))
+        names = (name for cause in present for name in FAULT_CAUSES.get(cause, ()))
+        causes = tuple(dict.fromkeys(names))
         found = f"the fault {', '.join(cause.name for cause in present)}"
         return Verdict(expected, found, texts, causes)
 

@@ -18,7 +18,7 @@ from typing import Any
 
 from rigctl.acquisition.calibration.calibrator import Calibrator, calibrate_alone
 from rigctl.acquisition.rig import Rig
-from rigctl.acquisition.setup.boards import judge_reports
+from rigctl.acquisition.setup.boards import find_boards, judge_reports
 from rigctl.acquisition.setup.progress import load_progress
 from rigctl.acquisition.setup.setup import STEPS, Setup, SetupStep
 from rigctl.acquisition.setup.verdict import Question, Verdict
@@ -29,7 +29,7 @@ from rigctl.config.rig_config import RigConfig, load_config
 from rigctl.config.toml_edit import replace_file
 from rigctl.config.visible_text import visible
 from rigctl.devices.port_discovery import probe_ports
-from rigctl.errors import WrongUse
+from rigctl.errors import RigFault, WrongUse
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
 
 AGAIN, KEEP, LEAVE = "again", "keep", "leave"
@@ -72,7 +72,16 @@ def run(args: argparse.Namespace) -> int:
         if args.yes and not rig.simulated:
             raise WrongUse("a bench needs a person who presses and looks: leave out --yes")
         session = _SetupSession(args, rig)
-        rig.loop.run_until_complete(calibrate_alone(rig, session.run))
+        try:
+            rig.loop.run_until_complete(calibrate_alone(rig, session.run))
+        except RigFault:
+            if session.is_connected:
+                raise
+            verdict = rig.loop.run_until_complete(find_boards(rig))
+            if verdict.passed:
+                raise
+            _print_verdict(verdict)
+            return 1
     return session.report()
 
 
@@ -106,6 +115,11 @@ class _SetupSession:
         self._print: Callable[[str], None] = _no_print if args.json else print
         self._setup: Setup | None = None
         self._skipped: tuple[str, ...] = ()
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether both boards have answered."""
+        return self._setup is not None
 
     async def run(self, calibrator: Calibrator) -> None:
         """Take the steps until all have passed or the person leaves."""
