@@ -180,6 +180,7 @@ docs: $(VENV)/.ready
 	@$(BIN)/python -m rigctl.encoding.neuron_header
 	@$(BIN)/python -m rigctl.simulation.bench.world.parameter_tables
 	@$(BIN)/python -m rigctl.simulation.finger.parameter_page
+	@$(BIN)/python -m tests.acquisition.setup.wrong_wirings > docs/reference/wrong-wirings.md
 	@$(BIN)/python -m tests.architecture.picture
 	@$(BIN)/python arduino/wiring.py
 	@$(BIN)/python arduino/mechanics.py

@@ -1,0 +1,69 @@
+"""The page docs/reference/wrong-wirings.md; ``python -m tests.acquisition.setup.wrong_wirings``
+prints it: a setup through every wrong wiring of the catalogue, on virtual boards."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from rigctl.acquisition.setup.setup import STEPS
+from rigctl.simulation.wirings import WIRINGS, Wiring
+from tests.acquisition.setup.simulated_setup import simulated_setup
+
+MOST_FORCE_G = 300
+"""Of the actuator before the setup has passed."""
+FILTERED = "Nothing is wrong: the board takes the majority of three reads, and the stop's last edge counts."
+CONNECTING = "the connection"
+HEAD = f"""\
+# Wrong wirings
+
+`rigctl serve --wire NAME` wires the simulated bench in one of these ways, and so does the fault
+panel of the window. `python -m tests.acquisition.setup.wrong_wirings` prints this page: it lets
+[`rigctl setup`](../how-to/set-up.md) run through each of them, with a person who does and sees
+what the simulated bench shows, and the test suite holds each row. The setup stops at the first
+part that is wrong and says the sentence of the row. Wirings that no sensor of the rig can tell
+apart share a sentence, which lists them with the check that decides. Before the setup has passed,
+the drum never presses with more than {MOST_FORCE_G} g; the largest true force of each run stands
+in the last column.
+
+| wiring | what is connected how | found by | what the setup says | force |
+|---|---|---|---|---|"""
+
+
+class Row(NamedTuple):
+    """What a setup says of one wiring; ``causes``: the wirings that its sentence is about."""
+
+    wiring: Wiring
+    part: str
+    sentence: str
+    causes: tuple[str, ...]
+    peak_g: float
+
+    @property
+    def line(self) -> str:
+        """The row of the page."""
+        w = self.wiring
+        sentence = self.sentence[0].upper() + self.sentence[1:]
+        return f"| `{w.name}` | {w.text} | {self.part} | {sentence} | {self.peak_g:.0f} g |"
+
+
+def set_up(wiring: Wiring, kind: str = "virtual") -> Row:
+    """Set up a rig that is wired like this, until a part is wrong."""
+    with simulated_setup(wiring.name, kind) as setup:
+        setup.run_through()
+    if setup.wrong is None:
+        return Row(wiring, "–", FILTERED, (), setup.peak_g)
+    part = CONNECTING if setup.step is None else setup.step.title
+    return Row(wiring, part, setup.wrong.problem, setup.wrong.causes, setup.peak_g)
+
+
+def page() -> str:
+    """Return the page."""
+    rows = [set_up(wiring) for wiring in WIRINGS.values()]
+    parts = [CONNECTING, *(step.title for step in STEPS)]
+    order = {part: place for place, part in enumerate(parts)}
+    rows.sort(key=lambda row: order.get(row.part, len(order)))
+    return "\n".join([HEAD, *(row.line for row in rows)])
+
+
+if __name__ == "__main__":
+    print(page())
