@@ -288,6 +288,11 @@ def drawing(page: str) -> str:
     return "\n".join([head, ground, *body, "</svg>", ""])
 
 
+def part_id(name: str) -> str:
+    """The id of a part's box and wires in a drawing, by which a setup shows that part alone."""
+    return re.sub("[^a-z0-9]+", "-", name.lower()).strip("-")
+
+
 def _height(parts: list[Part]) -> int:
     return sum(_part_height(part) for part in parts) + GAP * (len(parts) + 1)
 
@@ -305,11 +310,13 @@ def _board(name: str, folder: str, top: int, bottom: int) -> Iterator[str]:
 def _parts(parts: list[Part], top: int) -> Iterator[str]:
     y = top + GAP
     for part in parts:
+        yield f'<g id="{part_id(part.name)}">'
         yield _box(PART_LEFT, y, PART_RIGHT, y + _part_height(part), "#f6f1e4", "#7a6a33")
         yield from _text(PART_LEFT + 14, y + 22, part.name, 15, "start", "bold")
         yield from _text(PART_LEFT + 14, y + 40, part.remark, 12)
         for i, row in enumerate(part.rows):
             yield from _wire(row, y + 52 + ROW * i + 8)
+        yield "</g>"
         y += _part_height(part) + GAP
 
 

@@ -307,10 +307,11 @@ class MainWindow(SteadyFocusWindow):
         attach.reported.connect(self.report)
         attach.history_received.connect(self._show_history)
         panels = (self.operate_panel, self.protocol_panel)
-        drum = drum_controls(*panels, self.prompt_panel, self.tools.calibrate_page)
+        tools = (self.tools.calibrate_page, self.tools.setup_page)
+        drum = drum_controls(*panels, self.prompt_panel, *tools)
         controls = (drum, finger_controls(self.finger_tab))
         self._locks = tuple(map(ControlLock, attach.shared, controls))
-        for panel in (*panels, self.tools.calibrate_page):
+        for panel in (*panels, *tools):
             self._locks[0].released.connect(
                 lambda panel=panel: panel.show_status(self.engine_link.status)
             )

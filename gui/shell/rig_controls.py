@@ -9,10 +9,15 @@ from gui.finger.finger_tab import FingerTab
 from gui.operate.operate_panel import OperatePanel
 from gui.operate.prompt import PromptPanel
 from gui.protocol.protocol_panel import ProtocolPanel
+from gui.setup.setup_page import SetupPage
 
 
 def drum_controls(
-    operate: OperatePanel, protocol: ProtocolPanel, prompt: PromptPanel, calibrate: CalibratePage
+    operate: OperatePanel,
+    protocol: ProtocolPanel,
+    prompt: PromptPanel,
+    calibrate: CalibratePage,
+    setup: SetupPage,
 ) -> list[QWidget]:
     """Return what acts on the drum rig, but STOP."""
     bench, queue = operate.bench, protocol.queue
@@ -26,6 +31,7 @@ def drum_controls(
         *(protocol.continue_button, queue.next_button),
         *(prompt.confirm, prompt.abort),
         *calibrate.controls,
+        *setup.controls,
     ]
 
 

@@ -28,6 +28,13 @@ def protocols() -> Path:
     return root / "protocols" if root else _PACKAGE / "_data" / "protocols"
 
 
+def wiring_drawing(board: str) -> Path:
+    """Return the wiring drawing of a board, ``mega``, ``uno`` or ``teensy``, an SVG."""
+    root = checkout()
+    folder = root / "arduino" if root else _PACKAGE / "_data" / "wiring"
+    return folder / f"wiring-{board}.svg"
+
+
 def finger_protocols() -> Path:
     """Return the folder of the built-in protocols of the moving finger."""
     return protocols() / "finger"

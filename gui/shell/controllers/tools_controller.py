@@ -9,6 +9,7 @@ from PySide6.QtCore import QObject, Signal
 
 from gui.calibrate.calibrate_page import CalibratePage
 from gui.engine_link import EngineLink
+from gui.setup.setup_page import SetupPage
 from gui.shell.actions import ActionRegistry
 from gui.shell.page_stack import PageStack
 from gui.tools.accept_page import AcceptPage
@@ -52,11 +53,17 @@ class ToolsController(QObject):
             menus.add("Tools", text, lambda name=name: stack.show_page(name), tip=tooltip)
 
         self._connect_calibration()
+        self._add_setup(menus)
 
     def show_calibration(self, part: str) -> None:
         """Show a part of the page Calibrate."""
         self.calibrate_page.show_part(part)
         self._stack.show_page("calibrate")
+
+    def show_setup(self) -> None:
+        """Show the page Set up."""
+        self._stack.show_page("setup")
+        self.setup_page.open()
 
     def close(self) -> None:
         """End the commands that still run."""
@@ -71,6 +78,18 @@ class ToolsController(QObject):
         link.silent.connect(page.load_cell.show_old)
         link.refused.connect(page.show_refusal)
         link.answered.connect(page.show_answer)
+
+    def _add_setup(self, menus: ActionRegistry) -> None:
+        link, page = self._link, SetupPage()
+        self.setup_page = page
+        self._stack.add_page("setup", page)
+        page.closed.connect(self.closed)
+        page.command_requested.connect(self._request)
+        link.status_changed.connect(page.show_status)
+        link.closed.connect(lambda _: page.show_status(EngineStatus()))
+        link.refused.connect(page.show_refusal)
+        tip = "Check a rig part by part, from its wires to the first trial"
+        menus.add("Rig", "Set &up …", self.show_setup, tip=tip)
 
     def _leave_rig(self) -> None:
         """Say what was measured and not saved, and forget it, as the engine does at its end."""

@@ -23,13 +23,15 @@ from rigctl.errors import LinkLost, RigFault, WrongUse
 from rigctl.wire.drum.states import FAULT_TEXT, Fault
 
 COMMISSION = "commission"
+CELL = "mega#load-cell-amplifier-hx711"
 
 
 @dataclass(frozen=True, slots=True)
 class SetupStep:
     """One part that is checked alone.
 
-    ``picture``: the drawing or plot that it is about. ``needs``: the optional wire without which
+    ``picture``: what it is about, the page of the wiring drawing and the id of a part in it, or
+    ``force`` for the plot of the load cell. ``needs``: the optional wire without which
     there is nothing to check. ``moves``: it drives a motor, so all steps before it pass first.
     """
 
@@ -42,22 +44,38 @@ class SetupStep:
 
 
 STEPS = (
-    SetupStep("ports", "Boards and ports", check_ports, "boards"),
-    SetupStep("drum", "Drum and microsteps", check_drum, "stepper"),
+    SetupStep("ports", "Boards and ports", check_ports, "mega#arduino-uno"),
+    SetupStep("drum", "Drum and microsteps", check_drum, "mega#stepper-driver"),
     SetupStep("wires", "Wires that are fitted", check_fitted, "mega"),
-    SetupStep("stop", "Emergency stop", check_stop, "stop", "estop"),
-    SetupStep("supply", "Second contact of the stop", check_supply_cut, "stop", "estop"),
-    SetupStep("ends", "End switches", check_ends, "ends", "end_switches"),
-    SetupStep("cell", "Load cell at rest", check_at_rest, "cell"),
-    SetupStep("finger", "Load cell under a finger", check_under_finger, "cell"),
-    SetupStep("scale", "Load cell with known masses", check_scale, "cell"),
-    SetupStep("actuator", "Actuator and potentiometer", check_actuator, "actuator", moves=True),
-    SetupStep("turn", "Drum, mark and steps", check_turn, "stepper", moves=True),
-    SetupStep("sensor", "Sensor at rest", check_sensor, "uno"),
-    SetupStep("order", "Order of the taxels", check_order, "uno"),
+    SetupStep("stop", "Emergency stop", check_stop, "mega#emergency-stop", "estop"),
+    SetupStep(
+        "supply",
+        "Second contact of the stop",
+        check_supply_cut,
+        "mega#h-bridge-of-the-actuator",
+        "estop",
+    ),
+    SetupStep(
+        "ends", "End switches", check_ends, "mega#actuator-position-and-ends", "end_switches"
+    ),
+    SetupStep("cell", "Load cell at rest", check_at_rest, CELL),
+    SetupStep("finger", "Load cell under a finger", check_under_finger, CELL),
+    SetupStep("scale", "Load cell with known masses", check_scale, CELL),
+    SetupStep(
+        "actuator",
+        "Actuator and potentiometer",
+        check_actuator,
+        "mega#h-bridge-of-the-actuator",
+        moves=True,
+    ),
+    SetupStep(
+        "turn", "Drum, mark and steps", check_turn, "mega#index-sensor-at-the-drum", moves=True
+    ),
+    SetupStep("sensor", "Sensor at rest", check_sensor, "uno#sensor-read-lines"),
+    SetupStep("order", "Order of the taxels", check_order, "uno#sensor-driven-lines"),
     SetupStep("press", "First press, 100 g", check_first_press, "force", moves=True),
-    SetupStep(COMMISSION, "Commission the board", commission, "boards", moves=True),
-    SetupStep("trial", "First trial", check_first_trial, "sync", "sync", moves=True),
+    SetupStep(COMMISSION, "Commission the board", commission, "mega", moves=True),
+    SetupStep("trial", "First trial", check_first_trial, "uno#arduino-mega", "sync", moves=True),
 )
 
 FAULT_CAUSES: dict[Fault, tuple[str, ...]] = {

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 class PartStatus:
     """One part: ``state`` open|right|wrong, and what its last check expected and found.
 
-    ``picture``: the drawing or plot that it is about. ``remedy``: what ``rig.toml`` can say
+    ``picture``: as in the step. ``remedy``: what ``rig.toml`` can say
     instead of mending, empty for nothing.
     """
 

@@ -8,9 +8,12 @@ from typing import NamedTuple
 from rigctl.acquisition.drum.contact import has_status
 from rigctl.acquisition.setup.verdict import YES, YES_OR_NO, Question, Remedy, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
+from rigctl.config.toml_edit import Value
 from rigctl.errors import BoardFault
 from rigctl.wire.drum.codes import Status
+from rigctl.wire.drum.states import Fault
 
+QUIET_S = 3.0
 PRESS_STOP = Question("press_estop", "Press the emergency stop, and leave it pressed.")
 IS_CUT = Question(
     "is_supply_cut",
@@ -48,23 +51,32 @@ class EndReadings(NamedTuple):
 
 
 async def check_stop(bench: Workbench) -> Verdict:
-    """Press and release the emergency stop."""
+    """Press and release the emergency stop, then see that it does not trip by itself."""
     before = has_status(await bench.look(), Status.ESTOP_CLOSED)
     await bench.ask(PRESS_STOP)
     pressed = has_status(await bench.look(), Status.ESTOP_CLOSED)
     await bench.ask(RELEASE_STOP)
     after = has_status(await bench.look(), Status.ESTOP_CLOSED)
-    verdict = judge_stop(StopReadings(before, pressed, after))
+    trips = False
     with suppress(BoardFault):  # of another part, whose step names it
         await bench.clear()
-    return verdict
+        trips = any(state.fault == Fault.ESTOP for state in await bench.watch(QUIET_S))
+    return judge_stop(StopReadings(before, pressed, after), trips)
 
 
-def judge_stop(seen: StopReadings) -> Verdict:
-    """Judge the first contact of the stop, which the board reads."""
+def judge_stop(seen: StopReadings, trips: bool = False) -> Verdict:
+    """Judge the first contact of the stop, which the board reads; ``trips``: by itself."""
     expected = "closed, open while pressed, closed"
     words = ["closed" if closed else "open" for closed in seen]
     found = f"{words[0]}, {words[1]} while pressed, {words[2]}"
+    if seen == (True, False, True) and trips:
+        return Verdict(
+            expected,
+            f"{found}, and then tripped by itself",
+            "the stop trips though nobody touches it: spikes reach its input; solder its 1 kΩ and "
+            "1 nF at D3 (100 nF at the end switches), and lay its cable apart from the motor's",
+            ("noise on switches",),
+        )
     if seen == (True, False, True):
         return Verdict(expected, found)
     if seen == (False, True, False):
@@ -168,7 +180,7 @@ def _end_problem(seen: EndReadings, is_inverted: bool) -> tuple[str, str, Remedy
         return "the two end switches are swapped: swap their wires", "end switches swapped", None
     if seen == ((True, True), (False, True), (True, False)):
         kind = "normally closed" if is_inverted else "normally open"
-        keys = {"end_switches": not is_inverted}
+        keys: dict[str, Value] = {"end_switches": not is_inverted}
         text = f"[inverted] end_switches = {str(not is_inverted).lower()}"
         return (
             f"the end switches are {kind} ones, read the wrong way round: wire their other "

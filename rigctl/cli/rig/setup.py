@@ -24,7 +24,7 @@ from rigctl.acquisition.setup.setup import STEPS, Setup, SetupStep
 from rigctl.acquisition.setup.verdict import Question, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
 from rigctl.cli.options.arguments import add_seed, path_or_name
-from rigctl.config.resources import checkout
+from rigctl.config.resources import wiring_drawing
 from rigctl.config.rig_config import RigConfig, load_config
 from rigctl.config.toml_edit import replace_file
 from rigctl.config.visible_text import visible
@@ -227,8 +227,10 @@ def _print_verdict(verdict: Verdict) -> None:
 
 def _picture(step: SetupStep) -> str:
     """Return where the drawing of a part is."""
-    root = checkout()
-    return f"{root / 'arduino' / 'wiring.svg' if root else 'rigctl gui'}: {step.picture}"
+    page, _, part = step.picture.partition("#")
+    if page == "force":
+        return "the load cell"
+    return f"{wiring_drawing(page)}: {part.replace('-', ' ') or 'the whole page'}"
 
 
 def _as_dict(setup: Setup, skipped: tuple[str, ...]) -> dict[str, Any]:

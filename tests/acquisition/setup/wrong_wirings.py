@@ -1,5 +1,7 @@
-"""The page docs/reference/wrong-wirings.md; ``python -m tests.acquisition.setup.wrong_wirings``
-prints it: a setup through every wrong wiring of the catalogue, on virtual boards."""
+"""A setup through every wrong wiring of the catalogue, on virtual boards.
+
+``python -m tests.acquisition.setup.wrong_wirings`` prints ``docs/reference/wrong-wirings.md``.
+"""
 
 from __future__ import annotations
 
