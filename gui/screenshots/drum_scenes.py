@@ -12,6 +12,7 @@ from gui.protocol.protocol_panel import LIVE_BUTTON
 from gui.screenshots.scene import SAVE_IN, Scene, Studio
 from gui.shell.main_window import MainWindow
 from gui.widgets.file_browser import PathKind
+from gui.widgets.theme import ThemeChoice
 from rigctl.wire.drum.states import State
 
 RIDGES = """\
@@ -37,6 +38,7 @@ def drum_scenes(studio: Studio) -> Iterator[Scene]:
     _scroll_to(window.operate_panel.bring_up)
     yield Scene("bring-up")
     yield from _calibration_scenes(studio)
+    yield from setup_scenes(studio)
     window.attach.list_engines()
     studio.camera.wait(window.attach.engines.isVisible)
     yield Scene("engines")
@@ -65,6 +67,50 @@ def _calibration_scenes(studio: Studio) -> Iterator[Scene]:
     yield Scene("calibrate-taxel-order")
     page.wiring.discard_button.click()
     page.closed.emit()
+
+
+def setup_scenes(studio: Studio) -> Iterator[Scene]:
+    """Set the rig up, with a picture of each part once it is checked, and of one question."""
+    window, page, wait = studio.window, studio.window.tools.setup_page, studio.camera.wait
+    window.tools.show_setup()
+    wait(lambda: bool(window.engine_link.status.setup.parts))
+    for number in range(page.list.count()):
+        page.list.setCurrentRow(number)
+        wait(page.check_button.isEnabled)
+        name = page.part.name
+        page.check_button.click()
+        yield from _answered(studio, name)
+        choice = ThemeChoice.LIGHT if number else None
+        yield Scene(f"setup-{number + 1:02}-{name}", partial(_is_right, window, name), choice)
+    page.closed.emit()
+
+
+def _answered(studio: Studio, name: str) -> Iterator[Scene]:
+    """Answer the questions of a check as the simulated bench does; show the first of the ends."""
+    window, page = studio.window, studio.window.tools.setup_page
+    answered = 0
+    while not _is_right(window, name):
+        question_id = window.engine_link.status.setup.question_id
+        if page.question.text() and page._asked_id == question_id > answered:
+            if name == "ends" and not answered:
+                yield Scene("setup-question", choice=ThemeChoice.LIGHT)
+            answered = question_id
+            window.engine_link.request("setup_answer", question_id=question_id, text="")
+        studio.camera.wait(partial(_is_next, window, name, answered))
+
+
+def _is_next(window: MainWindow, name: str, answered: int) -> bool:
+    """Return whether a check has ended or asks another question."""
+    page = window.tools.setup_page
+    asks = bool(page.question.text()) and page._asked_id > answered
+    return _is_right(window, name) or asks
+
+
+def _is_right(window: MainWindow, name: str) -> bool:
+    setup = window.engine_link.status.setup
+    state = next(part.state for part in setup.parts if part.name == name)
+    assert state != "wrong", window.tools.setup_page.problem.text()
+    return state == "right" and not setup.checking
 
 
 def _press_and_wait(studio: Studio, part: PartPage, is_done: Callable[[], bool]) -> None:

@@ -33,7 +33,7 @@ INTRODUCTION = (
     "another day; what has passed lies beside rig.toml."
 )
 ALL_PASSED = "All parts are right and the board is commissioned: run a protocol."
-WIDEST = "✓ 99  Second contact of the stop "
+WIDEST = "✓ 99  Load cell with known masses"
 WITHOUT_TIP = "For the experienced: the board presses at once, whatever nobody has checked"
 _ROLE = Qt.ItemDataRole.UserRole
 
@@ -133,12 +133,14 @@ class SetupPage(QWidget):
         )
         right.setStretch(1, 1)
         left = vbox(self.list, all_of_it, spacing=6)
+        left.setStretch(0, 1)
         columns = hbox(left, right, spacing=12, wide=1)
         self.introduction = label(INTRODUCTION, "muted", wraps=True)
         column = vbox(heading, self.introduction, columns, spacing=6, margins=(9, 4, 9, 4))
         column.setStretch(2, 1)
         self.setLayout(column)
-        self.list.setFixedWidth(self.fontMetrics().horizontalAdvance(WIDEST) + 24)
+        bar_px = self.list.verticalScrollBar().sizeHint().width()
+        self.list.setFixedWidth(self.fontMetrics().horizontalAdvance(WIDEST) + bar_px + 24)
 
     def _show_list(self, before: SetupStatus) -> None:
         """Show the parts with their marks; go to the one that is checked, or to the first open."""

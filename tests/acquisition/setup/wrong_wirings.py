@@ -13,7 +13,7 @@ from tests.acquisition.setup.simulated_setup import simulated_setup
 
 MOST_FORCE_G = 300
 """Of the actuator before the setup has passed."""
-FILTERED = "Nothing is wrong: the board takes the majority of three reads, and the stop's last edge counts."
+FILTERED = "nothing is wrong"
 CONNECTING = "the connection"
 HEAD = f"""\
 # Wrong wirings
