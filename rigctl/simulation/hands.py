@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from rigctl.simulation.bench.bench import Bench
-from rigctl.simulation.bench.electrics import TestPoints
+from rigctl.simulation.bench.circuit import TestPoints
 from rigctl.simulation.simulated_rig import FaultInjection
 from rigctl.wire.drum.codes import Signal
 

@@ -11,12 +11,12 @@ from typing import Any
 import msgspec
 
 from rigctl.config.rig_config import RigConfig
-from rigctl.config.toml_edit import Value, replace_file
+from rigctl.config.toml_edit import replace_file
 from rigctl.errors import WrongUse
 from rigctl.values import BoardIdentity
 
 MAX_BYTES = 1 << 18
-Kept = dict[str, dict[str, Value]]
+Kept = dict[str, dict[str, Any]]
 
 
 class PassedStep(msgspec.Struct, frozen=True):
@@ -94,11 +94,11 @@ def _read(path: Path) -> SetupFile:
         ) from error
 
 
-def _contradiction(kept: Mapping[str, Mapping[str, Value]], config: RigConfig, name: str) -> str:
+def _contradiction(kept: Mapping[str, Mapping[str, Any]], config: RigConfig, name: str) -> str:
     """Return where ``rig.toml`` says something else than a step wrote, empty where it does not."""
     for table, keys in kept.items():
         for key, value in keys.items():
-            now: Any = getattr(getattr(config, table), key)
+            now = getattr(getattr(config, table), key)
             now = list(now) if isinstance(now, tuple) else now
             if now != value:
                 return f"{name} says [{table}] {key} = {now}, setup had found {value}"

@@ -31,7 +31,7 @@ class Question(NamedTuple):
         given = answer.strip().lower()
         if not self.choices:
             return f"{self._number(given):g}"
-        if not given and self.choices == (DONE,):
+        if self.choices == (DONE,):
             return DONE
         chosen = [choice for choice in self.choices if choice.startswith(given)] if given else []
         if len(chosen) != 1:

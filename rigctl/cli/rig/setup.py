@@ -23,6 +23,7 @@ from rigctl.acquisition.setup.progress import load_progress
 from rigctl.acquisition.setup.setup import STEPS, Setup, SetupStep
 from rigctl.acquisition.setup.verdict import Question, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
+from rigctl.cli.data.world import add_wirings, add_world, chosen_world
 from rigctl.cli.options.arguments import add_seed, path_or_name
 from rigctl.config.resources import wiring_drawing
 from rigctl.config.rig_config import RigConfig, load_config
@@ -47,6 +48,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="rig.toml",
         help="a rig.toml, written if there is none; virtual or firmware to rehearse",
     )
+    add_world(parser)
+    add_wirings(parser)
     add_seed(parser, "seed of a simulated rig", default=0)
     parser.add_argument(
         "--part", choices=[step.name for step in STEPS], help="check this part only, again"
@@ -68,7 +71,10 @@ def run(args: argparse.Namespace) -> int:
     _write_new_file(args.rig)
     if not _find_boards(args):
         return 1
-    with closing(open_rig(args.rig, seed=args.seed, paced=not args.yes)) as rig:
+    world = chosen_world(args.world)
+    rig = open_rig(args.rig, seed=args.seed, paced=not args.yes, world=world, wirings=args.wire)
+    rig.commissions = False
+    with closing(rig):
         if args.yes and not rig.simulated:
             raise WrongUse("a bench needs a person who presses and looks: leave out --yes")
         session = _SetupSession(args, rig)
@@ -154,9 +160,7 @@ class _SetupSession:
             verdict = setup.verdicts.get(self._args.part)
             return 0 if verdict is not None and verdict.passed else 1
         if left is None:
-            self._print(
-                "the rig is set up: run a protocol, or rigctl accept after protocols/acceptance"
-            )
+            self._print("the rig is set up: run a protocol, or rigctl accept")
             return 0
         self._print(f"left at {left.title}: rigctl setup --rig {self._args.rig} goes on there")
         return 1

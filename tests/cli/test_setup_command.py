@@ -1,0 +1,104 @@
+"""``rigctl setup`` at a terminal: through a simulated rig, left at a wrong part, in JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from rigctl.cli import main
+from rigctl.config.rig_config import RigConfig, load_config
+
+YES = ("setup", "--rig", "virtual", "--yes")
+
+
+def answer_with(monkeypatch: pytest.MonkeyPatch, answers: Iterator[str]) -> list[str]:
+    """Answer the questions of a terminal; return the list that takes what was asked."""
+    asked: list[str] = []
+
+    def answer(text: str) -> str:
+        asked.append(text)
+        return next(answers)
+
+    monkeypatch.setattr("builtins.input", answer)
+    return asked
+
+
+def test_a_simulated_rig_is_set_up_to_its_first_trial(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(YES) == 0
+    printed = capsys.readouterr().out
+    assert "16/16 First trial" in printed and "expected: 1 window at the taxel board" in printed
+    assert printed.endswith("the rig is set up: run a protocol, or rigctl accept\n")
+
+
+def test_a_wrong_wiring_is_one_sentence_and_the_next_command(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main((*YES, "--wire", "end switches swapped")) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert "  WRONG: the two end switches are swapped: swap their wires" in lines
+    assert lines[-1] == "left at End switches: rigctl setup --rig virtual goes on there"
+
+
+def test_boards_at_exchanged_ports_are_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main((*YES, "--wire", "boards swapped")) == 1
+    assert "WRONG: the two boards are exchanged" in capsys.readouterr().out
+
+
+def test_json_says_what_each_part_found(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main((*YES, "--json", "--wire", "cell reversed")) == 1
+    result = json.loads(capsys.readouterr().out)
+    parts = {step["part"]: step for step in result["steps"]}
+    assert result["next"] == "finger" and parts["cell"]["passed"]
+    assert parts["finger"]["causes"] == ["cell reversed"]
+
+
+def test_one_command_commissions_and_says_what_it_skips(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main((*YES, "--commission")) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-2] == "the board is commissioned"
+    assert lines[-1].startswith("nobody has checked: Boards and ports, Drum and microsteps, ")
+
+
+def test_a_person_answers_mends_keeps_and_leaves(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = answer_with(monkeypatch, iter(["", "ok", "", "what", "again", "", "", "", "keep"]))
+    words = ("setup", "--rig", "virtual", "--part", "ends", "--wire", "end switches normally open")
+    monkeypatch.setattr("rigctl.cli.rig.setup.open_rig", _as_fast_as_possible())
+    assert main(words) == 0
+    printed = capsys.readouterr().out
+    assert (
+        "answer again, keep or leave" in printed
+        and "rig.toml says [inverted] end_switches" in printed
+    )
+    assert sum("Hold the upper end switch" in text for text in asked) == 2
+
+
+def _as_fast_as_possible() -> Callable[..., object]:
+    from rigctl.rig import open_rig
+
+    return lambda *args, **named: open_rig(*args, **{**named, "paced": False})
+
+
+def test_a_rig_toml_with_every_key_is_written_where_there_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    async def no_ports(_: object) -> list[object]:
+        return []
+
+    monkeypatch.setattr("rigctl.cli.rig.setup.probe_ports", no_ports)
+    path = tmp_path / "rig.toml"
+    assert main(("setup", "--rig", str(path))) == 1
+    assert "there is no serial port: plug both boards in" in capsys.readouterr().out
+    assert load_config(path) == RigConfig()
+    assert path.read_text().startswith("# Written by rigctl setup")
+
+
+def test_at_a_bench_somebody_must_answer(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main((*YES[:3], "--wire", "no such wiring")) == 2
+    assert "there is no wiring" in capsys.readouterr().err
