@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 EARLIER = "Chaudhry et al., NER 2023, on the rig's predecessor"
 COLOURS = ("#00629e", "#c24e00", "#1a8a34", "#7a3e9d", "#c8102e")
 NOT_MEASURED = "not measured"
+MOST_MASS_DRIFT_PERCENT = 1.0
+"""Of a load cell since its calibration; a mean force may be off by as much."""
 
 
 class AcceptanceCheck(NamedTuple):
@@ -58,6 +60,20 @@ def check_limits(measured: RigMeasurements) -> tuple[AcceptanceCheck, ...]:
 def _check_missing(line: str) -> AcceptanceCheck:
     """Return the failed check of a part or trials that are left out."""
     return AcceptanceCheck("record", line, "nothing is missing", "", False)
+
+
+def check_known_mass(mass_g: float, read_g: float, calibrated: str) -> AcceptanceCheck:
+    """Return the check of the load cell itself: how far it has drifted since its calibration.
+
+    ``read_g``: what it reads with the mass; ``calibrated``: date and masses, empty for none.
+    """
+    drift_percent = 100.0 * (read_g / mass_g - 1.0)
+    since = f" since {calibrated}" if calibrated else "; it was never calibrated with masses"
+    found = f"{read_g:.1f} g for {mass_g:g} g: drifted by {drift_percent:+.2f} %{since}"
+    passed = abs(drift_percent) <= MOST_MASS_DRIFT_PERCENT
+    return AcceptanceCheck(
+        "load cell with a known mass", found, f"{MOST_MASS_DRIFT_PERCENT:g} %", "", passed
+    )
 
 
 def is_accepted(checks: Sequence[AcceptanceCheck]) -> bool:
