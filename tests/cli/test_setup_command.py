@@ -29,7 +29,7 @@ def answer_with(monkeypatch: pytest.MonkeyPatch, answers: Iterator[str]) -> list
 def test_a_simulated_rig_is_set_up_to_its_first_trial(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(YES) == 0
     printed = capsys.readouterr().out
-    assert "16/16 First trial" in printed and "expected: 1 window at the taxel board" in printed
+    assert "17/17 First trial" in printed and "expected: 1 window at the taxel board" in printed
     assert printed.endswith("the rig is set up: run a protocol, or rigctl accept\n")
 
 
@@ -61,7 +61,9 @@ def test_one_command_commissions_and_says_what_it_skips(
     assert main((*YES, "--commission")) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[-2] == "the board is commissioned"
-    assert lines[-1].startswith("nobody has checked: Boards and ports, Drum and microsteps, ")
+    assert lines[-1].startswith(
+        "nobody has checked: Boards and ports, Firmware, Drum and microsteps, "
+    )
 
 
 def test_a_person_answers_mends_keeps_and_leaves(

@@ -66,7 +66,7 @@ def _state(rig: RigWindow, name: str) -> str:
 
 def test_the_parts_before_anything_moves_pass_one_after_another(rig: RigWindow) -> None:
     page = page_of(rig)
-    for name in ("ports", "drum", "wires", "stop", "supply", "ends"):
+    for name in ("ports", "firmware", "drum", "wires", "stop", "supply", "ends"):
         assert check(rig, page, name) == "right", page.problem.text()
         assert page.part.name == name and page.expected.text().startswith("Expected: ")
         assert page.drawing.isVisible()

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import NamedTuple
 
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.setup.verdict import YES, YES_OR_NO, Question, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
+from rigctl.config.resources import checkout
 from rigctl.config.rig_config import Signals
 from rigctl.devices.port_discovery import DRUM, TAXELS, PortReport, probe_link
+from rigctl.host_build import image_hash
 
 SAME_SHARE = 0.005
 MOTOR_STEPS = 200
@@ -52,6 +54,30 @@ async def check_ports(bench: Workbench) -> Verdict:
         bench.keep("ports", ports)
     found = ", ".join(f"{board} board on {port}" for board, port in ports.items())
     return Verdict("a drum board and a taxel board", found)
+
+
+async def check_firmware(bench: Workbench) -> Verdict:
+    """Compare the firmware of both boards with the images of this installation."""
+    rig = bench.rig
+    found = {DRUM: rig.drum.identity.build_hash, TAXELS: rig.taxels.identity.build_hash}
+    has_sources = checkout() is not None
+    return judge_firmware(found, {b: image_hash(b) if has_sources else "" for b in found})
+
+
+def judge_firmware(found: Mapping[str, str], installed: Mapping[str, str]) -> Verdict:
+    """Judge the builds of the boards; an installation without an image has none to compare."""
+    expected, has = (
+        ", ".join(f"{board} {build or 'unknown'}" for board, build in builds.items())
+        for builds in (installed, found)
+    )
+    other = next((b for b in found if installed[b] and found[b] != installed[b]), "")
+    problem = ""
+    if other:
+        problem = (
+            f"the {other} board runs another build than this installation brings: load it with "
+            f"rigctl flash {other}, then check again"
+        )
+    return Verdict(f"builds: {expected}", f"builds: {has}", problem)
 
 
 async def check_drum(bench: Workbench) -> Verdict:

@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
 from rigctl.acquisition.setup.actuator import check_actuator
-from rigctl.acquisition.setup.boards import check_drum, check_fitted, check_ports
+from rigctl.acquisition.setup.boards import check_drum, check_firmware, check_fitted, check_ports
 from rigctl.acquisition.setup.drum_turn import check_turn
 from rigctl.acquisition.setup.first_contact import (
     check_first_press,
@@ -45,6 +45,7 @@ class SetupStep:
 
 STEPS = (
     SetupStep("ports", "Boards and ports", check_ports, "mega#arduino-uno"),
+    SetupStep("firmware", "Firmware", check_firmware, "mega"),
     SetupStep("drum", "Drum and microsteps", check_drum, "mega#stepper-driver"),
     SetupStep("wires", "Wires that are fitted", check_fitted, "mega"),
     SetupStep("stop", "Emergency stop", check_stop, "mega#emergency-stop", "estop"),

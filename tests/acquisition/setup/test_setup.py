@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from rigctl.acquisition.setup.boards import judge_firmware
 from rigctl.acquisition.setup.progress import load_progress, progress_path
 from rigctl.acquisition.setup.setup import COMMISSION, STEPS, Setup
 from rigctl.acquisition.setup.verdict import DONE, YES_OR_NO, Question
@@ -161,6 +162,12 @@ def test_an_experienced_user_commissions_without_checks_and_hears_what_was_skipp
     with simulated_setup() as setup:
         setup.run(at_once)
         assert setup.peak_g == 0
+
+
+def test_a_board_with_another_build_is_named_with_the_command_that_flashes_it() -> None:
+    verdict = judge_firmware({"drum": "aa", "taxels": "bb"}, {"drum": "aa", "taxels": "cc"})
+    assert "load it with rigctl flash taxels" in verdict.problem
+    assert judge_firmware({"drum": "aa", "taxels": "bb"}, {"drum": "aa", "taxels": ""}).passed
 
 
 def test_a_failed_part_loses_its_pass() -> None:
