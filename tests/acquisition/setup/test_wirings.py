@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from rigctl.rig import FIRMWARE
 from rigctl.simulation.wirings import WIRINGS
 from tests.acquisition.setup.simulated_setup import simulated_setup
 from tests.acquisition.setup.wrong_wirings import MOST_FORCE_G, set_up
@@ -41,6 +42,51 @@ def test_wirings_that_no_sensor_tells_apart_share_a_sentence() -> None:
         ["8 microsteps", "belt 2:1"],
         ["direction reversed", "stepper coil reversed"],
     ]
+
+
+@pytest.mark.parametrize(
+    ("name", "part"),
+    [
+        ("taxel inputs shorted", "sensor"),
+        ("taxel divider missing", "sensor"),
+        ("potentiometer wiper open", "actuator"),
+        ("actuator swapped", "actuator"),
+        ("cell excitation open", "finger"),
+        ("end switches swapped", "ends"),
+    ],
+)
+def test_on_chips_the_electrics_say_the_same(name: str, part: str) -> None:
+    with simulated_setup(name, FIRMWARE) as setup:
+        verdict = setup.run_part(part)
+        assert name in verdict.causes and setup.peak_g == 0
+
+
+@pytest.mark.parametrize("part", ["stop", "ends"])
+def test_noise_on_the_switches_of_chips_is_filtered_or_named(part: str) -> None:
+    with simulated_setup("noise on switches", FIRMWARE) as setup:
+        verdict = setup.run_part(part)
+        assert verdict.passed or verdict.causes == ("noise on switches",)
+
+
+@pytest.mark.parametrize(
+    ("wirings", "part"),
+    [
+        (("actuator swapped", "potentiometer reversed"), "actuator"),
+        (("E-stop unplugged", "cell data unplugged"), "stop"),
+        (("cell at 10 samples a second", "actuator swapped"), "cell"),
+        (("index missing", "stepper coil reversed"), "turn"),
+        (("cell excitation open", "actuator supply half"), "finger"),
+    ],
+)
+def test_of_two_wrong_wirings_one_is_named_before_anything_presses(
+    wirings: tuple[str, str], part: str
+) -> None:
+    with simulated_setup(wirings[0]) as setup:
+        setup.rig.faults.wire(wirings[1])
+        setup.run_through()
+        assert setup.step is not None and setup.step.name == part
+        assert setup.wrong is not None and set(wirings) & set(setup.wrong.causes)
+        assert setup.peak_g == 0
 
 
 def test_a_rig_that_is_wired_as_drawn_passes_and_is_commissioned() -> None:
