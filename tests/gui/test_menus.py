@@ -62,7 +62,8 @@ def test_each_button_that_stays_is_in_a_menu(harness: Harness) -> None:
     window = harness.window
     strips = window.findChildren(Strip) + window.findChildren(PromptPanel)
     pages = [window.attach.engines, window.start.page, window.help.page, window.file_browser]
-    tools = (window.tools.accept_page, window.tools.ports_page, window.tools.calibrate_page)
+    tools = [window.tools.accept_page, window.tools.ports_page]
+    tools += [window.tools.calibrate_page, window.tools.setup_page]
     elsewhere: list[QWidget] = [*strips, *pages, *tools, window.analysis_tab.run_end_strip]
     elsewhere += [window.drum.safety.alarms.strip, *window.live_page.findChildren(TaxelStrip)]
     elsewhere.append(window.analysis_tab.results_view)
