@@ -16,10 +16,11 @@ from rigctl.acquisition.setup.workbench import Workbench
 from rigctl.config.rig_config import ADC_MAX
 from rigctl.errors import WrongUse
 from rigctl.values import N_TAXELS
-from rigctl.wire.taxels.self_test import N_INPUTS, SelfTest
+from rigctl.wire.taxels.self_test import INPUT_PINS, N_INPUTS, SelfTest
 
 LEAST_SUPPLY_V, MOST_SUPPLY_V = 4.6, 5.4
 MOST_NOISE_COUNTS = 8.0
+NO_DIVIDER_SHARE = 0.9
 REST_S = 1.0
 TRIES = 3
 
@@ -27,13 +28,17 @@ LEAVE_SENSOR = Question("leave_sensor", "Put the sensor in, unpressed, and do no
 
 
 class SensorReadings(NamedTuple):
-    """The untouched sensor: its board's supply in V, findings, and each taxel's mean and spread."""
+    """The untouched sensor: its board's supply in V, findings, and each taxel's mean and spread.
+
+    ``shares``: the sum of each input's readings over full scale, near 1 without a divider.
+    """
 
     supply_v: float
     test: SelfTest
     findings: tuple[str, ...]
     mean: NDArray[np.float64]
     sd: NDArray[np.float64]
+    shares: tuple[float, ...] = (0.0,) * N_INPUTS
 
 
 async def check_sensor(bench: Workbench) -> Verdict:
@@ -44,7 +49,19 @@ async def check_sensor(bench: Workbench) -> Verdict:
     samples = await bench.taxel_samples(REST_S)
     supply_v = taxels.status.supply_mv / 1000 if taxels.status else 0.0
     mean, sd = samples.mean(axis=0), samples.std(axis=0)
-    return judge_sensor(SensorReadings(supply_v, test, tuple(taxels.findings), mean, sd))
+    found = tuple(taxels.findings)
+    shares = input_shares(mean, bench.rig.config.taxels.order)
+    return judge_sensor(SensorReadings(supply_v, test, found, mean, sd, shares))
+
+
+def input_shares(mean: NDArray[np.float64], order: Sequence[int]) -> tuple[float, ...]:
+    """Return the sum of each input's readings over full scale; ``mean`` is in the sensor's order.
+
+    Three taxels share an input: with conductances G the readings are G over their sum with the
+    divider's, so that without a divider they add up to full scale.
+    """
+    inputs = np.array(order) % N_INPUTS
+    return tuple(float(mean[inputs == i].sum() / ADC_MAX) for i in range(N_INPUTS))
 
 
 def judge_sensor(seen: SensorReadings) -> Verdict:
@@ -68,6 +85,13 @@ def _sensor_problem(seen: SensorReadings) -> tuple[str, ...]:
     if seen.findings:
         more = f" ({len(seen.findings)} findings)" if len(seen.findings) > 1 else ""
         return (f"{seen.findings[0]}{more}", *_test_causes(seen.test))
+    for input_, share in enumerate(seen.shares):
+        if share > NO_DIVIDER_SHARE:
+            return (
+                f"the three taxels of input {INPUT_PINS[input_]} add up to {100 * share:.0f} % of "
+                "full scale untouched: solder its resistor to ground",
+                "taxel divider missing",
+            )
     stuck = np.flatnonzero((seen.sd == 0) & (seen.mean >= ADC_MAX))
     if stuck.size:
         return (
@@ -85,11 +109,9 @@ def _sensor_problem(seen: SensorReadings) -> tuple[str, ...]:
 
 def _test_causes(test: SelfTest) -> tuple[str, ...]:
     silent = [reading for reading in range(N_TAXELS) if test.silent >> reading & 1]
-    is_full = [test.full >> reading & 1 for reading in range(N_TAXELS)]
-    full_inputs = [i for i in range(N_INPUTS) if all(is_full[i::N_INPUTS])]
     named = {
         "taxel inputs shorted": test.inputs_together,
-        "taxel divider missing": test.inputs_open or full_inputs,
+        "taxel divider missing": test.inputs_open,
         "taxel line open": len(silent) >= N_INPUTS,
         "taxel input open": 0 < len(silent) < N_INPUTS,
     }

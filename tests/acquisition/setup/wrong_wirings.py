@@ -1,4 +1,4 @@
-"""A setup through every wrong wiring of the catalogue, on virtual boards.
+"""A setup through every wrong wiring of the catalogue, on virtual boards and on chips.
 
 ``python -m tests.acquisition.setup.wrong_wirings`` prints ``docs/reference/wrong-wirings.md``.
 """
@@ -8,12 +8,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from rigctl.acquisition.setup.setup import STEPS
+from rigctl.rig import FIRMWARE, VIRTUAL
 from rigctl.simulation.wirings import WIRINGS, Wiring
 from tests.acquisition.setup.simulated_setup import simulated_setup
 
 MOST_FORCE_G = 300
 """Of the actuator before the setup has passed."""
-FILTERED = "nothing is wrong"
+FILTERED = "nothing is wrong: the board looks three times, so that a spike does nothing"
 CONNECTING = "the connection"
 HEAD = f"""\
 # Wrong wirings
@@ -48,8 +49,9 @@ class Row(NamedTuple):
         return f"| `{w.name}` | {w.text} | {self.part} | {sentence} | {self.peak_g:.0f} g |"
 
 
-def set_up(wiring: Wiring, kind: str = "virtual") -> Row:
-    """Set up a rig that is wired like this, until a part is wrong."""
+def set_up(wiring: Wiring) -> Row:
+    """Set up a rig that is wired like this, on chips where it needs them, until a part is wrong."""
+    kind = FIRMWARE if wiring.reaches == "chips" else VIRTUAL
     with simulated_setup(wiring.name, kind) as setup:
         setup.run_through()
     if setup.wrong is None:
