@@ -174,7 +174,7 @@ attack: firmware
 	@RIGCTL_ATTACK_SEED=$(ATTACK_SEED) RIGCTL_ATTACKS=$(ATTACKS) RIGCTL_CHIP_ATTACKS=$(CHIP_ATTACKS) \
 	  $(BIN)/python -m pytest -q tests/attack
 
-docs: $(VENV)/.ready
+docs: firmware
 	$(SAY) "pages and pictures that are rendered from the code"
 	@$(BIN)/python -m rigctl.wire.codegen
 	@$(BIN)/python -m rigctl.encoding.neuron_header
