@@ -72,13 +72,13 @@ def test_the_emergency_stop_works_with_a_hung_main_loop() -> None:
 
 def test_over_force_lifts_within_two_milliseconds_of_its_second_sample() -> None:
     with DrumChip() as drum:
-        enter_from_idle(drum, State.HOLD)
-        drum.rod_mm += 2.0
-        drum.run(10)  # until a conversion shows all of it
+        drum.arm()
+        drum.hold(1000)
+        drum.rod_mm += 0.95  # to 1,570 g, but not deeper than a contact may go
         first = drum.x.loadcell_conversions
-        while drum.x.drive > -0.9:
-            drum.chip.run(int(drum.x.cycle) + MS // 10)
-        assert drum.x.loadcell_conversions == first + 2
+        while drum.x.drive > -0.9 and drum.x.loadcell_conversions < first + 5:
+            drum.run(1)
+        assert drum.x.loadcell_conversions - first in (2, 3)  # the first one may be half-way
         shown = drum.x.loadcell_ready - (drum.x.loadcell_period_q16 >> 16)
         assert 0 < drum.x.cycle - shown <= 2 * MS  # the tick checks it every ms
         assert drum.state is State.FAULT_LIFT
