@@ -38,6 +38,7 @@ MODULES = {
     "calibrate": ".rig.calibrate",
     "ports": ".rig.ports",
     "flash": ".rig.flash",
+    "doctor": ".rig.doctor",
     "realtime": ".realtime.realtime",
     "gui": "gui.app",
     "engine": ".rig.engine",

@@ -37,6 +37,13 @@ LOADCELL_RATE_HZ = 80
 BLOCK_RATE_HZ = 100
 
 
+def recorded_bytes_per_s(config: RigConfig) -> int:
+    """Return how fast a session of this rig grows while it is recorded, bytes a second."""
+    sample = 2 * config.taxels.count + 10
+    rate = sample * SAMPLE_RATE_HZ + BYTES_PER_POLL * POLL_RATE_HZ
+    return rate + BYTES_PER_LOADCELL_SAMPLE * LOADCELL_RATE_HZ + BYTES_PER_BLOCK * BLOCK_RATE_HZ
+
+
 def checked_seed(seed: int) -> int:
     """Return the seed of an order. Raises WrongUse for one that a session cannot store."""
     if not 0 <= seed <= MAX_SEED:
@@ -173,9 +180,7 @@ class Plan:
     @property
     def bytes_estimate(self) -> int:
         """Size on disk: everything between and in trials is recorded, except plate changes."""
-        sample = 2 * self.protocol.config.taxels.count + 10
-        rate = sample * SAMPLE_RATE_HZ + BYTES_PER_POLL * POLL_RATE_HZ
-        rate += BYTES_PER_LOADCELL_SAMPLE * LOADCELL_RATE_HZ + BYTES_PER_BLOCK * BLOCK_RATE_HZ
+        rate = recorded_bytes_per_s(self.protocol.config)
         return round(self.duration_s * rate) + BYTES_PER_TRIAL * len(self.trials)
 
     @cached_property

@@ -70,6 +70,8 @@ realtime board @ --out new.h
 realtime board model --out @
 realtime movie @ --out new.gif
 realtime movie folder --out @
+doctor --out @
+doctor --write-udev-rule @
 engine --rig @
 engine --rig none --out @
 engine --rig none --resume @

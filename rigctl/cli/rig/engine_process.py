@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import faulthandler
 import os
 import secrets
 import signal
@@ -63,6 +64,7 @@ class EngineProcess:
 
     def serve(self, engine: ServedEngine[Any, Any], handle: RequestHandler, request: Any) -> int:
         """Announce the engine, wait for its first client, serve; return the exit code."""
+        faulthandler.enable(2)  # the log then says of what native code the process died
         token = secrets.token_urlsafe(24)
         with open_listener(self._folder / (self._name + SOCKET)) as listener:
             try:

@@ -171,7 +171,7 @@ def _open_error_text(error: Exception) -> str:
         return "the port is in use: close the program that holds it"
     if number == errno.EACCES or "PermissionError" in str(error):
         return "the port may not be opened: join the group dialout, or close what holds it"
-    return f"the port cannot be opened: {error}"
+    return f"the port cannot be opened ({error}): plug the board in again"
 
 
 def _keep_dtr(port: serial.Serial) -> None:

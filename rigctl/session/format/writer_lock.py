@@ -22,14 +22,16 @@ if sys.platform == "win32":
 
     _BYTE_BEHIND_THE_TEXT = 4096
 
-    def _try_lock(descriptor: int) -> None:
+    def try_lock(descriptor: int) -> None:
+        """Lock a file. Raises OSError where another process has the lock, or there are none."""
         os.lseek(descriptor, _BYTE_BEHIND_THE_TEXT, os.SEEK_SET)
         msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
         os.lseek(descriptor, 0, os.SEEK_SET)
 else:
     import fcntl
 
-    def _try_lock(descriptor: int) -> None:
+    def try_lock(descriptor: int) -> None:
+        """Lock a file. Raises OSError where another process has the lock, or there are none."""
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
@@ -63,7 +65,7 @@ class WriterLock:
         while True:
             descriptor = self._open()
             try:
-                _try_lock(descriptor)
+                try_lock(descriptor)
             except OSError as error:
                 os.close(descriptor)
                 raise SessionError(_refusal(self._path.parent)) from error
@@ -173,7 +175,7 @@ def is_being_written(folder: Path) -> bool:
     except (OSError, SessionError):
         return False
     try:
-        _try_lock(descriptor)
+        try_lock(descriptor)
     except OSError:
         return True
     finally:
