@@ -164,6 +164,7 @@ void Controller::tick(const Inputs &inputs) {
     supervise();
     watch_index();
     watch_motion();
+    watch_force();
     progress();
     if (signals_.reads_position() && motion_.known()) actuator_.watch(signals_.position_um());
     drive_actuator();
@@ -188,6 +189,16 @@ void Controller::watch_motion() {
     if (drive == Drive::Lift) contact_.lift_too_long();
     motion_.forget();
     raise(found == MotionWatch::Finding::Stuck ? Fault::ActuatorStuck : Fault::ActuatorReversed);
+}
+
+// In the tick after the force loop's step, which alone takes most of a millisecond.
+void Controller::watch_force() {
+    if (!watch_due_) return;
+    watch_due_ = false;
+    const Drive drive = machine_.drive();
+    if (drive != Drive::Approach && drive != Drive::ForceLoop) return;
+    const Fault found = force_control_.watch(drive == Drive::ForceLoop, ports::moving());
+    if (found != Fault::None) raise(found);
 }
 
 void Controller::progress() {
@@ -310,7 +321,5 @@ void Controller::control_force() {
     const Drive drive = machine_.drive();
     if (drive == Drive::Approach || drive == Drive::ForceLoop)
         actuator_.want(force_control_.step());
-    else return;
-    const Fault found = force_control_.watch(drive == Drive::ForceLoop, ports::moving());
-    if (found != Fault::None) raise(found);
+    watch_due_ = true;
 }

@@ -76,6 +76,7 @@ class Controller {
     void drive_actuator();
     void watch_index();
     void watch_motion();
+    void watch_force();
     void watch_first_force();
     void progress();
     void selftest();
@@ -104,6 +105,7 @@ class Controller {
     // Raw reading when the actuator first moved since the boot, and the least loaded one since then.
     int32_t first_raw_ = 0, least_raw_ = 0;
     bool moved_ = false;
+    bool watch_due_ = false;    // the force loop has made a step
     bool control_due_ = false;  // a sample has come that the force loop has not seen
 };
 

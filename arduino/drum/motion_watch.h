@@ -34,6 +34,9 @@ class MotionWatch {
     void begin(int8_t way, uint16_t position_um);
     void progressed(uint16_t position_um);
     void watch_rest(int16_t duty);
+    int32_t along(uint16_t from_um, uint16_t to_um) const {
+        return way_ > 0 ? static_cast<int32_t>(to_um) - from_um : static_cast<int32_t>(from_um) - to_um;
+    }
     bool wrong_end(const Signals &signals) const;
     Finding compare(int16_t duty, const Signals &signals);
 

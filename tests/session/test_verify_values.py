@@ -51,8 +51,8 @@ def problems_of(recorded: Path, folder: Path, spoil: Spoil) -> list[str]:
         (set_array("/taxels/edges", 40, 16), "/taxels/edges is 16 in row 40, has bits without"),
         (set_array("/taxels/counter", 0, -1), "/taxels/counter begins below 0"),
         (set_row("/taxels/arrivals", 1, arrived_s=np.nan), "arrived_s of /taxels/arrivals is nan"),
-        (set_row("/drum", 0, state=11), "state of /drum is 11 in row 0, no known value"),
-        (set_row("/drum", 0, fault=14), "fault of /drum is 14 in row 0, no known value"),
+        (set_row("/drum", 0, state=12), "state of /drum is 12 in row 0, no known value"),
+        (set_row("/drum", 0, fault=23), "fault of /drum is 23 in row 0, no known value"),
         (set_row("/drum", 0, fault_bits=1), "fault_bits of /drum is 1 in row 0, has bits without"),
         (
             set_row("/drum", 0, status_bits=32768),

@@ -7,8 +7,8 @@ from rigctl.config.rig_config import DrumGeometry
 
 HOMING_MM_S, TURN_MM_S = 60.0, 40.0
 """Speeds of the drum's firmware: to the index mark, and of the turn."""
-PRESS_S = 8.0
-"""To lift, tare, press, make the step and lift."""
+PRESS_S = 14.0
+"""To nudge, lift, tare, press, make the step, hold for a while and lift."""
 LIFT_S = 3.0
 READING_S = {LOADCELL: 2.1, WIRING: 1.7}
 
