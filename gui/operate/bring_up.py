@@ -17,6 +17,7 @@ from rigctl.wire.drum.states import State
 
 CALIBRATE_TIP = "Calibrate load cell and force loop, measure the imbalance, identify the taxels"
 STEPS, STEPS_TIP = "All steps", "List each step of the bring-up, and whether it is done"
+SETUP = "setup"
 READY = "Ready to approach"
 _ON = (State.ARMED, State.POSITION, State.APPROACH, State.HOLD, State.RUN, State.RETRACT)
 
@@ -24,8 +25,8 @@ _ON = (State.ARMED, State.POSITION, State.APPROACH, State.HOLD, State.RUN, State
 class BringUpStep(NamedTuple):
     """A step: whether it is done, in words, and the command that does it.
 
-    ``part``: the part of the page Calibrate that does it, empty for a command. ``is_needed``: the
-    drum cannot approach without it.
+    ``part``: the part of the page Calibrate, or the page Set up, that does it, empty for a
+    command. ``is_needed``: the drum cannot approach without it.
     """
 
     name: str
@@ -43,7 +44,15 @@ def bring_up_steps(status: EngineStatus) -> list[BringUpStep]:
     is_on = status.drum_connected and status.state in _ON
     tested = "not run" if findings is None else _findings(len(findings))
     calibrated = status.loadcell_calibrated
+    is_commissioned = status.commissioned
     return [
+        BringUpStep(
+            "Set up",
+            is_commissioned,
+            "commissioned" if is_commissioned else "not commissioned for its wiring",
+            part=SETUP,
+            is_needed=True,
+        ),
         BringUpStep("Self-test", findings == (), tested, "test_taxels"),
         BringUpStep("Arm", is_on, "on" if is_on else "off", "arm", is_needed=True),
         BringUpStep("Home", status.homed, "homed" if status.homed else "angle unknown", "home"),
@@ -85,6 +94,8 @@ class BringUpBox(QGroupBox):
     command_requested = Signal(str, dict)
     calibrate_requested = Signal(str)
     """Show this part of the page Calibrate."""
+    setup_requested = Signal()
+    """Show the page Set up."""
 
     def __init__(self) -> None:
         super().__init__("Bring-up")
@@ -136,7 +147,9 @@ class BringUpBox(QGroupBox):
 
     def _do_next(self) -> None:
         step = self._next_step
-        if step is not None and step.part:
+        if step is not None and step.part == SETUP:
+            self.setup_requested.emit()
+        elif step is not None and step.part:
             self.calibrate_requested.emit(step.part)
         elif step is not None:
             self.command_requested.emit(step.command, {})

@@ -295,6 +295,7 @@ class MainWindow(SteadyFocusWindow):
             pages.closed.connect(self._show_view)
         self.protocol_panel.page_changed.connect(self._show_view)
         self.operate_panel.bring_up.calibrate_requested.connect(self.tools.show_calibration)
+        self.operate_panel.bring_up.setup_requested.connect(self.tools.show_setup)
 
     def _connect_attach(self) -> None:
         attach = self.attach

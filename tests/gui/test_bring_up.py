@@ -145,3 +145,13 @@ def test_a_new_window_begins_with_the_live_plots(qapp: QApplication) -> None:
     assert window.stack.currentWidget() is window.live_page
     window.close()
     delete(window)
+
+
+def test_a_board_that_is_not_commissioned_leads_to_the_page_set_up(harness: Harness) -> None:
+    window = harness.window
+    harness.update(commissioned=False)
+    box = window.operate_panel.bring_up
+    assert box.missing.text().startswith("Before approach: set up") and "Set up" in box.next.text()
+    click(box.next)
+    assert window.stack.currentWidget() is window.tools.setup_page
+    assert harness.engine.requests[-1][0] == "setup_open"

@@ -10,7 +10,6 @@ from rigctl.acquisition.calibration.measurement import Measurement
 from rigctl.acquisition.drum.contact import PRESSING_STATES
 from rigctl.acquisition.drum.motion import DrumMotion
 from rigctl.acquisition.rig import Rig
-from rigctl.acquisition.setup.progress import load_progress
 from rigctl.acquisition.setup.setup import Setup, SetupStep
 from rigctl.acquisition.setup.setup_status import PartStatus, SetupStatus
 from rigctl.acquisition.setup.verdict import Question, Verdict
@@ -41,7 +40,7 @@ class SetupDesk:
         Raises WrongUse where the progress is another board's.
         """
         self._measurement.require_none()
-        progress = load_progress(self._rig.path, self._rig.drum.identity, self._rig.config)
+        progress = self._bench.progress()
         self._setup = Setup(self._bench, progress)
         return tuple(progress.remarks)
 

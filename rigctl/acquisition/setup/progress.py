@@ -16,6 +16,11 @@ from rigctl.errors import WrongUse
 from rigctl.values import BoardIdentity
 
 MAX_BYTES = 1 << 18
+COMMISSION = "commission"
+NOT_COMMISSIONED = (
+    "the board is not commissioned for its present settings, as after another program, another "
+    "board or an erased EEPROM: check what has changed, and commission it again"
+)
 Kept = dict[str, dict[str, Any]]
 
 
@@ -28,9 +33,8 @@ class PassedStep(msgspec.Struct, frozen=True):
 
 
 class SetupFile(msgspec.Struct, frozen=True):
-    """The file: the drum board whose wiring was checked, and the steps that have passed."""
+    """The file: how often the drum board had booted, and the steps that have passed."""
 
-    build: str
     boots: int
     passed: dict[str, PassedStep] = {}
 
@@ -49,7 +53,7 @@ class Progress:
     def save(self, board: BoardIdentity) -> None:
         """Write the file, bound to this drum board. Raises DiskFault."""
         if self.path is not None:
-            file = SetupFile(board.build_hash, board.boot_count, self.passed)
+            file = SetupFile(board.boot_count, self.passed)
             text = json.dumps(msgspec.to_builtins(file), ensure_ascii=False, indent=1)
             replace_file(self.path, text + "\n")
 
@@ -59,10 +63,13 @@ def progress_path(rig_file: Path) -> Path:
     return rig_file.with_suffix(".setup.json")
 
 
-def load_progress(rig_file: Path | None, board: BoardIdentity, config: RigConfig) -> Progress:
+def load_progress(
+    rig_file: Path | None, board: BoardIdentity, config: RigConfig, is_commissioned: bool
+) -> Progress:
     """Return the progress beside ``rig.toml``, with a remark for each step that no longer counts.
 
-    Raises WrongUse where the file is damaged, or belongs to another drum board.
+    ``is_commissioned``: for the settings that the board has now. Raises WrongUse where the file
+    is damaged, or belongs to another drum board.
     """
     if rig_file is None:
         return Progress()
@@ -81,6 +88,9 @@ def load_progress(rig_file: Path | None, board: BoardIdentity, config: RigConfig
             progress.remarks.append(f"{name}: {remark}; it is checked again")
         else:
             progress.passed[name] = step
+    if COMMISSION in progress.passed and not is_commissioned:
+        del progress.passed[COMMISSION]
+        progress.remarks.append(f"{COMMISSION}: {NOT_COMMISSIONED}")
     return progress
 
 

@@ -161,7 +161,8 @@ def judge_order(wiring: Sequence[int], expected: Sequence[int]) -> Verdict:
     asked, found = wiring_words(expected), wiring_words(wiring)
     if tuple(wiring) == tuple(expected):
         return Verdict(asked, found)
-    remedy = Remedy("taxels", {"wiring": list(wiring)}, found)
+    text = f"{found}, from the next connection on"
+    remedy = Remedy("taxels", {"wiring": list(wiring)}, text)
     half = len(expected) // 2
     if tuple(wiring) == (*expected[half:], *expected[:half]):
         return Verdict(

@@ -14,7 +14,7 @@ from rigctl.acquisition.setup.first_contact import (
     commission,
 )
 from rigctl.acquisition.setup.load_cell import check_at_rest, check_scale, check_under_finger
-from rigctl.acquisition.setup.progress import PassedStep, Progress
+from rigctl.acquisition.setup.progress import COMMISSION, PassedStep, Progress
 from rigctl.acquisition.setup.sensor import check_order, check_sensor
 from rigctl.acquisition.setup.switches import check_ends, check_stop, check_supply_cut
 from rigctl.acquisition.setup.verdict import Verdict
@@ -22,7 +22,6 @@ from rigctl.acquisition.setup.workbench import Workbench
 from rigctl.errors import LinkLost, RigFault, WrongUse
 from rigctl.wire.drum.states import FAULT_TEXT, Fault
 
-COMMISSION = "commission"
 CELL = "mega#load-cell-amplifier-hx711"
 
 

@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 
 from rigctl.acquisition.calibration.calibrator import Calibrator
 from rigctl.acquisition.calibration.rig_file import edited_rig_file
+from rigctl.acquisition.drum.contact import has_status
 from rigctl.acquisition.drum.motion import DrumMotion
 from rigctl.acquisition.rig import Rig
+from rigctl.acquisition.setup.progress import Progress, load_progress
 from rigctl.acquisition.setup.verdict import Question
 from rigctl.config.toml_edit import Value, replace_file
 from rigctl.errors import BoardFault, CommandRefused, LinkLost
 from rigctl.values import DrumState
-from rigctl.wire.drum.codes import Command
+from rigctl.wire.drum.codes import Command, Status
 from rigctl.wire.drum.states import FAULT_TEXT, Fault, State
 
 Ask = Callable[[Question], Awaitable[str]]
@@ -92,8 +94,15 @@ class Workbench:
         await self.motion.configure()
 
     async def configure(self) -> None:
-        """Write what ``rig.toml`` says of the wires to the board."""
-        await self.motion.configure()
+        """Write what ``rig.toml`` says of the wires to the board. Raises CommandRefused."""
+        if refusal := await self.motion.configure():
+            raise CommandRefused(refusal)
+
+    def progress(self) -> Progress:
+        """Return how far the setup of this board has come. Raises WrongUse for another board's."""
+        rig, state = self.rig, self.motion.poller.state
+        is_commissioned = state is not None and has_status(state, Status.COMMISSIONED)
+        return load_progress(rig.path, rig.drum.identity, rig.config, is_commissioned)
 
     def require_taxels(self) -> None:
         """Raise LinkLost where the taxel board is away."""

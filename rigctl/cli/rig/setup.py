@@ -19,7 +19,6 @@ from typing import Any
 from rigctl.acquisition.calibration.calibrator import Calibrator, calibrate_alone
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.setup.boards import find_boards, judge_reports
-from rigctl.acquisition.setup.progress import load_progress
 from rigctl.acquisition.setup.setup import STEPS, Setup, SetupStep
 from rigctl.acquisition.setup.verdict import Question, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
@@ -132,7 +131,7 @@ class _SetupSession:
         rig = self._rig
         await rig.taxels.connect()
         bench = Workbench(rig, calibrator, self._ask, _today)
-        setup = Setup(bench, load_progress(rig.path, rig.drum.identity, rig.config))
+        setup = Setup(bench, bench.progress())
         self._setup = setup
         if self._args.again:
             setup.begin_again()

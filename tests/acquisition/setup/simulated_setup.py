@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from rigctl.acquisition.calibration.calibrator import Calibrator, calibrate_alone
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.setup.boards import find_boards
-from rigctl.acquisition.setup.progress import PassedStep, load_progress
+from rigctl.acquisition.setup.progress import PassedStep
 from rigctl.acquisition.setup.setup import Setup, SetupStep
 from rigctl.acquisition.setup.verdict import Question, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
@@ -42,8 +42,7 @@ class SimulatedSetup:
         async def connected(calibrator: Calibrator) -> None:
             await self.rig.taxels.connect()
             bench = Workbench(self.rig, calibrator, self.ask, lambda: DAY)
-            rig = self.rig
-            await work(Setup(bench, load_progress(rig.path, rig.drum.identity, rig.config)))
+            await work(Setup(bench, bench.progress()))
 
         self.rig.loop.run_until_complete(calibrate_alone(self.rig, connected))
         self.note_force()

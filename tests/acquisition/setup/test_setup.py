@@ -110,7 +110,7 @@ def test_a_setup_is_left_and_continued_where_it_was(tmp_path: Path) -> None:
 
 
 def progress_of(tmp_path: Path, boots: int, text: str) -> None:
-    whole = f'{{"build": "0", "boots": {boots}, "passed": {{{text}}}}}'
+    whole = f'{{"boots": {boots}, "passed": {{{text}}}}}'
     progress_path(tmp_path / "rig.toml").write_text(whole)
 
 
@@ -125,7 +125,7 @@ def test_progress_of_another_board_is_refused_with_the_cure(
 ) -> None:
     progress_of(tmp_path, board.boot_count + 7, "")
     with pytest.raises(WrongUse, match=r"belongs to another drum board .* connect that one, or"):
-        load_progress(tmp_path / "rig.toml", board, RigConfig())
+        load_progress(tmp_path / "rig.toml", board, RigConfig(), True)
 
 
 def test_a_rig_toml_that_contradicts_what_was_found_has_its_part_checked_again(
@@ -133,7 +133,7 @@ def test_a_rig_toml_that_contradicts_what_was_found_has_its_part_checked_again(
 ) -> None:
     kept = '{"day": "2026-01-02", "found": "", "kept": {"loadcell": {"scale_ug_per_count": 2412}}}'
     progress_of(tmp_path, 0, f'"scale": {kept}, "cell": {{"day": "2026-01-02", "found": ""}}')
-    progress = load_progress(tmp_path / "rig.toml", board, RigConfig())
+    progress = load_progress(tmp_path / "rig.toml", board, RigConfig(), True)
     assert progress.remarks == [
         "scale: rig.toml says [loadcell] scale_ug_per_count = 2400, setup had found 2412; it is "
         "checked again"
@@ -141,13 +141,22 @@ def test_a_rig_toml_that_contradicts_what_was_found_has_its_part_checked_again(
     assert list(progress.passed) == ["cell"]
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"build": 1}', "\x00" * 9])
+def test_a_board_that_is_not_commissioned_is_commissioned_again(
+    tmp_path: Path, board: BoardIdentity
+) -> None:
+    progress_of(tmp_path, 0, '"commission": {"day": "2026-01-02", "found": ""}')
+    progress = load_progress(tmp_path / "rig.toml", board, RigConfig(), False)
+    assert not progress.passed
+    assert "not commissioned for its present settings" in progress.remarks[0]
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"boots": "1"}', "\x00" * 9])
 def test_a_damaged_progress_is_one_sentence(
     tmp_path: Path, board: BoardIdentity, text: str
 ) -> None:
     progress_path(tmp_path / "rig.toml").write_text(text)
     with pytest.raises(WrongUse, match=r"delete it to begin the setup again$"):
-        load_progress(tmp_path / "rig.toml", board, RigConfig())
+        load_progress(tmp_path / "rig.toml", board, RigConfig(), True)
 
 
 def test_an_experienced_user_commissions_without_checks_and_hears_what_was_skipped() -> None:
