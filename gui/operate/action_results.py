@@ -18,6 +18,9 @@ _NAMES = {
     "calibrate_imbalance": "imbalance",
     "calibrate_wiring": "taxel order",
     "end_record": "record",
+    "setup_check": "set up",
+    "setup_keep": "set up",
+    "setup_commission": "set up",
     "inject": "bench",
 }
 """Where a button has other words than its command."""
@@ -70,6 +73,12 @@ def _measured(command: str, result: Mapping[str, Any]) -> str:
         case "save_calibration" if "kept_in" in result:
             saved = f"{result['part']} is saved in {' and '.join(result['kept_in'])}"
             return f"{saved}; {result['remark']}" if result.get("remark") else saved
+        case "setup_check" if "part" in result:
+            return f"{result['part']} {'is right' if result['passed'] else result['problem']}"
+        case "setup_keep" if "says" in result:
+            return f"rig.toml says {result['says']}"
+        case "setup_commission" if "not_checked" in result:
+            return f"commissioned; nobody has checked {', '.join(result['not_checked'])}"
         case "calibrate_range" if "low" in result:
             return f"the ranges of {len(result['low'])} taxels are measured"
         case "plate" if "texture" in result:

@@ -93,6 +93,13 @@ def test_a_wrong_wiring_is_named_and_rig_toml_may_describe_it(rig: RigWindow) ->
     rig.until(lambda: _state(rig, "ends") == "right")
 
 
+def test_the_log_says_what_nobody_has_checked(rig: RigWindow) -> None:
+    page = page_of(rig)
+    press(rig, page.without_button)
+    rig.until(lambda: "commissioned; nobody has checked Load cell at rest" in rig.log)
+    assert "set up: rig.toml says [inverted] end_switches" in rig.log
+
+
 def test_an_answer_that_is_no_number_is_refused_and_the_check_can_be_stopped(
     rig: RigWindow,
 ) -> None:
