@@ -138,28 +138,19 @@ def _add_taxel_status(report: PortReport, taxels: Taxels) -> PortReport:
     return replace(report, supply_v=supply_v, self_test=self_test, counters=counters)
 
 
-async def probe_link(link: ByteLink, loop: asyncio.AbstractEventLoop) -> PortReport:
-    """Return a report of a link of a drum rig, closed, on which either board may answer."""
-    error = ""
-    for board in (DRUM, TAXELS):
-        device = _DRIVERS[board](link, loop)
-        try:
-            return PortReport(link.name, "", await device.connect())
-        except RigFault as refusal:
-            error = error or str(refusal).removeprefix(f"{link.name}: ")
-        finally:
-            device.close()
-    return PortReport(link.name, "", error=error)
-
-
 async def probe_port(port: str, description: str, loop: asyncio.AbstractEventLoop) -> PortReport:
     """Return a report of one port, which is opened once and asked for each board."""
-    errors = []
     link = create_link(port, TAXELS, loop)
+    return replace(await probe_link(link, loop), description=description)
+
+
+async def probe_link(link: ByteLink, loop: asyncio.AbstractEventLoop) -> PortReport:
+    """Return a report of a link, which is opened once, asked for each board, and closed."""
+    errors = []
     try:
         for board in _DRIVERS:
             try:
-                return await _report(PortReport(port, description), link, board, loop)
+                return await _report(PortReport(link.name, ""), link, board, loop)
             except LinkLost as lost:
                 errors.append(str(lost))
                 if "answered" not in errors[-1]:
@@ -169,10 +160,10 @@ async def probe_port(port: str, description: str, loop: asyncio.AbstractEventLoo
     finally:
         link.close()
     # The driver whose board it is knows most; the others heard nothing or foreign bytes.
-    error = min(errors, key=_vagueness).removeprefix(f"{port}: ")
+    error = min(errors, key=_vagueness).removeprefix(f"{link.name}: ")
     if "answered" in error:
         error = "no rigctl board answered"
-    return PortReport(port, description, error=error)
+    return PortReport(link.name, "", error=error)
 
 
 def _vagueness(error: str) -> int:

@@ -10,6 +10,7 @@ import pytest
 
 from rigctl.cli import main
 from rigctl.config.rig_config import RigConfig, load_config
+from rigctl.host_build import image_hash
 
 YES = ("setup", "--rig", "virtual", "--yes")
 
@@ -85,6 +86,24 @@ def _as_fast_as_possible() -> Callable[..., object]:
     from rigctl.rig import open_rig
 
     return lambda *args, **named: open_rig(*args, **{**named, "paced": False})
+
+
+def test_boards_with_another_build_are_flashed_and_the_setup_goes_on(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flashed: list[tuple[str, str]] = []
+
+    async def flash(board: str, port: str) -> None:
+        flashed.append((board, port))
+        monkeypatch.setattr("rigctl.acquisition.setup.boards.image_hash", image_hash)
+
+    monkeypatch.setattr("rigctl.acquisition.setup.boards.image_hash", lambda board: "0badc0de")
+    monkeypatch.setattr("rigctl.cli.rig.setup._flash", flash)
+    monkeypatch.setattr("rigctl.cli.rig.setup.open_rig", _as_fast_as_possible())
+    asked = answer_with(monkeypatch, iter(["flash"]))
+    assert main(("setup", "--rig", "virtual", "--part", "firmware")) == 0
+    assert flashed == [("drum", "drum"), ("taxels", "taxels")] and len(asked) == 1
+    assert "runs another build than this installation brings" in capsys.readouterr().out
 
 
 def test_a_rig_toml_with_every_key_is_written_where_there_is_none(

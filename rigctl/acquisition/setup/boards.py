@@ -9,9 +9,10 @@ from typing import NamedTuple
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.setup.verdict import YES, YES_OR_NO, Question, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
-from rigctl.config.resources import checkout
+from rigctl.config.resources import checkout, flash_image
 from rigctl.config.rig_config import Signals
 from rigctl.devices.port_discovery import DRUM, TAXELS, PortReport, probe_link
+from rigctl.errors import WrongUse
 from rigctl.host_build import image_hash
 
 SAME_SHARE = 0.005
@@ -60,8 +61,17 @@ async def check_firmware(bench: Workbench) -> Verdict:
     """Compare the firmware of both boards with the images of this installation."""
     rig = bench.rig
     found = {DRUM: rig.drum.identity.build_hash, TAXELS: rig.taxels.identity.build_hash}
-    has_sources = checkout() is not None
-    return judge_firmware(found, {b: image_hash(b) if has_sources else "" for b in found})
+    return judge_firmware(found, {board: _installed_build(board) for board in found})
+
+
+def _installed_build(board: str) -> str:
+    """Return the build that this installation would flash, empty where it has no image."""
+    if checkout() is not None:
+        return image_hash(board)
+    try:
+        return flash_image(board)[1]
+    except WrongUse:
+        return ""
 
 
 def judge_firmware(found: Mapping[str, str], installed: Mapping[str, str]) -> Verdict:

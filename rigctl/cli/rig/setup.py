@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
+import sys
 from collections.abc import Callable
 from contextlib import closing
 from datetime import UTC, datetime
@@ -24,15 +25,17 @@ from rigctl.acquisition.setup.verdict import Question, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
 from rigctl.cli.data.world import add_wirings, add_world, chosen_world
 from rigctl.cli.options.arguments import add_seed, path_or_name
+from rigctl.cli.options.progress import ProgressLine
 from rigctl.config.resources import wiring_drawing
 from rigctl.config.rig_config import RigConfig, load_config
 from rigctl.config.toml_edit import replace_file
 from rigctl.config.visible_text import visible
-from rigctl.devices.port_discovery import probe_ports
+from rigctl.devices.port_discovery import DRUM, TAXELS, probe_ports
 from rigctl.errors import RigFault, WrongUse
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
 
-AGAIN, KEEP, LEAVE = "again", "keep", "leave"
+AGAIN, KEEP, FLASH, LEAVE = "again", "keep", "flash", "leave"
+FIRMWARE_PART = "firmware"
 NO_TERMINAL = (
     "there is no terminal to answer at: run this command at one, or open Set up in the window"
 )
@@ -87,7 +90,23 @@ def run(args: argparse.Namespace) -> int:
                 raise
             _print_verdict(verdict)
             return 1
+    if session.ports_to_flash:
+        for board, port in session.ports_to_flash.items():
+            asyncio.run(_flash(board, port))
+        return run(args)
     return session.report()
+
+
+async def _flash(board: str, port: str) -> None:
+    """Write the image of this installation, as ``rigctl flash`` does."""
+    from rigctl.devices.flashing.flash import flash_avr, installed_image, read_image
+
+    line = ProgressLine(sys.stderr)
+    path, build_hash = installed_image(board)
+    line.say(f"{port}: {path.name}, build {build_hash}")
+    image, loop = read_image(path), asyncio.get_running_loop()
+    await flash_avr(board, port, image, loop, line.show_share)
+    line.end()
 
 
 def _write_new_file(rig: str) -> None:
@@ -120,6 +139,8 @@ class _SetupSession:
         self._print: Callable[[str], None] = _no_print if args.json else print
         self._setup: Setup | None = None
         self._skipped: tuple[str, ...] = ()
+        self.ports_to_flash: dict[str, str] = {}
+        """Boards whose firmware the person wants to write, with their ports."""
 
     @property
     def is_connected(self) -> bool:
@@ -177,22 +198,28 @@ class _SetupSession:
                 _print_verdict(verdict)
             if verdict.passed:
                 return True
-            answer = self._choose(verdict)
-            if answer == LEAVE:
+            answer = self._choose(step, verdict)
+            if answer == FLASH:
+                links = {DRUM: self._rig.drum.link, TAXELS: self._rig.taxels.link}
+                self.ports_to_flash = {board: link.name for board, link in links.items()}
+            if answer in (LEAVE, FLASH):
                 return False
             if answer == KEEP:
                 self._print(f"rig.toml says {await setup.keep(step.name)}")
                 return True
 
-    def _choose(self, verdict: Verdict) -> str:
+    def _choose(self, step: SetupStep, verdict: Verdict) -> str:
         """Ask what to do about a wrong part."""
         if self._args.yes:
             return LEAVE
-        choices = (AGAIN, KEEP, LEAVE) if verdict.remedy else (AGAIN, LEAVE)
-        text = "Mend it and check again, let rig.toml describe it, or leave?"
-        if not verdict.remedy:
+        if step.name == FIRMWARE_PART:
+            text = "Flash both boards now, or leave?"
+            return _answer(Question("choose", text, (FLASH, LEAVE)), FLASH)
+        if verdict.remedy is None:
             text = "Mend it and check again, or leave?"
-        return _answer(Question("choose", text, choices), AGAIN)
+            return _answer(Question("choose", text, (AGAIN, LEAVE)), AGAIN)
+        text = "Mend it and check again, let rig.toml describe it, or leave?"
+        return _answer(Question("choose", text, (AGAIN, KEEP, LEAVE)), AGAIN)
 
     async def _ask(self, question: Question) -> str:
         """Ask at the terminal; a simulated bench does what is asked and knows the answer."""
