@@ -15,10 +15,9 @@ NUDGES = 6
 MOVED_UM = 40
 BROKEN_LOW, BROKEN_HIGH = 22, 1000
 """Readings of the potentiometer beyond its series resistors (arduino/drum/board.h)."""
-MOST_DUTY = 260
-"""Permille at which a nudge ends, in the mean; an actuator at its full supply needs about 190."""
-RAMP_PERMILLE = 90
-"""How far above its dead band the duty of a nudge rises until the actuator has moved 0.1 mm."""
+MOST_DUTY = 130
+"""Permille at which the rod begins to move, in the mean; an actuator at its full supply needs
+about 70."""
 UP, DOWN, NOT_AT_ALL = "up", "down", "not at all"
 OUT, CLEAR, NEITHER = "out", "clear", "neither"
 
@@ -42,7 +41,7 @@ WHICH_WAY_LIFT = Question(
 class Nudge(NamedTuple):
     """What some nudges one way did: the potentiometer's travel, + downwards, and what was seen.
 
-    ``duty``: the mean duty at which they ended, permille. ``fault``: what ended them.
+    ``duty``: the mean duty at which they began to move, permille. ``fault``: what ended them.
     """
 
     travel_um: float
@@ -206,7 +205,7 @@ def _direction_problem(
             Remedy("inverted", {"position": not is_inverted}, text),
         )
     if seen.press.duty > MOST_DUTY:
-        dead_band = min(500, round(seen.press.duty) - RAMP_PERMILLE)
+        dead_band = min(500, round(seen.press.duty))
         text = f"[actuator] dead_band_permille = {dead_band}"
         return (
             f"the actuator needs a duty of {seen.press.duty / 10:.0f} % to move at all: its supply "

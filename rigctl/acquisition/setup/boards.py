@@ -104,6 +104,8 @@ async def check_drum(bench: Workbench) -> Verdict:
 
 async def find_boards(rig: Rig) -> Verdict:
     """Say which board answers at which port of a rig that could not connect."""
+    rig.drum.close()
+    rig.taxels.close()
     links = {DRUM: rig.drum.link, TAXELS: rig.taxels.link}
     reports = {board: await probe_link(link, rig.loop) for board, link in links.items()}
     return judge_reports(list(reports.values()), list(reports))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
+from rigctl.acquisition.drum.contact import has_status
 from rigctl.acquisition.setup.actuator import check_actuator
 from rigctl.acquisition.setup.boards import check_drum, check_firmware, check_fitted, check_ports
 from rigctl.acquisition.setup.drum_turn import check_turn
@@ -16,10 +17,11 @@ from rigctl.acquisition.setup.first_contact import (
 from rigctl.acquisition.setup.load_cell import check_at_rest, check_scale, check_under_finger
 from rigctl.acquisition.setup.progress import COMMISSION, PassedStep, Progress
 from rigctl.acquisition.setup.sensor import check_order, check_sensor
-from rigctl.acquisition.setup.switches import check_ends, check_stop, check_supply_cut
+from rigctl.acquisition.setup.switches import check_ends, check_stop, check_supply_cut, tripped
 from rigctl.acquisition.setup.verdict import Verdict
 from rigctl.acquisition.setup.workbench import Workbench
 from rigctl.errors import LinkLost, RigFault, WrongUse
+from rigctl.wire.drum.codes import Status
 from rigctl.wire.drum.states import FAULT_TEXT, Fault
 
 CELL = "mega#load-cell-amplifier-hx711"
@@ -197,8 +199,10 @@ class Setup:
         state = self.bench.motion.poller.state
         present = [] if state is None else _causes(state.fault, state.fault_bits)
         expected = f"{step.title} without a fault of the board"
-        if not present:
+        if state is None or not present:
             return Verdict(expected, "an end before its time", str(fault))
+        if present[0] is Fault.ESTOP and has_status(state, Status.ESTOP_CLOSED):
+            return tripped(expected, "the stop's contact is closed")
         texts = " ".join(FAULT_TEXT[cause] for cause in present[:1])
         names = (name for cause in present for name in FAULT_CAUSES.get(cause, ()))
         causes = tuple(dict.fromkeys(names))

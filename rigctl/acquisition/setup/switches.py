@@ -70,13 +70,7 @@ def judge_stop(seen: StopReadings, trips: bool = False) -> Verdict:
     words = ["closed" if closed else "open" for closed in seen]
     found = f"{words[0]}, {words[1]} while pressed, {words[2]}"
     if seen == (True, False, True) and trips:
-        return Verdict(
-            expected,
-            f"{found}, and then tripped by itself",
-            "the stop trips though nobody touches it: spikes reach its input; solder its 1 kΩ and "
-            "1 nF at D3 (100 nF at the end switches), and lay its cable apart from the motor's",
-            ("noise on switches",),
-        )
+        return tripped(expected, found)
     if seen == (True, False, True):
         return Verdict(expected, found)
     if seen == (False, True, False):
@@ -105,6 +99,17 @@ def judge_stop(seen: StopReadings, trips: bool = False) -> Verdict:
             "",
         )
     return Verdict(expected, found, problem, (cause,) if cause else ())
+
+
+def tripped(expected: str, found: str) -> Verdict:
+    """Return the verdict of a stop that has tripped while its contact is closed."""
+    return Verdict(
+        expected,
+        f"{found}, and then tripped by itself",
+        "the stop trips though nobody touches it: spikes reach its input; solder its 1 kΩ and 1 nF "
+        "at D3 (100 nF at the end switches), and lay its cable apart from the motor's",
+        ("noise on switches",),
+    )
 
 
 async def check_supply_cut(bench: Workbench) -> Verdict:

@@ -61,7 +61,7 @@ def test_on_chips_the_electrics_say_the_same(name: str, part: str) -> None:
         assert name in verdict.causes and setup.peak_g == 0
 
 
-@pytest.mark.parametrize("part", ["stop", "ends"])
+@pytest.mark.parametrize("part", ["stop", "ends", "scale"])
 def test_noise_on_the_switches_of_chips_is_filtered_or_named(part: str) -> None:
     with simulated_setup("noise on switches", FIRMWARE) as setup:
         verdict = setup.run_part(part)
