@@ -17,8 +17,8 @@ from rigctl.values import DrumState
 
 REST_S, PRESS_S = 5.0, 1.0
 SPIKE_SPREADS, SPIKE_COUNTS = 12.0, 20_000.0
-LEAST_RATE_HZ, MOST_RATE_HZ = 70.0, 92.0
-"""An HX711 at 80 samples a second, with the error of its own oscillator."""
+RATE_SHARE = 0.12
+"""Error of an HX711's own oscillator."""
 UNIQUE_OF = 64
 LEAST_UNIQUE = 8
 LEAST_NOISE_COUNTS, MOST_NOISE_COUNTS, OPEN_NOISE_COUNTS = 2.0, 1500.0, 9000.0
@@ -95,20 +95,21 @@ def read_cell(polls: Sequence[DrumState]) -> CellReadings:
 async def check_at_rest(bench: Workbench) -> Verdict:
     """Read the load cell while nobody touches it."""
     await bench.ask(FREE_CELL)
-    return judge_at_rest(read_cell(await bench.watch(REST_S)))
+    rate_hz = bench.rig.config.loadcell.rate_hz
+    return judge_at_rest(read_cell(await bench.watch(REST_S)), rate_hz)
 
 
-def judge_at_rest(seen: CellReadings) -> Verdict:
-    """Judge rate, noise and values of an untouched load cell."""
+def judge_at_rest(seen: CellReadings, rate_hz: float = 80) -> Verdict:
+    """Judge rate, noise and values of an untouched load cell; ``rate_hz`` as configured."""
     expected = (
-        f"80 samples/s, more than {LEAST_UNIQUE} different values of {UNIQUE_OF}, noise "
+        f"{rate_hz:g} samples/s, more than {LEAST_UNIQUE} different values of {UNIQUE_OF}, noise "
         f"{LEAST_NOISE_COUNTS:g} to {MOST_NOISE_COUNTS:g} counts"
     )
-    problem, *causes = _rest_problem(seen)
+    problem, *causes = _rest_problem(seen, rate_hz)
     return Verdict(expected, seen.text, problem, tuple(causes))
 
 
-def _rest_problem(seen: CellReadings) -> tuple[str, ...]:
+def _rest_problem(seen: CellReadings, rate_hz: float) -> tuple[str, ...]:
     if seen.rate_hz == 0.0:
         return (
             "the load cell's amplifier sends nothing: its DOUT wire (D19) or its supply is off; "
@@ -127,11 +128,12 @@ def _rest_problem(seen: CellReadings) -> tuple[str, ...]:
             "and on",
             "cell clock unplugged",
         )
-    if not LEAST_RATE_HZ <= seen.rate_hz <= MOST_RATE_HZ:
+    if abs(seen.rate_hz / rate_hz - 1) > RATE_SHARE:
         return (
-            f"the load cell's amplifier takes {seen.rate_hz:.0f} samples a second instead of 80: "
-            "connect its RATE pin to its supply (most modules come with it at ground), or build "
-            "arduino/drum/board.h for 10",
+            f"the load cell's amplifier takes {seen.rate_hz:.0f} samples a second instead of "
+            f"{rate_hz:g}: connect its RATE pin to its supply for 80 (most modules come with it "
+            "at ground, for 10), or set [loadcell] rate_hz in rig.toml, which for 10 needs lower "
+            "gains",
             "cell at 10 samples a second",
         )
     return _noise_problem(seen)

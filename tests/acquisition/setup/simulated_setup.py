@@ -14,6 +14,7 @@ from rigctl.acquisition.setup.progress import PassedStep
 from rigctl.acquisition.setup.setup import Setup, SetupStep
 from rigctl.acquisition.setup.verdict import Question, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
+from rigctl.config.rig_config import RigConfig
 from rigctl.errors import RigFault
 from rigctl.rig import open_rig
 
@@ -91,9 +92,11 @@ class SimulatedSetup:
 
 
 @contextmanager
-def simulated_setup(wiring: str = "", kind: str = "virtual") -> Iterator[SimulatedSetup]:
+def simulated_setup(
+    wiring: str = "", kind: str = "virtual", config: RigConfig | None = None
+) -> Iterator[SimulatedSetup]:
     """Open a rig that is wired as the catalogue says, and not commissioned."""
-    rig = open_rig(kind, seed=SEED, paced=False)
+    rig = open_rig(kind, seed=SEED, paced=False, config=config)
     rig.commissions = False
     if wiring:
         rig.faults.wire(wiring)

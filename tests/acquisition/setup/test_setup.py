@@ -10,7 +10,7 @@ from rigctl.acquisition.setup.boards import judge_firmware
 from rigctl.acquisition.setup.progress import load_progress, progress_path
 from rigctl.acquisition.setup.setup import COMMISSION, STEPS, Setup
 from rigctl.acquisition.setup.verdict import DONE, YES_OR_NO, Question
-from rigctl.config.rig_config import RigConfig, load_config
+from rigctl.config.rig_config import SLOW_GAINS, Actuator, LoadCell, RigConfig, load_config
 from rigctl.errors import WrongUse
 from rigctl.values import BoardIdentity
 from rigctl.wire.drum.codes import Status
@@ -66,6 +66,14 @@ def test_one_wrong_mass_of_two_in_proportion_is_found_by_the_label() -> None:
         setup.rig.simulation.hands._acts["lay_mass"] = lambda g: setup.rig.faults.push(4 * g)
         setup.run_through()
         assert setup.wrong is not None and "a mass is not what was typed" in setup.wrong.problem
+
+
+def test_an_amplifier_at_ten_samples_passes_where_rig_toml_says_so() -> None:
+    gains = Actuator(gain_p_per_s=SLOW_GAINS[0], gain_i_per_s=SLOW_GAINS[1])
+    config = RigConfig(loadcell=LoadCell(rate_hz=10), actuator=gains)
+    with simulated_setup("cell at 10 samples a second", config=config) as setup:
+        setup.run_through()
+        assert setup.wrong is None and setup.peak_g < 300
 
 
 def test_rig_toml_describes_a_part_as_it_is_wired_and_keeps_comments(tmp_path: Path) -> None:
