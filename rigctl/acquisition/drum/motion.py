@@ -33,6 +33,7 @@ NUDGE_TIMEOUT_S = 10.0
 HOME_TIMEOUT_S = 120.0
 MOVE_TIMEOUT_S = 600.0
 APPROACH_EXTRA_S = 20.0
+"""Longest search for the contact at 80 samples a second; a slower load cell needs longer."""
 TRAVEL_EXTRA_S, TRAVEL_FACTOR = 10.0, 1.5
 TRIM_STEP_PPM = 10
 
@@ -200,7 +201,8 @@ class DrumMotion:
         ``by_setup``: as a board takes it that is not commissioned yet, with 100 g at most.
         """
         await self._write_guarded_settings()
-        timeout_s = APPROACH_EXTRA_S + self.settings["approach_timeout_ms"] / 1000
+        search_s = APPROACH_EXTRA_S * 80 / self.config.loadcell.rate_hz
+        timeout_s = search_s + self.settings["approach_timeout_ms"] / 1000
         command = Command.APPROACH_SETUP if by_setup else Command.APPROACH
         await self.reach(command, State.HOLD, timeout_s, "reaching the force")
 
