@@ -106,3 +106,9 @@ def test_a_press_of_a_kilogram_would_be_seen() -> None:
 
         setup.run(push)
         assert setup.peak_g > MOST_FORCE_G
+
+
+def test_the_whole_setup_passes_on_chips() -> None:
+    with simulated_setup(kind=FIRMWARE) as setup:
+        setup.run_through()
+        assert setup.wrong is None and 80 < setup.peak_g <= MOST_FORCE_G
