@@ -15,6 +15,9 @@ from gui.protocol.learning.learning_page import NO_SESSION
 from gui.protocol.protocol_panel import ProtocolPanel
 from gui.shell.main_window import MainWindow
 from gui.widgets.file_browser import PathKind
+from rigctl.acquisition.setup.boards import CIRCUMFERENCE
+from rigctl.acquisition.setup.setup import STEPS
+from rigctl.acquisition.setup.switches import HOLD_LOWER
 from rigctl.analysis.learning.learning_curve import CurvePoint
 from rigctl.analysis.learning.session_curve import SessionCurve, describe_shortfall
 from rigctl.synth.sample_session import MAKING
@@ -309,12 +312,37 @@ def _tools(stage: Stage) -> Iterator[str]:
         yield f"Calibrate, {part}"
         tools.calibrate_page.parts[part].show_refusal(REFUSAL)
         yield f"Calibrate, {part}, refused"
+    yield from _setup(stage)
     tools.accept_page.folder.clear()
     for name, page in (("accept", tools.accept_page), ("ports", tools.ports_page)):
         stage.window.stack.show_page(name)
         page.verdict.setText(REFUSAL)
         QApplication.processEvents()
         yield f"Tools, {name}"
+
+
+def _setup(stage: Stage) -> Iterator[str]:
+    page = stage.window.tools.setup_page
+    state = {"problem": REFUSAL, "remedy": "[inverted] end_switches = true", "state": "wrong"}
+    part = {"expected": "none; upper; lower", "found": "upper and lower; lower; upper", **state}
+    parts = [
+        {"name": step.name, "title": step.title, "picture": step.picture, **part} for step in STEPS
+    ]
+    stage.window.tools.show_setup()
+    for number, step in enumerate(STEPS):
+        stage.update(setup={"parts": parts})
+        page.list.setCurrentRow(number)
+        QApplication.processEvents()
+        yield f"Set up, {step.name}"
+    asked = {"question_id": 3, "question": HOLD_LOWER.text, "checking": "ends"}
+    stage.update(setup={"parts": parts, **asked, "choices": ["done"], "known": "done"})
+    QApplication.processEvents()
+    yield "Set up, a question"
+    asked |= {"question_id": 4, "question": CIRCUMFERENCE.text, "unit": "mm", "known": "400"}
+    stage.update(setup={"parts": parts, **asked})
+    QApplication.processEvents()
+    yield "Set up, a number"
+    stage.update(setup={})
 
 
 def _files(stage: Stage) -> Iterator[str]:
