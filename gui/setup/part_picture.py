@@ -36,7 +36,7 @@ class PartDrawing(QWidget):
 
     def minimumSizeHint(self) -> QSize:
         """Return the smallest size that shows anything."""
-        return QSize(scaled_px(200), scaled_px(90))
+        return QSize(scaled_px(160), scaled_px(90))
 
     def show_part(self, picture: str) -> None:
         """Show a part, ``page#id``, or a whole page."""
@@ -88,7 +88,7 @@ class CellTrace(QWidget):
 
     def minimumSizeHint(self) -> QSize:
         """Return the smallest size that shows a curve."""
-        return QSize(scaled_px(200), scaled_px(90))
+        return QSize(scaled_px(160), scaled_px(90))
 
     def add(self, status: EngineStatus) -> None:
         """Add the newest reading."""

@@ -33,6 +33,7 @@ INTRODUCTION = (
     "another day; what has passed lies beside rig.toml."
 )
 ALL_PASSED = "All parts are right and the board is commissioned: run a protocol."
+KEEP_TIP = "Let rig.toml describe the part as it is wired, where it can"
 WIDEST = "✓ 99  Load cell with known masses"
 WITHOUT_TIP = "For the experienced: the board presses at once, whatever nobody has checked"
 _ROLE = Qt.ItemDataRole.UserRole
@@ -109,7 +110,7 @@ class SetupPage(QWidget):
     def _add_buttons(self) -> None:
         self.check_button = push_button("Check", self._check, "Check this part now")
         self.cancel_button = push_button("Stop the check", self._cancel, "The drum lifts and stops")
-        self.keep_button = push_button("Keep it so", self._keep, "Let rig.toml describe it")
+        self.keep_button = push_button("Keep it so", self._keep, KEEP_TIP)
         self.back_button = push_button("Back", lambda: self._move(-1), "The part before")
         self.next_button = push_button("Next", lambda: self._move(1), "The part after")
         self.leave_button = push_button("Leave", self._leave, "Go on another time")
@@ -174,7 +175,7 @@ class SetupPage(QWidget):
         self.check_button.setText("Check again" if part.state != "open" else "Check")
         self.cancel_button.setEnabled(bool(setup.checking))
         self.keep_button.setEnabled(is_free and bool(part.remedy))
-        self.keep_button.setText(f"Keep it so: {part.remedy}" if part.remedy else "Keep it so")
+        self.keep_button.setToolTip(f"Let rig.toml say {part.remedy}" if part.remedy else KEEP_TIP)
         row = self.list.currentRow()
         self.back_button.setEnabled(row > 0 and not setup.checking)
         self.next_button.setEnabled(0 <= row < len(setup.parts) - 1 and not setup.checking)

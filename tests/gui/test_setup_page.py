@@ -84,7 +84,7 @@ def test_a_wrong_wiring_is_named_and_rig_toml_may_describe_it(rig: RigWindow) ->
     link.request("inject", fault="wire", name="end switches normally open")
     assert check(rig, page, "ends") == "wrong"
     assert "normally open" in page.problem.text() and "Found: upper and lower" in page.found.text()
-    assert "[inverted] end_switches = true" in page.keep_button.text()
+    assert "[inverted] end_switches = true" in page.keep_button.toolTip()
     press(rig, page.keep_button)
     rig.until(lambda: _state(rig, "ends") == "right")
     link.request("inject", fault="wire", name="end switches normally open", on=False)
