@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import NamedTuple
 
+from rigctl.simulation.wirings import circuit_of
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.register_table import BY_NAME, SETTINGS_BLOCK, Register
 from rigctl.wire.drum.states import State
@@ -14,12 +16,14 @@ from tests.attack.steps import (
     Action,
     ActionKind,
     Attack,
+    Rewire,
     Step,
     Write,
     full_sequence,
     send,
     wait,
     wait_until_idle,
+    wire_sequence,
     write,
 )
 
@@ -84,16 +88,20 @@ class Outcome(NamedTuple):
 class Attacker:
     """Runs one attack on a bench at power-up."""
 
-    def __init__(self, bench: AttackBench) -> None:
+    def __init__(self, bench: AttackBench, is_commissioned: bool = True) -> None:
         self._bench, self._log = bench, Log(bench)
-        self.judge = Judge(limit_g(bench))
+        self.judge = Judge(partial(limit_g, bench), is_commissioned)
         self._sequence = 1000
+        self._wirings: dict[str, None] = {}
 
     def run(self, attack: Attack) -> Outcome:
         """Run an attack from power-up to its end."""
-        self.run_steps(PREPARATIONS[attack.state])
+        before, after = PREPARATIONS[attack.state], full_sequence(attack)
+        if attack.wired:
+            before, after = wire_sequence(attack, before)
+        self.run_steps(before)
         began = self._bench.state
-        self.run_steps(full_sequence(attack))
+        self.run_steps(after)
         judge = self.judge
         return Outcome(attack, began, judge.peak_g, judge.limit_g, judge.broken)
 
@@ -102,6 +110,8 @@ class Attacker:
         for step in steps:
             if isinstance(step, Write):
                 self._write(step)
+            elif isinstance(step, Rewire):
+                self._rewire(step)
             else:
                 self._act(step.kind, step.value)
 
@@ -120,6 +130,16 @@ class Attacker:
             self._bench.set_heartbeat(bool(value))
         else:
             self._press_button(kind, value)
+
+    def _rewire(self, step: Rewire) -> None:
+        """Change a wire; the log before and after is checked separately."""
+        self._check_log()
+        self._wirings.pop(step.name, None)
+        if step.on:
+            self._wirings[step.name] = None
+        circuit = circuit_of(self._wirings)
+        self._bench.connect(circuit)
+        self.judge.rewired(circuit)
 
     def _press_button(self, kind: ActionKind, value: int) -> None:
         """Press a button; the log before and after is checked separately."""
@@ -176,6 +196,6 @@ def _of(settings: list[int], register: Register) -> int:
 def run_attack(bench: AttackBench, attack: Attack) -> Outcome:
     """Attack a bench at power-up, and free it."""
     try:
-        return Attacker(bench).run(attack)
+        return Attacker(bench, attack.commissioned).run(attack)
     finally:
         bench.close()

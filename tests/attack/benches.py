@@ -6,6 +6,7 @@ registers are only for the attacker.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple, Protocol
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.simulation.bench.bench import Bench
+from rigctl.simulation.bench.circuit import Circuit
 from rigctl.simulation.bench.electrics import constants
 from rigctl.simulation.bench.load_cell import LoadCellAmplifier
 from rigctl.simulation.bench.mechanics import ACTUATOR_SPEED, DRUM_MM, FORCE_G, RING_MS, Mechanics
@@ -28,6 +30,8 @@ from tests.firmware.drum.support.plant_drum import mounted_contact
 PLATE = "A"
 NEAR = validated(WorldParameters(contact_mm=10.0, actuator_start_mm=0.0))
 """Shortest plausible distance to the contact, for a short approach."""
+STIFF = validated(replace(NEAR, stiffness_g_mm=900.0))
+"""The same on the stiffest plausible contact, for attacks on wires."""
 SEED = 1
 SLOW_MM_S = 2.0
 MOST_G, OVERRUN_UM = (BY_NAME[name].address for name in ("most_force", "overrun_um"))
@@ -51,6 +55,8 @@ class Span(NamedTuple):
 
 class AttackBench(Protocol):
     """A bench as the attacker uses it."""
+
+    parameters: WorldParameters
 
     @property
     def plant(self) -> Mechanics:
@@ -82,6 +88,9 @@ class AttackBench(Protocol):
     def estop(self, pressed: bool) -> None:
         """Press or release the emergency stop."""
 
+    def connect(self, circuit: Circuit) -> None:
+        """Connect the bench in this way."""
+
     def reset(self) -> None:
         """Press the board's reset button."""
 
@@ -111,26 +120,30 @@ def slow_actuator(plant: Mechanics) -> None:
     plant.constants[ACTUATOR_SPEED] = SLOW_MM_S
 
 
-def limit_g(bench: AttackBench) -> float:
-    """Return the highest true force that any write may cause on this bench."""
-    return _limit_g(bench.read(MOST_G, 1)[0], bench.read(OVERRUN_UM, 1)[0])
+def limit_g(bench: AttackBench, most_g: float | None = None, further_um: float = 0.0) -> float:
+    """Return the highest true force on this bench, where the board lifts at ``most_g``.
+
+    By default that is the limit of any write. ``further_um``: further travel before it lifts.
+    """
+    most_g = bench.read(MOST_G, 1)[0] if most_g is None else most_g
+    return _limit_g(bench.parameters, most_g, bench.read(OVERRUN_UM, 1)[0] + further_um)
 
 
 @cache
-def _limit_g(most_g: int, overrun_um: int) -> float:
-    return most_g + overshoot_g(overrun_um, most_g, mounted_contact(PLATE, NEAR, SEED))
+def _limit_g(parameters: WorldParameters, most_g: float, overrun_um: float) -> float:
+    return most_g + overshoot_g(overrun_um, most_g, mounted_contact(PLATE, parameters, SEED))
 
 
 class _Mechanics:
     """A bench without skin: attacks do not read the taxels."""
 
-    def __init__(self) -> None:
-        self.parameters = NEAR
+    def __init__(self, parameters: WorldParameters) -> None:
+        self.parameters = parameters
         self.disturbances = Disturbances()
         self.electrics = constants(self.disturbances.circuit)
-        self.plant = Mechanics(NEAR)
-        self.plant.set_force_table(mounted_contact(PLATE, NEAR, SEED))
-        self.loadcell = LoadCellAmplifier(NEAR, SEED, self.plant, self.disturbances)
+        self.plant = Mechanics(parameters)
+        self.plant.set_force_table(mounted_contact(PLATE, parameters, SEED))
+        self.loadcell = LoadCellAmplifier(parameters, SEED, self.plant, self.disturbances)
         self.logged_ms = 0
 
     def log_truth(self) -> None:
@@ -147,16 +160,20 @@ class _Mechanics:
     wire_drum = Bench.wire_drum
 
     def apply_disturbances(self) -> None:
-        """Pass the emergency stop, the only disturbance that is ever used."""
+        """Pass emergency stop and wiring, the only disturbances that are used."""
         now = self.disturbances
-        self.electrics[:] = constants(now.circuit, estop_pressed=now.estop_pressed)
+        self.electrics[:] = constants(now.circuit, has_supply=now.has_supply)
+        self.loadcell.connect(now.circuit)
+        self.plant.set_disturbances(now.motor_jammed, now.push_g)
+        self.plant.set_diameter(now.circuit.diameter)
 
 
 class VirtualBench:
     """A virtual board at power-up with direct access to its registers."""
 
-    def __init__(self, library: Path | None = None) -> None:
-        self._mechanics = _Mechanics()
+    def __init__(self, library: Path | None = None, parameters: WorldParameters = NEAR) -> None:
+        self.parameters = parameters
+        self._mechanics = _Mechanics(parameters)
         self._drum = DrumCosimulation(self._mechanics, library)
         self._board = self._drum.firmware
         self._silent_since_ms = 0
@@ -202,6 +219,11 @@ class VirtualBench:
     def estop(self, pressed: bool) -> None:
         """Press or release the emergency stop."""
         self._mechanics.disturbances.estop_pressed = pressed
+        self._drum.apply_disturbances()
+
+    def connect(self, circuit: Circuit) -> None:
+        """Connect the bench in this way."""
+        self._mechanics.disturbances.circuit = circuit
         self._drum.apply_disturbances()
 
     def reset(self) -> None:

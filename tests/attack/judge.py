@@ -14,8 +14,11 @@ tare       the board accepts no plain tare during contact
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
+from rigctl.simulation.bench.circuit import AS_DRAWN, Circuit, Wire
 from rigctl.wire.drum.codes import Command, Guard
 from rigctl.wire.drum.register_table import BY_NAME, SETTINGS, Register
 from rigctl.wire.drum.states import State
@@ -44,13 +47,35 @@ WIRES = tuple(BY_NAME[name].address for name in ("signal_polarity", "optional_si
 States = tuple[State, State]
 """States that the board reported before and after a request."""
 TARES = (Command.TARE, Command.TARE_TURN)
+MOST_FORCE_G = 2000.0
+UNCOMMISSIONED_G = 300.0
+UNFELT_UM = 1000 + 6 * 18.5
+"""Further travel where the cell stops feeling: 1 mm, and at 6 mm/s a sample and its delay
+(decision 0040)."""
+
+
+class Limit(Protocol):
+    """Returns the highest force of a bench, g."""
+
+    def __call__(self, most_g: float | None = None, further_um: float = 0.0) -> float: ...
+
 
 
 class Judge:
-    """Checks one attack. ``broken`` holds a sentence for each broken rule."""
+    """Checks one attack. ``broken`` holds a sentence for each broken rule.
 
-    def __init__(self, limit_g: float) -> None:
-        self.limit_g, self.peak_g, self.force_g = limit_g, 0.0, 0.0
+    ``limit(most_g, further_um)`` returns the force of the bench where the board lifts at ``most_g``
+    and ``further_um`` of travel later. After a wire was wrong only the rules ``force``,
+    ``heartbeat`` and ``stop`` hold, by the bench alone.
+    """
+
+    def __init__(self, limit: Limit, is_commissioned: bool = True) -> None:
+        self._limit, self._is_commissioned = limit, is_commissioned
+        self._circuit, self._is_whole, self._least_gain = AS_DRAWN, True, 1.0
+        self._zero_is_blind = False
+        self._highest_g = BY_NAME["over_force"].default * 0.1
+        self.peak_g = self.force_g = 0.0
+        self._set_limit()
         self.broken: dict[str, str] = {}
         self.now_ms = self._heartbeat_at_ms = self._last_contact_ms = self._lifting_ms = 0
         self._stop_since_ms: int | None = None
@@ -75,17 +100,38 @@ class Judge:
 
     def booted(self) -> None:
         """Note a boot, which clears the board's knowledge of contact and zero."""
-        self._booted, self._zero_is_known = True, False
+        self._booted, self._zero_is_known, self._zero_is_blind = True, False, False
         self._state = State.BOOT
+
+    def rewired(self, circuit: Circuit) -> None:
+        """Note how the bench is connected from now on."""
+        self._is_whole, self._circuit = False, circuit
+        if circuit.cell_gain:
+            self._least_gain = min(self._least_gain, abs(circuit.cell_gain))
+        if self._stop_since_ms is not None:
+            self._stop_since_ms = self.now_ms
+        self._set_limit()
+
+    def _set_limit(self) -> None:
+        if not self._is_commissioned:
+            self.limit_g = UNCOMMISSIONED_G
+        elif self._is_whole:
+            self.limit_g = self._limit()
+        else:
+            most_g = min(MOST_FORCE_G, self._highest_g) / self._least_gain
+            self.limit_g = self._limit(most_g, UNFELT_UM)
 
     def check_span(self, span: Span, state: State) -> None:
         """Check a span of the log and the state that the board reports at its end."""
         self.now_ms = span.end_ms
+        if not (self._zero_is_known or self._circuit.cell_gain):
+            self._zero_is_blind = True
         if span.end_ms > span.start_ms:
             self._check_force(span)
             self._check_silence(span)
             self._check_stop(span, state)
-        self._check_lift(span, state)
+        if self._is_whole:
+            self._check_lift(span, state)
         if state is State.ARMED and self._state is State.RETRACT:
             self._booted, self._zero_is_known = False, True
         self._state = state
@@ -96,14 +142,15 @@ class Judge:
         pressed = np.flatnonzero(span.force_g > 0)
         if pressed.size:
             self._last_contact_ms = span.start_ms + int(pressed[-1])
-        self._rule("force", highest <= self.limit_g, f"{highest:.0f} g of {self.limit_g:.0f} g")
+        within = highest <= self.limit_g or self._zero_is_blind
+        self._rule("force", within, f"{highest:.0f} g of {self.limit_g:.0f} g")
 
     def _check_silence(self, span: Span) -> None:
         silent_ms = span.start_ms - self._heartbeat_at_ms - TICKS_MS
         if silent_ms < SILENCE_MS:
             return
         self._rule("heartbeat", span.drive[1] <= 0, f"presses after {silent_ms} ms of silence")
-        if silent_ms >= SILENCE_MS + COAST_MS:
+        if silent_ms >= SILENCE_MS + COAST_MS and self._is_whole:
             travelled_mm = span.rod_mm[1] - span.rod_mm[0]
             self._rule(
                 "heartbeat", travelled_mm < STILL_MM, f"{travelled_mm:.2f} mm down, {silent_ms} ms"
@@ -113,7 +160,7 @@ class Judge:
 
     def _off_by_ms(self) -> int:
         """Return the latest time at which the drive must be off."""
-        if not self._zero_is_known:
+        if not (self._zero_is_known and self._is_whole):
             return self._heartbeat_at_ms + SILENCE_MS + LIFT_LIMIT_MS + 2 * TICKS_MS
         return max(self._heartbeat_at_ms + OFF_LIMIT_MS, self._last_contact_ms + CONTACT_LOST_MS)
 
@@ -121,8 +168,12 @@ class Judge:
         if self._stop_since_ms is None or span.start_ms <= self._stop_since_ms:
             return
         held_ms = span.start_ms - self._stop_since_ms
-        self._rule("stop", span.drive == (0, 0), f"drives {span.drive} after {held_ms} ms")
-        self._rule("stop", state in STOPPED_STATES, f"{state.name} while it is held")
+        reaches_board = self._circuit.estop in (Wire.DRAWN, Wire.OPEN)
+        if not (reaches_board or self._circuit.stop_cuts_supply):
+            return
+        if reaches_board:
+            self._rule("stop", span.drive == (0, 0), f"drives {span.drive} after {held_ms} ms")
+            self._rule("stop", state in STOPPED_STATES, f"{state.name} while it is held")
         if held_ms >= STEP_END_MS:
             self._rule("stop", not _steps(span), f"turns after {held_ms} ms")
         if held_ms >= COAST_MS:
@@ -145,9 +196,12 @@ class Judge:
         self._rule("bounds", register.accepts(after), f"{register.name} is {after}")
         if register.name == "heartbeat" and before != after:
             self.heartbeat(self.now_ms)
+        if register.name == "over_force":
+            self._highest_g = max(self._highest_g, after * 0.1)
+            self._set_limit()
         if register.address in WIRES:
             self._check_wires(register, after, before != after)
-        if register.guard is not Guard.NONE and before != after:
+        if register.guard is not Guard.NONE and before != after and self._is_whole:
             allowed = self._may_change(register.guard, states)
             text = f"{register.name} became {after} in {states[0].name} at {self.force_g:.0f} g"
             self._rule("guard", allowed, text)
@@ -166,6 +220,13 @@ class Judge:
         """Check a command that the board accepted."""
         if command == Command.ARM:
             self.heartbeat(self.now_ms)
+        if command == Command.COMMISSION:
+            self._is_commissioned = True
+            self._set_limit()
+        if command == Command.TARE_ANYWAY and not self._circuit.cell_gain:
+            self._zero_is_blind = True
+        if not self._is_whole:
+            return
         if command in TARES:
             self._rule("tare", self.force_g < TOUCH_G, f"taken at {self.force_g:.0f} g")
         if command == Command.DEFAULTS:

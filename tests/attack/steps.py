@@ -7,12 +7,13 @@ alone.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
 
+from rigctl.simulation.wirings import WIRINGS
 from rigctl.wire.drum.codes import Command, Guard
 from rigctl.wire.drum.register_table import BY_NAME, SETTINGS, Register
 from rigctl.wire.drum.states import State
@@ -68,18 +69,37 @@ class Action(NamedTuple):
         return f"{self.kind.value} {Command(self.value).name if known else self.value}"
 
 
-Step = Write | Action
+class Rewire(NamedTuple):
+    """A wrong wiring of the catalogue, switched on or off."""
+
+    name: str
+    on: bool
+
+    def __str__(self) -> str:
+        return f"{self.name} {'on' if self.on else 'off'}"
+
+
+Step = Write | Action | Rewire
 
 
 class Attack(NamedTuple):
-    """Steps that run in a state of the board."""
+    """Steps that run in a state of the board.
+
+    ``wired``: the wiring of an attack on wires; ``from_power_up``: it is wrong before the board is
+    brought to that state; ``commissioned``: the board is, before.
+    """
 
     name: str
     state: State
     steps: tuple[Step, ...]
+    wired: str = ""
+    from_power_up: bool = False
+    commissioned: bool = True
 
     def __str__(self) -> str:
-        return f"{self.name}, {self.state.name}: {'; '.join(map(str, self.steps))}"
+        board = "" if self.commissioned else ", not commissioned"
+        first = f" with {self.wired}" if self.from_power_up else ""
+        return f"{self.name}, {self.state.name}{board}{first}: {'; '.join(map(str, self.steps))}"
 
 
 def _words(register: Register, raw: int) -> tuple[int, ...]:
@@ -163,6 +183,87 @@ def full_sequence(attack: Attack) -> tuple[Step, ...]:
     """
     again = tuple(step for step in attack.steps if isinstance(step, Write))
     return (*attack.steps, *_REST, *again, *_LIFT, *again, *_PRESS, *_STOP_HEARTBEAT, *_STOP)
+
+
+BEYOND_FIRMWARE = ("bridge enable stuck high",)
+"""Wirings that no firmware can answer; the current limit or a mechanical stop bounds these."""
+WIRES = tuple(
+    name
+    for name, wiring in WIRINGS.items()
+    if wiring.board == "drum" and wiring.reaches != "chips" and name not in BEYOND_FIRMWARE
+)
+"""Wirings of the drum's board, those that show on its chip alone left out."""
+
+_TRY_AGAIN: tuple[Step, ...] = (
+    Action(ActionKind.HEARTBEAT, 1),
+    Action(ActionKind.ESTOP, 0),
+    wait(300),
+    send(Command.CLEAR),
+    send(Command.ARM),
+    wait_until_idle(2500),
+    send(Command.TARE),
+    wait(700),
+    send(Command.APPROACH),
+    wait_until_idle(4000),
+    send(Command.RUN),
+    wait(250),
+)
+_LAST_STOP: tuple[Step, ...] = (Action(ActionKind.ESTOP, 1), wait(500), *_STOP[-3:])
+
+
+def wire_sequence(
+    attack: Attack, preparation: tuple[Step, ...]
+) -> tuple[tuple[Step, ...], tuple[Step, ...]]:
+    """Return the steps of an attack on wires until the board is in its state, and the others.
+
+    Its continuation tries to press as before, changes the wires once more, tries again, and ends
+    with an emergency stop. On a board that is not commissioned every approach is the set-up's.
+    """
+    first = (Rewire(attack.wired, True),) if attack.from_power_up else ()
+    again = tuple(step for step in attack.steps if not isinstance(step, Write))
+    before = (*first, *preparation)
+    after = (*attack.steps, *_TRY_AGAIN, *again, *_TRY_AGAIN, *_LAST_STOP)
+    if attack.commissioned:
+        return before, after
+    return (write("force_set", 1000), *_for_setup(before)), tuple(_for_setup(after))
+
+
+def _for_setup(steps: Iterable[Step]) -> Iterator[Step]:
+    for step in steps:
+        if step == send(Command.APPROACH):
+            yield send(Command.APPROACH_SETUP)
+        elif step != send(Command.COMMISSION):
+            yield step
+
+
+def wire_attack(seed: int, number: int) -> Attack:
+    """Return attack ``number`` of a seed on wires: each wiring in each state in turn.
+
+    It is switched on at a random time, and often off again; another wiring may come besides, and
+    random writes, commands, resets, silences and emergency stops.
+    """
+    random = np.random.default_rng([seed, number, len(WIRES)])
+    turn, at = divmod(number, len(STATES))
+    wired = WIRES[(turn + at) % len(WIRES)]
+    from_power_up, commissioned = random.random() < 0.2, random.random() < 0.7
+    steps: list[Step] = [_pause(random), Rewire(wired, not from_power_up)]
+    for _ in range(int(random.integers(1, 6))):
+        steps += [_random_change(random, wired), _pause(random)]
+    name = f"wires, seed {seed} number {number}"
+    return Attack(name, STATES[at], tuple(steps), wired, from_power_up, commissioned)
+
+
+def _random_change(random: np.random.Generator, wired: str) -> Step:
+    kind = random.random()
+    if kind < 0.4:
+        return Rewire(wired, random.random() < 0.4)
+    if kind < 0.5:
+        return Rewire(WIRES[int(random.integers(len(WIRES)))], True)
+    return _random_step(random)
+
+
+def _pause(random: np.random.Generator) -> Step:
+    return wait(int(np.exp(random.uniform(0, 7.0))))
 
 
 def grid_attacks() -> Iterator[Attack]:
