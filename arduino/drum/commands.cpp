@@ -102,6 +102,8 @@ bool Commands::press(bool for_setup) {
     constexpr uint32_t MOST_TENTHS = board::MOST_FORCE_G * 10UL;
     if (!controller_.machine().accepts(Event::Approach)) return false;
     if (!controller_.contact().gone() || !controller_.sensor().tare_holds()) return false;
+    // A cell that came loose at rest shows something else.
+    if (!controller_.sensor().reads_zero()) return false;
     const uint32_t highest = bank_.word(reg::force_set) + bank_.word(reg::force_set) / 10U;
     if (highest > bank_.word(reg::over_force) || highest > MOST_TENTHS) return false;
     // Also at twice the speed that is asked for, less than 250 g on the stiffest contact.

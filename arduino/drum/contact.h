@@ -46,9 +46,9 @@ class Contact {
     }
     // Another drum or sensor is mounted.
     void forget_place() { place_known_ = false; }
-    bool too_deep() const {
+    bool too_deep(uint16_t most_um) const {
         return place_known_ && signals_.reads_position() &&
-               ContactWatch::beyond(signals_.position_um(), place_um_);
+               ContactWatch::beyond(signals_.position_um(), place_um_, most_um);
     }
     // Where the last contact began, and the actuator's way below it.
     uint16_t contact_um() const { return contact_um_; }

@@ -18,13 +18,18 @@ class ContactWatch {
         int16_t force_dg, set_dg;  // 0.1 g
         bool turning;              // the drum brings deeper and higher places
         bool settled;              // the force is inside the band of the settings
+        bool for_setup;            // of a board that may not be commissioned
     };
+    // How far below the last contact an approach goes; the set-up's less.
+    static constexpr uint16_t BEYOND_UM = 1000, SETUP_BEYOND_UM = 250;
 
     void configure(const Sampling &sampling) { sampling_ = &sampling; }
     // An approach begins, or the set force has another value.
     void restart();
     // Before contact: not further than this below the last one.
-    static bool beyond(uint16_t position_um, uint16_t contact_um);
+    static bool beyond(uint16_t position_um, uint16_t contact_um, uint16_t most_um);
+    // Two samples show less than the lifted drum: the cell feels something else.
+    bool pulls(int16_t force_dg, bool for_setup);
     // One sample in contact; Fault::None where motion and force fit.
     Fault check(const Sample &sample);
 
@@ -35,7 +40,7 @@ class ContactWatch {
     uint16_t from_um_ = 0;     // where the force last rose, or was what it should be
     int16_t from_dg_ = 0;
     uint16_t settled_um_ = 0;  // where it settled
-    bool referred_ = false, was_settled_ = false;
+    bool referred_ = false, was_settled_ = false, pulled_ = false;
 };
 
 // Share of the last seconds in which a force that was reached is far from its set-point.

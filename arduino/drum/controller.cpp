@@ -20,8 +20,10 @@ constexpr uint16_t LIFT_TIME_MS = 700;
 // A lift that takes longer is stuck.
 constexpr uint16_t LIFT_LIMIT_MS = 1.6f * (board::ACTUATOR_TRAVEL_UM / board::ACTUATOR_MAX_MM_S);
 
-// The first motion since a boot may change the reading by this: 0.1 mm on the stiffest contact.
+// The first motion since a boot may change the reading by this, and a lift may raise it by this:
+// 0.1 mm on the stiffest contact.
 constexpr uint16_t FIRST_FORCE_G = 150;
+constexpr uint8_t LATE_LIFT_MS = 40;
 
 bool needs_heartbeat(State state) {
     return state != State::Boot && state != State::Selftest && state != State::Idle &&
@@ -276,20 +278,31 @@ bool Controller::sample(const Conversion &conversion) {
     if (!sensor_.take(conversion, place_tare())) return false;
     sensor_.loadcell().test(machine_.drive() == Drive::Off);
     watch_contact();
-    watch_first_force();
+    watch_unlimited_force();
     sensor_.check_limits();
     supervise();
     control_due_ = true;
     return true;
 }
 
-// Until a zero exists no limit of the force does. The drum may then become lighter, as a lift does;
-// before the potentiometer has shown that it lifts, not even that.
-void Controller::watch_first_force() {
+// A lift whose rod no longer comes down from what it did before, and whose samples show that.
+bool Controller::lifts_surely() const {
+    const bool slow = bank_.word(reg::loadcell_slow);
+    const uint32_t late_ms = LATE_LIFT_MS + sampling::of(slow).period_us / 512;
+    return machine_.drive() == Drive::Lift && in_state_ms() >= late_ms;
+}
+
+// Until a zero exists no limit of the force does, and none ends a lift. The drum may become lighter,
+// as a lift does; before the potentiometer has shown that a first motion lifts, not even that. What a
+// lift has pressed counts in the next one too.
+void Controller::watch_unlimited_force() {
     constexpr int32_t MOST = board::counts_of(FIRST_FORCE_G);
     const int32_t raw = sensor_.loadcell().steady_raw();
-    if (sensor_.zero().known()) {
-        moved_ = false;
+    const bool first = !sensor_.zero().known();
+    if (!first && !lifts_surely()) {
+        const Drive drive = machine_.drive();
+        if (motion_.known() || drive == Drive::Approach) lift_pressed_ = false;
+        if (!lift_pressed_) moved_ = false;
         return;
     }
     if (!duty_) return;
@@ -299,8 +312,9 @@ void Controller::watch_first_force() {
     if (loads_down ? raw > least_raw_ : raw < least_raw_) least_raw_ = raw;
     const int32_t loaded = loads_down ? least_raw_ - raw : raw - least_raw_;
     const int32_t off = raw > first_raw_ ? raw - first_raw_ : first_raw_ - raw;
-    const bool blind = !motion_.known() && signals_.reads_position();
-    if (loaded > MOST || (blind && off > MOST)) raise_off(Fault::ForceUnexplained);
+    const bool blind = first && !motion_.known() && signals_.reads_position();
+    lift_pressed_ = loaded > MOST;
+    if (lift_pressed_ || (blind && off > MOST)) raise_off(Fault::ForceUnexplained);
 }
 
 int32_t Controller::place_tare() const {

@@ -77,7 +77,8 @@ class Controller {
     void watch_index();
     void watch_motion();
     void watch_force();
-    void watch_first_force();
+    bool lifts_surely() const;
+    void watch_unlimited_force();
     void progress();
     void selftest();
     void approach();
@@ -105,6 +106,7 @@ class Controller {
     // Raw reading when the actuator first moved since the boot, and the least loaded one since then.
     int32_t first_raw_ = 0, least_raw_ = 0;
     bool moved_ = false;
+    bool lift_pressed_ = false;  // and nothing since then has shown what lifts
     bool watch_due_ = false;    // the force loop has made a step
     bool control_due_ = false;  // a sample has come that the force loop has not seen
 };

@@ -115,14 +115,16 @@ Fault ForceControl::watch(bool holding, bool turning) {
     const int16_t wanted_dg = bank_.word(reg::force_set);
     const int16_t sure_dg = wanted_dg / 2 < SURE_DG ? wanted_dg / 2 : SURE_DG;
     if (loop_.in_contact() && force_dg_ >= sure_dg) sure_ = true;
-    if (!loop_.in_contact()) return contact_.too_deep() ? Fault::TooDeep : Fault::None;
+    if (contact_watch_.pulls(force_dg_, for_setup_)) return Fault::ForceUnexplained;
+    const uint16_t most_um = for_setup_ ? ContactWatch::SETUP_BEYOND_UM : ContactWatch::BEYOND_UM;
+    if (!loop_.in_contact()) return contact_.too_deep(most_um) ? Fault::TooDeep : Fault::None;
     const bool by_force = mode() == ForceMode::Hold && !step_test_.running();
     if (holding && by_force && unsteady()) return Fault::ForceUnsteady;
     if (!signals_.reads_position()) return Fault::None;
     const int16_t set_dg = mode() == ForceMode::Position ? INT16_MAX : wanted_dg;
     const bool settled = holding && within_band();
-    const Fault found = contact_watch_.check(
-        {signals_.position_um(), contact_.contact_um(), force_dg_, set_dg, turning, settled});
+    const Fault found = contact_watch_.check({signals_.position_um(), contact_.contact_um(), force_dg_,
+                                              set_dg, turning, settled, for_setup_});
     if (found != Fault::ForceMissing || sure_) return found;
     // A shock in the air was taken for the contact.
     contact_watch_.restart();

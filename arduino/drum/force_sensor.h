@@ -34,6 +34,8 @@ class ForceSensor {
     bool tare_holds() const { return tare_holds_; }
     bool tare_by_place() const { return tare_by_place_; }
     bool near_zero(int32_t counts) const { return !zero_.known() || zero_.near(counts); }
+    // The cell shows what it showed when the zero was taken.
+    bool reads_zero() const { return zero_.near(loadcell_.steady_raw()); }
     // The cell shows a force, as far as its reading can be trusted.
     bool reads_contact() const {
         return zero_.known() && !loadcell_.faults() && !zero_.free(loadcell_.raw());

@@ -100,7 +100,7 @@ class Judge:
 
     def booted(self) -> None:
         """Note a boot, which clears the board's knowledge of contact and zero."""
-        self._booted, self._zero_is_known, self._zero_is_blind = True, False, False
+        self._booted, self._zero_is_known = True, False
         self._state = State.BOOT
 
     def rewired(self, circuit: Circuit) -> None:
@@ -133,6 +133,8 @@ class Judge:
         if self._is_whole:
             self._check_lift(span, state)
         if state is State.ARMED and self._state is State.RETRACT:
+            if self._booted and self._circuit.cell_gain:
+                self._zero_is_blind = False
             self._booted, self._zero_is_known = False, True
         self._state = state
 

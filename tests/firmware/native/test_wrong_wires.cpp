@@ -297,6 +297,47 @@ TEST(another_drum_is_approached_after_a_forced_tare) {
     CHECK(bench.hold(250));
 }
 
+// Attack on wires, seed 1 number 1806: neither the potentiometer nor the limits ended that lift.
+TEST(a_lift_that_presses_ends_by_the_force) {
+    BenchParameters parameters;
+    parameters.stiffness_g_mm = 900;
+    Bench bench(parameters);
+    CHECK(bench.arm_and_tare());
+    CHECK(bench.hold(500));
+    bench.swapped_actuator = true;
+    bench.broken_position = 1023;
+    for (int i = 0; i < 3; ++i) {
+        bench.run(3000);
+        CHECK(bench.state() == State::FaultOff);
+        CHECK(!bench.bridge_on);
+        CHECK(bench.peak_g < 500 + 900 * 1.4 * 1.6);
+        if (!i) std::printf("     a lift that presses: %.0f g\n", bench.peak_g);
+        bench.command(Command::Clear);
+        bench.command(Command::Arm);
+    }
+}
+
+// Attacks on wires, seed 1 numbers 280 and 268: the tare failed, and the approach went on for 14 mm.
+TEST(a_cell_that_came_loose_is_not_approached) {
+    Bench bench;
+    CHECK(bench.arm_and_tare());
+    bench.cell_open = true;
+    bench.p.offset_counts = 0;
+    bench.run(100);
+    CHECK(bench.command(Command::Approach) == Answer::Refused);
+    bench.cell_open = false;
+    bench.p.offset_counts = 80000;
+    bench.run(100);
+    CHECK(bench.command(Command::Approach) == Answer::Ok);
+    bench.run(500);
+    bench.cell_open = true;
+    bench.p.offset_counts = 0;
+    bench.run(200);
+    CHECK(fault(bench) == Fault::ForceUnexplained);
+    CHECK(bench.state() == State::FaultLift);
+    CHECK_EQUAL(bench.peak_g, 0);
+}
+
 // --- a force that swings ------------------------------------------------------------------------
 
 TEST(an_actuator_with_stiction_that_swings_is_a_fault) {
@@ -363,6 +404,33 @@ TEST(an_uncommissioned_board_presses_for_the_set_up_alone) {
         CHECK(bench.command(Command::Clear) == Answer::Ok);
         CHECK(bench.arm_and_tare());
         CHECK(bench.hold(500));
+    }
+}
+
+// Attacks on wires, seed 1 numbers 258 and 1483.
+TEST(the_set_up_stays_below_300_g_with_a_cell_that_opens) {
+    for (double stiffness : {300.0, 900.0}) {
+        BenchParameters parameters;
+        parameters.stiffness_g_mm = stiffness;
+        Bench bench(parameters);
+        bench.write(reg::force_set, {1000});
+        for (bool held : {true, false}) {
+            CHECK(bench.command(Command::Arm) == Answer::Ok);
+            CHECK(bench.finish(8000));
+            CHECK(bench.command(Command::Tare) == Answer::Ok);
+            CHECK(bench.finish(2000));
+            bench.cell_open = !held;
+            CHECK(bench.command(Command::ApproachSetup) == Answer::Ok);
+            CHECK(bench.finish(60000) == held);
+            bench.cell_open = true;
+            bench.run(4000);
+            CHECK_EQUAL(bench.force_g, 0);
+            CHECK(bench.peak_g < 300);
+            bench.cell_open = false;
+            bench.run(100);
+            CHECK(bench.command(Command::Clear) == Answer::Ok);
+        }
+        std::printf("     set-up, %.0f g/mm, cell opens: at most %.0f g\n", stiffness, bench.peak_g);
     }
 }
 
