@@ -172,6 +172,7 @@ CHIP_ATTACKS ?= 2000
 attack: firmware
 	$(SAY) "$(ATTACKS) attacks on the drum's virtual board, the worst of them and others on its chip"
 	@RIGCTL_ATTACK_SEED=$(ATTACK_SEED) RIGCTL_ATTACKS=$(ATTACKS) RIGCTL_CHIP_ATTACKS=$(CHIP_ATTACKS) \
+	  RIGCTL_WIRE_ATTACKS=$(ATTACKS) \
 	  $(BIN)/python -m pytest -q tests/attack
 
 docs: firmware

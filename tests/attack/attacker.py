@@ -10,7 +10,7 @@ from rigctl.simulation.wirings import circuit_of
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.register_table import BY_NAME, SETTINGS_BLOCK, Register
 from rigctl.wire.drum.states import State
-from tests.attack.benches import AttackBench, Log, limit_g, slow_actuator
+from tests.attack.benches import AttackBench, Log, VirtualBench, limit_g, slow_actuator
 from tests.attack.judge import Judge, States, covered, value_of
 from tests.attack.steps import (
     Action,
@@ -73,13 +73,17 @@ presses; in FAULT_OFF the emergency stop is pressed and the drum rests on the sk
 
 
 class Outcome(NamedTuple):
-    """Result of an attack; ``began`` is the state in which its steps ran."""
+    """Result of an attack; ``began`` is the state in which its steps ran.
+
+    ``zero_was_blind``: the load cell once felt nothing when the board took its zero.
+    """
 
     attack: Attack
     began: State
     peak_g: float
     limit_g: float
     broken: dict[str, str]
+    zero_was_blind: bool
 
     def __str__(self) -> str:
         return f"{'; '.join(self.broken.values()) or f'{self.peak_g:.0f} g'} <- {self.attack}"
@@ -103,7 +107,8 @@ class Attacker:
         began = self._bench.state
         self.run_steps(after)
         judge = self.judge
-        return Outcome(attack, began, judge.peak_g, judge.limit_g, judge.broken)
+        blind = judge.zero_was_blind
+        return Outcome(attack, began, judge.peak_g, judge.limit_g, judge.broken, blind)
 
     def run_steps(self, steps: Iterable[Step]) -> None:
         """Run steps in order."""
@@ -138,6 +143,7 @@ class Attacker:
         if step.on:
             self._wirings[step.name] = None
         circuit = circuit_of(self._wirings)
+        assert isinstance(self._bench, VirtualBench)
         self._bench.connect(circuit)
         self.judge.rewired(circuit)
 

@@ -88,9 +88,6 @@ class AttackBench(Protocol):
     def estop(self, pressed: bool) -> None:
         """Press or release the emergency stop."""
 
-    def connect(self, circuit: Circuit) -> None:
-        """Connect the bench in this way."""
-
     def reset(self) -> None:
         """Press the board's reset button."""
 

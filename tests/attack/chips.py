@@ -32,6 +32,7 @@ class ChipBench:
     """A chip at power-up with simulated mechanics and a Modbus master."""
 
     def __init__(self, image: str = "firmware/drum.elf") -> None:
+        self.parameters = NEAR
         self._drum = _Drum(image)
         self._heartbeat_on, self._heartbeats, self._heartbeat_at_ms = True, 0, 0
 

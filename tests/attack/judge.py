@@ -6,7 +6,8 @@ force      the force never exceeds the compiled limit by more than the overshoot
 heartbeat  after 250 ms without a heartbeat nothing presses; the drive is off after a second if
            contact has ended by then, and after the longest lift in any case
 stop       while the emergency stop is pressed nothing drives or turns, and the state allows neither
-lift       a lift that ends without a command has ended contact
+lift       a lift that ends without a command has ended contact; not where the potentiometer was set
+           as reversed, because then the actuator seems to be, and everything goes off
 guard      settings that determine the meaning of a force change only at rest and without contact
 bounds     the board accepts no value that the register table forbids
 tare       the board accepts no plain tare during contact
@@ -19,7 +20,7 @@ from typing import Protocol
 import numpy as np
 
 from rigctl.simulation.bench.circuit import AS_DRAWN, Circuit, Wire
-from rigctl.wire.drum.codes import Command, Guard
+from rigctl.wire.drum.codes import Command, Guard, Signal
 from rigctl.wire.drum.register_table import BY_NAME, SETTINGS, Register
 from rigctl.wire.drum.states import State
 from tests.attack.benches import Span
@@ -42,7 +43,7 @@ LIFT_LIMIT_MS = 8000
 STILL_MM = 0.005
 STEP_END_MS = 6
 """Time until the drum reaches its last step."""
-ESTOP_BIT = 1
+ESTOP_BIT, POSITION_BIT = 1 << Signal.ESTOP, 1 << Signal.POSITION
 WIRES = tuple(BY_NAME[name].address for name in ("signal_polarity", "optional_signals"))
 States = tuple[State, State]
 """States that the board reported before and after a request."""
@@ -60,19 +61,21 @@ class Limit(Protocol):
     def __call__(self, most_g: float | None = None, further_um: float = 0.0) -> float: ...
 
 
-
 class Judge:
     """Checks one attack. ``broken`` holds a sentence for each broken rule.
 
     ``limit(most_g, further_um)`` returns the force of the bench where the board lifts at ``most_g``
     and ``further_um`` of travel later. After a wire was wrong only the rules ``force``,
     ``heartbeat`` and ``stop`` hold, by the bench alone.
+
+    What no firmware can answer is left out: the force where the load cell already felt nothing when
+    the board took its zero after a boot, and an emergency stop of which neither contact works.
     """
 
     def __init__(self, limit: Limit, is_commissioned: bool = True) -> None:
         self._limit, self._is_commissioned = limit, is_commissioned
         self._circuit, self._is_whole, self._least_gain = AS_DRAWN, True, 1.0
-        self._zero_is_blind = False
+        self._zero_is_blind = self.zero_was_blind = self._position_is_wrong = False
         self._highest_g = BY_NAME["over_force"].default * 0.1
         self.peak_g = self.force_g = 0.0
         self._set_limit()
@@ -125,12 +128,12 @@ class Judge:
         """Check a span of the log and the state that the board reports at its end."""
         self.now_ms = span.end_ms
         if not (self._zero_is_known or self._circuit.cell_gain):
-            self._zero_is_blind = True
+            self._zero_is_blind = self.zero_was_blind = True
         if span.end_ms > span.start_ms:
             self._check_force(span)
             self._check_silence(span)
             self._check_stop(span, state)
-        if self._is_whole:
+        if self._is_whole and not self._position_is_wrong:
             self._check_lift(span, state)
         if state is State.ARMED and self._state is State.RETRACT:
             if self._booted and self._circuit.cell_gain:
@@ -209,6 +212,8 @@ class Judge:
             self._rule("guard", allowed, text)
 
     def _check_wires(self, register: Register, after: int, changed: bool) -> None:
+        if register.name == "signal_polarity" and after & POSITION_BIT:
+            self._position_is_wrong = True
         normal = after & ESTOP_BIT == (register.name == "optional_signals")
         self._stop_wiring_is_default = self._stop_wiring_is_default and normal
         self._zero_is_known = self._zero_is_known and not changed
@@ -226,7 +231,7 @@ class Judge:
             self._is_commissioned = True
             self._set_limit()
         if command == Command.TARE_ANYWAY and not self._circuit.cell_gain:
-            self._zero_is_blind = True
+            self._zero_is_blind = self.zero_was_blind = True
         if not self._is_whole:
             return
         if command in TARES:

@@ -15,10 +15,15 @@ SHOWN = 10
 
 
 class AttackStatistics:
-    """Statistics of attacks. ``worst`` is sorted by force, the highest first."""
+    """Statistics of attacks. ``worst`` is sorted by force, the highest first.
+
+    Forces that no firmware can bound, with a load cell that felt nothing at the zero, count as 0.
+    """
 
     def __init__(self, worst_count: int) -> None:
         self.began: Counter[State] = Counter()
+        self.wired: Counter[tuple[State, str]] = Counter()
+        self.highest_g: dict[str, float] = {}
         self.broken: list[Outcome] = []
         self.limit_g = 0.0
         self._worst_count = worst_count
@@ -38,7 +43,11 @@ class AttackStatistics:
         """Add an outcome."""
         self.began[outcome.began] += 1
         self.limit_g = outcome.limit_g
-        heapq.heappush(self._worst, (outcome.peak_g, self.count, outcome))
+        peak_g = 0.0 if outcome.zero_was_blind else outcome.peak_g
+        wired = outcome.attack.wired
+        self.wired[outcome.attack.state, wired] += 1
+        self.highest_g[wired] = max(self.highest_g.get(wired, 0.0), peak_g)
+        heapq.heappush(self._worst, (peak_g, self.count, outcome))
         if len(self._worst) > self._worst_count:
             heapq.heappop(self._worst)
         if outcome.broken:
@@ -50,6 +59,14 @@ class AttackStatistics:
             f"{self.count} attacks, {len(self.broken)} succeeded; "
             f"highest {worst.peak_g:.0f} g of {self.limit_g:.0f} g: {worst.attack}"
         )
+
+    def by_wiring(self) -> str:
+        """Return the number of attacks and the highest force with each wiring, by force."""
+        states = len({state for state, _ in self.wired})
+        attacks = Counter(wired for _, wired in self.wired.elements())
+        ranked = sorted(self.highest_g, key=self.highest_g.__getitem__, reverse=True)
+        rows = (f"{wired}: {attacks[wired]}, {self.highest_g[wired]:.0f} g" for wired in ranked)
+        return f"{len(attacks)} wirings in {states} states: {'; '.join(rows)}"
 
     def summary(self) -> str:
         """Return the first successful attacks, one per line."""

@@ -1,5 +1,5 @@
-"""No write of a computer makes the drum press too hard, move without a heartbeat, or leave a
-pressed emergency stop; on virtual boards, and the worst attacks on the chip.
+"""No write of a computer and no wrong wire makes the drum press too hard, move without a heartbeat,
+or leave a pressed emergency stop; on virtual boards, and the worst attacks on the chip.
 
 ``make attack`` runs more attacks, with another seed each time; figures and seed are at the end of
 the output.
@@ -16,15 +16,23 @@ import pytest
 
 from rigctl.wire.drum.states import State
 from tests.attack.attacker import run_attack
-from tests.attack.benches import VirtualBench
+from tests.attack.benches import STIFF, VirtualBench
 from tests.attack.chips import ChipBench
 from tests.attack.statistics import AttackStatistics, run_attacks
-from tests.attack.steps import STATES, Attack, grid_attacks, random_attack
+from tests.attack.steps import (
+    STATES,
+    WIRES,
+    Attack,
+    grid_attacks,
+    random_attack,
+    wire_attack,
+)
 from tests.firmware.building import host_library
 
 SEED = int(os.environ.get("RIGCTL_ATTACK_SEED", "1"))
 RANDOM_ATTACKS = int(os.environ.get("RIGCTL_ATTACKS", "5000"))
 CHIP_ATTACKS = int(os.environ.get("RIGCTL_CHIP_ATTACKS", "200"))
+WIRE_ATTACKS = int(os.environ.get("RIGCTL_WIRE_ATTACKS", str(len(STATES) * len(WIRES))))
 WORST_SHARE = 0.3
 CONTROL_SEED, CONTROL_ATTACKS = 1, 5000
 
@@ -45,6 +53,9 @@ Without the guard or with any scale no force gets too high, because the limit in
 remains; and a tare in contact leads to no approach. The judge detects these by their direct effect:
 a guarded setting that changed at the wrong time, an accepted value out of bounds, an accepted tare
 during contact."""
+
+WIRE_CONTROLS = (("any-direction", 1171), ("pressing-lift", 1806), ("loose-cell", 221))
+"""A firmware without a rule about wires, and the first attack to try."""
 
 RecordProperty = Callable[[str, object], None]
 
@@ -97,5 +108,43 @@ def test_a_firmware_without_a_rule_is_detected(
         outcome = run_attack(VirtualBench(library), random_attack(CONTROL_SEED, number))
         if rule in outcome.broken:
             record_property("shown", f"{broken}, attack {number}: {outcome.broken[rule]}")
+            return
+    pytest.fail(f"{CONTROL_ATTACKS} attacks of seed {CONTROL_SEED} do not notice {broken}")
+
+
+def stiff_bench(library: Path | None = None) -> VirtualBench:
+    """Return a virtual board on the stiffest contact."""
+    return VirtualBench(library, STIFF)
+
+
+@pytest.fixture(scope="module")
+def wired() -> AttackStatistics:
+    """Run the attacks on wires on virtual boards."""
+    numbered = (wire_attack(SEED, number) for number in range(WIRE_ATTACKS))
+    return run_attacks(stiff_bench, numbered)
+
+
+def test_no_wrong_wire_on_a_virtual_board_presses_too_hard(
+    wired: AttackStatistics, record_property: RecordProperty
+) -> None:
+    record_property("shown", f"wires, virtual boards, seed {SEED}: {wired}")
+    record_property("shown", wired.by_wiring())
+    assert not wired.broken, wired.summary()
+
+
+def test_every_wiring_was_wrong_in_every_state(wired: AttackStatistics) -> None:
+    pairs = {(state, name) for state in STATES for name in WIRES}
+    assert len(pairs & wired.wired.keys()) >= min(len(pairs), WIRE_ATTACKS)
+
+
+@pytest.mark.parametrize(("broken", "first"), WIRE_CONTROLS)
+def test_a_firmware_without_a_rule_about_wires_is_detected(
+    broken: str, first: int, tmp_path: Path, record_property: RecordProperty
+) -> None:
+    library = host_library("drum", broken, tmp_path / f"{broken}.so")
+    for number in chain(range(first, CONTROL_ATTACKS), range(first)):
+        outcome = run_attack(stiff_bench(library), wire_attack(CONTROL_SEED, number))
+        if "force" in outcome.broken:
+            record_property("shown", f"{broken}, attack {number}: {outcome.broken['force']}")
             return
     pytest.fail(f"{CONTROL_ATTACKS} attacks of seed {CONTROL_SEED} do not notice {broken}")

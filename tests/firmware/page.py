@@ -188,6 +188,24 @@ heartbeats and presses of the emergency stop from a seed. It attacks virtual boa
 the worst attacks on the chip. The ground truth of the simulated bench decides. `make attack` runs
 longer, with another seed each time. As a control, the tests compile a firmware without a rule for
 this computer, and the attacks must find it.
+
+The attacks also switch each wrong wiring of the simulated bench on and off at random times in every
+state, several in a row, between the same writes, resets, silences and stops, on virtual boards with
+a contact of 900 g/mm. With a wrong wire the true force stays below the limit plus the travel of
+[decision 40](../decisions/0040-force-and-motion-have-to-explain-each-other.md): where the settings
+lift at *F* (2,000 g at most, and as much more as a weak cell counts less), that is
+*F* + *k* · (1 mm + 6 mm/s · 18.5 ms + `overrun_um`). A board that is not commissioned stays below
+300 g. An emergency stop switches everything off. No firmware can answer these, so the attacks leave
+them out, and a current limit or a mechanical stop has to bound the force
+([how to build the rig](../how-to/build-the-rig.md)):
+
+- *The bridge's enable is stuck high, or the bridge is shorted:* the board no longer switches it.
+- *Neither contact of the emergency stop works*, such as a bridged first contact and a second one
+  that is not in the supply: nothing tells the board or cuts the supply.
+- *The load cell already feels nothing when the board takes its zero after a boot:* the reading looks
+  like a lifted drum, and no contact is known. The set-up has the cell pressed by a finger first.
+  The same holds for a cell that stops feeling before the first contact and whose reading changes by
+  less than 100 g (50 g in the set-up) on that.
 """
 
 
