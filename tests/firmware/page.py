@@ -192,7 +192,7 @@ this computer, and the attacks must find it.
 The attacks also switch each wrong wiring of the simulated bench on and off at random times in every
 state, several in a row, between the same writes, resets, silences and stops, on virtual boards with
 a contact of 900 g/mm. With a wrong wire the true force stays below the limit plus the travel of
-[decision 40](../decisions/0040-force-and-motion-have-to-explain-each-other.md): where the settings
+[decision 40](../decisions/0040-force-and-motion-explain-each-other.md): where the settings
 lift at *F* (2,000 g at most, and as much more as a weak cell counts less), that is
 *F* + *k* · (1 mm + 6 mm/s · 18.5 ms + `overrun_um`). A board that is not commissioned stays below
 300 g. An emergency stop switches everything off. No firmware can answer these, so the attacks leave
