@@ -202,10 +202,10 @@ them out, and a current limit or a mechanical stop has to bound the force
 - *The bridge's enable is stuck high, or the bridge is shorted:* the board no longer switches it.
 - *Neither contact of the emergency stop works*, such as a bridged first contact and a second one
   that is not in the supply: nothing tells the board or cuts the supply.
-- *The load cell already feels nothing when the board takes its zero after a boot:* the reading looks
-  like a lifted drum, and no contact is known. The set-up has the cell pressed by a finger first.
-  The same holds for a cell that stops feeling before the first contact and whose reading changes by
-  less than 100 g (50 g in the set-up) on that.
+- *The load cell already feels nothing when the board takes its zero after a boot:* the reading is
+  that of a lifted drum, and no contact is known. The set-up has the cell pressed by a finger first.
+  The same holds for a cell that stops feeling before the first contact if its reading then changes
+  by less than 100 g (50 g in the set-up).
 """
 
 
