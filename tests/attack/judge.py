@@ -19,7 +19,7 @@ from typing import Protocol
 
 import numpy as np
 
-from rigctl.simulation.bench.circuit import AS_DRAWN, Circuit, Wire
+from rigctl.simulation.bench.circuit import AS_DRAWN, Circuit, Wiper, Wire
 from rigctl.wire.drum.codes import Command, Guard, Signal
 from rigctl.wire.drum.register_table import BY_NAME, SETTINGS, Register
 from rigctl.wire.drum.states import State
@@ -76,6 +76,7 @@ class Judge:
         self._limit, self._is_commissioned = limit, is_commissioned
         self._circuit, self._is_whole, self._least_gain = AS_DRAWN, True, 1.0
         self._zero_is_blind = self.zero_was_blind = self._position_is_wrong = False
+        self._lift_may_press = False
         self._highest_g = BY_NAME["over_force"].default * 0.1
         self.peak_g = self.force_g = 0.0
         self._set_limit()
@@ -109,6 +110,10 @@ class Judge:
     def rewired(self, circuit: Circuit) -> None:
         """Note how the bench is connected from now on."""
         self._is_whole, self._circuit = False, circuit
+        is_swapped = circuit.actuator_polarity < 0
+        has_position = circuit.wiper is Wiper.DRAWN and circuit.ground_end and circuit.supply_end
+        if is_swapped and (circuit.is_position_reversed or not has_position):
+            self._lift_may_press = True
         if circuit.cell_gain:
             self._least_gain = min(self._least_gain, abs(circuit.cell_gain))
         if self._stop_since_ms is not None:
@@ -117,7 +122,8 @@ class Judge:
 
     def _set_limit(self) -> None:
         if not self._is_commissioned:
-            self.limit_g = UNCOMMISSIONED_G
+            blind_g = self._limit(UNCOMMISSIONED_G, UNFELT_UM)
+            self.limit_g = blind_g if self._lift_may_press else UNCOMMISSIONED_G
         elif self._is_whole:
             self.limit_g = self._limit()
         else:

@@ -195,9 +195,10 @@ a contact of 900 g/mm. With a wrong wire the true force stays below the limit pl
 [decision 40](../decisions/0040-force-and-motion-explain-each-other.md): where the settings
 lift at *F* (2,000 g at most, and as much more as a weak cell counts less), that is
 *F* + *k* · (1 mm + 6 mm/s · 18.5 ms + `overrun_um`). A board that is not commissioned stays below
-300 g. An emergency stop switches everything off. No firmware can answer these, so the attacks leave
-them out, and a current limit or a mechanical stop has to bound the force
-([how to build the rig](../how-to/build-the-rig.md)):
+300 g; where the actuator's wires and the potentiometer's go wrong together, so that a lift presses,
+below 300 g and that travel. An emergency stop switches everything off. No firmware can answer
+these, so the attacks leave them out, and a current limit or a mechanical stop has to bound the
+force ([how to build the rig](../how-to/build-the-rig.md)):
 
 - *The bridge's enable is stuck high, or the bridge is shorted:* the board no longer switches it.
 - *Neither contact of the emergency stop works*, such as a bridged first contact and a second one
