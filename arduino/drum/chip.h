@@ -36,7 +36,6 @@ bool end_down();
 namespace estop {  // chip_estop.cpp
 void begin();
 void wire(bool fitted, bool inverted);
-void check_level();   // from the tick interrupt
 bool tripped();       // interrupts are off or it does not matter: outputs stay off
 bool take();          // open now, or was since the last call
 }  // namespace estop

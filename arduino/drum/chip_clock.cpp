@@ -23,7 +23,6 @@ ISR(TIMER3_COMPA_vect) {
     whole_us = whole_us + 1000;
     ticks = ticks + 1;
     health::count_tick_in_isr();
-    estop::check_level();
 }
 
 namespace clock {
@@ -32,7 +31,7 @@ void begin() {
     OCR3A = COUNTS_PER_MS - 1;
     TCCR3A = 0;
     TCCR3B = _BV(WGM32) | _BV(CS31);
-    TIMSK3 = _BV(OCIE3A);
+    TIMSK3 |= _BV(OCIE3A);
 }
 
 uint8_t take_ticks() {

@@ -1,6 +1,7 @@
 // INT5: the emergency stop, normally closed to ground. Opening it, or breaking its wire, lets
 // the pull-up raise the input; the interrupt switches every output off, so it works even if the
 // main loop hangs. Outputs stay off until the controller has read the stop and it is closed.
+// Timer 3, whose other compare is the tick (chip_clock.cpp), repeats the look each millisecond.
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <util/atomic.h>
@@ -12,15 +13,19 @@
 
 namespace {
 
+constexpr uint16_t BETWEEN_TICKS = 1000;  // of the 2000 counts of timer 3
+
 volatile bool latched;
 volatile bool fitted = true;
 bool told;  // how it is wired
 volatile uint8_t open_level = pins::ESTOP;  // what the input shows when it is open
 
-inline bool open() {
-    const uint8_t level = open_level;
+// Takes 11 µs where the first look shows an opening.
+inline bool reads(uint8_t level) {
     return steady_level(PINE, pins::ESTOP, level ^ pins::ESTOP) == level;
 }
+
+inline bool open() { return fitted && reads(open_level); }
 
 inline void trip() {
     latched = true;
@@ -32,7 +37,12 @@ inline void trip() {
 
 ISR(INT5_vect) {
     const IsrMeter meter;
-    if (fitted && open()) trip();
+    if (open()) trip();
+}
+
+ISR(TIMER3_COMPB_vect) {
+    const IsrMeter meter;
+    if (!latched && open()) trip();
 }
 
 namespace estop {
@@ -41,31 +51,31 @@ void begin() {
     PORTE |= pins::ESTOP;
     EICRB = (EICRB & ~_BV(ISC51)) | _BV(ISC50);  // either edge: the wire may be inverted
     EIMSK |= _BV(INT5);
+    OCR3B = BETWEEN_TICKS;
+    TIMSK3 |= _BV(OCIE3B);
 }
 
 // Levels before the first configuration are ignored. Later an opening is latched until the
 // controller has read it, because a change of the wiring could hide it.
 void wire(bool is_fitted, bool inverted) {
     const uint8_t level = inverted ? 0 : pins::ESTOP;
+    const bool is_open = is_fitted && reads(level);
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
         fitted = is_fitted;
         open_level = level;
-        latched = (told && latched) || (fitted && open());
+        latched = (told && latched) || is_open;
         told = true;
     }
-}
-
-void check_level() {
-    if (fitted && open() && !latched) trip();
 }
 
 bool tripped() { return latched; }
 
 bool take() {
+    const bool is_open = reads(open_level);
     bool seen = false;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
-        seen = latched || open();
-        latched = fitted && open();
+        seen = latched || is_open;
+        latched = fitted && is_open;
     }
     return seen;
 }

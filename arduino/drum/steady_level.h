@@ -1,22 +1,22 @@
-// Input wires by the majority of three looks, where one look shows a change.
+// Input wires that change only when three looks in a row say so.
 #ifndef STEADY_LEVEL_H
 #define STEADY_LEVEL_H
 
 #include <avr/io.h>
 
-// Bits of a port where two of three looks, 1.5 µs apart, agree; one look suffices where it shows
-// `expected`. A spike that passes the resistor and capacitor of a wire (arduino/README.md) and is
-// shorter than that meets one look at most.
+// Bits of a port; one differs from `expected` only if all of three looks do, which are more than
+// 10 µs apart from the first to the last: a shorter spike meets two of them at most. What the looks
+// disagree on is looked at again, after an edge by the interrupt of the next edge.
 __attribute__((always_inline)) inline uint8_t steady_level(const volatile uint8_t &port, uint8_t bits,
                                                            uint8_t expected) {
-    constexpr uint8_t APART_CYCLES = 22;
-    const uint8_t first = port & bits;
-    if (first == expected) return first;
+    constexpr uint8_t APART_CYCLES = 82;
+    const uint8_t first = (port & bits) ^ expected;
+    if (!first) return expected;
     __builtin_avr_delay_cycles(APART_CYCLES);
-    const uint8_t second = port & bits;
+    const uint8_t second = port ^ expected;
     __builtin_avr_delay_cycles(APART_CYCLES);
-    const uint8_t third = port & bits;
-    return (first & second) | (second & third) | (first & third);
+    const uint8_t third = port ^ expected;
+    return expected ^ (first & second & third);
 }
 
 #endif  // STEADY_LEVEL_H

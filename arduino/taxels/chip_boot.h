@@ -1,6 +1,6 @@
 // What the chip remembers of its resets, and how much stack was never used.
-#ifndef TAXELS_CHIP_BOOT_H
-#define TAXELS_CHIP_BOOT_H
+#ifndef CHIP_BOOT_H
+#define CHIP_BOOT_H
 
 #include <stdint.h>
 
@@ -20,4 +20,4 @@ void watch_begins();
 // Looks at the next few bytes; a look at all of them would take a whole frame.
 void look_at_stack();
 
-#endif
+#endif  // CHIP_BOOT_H

@@ -11,15 +11,14 @@
 
 namespace {
 
-const uint8_t SPIN_CYCLES = 8;
+constexpr uint8_t SPIN_CYCLES = 8;
 
 uint16_t idle;
 Talk talk;
 
 // One frame in a hundred the wait is counted instead of slept: 8 cycles a turn of the loop,
 // interrupts excluded because they stop the counting.
-uint16_t spin_until_closed()
-{
+uint16_t spin_until_closed() {
     uint16_t turns = 0;
     __asm__ volatile(
         "1:  lds __tmp_reg__, %1\n"
@@ -33,8 +32,7 @@ uint16_t spin_until_closed()
     return turns;
 }
 
-void sleep_until_closed()
-{
+void sleep_until_closed() {
     for (;;) {
         cli();
         if (frame_closed) break;
@@ -46,8 +44,7 @@ void sleep_until_closed()
     sei();
 }
 
-void wait_for_frame()
-{
+void wait_for_frame() {
     if (talk.status_comes()) {
         uint32_t idle_cycles = uint32_t(spin_until_closed()) * SPIN_CYCLES;
         idle = uint16_t(idle_cycles * 1000 / (uint32_t(SLOTS) * SLOT_CYCLES));
@@ -58,13 +55,11 @@ void wait_for_frame()
 
 }  // namespace
 
-uint16_t idle_permille()
-{
+uint16_t idle_permille() {
     return idle;
 }
 
-int main()
-{
+int main() {
     const uint16_t boots = count_boot();
     serial_begin();
     sampling_begin();

@@ -23,12 +23,12 @@ volatile uint8_t frame_closed;
 
 namespace {
 
-const uint8_t BANDGAP = _BV(REFS0) | BANDGAP_MUX;
-const uint8_t BANDGAP_SLOT = SLOTS - 1;      // the one before it lets the bandgap settle
-const uint16_t WRAPPED_BEFORE = 400;         // entered so early: the next trigger has passed
-const uint16_t IN_TIME_BEFORE = 592;         // entered by then, a line gets its 10 µs to settle
-const uint8_t CONVERT = _BV(ADEN) | _BV(ADIE) | _BV(ADATE) | _BV(ADPS2) | _BV(ADPS0);
-const uint8_t ISR_FRAME_CYCLES = 201;        // entry, saving and restoring registers, reti
+constexpr uint8_t BANDGAP = _BV(REFS0) | BANDGAP_MUX;
+constexpr uint8_t BANDGAP_SLOT = SLOTS - 1;      // the one before it lets the bandgap settle
+constexpr uint16_t WRAPPED_BEFORE = 400;         // entered so early: the next trigger has passed
+constexpr uint16_t IN_TIME_BEFORE = 592;         // entered by then, a line gets its 10 µs to settle
+constexpr uint8_t CONVERT = _BV(ADEN) | _BV(ADIE) | _BV(ADATE) | _BV(ADPS2) | _BV(ADPS0);
+constexpr uint8_t ISR_FRAME_CYCLES = 201;        // entry, saving and restoring registers, reti
 
 #define SETUP(line, input) \
     {uint8_t(PORTD_IDLE ^ 1 << LINE_BIT[line]), uint8_t(_BV(REFS0) | INPUT_CHANNEL[input])}
@@ -69,21 +69,18 @@ bool any_late;
 uint8_t late_rises, late_marks, late_toggles;
 uint16_t sync_rises;
 
-inline uint16_t cycles_since(uint16_t entered)
-{
+inline uint16_t cycles_since(uint16_t entered) {
     uint16_t lasted = TCNT1 - entered;
     return lasted > SLOT_CYCLES ? lasted + SLOT_CYCLES : lasted;
 }
 
-inline void note_duration(uint16_t entered)
-{
+inline void note_duration(uint16_t entered) {
     uint16_t lasted = cycles_since(entered);
     if (lasted > longest) longest = lasted;
 }
 
 // Counts edges that came after the boundary into the frame that begins there.
-__attribute__((noinline)) void begin_with_late_edges()
-{
+__attribute__((noinline)) void begin_with_late_edges() {
     frame_flags = late_marks ? FLAG_INDEX : 0;
     sync_count += late_rises;
     index_count += uint8_t(late_marks << 2);
@@ -92,11 +89,10 @@ __attribute__((noinline)) void begin_with_late_edges()
 }
 
 // Ends the full frame and continues with the other buffer.
-inline void close_frame()
-{
+inline void close_frame() {
     Frame *full = filling;
     full->counter = samples++;
-    full->edges = uint8_t((sync_count & 0x03) | (index_count & 0x0C));
+    full->edges = uint8_t((sync_count & 0x03) | (index_count & 0x0c));
     full->flags = uint8_t(frame_flags | ((pins ^ late_toggles) & SYNC_MASK));
     frame_flags = 0;
     if (any_late) begin_with_late_edges();
@@ -112,8 +108,7 @@ inline void close_frame()
 
 // One line follows its driver to both levels while the others only listen: what does not
 // follow is stuck, what follows with it is connected to it. About 60 cycles.
-__attribute__((noinline)) void test_line(uint8_t line)
-{
+__attribute__((noinline)) void test_line(uint8_t line) {
     const uint8_t others = LINE_MASK & uint8_t(~line);
     DDRD = line;
     PORTD = uint8_t(PORTD_IDLE ^ line);
@@ -130,8 +125,7 @@ __attribute__((noinline)) void test_line(uint8_t line)
     if (with_it) line_found.together |= line | with_it;
 }
 
-inline void spare_slot(uint8_t done, uint16_t reading)
-{
+inline void spare_slot(uint8_t done, uint16_t reading) {
     if (done == BANDGAP_SLOT) {
         spare_reading = reading;
         spare_served = spare_taken;
@@ -141,19 +135,16 @@ inline void spare_slot(uint8_t done, uint16_t reading)
     }
 }
 
-inline uint8_t after(uint8_t done)
-{
+inline uint8_t after(uint8_t done) {
     return done == SLOTS - 1 ? 0 : uint8_t(done + 1);
 }
 
-void note_late(bool overrun)
-{
+void note_late(bool overrun) {
     late_slots++;
     frame_flags |= overrun ? FLAG_LATE | FLAG_OVERRUN : FLAG_LATE;
 }
 
-inline void store_reading(uint8_t done, uint16_t reading)
-{
+inline void store_reading(uint8_t done, uint16_t reading) {
     if (done == 0 && running) close_frame();
     running = true;
     if (done < TAXELS) *store++ = reading;
@@ -165,8 +156,7 @@ inline void store_reading(uint8_t done, uint16_t reading)
 // Entered at 336 … 591 cycles, that is in time, the result is taken and the next line driven
 // and input selected immediately. Slots 1 … 17 need no more: 80 cycles with entry. By hand, because
 // the compiler would save twenty registers first, for the sake of the rare cases.
-ISR(ADC_vect, ISR_NAKED)
-{
+ISR(ADC_vect, ISR_NAKED) {
     __asm__ volatile(
         "push r24\n in r24, __SREG__\n push r24\n push r25\n push r30\n push r31\n"
         "lds r24, %[tcnt]\n"
@@ -233,8 +223,7 @@ ISR(ADC_vect, ISR_NAKED)
 
 // Slot 0, the spare slots, and whatever came too late.
 extern "C" void __vector_adc_slow() __attribute__((signal, used, externally_visible));
-extern "C" void __vector_adc_slow()
-{
+extern "C" void __vector_adc_slow() {
     uint16_t entered = TCNT1;
     uint8_t done = slot;
     uint8_t next = after(done);
@@ -265,8 +254,7 @@ extern "C" void __vector_adc_slow()
 
 // An edge of sync or index. While slot 0 is awaited, OCF1B tells whether the frame's boundary
 // has passed; the capture register, whether a rise of sync came before it all the same.
-ISR(PCINT0_vect)
-{
+ISR(PCINT0_vect) {
     bool passed = slot == 0 && (TIFR1 & _BV(OCF1B));
     uint16_t entered = TCNT1;
     uint16_t captured = ICR1;
@@ -295,19 +283,17 @@ ISR(PCINT0_vect)
 }
 
 // The first conversion takes 25 ADC clocks instead of 13, a whole slot: it is thrown away here.
-static void warm_up()
-{
+static void warm_up() {
     ADMUX = setup[0].mux;
     ADCSRA = _BV(ADEN) | _BV(ADSC) | _BV(ADPS2) | _BV(ADPS0);
     while (ADCSRA & _BV(ADSC)) {}
 }
 
-void sampling_begin()
-{
+void sampling_begin() {
     PORTD = setup[0].lines;
     DDRD = LINE_MASK;
-    PORTB = uint8_t(~WATCHED_MASK) & 0x3F;
-    DIDR0 = 0x3F;
+    PORTB = uint8_t(~WATCHED_MASK) & 0x3f;
+    DIDR0 = 0x3f;
     pins = PINB & WATCHED_MASK;
     PCMSK0 = WATCHED_MASK;
     PCICR = _BV(PCIE0);
@@ -319,28 +305,23 @@ void sampling_begin()
     TCCR1B = _BV(ICES1) | _BV(WGM12) | _BV(CS10);
 }
 
-const Frame &take_frame()
-{
+const Frame &take_frame() {
     const Frame *frame;
-    ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
-    {
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
         frame_closed = 0;
         frame = closed;
     }
     return *frame;
 }
 
-uint16_t missed_frames()
-{
+uint16_t missed_frames() {
     uint16_t count;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { count = missed; }
     return count;
 }
 
-void report_sampling(Status &status)
-{
-    ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
-    {
+void report_sampling(Status &status) {
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
         status.samples = samples;
         status.late_slots = late_slots;
         status.longest_isr_cycles = longest + ISR_FRAME_CYCLES;
@@ -348,60 +329,50 @@ void report_sampling(Status &status)
     }
 }
 
-void ask_bandgap()
-{
-    ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
-    {
+void ask_bandgap() {
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
         setup[BANDGAP_SLOT].mux = BANDGAP;
         spare_pulls = 0;
         spare_asked++;
     }
 }
 
-void ask_input(uint8_t input, uint8_t pulled_inputs)
-{
+void ask_input(uint8_t input, uint8_t pulled_inputs) {
     uint8_t pulls = 0;
     for (uint8_t i = 0; i < INPUTS; i++)
         if (pulled_inputs >> i & 1) pulls |= uint8_t(1 << INPUT_CHANNEL[i]);
-    ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
-    {
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
         setup[BANDGAP_SLOT].mux = uint8_t(_BV(REFS0) | INPUT_CHANNEL[input]);
         spare_pulls = pulls;
         spare_asked++;
     }
 }
 
-bool spare_answered(uint16_t &reading)
-{
+bool spare_answered(uint16_t &reading) {
     bool answered;
-    ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
-    {
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
         answered = spare_served == spare_asked;
         reading = spare_reading;
     }
     return answered;
 }
 
-void ask_line(uint8_t line)
-{
+void ask_line(uint8_t line) {
     line_asked = uint8_t(1 << LINE_BIT[line]);
 }
 
-bool line_answered()
-{
+bool line_answered() {
     return line_asked == 0;
 }
 
-static uint8_t lines_of(uint8_t port_bits)
-{
+static uint8_t lines_of(uint8_t port_bits) {
     uint8_t lines = 0;
     for (uint8_t line = 0; line < LINES; line++)
         if (port_bits >> LINE_BIT[line] & 1) lines |= uint8_t(1 << line);
     return lines;
 }
 
-LineTest take_line_tests()
-{
+LineTest take_line_tests() {
     LineTest found = {lines_of(line_found.low), lines_of(line_found.high),
                       lines_of(line_found.together)};
     line_found = LineTest();

@@ -1,7 +1,7 @@
 // Sampling: timer 1 starts a conversion every 800 cycles by hardware, the interrupts only move
 // results. Nothing here waits, and nothing can stretch the millisecond.
-#ifndef TAXELS_CHIP_SAMPLING_H
-#define TAXELS_CHIP_SAMPLING_H
+#ifndef CHIP_SAMPLING_H
+#define CHIP_SAMPLING_H
 
 #include <stdint.h>
 
@@ -15,4 +15,4 @@ extern volatile uint8_t frame_closed;
 // The frame closed last; valid until the next one is closed, 1 ms later. Clears frame_closed.
 const Frame &take_frame();
 
-#endif
+#endif  // CHIP_SAMPLING_H

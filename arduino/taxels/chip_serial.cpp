@@ -7,10 +7,10 @@
 
 namespace {
 
-const uint8_t TX_SIZE = 128;  // three data frames of 33 bytes, and no room for a fourth
-const uint8_t TX_MASK = TX_SIZE - 1;
-const uint8_t RX_MASK = 31;
-const uint8_t LISTEN = _BV(RXEN0) | _BV(TXEN0) | _BV(RXCIE0);
+constexpr uint8_t TX_SIZE = 128;  // three data frames of 33 bytes, and no room for a fourth
+constexpr uint8_t TX_MASK = TX_SIZE - 1;
+constexpr uint8_t RX_MASK = 31;
+constexpr uint8_t LISTEN = _BV(RXEN0) | _BV(TXEN0) | _BV(RXCIE0);
 
 uint8_t tx_ring[TX_SIZE];
 volatile uint8_t tx_head, tx_tail;
@@ -20,8 +20,7 @@ volatile uint8_t rx_head, rx_tail;
 }  // namespace
 
 // 33 times a millisecond: one byte into the shift register, off when the ring is empty.
-ISR(USART_UDRE_vect)
-{
+ISR(USART_UDRE_vect) {
     uint8_t tail = tx_tail;
     UDR0 = tx_ring[tail];
     tail = (tail + 1) & TX_MASK;
@@ -29,15 +28,13 @@ ISR(USART_UDRE_vect)
     if (tail == tx_head) UCSR0B = LISTEN;
 }
 
-ISR(USART_RX_vect)
-{
+ISR(USART_RX_vect) {
     uint8_t head = rx_head;
     rx_ring[head] = UDR0;
     rx_head = (head + 1) & RX_MASK;
 }
 
-void serial_begin()
-{
+void serial_begin() {
     UCSR0A = _BV(U2X0);
     UCSR0C = _BV(UCSZ01) | _BV(UCSZ00);
     UBRR0H = 0;
@@ -45,8 +42,7 @@ void serial_begin()
     UCSR0B = LISTEN;
 }
 
-bool serial_send(const uint8_t *bytes, uint8_t size, uint8_t kept_free)
-{
+bool serial_send(const uint8_t *bytes, uint8_t size, uint8_t kept_free) {
     uint8_t head = tx_head;
     if (((tx_tail - head - 1) & TX_MASK) < size + kept_free) return false;
     for (; size; size--) {
@@ -58,8 +54,7 @@ bool serial_send(const uint8_t *bytes, uint8_t size, uint8_t kept_free)
     return true;
 }
 
-bool serial_receive(uint8_t &byte)
-{
+bool serial_receive(uint8_t &byte) {
     uint8_t tail = rx_tail;
     if (tail == rx_head) return false;
     byte = rx_ring[tail];

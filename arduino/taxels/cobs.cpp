@@ -1,7 +1,6 @@
 #include "cobs.h"
 
-uint8_t cobs_encode(const uint8_t *body, uint8_t size, uint8_t *wire)
-{
+uint8_t cobs_encode(const uint8_t *body, uint8_t size, uint8_t *wire) {
     uint8_t *code = wire;
     uint8_t *out = wire + 1;
     for (uint8_t left = size; left; left--) {
@@ -18,8 +17,7 @@ uint8_t cobs_encode(const uint8_t *body, uint8_t size, uint8_t *wire)
     return uint8_t(size + 2);
 }
 
-uint8_t cobs_decode(uint8_t *frame, uint8_t size)
-{
+uint8_t cobs_decode(uint8_t *frame, uint8_t size) {
     uint8_t from = 0, to = 0;
     while (from < size) {
         uint8_t run = frame[from++];

@@ -1,6 +1,6 @@
 // Consistent Overhead Byte Stuffing for frames shorter than 254 bytes: no zero inside a frame.
-#ifndef TAXELS_COBS_H
-#define TAXELS_COBS_H
+#ifndef COBS_H
+#define COBS_H
 
 #include <stdint.h>
 
@@ -10,4 +10,4 @@ uint8_t cobs_encode(const uint8_t *body, uint8_t size, uint8_t *wire);
 // Decodes what stood between two zeros, in place. Returns the size, or 0 when it is malformed.
 uint8_t cobs_decode(uint8_t *frame, uint8_t size);
 
-#endif
+#endif  // COBS_H

@@ -10,9 +10,8 @@
 
 namespace {
 
-constexpr uint32_t entry(uint32_t value, uint8_t bits)
-{
-    return bits == 0 ? value : entry((value & 1) ? (value >> 1) ^ 0xEDB88320UL : value >> 1, bits - 1);
+constexpr uint32_t entry(uint32_t value, uint8_t bits) {
+    return bits == 0 ? value : entry((value & 1) ? (value >> 1) ^ 0xedb88320UL : value >> 1, bits - 1);
 }
 
 #define E1(n) entry(n, 8)
@@ -24,9 +23,8 @@ const uint32_t TABLE[256] PROGMEM = {E64(0), E64(64), E64(128), E64(192)};
 
 }  // namespace
 
-uint32_t crc32(const uint8_t *bytes, uint8_t size)
-{
-    uint32_t crc = 0xFFFFFFFFUL;
+uint32_t crc32(const uint8_t *bytes, uint8_t size) {
+    uint32_t crc = 0xffffffffUL;
     while (size--) crc = pgm_read_dword(&TABLE[uint8_t(crc) ^ *bytes++]) ^ (crc >> 8);
     return ~crc;
 }

@@ -1,6 +1,6 @@
 // What follows from the board's variant and from the wire; nothing here needs changing.
-#ifndef TAXELS_PLAN_H
-#define TAXELS_PLAN_H
+#ifndef PLAN_H
+#define PLAN_H
 
 #ifdef VARIANT
 #include VARIANT
@@ -8,29 +8,29 @@
 #include "board.h"
 #endif
 
-const uint8_t FIRMWARE_MAJOR = 1;
-const uint8_t FIRMWARE_MINOR = 1;
+constexpr uint8_t FIRMWARE_MAJOR = 1;
+constexpr uint8_t FIRMWARE_MINOR = 1;
 
-const uint8_t TAXELS = LINES * INPUTS;
-const uint8_t SLOTS = 20;           // 18 taxels, then two for the bandgap
-const uint16_t SLOT_CYCLES = 800;   // 20 × 800 cycles are 1 ms exactly
-const uint16_t RATE_HZ = 1000;
-const uint8_t STATUS_EVERY = 100;   // frames
+constexpr uint8_t TAXELS = LINES * INPUTS;
+constexpr uint8_t SLOTS = 20;           // 18 taxels, then two for the bandgap
+constexpr uint16_t SLOT_CYCLES = 800;   // 20 × 800 cycles are 1 ms exactly
+constexpr uint16_t RATE_HZ = 1000;
+constexpr uint8_t STATUS_EVERY = 100;   // frames
 
-const uint8_t LINE_MASK = 1 << LINE_BIT[0] | 1 << LINE_BIT[1] | 1 << LINE_BIT[2];
-const uint8_t TRANSMIT_MASK = 0x02;
+constexpr uint8_t LINE_MASK = 1 << LINE_BIT[0] | 1 << LINE_BIT[1] | 1 << LINE_BIT[2];
+constexpr uint8_t TRANSMIT_MASK = 0x02;
 // The rest of port D are unused inputs and the receiver: pulled up, so that none floats. Lines
 // that are not driven are held at the dividers' side, never floating.
-const uint8_t PORTD_IDLE =
+constexpr uint8_t PORTD_IDLE =
     uint8_t(~(LINE_MASK | TRANSMIT_MASK)) | (DRIVE_HIGH ? 0 : LINE_MASK);
 
-const uint8_t WATCHED_MASK = (SYNC_FITTED ? SYNC_MASK : 0) | (INDEX_FITTED ? INDEX_MASK : 0);
+constexpr uint8_t WATCHED_MASK = (SYNC_FITTED ? SYNC_MASK : 0) | (INDEX_FITTED ? INDEX_MASK : 0);
 
-const uint16_t BANDGAP_MV = 1100;
-const uint8_t BANDGAP_MUX = 0x0E;
+constexpr uint16_t BANDGAP_MV = 1100;
+constexpr uint8_t BANDGAP_MUX = 0x0e;
 
 #ifndef BUILD_HASH
 #define BUILD_HASH 0UL  // the Arduino IDE does not compute one
 #endif
 
-#endif
+#endif  // PLAN_H

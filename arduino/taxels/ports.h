@@ -1,7 +1,7 @@
 // What the taxel board's brain asks of its body: the chip implements it (chip_*.cpp), and so does
 // the virtual board on the PC (../host/taxels).
-#ifndef TAXELS_PORTS_H
-#define TAXELS_PORTS_H
+#ifndef PORTS_H
+#define PORTS_H
 
 #include <stdint.h>
 
@@ -50,4 +50,4 @@ uint16_t free_stack_bytes();
 // Share of a frame's millisecond that was waited away.
 uint16_t idle_permille();
 
-#endif
+#endif  // PORTS_H

@@ -6,8 +6,7 @@
 
 namespace {
 
-uint8_t type_of(uint8_t *frame, uint8_t size)
-{
+uint8_t type_of(uint8_t *frame, uint8_t size) {
     size = cobs_decode(frame, size);
     if (size != 1 + CRC_SIZE) return 0;
     uint32_t expected = crc32(frame, 1);
@@ -18,8 +17,7 @@ uint8_t type_of(uint8_t *frame, uint8_t size)
 
 }  // namespace
 
-uint8_t RequestParser::feed(uint8_t byte)
-{
+uint8_t RequestParser::feed(uint8_t byte) {
     if (byte == 0) {
         uint8_t size = size_;
         size_ = 0;

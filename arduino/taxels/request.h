@@ -1,6 +1,6 @@
 // What the host asks: frames like the board's own, collected byte by byte.
-#ifndef TAXELS_REQUEST_H
-#define TAXELS_REQUEST_H
+#ifndef REQUEST_H
+#define REQUEST_H
 
 #include <stdint.h>
 
@@ -14,4 +14,4 @@ private:
     uint8_t size_ = 0;  // sizeof frame_ + 1: too long, wait for the next zero
 };
 
-#endif
+#endif  // REQUEST_H

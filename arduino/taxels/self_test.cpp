@@ -2,36 +2,34 @@
 
 namespace {
 
-const uint16_t FULL = 1023;
-const uint16_t NOISE = 16;        // counts, with a wide margin
-const uint16_t HIGH_AT_REST = 64;
-const uint16_t SILENT_BELOW = 4;  // mean counts of a taxel that does not even conduct at rest
-const uint16_t FULL_ABOVE = 1015;
-const uint16_t OPEN_AT_MOST = 768;
+constexpr uint16_t FULL = 1023;
+constexpr uint16_t NOISE = 16;        // counts, with a wide margin
+constexpr uint16_t HIGH_AT_REST = 64;
+constexpr uint16_t SILENT_BELOW = 4;  // mean counts of a taxel that does not even conduct at rest
+constexpr uint16_t FULL_ABOVE = 1015;
+constexpr uint16_t OPEN_AT_MOST = 768;
 
 // The chip's pull-ups, ATmega328P data sheet, DC characteristics.
-const uint32_t PULL_LEAST_OHM = 20000, PULL_MOST_OHM = 50000;
-const uint16_t PULLED_LEAST = uint16_t(uint32_t(FULL) * DIVIDER_OHM / (DIVIDER_OHM + PULL_MOST_OHM));
-const uint16_t PULLED_MOST = uint16_t(uint32_t(FULL) * DIVIDER_OHM / (DIVIDER_OHM + PULL_LEAST_OHM));
-const uint16_t OPEN_WANTED = PULLED_MOST + PULLED_MOST / 2 + NOISE;
-const uint16_t OPEN_ABOVE = OPEN_WANTED < OPEN_AT_MOST ? OPEN_WANTED : OPEN_AT_MOST;
-const uint16_t GROUNDED_BELOW = PULLED_LEAST / 4;
+constexpr uint32_t PULL_LEAST_OHM = 20000, PULL_MOST_OHM = 50000;
+constexpr uint16_t PULLED_LEAST = uint16_t(uint32_t(FULL) * DIVIDER_OHM / (DIVIDER_OHM + PULL_MOST_OHM));
+constexpr uint16_t PULLED_MOST = uint16_t(uint32_t(FULL) * DIVIDER_OHM / (DIVIDER_OHM + PULL_LEAST_OHM));
+constexpr uint16_t OPEN_WANTED = PULLED_MOST + PULLED_MOST / 2 + NOISE;
+constexpr uint16_t OPEN_ABOVE = OPEN_WANTED < OPEN_AT_MOST ? OPEN_WANTED : OPEN_AT_MOST;
+constexpr uint16_t GROUNDED_BELOW = PULLED_LEAST / 4;
 
 // A pull-up moves an input only away from ground, and a small divider hides what it does.
-const bool PULLS_TELL = DRIVE_HIGH;
-const bool SHORTS_SHOW = PULLS_TELL && PULLED_LEAST >= 2 * NOISE;
+constexpr bool PULLS_TELL = DRIVE_HIGH;
+constexpr bool SHORTS_SHOW = PULLS_TELL && PULLED_LEAST >= 2 * NOISE;
 
 static_assert(DIVIDER_OHM >= 100 && DIVIDER_OHM <= 47000, "the self-test cannot judge this divider");
 
-uint32_t taxels_of(uint8_t input)
-{
+uint32_t taxels_of(uint8_t input) {
     uint32_t taxels = 0;
     for (uint8_t line = 0; line < LINES; line++) taxels |= 1UL << (line * INPUTS + input);
     return taxels;
 }
 
-void judge_input(const TestReadings &read, uint8_t input, SelfTest &test)
-{
+void judge_input(const TestReadings &read, uint8_t input, SelfTest &test) {
     const uint8_t bit = uint8_t(1 << input);
     if (read.rest[input] > HIGH_AT_REST) {
         test.inputs_high |= bit;
@@ -51,8 +49,7 @@ void judge_input(const TestReadings &read, uint8_t input, SelfTest &test)
 
 }  // namespace
 
-SelfTest judge(const TestReadings &read)
-{
+SelfTest judge(const TestReadings &read) {
     SelfTest test = SelfTest();
     test.tested = TESTED_LINES | TESTED_TAXELS;
     if (PULLS_TELL) test.tested |= TESTED_OPEN;
@@ -68,8 +65,7 @@ SelfTest judge(const TestReadings &read)
     return test;
 }
 
-bool found_fault(const SelfTest &test)
-{
+bool found_fault(const SelfTest &test) {
     return test.lines_low | test.lines_high | test.lines_together | test.inputs_high |
            test.inputs_low | test.inputs_open | test.inputs_together || test.silent || test.full;
 }

@@ -1,6 +1,6 @@
 // What a self-test reads, and what it makes of it. Knows no register.
-#ifndef TAXELS_SELF_TEST_H
-#define TAXELS_SELF_TEST_H
+#ifndef SELF_TEST_H
+#define SELF_TEST_H
 
 #include <stdint.h>
 
@@ -16,10 +16,10 @@ struct TestReadings {
 };
 
 // Bits of SelfTest::tested. What the divider is too small to show, or the polarity, is not.
-const uint8_t TESTED_LINES = 1 << 0;
-const uint8_t TESTED_OPEN = 1 << 1;    // dividers that are missing
-const uint8_t TESTED_SHORTS = 1 << 2;  // inputs connected to ground or to each other
-const uint8_t TESTED_TAXELS = 1 << 3;
+constexpr uint8_t TESTED_LINES = 1 << 0;
+constexpr uint8_t TESTED_OPEN = 1 << 1;    // dividers that are missing
+constexpr uint8_t TESTED_SHORTS = 1 << 2;  // inputs connected to ground or to each other
+constexpr uint8_t TESTED_TAXELS = 1 << 3;
 
 // A bit a line, an input, a taxel.
 struct SelfTest {
@@ -35,4 +35,4 @@ SelfTest judge(const TestReadings &read);
 
 bool found_fault(const SelfTest &test);
 
-#endif
+#endif  // SELF_TEST_H

@@ -4,28 +4,25 @@
 
 namespace {
 
-const uint8_t DRIVEN_FRAMES = 16;
-const uint8_t REST_STEP = LINES, ALONE_STEP = REST_STEP + INPUTS, ALL_STEP = ALONE_STEP + INPUTS;
-const uint8_t STEPS = ALL_STEP + INPUTS;
-const uint8_t ALL_INPUTS = (1 << INPUTS) - 1;
+constexpr uint8_t DRIVEN_FRAMES = 16;
+constexpr uint8_t REST_STEP = LINES, ALONE_STEP = REST_STEP + INPUTS, ALL_STEP = ALONE_STEP + INPUTS;
+constexpr uint8_t STEPS = ALL_STEP + INPUTS;
+constexpr uint8_t ALL_INPUTS = (1 << INPUTS) - 1;
 
-uint16_t from_the_divider(uint16_t reading)
-{
+uint16_t from_the_divider(uint16_t reading) {
     return DRIVE_HIGH ? reading : 1023 - reading;
 }
 
 }  // namespace
 
-void SelfTestCourse::ask() const
-{
+void SelfTestCourse::ask() const {
     if (step_ < REST_STEP) ask_line(step_);
     else if (step_ < ALONE_STEP) ask_input(step_ - REST_STEP, 0);
     else if (step_ < ALL_STEP) ask_input(step_ - ALONE_STEP, uint8_t(1 << (step_ - ALONE_STEP)));
     else ask_input(step_ - ALL_STEP, ALL_INPUTS);
 }
 
-bool SelfTestCourse::answered()
-{
+bool SelfTestCourse::answered() {
     if (step_ < REST_STEP) return line_answered();
     uint16_t reading;
     if (!spare_answered(reading)) return false;
@@ -36,15 +33,13 @@ bool SelfTestCourse::answered()
     return true;
 }
 
-void SelfTestCourse::add_driven(const Frame &frame)
-{
+void SelfTestCourse::add_driven(const Frame &frame) {
     if (frames_ == DRIVEN_FRAMES) return;
     for (uint8_t i = 0; i < TAXELS; i++) read_.driven[i] += from_the_divider(frame.reading[i]);
     frames_++;
 }
 
-void SelfTestCourse::end()
-{
+void SelfTestCourse::end() {
     const LineTest lines = take_line_tests();
     read_.lines_low = lines.low;
     read_.lines_high = lines.high;
@@ -57,8 +52,7 @@ void SelfTestCourse::end()
     ask_bandgap();
 }
 
-void SelfTestCourse::begin()
-{
+void SelfTestCourse::begin() {
     read_ = TestReadings();
     frames_ = 0;
     step_ = 0;
@@ -66,8 +60,7 @@ void SelfTestCourse::begin()
     ask();
 }
 
-bool SelfTestCourse::next(const Frame &frame)
-{
+bool SelfTestCourse::next(const Frame &frame) {
     if (!running()) {
         uint16_t reading;
         if (spare_answered(reading)) bandgap_ = reading;
@@ -83,7 +76,6 @@ bool SelfTestCourse::next(const Frame &frame)
     return false;
 }
 
-uint16_t SelfTestCourse::supply_mv() const
-{
+uint16_t SelfTestCourse::supply_mv() const {
     return bandgap_ ? uint16_t(uint32_t(BANDGAP_MV) * 1024 / bandgap_) : 0;
 }

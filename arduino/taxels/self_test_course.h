@@ -1,6 +1,6 @@
 // The sequence of the self-test: one step a frame in the spare slots, while sampling continues.
-#ifndef TAXELS_SELF_TEST_COURSE_H
-#define TAXELS_SELF_TEST_COURSE_H
+#ifndef SELF_TEST_COURSE_H
+#define SELF_TEST_COURSE_H
 
 #include "self_test.h"
 #include "wire.h"
@@ -21,7 +21,7 @@ public:
     uint16_t supply_mv() const;
 
 private:
-    static const uint8_t NOT_RUNNING = 0xFF;
+    static constexpr uint8_t NOT_RUNNING = 0xff;
 
     void ask() const;
     bool answered();
@@ -35,4 +35,4 @@ private:
     uint16_t bandgap_ = 0;
 };
 
-#endif
+#endif  // SELF_TEST_COURSE_H

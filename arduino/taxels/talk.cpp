@@ -4,17 +4,15 @@
 
 namespace {
 
-const uint8_t FOR_DATA = WIRE_MAX;  // the next frame finds room however soon it comes
+constexpr uint8_t FOR_DATA = WIRE_MAX;  // the next frame finds room however soon it comes
 
 }  // namespace
 
-uint32_t Talk::dropped() const
-{
+uint32_t Talk::dropped() const {
     return ring_full_ + missed_frames();
 }
 
-void Talk::send_data(const Frame &frame)
-{
+void Talk::send_data(const Frame &frame) {
     uint8_t wire[WIRE_MAX];
     uint8_t size = write_data(frame, dropped(), wire);
     if (!serial_send(wire, size, 0)) ring_full_++;
@@ -24,15 +22,13 @@ void Talk::send_data(const Frame &frame)
     }
 }
 
-uint8_t Talk::test_bits() const
-{
+uint8_t Talk::test_bits() const {
     const SelfTest &test = test_.result();
     return uint8_t((test.count ? TEST_DONE : 0) | (found_fault(test) ? TEST_FOUND : 0) |
                    (test_.running() ? TEST_RUNNING : 0));
 }
 
-bool Talk::send_status() const
-{
+bool Talk::send_status() const {
     Status status;
     uint8_t wire[WIRE_MAX];
     report_sampling(status);
@@ -46,20 +42,17 @@ bool Talk::send_status() const
     return serial_send(wire, write_status(status, wire), 0);
 }
 
-bool Talk::send_identity() const
-{
+bool Talk::send_identity() const {
     uint8_t wire[WIRE_MAX];
     return serial_send(wire, write_identity(boots_, reset_cause(), wire), FOR_DATA);
 }
 
-bool Talk::send_tested() const
-{
+bool Talk::send_tested() const {
     uint8_t wire[WIRE_MAX];
     return serial_send(wire, write_tested(test_.result(), wire), FOR_DATA);
 }
 
-void Talk::take_requests()
-{
+void Talk::take_requests() {
     uint8_t byte;
     while (serial_receive(byte)) {
         uint8_t type = parser_.feed(byte);
@@ -71,8 +64,7 @@ void Talk::take_requests()
 // One a frame: a millisecond of wire holds one beside the data, and a flood of requests must not
 // keep the loop from its samples. What found no room is due again with the next frame. What the
 // host cannot ask for goes first.
-void Talk::send_what_is_due()
-{
+void Talk::send_what_is_due() {
     if (status_due_) {
         status_due_ = !send_status();
     } else if (tested_due_) {
@@ -83,15 +75,13 @@ void Talk::send_what_is_due()
     }
 }
 
-void Talk::begin(uint16_t boots)
-{
+void Talk::begin(uint16_t boots) {
     boots_ = boots;
     test_.begin();
     send_what_is_due();
 }
 
-void Talk::take(const Frame &frame)
-{
+void Talk::take(const Frame &frame) {
     send_data(frame);
     if (test_.next(frame)) tested_due_ = true;
     take_requests();

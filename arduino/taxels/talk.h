@@ -1,6 +1,6 @@
 // What the board says and hears: a data frame a millisecond, status, identity, self-tests.
-#ifndef TAXELS_TALK_H
-#define TAXELS_TALK_H
+#ifndef TALK_H
+#define TALK_H
 
 #include "request.h"
 #include "self_test_course.h"
@@ -35,4 +35,4 @@ private:
     bool identity_due_ = true, status_due_ = false, tested_due_ = false;
 };
 
-#endif
+#endif  // TALK_H

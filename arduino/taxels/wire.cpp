@@ -5,34 +5,29 @@
 
 namespace {
 
-uint8_t *put16(uint8_t *at, uint16_t value)
-{
+uint8_t *put16(uint8_t *at, uint16_t value) {
     *at++ = uint8_t(value);
     *at++ = uint8_t(value >> 8);
     return at;
 }
 
-uint8_t *put32(uint8_t *at, uint32_t value)
-{
+uint8_t *put32(uint8_t *at, uint32_t value) {
     return put16(put16(at, uint16_t(value)), uint16_t(value >> 16));
 }
 
-uint8_t *put24(uint8_t *at, uint32_t value)
-{
+uint8_t *put24(uint8_t *at, uint32_t value) {
     at = put16(at, uint16_t(value));
     *at++ = uint8_t(value >> 16);
     return at;
 }
 
-uint8_t close_frame(uint8_t *body, uint8_t size, uint8_t *wire)
-{
+uint8_t close_frame(uint8_t *body, uint8_t size, uint8_t *wire) {
     put32(body + size, crc32(body, size));
     return cobs_encode(body, size + CRC_SIZE, wire);
 }
 
 // Four readings of 10 bit fill five bytes, the lowest bits first.
-uint8_t *pack4(uint8_t *at, const uint16_t *r)
-{
+uint8_t *pack4(uint8_t *at, const uint16_t *r) {
     *at++ = uint8_t(r[0]);
     *at++ = uint8_t(r[0] >> 8 | r[1] << 2);
     *at++ = uint8_t(r[1] >> 6 | r[2] << 4);
@@ -43,8 +38,7 @@ uint8_t *pack4(uint8_t *at, const uint16_t *r)
 
 }  // namespace
 
-uint8_t write_data(const Frame &frame, uint32_t dropped, uint8_t *wire)
-{
+uint8_t write_data(const Frame &frame, uint32_t dropped, uint8_t *wire) {
     uint8_t body[DATA_SIZE + CRC_SIZE];
     uint8_t *at = body;
     uint8_t saturated = dropped > DROPPED_MAX ? DROPPED_MAX : uint8_t(dropped);
@@ -59,8 +53,7 @@ uint8_t write_data(const Frame &frame, uint32_t dropped, uint8_t *wire)
     return close_frame(body, DATA_SIZE, wire);
 }
 
-uint8_t write_status(const Status &status, uint8_t *wire)
-{
+uint8_t write_status(const Status &status, uint8_t *wire) {
     uint8_t body[STATUS_SIZE + CRC_SIZE];
     uint8_t *at = body;
     *at++ = TYPE_STATUS;
@@ -79,8 +72,7 @@ uint8_t write_status(const Status &status, uint8_t *wire)
     return close_frame(body, STATUS_SIZE, wire);
 }
 
-uint8_t write_identity(uint16_t boot_count, uint8_t reset_cause, uint8_t *wire)
-{
+uint8_t write_identity(uint16_t boot_count, uint8_t reset_cause, uint8_t *wire) {
     uint8_t body[IDENTITY_SIZE + CRC_SIZE];
     uint8_t *at = body;
     *at++ = TYPE_IDENTITY;
@@ -98,8 +90,7 @@ uint8_t write_identity(uint16_t boot_count, uint8_t reset_cause, uint8_t *wire)
     return close_frame(body, IDENTITY_SIZE, wire);
 }
 
-uint8_t write_tested(const SelfTest &test, uint8_t *wire)
-{
+uint8_t write_tested(const SelfTest &test, uint8_t *wire) {
     uint8_t body[TESTED_SIZE + CRC_SIZE];
     uint8_t *at = body;
     *at++ = TYPE_TESTED;

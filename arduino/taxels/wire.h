@@ -1,34 +1,34 @@
 // The frames of docs/reference/taxel-wire.md: values in, wire bytes out. Knows no register.
-#ifndef TAXELS_WIRE_H
-#define TAXELS_WIRE_H
+#ifndef WIRE_H
+#define WIRE_H
 
 #include <stdint.h>
 
 #include "plan.h"
 #include "self_test.h"
 
-const uint8_t WIRE_VERSION = 2;
+constexpr uint8_t WIRE_VERSION = 2;
 
-const uint8_t TYPE_IDENTIFY = 0x01;   // host → board
-const uint8_t TYPE_SELF_TEST = 0x02;  // host → board
-const uint8_t TYPE_IDENTITY = 0x10;
-const uint8_t TYPE_DATA = 0x11;
-const uint8_t TYPE_STATUS = 0x12;
-const uint8_t TYPE_TESTED = 0x13;
+constexpr uint8_t TYPE_IDENTIFY = 0x01;   // host → board
+constexpr uint8_t TYPE_SELF_TEST = 0x02;  // host → board
+constexpr uint8_t TYPE_IDENTITY = 0x10;
+constexpr uint8_t TYPE_DATA = 0x11;
+constexpr uint8_t TYPE_STATUS = 0x12;
+constexpr uint8_t TYPE_TESTED = 0x13;
 
-const uint8_t FLAG_SYNC = 1 << 0;     // level of the sync line when the frame was closed
-const uint8_t FLAG_INDEX = 1 << 1;    // an index mark began in this frame
-const uint8_t FLAG_LATE = 1 << 2;     // a line had less than 10 µs to settle
-const uint8_t FLAG_OVERRUN = 1 << 3;  // a slot was missed
-const uint8_t DROPPED_SHIFT = 4;
-const uint8_t DROPPED_MAX = 15;
+constexpr uint8_t FLAG_SYNC = 1 << 0;     // level of the sync line when the frame was closed
+constexpr uint8_t FLAG_INDEX = 1 << 1;    // an index mark began in this frame
+constexpr uint8_t FLAG_LATE = 1 << 2;     // a line had less than 10 µs to settle
+constexpr uint8_t FLAG_OVERRUN = 1 << 3;  // a slot was missed
+constexpr uint8_t DROPPED_SHIFT = 4;
+constexpr uint8_t DROPPED_MAX = 15;
 
-const uint8_t CRC_SIZE = 4;
-const uint8_t DATA_SIZE = 27;
-const uint8_t STATUS_SIZE = 26;
-const uint8_t IDENTITY_SIZE = 20;
-const uint8_t TESTED_SIZE = 18;
-const uint8_t WIRE_MAX = DATA_SIZE + CRC_SIZE + 2;
+constexpr uint8_t CRC_SIZE = 4;
+constexpr uint8_t DATA_SIZE = 27;
+constexpr uint8_t STATUS_SIZE = 26;
+constexpr uint8_t IDENTITY_SIZE = 20;
+constexpr uint8_t TESTED_SIZE = 18;
+constexpr uint8_t WIRE_MAX = DATA_SIZE + CRC_SIZE + 2;
 
 // One millisecond of samples as it was closed.
 struct Frame {
@@ -39,9 +39,9 @@ struct Frame {
 };
 
 // Bits of Status::self_test.
-const uint8_t TEST_DONE = 1 << 0;
-const uint8_t TEST_FOUND = 1 << 1;    // it found something
-const uint8_t TEST_RUNNING = 1 << 2;
+constexpr uint8_t TEST_DONE = 1 << 0;
+constexpr uint8_t TEST_FOUND = 1 << 1;    // it found something
+constexpr uint8_t TEST_RUNNING = 1 << 2;
 
 struct Status {
     uint32_t samples;
@@ -63,4 +63,4 @@ uint8_t write_status(const Status &status, uint8_t *wire);
 uint8_t write_identity(uint16_t boot_count, uint8_t reset_cause, uint8_t *wire);
 uint8_t write_tested(const SelfTest &test, uint8_t *wire);
 
-#endif
+#endif  // WIRE_H

@@ -49,8 +49,8 @@ BROKEN: dict[str, dict[str, list[Edit]]] = {
         "one-look": [
             (
                 "steady_level.h",
-                "return (first & second) | (second & third) | (first & third);",
-                "return first | (second & third & 0);",
+                "return expected ^ (first & second & third);",
+                "return expected ^ (first | (second & third & 0));",
             )
         ],
         "swapped": [_SWAPPED],

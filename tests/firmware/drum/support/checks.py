@@ -10,6 +10,7 @@ import struct
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rigctl.simulation.chips.simavr import Input, Output
 from rigctl.wire.drum.codes import Command, ResetCause
@@ -122,26 +123,43 @@ def the_set_force_is_reached_and_held(image: str) -> None:
         assert forces.max() <= 1.05 * SET_FORCE_G
 
 
-SPIKE_CYCLES = 20
-"""1.25 µs: what the resistor and capacitor of a wire may let pass."""
+SPIKE_CYCLES = 160
+"""10 µs: the longest that the firmware takes for a spike."""
+SWITCH_WIRES = (Input.ESTOP, Input.END_UP, Input.END_DOWN, Input.MARK)
+SPIKES_A_MS = 5
+"""On each wire, at least two spikes' length apart."""
 
 
 def spikes_on_the_switch_wires_do_nothing(image: str) -> None:
-    """Each millisecond all four wires have a spike, at all places of the millisecond in turn."""
-    wires = (Input.ESTOP, Input.END_UP, Input.END_DOWN, Input.MARK)
+    """All four wires have spikes of 10 µs at random times, four thousand on each."""
     with DrumChip(image) as drum:
         drum.arm()
         drum.hold(SET_FORCE_G)
         marks = drum.get("index_count")
-        for number in range(MS // SPIKE_CYCLES):
-            for wire in wires:
-                drum.pin(wire, 1, number * SPIKE_CYCLES)
-                drum.pin(wire, 0, (number + 1) * SPIKE_CYCLES)
-            drum.run(1)
-            if number % 20 == 0:
-                drum.beat()
+        spike_switch_wires(drum, 800)
         assert drum.state is State.HOLD
         assert drum.get("index_count") == marks
+
+
+def spike_switch_wires(drum: DrumChip, milliseconds: int) -> None:
+    """Run with a heartbeat and spikes of :data:`SPIKE_CYCLES` on all switch wires."""
+    random = np.random.default_rng(8)
+    for number in range(milliseconds):
+        changes = []
+        for wire in SWITCH_WIRES:
+            for at in _spikes_of_a_ms(random):
+                changes += [(int(at), wire, 1), (int(at) + SPIKE_CYCLES, wire, 0)]
+        for at, wire, level in sorted(changes):
+            drum.pin(wire, level, at)
+        drum.run(1)
+        if number % 20 == 0:
+            drum.beat()
+
+
+def _spikes_of_a_ms(random: np.random.Generator) -> NDArray[np.int64]:
+    room = MS // SPIKES_A_MS
+    begins: NDArray[np.int64] = random.integers(0, room - 3 * SPIKE_CYCLES, SPIKES_A_MS)
+    return np.arange(SPIKES_A_MS) * room + begins
 
 
 Check = Callable[[str], None]
