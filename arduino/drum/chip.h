@@ -36,6 +36,7 @@ bool end_down();
 namespace estop {  // chip_estop.cpp
 void begin();
 void wire(bool fitted, bool inverted);
+void check_in_isr();  // from the tick interrupt: an opening whose edge was lost
 bool tripped();       // interrupts are off or it does not matter: outputs stay off
 bool take();          // open now, or was since the last call
 }  // namespace estop
@@ -58,10 +59,9 @@ Received take();
 void send(const uint8_t *bytes, uint16_t count);
 }  // namespace serial
 
-namespace health {  // chip_health.cpp: watchdog, reset cause, stack, idle time
+namespace health {  // chip_health.cpp: late ticks, longest interrupt, idle time, and the watchdog
 void begin();
 bool watchdog_reset();
-void count_tick_in_isr();  // from the tick interrupt
 void kick();           // the watchdog, when all have checked in
 void count_late(uint8_t ticks);
 void sleep_until_interrupt();  // called, and left, with interrupts off

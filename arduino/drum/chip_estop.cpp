@@ -1,7 +1,7 @@
 // INT5: the emergency stop, normally closed to ground. Opening it, or breaking its wire, lets
 // the pull-up raise the input; the interrupt switches every output off, so it works even if the
 // main loop hangs. Outputs stay off until the controller has read the stop and it is closed.
-// Timer 3, whose other compare is the tick (chip_clock.cpp), repeats the look each millisecond.
+// Should an edge be lost, the tick notices, and timer 3 calls another interrupt for the looks.
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <util/atomic.h>
@@ -13,7 +13,7 @@
 
 namespace {
 
-constexpr uint16_t BETWEEN_TICKS = 1000;  // of the 2000 counts of timer 3
+constexpr uint16_t SOON = 8;  // counts of timer 3, 4 µs
 
 volatile bool latched;
 volatile bool fitted = true;
@@ -35,14 +35,18 @@ inline void trip() {
 
 }  // namespace
 
+// An edge of the stop's wire, whichever: three looks, and all off. 380 cycles, 24 µs, when it trips;
+// `estop_us` adds what it waits for other interrupts.
 ISR(INT5_vect) {
     const IsrMeter meter;
     if (open()) trip();
 }
 
+// The tick saw an open stop: the same. 385 cycles, 24 µs.
 ISR(TIMER3_COMPB_vect) {
     const IsrMeter meter;
-    if (!latched && open()) trip();
+    TIMSK3 &= ~_BV(OCIE3B);
+    if (open()) trip();
 }
 
 namespace estop {
@@ -51,8 +55,6 @@ void begin() {
     PORTE |= pins::ESTOP;
     EICRB = (EICRB & ~_BV(ISC51)) | _BV(ISC50);  // either edge: the wire may be inverted
     EIMSK |= _BV(INT5);
-    OCR3B = BETWEEN_TICKS;
-    TIMSK3 |= _BV(OCIE3B);
 }
 
 // Levels before the first configuration are ignored. Later an opening is latched until the
@@ -66,6 +68,13 @@ void wire(bool is_fitted, bool inverted) {
         latched = (told && latched) || is_open;
         told = true;
     }
+}
+
+void check_in_isr() {
+    if (latched || !fitted || (PINE & pins::ESTOP) != open_level) return;
+    OCR3B = TCNT3 + SOON;
+    TIFR3 = _BV(OCF3B);
+    TIMSK3 |= _BV(OCIE3B);
 }
 
 bool tripped() { return latched; }

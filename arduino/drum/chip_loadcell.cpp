@@ -57,6 +57,7 @@ inline void listen() {
 
 }  // namespace
 
+// A conversion is ready: its time, and silence until it is read. 171 cycles, 11 µs.
 ISR(INT2_vect) {
     const IsrMeter meter;
     EIMSK &= ~_BV(INT2);

@@ -9,8 +9,7 @@
 //                                 meanwhile low by its port bit
 //
 // Intervals carry 8 bits of fraction, summed up, so the mean rate is exact to 0.5 ppm. The
-// handler takes about 15 µs when it has to compute a ramp; it must be done before the next
-// match, which is never nearer than HIGH_CYCLES.
+// handler must be done before the next match, which is never nearer than HIGH_CYCLES.
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <util/atomic.h>
@@ -106,7 +105,7 @@ inline void move_sync(Mark mark) {
     }
 }
 
-// The mark's wire by the majority of three looks. A spike calls the interrupt without a change.
+// The mark's wire by three looks. A spike calls the interrupt without a change.
 inline bool index_changes() {
     const uint8_t now = steady_level(PINE, pins::INDEX, index_level);
     const bool changed = now != index_level;
@@ -116,6 +115,7 @@ inline bool index_changes() {
 
 }  // namespace
 
+// A match of the step timer, see above. 394 cycles, 25 µs, where an interval of a ramp is computed.
 ISR(TIMER1_COMPA_vect, __attribute__((flatten))) {
     const IsrMeter meter;
     const uint16_t now = OCR1A;
@@ -130,7 +130,8 @@ ISR(TIMER1_COMPA_vect, __attribute__((flatten))) {
     }
 }
 
-// The mark's edges; the leading one when going forwards is the trailing one backwards.
+// The mark's edges, by three looks; the leading one when going forwards is the trailing one
+// backwards. 307 cycles, 19 µs.
 ISR(INT4_vect) {
     const IsrMeter meter;
     if (!index_changes()) return;

@@ -1,17 +1,17 @@
 // The main loop: waits for a frame, kicks the watchdog, has the brain talk. Interrupts do the rest.
 #include <avr/interrupt.h>
 #include <avr/sleep.h>
-#include <avr/wdt.h>
 
-#include "chip_boot.h"
-#include "chip_sampling.h"
-#include "chip_serial.h"
+#include "chip.h"
+#include "chip_reset.h"
 #include "plan.h"
+#include "ports.h"
 #include "talk.h"
 
 namespace {
 
 constexpr uint8_t SPIN_CYCLES = 8;
+constexpr uint8_t LOOK_BYTES = 32;  // of the stack, a frame
 
 uint16_t idle;
 Talk talk;
@@ -28,14 +28,14 @@ uint16_t spin_until_closed() {
         "    rjmp 1b\n"
         "2:\n"
         : "+w"(turns)
-        : "i"(&frame_closed));
+        : "i"(&sampling::frame_closed));
     return turns;
 }
 
 void sleep_until_closed() {
     for (;;) {
         cli();
-        if (frame_closed) break;
+        if (sampling::frame_closed) break;
         sleep_enable();
         sei();  // takes effect after the next instruction, so no interrupt slips in between
         sleep_cpu();
@@ -60,19 +60,18 @@ uint16_t idle_permille() {
 }
 
 int main() {
-    const uint16_t boots = count_boot();
-    serial_begin();
-    sampling_begin();
+    const uint16_t boots = boot::count();
+    stack::begin();
+    serial::begin();
+    sampling::begin();
     set_sleep_mode(SLEEP_MODE_IDLE);
-    wdt_enable(WDTO_60MS);
-    watch_begins();
+    reset::watch();
     sei();
     talk.begin(boots);
     for (;;) {
         wait_for_frame();
-        wdt_reset();
-        unkicked_frames = 0;
-        talk.take(take_frame());
-        look_at_stack();
+        reset::kick();
+        talk.take(sampling::take_frame());
+        stack::look(LOOK_BYTES);
     }
 }

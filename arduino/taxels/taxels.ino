@@ -4,7 +4,8 @@
 //   chip_main.cpp      main loop: wait for a frame, have the brain talk
 //   chip_sampling.cpp  timer, converter, lines, sync and index, with their timing
 //   chip_serial.cpp    transmit ring, receive ring
-//   chip_boot.cpp      reset cause, count of boots, unused stack
+//   chip_boot.cpp      count of boots, reset cause behind Optiboot
+//   chip_reset.cpp     reset cause, watchdog, unused stack: the same file as the drum's
 //   talk.cpp           the brain: what is sent when, and what the host asks for
 //   self_test_course.cpp   a step of the self-test a frame, in the spare slots
 //   wire.cpp, cobs.cpp, crc32.cpp, request.cpp, self_test.cpp   bytes

@@ -73,6 +73,12 @@ def test_written_file_explains_every_key() -> None:
         ("[loadcell]\nscale_ug_per_count = -1", ["line 2", "too little"]),
         ("[loadcell]\nscale_ug_per_count = 1000000", ["line 2", "-25000 to 25000"]),
         ("[loadcell]\nscale_ug_per_count = -25001", ["line 2", "-25000 to 25000"]),
+        ("[loadcell]\nrate_hz = 40", ["line 2: loadcell.rate_hz", "80 samples a second, or 10"]),
+        ("[loadcell]\nrate_hz = 10", ["line 2", "set gain_p_per_s = 4 and gain_i_per_s = 1.5"]),
+        (
+            "[actuator]\ngain_p_per_s = 4\n[loadcell]\nrate_hz = 10",
+            ["line 4: loadcell.rate_hz", "gains of 4 and 5"],
+        ),
         ("[about]\nname = ", ["not TOML"]),
     ],
 )
@@ -87,6 +93,11 @@ def test_a_mistake_names_file_line_and_key(text: str, words: list[str]) -> None:
 def test_possible_scale_of_a_load_cell_is_accepted(scale: int) -> None:
     text = f"[loadcell]\nscale_ug_per_count = {scale}"
     assert parse_config(text).loadcell.scale_ug_per_count == scale
+
+
+def test_ten_samples_a_second_are_accepted_with_slow_gains() -> None:
+    text = "[actuator]\ngain_p_per_s = 4\ngain_i_per_s = 1.5\n[loadcell]\nrate_hz = 10"
+    assert parse_config(text).loadcell.rate_hz == 10
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:

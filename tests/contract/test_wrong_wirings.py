@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import random
+import re
 from collections import defaultdict
 from collections.abc import Coroutine
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rigctl.errors import RigctlError, WrongUse
+from rigctl.errors import CommandRefused, RigctlError, WrongUse
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
 from rigctl.simulation.chips.simavr import Input
 from rigctl.simulation.wirings import WIRINGS
@@ -79,6 +80,25 @@ def test_the_load_cell(
     assert counts is None or abs(found_counts - counts) < 1500
     assert rate_hz is None or found_hz == pytest.approx(rate_hz, rel=0.01)
     assert fault is None or found_fault is fault
+
+
+async def arm_refusal(at: Operator) -> str:
+    """Return why the drum does not arm once it has measured the amplifier's rate."""
+    await at.drum.connect()
+    await at.watch(2.5)
+    with pytest.raises(CommandRefused) as refused:
+        await at.drum.command(Command.ARM)
+    return str(refused.value)
+
+
+def test_a_cell_at_another_rate_than_that_of_rig_toml_is_not_armed(kind: str) -> None:
+    sentence = on_rig(kind, ("cell at 10 samples a second",), arm_refusal)
+    assert re.search(
+        r"the drum refused ARM in state IDLE: 10\.?\d? samples a second: the load cell's amplifier "
+        r"does not sample at the rate of rig\.toml: connect its RATE pin to its supply for 80 "
+        r"samples a second, or set rate_hz = 10 in \[loadcell\]$",
+        sentence,
+    ), sentence
 
 
 async def position_mm(at: Operator) -> float:

@@ -27,8 +27,8 @@ HANGS: Edit = (
 )
 _HANGS_LATER: Edit = (
     "chip_main.cpp",
-    "        talk.take(take_frame());\n",
-    "        talk.take(take_frame());\n"
+    "        talk.take(sampling::take_frame());\n",
+    "        talk.take(sampling::take_frame());\n"
     "        static uint16_t frames;\n        while (frames == 200) {\n        }\n"
     "        frames++;\n",
 )
@@ -43,8 +43,8 @@ _SWAPPED: Edit = (
 BROKEN: dict[str, dict[str, list[Edit]]] = {
     "drum": {
         "hangs": [HANGS],
-        "unwatched": [HANGS, ("chip_health.cpp", "    wdt_enable(WDTO_60MS);\n", "")],
-        "forgets-hangs": [HANGS, ("chip_health.cpp", "    watched = WATCHED;\n", "")],
+        "unwatched": [HANGS, ("chip_reset.cpp", "    wdt_enable(WDTO_60MS);\n", "")],
+        "forgets-hangs": [HANGS, ("chip_reset.cpp", "    watched = WATCHED;\n", "")],
         "no-estop": [("chip_estop.cpp", "    EIMSK |= _BV(INT5);\n", "")],
         "one-look": [
             (
@@ -180,8 +180,8 @@ BROKEN: dict[str, dict[str, list[Edit]]] = {
         # 250 kbaud carry 25 bytes a millisecond and a frame has 33: frames must be dropped.
         "slow-wire": [("board.h", "UBRR_VALUE = 3;", "UBRR_VALUE = 7;")],
         "hangs": [_HANGS_LATER],
-        "forgets-hangs": [_HANGS_LATER, ("chip_boot.cpp", "    watched = WATCHED;\n", "")],
-        "never-kick": [("chip_main.cpp", "        wdt_reset();\n", "")],
+        "forgets-hangs": [_HANGS_LATER, ("chip_reset.cpp", "    watched = WATCHED;\n", "")],
+        "never-kick": [("chip_main.cpp", "        reset::kick();\n", "")],
     },
     "finger": {
         "state-in-float": [

@@ -187,6 +187,12 @@ def test_every_resistor_of_the_readme_is_in_the_drawings() -> None:
     assert teensy.count("10 kΩ to GND") == 3  # dividers
 
 
+@pytest.mark.parametrize("name", ["chip_reset.h", "chip_reset.cpp"])
+def test_both_sketches_have_the_same_code_for_resets(name: str) -> None:
+    """The Arduino IDE builds a folder without looking outside of it."""
+    assert (FOLDER / "drum" / name).read_bytes() == (FOLDER / "taxels" / name).read_bytes()
+
+
 @pytest.mark.parametrize(("board", "mcu"), [("drum", "atmega2560"), ("taxels", "atmega328p")])
 def test_a_sketch_builds_as_the_ide_builds_it(board: str, mcu: str, tmp_path: Path) -> None:
     folder = {path.name: path for path in write_sketches(tmp_path / "sketches")}[board]

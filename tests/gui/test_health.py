@@ -14,6 +14,9 @@ from tests.gui.fake_engine import STATUS
 from tests.gui.steps import Harness, wait_until
 
 
+SPIKED = {"boards": {"drum": {"loadcell_spikes": 3}}}
+
+
 def _read(**changes: Any) -> dict[str, Any]:
     return dict(readings(parse_status({**STATUS, **changes})))
 
@@ -34,6 +37,10 @@ def _read(**changes: Any) -> dict[str, Any]:
         ("poll", {"poll_age_s": 0.31}, "310 ms", Level.BAD),
         ("poll", {"poll_retries": 3}, "20 ms, 3×", Level.OK),
         ("loadcell", {"loadcell_lost": 1, "loadcell_lost_age_s": 2.0}, "1", Level.BAD),
+        ("loadcell", {"boards": {"drum": {"loadcell_spikes": 0}}}, "0", Level.OK),
+        ("loadcell", {"boards": {"drum": {"loadcell_spikes": 1}}}, "1 spike", Level.WARN),
+        ("loadcell", SPIKED, "3 spikes", Level.WARN),
+        ("loadcell", {"loadcell_lost": 2, "loadcell_lost_age_s": 2.0, **SPIKED}, "2", Level.BAD),
         ("disk", {}, "210 GB", Level.OK),
         ("clock", {}, "+1187, −904", Level.OK),
         ("clock", {"clock_ppm": {"drum": None, "taxels": 6000.0}}, "+6000", Level.BAD),

@@ -20,7 +20,7 @@ from tests.firmware.drum.support.checks import (
     hang_main_loop,
     open_emergency_stop,
 )
-from tests.firmware.drum.support.chip import ENTRY_CYCLES, MS, DrumChip
+from tests.firmware.drum.support.chip import ENTRY_CYCLES, G_PER_COUNT, MS, DrumChip
 from tests.firmware.drum.support.plant_drum import PlantDrum
 
 PHASES = (900, 5000, 12_345)
@@ -28,6 +28,8 @@ PHASES = (900, 5000, 12_345)
 FINE_CYCLES = 160
 LIFTS = -0.95
 PUSH_G = 1500.0
+ABOVE_G = 150.0
+OVER = "from the end of the second conversion above the settings' limit"
 
 
 def safety() -> Iterator[dict[str, Any]]:
@@ -35,7 +37,7 @@ def safety() -> Iterator[dict[str, Any]]:
     states = ", ".join(s.name for s in MOVING_STATES)
     what = f"{states}, and ARMED with a hung loop; {len(PHASES)} phases each; entry added"
     yield figure("estop_us", estop_us(), "µs", what)
-    yield figure("overforce_lift_us", overforce_lift_us(), "µs", "from the conversion's end")
+    yield figure("overforce_lift_us", overforce_lift_us(), "µs", OVER)
     yield figure("loadcell_fault_periods", silent_periods(), "periods", "silence to lift, in HOLD")
     yield from heartbeat()
     yield from watchdog()
@@ -69,17 +71,25 @@ def _reached(drum: DrumChip, cycle: int) -> bool:
 
 
 def overforce_lift_us() -> float:
-    """Return the longest time from the end of the conversion with the force to full lift."""
+    """Return the longest time from the end of the conversion that decides to full lift.
+
+    The force is above the settings' limit and below the raw one, so the second sample decides.
+    """
     delays = []
     with PlantDrum() as drum:
+        limit_g = drum.get("over_force") / 10
         for _ in range(5):
             enter(drum, State.HOLD)
-            ready = int(drum.x.loadcell_ready)
-            while drum.x.cycle + MS <= ready:
+            counts = drum.get("tare_counts") + round((limit_g + ABOVE_G) / G_PER_COUNT)
+            first = int(drum.x.loadcell_ready)
+            while drum.x.cycle + MS <= first:
                 drum.run(1)
             drum.plant.set_disturbances(False, PUSH_G)
-            drum.x.loadcell_counts = round(1e6)
-            start = run_until(drum, partial(_reached, drum, ready), 2 * MS)
+            drum.x.loadcell_counts = counts
+            run_until(drum, partial(_reached, drum, first), 2 * MS)
+            decides = int(drum.x.loadcell_ready)
+            start = run_until(drum, partial(_reached, drum, decides), 20 * MS)
+            assert drum.x.drive > LIFTS
             delays.append(run_until(drum, lambda: drum.x.drive < LIFTS, 2 * MS) - start)
             assert drum.get("fault") == Fault.OVER_FORCE
             drum.plant.set_disturbances(False, 0.0)
