@@ -158,6 +158,7 @@ inline void store_reading(uint8_t done, uint16_t reading) {
 // Entered at 336 … 591 cycles, that is in time, the result is taken and the next line driven
 // and input selected immediately. Slots 1 … 17 need no more: 80 cycles with entry. By hand, because
 // the compiler would save twenty registers first, for the sake of the rare cases.
+// The longest, in a self-test: 398 cycles, 25 µs.
 ISR(ADC_vect, ISR_NAKED) {
     __asm__ volatile(
         "push r24\n in r24, __SREG__\n push r24\n push r25\n push r30\n push r31\n"
@@ -223,8 +224,7 @@ ISR(ADC_vect, ISR_NAKED) {
           [store] "i"(&store), [setup] "i"(&setup), [taken] "i"(&taken), [in_time] "i"(&in_time));
 }
 
-// Slot 0, the spare slots, and whatever came too late. 398 cycles, 25 µs, with the part above, in a
-// self-test.
+// Slot 0, the spare slots, and whatever came too late.
 extern "C" void __vector_adc_slow() __attribute__((signal, used, externally_visible));
 extern "C" void __vector_adc_slow() {
     uint16_t entered = TCNT1;

@@ -5,7 +5,7 @@
 
 #include <stdint.h>
 
-#include "wire.h"
+#include "wire.h"  // status
 
 // --- serial line ---
 

@@ -4,7 +4,7 @@
 
 #include <stdint.h>
 
-#include "plan.h"
+#include "plan.h"  // lines, inputs
 
 // Readings are shares of 1023 from the dividers' side, whichever that is: 0 is no pressure.
 struct TestReadings {

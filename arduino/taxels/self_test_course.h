@@ -2,8 +2,8 @@
 #ifndef SELF_TEST_COURSE_H
 #define SELF_TEST_COURSE_H
 
-#include "self_test.h"
-#include "wire.h"
+#include "self_test.h"  // readings, result
+#include "wire.h"       // frames
 
 class SelfTestCourse {
 public:

@@ -2,9 +2,9 @@
 #ifndef TALK_H
 #define TALK_H
 
-#include "request.h"
-#include "self_test_course.h"
-#include "wire.h"
+#include "request.h"           // what the host asks for
+#include "self_test_course.h"  // tests, supply
+#include "wire.h"              // frames
 
 class Talk {
 public:

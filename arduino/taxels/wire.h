@@ -4,8 +4,8 @@
 
 #include <stdint.h>
 
-#include "plan.h"
-#include "self_test.h"
+#include "plan.h"       // taxels
+#include "self_test.h"  // result
 
 constexpr uint8_t WIRE_VERSION = 2;
 

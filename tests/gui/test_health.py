@@ -13,7 +13,6 @@ from rigctl.acquisition.rpc.messages import parse_status
 from tests.gui.fake_engine import STATUS
 from tests.gui.steps import Harness, wait_until
 
-
 SPIKED = {"boards": {"drum": {"loadcell_spikes": 3}}}
 
 
