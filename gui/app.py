@@ -137,6 +137,7 @@ def run(args: argparse.Namespace) -> int:
         signal.signal(number, lambda *_: QTimer.singleShot(0, window.attach.leave))
     Thread(target=_load_compiler).start()
     window.analysis_tab.prepare()
+    window.replay.prepare()
     _connect(window, rig, str(args.world or ""), is_finger=is_finger)
     code = int(QApplication.exec())
     for link in (window.engine_link, window.finger_tab.link):

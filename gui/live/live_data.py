@@ -10,22 +10,25 @@ from numpy.typing import NDArray
 
 from gui.live.review.marks import EventMarks
 from gui.live.store.drum_course import DrumCourse
-from gui.live.store.timeline import CAPACITY_S, Timeline
+from gui.live.store.timeline import Timeline
 from rigctl.acquisition.live_buffer import LiveReader
 from rigctl.encoding.normalisation import RunningRange
 from rigctl.encoding.reading import FULL_SCALE, Reading
-from rigctl.values import SAMPLE_RATE_HZ
 
 
 class LiveData:
-    """The last ``capacity`` samples.
+    """The last minutes of samples, or the whole of a recorded trial that is given.
 
     ``reading``: what they are; ``low``, ``high``: each taxel's range in it, float64 (n_taxels,).
     """
 
-    def __init__(self, n_taxels: int, capacity: int = CAPACITY_S * SAMPLE_RATE_HZ) -> None:
-        self.timeline = Timeline(capacity, n_taxels, 2 * n_taxels)
-        self.drum, self.marks = DrumCourse(), EventMarks()
+    def __init__(
+        self, n_taxels: int, timeline: Timeline | None = None, drum: DrumCourse | None = None
+    ) -> None:
+        if timeline is None:
+            timeline = Timeline(n_taxels=n_taxels, n_rows=2 * n_taxels)
+        self.timeline = timeline
+        self.drum, self.marks = drum or DrumCourse(), EventMarks()
         self.reading = self._engine_reading = Reading.COUNTS
         self._own_range: RunningRange | None = None
         self.low = np.zeros(n_taxels)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -14,6 +15,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from gui.analysis.export.picture_foot import FOOT_PX
+from gui.live.export.saver import _serve_table
 from gui.live.export.shown_samples import shown_samples
 from gui.live.page.live_bar import CONDUCTANCE, VOLTS
 from gui.live.page.live_page import ENCODER, SAVE, TAXELS, LivePage
@@ -251,6 +253,18 @@ def test_picture_and_table_take_two_clicks(
     newest = page.plots.data.samples_before(29_999, 1)[0]
     assert int(values["sample"]) == 29_999 and int(values["T5"]) == newest[4]
     page.close_files()
+
+
+def test_a_table_is_written_whole_where_the_window_ends_meanwhile(
+    page: LivePage, tmp_path: Path
+) -> None:
+    """The process printed a traceback, as nobody read its answer any more."""
+    near, far = multiprocessing.Pipe(duplex=False)
+    near.close()
+    shown = shown_samples(page.plots.data, page.plots.navigation.window, [0])
+    _serve_table(far, shown, tmp_path / "table.csv")
+    far.close()
+    assert len((tmp_path / "table.csv").read_text().splitlines()) > 1000
 
 
 def test_a_folder_that_is_a_file_is_refused_in_a_sentence(page: LivePage, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPoint, QPointF, QRect, Qt
+from PySide6.QtCore import QAbstractEventDispatcher, QEventLoop, QPoint, QPointF, QRect, Qt
 from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
@@ -70,6 +70,7 @@ def shown(harness: Harness, tmp_path: Path) -> Iterator[Harness]:
     wait_until(lambda: not tab.worker.is_busy)
     tab._finish("analyse", results)
     assert window.stack.currentWidget() is tab.results_panel
+    wait_until(lambda: accuracy_page(harness).plots.is_whole)
     yield harness
     tab.trial_view.show_trial(None)
     tab._show(tab.trial_view)
@@ -147,9 +148,31 @@ def test_the_legend_switches_curves_off_and_the_keys_pass_them_over(shown: Harne
 def test_one_task_alone_is_shown_large(shown: Harness) -> None:
     page = accuracy_page(shown)
     QTest.keyClick(page.task, _Key.Key_End)
-    assert list(page.plots.plots) == [1]
+    wait_until(lambda: list(page.plots.plots) == [1])
     QTest.keyClick(page.task, _Key.Key_Home)
-    assert list(page.plots.plots) == [0, 1]
+    wait_until(lambda: list(page.plots.plots) == [0, 1])
+
+
+def test_plots_are_made_in_view_and_one_in_each_turn_of_the_event_loop(shown: Harness) -> None:
+    """All of them at once kept the window, and STOP with it, for most of a second."""
+    tab, view = shown.window.analysis_tab, shown.window.analysis_tab.results_view
+    panels = tuple(ACCURACY.panels[0]._replace(title=f"Task {task}") for task in range(6))
+    curves = plot_page("Accuracy", ACCURACY._replace(panels=panels))
+    tab._finish("analyse", AnalysisResults("done", (curves, curves._replace(name="Again"))))
+    first, hidden = (page for page in map(view.widget, (0, 1)) if isinstance(page, AccuracyPage))
+    made = [len(first.plots.plots)]
+    QTest.keyClick(first.plots.graphics, _Key.Key_PageDown)  # before there is a plot
+    dispatcher = QAbstractEventDispatcher.instance()
+    while not first.plots.is_whole:
+        dispatcher.processEvents(QEventLoop.ProcessEventsFlag.AllEvents)
+        made.append(len(first.plots.plots))
+    assert max(np.diff(made)) == 1 and made[-1] == 6
+    wait_until(first.plots.graphics.updatesEnabled)
+    assert not hidden.plots.plots
+    view.setCurrentIndex(1)
+    assert not hidden.plots.is_whole
+    hidden.picture()
+    assert hidden.plots.is_whole, "a picture has every plot"
 
 
 def test_all_tasks_of_the_paper_are_seen_with_their_axes_without_scrolling(
@@ -162,9 +185,11 @@ def test_all_tasks_of_the_paper_are_seen_with_their_axes_without_scrolling(
     pages = (plot_page("Accuracy", ACCURACY._replace(panels=tuple(panels))),)
     window.analysis_tab._finish("analyse", AnalysisResults("done", (*pages, *pages)))
     page = accuracy_page(shown)
+    wait_until(lambda: page.plots.is_whole)
     for n_tasks, size in ((len(TASKS), (1280, 800)), (1, (1024, 700))):
         window.resize(*size)
         wait_until(lambda: page.plots.width() == page.plots.graphics.width() > 0)
+        wait_until(lambda: page.plots.is_whole)
         QApplication.processEvents()
         view = QRect(QPoint(0, 0), page._area.viewport().size())
         for plot in list(page.plots.plots.values())[:n_tasks]:
@@ -180,6 +205,7 @@ def test_a_low_plot_has_a_short_name_for_its_axis(qapp: QApplication) -> None:
     plots.show()
     for height_px, name in ((300, "Accuracy (%)"), (ROW_PX, "%"), (300, "Accuracy (%)")):
         plots.resize(600, height_px)
+        wait_until(lambda: plots.is_whole)
         for _ in range(3):
             qapp.processEvents()
         assert plots.plots[0].getAxis("left").labelText == name
@@ -215,7 +241,7 @@ def test_both_themes_draw_the_point_anew(shown: Harness) -> None:
     page = accuracy_page(shown)
     light = page.grab().toImage().pixelColor(5, 60)
     tab.set_theme(DARK)
-    assert len(page.plots.plots) == 2
+    wait_until(lambda: len(page.plots.plots) == 2)
     tab.set_theme(LIGHT)
     assert page.grab().toImage().pixelColor(5, 60) == light
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from PySide6.QtWidgets import QApplication
 
-from gui.analysis.tasks.task_values import BLOCK, TrialData
+from gui.analysis.tasks.task_values import BLOCK, TrialCourse, TrialData
 from gui.analysis.trial_view import TrialView
+from gui.analysis.trials.course_view import CourseView
 from gui.widgets.theme import LIGHT
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
 
@@ -64,6 +65,28 @@ def test_a_long_trial_is_drawn_by_its_extremes_and_a_part_of_it_sample_by_sample
     assert len(x) < 9 * 400 and np.all(np.diff(y[steps][-10:]) >= 0)
     x, _ = view.spikes_plot.items[0].getData()
     assert set(np.round(np.diff(np.unique(x)), 3)) == {0.03}
+    view.close()
+
+
+def test_force_and_speed_of_an_hour_are_drawn_by_their_extremes_and_a_part_point_by_point(
+    qapp: QApplication,
+) -> None:
+    at_s = np.arange(288_000) / 80
+    force_g, speed_mm_s = np.full(len(at_s), 250.0), np.full(len(at_s), 40.0)
+    force_g[123_456] = 900.0  # a single reading that no view may lose
+    force_g[200_000:200_010] = np.nan
+    view = CourseView(LIGHT)
+    view.show_course(TrialCourse(at_s, force_g, at_s, speed_mm_s, 250.0, 40.0), "Trial 1")
+    x, y = view.force_plot.curves[0].getData()
+    assert len(x) < 2000 and abs(x[np.nanargmax(y)] - at_s[123_456]) < 5
+    assert np.isnan(y[np.searchsorted(x, at_s[200_000]) - 1])
+    view.force_plot.setXRange(at_s[1000], at_s[1100], padding=0)
+    for plot, values in ((view.force_plot, force_g), (view.speed_plot, speed_mm_s)):
+        x, y = plot.curves[0].getData()
+        assert np.array_equal(x, at_s[1000:1101]) and np.array_equal(y, values[1000:1101])
+    view.force_plot.setXRange(at_s[500] + 0.001, at_s[500] + 0.002, padding=0)
+    assert view.force_plot.curves[0].getData()[0].tolist() == at_s[500:502].tolist()
+    view.show_course(None)
     view.close()
 
 

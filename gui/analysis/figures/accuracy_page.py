@@ -49,6 +49,7 @@ class AccuracyPage(QWidget):
 
     def picture(self) -> Picture:
         """Return legend, plots and origin as a picture."""
+        self.plots.make_all()
         return widget_picture(self._figure)
 
     def _show_task(self) -> None:

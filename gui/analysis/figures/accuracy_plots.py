@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, QSize, Qt, Signal
-from PySide6.QtGui import QKeyEvent, QResizeEvent
+from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, QSize, Qt, QTimer, Signal
+from PySide6.QtGui import QHideEvent, QKeyEvent, QResizeEvent, QShowEvent
 
 from gui.analysis.figures.accuracy import AccuracyCurve, AccuracyPanel, AccuracyPlot
 from gui.analysis.figures.curve_looks import LOOKS, PAPER_PX, PAPER_SYMBOL, SYMBOL_PX, CurveLook
@@ -43,7 +43,11 @@ class AccuracyPoint(NamedTuple):
 
 
 class AccuracyPlots(PlotGrid):
-    """The plots of the tasks that are shown. Pointer and arrow keys choose a point."""
+    """The plots of the tasks that are shown. Pointer and arrow keys choose a point.
+
+    They are made when they come into view, one in each turn of the event loop: the plots of all
+    tasks take some tenths of a second, and STOP would wait.
+    """
 
     point_changed = Signal(str)
     """The chosen point in words, empty for none."""
@@ -58,6 +62,8 @@ class AccuracyPlots(PlotGrid):
         self.cells.setSpacing(GAP_PX)
         self.cells.setContentsMargins(GAP_PX, GAP_PX, GAP_PX, GAP_PX)
         self._n_columns = 0
+        self._timer = QTimer(self, interval=0)
+        self._timer.timeout.connect(self._add_next)
         self._ring = pg.ScatterPlotItem()
         self.graphics.scene().sigMouseMoved.connect(self._point_at)
         self.graphics.installEventFilter(self)
@@ -84,9 +90,18 @@ class AccuracyPlots(PlotGrid):
 
     def show_whole_range(self) -> None:
         """Undo the zoom."""
-        for number, plot in self.plots.items():
-            k_max = self.plot.panels[number].k_max
-            plot.setRange(xRange=(0, k_max * (1 + ROOM)), yRange=(0, TOP_PERCENT), padding=0)
+        for number in self.plots:
+            self._show_whole(number)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether every plot is made."""
+        return len(self.plots) == len(self._shown_panels())
+
+    def make_all(self) -> None:
+        """Make the plots that are missing, as for a picture."""
+        while not self.is_whole:
+            self._add_next()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Take the keys that choose a point or zoom."""
@@ -104,6 +119,16 @@ class AccuracyPlots(PlotGrid):
         if columns_of(len(self._shown_panels()), self.width()) != self._n_columns:
             self._lay_out()
 
+    def showEvent(self, event: QShowEvent) -> None:
+        """Go on to make the plots."""
+        super().showEvent(event)
+        self._timer.start()
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        """Make no more plots that nobody sees."""
+        super().hideEvent(event)
+        self._timer.stop()
+
     def _shown_panels(self) -> Sequence[int]:
         return range(len(self.plot.panels)) if self.alone is None else [self.alone]
 
@@ -113,15 +138,30 @@ class AccuracyPlots(PlotGrid):
         self.plots.clear()
         panels = self._shown_panels()
         self._n_columns = columns_of(len(panels), self.width())
-        for place, number in enumerate(panels):
-            row, column = divmod(place, self._n_columns)
-            self.plots[number] = self._add(row, column, self.plot.panels[number])
-            self._draw(number)
         is_narrow = self._n_columns < wanted_columns(len(panels))
         row_px = scaled_px(ROOMY_ROW_PX if is_narrow else ROW_PX)
         self.setMinimumSize(scaled_px(PLOT_PX), row_px * ceil(len(panels) / self._n_columns))
-        self.show_whole_range()
         self._choose(None)
+        self.graphics.setUpdatesEnabled(False)  # each painting is one of all plots
+        if self.isVisible():
+            self._timer.start()
+
+    def _add_next(self) -> None:
+        """Add the next plot; the last one shows all of them."""
+        if self.is_whole:
+            self._timer.stop()
+            self.graphics.setUpdatesEnabled(True)
+            return
+        place = len(self.plots)
+        number = self._shown_panels()[place]
+        self.plots[number] = self._add(*divmod(place, self._n_columns), self.plot.panels[number])
+        self._draw(number)
+        self._show_whole(number)
+
+    def _show_whole(self, number: int) -> None:
+        k_max = self.plot.panels[number].k_max
+        x, y = (0, k_max * (1 + ROOM)), (0, TOP_PERCENT)
+        self.plots[number].setRange(xRange=x, yRange=y, padding=0)
 
     def _add(self, row: int, column: int, panel: AccuracyPanel) -> pg.PlotItem:
         plot = self.cells.addPlot(row=row, col=column, enableMenu=False)
@@ -216,7 +256,8 @@ class AccuracyPlots(PlotGrid):
 
     def _step(self, key: int) -> bool:
         """Go to another point; the first key chooses the first point."""
-        numbers = list(self.plots)
+        if not (numbers := list(self.plots)):
+            return False
         point = self.point or AccuracyPoint(numbers[0], (self._shown(numbers[0]) or [0])[0], 1)
         sideways = {_Key.Key_Left: -1, _Key.Key_Right: 1, _Key.Key_Home: -9999, _Key.Key_End: 9999}
         if key in sideways:

@@ -40,7 +40,6 @@ class ConfusionPage(QWidget):
         self.task.currentIndexChanged.connect(lambda _: self._offer_representations())
         self.representation.currentIndexChanged.connect(lambda _: self._show())
         self.view.cell_changed.connect(self.readout.show_words)
-        self._show()
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
@@ -70,7 +69,8 @@ class ConfusionPage(QWidget):
         matrix = self._matrices()[self.representation.currentData()]
         self.name.setText(f"{matrix.task} · {matrix.representation}")
         self.words.setText(matrix.right_words())
-        self.view.show_matrix(matrix)
+        if matrix is not self.view.matrix:
+            self.view.show_matrix(matrix)
 
     def _lay_out(self) -> None:
         origin = label(self._plot.origin, "muted", wraps=True)

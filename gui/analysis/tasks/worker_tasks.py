@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from gui.live.replay.replay_tasks import ReplayTrial
     from rigctl.analysis.execution.executor import Progress
     from rigctl.analysis.learning.session_curve import SessionCurve, SessionCurves
     from rigctl.analysis.report.report_folder import ReportRequest
@@ -158,6 +159,14 @@ class WorkerTasks:
     def load_trial(self, path: str, row: int) -> TrialData | ScanPicture:
         """Read an attempt of an open session; a scan of the moving finger becomes a picture."""
         return self._sessions.trial(path, row, Path(self._pictures.name))
+
+    def load_replay(self, path: str, row: int) -> ReplayTrial:
+        """Read an attempt of an open session of the drum for the live views."""
+        from gui.analysis.trials.read_trial import read_trial
+        from gui.live.replay.replay_tasks import replay_trial
+
+        session = self._sessions.drum_session(path)
+        return replay_trial(read_trial(session, row, self._sessions.taxel_range(path)))
 
     def compare_trials(
         self, trials: list[tuple[str, int]], train: int, neuron: str

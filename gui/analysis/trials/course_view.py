@@ -9,13 +9,17 @@ from PySide6.QtCore import Qt
 
 from gui.analysis.tasks.task_values import TrialCourse
 from gui.analysis.trial_view import LEAST_PX
+from gui.live.store.drum_course import thin_out
 from gui.widgets.plots.plot_axes import colour_axes, reserve_right, time_plot
 from gui.widgets.plots.plot_grid import PlotGrid
 from gui.widgets.theme import Theme
 
 
 class CourseView(PlotGrid):
-    """Two plots over the time since the trial's first sample; dashes are what was planned."""
+    """Two plots over the time since the trial's first sample; dashes are what was planned.
+
+    Of many points in view the lowest and highest of groups are drawn: STOP waits for a painting.
+    """
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
@@ -28,6 +32,8 @@ class CourseView(PlotGrid):
         self.speed_plot.setXLink(self.force_plot)
         for plot in (self.force_plot, self.speed_plot):
             plot.setMouseEnabled(x=True, y=False)
+        self._curves: list[pg.PlotCurveItem] = []
+        self.force_plot.getViewBox().sigXRangeChanged.connect(lambda *_: self._draw())
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
@@ -46,28 +52,36 @@ class CourseView(PlotGrid):
         self.show_heading(self.force_plot, heading, self._theme)
         for plot in (self.force_plot, self.speed_plot):
             plot.clear()
+        self._curves = []
         if course is None:
             return
         theme = self._theme
-        self._draw(self.force_plot, course.force_s, course.force_g, theme.force, course.planned_g)
-        speed = course.speed_mm_s
-        self._draw(self.speed_plot, course.speed_s, speed, theme.speed, course.planned_mm_s)
+        self._add(self.force_plot, course.force_g, theme.force, course.planned_g)
+        self._add(self.speed_plot, course.speed_mm_s, theme.speed, course.planned_mm_s)
         times = np.concatenate([course.force_s, course.speed_s])
         times = times[np.isfinite(times)]
         if len(times):
             self.force_plot.setXRange(times.min(), times.max(), padding=0.01)
+        self._draw()
 
-    def _draw(
-        self,
-        plot: pg.PlotItem,
-        x: NDArray[np.float64],
-        y: NDArray[np.float64],
-        colour: str,
-        planned: float,
-    ) -> None:
-        plot.addItem(pg.PlotCurveItem(x, y, pen=pg.mkPen(colour, width=1), connect="finite"))
+    def _add(self, plot: pg.PlotItem, y: NDArray[np.float64], colour: str, planned: float) -> None:
+        """Add an empty curve to a plot with room for these values, and what was planned."""
+        self._curves.append(pg.PlotCurveItem(pen=pg.mkPen(colour, width=1), connect="finite"))
+        plot.addItem(self._curves[-1])
         dashes = pg.mkPen(self._theme.set_point, width=1, style=Qt.PenStyle.DashLine)
         plot.addItem(pg.InfiniteLine(planned, angle=0, pen=dashes))
         known = y[np.isfinite(y)]
         low, high = min(0.0, known.min(initial=0.0)), max(planned, known.max(initial=0.0))
         plot.setYRange(low, high + 0.05 * (high - low or 1.0), padding=0)
+
+    def _draw(self) -> None:
+        """Draw what is in view, and a point beyond each end."""
+        if self.course is None or not self._curves:
+            return
+        left_s, right_s = self.force_plot.getViewBox().viewRange()[0]
+        course = self.course
+        values = (course.force_s, course.force_g), (course.speed_s, course.speed_mm_s)
+        for curve, (x, y) in zip(self._curves, values, strict=True):
+            first, last = np.flatnonzero(x <= left_s)[-1:], np.flatnonzero(x >= right_s)[:1]
+            part = slice(first.sum(), last.sum() + 1 if len(last) else None)
+            curve.setData(*thin_out(x[part], y[part]))

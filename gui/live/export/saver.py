@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from datetime import datetime
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -108,8 +109,10 @@ def _write_in_process(shown: ShownSamples, path: Path) -> str:
 
 
 def _serve_table(pipe: Connection, shown: ShownSamples, path: Path) -> None:
+    problem = ""
     try:
         write_table(shown, path)
-        pipe.send("")
     except RigctlError as error:
-        pipe.send(str(error))
+        problem = str(error)
+    with suppress(BrokenPipeError):  # the window has ended meanwhile
+        pipe.send(problem)

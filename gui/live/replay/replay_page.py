@@ -8,14 +8,15 @@ from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QAbstractSpinBox, QCheckBox, QLineEdit, QScrollBar, QWidget
 
 from gui.analysis.export.picture_foot import foot_text
-from gui.analysis.tasks.task_values import DRUM, SessionTable, TrialData
+from gui.analysis.tasks.task_values import DRUM, SessionTable
 from gui.analysis.tasks.worker import Worker
+from gui.live.live_data import LiveData
 from gui.live.live_plots import LivePlots
 from gui.live.page.pointer import Pointer
 from gui.live.page.readout import cursor_text
 from gui.live.replay.movie_maker import MovieMaker
 from gui.live.replay.player import Player
-from gui.live.replay.replay_data import fill
+from gui.live.replay.replay_tasks import ReplayTrial
 from gui.live.replay.voltage_plot import VoltagePlot
 from gui.live.review.navigation import SPANS_S
 from gui.live.time_plots import IN_TRIAL
@@ -184,7 +185,7 @@ class ReplayPage(QWidget):
         """Read an attempt; of several that were chosen quickly, only the last one."""
         self._row, self._is_late = row, self.worker.is_busy
         if not self._is_late:
-            self.worker.submit("load_trial", path=self._table.path, row=row)
+            self.worker.submit("load_replay", path=self._table.path, row=row)
             self._ask_voltage()
 
     def _next_trial(self) -> None:
@@ -200,7 +201,7 @@ class ReplayPage(QWidget):
     def _finish(self, task: str, result: Any) -> None:
         if task == "open_session":
             self._show_table(result)
-        elif isinstance(result, TrialData):
+        elif task == "load_replay":
             self._show_trial(result)
         elif task == "neuron_voltage":
             self.voltage.show_voltage(self.pointer.taxel, result)
@@ -226,15 +227,18 @@ class ReplayPage(QWidget):
         self.opened.emit(table.path)
         self._choose(min(row, table.n_rows - 1))
 
-    def _show_trial(self, data: TrialData) -> None:
-        fill(self.plots, data)
+    def _show_trial(self, trial: ReplayTrial) -> None:
+        data = LiveData(trial.layout.n_taxels, trial.timeline, trial.drum)
+        data.low, data.high = trial.low.astype(float), trial.high.astype(float)
+        self.plots.show_data(data, trial.layout)
+        n = len(trial.timeline)
         if self._fits_span:  # with the first trial of a session; a span chosen later stays
             self._fits_span = False
-            self.plots.set_span(_fitting_span_s(len(data.samples) / SAMPLE_RATE_HZ))
-        self.player.length, self.player.position = len(data.samples), 0.0
+            self.plots.set_span(_fitting_span_s(n / SAMPLE_RATE_HZ))
+        self.player.length, self.player.position = n, 0.0
         with QSignalBlocker(self.place):
-            self.place.setRange(0, max(0, len(data.samples) - 1))
-        show_text(self.sentence, foot_text(data.title, simulated=data.simulated))
+            self.place.setRange(0, max(0, n - 1))
+        show_text(self.sentence, foot_text(trial.title, simulated=trial.simulated))
         if self._plays and not self._is_late:
             self._plays = False
             self.player.play()

@@ -2,18 +2,68 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gui.analysis.tasks.task_values import TrialCourse, TrialData
+from gui.live.store.drum_course import DrumCourse
+from gui.live.store.timeline import Timeline
 from gui.widgets.typed_paths import typed_path
 from rigctl.errors import WrongUse
+from rigctl.session.format.metadata.sensor_layout import SensorLayout
+from rigctl.values import SAMPLE_RATE_HZ
 
 if TYPE_CHECKING:
     from rigctl.analysis.execution.executor import Progress
     from rigctl.encoding.normalisation import Normalisation
     from rigctl.session.read.session import Session
+
+
+class ReplayTrial(NamedTuple):
+    """A trial as the live views keep it: sample 0 is at position 0.
+
+    ``low``, ``high``: uint16 (n_taxels,), each taxel's lowest and highest reading.
+    """
+
+    title: str
+    simulated: bool
+    layout: SensorLayout
+    timeline: Timeline
+    drum: DrumCourse
+    low: NDArray[np.uint16]
+    high: NDArray[np.uint16]
+
+
+def replay_trial(data: TrialData) -> ReplayTrial:
+    """Return a trial for the live views, with what draws any part of it quickly."""
+    n, n_taxels = data.samples.shape
+    spikes = np.zeros((n, 2 * n_taxels), np.uint8)
+    np.add.at(spikes, (data.spike_sample, data.spike_row), 1)
+    counters = np.arange(n, dtype=np.int64)
+    timeline = Timeline(max(n, 1), n_taxels, 2 * n_taxels)
+    flags = np.zeros(n, np.uint8)
+    timeline.append(counters / SAMPLE_RATE_HZ, counters, data.samples, flags, spikes)
+    low, high = data.samples.min(axis=0), data.samples.max(axis=0)
+    drum = _drum_course(data.course)
+    return ReplayTrial(data.title, data.simulated, data.layout, timeline, drum, low, high)
+
+
+def _drum_course(course: TrialCourse | None) -> DrumCourse:
+    drum = DrumCourse()
+    if course is None or not np.isfinite(course.speed_s).any():
+        return drum
+    known = np.isfinite(course.force_s)
+    at_s = course.force_s[known]
+    columns = {
+        "force_g": course.force_g[known],
+        "force_set_g": np.full(len(at_s), course.planned_g),
+        "speed_mm_s": np.interp(at_s, course.speed_s, course.speed_mm_s),
+        "speed_set_mm_s": np.full(len(at_s), course.planned_mm_s),
+    }
+    drum.append(at_s * SAMPLE_RATE_HZ, columns)
+    return drum
 
 
 def neuron_voltage(

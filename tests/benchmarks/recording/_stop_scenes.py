@@ -1,7 +1,8 @@
 """Press STOP in every scene of a window with an engine; print scene and time of each press.
 
 The presses are posted by a thread at their times, as those of a keyboard and a mouse are: what
-holds the window's thread holds them.
+holds the window's thread holds them. The longest turn of the event loop in each scene is measured
+in processor time of that thread, which a busy computer changes less.
 """
 
 from __future__ import annotations
@@ -14,15 +15,16 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import QEvent, QPointF, Qt
+from PySide6.QtCore import QAbstractEventDispatcher, QEvent, QPointF, Qt
 from PySide6.QtGui import QKeyEvent, QMouseEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
 from shiboken6 import delete
 
 from gui.analysis.results import AnalysisResults, plot_page
-from gui.analysis.tasks.task_values import TrialData
+from gui.analysis.tasks.task_values import TrialCourse, TrialData
 from gui.analysis.trials.read_trial import block_extremes
+from gui.live.replay.replay_tasks import replay_trial
 from gui.shell.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
@@ -33,7 +35,28 @@ SIZE = (1400, 900)
 PRESSES, BETWEEN_S, FIRST_S = 6, 0.23, 0.02
 LONG_SAMPLES = 600_000
 """Ten minutes in one trial."""
+HOUR_POINTS = 288_000
+"""Readings of the load cell in an hour."""
 _KEYS = Qt.KeyboardModifier.NoModifier
+
+
+class Turns:
+    """Measures the turns of the event loop: at its beginning or end each one tells."""
+
+    def __init__(self) -> None:
+        self.longest_ms = self._begun_s = 0.0
+        dispatcher = QAbstractEventDispatcher.instance()
+        dispatcher.awake.connect(self._turn)
+        dispatcher.aboutToBlock.connect(self._turn)
+
+    def begin(self) -> None:
+        """Forget the turns of before."""
+        self.longest_ms, self._begun_s = 0.0, time.thread_time()
+
+    def _turn(self) -> None:
+        now_s = time.thread_time()
+        self.longest_ms = max(self.longest_ms, 1000 * (now_s - self._begun_s))
+        self._begun_s = now_s
 
 
 class StopScenes:
@@ -44,10 +67,12 @@ class StopScenes:
         self.window = MainWindow(choice=ThemeChoice.LIGHT)
         self.window.resize(*SIZE)
         self.presses: list[tuple[str, float]] = []
+        self.turns, self.turns_ms = Turns(), dict[str, float]()
 
     def connect(self) -> None:
         """Connect to a virtual rig in real time, and press until the force is held."""
         self.window.show()
+        self.window.replay.prepare()
         self.window.connect_rig("virtual")
         link = self.window.engine_link
         self._until(lambda: link.status.drum_connected and link.status.taxels_connected)
@@ -86,6 +111,13 @@ class StopScenes:
         yield "a session of 24,000 trials", tab.panel.open_button.click
         trial = _long_trial()
         yield "a trial of ten minutes", lambda: tab.trial_view.show_trial(trial)
+        yield "an hour of force and speed", lambda: tab.trial_view.setCurrentIndex(1)
+        yield "page Replay", window.replay.show
+        replay = replay_trial(trial)
+        yield "a replay of ten minutes", lambda: window.replay.page._show_trial(replay)
+        window.replay.hide()
+        window.show_panel("analysis")
+        tab._analysed = self._session
         pages = (
             plot_page("Accuracy", largest_accuracy()),
             plot_page("Confusion", largest_confusion()),
@@ -94,6 +126,7 @@ class StopScenes:
         yield "results", lambda: tab._finish("analyse", results)
         for suffix in ("png", "svg", "pdf"):
             yield f"picture {suffix}", window.save_menu.actions[suffix].trigger
+        self._until(lambda: not tab.reader.is_busy)
 
     def _scene(self, name: str, action: Callable[[], object]) -> None:
         begun_s = time.monotonic() + FIRST_S
@@ -101,9 +134,11 @@ class StopScenes:
         events = [self._events(number) for number in range(PRESSES)]
         thread = threading.Thread(target=_post, args=(times_s, events))
         thread.start()
+        self.turns.begin()
         action()
         self._until(lambda: not thread.is_alive())
         QTest.qWait(300)
+        self.turns_ms[name] = self.turns.longest_ms
         self.presses += [(name, at_s) for at_s in times_s]
 
     def _events(self, number: int) -> list[tuple[QWidget, QEvent]]:
@@ -129,8 +164,10 @@ def _long_trial() -> TrialData:
     rng, layout = np.random.default_rng(0), SensorLayout.default(18)
     samples = rng.integers(0, 1023, (LONG_SAMPLES, 18)).astype(np.uint16)
     rows, at = rng.integers(0, 36, LONG_SAMPLES), rng.integers(0, LONG_SAMPLES, LONG_SAMPLES)
+    at_s = np.arange(HOUR_POINTS) / 80
+    course = TrialCourse(at_s, 250 + rng.random(HOUR_POINTS), at_s, at_s * 0 + 40, 250.0, 40.0)
     blocks = block_extremes(samples)
-    return TrialData("Trial 1: plate A", samples, rows, at, layout, blocks=blocks)
+    return TrialData("Trial 1: plate A", samples, rows, at, layout, course, blocks=blocks)
 
 
 def _click(button: QWidget) -> list[QEvent]:
@@ -158,6 +195,7 @@ def main() -> None:
     print("connected", flush=True)
     sys.stdin.readline()
     scenes.play()
-    print(json.dumps({"presses": scenes.presses, "restyled_ms": scenes.restyled_ms()}), flush=True)
+    answer = {"presses": scenes.presses, "turns_ms": scenes.turns_ms}
+    print(json.dumps({**answer, "restyled_ms": scenes.restyled_ms()}), flush=True)
     scenes.window.close()
     delete(scenes.window)
