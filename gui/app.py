@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from gui.shell.main_window import MainWindow
 
 DEBIAN_PACKAGES = "libegl1 libgl1 libxkbcommon-x11-0 libxcb-cursor0 libdbus-1-3 libfontconfig1"
+SOON_MS = 100
+"""After the start: the window is on the screen by then."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -137,7 +139,7 @@ def run(args: argparse.Namespace) -> int:
         signal.signal(number, lambda *_: QTimer.singleShot(0, window.attach.leave))
     Thread(target=_load_compiler).start()
     window.analysis_tab.prepare()
-    window.replay.prepare()
+    QTimer.singleShot(SOON_MS, window, window.prepare)
     _connect(window, rig, str(args.world or ""), is_finger=is_finger)
     code = int(QApplication.exec())
     for link in (window.engine_link, window.finger_tab.link):

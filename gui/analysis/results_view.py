@@ -37,6 +37,11 @@ class ResultsView(PageTabs):
         assert isinstance(widget, ResultWidget)
         return widget
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether everything on the page in front is made."""
+        return not isinstance(self.page, AccuracyPage) or self.page.plots.is_whole
+
     def show_results(self, results: AnalysisResults) -> None:
         """Replace the tabs; the first page comes to the front."""
         self.results = results

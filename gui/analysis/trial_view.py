@@ -73,6 +73,7 @@ class TrialView(PlotGrid):
         if data is None or not len(data.samples):
             return
         self._rows = rows
+        self.samples_plot.setXRange(0, len(data.samples) / SAMPLE_RATE_HZ, padding=0)
         whole = data.samples if data.blocks is None else np.concatenate(list(data.blocks))
         self._low = whole.min(axis=0).astype(float)
         self._span = np.maximum(whole.max(axis=0) - self._low, 1.0)
@@ -82,7 +83,6 @@ class TrialView(PlotGrid):
                 curve = pg.PlotCurveItem(pen=pg.mkPen(colour, width=1), skipFiniteCheck=True)
                 plot.addItem(curve)
                 self._curves.append(curve)
-        self.samples_plot.setXRange(0, len(data.samples) / SAMPLE_RATE_HZ, padding=0)
         self._draw()
 
     def _draw(self) -> None:

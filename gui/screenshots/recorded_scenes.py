@@ -52,11 +52,11 @@ def _analyses(studio: Studio) -> Iterator[Scene]:
         box.method.setCurrentText(METHODS[method].name)
         box.run_button.click()
         studio.camera.wait(partial(_is_idle, studio))
-        yield Scene(name)
+        yield Scene(name, lambda: tab.results_view.is_whole)
     results = tab.results_view
     for index in range(1, results.count()):
         results.setCurrentIndex(index)
-        yield Scene(f"results-{file_name(results.tabText(index))}")
+        yield Scene(f"results-{file_name(results.tabText(index))}", lambda: results.is_whole)
 
 
 def _replay(studio: Studio) -> Iterator[Scene]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from PySide6.QtCore import Qt, QTimer
+from PySide6.QtCore import QRect, Qt, QTimer
 from PySide6.QtGui import QCloseEvent, QGuiApplication
 from PySide6.QtWidgets import QApplication, QStackedWidget, QWidget
 
@@ -103,6 +103,14 @@ class MainWindow(SteadyFocusWindow):
         self.timer.setTimerType(Qt.TimerType.PreciseTimer)
         self.timer.timeout.connect(self.poll)
         self.timer.start(FRAME_MS)
+
+    def prepare(self) -> None:
+        """Make and lay out what is not in view before a rig moves, for later STOP waits for it.
+
+        Qt lays out every hidden page for the first picture of any.
+        """
+        assert self.replay.page
+        self.grab(QRect(0, 0, 1, 1))
 
     def poll(self) -> None:
         """Process the messages of engine and workers, and draw new samples; 30 times a second."""

@@ -158,6 +158,7 @@ def test_paper_analysis_has_options_of_command_line(
     QTest.mouseClick(bar, Qt.MouseButton.LeftButton, pos=bar.tabRect(1).center())
     page = view.currentWidget()
     assert isinstance(page, AccuracyPage)
+    wait_until(lambda: page.plots.is_whole)
     QTest.keyClick(page.plots.graphics, Qt.Key.Key_End)
     saved = json.loads((report / "results.json").read_text())["tasks"]["textures"]
     mean = 100 * saved["representations"]["original"]["mean"][0]

@@ -9,6 +9,7 @@ import pytest
 from PySide6.QtCore import QCoreApplication, QEvent, QSize
 from PySide6.QtWidgets import QApplication, QWidget
 
+from gui.analysis.figures.accuracy_plots import AccuracyPlots
 from gui.shell.appearance import TEXT_SIZES_PERCENT
 from gui.shell.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
@@ -42,6 +43,9 @@ def _measure(
             QApplication.processEvents()
             if scene != SILENT:
                 stage.update()
+            for plots in window.findChildren(AccuracyPlots):
+                if plots.isVisible():
+                    plots.make_all()
             cuts = _cuts_that_stay(window)
             if window.size() != QSize(*size):
                 width, height = window.size().toTuple()

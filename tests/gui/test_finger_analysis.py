@@ -70,6 +70,7 @@ def test_the_experiment_is_analysed_with_its_later_sessions(
     assert names[:3] == ["Figure 4B", "Figure 4C", "Figure S5"]
     first = view.widget(0)
     assert isinstance(first, AccuracyPage)
+    wait_until(lambda: first.plots.is_whole)
     QTest.keyClick(first.plots.graphics, Qt.Key.Key_Right)
     words = first.readout.label.text()
     assert "Fig. 4B Same session · Original, 1 component" in words and "paper: 65.00" in words

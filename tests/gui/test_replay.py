@@ -10,14 +10,11 @@ from PySide6.QtCore import QPoint, Qt
 from PySide6.QtGui import QAction
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QPushButton, QTableView, QWidget
-from shiboken6 import delete
 
 from gui.live.replay.player import Player
 from gui.live.replay.replay_page import NO_SESSION
 from gui.live.replay.replay_tasks import ReplayTrial
 from gui.live.review.navigation import SPANS_S
-from gui.shell.main_window import MainWindow
-from gui.widgets.theme import ThemeChoice
 from rigctl.encoding.encoder import encode_trial
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.session.read.session import Session
@@ -95,18 +92,6 @@ def test_a_session_replays_with_v_of_t_and_becomes_a_movie(
     page.movies.kind.setCurrentText("GIF")
     window.replay.hide()
     assert window.stack.currentWidget() is window.live_page
-
-
-def test_the_page_is_made_soon_after_the_start_before_a_rig_moves(qapp: QApplication) -> None:
-    """The first replay kept the window, and STOP with it, for more than a tenth of a second."""
-    window = MainWindow(choice=ThemeChoice.LIGHT)
-    window.show()
-    window.replay.prepare()
-    assert not window.replay.is_made
-    wait_until(lambda: window.replay.is_made)
-    assert window.stack.currentWidget() is window.live_page and not window.replay.is_shown
-    window.close()
-    delete(window)
 
 
 def test_the_worker_fills_the_live_views_with_the_extremes_of_the_trial(

@@ -99,6 +99,14 @@ class TrialData(NamedTuple):
         origin = f"{data_words(simulated=True)} · " if self.simulated else ""
         return f"{origin}{self.title}"
 
+    @property
+    def spike_counts(self) -> NDArray[np.uint8]:
+        """The spikes of each row at each sample, (n, 2 * n_taxels)."""
+        n, n_rows = len(self.samples), 2 * self.samples.shape[1]
+        counts = np.zeros(n * n_rows, np.uint8)
+        np.add.at(counts, self.spike_sample * n_rows + self.spike_row, np.uint8(1))
+        return counts.reshape(n, n_rows)
+
 
 class ScanPicture(NamedTuple):
     """The path of the picture of one scan of the moving finger."""

@@ -55,13 +55,13 @@ class CourseView(PlotGrid):
         self._curves = []
         if course is None:
             return
-        theme = self._theme
-        self._add(self.force_plot, course.force_g, theme.force, course.planned_g)
-        self._add(self.speed_plot, course.speed_mm_s, theme.speed, course.planned_mm_s)
         times = np.concatenate([course.force_s, course.speed_s])
         times = times[np.isfinite(times)]
         if len(times):
             self.force_plot.setXRange(times.min(), times.max(), padding=0.01)
+        theme = self._theme
+        self._add(self.force_plot, course.force_g, theme.force, course.planned_g)
+        self._add(self.speed_plot, course.speed_mm_s, theme.speed, course.planned_mm_s)
         self._draw()
 
     def _add(self, plot: pg.PlotItem, y: NDArray[np.float64], colour: str, planned: float) -> None:

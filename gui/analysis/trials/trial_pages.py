@@ -112,8 +112,7 @@ def _readings(data: TrialData) -> ValueTable:
     n_samples, n = data.samples.shape
     taxels = tuple(f"T{taxel + 1} (counts)" for taxel in range(n))
     trains = [f"{kind} {taxel + 1} (spikes)" for kind in ("SA", "RA") for taxel in range(n)]
-    counts = np.zeros((n_samples, 2 * n), np.int64)
-    np.add.at(counts, (data.spike_sample, data.spike_row), 1)
+    counts = data.spike_counts
     time_s = np.arange(n_samples) / SAMPLE_RATE_HZ
     return ValueTable(("time (s)", *taxels, *trains), (time_s, *data.samples.T, *counts.T))
 

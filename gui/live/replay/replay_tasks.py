@@ -39,11 +39,10 @@ class ReplayTrial(NamedTuple):
 def replay_trial(data: TrialData) -> ReplayTrial:
     """Return a trial for the live views, with what draws any part of it quickly."""
     n, n_taxels = data.samples.shape
-    spikes = np.zeros((n, 2 * n_taxels), np.uint8)
-    np.add.at(spikes, (data.spike_sample, data.spike_row), 1)
     counters = np.arange(n, dtype=np.int64)
     timeline = Timeline(max(n, 1), n_taxels, 2 * n_taxels)
     flags = np.zeros(n, np.uint8)
+    spikes = data.spike_counts
     timeline.append(counters / SAMPLE_RATE_HZ, counters, data.samples, flags, spikes)
     low, high = data.samples.min(axis=0), data.samples.max(axis=0)
     drum = _drum_course(data.course)

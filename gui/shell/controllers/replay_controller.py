@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QObject, QTimer, Signal
+from PySide6.QtCore import QObject, Signal
 
 from gui.analysis.session_panel import SessionPanel
 from gui.analysis.tasks.task_values import DRUM
@@ -18,15 +18,12 @@ if TYPE_CHECKING:
     from gui.live.replay.replay_page import ReplayPage
 
 NAME = "replay"
-SOON_MS = 100
-"""After the start: the window is on the screen by then."""
 
 
 class ReplayController(QObject):
     """Shows and hides the page, which takes over what was chosen last.
 
-    The page is made when it is first needed, or soon after :meth:`prepare`: that takes a tenth of
-    a second, by which the window is there sooner, and for which STOP would wait later.
+    The page is made when it is first needed: the window is there a tenth of a second sooner.
     """
 
     reported = Signal(str, str)
@@ -59,10 +56,6 @@ class ReplayController(QObject):
         page.path_requested.connect(self.path_requested)
         self._stack.add_page(NAME, page)
         return page
-
-    def prepare(self) -> None:
-        """Make the page before a rig moves."""
-        QTimer.singleShot(SOON_MS, self, lambda: self.page)
 
     @property
     def is_made(self) -> bool:

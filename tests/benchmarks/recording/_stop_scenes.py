@@ -72,7 +72,7 @@ class StopScenes:
     def connect(self) -> None:
         """Connect to a virtual rig in real time, and press until the force is held."""
         self.window.show()
-        self.window.replay.prepare()
+        self.window.prepare()
         self.window.connect_rig("virtual")
         link = self.window.engine_link
         self._until(lambda: link.status.drum_connected and link.status.taxels_connected)

@@ -48,6 +48,8 @@ def results_scenes(window: MainWindow) -> Iterator[str]:
         QApplication.processEvents()
         page = tab.results_view.page
         assert isinstance(page, AccuracyPage | ConfusionPage)
+        if isinstance(page, AccuracyPage):
+            page.plots.make_all()
         graphics = page.plots.graphics if isinstance(page, AccuracyPage) else page.view.graphics
         for key in (Qt.Key.Key_Right, Qt.Key.Key_Down, Qt.Key.Key_Down):
             QTest.keyClick(graphics, key)
