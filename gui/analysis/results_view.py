@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import Qt, QTimer
 
 from gui.analysis.export.export_button import ExportButton
 from gui.analysis.export.picture_file import Picture, with_foot
@@ -21,7 +21,7 @@ ResultWidget = AccuracyPage | ConfusionPage | FigureView | TextPage
 
 
 class ResultsView(PageTabs):
-    """One tab per page of the latest results."""
+    """One tab per page of the latest results, made one in each turn of the event loop."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -29,6 +29,8 @@ class ResultsView(PageTabs):
         self.save_button.setEnabled(False)
         self.setCornerWidget(self.save_button, Qt.Corner.TopRightCorner)
         self.results = AnalysisResults("", ())
+        self._timer = QTimer(self, interval=0)
+        self._timer.timeout.connect(self._add_next)
 
     @property
     def page(self) -> ResultWidget:
@@ -39,8 +41,10 @@ class ResultsView(PageTabs):
 
     @property
     def is_whole(self) -> bool:
-        """Whether everything on the page in front is made."""
-        return not isinstance(self.page, AccuracyPage) or self.page.plots.is_whole
+        """Whether all pages, and everything on the page in front, are made."""
+        page = self.currentWidget()
+        is_drawn = not isinstance(page, AccuracyPage) or page.plots.is_whole
+        return self.count() == len(self.results.pages) and is_drawn
 
     def show_results(self, results: AnalysisResults) -> None:
         """Replace the tabs; the first page comes to the front."""
@@ -48,8 +52,8 @@ class ResultsView(PageTabs):
         while (page := self.widget(0)) is not None:
             self.removeTab(0)
             page.deleteLater()
-        for result in results.pages:
-            self.addTab(_view(result, applied_theme()), result.name)
+        self._add_next()
+        self._timer.start()
         self.save_button.setEnabled(bool(results.pages))
 
     def set_theme(self, theme: Theme) -> None:
@@ -76,6 +80,14 @@ class ResultsView(PageTabs):
         if isinstance(page, TextPage):
             return with_foot(page.picture(), self.results.origin)
         return page.picture()
+
+    def _add_next(self) -> None:
+        """Add the next page, if one is missing."""
+        if self.count() == len(self.results.pages):
+            self._timer.stop()
+            return
+        page = self.results.pages[self.count()]
+        self.addTab(_view(page, applied_theme()), page.name)
 
 
 def _view(page: ResultsPage, theme: Theme) -> ResultWidget:

@@ -69,6 +69,7 @@ def test_classify_shows_a_sentence_and_a_figure(opened: Harness, session: Path) 
     wait_until(lambda: bool(panel.run_box.result.text()), timeout_ms=60_000)
     assert "chance" in panel.run_box.result.text()
     view = opened.window.analysis_tab.results_view
+    wait_until(lambda: view.is_whole)
     names = [view.tabText(i) for i in range(view.count())]
     assert names == ["Accuracy", "Confusion", "Spikes", "In words"]
     assert isinstance(view.widget(0), AccuracyPage) and isinstance(view.widget(1), ConfusionPage)
@@ -107,6 +108,7 @@ def choose(box: QComboBox, text: str) -> None:
 
 def page_text(view: ResultsView, name: str) -> str:
     """Return the plain text of a page of results."""
+    wait_until(lambda: view.is_whole)
     names = [view.tabText(i) for i in range(view.count())]
     page = view.widget(names.index(name))
     assert isinstance(page, QTextBrowser)
@@ -136,6 +138,7 @@ def test_paper_analysis_has_options_of_command_line(
     assert (report / "report.html").exists()
     view = tab.results_view
     assert opened.window.stack.currentWidget() is tab.results_panel
+    wait_until(lambda: view.is_whole)
     names = [view.tabText(i) for i in range(view.count())]
     assert names == ["Table 1", "Accuracy", "Confusion", "One taxel", "Remarks"]
     assert "Speed and Force Scaled, texture-blind" in page_text(view, "Table 1")

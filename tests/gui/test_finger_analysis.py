@@ -66,11 +66,11 @@ def test_the_experiment_is_analysed_with_its_later_sessions(
     click(run_box.run_button)
     wait_until(lambda: "The report is" in run_box.result.text(), 120_000)
     view = tab.results_view
+    wait_until(lambda: view.is_whole)
     names = [view.tabText(i) for i in range(view.count())]
     assert names[:3] == ["Figure 4B", "Figure 4C", "Figure S5"]
     first = view.widget(0)
     assert isinstance(first, AccuracyPage)
-    wait_until(lambda: first.plots.is_whole)
     QTest.keyClick(first.plots.graphics, Qt.Key.Key_Right)
     words = first.readout.label.text()
     assert "Fig. 4B Same session · Original, 1 component" in words and "paper: 65.00" in words

@@ -208,7 +208,7 @@ def test_large_pages_are_saved_while_the_window_answers(
     tab._show(tab.results_panel)
     for index, page in enumerate(("accuracy", "confusion")):
         tab.results_view.setCurrentIndex(index)
-        watchdog.run_until(lambda: True)
+        watchdog.run_until(lambda: tab.results_view.is_whole)
         for suffix in ("png", "svg", "pdf"):
             file = tmp_path / "session-figures" / f"large-{page}.{suffix}"
             watchdog.run(window.save_menu.actions[suffix].trigger)

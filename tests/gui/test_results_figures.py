@@ -14,6 +14,7 @@ from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
+from gui.analysis.export.picture_file import painted_image
 from gui.analysis.export.value_file import save_new, with_origin
 from gui.analysis.figures.accuracy import (
     AccuracyCurve,
@@ -70,7 +71,7 @@ def shown(harness: Harness, tmp_path: Path) -> Iterator[Harness]:
     wait_until(lambda: not tab.worker.is_busy)
     tab._finish("analyse", results)
     assert window.stack.currentWidget() is tab.results_panel
-    wait_until(lambda: accuracy_page(harness).plots.is_whole)
+    wait_until(lambda: tab.results_view.is_whole)
     yield harness
     tab.trial_view.show_trial(None)
     tab._show(tab.trial_view)
@@ -153,26 +154,28 @@ def test_one_task_alone_is_shown_large(shown: Harness) -> None:
     wait_until(lambda: list(page.plots.plots) == [0, 1])
 
 
-def test_plots_are_made_in_view_and_one_in_each_turn_of_the_event_loop(shown: Harness) -> None:
+def test_pages_and_plots_are_made_one_in_each_turn_and_plots_only_in_view(shown: Harness) -> None:
     """All of them at once kept the window, and STOP with it, for most of a second."""
     tab, view = shown.window.analysis_tab, shown.window.analysis_tab.results_view
     panels = tuple(ACCURACY.panels[0]._replace(title=f"Task {task}") for task in range(6))
     curves = plot_page("Accuracy", ACCURACY._replace(panels=panels))
-    tab._finish("analyse", AnalysisResults("done", (curves, curves._replace(name="Again"))))
-    first, hidden = (page for page in map(view.widget, (0, 1)) if isinstance(page, AccuracyPage))
-    made = [len(first.plots.plots)]
+    tab._finish("analyse", AnalysisResults("done", (curves,) * 4))
+    first = accuracy_page(shown)
+    made = [(view.count(), len(first.plots.plots))]
     QTest.keyClick(first.plots.graphics, _Key.Key_PageDown)  # before there is a plot
     dispatcher = QAbstractEventDispatcher.instance()
-    while not first.plots.is_whole:
+    while not view.is_whole:
         dispatcher.processEvents(QEventLoop.ProcessEventsFlag.AllEvents)
-        made.append(len(first.plots.plots))
-    assert max(np.diff(made)) == 1 and made[-1] == 6
-    wait_until(first.plots.graphics.updatesEnabled)
-    assert not hidden.plots.plots
+        made.append((view.count(), len(first.plots.plots)))
+    assert made[0] == (1, 0) and made[-1] == (4, 6) and np.diff(made, axis=0).max() == 1
+    hidden = view.widget(1)
+    assert isinstance(hidden, AccuracyPage) and not hidden.plots.plots
     view.setCurrentIndex(1)
     assert not hidden.plots.is_whole
-    hidden.picture()
+    early = painted_image(hidden.picture(), 1)
     assert hidden.plots.is_whole, "a picture has every plot"
+    wait_until(lambda: painted_image(hidden.picture(), 1) == early)
+    assert early == painted_image(first.picture(), 1)
 
 
 def test_all_tasks_of_the_paper_are_seen_with_their_axes_without_scrolling(

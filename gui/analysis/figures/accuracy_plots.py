@@ -11,6 +11,7 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QHideEvent, QKeyEvent, QResizeEvent, QShowEvent
+from PySide6.QtWidgets import QGraphicsView
 
 from gui.analysis.figures.accuracy import AccuracyCurve, AccuracyPanel, AccuracyPlot
 from gui.analysis.figures.curve_looks import LOOKS, PAPER_PX, PAPER_SYMBOL, SYMBOL_PX, CurveLook
@@ -32,6 +33,7 @@ ROW_PX, ROOMY_ROW_PX = 108, 166
 GAP_PX = 4
 ZOOM = 1.25
 _Key = Qt.Key
+_UPDATE = QGraphicsView.ViewportUpdateMode
 
 
 class AccuracyPoint(NamedTuple):
@@ -102,6 +104,8 @@ class AccuracyPlots(PlotGrid):
         """Make the plots that are missing, as for a picture."""
         while not self.is_whole:
             self._add_next()
+        for part in (self.cells, *self.plots.values()):
+            part.layout.activate()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Take the keys that choose a point or zoom."""
@@ -142,21 +146,22 @@ class AccuracyPlots(PlotGrid):
         row_px = scaled_px(ROOMY_ROW_PX if is_narrow else ROW_PX)
         self.setMinimumSize(scaled_px(PLOT_PX), row_px * ceil(len(panels) / self._n_columns))
         self._choose(None)
-        self.graphics.setUpdatesEnabled(False)  # each painting is one of all plots
+        self.graphics.setViewportUpdateMode(_UPDATE.NoViewportUpdate)  # one is of all plots
         if self.isVisible():
             self._timer.start()
 
     def _add_next(self) -> None:
         """Add the next plot; the last one shows all of them."""
+        if not self.is_whole:
+            place = len(self.plots)
+            number, cell = self._shown_panels()[place], divmod(place, self._n_columns)
+            self.plots[number] = self._add(*cell, self.plot.panels[number])
+            self._draw(number)
+            self._show_whole(number)
         if self.is_whole:
             self._timer.stop()
-            self.graphics.setUpdatesEnabled(True)
-            return
-        place = len(self.plots)
-        number = self._shown_panels()[place]
-        self.plots[number] = self._add(*divmod(place, self._n_columns), self.plot.panels[number])
-        self._draw(number)
-        self._show_whole(number)
+            self.graphics.setViewportUpdateMode(_UPDATE.MinimalViewportUpdate)
+            self.graphics.viewport().update()
 
     def _show_whole(self, number: int) -> None:
         k_max = self.plot.panels[number].k_max

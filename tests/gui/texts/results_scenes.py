@@ -23,6 +23,7 @@ from gui.analysis.results import AnalysisResults, ResultsPage, plot_page
 from gui.shell.main_window import MainWindow
 from rigctl.analysis.features.representations import REPRESENTATIONS
 from rigctl.analysis.paper.published import GROUPS, TASKS
+from tests.gui.steps import wait_until
 
 ORIGIN = "SIMULATED data · dense-coding-of-surface-textures-20261123-205501-report-12"
 TITLES = [" ".join(filter(None, (task.figure, task.title))) for task in TASKS[:6]]
@@ -42,6 +43,7 @@ def results_scenes(window: MainWindow) -> Iterator[str]:
     results = AnalysisResults(sentence, pages, name=name, simulated=True)
     tab.results_panel.show_results(results, "Sessions: dense-coding-of-surface-textures-20261123")
     window.stack.setCurrentWidget(tab.results_panel)
+    wait_until(lambda: tab.results_view.is_whole)
     yield "Analysis, results"
     for index in (1, 2):
         tab.results_view.setCurrentIndex(index)
