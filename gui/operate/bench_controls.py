@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from itertools import chain
 from string import ascii_uppercase
 from typing import Any
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QComboBox, QGridLayout, QGroupBox, QLabel
+from PySide6.QtWidgets import QComboBox, QGridLayout, QGroupBox, QLabel, QWidget
 
+from gui.widgets.file_combo_box import ElidedComboBox
 from gui.widgets.focus_wheel import focus_wheel
 from gui.widgets.layouts import push_button
 from rigctl.acquisition.rpc.messages import EngineStatus
@@ -58,7 +58,10 @@ class BenchControls(QGroupBox):
         self.fault.addItems(list(FAULTS))
         self.inject = push_button("Inject", self._inject)
         self.inject.setAccessibleName("Inject the chosen fault")
-        self.wiring = focus_wheel(QComboBox())
+        self.wiring = focus_wheel(ElidedComboBox())
+        narrow = QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon
+        self.wiring.setSizeAdjustPolicy(narrow)
+        self.wiring.setMinimumContentsLength(8)
         for wiring in WIRINGS.values():
             self.wiring.addItem(wiring.name)
             self.wiring.setItemData(
@@ -68,17 +71,19 @@ class BenchControls(QGroupBox):
         self.wire = push_button(WRONGLY, self._wire)
         self.wire.setAccessibleName("Switch the chosen wrong wiring on or off")
         self._wirings_on: tuple[str, ...] = ()
-        self._rows = (
-            (QLabel("Fault"), self.fault, self.inject),
-            (QLabel("Wiring"), self.wiring, self.wire),
-        )
+        fault_label, wiring_label = QLabel("Fault"), QLabel("Wiring")
+        self._simulated_only: tuple[QWidget, ...] = (fault_label, self.fault, self.inject)
+        self._simulated_only += (wiring_label, self.wiring, self.wire)
         grid = QGridLayout(self)
         grid.setContentsMargins(8, 6, 8, 8)
         grid.addWidget(QLabel("Plate"), 0, 0)
         grid.addWidget(self.plate, 0, 1, 1, 2)
-        for row, widgets in enumerate(self._rows, 1):
-            for column, widget in enumerate(widgets):
-                grid.addWidget(widget, row, column)
+        grid.addWidget(fault_label, 1, 0)
+        grid.addWidget(self.fault, 1, 1)
+        grid.addWidget(self.inject, 1, 2)
+        grid.addWidget(wiring_label, 2, 0)
+        grid.addWidget(self.wiring, 2, 1, 1, 2)
+        grid.addWidget(self.wire, 3, 1, 1, 2)
         grid.setColumnStretch(1, 1)
 
     def show_status(self, status: EngineStatus) -> None:
@@ -86,7 +91,7 @@ class BenchControls(QGroupBox):
         obstacle = plate_obstacle(status)
         self.plate.setEnabled(not obstacle)
         self.plate.setToolTip(f"Texture plate on the drum{obstacle and f'. Locked: {obstacle}'}")
-        for widget in chain(*self._rows):
+        for widget in self._simulated_only:
             widget.setVisible(status.simulated)
         self._wirings_on = status.wrong_wirings
         self._show_wiring()
@@ -110,7 +115,7 @@ class BenchControls(QGroupBox):
             self.wiring.setItemData(row, font, Qt.ItemDataRole.FontRole)
         is_on = self.wiring.currentText() in self._wirings_on
         self.wire.setText(AS_DRAWN if is_on else WRONGLY)
-        self.wiring.setToolTip(WIRINGS[self.wiring.currentText()].text)
+        self.wiring.set_own_tooltip(WIRINGS[self.wiring.currentText()].text)
 
     def _wire(self) -> None:
         self.command_requested.emit(
