@@ -31,6 +31,9 @@ class Controller {
     // Moves the actuator by the newest sample; the checks of sample() do not wait for it.
     void control_force();
     bool control_due() const { return control_due_; }
+    // Compares force with motion after a step of the loop; the next tick does it at the latest.
+    void watch_force();
+    bool watch_due() const { return watch_due_; }
 
     // Applies the settings in the bank.
     void apply_settings();
@@ -76,7 +79,6 @@ class Controller {
     void drive_actuator();
     void watch_index();
     void watch_motion();
-    void watch_force();
     bool lifts_surely() const;
     void watch_unlimited_force();
     void progress();

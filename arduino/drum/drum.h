@@ -32,6 +32,8 @@ class Drum final : public RegisterHandler {
     // The force loop's step for the newest sample; supervision in sample() does not wait for it.
     void control_force() { controller_.control_force(); }
     bool control_due() const { return controller_.control_due(); }
+    void watch_force() { controller_.watch_force(); }
+    bool watch_due() const { return controller_.watch_due(); }
 
     Modbus &modbus() { return modbus_; }
     Registers &registers() { return registers_; }

@@ -59,8 +59,8 @@ static void send_reply() {
 }
 
 static inline bool idle() {
-    return !clock::pending() && !amplifier::ready() && !drum.control_due() && !unsent &&
-           !serial::available();
+    return !clock::pending() && !amplifier::ready() && !drum.control_due() && !drum.watch_due() &&
+           !unsent && !serial::available();
 }
 
 int main() {
@@ -77,6 +77,7 @@ int main() {
         if (ticks) continue;
         if (amplifier::ready()) drum.sample(amplifier::read());
         else if (drum.control_due()) drum.control_force();
+        else if (drum.watch_due()) drum.watch_force();
         else if (unsent) send_reply();
         else if (serial::available()) run_serial();
     }

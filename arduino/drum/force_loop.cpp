@@ -18,7 +18,6 @@ constexpr float FORGETTING = 0.96f;
 // an approach takes a third longer (plates C and D on the bench).
 constexpr float RESTATED = 0.1f;
 constexpr float MOVING_MM = 0.004f;   // a period's travel below this says nothing of stiffness
-constexpr float FREE_MM_S2 = 40.0f;   // a speed without contact changes no faster
 constexpr float TURNING_RAD_S = 0.1f;
 
 float limited(float value, float bound) {
@@ -40,7 +39,7 @@ void ForceLoop::begin(float stiffness_g_per_mm) {
     believe(stiffness_g_per_mm);
     sum_xx_ = PRIOR;
     sum_xy_ = PRIOR * stiffness_;
-    command_ = speed_ = moved_ = moved_before_ = shown_ = pending_ = 0;
+    command_ = speed_ = moved_ = shown_ = pending_ = 0;
     compression_ = drift_ = depth_ = 0;
     contact_ = false;
     since_contact_ = 0;
@@ -48,12 +47,11 @@ void ForceLoop::begin(float stiffness_g_per_mm) {
 }
 
 void ForceLoop::advance_model() {
-    moved_before_ = moved_;
-    moved_ = command_ * sampling_->period_s + (speed_ - command_) * LAG_S * (1 - sampling_->decay);
+    const float pending_before = pending_;
+    moved_ = command_ * sampling_->period_s + (speed_ - command_) * sampling_->coast_s;
     speed_ = command_ + (speed_ - command_) * sampling_->decay;
-    const float late = sampling_->late;
-    shown_ = (1 - late) * moved_ + late * moved_before_;
-    pending_ = late * moved_;
+    pending_ = sampling_->late * moved_;
+    shown_ = moved_ - pending_ + pending_before;
     depth_ += moved_;
 }
 
@@ -86,7 +84,7 @@ float ForceLoop::run_out_rate(const DrumTurn &turn) const {
 }
 
 void ForceLoop::correct(float force_g, const DrumTurn &turn) {
-    const DrumTurn seen = turn.after(-sampling_->delay_s - sampling_->period_s / 2);
+    const DrumTurn seen = turn.after(sampling_->seen_s);
     compression_ += shown_ + (drift_ + run_out_rate(seen)) * sampling_->period_s;
     surprise_ = force_g * compliance_ - compression_;
     compression_ += COMPRESSION_GAIN * surprise_;
@@ -123,7 +121,7 @@ float ForceLoop::update(float force_g, const ForceTarget &target, const DrumTurn
         speed = target.gain_p * (target.force_g * compliance_ - now) - surface;
     } else {
         // The cell feels the drum's mass being hurried along and takes it for contact.
-        speed = command_ + limited(speed - command_, FREE_MM_S2 * sampling_->period_s);
+        speed = command_ + limited(speed - command_, sampling_->free_step_mm_s);
     }
     command_ = limited(speed, target.speed_limit);
     return command_;

@@ -63,7 +63,7 @@ class ForceLoop {
 
     const Sampling *sampling_ = &sampling::FAST;
     float command_ = 0, speed_ = 0;        // mm/s, commanded and modelled
-    float moved_ = 0, moved_before_ = 0;   // mm in the last two periods
+    float moved_ = 0;                      // mm in the last period
     float shown_ = 0, pending_ = 0;        // mm that the sample shows, and does not show yet
     float free_g_ = 0, last_g_ = 0;
     float compression_ = 0, drift_ = 0;    // mm, mm/s

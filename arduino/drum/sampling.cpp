@@ -17,6 +17,8 @@ constexpr float RUN_OUT_PER_S = 8.0f, MOST_RUN_OUT_GAIN = 0.2f;
 // from trial to trial.
 constexpr float FORGOTTEN_IN_S = 6.0f;
 
+constexpr float FREE_MM_S2 = 40.0f;
+
 // The HX711's own oscillator is off by a tenth; its two rates differ by eight.
 constexpr uint8_t RATE_PERCENT = 25;
 constexpr uint16_t rate_of(uint32_t us, uint32_t percent) { return 1000000UL * percent / us; }
@@ -38,6 +40,9 @@ constexpr Sampling every(uint32_t us, float delay_s, bool slow) {
             delay_s,
             delay_s / (us * 1e-6f),
             decay(us * 1e-6f / board::ACTUATOR_LAG_S),
+            board::ACTUATOR_LAG_S * (1 - decay(us * 1e-6f / board::ACTUATOR_LAG_S)),
+            -delay_s - us * 1e-6f / 2,
+            FREE_MM_S2 * (us * 1e-6f),
             smaller(RUN_OUT_PER_S * us * 1e-6f, MOST_RUN_OUT_GAIN),
             1 - us * 1e-6f / FORGOTTEN_IN_S,
             static_cast<uint16_t>(

@@ -13,6 +13,9 @@ struct Sampling {
     float period_s, delay_s;
     float late;            // delay over period
     float decay;           // of the actuator's speed in a period
+    float coast_s;         // of travel, what a speed that decays adds in a period
+    float seen_s;          // of the drum's angle: what a sample shows is this old, negative
+    float free_step_mm_s;  // a speed without contact changes no faster, a period
     float run_out_gain;    // of each surprise
     float run_out_kept;    // from one sample to the next
     uint16_t overrun_um;   // travel beyond a force that is too much
