@@ -15,6 +15,9 @@ forces_g = [500]
 repeats = 1
 """
 
+SEED = 2
+"""With some seeds the noise hits all requests of 250 ms, and the drum rightly lifts."""
+
 
 def test_a_run_over_a_noisy_drum_line_completes_and_counts_retries(tmp_path: Path) -> None:
     async def with_noise(harness: EngineHarness) -> None:
@@ -24,7 +27,7 @@ def test_a_run_over_a_noisy_drum_line_completes_and_counts_retries(tmp_path: Pat
         harness.rig.faults.corrupt_bytes(DRUM, TO_HOST, 0.002)
         await until_ended(harness)
 
-    with open_harness(tmp_path) as harness:
+    with open_harness(tmp_path, SEED) as harness:
         harness.run(with_noise, harness.request(ONE))
         run = harness.engine.run
         assert run is not None
