@@ -306,7 +306,9 @@ void Controller::watch_unlimited_force() {
         return;
     }
     if (!duty_) return;
-    const bool loads_down = bank_.wide(reg::scale_ug_per_count) < 0;
+    // Where the zero is known, a reading further away from it is a load, whatever the scale says.
+    const bool loads_down =
+        first ? bank_.wide(reg::scale_ug_per_count) < 0 : raw < sensor_.zero().counts();
     if (!moved_) first_raw_ = least_raw_ = raw;
     moved_ = true;
     if (loads_down ? raw > least_raw_ : raw < least_raw_) least_raw_ = raw;
