@@ -93,7 +93,7 @@ uint32_t Loadcell::faults() const {
     uint32_t bits = 0;
     if (silent_) bits |= bit(Fault::LoadcellSilent);
     if (saturated_) bits |= bit(Fault::LoadcellSaturated);
-    if (equal_run_ >= FROZEN_RUN && !saturated_) bits |= bit(Fault::LoadcellFrozen);
+    if (equal_run_ >= FROZEN_RUN && !saturated_ && !out_of_step_) bits |= bit(Fault::LoadcellFrozen);
     if (out_of_step_) bits |= bit(Fault::LoadcellDesync);
     if (rate_wrong_) bits |= bit(Fault::LoadcellRate);
     if (test_.failed()) bits |= bit(Fault::LoadcellNoise);

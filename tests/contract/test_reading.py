@@ -17,6 +17,8 @@ from rigctl.wire.taxels.frames import WIRE_VERSION
 from tests.contract.operator import Operator
 
 UNTOUCHED = ("heartbeat", "command", "command_sequence")
+SELF_TEST_S = 2.0
+"""An amplifier settles for 0.4 s before the 40 samples that the drum judges, and may be slow."""
 
 
 def test_the_drum_reports_its_identity(operator: Operator) -> None:
@@ -46,7 +48,7 @@ def test_the_taxel_board_tests_itself_at_boot_and_on_request(operator: Operator)
 
 def test_the_drum_boots_to_idle_with_the_defaults_of_the_table(operator: Operator) -> None:
     settings = operator.drum.settings
-    assert operator.state is State.IDLE
+    operator.run(operator.until_state(State.IDLE, limit_s=SELF_TEST_S))
     assert settings == pytest.approx(
         {
             e.name: settings[e.name] if e.name in UNTOUCHED else e.default * e.scale
@@ -112,7 +114,7 @@ def test_one_value_out_of_range_refuses_all_values(operator: Operator) -> None:
     operator.run(main())
 
 
-@pytest.mark.parametrize("address", [0, 16, 114, 116, 141, 160, 415, 416, 60000])
+@pytest.mark.parametrize("address", [0, 16, 115, 116, 141, 160, 415, 416, 60000])
 def test_writes_of_read_only_addresses_are_refused(operator: Operator, address: int) -> None:
     async def main() -> None:
         with pytest.raises(RequestRefused, match="no such register") as refusal:
@@ -127,7 +129,8 @@ def test_unused_addresses_read_as_zero_and_those_beyond_the_end_fail(
 ) -> None:
     async def main() -> None:
         assert await operator.drum.modbus.read(14, 2) == [0, 0]
-        assert await operator.drum.modbus.read(114, 2) == [0, 0]
+        assert await operator.drum.modbus.read(115, 1) == [0]
+        assert await operator.drum.modbus.read(141, 19) == [0] * 19
         assert len(await operator.drum.modbus.read(register_table.END - 2, 2)) == 2
         for address, count in ((register_table.END, 1), (register_table.END - 1, 2)):
             with pytest.raises(RequestRefused) as refusal:

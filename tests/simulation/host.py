@@ -167,10 +167,14 @@ class Host:
         """Read the latched fault."""
         return Fault(self.get("fault"))
 
+    def idle(self) -> None:
+        """Wait after power-up until the drum has tested itself."""
+        self.wait(BOOT_US)
+        self.state(State.IDLE)
+
     def armed(self) -> None:
         """Arm and tare after power-up."""
-        self.wait(BOOT_US)
-        self.until(lambda poll: poll["state"] == State.IDLE)
+        self.idle()
         self.command(Command.COMMISSION)
         self.until(lambda poll: poll["command_result"] == CommandResult.DONE)
         self.command(Command.ARM)

@@ -94,7 +94,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_does_not() -> None:
     def fingerprint(seed: int) -> str:
         simulation = opened(seed)
         host = Host(simulation)
-        host.wait(BOOT_US)
+        host.idle()
         host.command(Command.ARM)
         host.attend(300_000)
         digest = hashlib.sha256(b"".join(host.taxel_bytes) + host.drum_bytes).hexdigest()
@@ -173,7 +173,7 @@ def test_reset_button_counts_a_boot_and_the_other_board_keeps_running(host: Host
 
 
 def test_emergency_stop_reaches_the_pin(host: Host) -> None:
-    host.wait(BOOT_US)
+    host.idle()
     host.command(Command.ARM)
     host.simulation.faults.press_estop()
     host.wait(5000)
@@ -193,7 +193,7 @@ def test_emergency_stop_reaches_the_pin(host: Host) -> None:
     ],
 )
 def test_load_cell_faults_reach_the_amplifier(host: Host, fault: str, expected: Fault) -> None:
-    host.wait(BOOT_US)
+    host.idle()
     host.command(Command.ARM)
     host.attend(100_000)
     getattr(host.simulation.faults, fault)()

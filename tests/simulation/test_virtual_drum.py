@@ -222,6 +222,7 @@ def test_estop_stops_everything_immediately(rig: VirtualRig, host: Host, state: 
     with pytest.raises(Refused, match="exception 4"):
         host.command(Command.CLEAR)
     rig.faults.release_estop()
+    host.wait(2000)  # the tick that ends the latched opening, and the one that reads it closed
     host.command(Command.CLEAR)
     assert host.poll()["state"] == State.IDLE
 
