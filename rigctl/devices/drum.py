@@ -123,7 +123,7 @@ class Drum:
         """
         async with self._poll_lock:
             raw, at_s = await self._read_poll(heartbeat)
-            ring = await self._read_ring(self._decoder.missing(raw))
+            ring = await self._read_ring(self._decoder.missing(raw), heartbeat)
             await self._read_new_tare(raw)
             return self._decoder.decode(raw, at_s, ring)
 
@@ -225,25 +225,33 @@ class Drum:
             self.modbus.stale += 1
             await asyncio.sleep(DRAIN_S)
 
-    async def _read_ring(self, sequences: range) -> dict[int, RingSample]:
+    async def _read_ring(self, sequences: range, heartbeat: bool) -> dict[int, RingSample]:
         """Return samples of the board's ring by sequence number.
 
-        A newer sample may have overwritten one meanwhile; its time shows it.
+        A newer sample may have overwritten one meanwhile; its time shows it. With ``heartbeat``
+        each request writes one: on a noisy line the reads may take longer than the board waits.
         """
         samples: dict[int, RingSample] = {}
         for _, part in groupby(sequences, lambda sequence: sequence // RING_PART):
             numbers = tuple(part)
-            raw = await self._read_ring_part("ring_raw", numbers)
-            times_us = await self._read_ring_part("ring_time_us", numbers)
+            raw = await self._read_ring_part("ring_raw", numbers, heartbeat)
+            times_us = await self._read_ring_part("ring_time_us", numbers, heartbeat)
             samples |= zip(numbers, zip(raw, times_us, strict=True), strict=True)
         return samples
 
-    async def _read_ring_part(self, name: str, sequences: Sequence[int]) -> tuple[int, ...]:
+    async def _read_ring_part(
+        self, name: str, sequences: Sequence[int], heartbeat: bool
+    ) -> tuple[int, ...]:
         ring = register_table.BY_NAME[name]
         address = ring.address + ring.words * (sequences[0] % register_table.RING_DEPTH)
         part = replace(ring, address=address, count=len(sequences))
         layout = BlockLayout(address, part.end - address, [part])
-        return layout.unpack(await self.modbus.read(layout.address, layout.count))[name]
+        block = layout.address, layout.count
+        if not heartbeat:
+            return layout.unpack(await self.modbus.read(*block))[name]
+        self._heartbeat = (self._heartbeat + 1) % 65536
+        words = await self.modbus.read_write(*block, _HEARTBEAT, (self._heartbeat,))
+        return layout.unpack(words)[name]
 
     def _check_clock(self, raw: RawPoll, at_s: float) -> None:
         """Raise BoardRebooted where the board's clock deviates from the loop's since last poll."""

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-import fcntl
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from rigctl.config.resources import checkout
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
 from tests.contract.operator import Operator
+from tests.firmware.building import all_built
 
 SEED = 5
 
@@ -20,13 +18,7 @@ SEED = 5
 @pytest.fixture(scope="session")
 def images() -> Path:
     """Return the folder of both boards' firmware images, built where they are out of date."""
-    root = checkout()
-    assert root is not None
-    (root / "build").mkdir(exist_ok=True)
-    with (root / "build" / ".firmware-lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        subprocess.run(["make", "-s", "-C", root / "arduino"], check=True, capture_output=True)
-    return root / "build" / "firmware"
+    return all_built()
 
 
 @pytest.fixture(scope="module", params=[VIRTUAL, FIRMWARE])

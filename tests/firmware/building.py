@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -24,6 +25,13 @@ def built(target: str) -> Path:
         folder = root / "build" / "broken" / f"{board}-{name}"
         edited_copy(root / "arduino", board, name, folder)
         return _make(folder, f"firmware/{board}.elf")
+
+
+def all_built() -> Path:
+    """Build what ``make firmware`` builds, where it is out of date; return the images' folder."""
+    with _locked() as root:
+        _run_make(root)
+        return root / "build" / "firmware"
 
 
 def host_library(board: str, name: str, output: Path) -> Path:
@@ -47,9 +55,14 @@ def _locked() -> Iterator[Path]:
 
 
 def _make(root: Path, target: str) -> Path:
-    command = ["make", "-s", "-C", str(root / "arduino"), f"../build/{target}"]
+    _run_make(root, f"../build/{target}")
+    return root / "build" / target
+
+
+def _run_make(root: Path, *targets: str) -> None:
+    # The Python that runs the tests, whatever another test has made of PATH.
+    command = ["make", "-s", "-C", str(root / "arduino"), f"PYTHON={sys.executable}", *targets]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     # No AssertionError: a control that cannot be built is not one that fails its check.
     if done.returncode:
         raise host_build.BuildFailed(done.stderr)
-    return root / "build" / target
