@@ -91,7 +91,8 @@ def test_the_hopeless_is_disconnected_and_the_others_learn_it(harness: EngineHar
         with deaf_client(harness, first) as deaf:
             await harness.until(lambda: bool(harness.engine.control.state.holder))
             other = await ClientConnection.connect(harness.address, "other")
-            deaf.sendall(b"".join(asks))  # only now: the engine may answer all of it between two polls
+            # Only now, as the engine may answer and disconnect the deaf client between two polls.
+            deaf.sendall(b"".join(asks))
             while "stopped reading" not in (told := await other.until("control"))["text"]:
                 assert max(c.unread_bytes for c in all_clients(harness)) < (
                     UNREAD_LIMIT_BYTES + LINE_LIMIT_BYTES
