@@ -15,7 +15,7 @@ forces_g = [500]
 repeats = 1
 """
 
-SEED = 2
+SEED = 3
 """With some seeds the noise hits all requests of 250 ms, and the drum rightly lifts."""
 
 
