@@ -119,10 +119,13 @@ def test_gains_and_imbalance_have_the_words_of_the_command_line(
     harness: Harness, page: CalibratePage
 ) -> None:
     table_g = [-0.8 + 0.1 * place for place in range(16)]
-    harness.update(calibration={"gains": [7.5, 5.3, 652.0, 38.2], "imbalance_g": table_g})
-    gains = "proportional gain 7.5 1/s, integral gain 5.3 1/s"
-    words = f"{gains}, stiffness 652 g/mm, delay 38.2 ms"
-    assert page.force.result_label.text() == words
+    gains = [7.5, 5.3, 652.0, 38.2, 9.5, 4.0, 11.3, 2.5]
+    harness.update(calibration={"gains": gains, "imbalance_g": table_g})
+    assert page.force.result_label.text() == (
+        "proportional gain 7.5 1/s, integral gain 5.3 1/s, stiffness 652 g/mm, delay 38.2 ms; "
+        "the actuator makes 11.3 mm/s, rests below 9.5 % duty, begins to move 4 % above, "
+        "and held the force within ±2.5 g"
+    )
     assert page.imbalance.result_label.text() == "imbalance 0.75 g"
     assert "until it is switched off" in page.imbalance.table.text()
     words = page.imbalance.plot.accessibleDescription().split("; ")

@@ -26,8 +26,8 @@ TICK_PX, FEW_TICKS = 16, (50.0, 10.0)
 """Height of a number of an axis, and the steps with and without numbers in a low plot."""
 NAME, SHORT_NAME, NAME_PX = "Accuracy (%)", "%", 90
 """The name of the axis, that of a low plot, and the least height that has room for the first."""
-PLOT_PX = 216
-"""Least width of a plot, for its title."""
+PLOT_PX = 215
+"""Least width of a plot, for its title: four fit beside a scroll bar at 1280 pixels."""
 ROW_PX, ROOMY_ROW_PX = 108, 166
 """Least height of a row of plots with title and axis: all in one view, or in one that scrolls."""
 GAP_PX = 4

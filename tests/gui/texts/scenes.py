@@ -86,7 +86,7 @@ CALIBRATED: dict[str, Any] = {
         "masses": [[mass_g, 80_000.0 - 417 * mass_g, 1234.5] for mass_g in range(0, 1200, 150)],
         "scale_ug_per_count": -2397,
         "nonlinearity_share": 0.0007,
-        "gains": [7.52, 5.31, 1652.25, 138.25],
+        "gains": [7.52, 5.31, 1652.25, 138.25, 12.55, 10.25, 11.35, 12.55],
         "imbalance_g": [place - 8.125 for place in range(16)],
         "wiring_step": 4,
         "wiring_question": "Press row 1, column 2 with a blunt tip of about 3 mm and hold it.",
