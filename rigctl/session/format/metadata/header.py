@@ -89,7 +89,8 @@ class SessionHeader:
 
         A calibration is in counts, so there is none for another reading.
         """
-        if not self.taxel_low or self.encoder_reading != Reading.COUNTS:
+        is_calibrated = self.taxel_low and self.taxel_high
+        if not is_calibrated or self.encoder_reading != Reading.COUNTS:
             return None
         low, high = (np.array(side, np.uint16) for side in (self.taxel_low, self.taxel_high))
         return Normalisation(low, high, "calibration of the session")
