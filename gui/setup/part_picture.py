@@ -112,10 +112,11 @@ class CellTrace(QWidget):
         if not self._points:
             return
         low_g, high_g = self._range_g()
-        left_px = self.fontMetrics().horizontalAdvance("−00,000 ") + MARGIN
+        left_px = self.fontMetrics().horizontalAdvance("−00000 ") + MARGIN
         room = QRectF(self.rect()).adjusted(left_px, 1.6 * line_px, -MARGIN, -MARGIN)
-        painter.drawText(QPointF(MARGIN, room.top() + line_px / 2), f"{high_g:,.0f}")
-        painter.drawText(QPointF(MARGIN, room.bottom()), f"{low_g:,.0f}")
+        for top_px, value_g in ((room.top(), high_g), (room.bottom() - line_px, low_g)):
+            place = QRectF(MARGIN, top_px, left_px - MARGIN, line_px)
+            painter.drawText(place, Qt.AlignmentFlag.AlignLeft, f"{value_g:.0f}")
         painter.setPen(QPen(QColor(theme.line), 1))
         painter.drawRect(room)
         painter.setPen(QPen(QColor(theme.accent), 1.5))
