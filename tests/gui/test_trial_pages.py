@@ -96,6 +96,7 @@ def test_a_feature_is_read_with_its_unit(shown: Harness) -> None:
 def test_large_texts_need_no_scrolling_sideways(shown: Harness) -> None:
     window, pages = shown.window, shown.window.analysis_tab.trial_view
     words = TextPage(table(["Predicted"] * 10, [["rectangular-ridges"] * 10]))
+    window.docks.reset()  # a width that a test before gave a panel would come back, larger
     window.set_text_size(150)
     window.show_panel("finger")  # the widest panel
     window.show_panel("analysis")
