@@ -43,7 +43,8 @@ ENVELOPES = [
 def wrong_requests(commands: Arguments, faults: Arguments) -> Iterator[bytes]:
     """Yield lines: each argument of each command and fault with each value, then envelopes.
 
-    Some are right by chance, such as a jog of 0.5 mm; none of those ends what the rig does.
+    Some are right by chance, such as a jog of 0.5 mm; none of those ends what the rig does, so
+    that no fault is switched on and no end switch held.
     """
     for command, names in commands.items():
         for name in (*names, "surplus"):
@@ -52,7 +53,7 @@ def wrong_requests(commands: Arguments, faults: Arguments) -> Iterator[bytes]:
         for value in VALUES if names else ():
             yield request_line(1, command, **dict.fromkeys(names, value))
     for fault, names in faults.items():
-        for name in {*names, "surplus"} - {"on"}:
+        for name in {*names, "surplus"} - {"on", "upper", "lower"}:
             for value in VALUES:
                 yield request_line(1, "inject", fault=json.dumps(fault), **{name: value})
     for value in VALUES:
