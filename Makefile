@@ -123,7 +123,7 @@ realtime: boards
 
 identify: $(VENV)/.ready
 	$(SAY) "the bench's unknowns, searched for by the paper's Original column alone (half an hour)"
-	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m rigctl.identification $(IDENTIFY_ARGS)
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.identify_bench $(IDENTIFY_ARGS)
 
 # A scan whose velocity and answer change.
 SHOWN_SCAN ?= 17

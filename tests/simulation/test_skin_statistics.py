@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from rigctl.identification.measures import RANGES, SkinMeasures, measure_skin
-from rigctl.identification.sliding import simulate_slides
 from rigctl.simulation.bench.world import parameter_tables
 from rigctl.simulation.bench.world.parameters import WorldParameters
+from tools.identify_bench import RANGES, SkinMeasures, measure_skin, simulate_slides
 
 SEED, REPEATS = 1, 8
 

@@ -2,38 +2,37 @@
 
 from __future__ import annotations
 
-import importlib
+import runpy
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from rigctl.analysis.paper import published
-from rigctl.identification import original_column, search
-from rigctl.identification.__main__ import main
-from rigctl.identification.sliding import Slider, simulate_slides
 from rigctl.simulation.bench.world.parameters import IDENTIFIED, WorldParameters, parameter_infos
+from tools import identify_bench
+from tools.identify_bench import Slider, main, simulate_slides
 
 
 @pytest.fixture
 def brief(monkeypatch: pytest.MonkeyPatch) -> None:
     """Use one session of two repeats per candidate."""
-    monkeypatch.setattr(search, "SEEDS", (1,))
-    monkeypatch.setattr(search, "REPEATS", 2)
+    monkeypatch.setattr(identify_bench, "SEEDS", (1,))
+    monkeypatch.setattr(identify_bench, "REPEATS", 2)
 
 
 def test_the_scaled_columns_are_never_read(monkeypatch: pytest.MonkeyPatch) -> None:
     alone = {key: {"original": cells["original"]} for key, cells in published.TABLE_1.items()}
-    before = dict(original_column.PAPER)
+    before = dict(identify_bench.PAPER)
     with monkeypatch.context() as patch:
         patch.setattr(published, "TABLE_1", alone)
-        assert before == importlib.reload(original_column).PAPER
+        assert before == runpy.run_path(identify_bench.__file__)["PAPER"]
     assert list(before.values()) == [91.78, 81.83, 37.44, 57.35, 36.81, 99.93]
 
 
 def test_every_identified_parameter_has_a_start_value_and_no_other_is_searched() -> None:
-    names = [row.name for row in search.identified_parameters(WorldParameters())]
-    assert names == list(search.START)
+    names = [row.name for row in identify_bench.identified_parameters(WorldParameters())]
+    assert names == list(identify_bench.START)
     assert names == [row.name for row in parameter_infos() if row.source == IDENTIFIED]
 
 
@@ -53,10 +52,10 @@ def test_a_plate_is_pressed_with_the_requested_force() -> None:
 
 
 def test_a_step_replaces_the_best_only_if_better_and_is_reproducible(brief: None) -> None:
-    start = search.evaluate(replace(WorldParameters(), **search.START))
+    start = identify_bench.evaluate(replace(WorldParameters(), **identify_bench.START))
     candidates = []
     for _ in range(2):
-        parameter_search = search.ParameterSearch(start, 5)
+        parameter_search = identify_bench.ParameterSearch(start, 5)
         candidates.append(parameter_search.step())
         assert parameter_search.best is min((start, candidates[-1]), key=lambda one: one.error)
     assert candidates[0] == candidates[1]

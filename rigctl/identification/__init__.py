@@ -1,1 +1,0 @@
-"""Identify the unknown parameters of the simulated bench; see decision 0018."""
