@@ -178,6 +178,8 @@ class _SetupSession:
             return 0
         if self._args.part:
             verdict = setup.verdicts.get(self._args.part)
+            if left is not None:
+                self._print(f"next is {left.title}: rigctl setup --rig {self._args.rig}")
             return 0 if verdict is not None and verdict.passed else 1
         if left is None:
             self._print("the rig is set up: run a protocol, or rigctl accept")
