@@ -9,7 +9,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QPushButton
 
-from gui.setup.setup_page import CONNECT_FIRST, SetupPage
+from gui.setup.setup_page import DRUM_LOST, SetupPage
 from tests.gui.rig_window import RigWindow, rig_window
 from tests.gui.steps import Harness, click
 
@@ -122,4 +122,12 @@ def test_without_a_rig_the_page_says_what_to_do(harness: Harness) -> None:
     window.tools.show_setup()
     page = window.tools.setup_page
     page.show_status(type(window.engine_link.status)())
-    assert page.state.text() == CONNECT_FIRST and not page.check_button.isEnabled()
+    assert page.boards.isVisible()
+    assert page.boards.find_button.isEnabled() and not page.check_button.isVisible()
+
+
+def test_a_drum_board_that_is_lost_is_named(harness: Harness) -> None:
+    harness.window.tools.show_setup()
+    harness.update(drum_connected=False)
+    page = harness.window.tools.setup_page
+    assert page.state.text() == DRUM_LOST and not page.check_button.isEnabled()

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from pathlib import Path
 from typing import NamedTuple
 
+from rigctl.acquisition.calibration.rig_file import edited_rig_file
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.setup.verdict import YES, YES_OR_NO, Question, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
 from rigctl.config.resources import checkout, flash_image
-from rigctl.config.rig_config import Signals
+from rigctl.config.rig_config import RigConfig, Signals
+from rigctl.config.toml_edit import replace_file
 from rigctl.devices.port_discovery import DRUM, TAXELS, PortReport, probe_link
 from rigctl.errors import WrongUse
 from rigctl.host_build import image_hash
 
 SAME_SHARE = 0.005
 MOTOR_STEPS = 200
+NEW_FILE = "# Written by rigctl setup; your own comments and changes stay.\n\n"
+BOARD_NAMES = {DRUM: "drum board", TAXELS: "taxel board"}
 CIRCUMFERENCE = Question(
     "circumference",
     "Lay a strip of paper around the drum with its plates on, mark where it meets, and measure "
@@ -53,18 +58,29 @@ async def check_ports(bench: Workbench) -> Verdict:
     ports = {"drum": rig.drum.link.name, "taxels": rig.taxels.link.name}
     if rig.path is not None and not rig.config.ports.simulate:
         bench.keep("ports", ports)
-    found = ", ".join(f"{board} board on {port}" for board, port in ports.items())
+    found = ", ".join(f"{BOARD_NAMES[board]} on {port}" for board, port in ports.items())
     return Verdict("a drum board and a taxel board", found)
+
+
+def write_rig_file(path: Path, ports: Mapping[str, str]) -> None:
+    """Write the ports of the boards into ``rig.toml``; one with every key where there is none.
+
+    Raises ConfigError for a file that is no rig's, DiskFault.
+    """
+    if not path.exists():
+        replace_file(path, NEW_FILE + RigConfig().to_toml())
+    if ports:
+        replace_file(path, edited_rig_file(path, "ports", ports))
 
 
 async def check_firmware(bench: Workbench) -> Verdict:
     """Compare the firmware of both boards with the images of this installation."""
     rig = bench.rig
     found = {DRUM: rig.drum.identity.build_hash, TAXELS: rig.taxels.identity.build_hash}
-    return judge_firmware(found, {board: _installed_build(board) for board in found})
+    return judge_firmware(found, {board: installed_build(board) for board in found})
 
 
-def _installed_build(board: str) -> str:
+def installed_build(board: str) -> str:
     """Return the build that this installation would flash, empty where it has no image."""
     if checkout() is not None:
         return image_hash(board)
@@ -84,8 +100,8 @@ def judge_firmware(found: Mapping[str, str], installed: Mapping[str, str]) -> Ve
     problem = ""
     if other:
         problem = (
-            f"the {other} board runs another build than this installation brings: load it with "
-            f"rigctl flash {other}, then check again"
+            f"the {BOARD_NAMES[other]} runs another build than this installation brings: load it "
+            f"with {_flash(other)}, then check again"
         )
     return Verdict(f"builds: {expected}", f"builds: {has}", problem)
 
@@ -115,7 +131,7 @@ def judge_reports(reports: Sequence[PortReport], expected: Sequence[str] = ()) -
     """Judge what answered on the ports: one board of each kind; ``expected``: which on which."""
     kinds = [report.identity.board if report.identity else "" for report in reports]
     found = "; ".join(
-        f"{report.port}: {f'{kind} board' if kind else report.error}"
+        f"{report.port}: {BOARD_NAMES.get(kind, f'{kind} board') if kind else report.error}"
         for report, kind in zip(reports, kinds, strict=True)
     )
     twice = next((kind for kind in (DRUM, TAXELS) if kinds.count(kind) > 1), "")
@@ -132,16 +148,20 @@ def judge_reports(reports: Sequence[PortReport], expected: Sequence[str] = ()) -
 
 def _ports_problem(twice: str, missing: str, has_ports: bool) -> tuple[str, ...]:
     if twice:
-        cure = f"flash one of them with rigctl flash {missing}" if missing else "unplug one of them"
-        return f"two boards answer as the {twice} board: {cure}", "two boards of one kind"
+        cure = f"flash one of them with {_flash(missing)}" if missing else "unplug one of them"
+        return f"two boards answer as the {BOARD_NAMES[twice]}: {cure}", "two boards of one kind"
     if not missing:
         return ("",)
     if not has_ports:
         return ("there is no serial port: plug both boards in, and see what rigctl doctor says",)
     return (
-        f"no port answers as the {missing} board: plug it in; if it is, load its firmware with "
-        f"rigctl flash {missing}, and if that fails, see what rigctl doctor says",
+        f"no port answers as the {BOARD_NAMES[missing]}: plug it in; if it is, load its firmware "
+        f"with {_flash(missing)}, and if that fails, see what rigctl doctor says",
     )
+
+
+def _flash(board: str) -> str:
+    return f"rigctl flash {board} (in the window: Flash)"
 
 
 def judge_drum(seen: DrumReadings) -> Verdict:

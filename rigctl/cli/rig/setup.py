@@ -19,7 +19,7 @@ from typing import Any
 
 from rigctl.acquisition.calibration.calibrator import Calibrator, calibrate_alone
 from rigctl.acquisition.rig import Rig
-from rigctl.acquisition.setup.boards import find_boards, judge_reports
+from rigctl.acquisition.setup.boards import find_boards, judge_reports, write_rig_file
 from rigctl.acquisition.setup.setup import STEPS, Setup, SetupStep
 from rigctl.acquisition.setup.verdict import Question, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
@@ -27,8 +27,7 @@ from rigctl.cli.data.world import add_wirings, add_world, chosen_world
 from rigctl.cli.options.arguments import add_seed, path_or_name
 from rigctl.cli.options.progress import ProgressLine
 from rigctl.config.resources import wiring_drawing
-from rigctl.config.rig_config import RigConfig, load_config
-from rigctl.config.toml_edit import replace_file
+from rigctl.config.rig_config import load_config
 from rigctl.config.visible_text import visible
 from rigctl.devices.port_discovery import DRUM, TAXELS, probe_ports
 from rigctl.errors import RigFault, WrongUse
@@ -39,7 +38,6 @@ FIRMWARE_PART = "firmware"
 NO_TERMINAL = (
     "there is no terminal to answer at: run this command at one, or open Set up in the window"
 )
-NEW_FILE = "# Written by rigctl setup; your own comments and changes stay.\n\n"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -99,21 +97,18 @@ def run(args: argparse.Namespace) -> int:
 
 async def _flash(board: str, port: str) -> None:
     """Write the image of this installation, as ``rigctl flash`` does."""
-    from rigctl.devices.flashing.flash import flash_avr, installed_image, read_image
+    from rigctl.devices.flashing.flash import flash_board
 
     line = ProgressLine(sys.stderr)
-    path, build_hash = installed_image(board)
-    line.say(f"{port}: {path.name}, build {build_hash}")
-    image, loop = read_image(path), asyncio.get_running_loop()
-    await flash_avr(board, port, image, loop, line.show_share)
+    await flash_board(board, line.show_share, port)
     line.end()
 
 
 def _write_new_file(rig: str) -> None:
     """Write a rig.toml with every key and its meaning where there is none."""
     path = Path(rig)
-    if rig not in (VIRTUAL, FIRMWARE) and not path.exists() and path.suffix == ".toml":
-        replace_file(path, NEW_FILE + RigConfig().to_toml())
+    if rig not in (VIRTUAL, FIRMWARE) and path.suffix == ".toml":
+        write_rig_file(path, {})
 
 
 def _find_boards(args: argparse.Namespace) -> bool:
