@@ -68,6 +68,7 @@ class SetupPage(QWidget):
         self.question = label("", "heading", wraps=True)
         self.answer = QLineEdit()
         self.answer.setAccessibleName("Answer")
+        self.unit = label()
         self.answer.returnPressed.connect(lambda: self._answer(self.answer.text()))
         self.answer_buttons: list[QPushButton] = []
         self._answers = FlowLayout()
@@ -140,7 +141,8 @@ class SetupPage(QWidget):
         all_of_it = FlowLayout(self.again_button, self.without_button)
         self.answers_box = container(self._answers)
         right = vbox(
-            *(self.title, self.drawing, self.trace, self.question, self.answer, self.answers_box),
+            *(self.title, self.drawing, self.trace, self.question),
+            *(hbox(self.answer, self.unit, spacing=6), self.answers_box),
             *(self.expected, self.found, self.problem, self.state, check, moves),
             spacing=6,
         )
@@ -182,7 +184,7 @@ class SetupPage(QWidget):
         show_text(self.expected, f"Expected: {part.expected}" if part.expected else "")
         show_text(self.found, f"Found: {part.found}" if part.found else "")
         show_text(self.problem, part.problem)
-        self._show_picture(part.picture)
+        self._show_picture(setup.picture or part.picture)
         self._show_question()
         self._show_state(part)
         self.check_button.setEnabled(is_free)
@@ -213,6 +215,7 @@ class SetupPage(QWidget):
         show_text(self.question, setup.question)
         asks_number = bool(setup.question) and not setup.choices
         self.answer.setVisible(asks_number)
+        show_text(self.unit, setup.unit if asks_number else "")
         self.answers_box.setVisible(bool(setup.question))
         if setup.question_id == self._asked_id:
             return
@@ -220,7 +223,6 @@ class SetupPage(QWidget):
         for button in self.answer_buttons:
             self._answers.removeWidget(button)
             button.deleteLater()
-        self.answer.setPlaceholderText(setup.unit)
         self.answer.setText(setup.known if asks_number else "")
         texts = setup.choices or ("answer",)
         self.answer_buttons = [self._answer_button(text, asks_number) for text in texts]

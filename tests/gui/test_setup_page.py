@@ -107,6 +107,7 @@ def test_an_answer_that_is_no_number_is_refused_and_the_check_can_be_stopped(
     choose(page, "drum")
     press(rig, page.check_button)
     rig.until(page.answer.isVisible)
+    assert page.unit.text() == "mm"
     page.answer.clear()
     QTest.keyClicks(page.answer, "1.000,5")
     QTest.keyClick(page.answer, Qt.Key.Key_Return)
@@ -114,6 +115,18 @@ def test_an_answer_that_is_no_number_is_refused_and_the_check_can_be_stopped(
     press(rig, page.cancel_button)
     rig.until(lambda: not rig.status.setup.checking)
     assert not page.answer.isVisible() and _state(rig, "drum") == "right"
+
+
+def test_each_wire_that_is_asked_for_is_shown_in_the_drawing(rig: RigWindow) -> None:
+    page = page_of(rig)
+    choose(page, "wires")
+    press(rig, page.check_button)
+    for name, picture in (("emergency stop", "emergency stop"), ("index", "index sensor")):
+        rig.until(lambda name=name: f"Is this fitted: {name}" in page.question.text())
+        assert picture in page.drawing.accessibleName()
+        click(page.answer_buttons[0])
+    press(rig, page.cancel_button)
+    rig.until(lambda: not rig.status.setup.checking)
 
 
 def test_without_a_rig_the_page_says_what_to_do(harness: Harness) -> None:

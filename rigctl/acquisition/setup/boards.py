@@ -34,13 +34,30 @@ CIRCUMFERENCE = Question(
 MICROSTEPS = Question(
     "microsteps", "To how many microsteps is the stepper's driver set?", (), "microsteps", 1, 256
 )
-FITTED = {
-    "estop": "an emergency stop on D3",
-    "index": "an index mark with its sensor on D2",
-    "end_switches": "end switches of the actuator on D30 and D31",
-    "position": "the actuator's potentiometer on A0",
-    "sync": "the sync wire from the Mega's D24 to the Uno's D8",
+
+
+class OptionalWire(NamedTuple):
+    """A wire that a rig may do without: its name, where it is, and its part of the drawing."""
+
+    name: str
+    where: str
+    picture: str
+
+
+WIRES = {
+    "estop": OptionalWire("emergency stop", "its contact on D3", "mega#emergency-stop"),
+    "index": OptionalWire(
+        "index mark", "its sensor on D2 and the Uno's D9", "mega#index-sensor-at-the-drum"
+    ),
+    "end_switches": OptionalWire(
+        "end switches", "of the actuator, on D30 and D31", "mega#actuator-position-and-ends"
+    ),
+    "position": OptionalWire(
+        "position", "the actuator's potentiometer, on A0", "mega#actuator-position-and-ends"
+    ),
+    "sync": OptionalWire("sync", "from the Mega's D24 to the Uno's D8", "mega#arduino-uno"),
 }
+"""The optional wires by their keys in ``[signals]``."""
 
 
 class DrumReadings(NamedTuple):
@@ -194,17 +211,20 @@ def judge_drum(seen: DrumReadings) -> Verdict:
 async def check_fitted(bench: Workbench) -> Verdict:
     """Ask which of the optional wires are fitted, and keep that."""
     answers = {
-        field.name: await bench.ask(
-            Question(f"fitted_{field.name}", f"Is there {FITTED[field.name]}?", YES_OR_NO)
-        )
-        == YES
+        field.name: await bench.ask(_fitted_question(field.name)) == YES
         for field in fields(Signals)
     }
     if answers != {name: getattr(bench.rig.config.signals, name) for name in answers}:
         bench.keep("signals", answers)
         await bench.configure()
-    fitted = [name.replace("_", " ") for name, has in answers.items() if has]
-    missing = [name.replace("_", " ") for name, has in answers.items() if not has]
+    fitted = [WIRES[name].name for name, has in answers.items() if has]
+    missing = [WIRES[name].name for name, has in answers.items() if not has]
     lost = f"; without {', '.join(missing)}, see arduino/README.md for what that costs"
     found = f"{', '.join(fitted) or 'none'}{lost if missing else ''}"
-    return Verdict("emergency stop, index, end switches, position, sync", found)
+    return Verdict(", ".join(wire.name for wire in WIRES.values()), found)
+
+
+def _fitted_question(key: str) -> Question:
+    wire = WIRES[key]
+    text = f"Is this fitted: {wire.name}, {wire.where}?"
+    return Question(f"fitted_{key}", text, YES_OR_NO, picture=wire.picture)

@@ -95,6 +95,7 @@ class SetupDesk:
             question.unit if question else "",
             self._known if question else "",
             tuple(setup.progress.remarks),
+            question.picture if question else "",
         )
 
     def _ready(self) -> Setup:

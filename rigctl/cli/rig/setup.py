@@ -80,6 +80,10 @@ def run(args: argparse.Namespace) -> int:
         session = _SetupSession(args, rig)
         try:
             rig.loop.run_until_complete(calibrate_alone(rig, session.run))
+        except KeyboardInterrupt:
+            print()
+            session.say_left()
+            raise
         except RigFault:
             if session.is_connected:
                 raise
@@ -126,6 +130,10 @@ def _find_boards(args: argparse.Namespace) -> bool:
     return verdict.passed
 
 
+class _NoTerminal(WrongUse):
+    """Nobody can answer."""
+
+
 class _SetupSession:
     """One sitting: a person at the terminal, or the hands of a simulated bench."""
 
@@ -161,6 +169,16 @@ class _SetupSession:
             while (step := setup.next) is not None and await self._take(setup, step):
                 pass
 
+    def say_left(self) -> None:
+        """Say at which part the person leaves, and what goes on there."""
+        if self._setup is None or self._setup.next is None:
+            return
+        if self._setup.progress.path is None:
+            goes_on = "a simulated rig is not remembered, so the next setup begins anew"
+        else:
+            goes_on = f"rigctl setup --rig {self._args.rig} goes on there"
+        self._print(f"left at {self._setup.next.title}: {goes_on}")
+
     def report(self) -> int:
         """Print where the setup stands; return the exit code."""
         assert self._setup is not None
@@ -173,13 +191,13 @@ class _SetupSession:
             return 0
         if self._args.part:
             verdict = setup.verdicts.get(self._args.part)
-            if left is not None:
+            if left is not None and setup.progress.path is not None:
                 self._print(f"next is {left.title}: rigctl setup --rig {self._args.rig}")
             return 0 if verdict is not None and verdict.passed else 1
         if left is None:
             self._print("the rig is set up: run a protocol, or rigctl accept")
             return 0
-        self._print(f"left at {left.title}: rigctl setup --rig {self._args.rig} goes on there")
+        self.say_left()
         return 1
 
     async def _take(self, setup: Setup, step: SetupStep) -> bool:
@@ -189,6 +207,8 @@ class _SetupSession:
         while True:
             try:
                 verdict = await setup.check(step.name)
+            except _NoTerminal:
+                raise
             except WrongUse as refusal:
                 verdict = Verdict("", "", str(refusal))
             if not self._args.json:
@@ -238,7 +258,9 @@ def _answer(question: Question, known: str) -> str:
         try:
             given = input(visible(f"  {question.text} [{hint}; Ctrl-C leaves] "))
         except EOFError:
-            raise WrongUse(NO_TERMINAL) from None
+            raise _NoTerminal(NO_TERMINAL) from None
+        if given.strip().lower() == LEAVE and LEAVE not in question.choices:
+            raise KeyboardInterrupt
         try:
             return question.checked(given or known)
         except WrongUse as impossible:
