@@ -13,6 +13,10 @@ from gui.screenshots.scene import SAVE_IN, Scene, Studio
 from gui.shell.main_window import MainWindow
 from gui.widgets.file_browser import PathKind
 from gui.widgets.theme import ThemeChoice
+from rigctl.acquisition.rpc.messages import EngineStatus
+from rigctl.acquisition.setup.boards import installed_build
+from rigctl.devices.port_discovery import PortReport
+from rigctl.values import BoardIdentity
 from rigctl.wire.drum.states import State
 
 RIDGES = """\
@@ -73,6 +77,7 @@ def setup_scenes(studio: Studio) -> Iterator[Scene]:
     """Set the rig up, with a picture of each part once it is checked, and of one question."""
     window, page, wait = studio.window, studio.window.tools.setup_page, studio.camera.wait
     window.tools.show_setup()
+    yield from _boards_scene(window)
     wait(lambda: bool(window.engine_link.status.setup.parts))
     for number in range(page.list.count()):
         page.list.setCurrentRow(number)
@@ -83,6 +88,22 @@ def setup_scenes(studio: Studio) -> Iterator[Scene]:
         choice = ThemeChoice.LIGHT if number else None
         yield Scene(f"setup-{number + 1:02}-{name}", partial(_is_right, window, name), choice)
     page.closed.emit()
+
+
+def _boards_scene(window: MainWindow) -> Iterator[Scene]:
+    """Show the first step, as it is before a bench is connected."""
+    page, status_changed = window.tools.setup_page, window.engine_link.status_changed
+    status_changed.disconnect(page.show_status)
+    page.show_status(EngineStatus())
+    mega = BoardIdentity("drum", "0.1", installed_build("drum"), 4, 3, 0)
+    reports = [
+        PortReport("/dev/ttyACM0", "Arduino Mega 2560", mega),
+        PortReport("/dev/ttyUSB0", "USB Serial", error="no rigctl board answered"),
+    ]
+    builds = {board: installed_build(board) for board in ("drum", "taxels")}
+    page.boards.worker.found.emit(reports, builds)
+    yield Scene("setup-00-boards")
+    status_changed.connect(page.show_status)
 
 
 def _answered(studio: Studio, name: str) -> Iterator[Scene]:

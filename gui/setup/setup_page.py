@@ -8,6 +8,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QLineEdit, QListWidget, QListWidgetItem, QPushButton, QWidget
 
 from gui.calibrate.part_page import common_obstacle
+from gui.setup.boards_box import BoardsBox
 from gui.setup.part_picture import FORCE, CellTrace, PartDrawing
 from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.labels import label, set_property, show_text
@@ -22,11 +23,12 @@ COMMANDS = frozenset(
     }
 )  # fmt: skip
 """The engine's commands of this page."""
+FIRMWARE = "firmware"
 MARKS = {"open": "○", "right": "✓", "wrong": "✗"}
 WORDS = {"open": "not checked yet", "right": "right", "wrong": "wrong"}
-CONNECT_FIRST = (
-    "Connect to the rig first, with its rig.toml. Where that fails, Tools → Serial ports says "
-    "which board is on which port, and rigctl flash loads a board's firmware."
+DRUM_LOST = (
+    "The drum board does not answer: check its cable; or disconnect, and find or flash the boards "
+    "here."
 )
 INTRODUCTION = (
     "Each part is checked alone before anything may press. You can leave at any part and go on "
@@ -46,13 +48,16 @@ class SetupPage(QWidget):
     """The engine's command and its arguments."""
     closed = Signal()
     """The user leaves; what has passed is kept."""
+    flash_requested = Signal()
+    """The user wants to flash the boards of the connected rig."""
 
-    def __init__(self) -> None:
+    def __init__(self, boards: BoardsBox) -> None:
         super().__init__()
+        self.boards = boards
         self._setup = SetupStatus()
-        self._obstacle = CONNECT_FIRST
+        self._obstacle = DRUM_LOST
         self._refusal, self._asked_id = "", 0
-        self._was_connected = False
+        self._was_connected = self._is_simulated = False
         self.list = QListWidget()
         self.list.setAccessibleName("Parts of the setup")
         self.list.currentRowChanged.connect(lambda _: self._show_part())
@@ -63,6 +68,7 @@ class SetupPage(QWidget):
         self.question = label("", "heading", wraps=True)
         self.answer = QLineEdit()
         self.answer.setAccessibleName("Answer")
+        self.unit = label()
         self.answer.returnPressed.connect(lambda: self._answer(self.answer.text()))
         self.answer_buttons: list[QPushButton] = []
         self._answers = FlowLayout()
@@ -90,7 +96,10 @@ class SetupPage(QWidget):
     def show_status(self, status: EngineStatus) -> None:
         """Show what has been checked and what is possible now."""
         self.trace.add(status)
-        self._obstacle = common_obstacle(status) if status.drum_connected else CONNECT_FIRST
+        self.boards.setVisible(not status.rig)
+        self.parts.setVisible(bool(status.rig))
+        self._is_simulated = status.simulated
+        self._obstacle = common_obstacle(status) if status.drum_connected else DRUM_LOST
         if status.fault:
             self._obstacle = ""  # the parts name what is behind a fault
         if status.drum_connected and not self._was_connected and self.isVisible():
@@ -111,6 +120,9 @@ class SetupPage(QWidget):
         self.check_button = push_button("Check", self._check, "Check this part now")
         self.cancel_button = push_button("Stop the check", self._cancel, "The drum lifts and stops")
         self.keep_button = push_button("Keep it so", self._keep, KEEP_TIP)
+        self.flash_button = push_button(
+            "Flash the boards …", self.flash_requested.emit, "Disconnect, then write their firmware"
+        )
         self.back_button = push_button("Back", lambda: self._move(-1), "The part before")
         self.next_button = push_button("Next", lambda: self._move(1), "The part after")
         self.leave_button = push_button("Leave", self._leave, "Go on another time")
@@ -123,22 +135,26 @@ class SetupPage(QWidget):
 
     def _lay_out(self) -> None:
         heading = hbox(label("Set up", "heading"), self.leave_button, spacing=8)
-        check = FlowLayout(self.check_button, self.cancel_button, self.keep_button)
+        to_part = (self.check_button, self.cancel_button, self.keep_button, self.flash_button)
+        check = FlowLayout(*to_part)
         moves = FlowLayout(self.back_button, self.next_button)
         all_of_it = FlowLayout(self.again_button, self.without_button)
         self.answers_box = container(self._answers)
         right = vbox(
-            *(self.title, self.drawing, self.trace, self.question, self.answer, self.answers_box),
+            *(self.title, self.drawing, self.trace, self.question),
+            *(hbox(self.answer, self.unit, spacing=6), self.answers_box),
             *(self.expected, self.found, self.problem, self.state, check, moves),
             spacing=6,
         )
         right.setStretch(1, 1)
         left = vbox(self.list, all_of_it, spacing=6)
         left.setStretch(0, 1)
-        columns = hbox(left, right, spacing=12, wide=1)
+        self.parts = container(hbox(left, right, spacing=12, wide=1))
         self.introduction = label(INTRODUCTION, "muted", wraps=True)
-        column = vbox(heading, self.introduction, columns, spacing=6, margins=(9, 4, 9, 4))
+        rows = (heading, self.introduction, self.boards, self.parts)
+        column = vbox(*rows, spacing=6, margins=(9, 4, 9, 4))
         column.setStretch(2, 1)
+        column.setStretch(3, 1)
         self.setLayout(column)
         bar_px = self.list.verticalScrollBar().sizeHint().width()
         self.list.setFixedWidth(self.fontMetrics().horizontalAdvance(WIDEST) + bar_px + 24)
@@ -168,13 +184,16 @@ class SetupPage(QWidget):
         show_text(self.expected, f"Expected: {part.expected}" if part.expected else "")
         show_text(self.found, f"Found: {part.found}" if part.found else "")
         show_text(self.problem, part.problem)
-        self._show_picture(part.picture)
+        self._show_picture(setup.picture or part.picture)
         self._show_question()
         self._show_state(part)
         self.check_button.setEnabled(is_free)
         self.check_button.setText("Check again" if part.state != "open" else "Check")
         self.cancel_button.setEnabled(bool(setup.checking))
         self.keep_button.setEnabled(is_free and bool(part.remedy))
+        is_other_build = part.name == FIRMWARE and part.state == "wrong"
+        self.flash_button.setVisible(is_other_build and not self._is_simulated)
+        self.flash_button.setEnabled(not setup.checking)
         self.keep_button.setToolTip(f"Let rig.toml say {part.remedy}" if part.remedy else KEEP_TIP)
         row = self.list.currentRow()
         self.back_button.setEnabled(row > 0 and not setup.checking)
@@ -196,6 +215,7 @@ class SetupPage(QWidget):
         show_text(self.question, setup.question)
         asks_number = bool(setup.question) and not setup.choices
         self.answer.setVisible(asks_number)
+        show_text(self.unit, setup.unit if asks_number else "")
         self.answers_box.setVisible(bool(setup.question))
         if setup.question_id == self._asked_id:
             return
@@ -203,7 +223,6 @@ class SetupPage(QWidget):
         for button in self.answer_buttons:
             self._answers.removeWidget(button)
             button.deleteLater()
-        self.answer.setPlaceholderText(setup.unit)
         self.answer.setText(setup.known if asks_number else "")
         texts = setup.choices or ("answer",)
         self.answer_buttons = [self._answer_button(text, asks_number) for text in texts]

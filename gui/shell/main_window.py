@@ -203,7 +203,8 @@ class MainWindow(SteadyFocusWindow):
         self._add_docks()
         run_end = self.analysis_tab.run_end_strip
         questions = (self.prompt_panel, self.finger_tab.prompt_panel, run_end)
-        strips = (self.drum.safety.alarms.strip, *self.attach.strips, *questions)
+        offer = self.tools.flash_strip
+        strips = (self.drum.safety.alarms.strip, *self.attach.strips, offer, *questions)
         self.regions = Regions(self.toolbar, strips, self.docks)
         body = vbox(*strips, self.docks, self.status_line, spacing=3, margins=(8, 0, 8, 0))
         body.setStretch(len(strips), 1)
@@ -297,6 +298,10 @@ class MainWindow(SteadyFocusWindow):
         self.help.reported.connect(self.report)
         self.help.shown.connect(partial(self.stack.show_page, "help"))
         self.start.virtual_requested.connect(self.connect_rig)
+        self.tools.connect_requested.connect(self.connect_rig)
+        suggest = self.tools.setup_page.boards.suggest
+        chosen = self.toolbar.rig
+        chosen.currentIndexChanged.connect(lambda _: suggest(chosen.currentData() or ""))
         self.start.reported.connect(self.report)
         self.start.page.session_requested.connect(self._open_session)
         for pages in (self.file_browser, self.tools, self.help.page, self.start):

@@ -17,6 +17,7 @@ from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.health.boards import DRUM, TAXELS, BoardHealth
 from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.rig import Rig
+from rigctl.acquisition.setup.boards import installed_build
 from rigctl.acquisition.taxels.followed_range import FollowedRange
 from rigctl.acquisition.taxels.pipeline import SamplePipeline
 from rigctl.encoding.encoder import Encoder
@@ -222,13 +223,19 @@ class Boards:
         self._publish_board(board, "rebooted and is back" if rebooted else "is back")
 
     def _publish_board(self, board: BoardIdentity, what: str) -> None:
+        link = self._rig.drum.link if board.board == DRUM else self._rig.taxels.link
+        ours = installed_build(board.board) if link.resets_board else ""
+        is_other = ours not in ("", board.build_hash)
+        cure = f"; this installation brings build {ours}: rigctl flash {board.board}"
         self._event_bus.publish(
             "board",
             f"{_BOARD_NAMES[board.board]} {what}: firmware {board.firmware_version}, "
             f"build {board.build_hash}, "
-            f"boot {board.boot_count} by {reset_cause_text(board.reset_cause)}",
+            f"boot {board.boot_count} by {reset_cause_text(board.reset_cause)}"
+            f"{cure if is_other else ''}",
             board=board.board,
             boot_count=board.boot_count,
+            **({"flash_at": link.name} if is_other else {}),
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Awaitable, Callable
 
 from rigctl.devices.boot_silence import ASK_S, BootSilence
@@ -15,6 +16,8 @@ from rigctl.wire.taxels.frames import WIRE_VERSION, TaxelIdentity
 CONNECT_TIMEOUT_S = 4.0
 """A board that no bootloader holds up answers within this time after a reset."""
 WHICH_PORT = "rigctl ports shows which board is on which port"
+GIVE_IT = "to give it this installation's firmware,"
+_OFFERED = re.compile(rf"(\S+): the \w+ board's .* {GIVE_IT} `rigctl flash (\w+)`")
 
 PortDiagnosis = Callable[[ByteLink], Awaitable[str]]
 """Returns a sentence about the other board at an open link; empty where no board answers."""
@@ -49,6 +52,12 @@ def no_answer(silence: BootSilence, link: ByteLink, board: str, bytes_came: bool
     )
 
 
+def offered_flash(refusal: str) -> tuple[str, str] | None:
+    """Return board and port of a refusal that flashing cures, None for any other."""
+    offered = _OFFERED.search(refusal)
+    return (offered[2], offered[1]) if offered else None
+
+
 def drum_identity(name: str, raw: dict[str, tuple[int, ...]]) -> BoardIdentity:
     """Return the drum's identity from its identity block; raises WrongBoard for another board."""
     if raw["magic"][0] != MAGIC or raw["board_id"][0] != BOARD_DRUM:
@@ -58,7 +67,7 @@ def drum_identity(name: str, raw: dict[str, tuple[int, ...]]) -> BoardIdentity:
         raise WrongBoard(
             f"{name}: the drum board's firmware {version} speaks register map {map_version}, "
             f"this program map {MAP_VERSION}: "
-            "to give it this installation's firmware, `rigctl flash drum`"
+            f"{GIVE_IT} `rigctl flash drum`"
         )
     return BoardIdentity(
         board="drum",
@@ -81,7 +90,7 @@ def taxel_identity(name: str, reported: TaxelIdentity) -> BoardIdentity:
             f"{name}: the taxel board's firmware {version} speaks wire version "
             f"{reported.wire_version} with {reported.n_taxels} taxels, this program version "
             f"{WIRE_VERSION} with {N_TAXELS}: "
-            "to give it this installation's firmware, `rigctl flash taxels`"
+            f"{GIVE_IT} `rigctl flash taxels`"
         )
     return BoardIdentity(
         board="taxels",
@@ -105,7 +114,7 @@ def finger_identity(name: str, reported: finger.FingerIdentity) -> BoardIdentity
             f"{reported.wire_version} with {reported.n_taxels} taxels in batches of "
             f"{reported.batch_samples}, this program version {finger.WIRE_VERSION} with "
             f"{finger.N_TAXELS} in batches of {finger.BATCH_SAMPLES}: "
-            "to give it this installation's firmware, `rigctl flash finger`"
+            f"{GIVE_IT} `rigctl flash finger`"
         )
     return BoardIdentity(
         board="finger",

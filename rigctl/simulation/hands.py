@@ -58,7 +58,7 @@ class SimulatedHands:
             "make_room": lambda: "clear",
             "which_way_rod": self._which_way_rod,
             "count_turns": lambda: f"{self._turns():.2f}",
-            "which_way_drum": lambda: "with it" if self._moved_mm() > 0 else "against it",
+            "which_way_drum": lambda: f"{'with' if self._moved_mm() > 0 else 'against'} the arrow",
             "mount_plate": lambda: "yes",
             **{f"fitted_{signal.name.lower()}": self._has(signal) for signal in Signal},
         }

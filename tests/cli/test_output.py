@@ -106,16 +106,28 @@ def test_without_a_reader_the_command_still_answers(line: str, code: int) -> Non
 def test_a_real_terminal_gets_no_escape_of_a_file(tmp_path: Path) -> None:
     file = tmp_path / "evil.toml"
     file.write_text('description = "\\u001b[2J\\u009b5n"\n[[steps]]\nat="end"\nkind="tare"\n')
+    shown = at_terminal("check", str(file))
+    assert b"\\x1b[2J\\u009b5n" in shown
+    assert b"\x1b" not in shown
+
+
+def test_a_command_that_compiles_shows_no_escape_at_its_end() -> None:
+    """The compiler's colours, where colorama is there, ended each command with ``\\x1b[0m``."""
+    shown = at_terminal("setup", "--rig", "virtual", "--part", "ports", "--yes")
+    assert shown.rstrip().endswith(b"right") and b"x1b" not in shown
+
+
+def at_terminal(*words: str) -> bytes:
+    """Return what a command that succeeds shows at a terminal."""
     reader, terminal = pty.openpty()
     with subprocess.Popen(
-        [sys.executable, "-m", "rigctl", "check", str(file)], stdout=terminal, stderr=terminal
+        [sys.executable, "-m", "rigctl", *words], stdout=terminal, stderr=terminal
     ) as process:
         os.close(terminal)
         shown = b"".join(iter(partial(_read_terminal, reader), b""))
         os.close(reader)
     assert process.returncode == 0
-    assert b"\\x1b[2J\\u009b5n" in shown
-    assert b"\x1b" not in shown
+    return shown
 
 
 def _read_terminal(reader: int) -> bytes:

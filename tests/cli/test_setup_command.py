@@ -40,7 +40,9 @@ def test_a_wrong_wiring_is_one_sentence_and_the_next_command(
     assert main((*YES, "--wire", "end switches swapped")) == 1
     lines = capsys.readouterr().out.splitlines()
     assert "  WRONG: the two end switches are swapped: swap their wires" in lines
-    assert lines[-1] == "left at End switches: rigctl setup --rig virtual goes on there"
+    assert lines[-1] == (
+        "left at End switches: a simulated rig is not remembered, so the next setup begins anew"
+    )
 
 
 def test_boards_at_exchanged_ports_are_named(capsys: pytest.CaptureFixture[str]) -> None:
@@ -80,6 +82,35 @@ def test_a_person_answers_mends_keeps_and_leaves(
         and "rig.toml says [inverted] end_switches" in printed
     )
     assert sum("Hold the upper end switch" in text for text in asked) == 2
+
+
+@pytest.mark.parametrize("way", ["leave", "Ctrl-C"])
+def test_whoever_leaves_at_a_question_hears_where(
+    way: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def answer(_: str) -> str:
+        if way == "Ctrl-C":
+            raise KeyboardInterrupt
+        return way
+
+    monkeypatch.setattr("builtins.input", answer)
+    monkeypatch.setattr("rigctl.cli.rig.setup.open_rig", _as_fast_as_possible())
+    assert main(("setup", "--rig", "virtual")) == 130
+    assert "left at Drum and microsteps: a simulated rig" in capsys.readouterr().out
+
+
+def test_where_nobody_can_answer_the_command_says_it_once(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def answer(_: str) -> str:
+        raise EOFError
+
+    monkeypatch.setattr("builtins.input", answer)
+    monkeypatch.setattr("rigctl.cli.rig.setup.open_rig", _as_fast_as_possible())
+    assert main(("setup", "--rig", "virtual")) == 2
+    printed = capsys.readouterr()
+    assert "WRONG" not in printed.out
+    assert printed.err.count("there is no terminal to answer at") == 1
 
 
 def _as_fast_as_possible() -> Callable[..., object]:

@@ -9,7 +9,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QPushButton
 
-from gui.setup.setup_page import CONNECT_FIRST, SetupPage
+from gui.setup.setup_page import DRUM_LOST, SetupPage
 from tests.gui.rig_window import RigWindow, rig_window
 from tests.gui.steps import Harness, click
 
@@ -107,6 +107,7 @@ def test_an_answer_that_is_no_number_is_refused_and_the_check_can_be_stopped(
     choose(page, "drum")
     press(rig, page.check_button)
     rig.until(page.answer.isVisible)
+    assert page.unit.text() == "mm"
     page.answer.clear()
     QTest.keyClicks(page.answer, "1.000,5")
     QTest.keyClick(page.answer, Qt.Key.Key_Return)
@@ -116,10 +117,30 @@ def test_an_answer_that_is_no_number_is_refused_and_the_check_can_be_stopped(
     assert not page.answer.isVisible() and _state(rig, "drum") == "right"
 
 
+def test_each_wire_that_is_asked_for_is_shown_in_the_drawing(rig: RigWindow) -> None:
+    page = page_of(rig)
+    choose(page, "wires")
+    press(rig, page.check_button)
+    for name, picture in (("emergency stop", "emergency stop"), ("index", "index sensor")):
+        rig.until(lambda name=name: f"Is this fitted: {name}" in page.question.text())
+        assert picture in page.drawing.accessibleName()
+        click(page.answer_buttons[0])
+    press(rig, page.cancel_button)
+    rig.until(lambda: not rig.status.setup.checking)
+
+
 def test_without_a_rig_the_page_says_what_to_do(harness: Harness) -> None:
     window = harness.window
     window.engine_link.close()
     window.tools.show_setup()
     page = window.tools.setup_page
     page.show_status(type(window.engine_link.status)())
-    assert page.state.text() == CONNECT_FIRST and not page.check_button.isEnabled()
+    assert page.boards.isVisible()
+    assert page.boards.find_button.isEnabled() and not page.check_button.isVisible()
+
+
+def test_a_drum_board_that_is_lost_is_named(harness: Harness) -> None:
+    harness.window.tools.show_setup()
+    harness.update(drum_connected=False)
+    page = harness.window.tools.setup_page
+    assert page.state.text() == DRUM_LOST and not page.check_button.isEnabled()

@@ -9,6 +9,8 @@ from PySide6.QtCore import QObject, Signal
 
 from gui.calibrate.calibrate_page import CalibratePage
 from gui.engine_link import EngineLink
+from gui.setup.boards_box import BoardsBox
+from gui.setup.flash_strip import FlashStrip
 from gui.setup.setup_page import SetupPage
 from gui.shell.actions import ActionRegistry
 from gui.shell.page_stack import PageStack
@@ -16,9 +18,10 @@ from gui.tools.accept_page import AcceptPage
 from gui.tools.ports_page import PortsPage
 from rigctl.acquisition.live_buffer import LiveReader
 from rigctl.acquisition.rpc.messages import EngineStatus
+from rigctl.devices.identity import offered_flash
 
 UNSAVED = "calibration not saved: {parts}; it is lost unless another window is on the rig"
-IN_USE = "The window uses the boards: disconnect first, because listing the ports resets them."
+IN_USE = "The window uses the boards: disconnect first, because asking the ports resets them."
 
 
 class ToolsController(QObject):
@@ -26,6 +29,8 @@ class ToolsController(QObject):
 
     path_requested = Signal(object, object)
     reported = Signal(str, str)
+    connect_requested = Signal(str)
+    """The ``rig.toml`` of the boards that were found."""
     closed = Signal()
     """The user has closed a page."""
 
@@ -34,8 +39,9 @@ class ToolsController(QObject):
     ) -> None:
         super().__init__()
         self._stack, self._link = stack, link
+        self.flash_strip = FlashStrip()
         self.accept_page, self.ports_page = AcceptPage(), PortsPage(self._ports_refusal)
-        self.accept_page.path_requested.connect(self._choose_path)
+        self.accept_page.path_requested.connect(partial(self._choose_path, "accept"))
         judge = "Judge a rig by a session of the acceptance protocol"
         pages = (
             ("accept", self.accept_page, "&Accept a rig", judge),
@@ -69,6 +75,7 @@ class ToolsController(QObject):
         """End the commands that still run."""
         for page in (self.accept_page, self.ports_page):
             page.close_process()
+        self.setup_page.boards.worker.close()
 
     def _connect_calibration(self) -> None:
         link, page = self._link, self.calibrate_page
@@ -80,8 +87,15 @@ class ToolsController(QObject):
         link.answered.connect(page.show_answer)
 
     def _add_setup(self, menus: ActionRegistry) -> None:
-        link, page = self._link, SetupPage()
-        self.setup_page = page
+        link, page = self._link, SetupPage(BoardsBox(self._ports_refusal))
+        self.setup_page, strip = page, self.flash_strip
+        page.boards.path_requested.connect(partial(self._choose_path, "setup"))
+        page.boards.connect_requested.connect(self.connect_requested)
+        page.flash_requested.connect(link.close)
+        strip.flash_requested.connect(self._flash)
+        link.opened.connect(strip.hide)
+        link.closed.connect(self._offer_flash)
+        link.event_received.connect(self._take_event)
         self._stack.add_page("setup", page)
         page.closed.connect(self.closed)
         page.command_requested.connect(self._request)
@@ -100,13 +114,35 @@ class ToolsController(QObject):
     def _request(self, command: str, args: dict[str, Any]) -> None:
         self._link.request(command, **args)
 
-    def _choose_path(self, kind: object, selected: object) -> None:
+    def _offer_flash(self, reason: str) -> None:
+        """Offer to flash the board that a connection failed for."""
+        self.flash_strip.hide()
+        if offered := offered_flash(reason):
+            self.flash_strip.offer(*offered, reason)
+
+    def _take_event(self, message: dict[str, Any]) -> None:
+        """Offer to flash a board that answers with another build than this installation brings."""
+        data = message.get("data") or {}
+        if port := data.get("flash_at"):
+            self.flash_strip.offer(str(data["board"]), str(port), str(message.get("text")))
+
+    def _flash(self, board: str, port: str) -> None:
+        """Flash a board; a connected rig lets its ports go first."""
+        is_connected = self._link.is_connected
+        self._link.close()
+        self._stack.show_page("setup")
+        if is_connected:
+            self.setup_page.boards.show_released()
+        else:
+            self.setup_page.boards.flash(board, port)
+
+    def _choose_path(self, page: str, kind: object, selected: object) -> None:
         """Let the user choose a file, and come back to the page."""
         assert callable(selected)
 
         def take(path: str) -> None:
             selected(path)
-            self._stack.show_page("accept")
+            self._stack.show_page(page)
 
         self.path_requested.emit(kind, take)
 

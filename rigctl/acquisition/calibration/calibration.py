@@ -36,6 +36,7 @@ from rigctl.acquisition.calibration.wiring_steps import (
     require_identifiable,
 )
 from rigctl.acquisition.rig import Rig
+from rigctl.acquisition.setup.progress import note_calibration
 from rigctl.config.toml_edit import replace_file
 from rigctl.errors import DiskFault, LinkLost, WrongUse
 
@@ -151,19 +152,22 @@ class Calibration:
         values = self._values(part)
         path = self._rig.path if values.keys else None
         text = values.edited(path) if path else ""
-        places = [] if part == WIRING else [BOARD]
+        places, remark = [] if part == WIRING else [BOARD], values.remark
         if places:
             self.measurement.require_ready()
-            await self.measurement.run(part, self._calibrator.save_settings(**values.settings))
+            saving = self._calibrator.save_settings(**values.settings)
+            remark = "; ".join(filter(None, (remark, await self.measurement.run(part, saving))))
             self._use(values)
         if path:
             _write(path, text, places)
             places.append(str(path))
+            if part != LOADCELL or await self._boards.motion.is_commissioned():
+                note_calibration(path, values.table, values.keys)
         self._saved[part] = " and ".join(places)
         if part == IMBALANCE:
             self._places_before = {}
         self._has_saved_order |= part == WIRING
-        return places, values.remark
+        return places, remark
 
     def status(self) -> CalibrationStatus:
         """Return what clients see."""

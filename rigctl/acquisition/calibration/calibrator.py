@@ -27,6 +27,14 @@ PRESS = 1
 SETTLE_S, WATCH_S = 1.0, 3.0
 GAINS = "proposed_gain_p", "proposed_gain_i", "tuned_stiffness_g_per_mm", "tuned_delay"
 ACTUATOR = "tuned_dead_band", "tuned_stiction", "tuned_rate"
+SCALE = "scale_ug_per_count"
+NEAR_SHARE = 0.1
+"""Cell, amplifier and mounting move a scale by some percent; a mistaken mass moves it by more."""
+FAR_SCALE = (
+    "this scale is {ratio:.2f} times the one before, so the board is not commissioned for it: "
+    "check the masses and calibrate again, or go on with rigctl setup, which weighs once more and "
+    "compares with the cell's label"
+)
 
 
 class Calibrator:
@@ -151,11 +159,24 @@ class Calibrator:
         await self.motion.disarm()
         await self.motion.write_settings(**settings)
 
-    async def save_settings(self, **settings: float) -> None:
-        """Write settings to the board and store them in its EEPROM."""
+    async def save_settings(self, **settings: float) -> str:
+        """Write settings to the board and store them in its EEPROM; return a remark.
+
+        A board that was commissioned is commissioned again for a scale near the one before, since
+        nothing else of what it is bound to changes here. The remark is empty, or says that the
+        board has to be commissioned.
+        """
+        before_ug = (await self._poller.drum.get(SCALE))[SCALE]
+        ratio = settings.get(SCALE, before_ug) / before_ug
+        was_commissioned = await self.motion.is_commissioned()
         await self.write_lifted(**settings)
         if not await self.motion.execute(Command.SAVE, TUNE_TIMEOUT_S, "saving"):
             raise RigFault("the board did not save its settings: try again")
+        if was_commissioned and (self.motion.commissions or abs(ratio - 1) <= NEAR_SHARE):
+            await self.motion.commission()
+        elif was_commissioned:
+            return FAR_SCALE.format(ratio=ratio)
+        return ""
 
 
 async def calibrate_alone(rig: Rig, work: Callable[[Calibrator], Awaitable[object]]) -> None:

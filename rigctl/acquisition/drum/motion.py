@@ -53,7 +53,7 @@ class DrumMotion:
     def __init__(self, poller: DrumPoller, config: RigConfig, commissions: bool = False) -> None:
         self.poller = poller
         self.config = config
-        self._commissions = commissions
+        self.commissions = commissions
         self.check: Callable[[], None] = lambda: None
         self.settings: dict[str, float] = {}
         self.homed = False
@@ -120,7 +120,7 @@ class DrumMotion:
         """Write the settings that determine a force. Raises CommandRefused if the board refuses."""
         settings = rig_settings(self.config)
         await self.write_settings(**{name: settings[name] for name in GUARDED_SETTINGS})
-        if self._commissions:
+        if self.commissions:
             await self.commission()
 
     async def commission(self) -> None:
@@ -128,9 +128,13 @@ class DrumMotion:
 
         It is at rest and lifted, or has not pressed since its boot.
         """
-        status_bits = round((await self.poller.drum.get("status_bits"))["status_bits"])
-        if not status_bits >> Status.COMMISSIONED & 1:
+        if not await self.is_commissioned():
             await self.execute(Command.COMMISSION, COMMISSION_TIMEOUT_S, "keeping the settings")
+
+    async def is_commissioned(self) -> bool:
+        """Ask the board whether it presses with the settings that it has."""
+        status_bits = round((await self.poller.drum.get("status_bits"))["status_bits"])
+        return bool(status_bits >> Status.COMMISSIONED & 1)
 
     async def write_settings(self, **values: float) -> None:
         """Write the settings, in engineering units, that differ from those on the board."""

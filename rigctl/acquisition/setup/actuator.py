@@ -52,7 +52,8 @@ class Nudge(NamedTuple):
     @property
     def text(self) -> str:
         """What happened in words."""
-        return f"{self.seen}, {self.travel_um / 1000:+.2f} mm by the potentiometer"
+        travel = f"{self.travel_um / 1000:+.2f}".replace("-", "−")
+        return f"{self.seen}, {travel} mm by the potentiometer"
 
 
 class ActuatorReadings(NamedTuple):

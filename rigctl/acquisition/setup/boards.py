@@ -4,19 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from pathlib import Path
 from typing import NamedTuple
 
+from rigctl.acquisition.calibration.rig_file import edited_rig_file
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.setup.verdict import YES, YES_OR_NO, Question, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
 from rigctl.config.resources import checkout, flash_image
-from rigctl.config.rig_config import Signals
+from rigctl.config.rig_config import RigConfig, Signals
+from rigctl.config.toml_edit import replace_file
 from rigctl.devices.port_discovery import DRUM, TAXELS, PortReport, probe_link
 from rigctl.errors import WrongUse
 from rigctl.host_build import image_hash
 
 SAME_SHARE = 0.005
 MOTOR_STEPS = 200
+NEW_FILE = "# Written by rigctl setup; your own comments and changes stay.\n\n"
+BOARD_NAMES = {DRUM: "drum board", TAXELS: "taxel board"}
 CIRCUMFERENCE = Question(
     "circumference",
     "Lay a strip of paper around the drum with its plates on, mark where it meets, and measure "
@@ -29,13 +34,30 @@ CIRCUMFERENCE = Question(
 MICROSTEPS = Question(
     "microsteps", "To how many microsteps is the stepper's driver set?", (), "microsteps", 1, 256
 )
-FITTED = {
-    "estop": "an emergency stop on D3",
-    "index": "an index mark with its sensor on D2",
-    "end_switches": "end switches of the actuator on D30 and D31",
-    "position": "the actuator's potentiometer on A0",
-    "sync": "the sync wire from the Mega's D24 to the Uno's D8",
+
+
+class OptionalWire(NamedTuple):
+    """A wire that a rig may do without: its name, where it is, and its part of the drawing."""
+
+    name: str
+    where: str
+    picture: str
+
+
+WIRES = {
+    "estop": OptionalWire("emergency stop", "its contact on D3", "mega#emergency-stop"),
+    "index": OptionalWire(
+        "index mark", "its sensor on D2 and the Uno's D9", "mega#index-sensor-at-the-drum"
+    ),
+    "end_switches": OptionalWire(
+        "end switches", "of the actuator, on D30 and D31", "mega#actuator-position-and-ends"
+    ),
+    "position": OptionalWire(
+        "position", "the actuator's potentiometer, on A0", "mega#actuator-position-and-ends"
+    ),
+    "sync": OptionalWire("sync", "from the Mega's D24 to the Uno's D8", "mega#arduino-uno"),
 }
+"""The optional wires by their keys in ``[signals]``."""
 
 
 class DrumReadings(NamedTuple):
@@ -53,18 +75,29 @@ async def check_ports(bench: Workbench) -> Verdict:
     ports = {"drum": rig.drum.link.name, "taxels": rig.taxels.link.name}
     if rig.path is not None and not rig.config.ports.simulate:
         bench.keep("ports", ports)
-    found = ", ".join(f"{board} board on {port}" for board, port in ports.items())
+    found = ", ".join(f"{BOARD_NAMES[board]} on {port}" for board, port in ports.items())
     return Verdict("a drum board and a taxel board", found)
+
+
+def write_rig_file(path: Path, ports: Mapping[str, str]) -> None:
+    """Write the ports of the boards into ``rig.toml``; one with every key where there is none.
+
+    Raises ConfigError for a file that is no rig's, DiskFault.
+    """
+    if not path.exists():
+        replace_file(path, NEW_FILE + RigConfig().to_toml())
+    if ports:
+        replace_file(path, edited_rig_file(path, "ports", ports))
 
 
 async def check_firmware(bench: Workbench) -> Verdict:
     """Compare the firmware of both boards with the images of this installation."""
     rig = bench.rig
     found = {DRUM: rig.drum.identity.build_hash, TAXELS: rig.taxels.identity.build_hash}
-    return judge_firmware(found, {board: _installed_build(board) for board in found})
+    return judge_firmware(found, {board: installed_build(board) for board in found})
 
 
-def _installed_build(board: str) -> str:
+def installed_build(board: str) -> str:
     """Return the build that this installation would flash, empty where it has no image."""
     if checkout() is not None:
         return image_hash(board)
@@ -84,8 +117,8 @@ def judge_firmware(found: Mapping[str, str], installed: Mapping[str, str]) -> Ve
     problem = ""
     if other:
         problem = (
-            f"the {other} board runs another build than this installation brings: load it with "
-            f"rigctl flash {other}, then check again"
+            f"the {BOARD_NAMES[other]} runs another build than this installation brings: load it "
+            f"with {_flash(other)}, then check again"
         )
     return Verdict(f"builds: {expected}", f"builds: {has}", problem)
 
@@ -115,7 +148,7 @@ def judge_reports(reports: Sequence[PortReport], expected: Sequence[str] = ()) -
     """Judge what answered on the ports: one board of each kind; ``expected``: which on which."""
     kinds = [report.identity.board if report.identity else "" for report in reports]
     found = "; ".join(
-        f"{report.port}: {f'{kind} board' if kind else report.error}"
+        f"{report.port}: {BOARD_NAMES.get(kind, f'{kind} board') if kind else report.error}"
         for report, kind in zip(reports, kinds, strict=True)
     )
     twice = next((kind for kind in (DRUM, TAXELS) if kinds.count(kind) > 1), "")
@@ -132,16 +165,20 @@ def judge_reports(reports: Sequence[PortReport], expected: Sequence[str] = ()) -
 
 def _ports_problem(twice: str, missing: str, has_ports: bool) -> tuple[str, ...]:
     if twice:
-        cure = f"flash one of them with rigctl flash {missing}" if missing else "unplug one of them"
-        return f"two boards answer as the {twice} board: {cure}", "two boards of one kind"
+        cure = f"flash one of them with {_flash(missing)}" if missing else "unplug one of them"
+        return f"two boards answer as the {BOARD_NAMES[twice]}: {cure}", "two boards of one kind"
     if not missing:
         return ("",)
     if not has_ports:
         return ("there is no serial port: plug both boards in, and see what rigctl doctor says",)
     return (
-        f"no port answers as the {missing} board: plug it in; if it is, load its firmware with "
-        f"rigctl flash {missing}, and if that fails, see what rigctl doctor says",
+        f"no port answers as the {BOARD_NAMES[missing]}: plug it in; if it is, load its firmware "
+        f"with {_flash(missing)}, and if that fails, see what rigctl doctor says",
     )
+
+
+def _flash(board: str) -> str:
+    return f"rigctl flash {board} (in the window: Flash)"
 
 
 def judge_drum(seen: DrumReadings) -> Verdict:
@@ -174,17 +211,20 @@ def judge_drum(seen: DrumReadings) -> Verdict:
 async def check_fitted(bench: Workbench) -> Verdict:
     """Ask which of the optional wires are fitted, and keep that."""
     answers = {
-        field.name: await bench.ask(
-            Question(f"fitted_{field.name}", f"Is there {FITTED[field.name]}?", YES_OR_NO)
-        )
-        == YES
+        field.name: await bench.ask(_fitted_question(field.name)) == YES
         for field in fields(Signals)
     }
     if answers != {name: getattr(bench.rig.config.signals, name) for name in answers}:
         bench.keep("signals", answers)
         await bench.configure()
-    fitted = [name.replace("_", " ") for name, has in answers.items() if has]
-    missing = [name.replace("_", " ") for name, has in answers.items() if not has]
+    fitted = [WIRES[name].name for name, has in answers.items() if has]
+    missing = [WIRES[name].name for name, has in answers.items() if not has]
     lost = f"; without {', '.join(missing)}, see arduino/README.md for what that costs"
     found = f"{', '.join(fitted) or 'none'}{lost if missing else ''}"
-    return Verdict("emergency stop, index, end switches, position, sync", found)
+    return Verdict(", ".join(wire.name for wire in WIRES.values()), found)
+
+
+def _fitted_question(key: str) -> Question:
+    wire = WIRES[key]
+    text = f"Is this fitted: {wire.name}, {wire.where}?"
+    return Question(f"fitted_{key}", text, YES_OR_NO, picture=wire.picture)

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import replace
 
 from rigctl.acquisition.calibration.calibrator import Calibrator
 from rigctl.acquisition.calibration.measurement import Measurement
-from rigctl.acquisition.drum.contact import PRESSING_STATES
+from rigctl.acquisition.drum.contact import PRESSING_STATES, has_status
 from rigctl.acquisition.drum.motion import DrumMotion
 from rigctl.acquisition.rig import Rig
+from rigctl.acquisition.setup.progress import COMMISSION
 from rigctl.acquisition.setup.setup import Setup, SetupStep
 from rigctl.acquisition.setup.setup_status import PartStatus, SetupStatus
 from rigctl.acquisition.setup.verdict import Question, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
 from rigctl.errors import CommandRefused, WrongUse
+from rigctl.wire.drum.codes import Status
 
 SETUP = "setup"
 NOT_OPEN = "the setup is not open: open it first"
@@ -79,8 +82,12 @@ class SetupDesk:
         setup, question = self._setup, self._question
         if setup is None:
             return SetupStatus()
+        parts = (_part(setup, step) for step in setup.steps)
+        state = self._motion.poller.state
+        if state is not None and not has_status(state, Status.COMMISSIONED):
+            parts = (_not_commissioned(part) for part in parts)
         return SetupStatus(
-            tuple(_part(setup, step) for step in setup.steps),
+            tuple(parts),
             self._checking,
             self._question_id,
             question.text if question else "",
@@ -88,6 +95,7 @@ class SetupDesk:
             question.unit if question else "",
             self._known if question else "",
             tuple(setup.progress.remarks),
+            question.picture if question else "",
         )
 
     def _ready(self) -> Setup:
@@ -109,6 +117,12 @@ class SetupDesk:
             return await self._answer
         finally:
             self._question = None
+
+
+def _not_commissioned(part: PartStatus) -> PartStatus:
+    """Return the part as it stands since something else has changed what the board is bound to."""
+    is_lost = part.name == COMMISSION and part.state == "right"
+    return replace(part, state="open") if is_lost else part
 
 
 def _part(setup: Setup, step: SetupStep) -> PartStatus:

@@ -18,7 +18,7 @@ TURNS = 2
 TURN_MM_S = 80.0
 MAX_LOST_STEPS = 4
 BACK_TURNS = 1
-FORWARD, BACKWARD, STOOD = "with it", "against it", "not at all"
+FORWARD, BACKWARD, STOOD = "with the arrow", "against the arrow", "not at all"
 
 MARK_DRUM = Question(
     "mark_drum",

@@ -176,14 +176,14 @@ def judge_press(free: CellReadings, pressed: CellReadings, ug_per_count: int) ->
     """Judge whether and which way the reading follows a finger, with the scale's sign."""
     change = pressed.mean_counts - free.mean_counts
     grams = change * ug_per_count * 1e-6
-    expected = "a change to more force under the finger"
-    found = f"a change by {change:+.0f} counts, which {'is' if grams > 0 else 'counts as'} " + (
-        "more force" if grams > 0 else "less force"
-    )
-    if abs(change) < max(LEAST_PRESS_COUNTS, PRESS_SIGMAS * free.sd_counts):
+    least = max(LEAST_PRESS_COUNTS, PRESS_SIGMAS * free.sd_counts)
+    expected = f"a change to more force under the finger, by more than {least:,.0f} counts"
+    words = f"more force, {grams:.0f} g" if grams > 0 else f"less force, −{-grams:.0f} g"
+    found = f"a change by {change:+,.0f} counts: {words} by the scale so far".replace("-", "−")
+    if abs(change) < least:
         return Verdict(
             expected,
-            f"a change by {change:+.0f} counts, which is none",
+            f"a change by {change:+,.0f} counts, which is none".replace("-", "−"),
             "the load cell does not feel the finger: nothing feeds its bridge (E+ is off), A+ and "
             "A− touch each other, or its signal is on B+ and B− while channel A is read, which "
             "look alike; measure E+ to E− (the amplifier's supply), then A+ to A− unplugged "

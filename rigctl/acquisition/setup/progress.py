@@ -53,14 +53,34 @@ class Progress:
     def save(self, board: BoardIdentity) -> None:
         """Write the file, bound to this drum board. Raises DiskFault."""
         if self.path is not None:
-            file = SetupFile(board.boot_count, self.passed)
-            text = json.dumps(msgspec.to_builtins(file), ensure_ascii=False, indent=1)
-            replace_file(self.path, text + "\n")
+            _write(self.path, SetupFile(board.boot_count, self.passed))
 
 
 def progress_path(rig_file: Path) -> Path:
     """Return where the progress of a rig's setup lies."""
     return rig_file.with_suffix(".setup.json")
+
+
+def renew_kept(passed: dict[str, PassedStep], kept: Mapping[str, Mapping[str, Any]]) -> None:
+    """Let each step that wrote one of these keys before agree with what ``rig.toml`` says now."""
+    for name, step in passed.items():
+        newer = {
+            table: {key: kept.get(table, {}).get(key, value) for key, value in keys.items()}
+            for table, keys in step.kept.items()
+        }
+        passed[name] = msgspec.structs.replace(step, kept=newer)
+
+
+def note_calibration(rig_file: Path, table: str, keys: Mapping[str, Any]) -> None:
+    """Let the progress beside ``rig.toml`` agree with a calibration, so that no part is repeated.
+
+    Raises WrongUse where the file is damaged, DiskFault.
+    """
+    path = progress_path(rig_file)
+    if path.is_file():
+        file = _read(path)
+        renew_kept(file.passed, {table: keys})
+        _write(path, file)
 
 
 def load_progress(
@@ -102,6 +122,11 @@ def _read(path: Path) -> SetupFile:
         raise WrongUse(
             f"{path} cannot be read ({error}): delete it to begin the setup again"
         ) from error
+
+
+def _write(path: Path, file: SetupFile) -> None:
+    text = json.dumps(msgspec.to_builtins(file), ensure_ascii=False, indent=1)
+    replace_file(path, text + "\n")
 
 
 def _contradiction(kept: Mapping[str, Mapping[str, Any]], config: RigConfig, name: str) -> str:

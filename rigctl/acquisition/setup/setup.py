@@ -15,7 +15,7 @@ from rigctl.acquisition.setup.first_contact import (
     commission,
 )
 from rigctl.acquisition.setup.load_cell import check_at_rest, check_scale, check_under_finger
-from rigctl.acquisition.setup.progress import COMMISSION, PassedStep, Progress
+from rigctl.acquisition.setup.progress import COMMISSION, PassedStep, Progress, renew_kept
 from rigctl.acquisition.setup.sensor import check_order, check_sensor
 from rigctl.acquisition.setup.switches import check_ends, check_stop, check_supply_cut, tripped
 from rigctl.acquisition.setup.verdict import Verdict
@@ -136,7 +136,7 @@ class Setup:
             raise
         except RigFault as fault:
             verdict = self._failed(step, fault)
-        self._note(step, verdict)
+        await self._note(step, verdict)
         return verdict
 
     async def keep(self, name: str) -> str:
@@ -152,7 +152,7 @@ class Setup:
         self.bench.keep(remedy.table, remedy.keys)
         await self.bench.configure()
         kept = Verdict(verdict.expected, f"{verdict.found}; rig.toml says {remedy.text}")
-        self._note(step, kept)
+        await self._note(step, kept)
         return remedy.text
 
     def begin_again(self) -> None:
@@ -185,13 +185,16 @@ class Setup:
                     f"(rigctl setup --part {earlier.name})"
                 )
 
-    def _note(self, step: SetupStep, verdict: Verdict) -> None:
+    async def _note(self, step: SetupStep, verdict: Verdict) -> None:
         self.verdicts[step.name] = verdict
         if verdict.passed:
             kept = {table: dict(keys) for table, keys in self.bench.kept.items()}
+            renew_kept(self.progress.passed, kept)
             self.progress.passed[step.name] = PassedStep(self.bench.today(), verdict.found, kept)
         else:
             self.progress.passed.pop(step.name, None)
+        if not await self.bench.motion.is_commissioned():  # the part has changed what that is for
+            self.progress.passed.pop(COMMISSION, None)
         self.progress.save(self.bench.rig.drum.identity)
 
     def _failed(self, step: SetupStep, fault: RigFault) -> Verdict:

@@ -30,7 +30,7 @@ class SetupStatus:
     ``checking``: the part that is checked now, empty for none. ``question``: what a person does or
     looks at, empty while nothing is asked, with its ``question_id`` from 1; they answer one of
     ``choices``, or a number in ``unit``. ``known``: the answer of a simulated bench. ``remarks``:
-    parts that must be checked again, one sentence each.
+    parts that must be checked again, one sentence each. ``picture``: as in the question.
     """
 
     parts: tuple[PartStatus, ...] = ()
@@ -41,3 +41,4 @@ class SetupStatus:
     unit: str = ""
     known: str = ""
     remarks: tuple[str, ...] = ()
+    picture: str = ""

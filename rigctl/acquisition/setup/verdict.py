@@ -16,7 +16,8 @@ class Question(NamedTuple):
     """What a person does or looks at, and how they answer.
 
     ``key`` names the act for a simulated bench, which does it itself. ``choices``: the answers;
-    empty where a number is asked for, in ``unit`` from ``low`` to ``high``.
+    empty where a number is asked for, in ``unit`` from ``low`` to ``high``. ``picture``:
+    what it is about, where that is another part of the drawing than that of the step.
     """
 
     key: str
@@ -25,6 +26,7 @@ class Question(NamedTuple):
     unit: str = ""
     low: float = 0.0
     high: float = 0.0
+    picture: str = ""
 
     def checked(self, answer: str) -> str:
         """Return the answer as it is used. Raises WrongUse for one that is not possible."""

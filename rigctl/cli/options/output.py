@@ -65,6 +65,8 @@ class VisibleOutput:
 def visible_output() -> Iterator[None]:
     """Put a :class:`VisibleOutput` in front of standard output and error while entered."""
     _open_closed()
+    # Else numba lets colorama write its colours' reset at the end, which would be shown escaped.
+    os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
     plain = sys.stdout, sys.stderr
     sys.stdout = cast(TextIO, VisibleOutput(plain[0]))
     sys.stderr = cast(TextIO, VisibleOutput(plain[1], may_fail=True))

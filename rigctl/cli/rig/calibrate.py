@@ -25,6 +25,7 @@ from rigctl.acquisition.calibration.rig_file import (
 from rigctl.acquisition.calibration.words import gains_words, imbalance_words, scale_words
 from rigctl.acquisition.health.notices import wiring_notice
 from rigctl.acquisition.rig import Rig
+from rigctl.acquisition.setup.progress import note_calibration
 from rigctl.cli.data.world import add_world, chosen_world
 from rigctl.cli.options.arguments import add_seed, number, path_or_name
 from rigctl.cli.options.terminal import ask
@@ -160,13 +161,18 @@ class _CalibrationSession:
             return
         path = self._rig.path if values.keys else None
         text = values.edited(path) if path else ""
-        await calibrator.save_settings(**values.settings)
+        remark = await calibrator.save_settings(**values.settings)
         places = [BOARD]
         if path:
             replace_file(path, text)
             places.append(str(path))
+            if values.table != "loadcell" or await calibrator.motion.is_commissioned():
+                note_calibration(path, values.table, values.keys)
         self.result["kept_in"] = places
         self._lines.append(f"saved in {' and '.join(places)}")
+        if remark:
+            self.result["remark"] = remark
+            self._lines.append(remark)
 
     def _ask(self, text: str) -> None:
         if not self._args.yes:

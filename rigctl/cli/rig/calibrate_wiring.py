@@ -22,6 +22,7 @@ from rigctl.acquisition.calibration.wiring_steps import (
 )
 from rigctl.acquisition.calibration.words import wiring_words
 from rigctl.acquisition.rig import Rig
+from rigctl.acquisition.setup.progress import note_calibration
 from rigctl.cli.options.terminal import ask
 from rigctl.config.rig_config import RigConfig, TaxelArray, load_config
 from rigctl.config.toml_edit import replace_file
@@ -109,4 +110,5 @@ def _save(path: Path, before: TaxelArray, wiring: tuple[int, ...]) -> list[str]:
     """Write the order into rig.toml; return sentences about its taxel ranges."""
     values = wiring_values(before, wiring)
     replace_file(path, values.edited(path))
+    note_calibration(path, values.table, values.keys)
     return [f"saved in {path}", *filter(None, (values.remark,))]

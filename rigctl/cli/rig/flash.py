@@ -13,23 +13,12 @@ from __future__ import annotations
 import argparse
 import asyncio
 import sys
-from typing import TYPE_CHECKING
 
 from rigctl.cli.options.arguments import a_path
 from rigctl.cli.options.progress import ProgressLine
-from rigctl.errors import CheckFailed, WrongUse
-
-if TYPE_CHECKING:
-    from rigctl.values import BoardIdentity
+from rigctl.errors import WrongUse
 
 BOARDS = ("drum", "taxels", "finger")
-SEARCHING = (
-    "looking for the board: a bootloader may be listening, so every port stays silent for 2 s"
-)
-RESTARTS_FOR_EVER = (
-    "this Nano has the old bootloader: after a hang of its program it restarts for ever, until its "
-    "USB cable is pulled; burn Optiboot (in the Arduino IDE: Nano, Burn Bootloader) to cure that"
-)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -81,29 +70,17 @@ def _write_sketches(args: argparse.Namespace) -> int:
 
 
 async def _flash_avr(args: argparse.Namespace, line: ProgressLine) -> None:
-    from rigctl.devices.flashing.bootloader import OLD_NANO
-    from rigctl.devices.flashing.flash import find_port, flash_avr, installed_image, read_image
+    from rigctl.devices.flashing.flash import flash_board
 
-    build_hash = ""
-    path = args.image
-    if path is None:
-        path, build_hash = installed_image(args.board)
-    image = read_image(path)
-    loop = asyncio.get_running_loop()
-    if args.port is None:
-        line.say(SEARCHING)
-    port = args.port or await find_port(args.board, loop)
-    line.say(f"{port}: {path.name}, build {build_hash or 'unknown'}")
-    kind, identity = await flash_avr(args.board, port, image, loop, line.show_share)
+    flashed = await flash_board(args.board, line.show_share, args.port or "", args.image)
     line.end()
-    if kind is OLD_NANO:
-        line.say(RESTARTS_FOR_EVER)
-    _require_build(port, identity, build_hash)
-    print(_described(port, identity))
+    if flashed.remark:
+        line.say(flashed.remark)
+    print(flashed.text)
 
 
 async def _flash_teensy(args: argparse.Namespace, line: ProgressLine) -> None:
-    from rigctl.devices.flashing.flash import find_identity, read_image
+    from rigctl.devices.flashing.flash import Flashed, find_identity, read_image
     from rigctl.devices.flashing.teensy_flash import require_teensy_image, write_teensy
 
     if args.image is None:
@@ -117,19 +94,4 @@ async def _flash_teensy(args: argparse.Namespace, line: ProgressLine) -> None:
     await write_teensy(args.image, line.say)
     line.say("reading the identity")
     port, identity = await find_identity("finger", args.port, asyncio.get_running_loop())
-    print(_described(port, identity))
-
-
-def _require_build(port: str, identity: BoardIdentity, build_hash: str) -> None:
-    if build_hash and identity.build_hash != build_hash:
-        raise CheckFailed(
-            f"{port}: build {build_hash} was written and verified, and the board reports "
-            f"{identity.build_hash}: run the command again, and make firmware in a checkout"
-        )
-
-
-def _described(port: str, identity: BoardIdentity) -> str:
-    return (
-        f"{port}: {identity.board} board, firmware {identity.firmware_version}, build "
-        f"{identity.build_hash}"
-    )
+    print(Flashed(port, identity, "").text)

@@ -19,7 +19,7 @@ from typing import Any
 
 from rigctl.acquisition.calibration.calibrator import Calibrator, calibrate_alone
 from rigctl.acquisition.rig import Rig
-from rigctl.acquisition.setup.boards import find_boards, judge_reports
+from rigctl.acquisition.setup.boards import find_boards, judge_reports, write_rig_file
 from rigctl.acquisition.setup.setup import STEPS, Setup, SetupStep
 from rigctl.acquisition.setup.verdict import Question, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
@@ -27,8 +27,7 @@ from rigctl.cli.data.world import add_wirings, add_world, chosen_world
 from rigctl.cli.options.arguments import add_seed, path_or_name
 from rigctl.cli.options.progress import ProgressLine
 from rigctl.config.resources import wiring_drawing
-from rigctl.config.rig_config import RigConfig, load_config
-from rigctl.config.toml_edit import replace_file
+from rigctl.config.rig_config import load_config
 from rigctl.config.visible_text import visible
 from rigctl.devices.port_discovery import DRUM, TAXELS, probe_ports
 from rigctl.errors import RigFault, WrongUse
@@ -39,7 +38,6 @@ FIRMWARE_PART = "firmware"
 NO_TERMINAL = (
     "there is no terminal to answer at: run this command at one, or open Set up in the window"
 )
-NEW_FILE = "# Written by rigctl setup; your own comments and changes stay.\n\n"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -82,6 +80,10 @@ def run(args: argparse.Namespace) -> int:
         session = _SetupSession(args, rig)
         try:
             rig.loop.run_until_complete(calibrate_alone(rig, session.run))
+        except KeyboardInterrupt:
+            print()
+            session.say_left()
+            raise
         except RigFault:
             if session.is_connected:
                 raise
@@ -99,21 +101,18 @@ def run(args: argparse.Namespace) -> int:
 
 async def _flash(board: str, port: str) -> None:
     """Write the image of this installation, as ``rigctl flash`` does."""
-    from rigctl.devices.flashing.flash import flash_avr, installed_image, read_image
+    from rigctl.devices.flashing.flash import flash_board
 
     line = ProgressLine(sys.stderr)
-    path, build_hash = installed_image(board)
-    line.say(f"{port}: {path.name}, build {build_hash}")
-    image, loop = read_image(path), asyncio.get_running_loop()
-    await flash_avr(board, port, image, loop, line.show_share)
+    await flash_board(board, line.show_share, port)
     line.end()
 
 
 def _write_new_file(rig: str) -> None:
     """Write a rig.toml with every key and its meaning where there is none."""
     path = Path(rig)
-    if rig not in (VIRTUAL, FIRMWARE) and not path.exists() and path.suffix == ".toml":
-        replace_file(path, NEW_FILE + RigConfig().to_toml())
+    if rig not in (VIRTUAL, FIRMWARE) and path.suffix == ".toml":
+        write_rig_file(path, {})
 
 
 def _find_boards(args: argparse.Namespace) -> bool:
@@ -129,6 +128,10 @@ def _find_boards(args: argparse.Namespace) -> bool:
     if not verdict.passed:
         _print_verdict(verdict)
     return verdict.passed
+
+
+class _NoTerminal(WrongUse):
+    """Nobody can answer."""
 
 
 class _SetupSession:
@@ -166,6 +169,16 @@ class _SetupSession:
             while (step := setup.next) is not None and await self._take(setup, step):
                 pass
 
+    def say_left(self) -> None:
+        """Say at which part the person leaves, and what goes on there."""
+        if self._setup is None or self._setup.next is None:
+            return
+        if self._setup.progress.path is None:
+            goes_on = "a simulated rig is not remembered, so the next setup begins anew"
+        else:
+            goes_on = f"rigctl setup --rig {self._args.rig} goes on there"
+        self._print(f"left at {self._setup.next.title}: {goes_on}")
+
     def report(self) -> int:
         """Print where the setup stands; return the exit code."""
         assert self._setup is not None
@@ -178,11 +191,13 @@ class _SetupSession:
             return 0
         if self._args.part:
             verdict = setup.verdicts.get(self._args.part)
+            if left is not None and setup.progress.path is not None:
+                self._print(f"next is {left.title}: rigctl setup --rig {self._args.rig}")
             return 0 if verdict is not None and verdict.passed else 1
         if left is None:
             self._print("the rig is set up: run a protocol, or rigctl accept")
             return 0
-        self._print(f"left at {left.title}: rigctl setup --rig {self._args.rig} goes on there")
+        self.say_left()
         return 1
 
     async def _take(self, setup: Setup, step: SetupStep) -> bool:
@@ -192,6 +207,8 @@ class _SetupSession:
         while True:
             try:
                 verdict = await setup.check(step.name)
+            except _NoTerminal:
+                raise
             except WrongUse as refusal:
                 verdict = Verdict("", "", str(refusal))
             if not self._args.json:
@@ -241,7 +258,9 @@ def _answer(question: Question, known: str) -> str:
         try:
             given = input(visible(f"  {question.text} [{hint}; Ctrl-C leaves] "))
         except EOFError:
-            raise WrongUse(NO_TERMINAL) from None
+            raise _NoTerminal(NO_TERMINAL) from None
+        if given.strip().lower() == LEAVE and LEAVE not in question.choices:
+            raise KeyboardInterrupt
         try:
             return question.checked(given or known)
         except WrongUse as impossible:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 from pathlib import Path
+from typing import NamedTuple
 
 from serial.tools import list_ports
 
@@ -19,15 +20,39 @@ from rigctl.devices.flashing.avr_flash import (
     find_bootloader,
     write_image,
 )
-from rigctl.devices.flashing.bootloader import BootloaderKind
+from rigctl.devices.flashing.bootloader import OLD_NANO
 from rigctl.devices.port_discovery import probe_ports, read_identity
-from rigctl.errors import LinkLost, RigFault, WrongUse
+from rigctl.errors import CheckFailed, LinkLost, RigFault, WrongUse
 from rigctl.host_build import image_hash
 from rigctl.values import BoardIdentity
 
 MAX_IMAGE_BYTES = 16 * 2**20
 AFTER_WRITING_S = 0.5
 """The port may be held for a moment by the program that has just ended."""
+SEARCHING = (
+    "looking for the board: a bootloader may be listening, so every port stays silent for 2 s"
+)
+RESTARTS_FOR_EVER = (
+    "this Nano has the old bootloader: after a hang of its program it restarts for ever, until its "
+    "USB cable is pulled; burn Optiboot (in the Arduino IDE: Nano, Burn Bootloader) to cure that"
+)
+
+
+class Flashed(NamedTuple):
+    """A board that was flashed: its port, what it reports, a ``remark``, empty for none."""
+
+    port: str
+    identity: BoardIdentity
+    remark: str
+
+    @property
+    def text(self) -> str:
+        """The board in words."""
+        board = self.identity
+        return (
+            f"{self.port}: {board.board} board, firmware {board.firmware_version}, build "
+            f"{board.build_hash}"
+        )
 
 
 def read_image(path: Path) -> Segments:
@@ -87,21 +112,35 @@ async def find_port(board: str, loop: asyncio.AbstractEventLoop) -> str:
     return ports[0]
 
 
-async def flash_avr(
-    board: str, port: str, image: Segments, loop: asyncio.AbstractEventLoop, report: Report
-) -> tuple[BootloaderKind, BoardIdentity]:
-    """Write an image to the ``board`` on ``port``; return its bootloader and its new identity.
+async def flash_board(
+    board: str, report: Report, port: str = "", path: Path | None = None
+) -> Flashed:
+    """Write the image of this installation, or that at ``path``, verify it and read the identity.
 
-    Raises WrongUse for the wrong board, LinkLost where it cannot be written, WrongBoard where what
-    answers afterwards is not this board with this version.
+    Without a ``port`` the board is searched. Raises WrongUse for the wrong board, LinkLost where it
+    is not found or cannot be written, WrongBoard where what answers afterwards is not this board
+    with this version, CheckFailed where it reports another build than was written.
     """
-    chip = CHIPS[board]
+    loop, chip, build_hash = asyncio.get_running_loop(), CHIPS[board], ""
+    if path is None:
+        path, build_hash = installed_image(board)
+    image = read_image(path)
+    if not port:
+        report(SEARCHING, 0.0)
+        port = await find_port(board, loop)
+    report(f"{port}: {path.name}, build {build_hash or 'unknown'}", 0.0)
     report("asking the bootloader", 0.0)
     kind = await find_bootloader(port, chip, loop)
     await write_image(port, chip, kind, image, report, _exists)
     report("reading the identity: silent for 2 s first", 1.0)
     await asyncio.sleep(AFTER_WRITING_S)
-    return kind, await read_identity(port, board, loop)
+    identity = await read_identity(port, board, loop)
+    if build_hash and identity.build_hash != build_hash:
+        raise CheckFailed(
+            f"{port}: build {build_hash} was written and verified, and the board reports "
+            f"{identity.build_hash}: flash it again, after make firmware in a checkout"
+        )
+    return Flashed(port, identity, RESTARTS_FOR_EVER if kind is OLD_NANO else "")
 
 
 async def _has_chip(port: str, chip: Chip, loop: asyncio.AbstractEventLoop) -> bool:
