@@ -65,8 +65,9 @@ firmware: $(VENV)/.ready
 
 pytest: firmware
 	@sh .ci/debian-packages $(DEBIAN_TEST)
-	$(SAY) "test suite, three workers: many tests wait for boards that run in real time"
-	@QT_QPA_PLATFORM=offscreen OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 3 --dist loadfile $(PYTEST_ARGS)
+	$(SAY) "test suite, four workers: many tests wait for boards that run in real time"
+	@QT_QPA_PLATFORM=offscreen OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 4 --dist loadfile \
+	  --no-loadscope-reorder $(PYTEST_ARGS)
 
 $(PEERS)/.ready: tests/benchmarks/encoder/peers.txt
 	$(SAY) "peers to measure against, in an environment of their own"

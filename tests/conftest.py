@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -14,6 +15,33 @@ os.environ["QT_QPA_PLATFORM"] = "offscreen"  # before the plug-in starts Qt's ap
 # There is no deadline because the first call compiles kernels.
 settings.register_profile("rigctl", deadline=None, derandomize=True)
 settings.load_profile("rigctl")
+
+BEGUN_FIRST = (
+    "devices/test_flash.py",
+    "realtime/test_finger_bench.py",
+    "gui/test_joining.py",
+    "gui/test_never_blocked.py",
+    "cli/test_run_command.py",
+    "gui/test_finger_elsewhere.py",
+    "gui/test_day_by_keyboard.py",
+    "gui/test_real_finger.py",
+    "gui/test_day_on_the_virtual_rig.py",
+    "gui/test_real_engine.py",
+    "gui/test_real_calibration.py",
+    "gui/bad_input/test_broken_engine.py",
+    "gui/bad_input/test_unplugged.py",
+    "firmware/drum/test_attack_rules.py",
+    "firmware/drum/test_drum_controls.py",
+    "encoding/test_processors.py",
+)
+"""Files that wait for a rig in real time, or take long: begun last, they would end alone."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Order the files: the workers of ``make test`` take one after the other."""
+    folder = Path(__file__).parent
+    place = {folder / name: number for number, name in enumerate(BEGUN_FIRST)}
+    items.sort(key=lambda item: place.get(item.path, len(place)))
 
 
 @pytest.fixture(autouse=True)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from tests.architecture import picture
-from tests.architecture.imports import import_cycles, import_graph, load_modules
+from tests.architecture.imports import CHECKOUT, import_cycles, import_graph, load_modules
+from tests.conftest import BEGUN_FIRST
 
 MODULES = load_modules()
 
@@ -24,3 +25,7 @@ def test_every_room_describes_its_contents_in_one_sentence() -> None:
 
 def test_the_picture_of_the_rooms_is_up_to_date() -> None:
     assert picture.main(["--check"]) == 0, "run make docs"
+
+
+def test_the_files_that_are_begun_first_are_there() -> None:
+    assert [name for name in BEGUN_FIRST if not (CHECKOUT / "tests" / name).is_file()] == []

@@ -12,6 +12,7 @@ import pytest
 from rigctl import host_build
 from rigctl.config import resources
 from rigctl.errors import ProtocolError, WrongUse
+from tests.firmware.building import build_lock
 
 ROOT = Path(__file__).resolve().parents[2]
 ASK = """
@@ -84,7 +85,8 @@ def test_the_commit_is_read_from_the_checkout(
 
 def test_a_wheel_carries_the_protocols_and_the_virtual_boards(tmp_path: Path) -> None:
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
-    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+    with build_lock():  # the wheel's hook runs make
+        subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
     wheel = next(tmp_path.glob("*.whl"))
     installed = tmp_path / "site"
     with zipfile.ZipFile(wheel) as file:

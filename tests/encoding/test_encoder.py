@@ -120,6 +120,7 @@ def test_the_low_pass_is_scipys_butterworth(cutoff_hz: float, rate_hz: float) ->
 
 @pytest.mark.parametrize("name", ALL_PRESETS)
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.to_the_bit
 def test_spikes_equal_the_textbooks(name: str, seed: int) -> None:
     samples = touch(seed)
     counts = Encoder(RANGES, preset(name)).encode(samples)
@@ -129,6 +130,7 @@ def test_spikes_equal_the_textbooks(name: str, seed: int) -> None:
 
 @pytest.mark.parametrize("recovery", list(Recovery))
 @pytest.mark.parametrize("rectify", list(Rectify))
+@pytest.mark.to_the_bit
 def test_extreme_inputs_equal_the_textbooks(recovery: Recovery, rectify: Rectify) -> None:
     p = replace(preset("default"), recovery=recovery, ra_rectify=rectify)
     samples = extremes(5)
@@ -223,6 +225,7 @@ def published(x: list[int], p: EncoderParameters, ra: bool) -> tuple[list[int], 
 
 
 @pytest.mark.parametrize("name", ALL_PRESETS)
+@pytest.mark.to_the_bit
 def test_compiled_arithmetic_has_the_bits_of_exact_arithmetic(name: str) -> None:
     """Every operation is rounded once, in order: all bits of every voltage agree."""
     p, ranges = preset(name), Normalisation.full_scale(N_TAXELS)
@@ -238,6 +241,7 @@ def test_compiled_arithmetic_has_the_bits_of_exact_arithmetic(name: str) -> None
         assert voltage[:, column].tobytes() == expected.tobytes()
 
 
+@pytest.mark.to_the_bit
 def test_trains_equal_brian2s() -> None:
     """Spikes of Brian2's forward Euler; ``golden.py`` writes them."""
     with np.load(Path(__file__).with_name("brian2_explicit.npz")) as golden:
@@ -253,6 +257,7 @@ def test_trains_equal_brian2s() -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(cuts=st.lists(st.integers(0, 1500), max_size=12), name=st.sampled_from(ALL_PRESETS))
+@pytest.mark.to_the_bit
 def test_any_slicing_gives_the_same_spikes(cuts: list[int], name: str) -> None:
     samples = touch(11)
     whole = Encoder(RANGES, preset(name)).encode(samples)
@@ -261,6 +266,7 @@ def test_any_slicing_gives_the_same_spikes(cuts: list[int], name: str) -> None:
     np.testing.assert_array_equal(np.concatenate(pieces), whole)
 
 
+@pytest.mark.to_the_bit
 def test_live_equals_offline_for_trials_of_any_length() -> None:
     trials = [touch(seed)[: 100 + 211 * seed] for seed in range(6)] + [touch(9)[:0], touch(8)[:1]]
     batched = encode_trials(trials * 8, RANGES)
@@ -274,6 +280,7 @@ def test_live_equals_offline_for_trials_of_any_length() -> None:
             np.testing.assert_array_equal(spikes.train(row), expected)
 
 
+@pytest.mark.to_the_bit
 def test_a_reset_clears_all_state() -> None:
     encoder = Encoder(RANGES)
     first = encoder.encode(touch(1)[:700])
@@ -282,6 +289,7 @@ def test_a_reset_clears_all_state() -> None:
     np.testing.assert_array_equal(encoder.encode(touch(1)[:700]), first)
 
 
+@pytest.mark.to_the_bit
 def test_noncontiguous_samples_give_the_same_spikes() -> None:
     wide = np.repeat(touch(4), 2, axis=1)
     np.testing.assert_array_equal(

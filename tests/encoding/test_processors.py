@@ -22,9 +22,7 @@ TESTS = (
     "tests/encoding/test_scaled_time.py",
     "tests/simulation/finger/test_virtual_finger.py",
 )
-"""They compare to the bit what was computed in two ways."""
-TO_THE_BIT = "equal or same or bits or exact or decode or resumed or reset or left"
-"""What the names of those tests have in them."""
+"""Their tests with the mark compare to the bit what was computed in two ways."""
 CACHES = Path(__file__).parents[2] / "build" / "numba"
 HASWELL = (
     "64bit adx aes avx avx2 bmi bmi2 cmov crc32 cx16 cx8 f16c fma fsgsbase fxsr lzcnt mmx movbe "
@@ -57,17 +55,8 @@ def processor(request: pytest.FixtureRequest) -> dict[str, str]:
 
 
 def test_the_comparisons_to_the_bit_hold_on_another_processor(processor: dict[str, str]) -> None:
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-p",
-        "no:cacheprovider",
-        "-k",
-        TO_THE_BIT,
-        *TESTS,
-    ]
+    options = ["-q", "-p", "no:cacheprovider", "-m", "to_the_bit"]
+    command = [sys.executable, "-m", "pytest", *options, *TESTS]
     done = subprocess.run(command, env=processor, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
 

@@ -22,6 +22,7 @@ def _spikes(n: int, seed: int = 0) -> np.ndarray[tuple[int, int], np.dtype[np.ui
 
 
 @pytest.mark.parametrize("reference", [100_000, 99_999, 33_333])
+@pytest.mark.to_the_bit
 def test_every_sample_is_in_the_window_of_the_exact_integral(reference: int) -> None:
     random = np.random.default_rng(reference)
     velocities = random.integers(0, 250_000, 31)
@@ -38,6 +39,7 @@ def test_every_sample_is_in_the_window_of_the_exact_integral(reference: int) -> 
     assert windows.real_ms.sum() == len(spikes)
 
 
+@pytest.mark.to_the_bit
 def test_at_the_reference_speed_scaled_and_real_windows_are_equal() -> None:
     spikes = _spikes(2000)
     scaled = scale_windows(spikes, np.full(20, 100_000))
@@ -45,6 +47,7 @@ def test_at_the_reference_speed_scaled_and_real_windows_are_equal() -> None:
     assert np.array_equal(speed_scaled_features(scaled), original_features(spikes))
 
 
+@pytest.mark.to_the_bit
 def test_a_regular_train_on_the_plate_has_equal_rates_at_any_speed() -> None:
     """A spike each millimetre is v spikes a second, in every window."""
     for mm_s in (50, 100, 200):

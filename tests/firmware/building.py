@@ -19,39 +19,46 @@ from tests.firmware.broken import BROKEN, edited_copy
 def built(target: str) -> Path:
     """Build a target of ``arduino/Makefile``, or an image named in BROKEN; return its path."""
     board, _, name = Path(target).stem.partition("-")
-    with _locked() as root:
-        if name not in BROKEN.get(board, {}):
+    if name not in BROKEN.get(board, {}):
+        with build_lock() as root:
             return _make(root, target)
-        folder = root / "build" / "broken" / f"{board}-{name}"
-        edited_copy(root / "arduino", board, name, folder)
-        return _make(folder, f"firmware/{board}.elf")
+    with _edited(board, name) as arduino:
+        return _make(arduino.parent, f"firmware/{board}.elf")
 
 
 def all_built() -> Path:
     """Build what ``make firmware`` builds, where it is out of date; return the images' folder."""
-    with _locked() as root:
+    with build_lock() as root:
         _run_make(root)
         return root / "build" / "firmware"
 
 
 def host_library(board: str, name: str, output: Path) -> Path:
     """Compile a board that is named in BROKEN for this computer; return the path ``output``."""
-    with _locked() as root:
-        arduino = edited_copy(
-            root / "arduino", board, name, root / "build" / "broken" / f"{board}-{name}"
-        )
+    with _edited(board, name) as arduino:
         return host_build.build(board, output, arduino=arduino)
 
 
 @contextmanager
-def _locked() -> Iterator[Path]:
-    """Yield the checkout while no other process builds in it."""
+def build_lock(part: str = "firmware") -> Iterator[Path]:
+    """Yield the checkout while no other test process builds that part in it."""
     root = checkout()
     assert root is not None
     (root / "build").mkdir(exist_ok=True)
-    with (root / "build" / ".firmware-lock").open("w") as lock:
+    with (root / "build" / f".{part}-lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield root
+
+
+@contextmanager
+def _edited(board: str, name: str) -> Iterator[Path]:
+    """Yield the edited copy of ``arduino/`` while no other process builds in it.
+
+    Each has a lock of its own: nobody waits for an image that he does not run.
+    """
+    with build_lock(f"{board}-{name}") as root:
+        folder = root / "build" / "broken" / f"{board}-{name}"
+        yield edited_copy(root / "arduino", board, name, folder)
 
 
 def _make(root: Path, target: str) -> Path:

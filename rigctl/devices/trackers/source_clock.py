@@ -14,7 +14,8 @@ class SourceClock:
     """Maps ascending source times to loop times.
 
     No message arrives early, so the earliest arrivals tell the offset of the clocks; the known
-    ``latency_s`` is subtracted. ``restarts`` counts how often the source's time began anew.
+    ``latency_s`` is subtracted. ``restarts`` counts how often the source's time began anew. Loop
+    times ascend, also where an earlier arrival shows that those before were told too late.
     """
 
     def __init__(self, latency_s: float) -> None:
@@ -23,6 +24,7 @@ class SourceClock:
         self._fit = ClockFit()
         self._last: tuple[float, float] | None = None
         self._earliest_s = float("inf")
+        self._told_s = float("-inf")
 
     def loop_s(self, source_s: float, arrived_s: float) -> float | None:
         """Return the loop time of a measurement; None where its time does not ascend."""
@@ -33,6 +35,13 @@ class SourceClock:
             elif passed_s <= 0.0:
                 return None
         self._last = (source_s, arrived_s)
+        at_s = self._fitted_s(source_s, arrived_s)
+        if at_s <= self._told_s:
+            return None
+        self._told_s = at_s
+        return at_s
+
+    def _fitted_s(self, source_s: float, arrived_s: float) -> float:
         self._fit.add(source_s, arrived_s)
         self._earliest_s = min(self._earliest_s, arrived_s - source_s)
         estimate = self._fit.estimate

@@ -49,6 +49,21 @@ def test_arrival_jitter_does_not_reach_the_times() -> None:
     assert clock.restarts == 0
 
 
+@pytest.mark.parametrize("busy_s", [0.1, 0.3])
+def test_times_ascend_although_a_busy_computer_takes_messages_late(busy_s: float) -> None:
+    random = np.random.default_rng(2)
+    clock, times_s, arrived_s = SourceClock(latency_s=0.005), [], 0.0
+    for n in range(3000):
+        true_s = 100.0 + n / 100
+        late_s = busy_s * random.exponential() if n % 40 == 0 else 0.0
+        arrived_s = max(arrived_s, true_s + 0.005 + late_s)
+        times_s.append(clock.loop_s((true_s - 90.0) * (1 + 300e-6), arrived_s))
+    told_s = np.array([at_s for at_s in times_s if at_s is not None])
+    assert np.diff(told_s).min() > 0.0
+    assert len(told_s) > 0.98 * len(times_s)
+    assert clock.restarts == 0
+
+
 def test_times_that_run_back_are_refused_and_a_restart_is_not() -> None:
     clock = SourceClock(0.0)
     assert clock.loop_s(5.0, 10.0) == 10.0

@@ -2,7 +2,9 @@
 
 A sampler looks at the Qt thread every few milliseconds. Time counts as a wait only if the thread
 waits for a file, a socket, a lock or a process at two samples and did not run between them. Time
-without a processor does not count, so that a busy machine finds the same as an idle one.
+without a processor does not count, so that a busy machine finds the same as an idle one: neither
+the Qt thread's, nor that of another thread of this process, which the Qt thread may wait for, as
+one does that starts a thread or wants the interpreter.
 
 The sampler keeps no frame of the Qt thread: whoever drops the last reference to a frame destroys
 its widgets and events, and Qt ends the process if another thread does that.
@@ -21,7 +23,7 @@ from typing import NamedTuple, Self
 
 from PySide6.QtCore import QEventLoop, QTimer
 
-from tests.gui.watchdog.thread_time import ThreadState
+from tests.gui.watchdog.thread_time import ThreadState, others_without_processor_ns
 
 LIMIT_MS = 50.0
 _SAMPLE_S = 0.004
@@ -44,6 +46,8 @@ class HandledEvent:
 
     handler: tuple[int, int]
     first: ThreadState
+    delayed_ns: int
+    """How long other threads had been without a processor before it began."""
     slept_ms: float = 0.0
     worked_ms: float = 0.0
     waits: Counter[str] = field(default_factory=Counter)
@@ -128,7 +132,7 @@ class QtThreadWatchdog:
                 self._judge(event)
                 event = None
             if call.handler is not None and event is None:
-                event = HandledEvent(call.handler, now)
+                event = HandledEvent(call.handler, now, self._delayed_ns())
             elif event is not None:
                 event.worked_ms = (now.worked_ns - event.first.worked_ns) / 1e6
                 if now.slept_since(before):
@@ -152,7 +156,12 @@ class QtThreadWatchdog:
         handler = _handler_address(innermost)
         return Call(None if handler is None else (handler, turns), _chain(innermost))
 
+    def _delayed_ns(self) -> int:
+        return others_without_processor_ns(self._native_id, threading.get_native_id())
+
     def _judge(self, event: HandledEvent) -> None:
+        if event.slept_ms > LIMIT_MS:
+            event.slept_ms -= max(0, self._delayed_ns() - event.delayed_ns) / 1e6
         if event.slept_ms > LIMIT_MS:
             self.blocked.append(event)
         if event.worked_ms > LIMIT_MS and not event.draws:

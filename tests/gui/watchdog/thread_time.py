@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,3 +30,13 @@ class ThreadState(NamedTuple):
     def slept_since(self, before: ThreadState) -> bool:
         """Return whether the thread waited without a break since an earlier state."""
         return self.is_asleep and before.is_asleep and self.waits == before.waits
+
+
+def others_without_processor_ns(*native_ids: int) -> int:
+    """Return how long the other threads of this process have been ready without a processor."""
+    delays_ns = 0
+    for task in Path("/proc/self/task").iterdir():
+        if int(task.name) not in native_ids:
+            with suppress(OSError):  # a thread that has just ended
+                delays_ns += int((task / "schedstat").read_text(encoding="ascii").split()[1])
+    return delays_ns

@@ -50,6 +50,7 @@ def _digest(step_us: int, seed: int = 1, session: int = 0) -> str:
     return hashlib.sha256(received).hexdigest()
 
 
+@pytest.mark.to_the_bit
 def test_the_same_seed_gives_the_same_bytes_and_positions_whatever_the_slices() -> None:
     assert len({_digest(step_us) for step_us in (700, 10_000, 90_000)}) == 1
     assert len({_digest(10_000), _digest(10_000, seed=2), _digest(10_000, session=1)}) == 3
@@ -67,6 +68,7 @@ class RecordingBoard(ConverterBoard):
         super().run(readings)
 
 
+@pytest.mark.to_the_bit
 def test_the_bytes_decode_to_the_readings_of_the_skin() -> None:
     board = RecordingBoard()
     parts = WorldParameters(), OperatorParameters(), TrackerParameters()
@@ -81,6 +83,7 @@ def test_the_bytes_decode_to_the_readings_of_the_skin() -> None:
     assert np.ptp(block.readings.astype(int), axis=0).min() > 100
 
 
+@pytest.mark.to_the_bit
 def test_the_taxel_boards_line_carries_the_same_readings() -> None:
     readings = []
     for taxel_board in (False, True):
@@ -105,6 +108,7 @@ def _slide_readings(rig: VirtualFinger, number: int) -> NDArray[np.int64]:
     return readings.astype(np.int64)
 
 
+@pytest.mark.to_the_bit
 def test_a_resumed_run_continues_with_the_draws_of_the_next_slide() -> None:
     whole = _slide_readings(open_virtual_finger(seed=4), 2)
     resumed = _slide_readings(open_virtual_finger(seed=4, first_slide=2), 2)
@@ -114,6 +118,7 @@ def test_a_resumed_run_continues_with_the_draws_of_the_next_slide() -> None:
 
 
 @pytest.mark.parametrize("seed", [3, 6])
+@pytest.mark.to_the_bit
 def test_nothing_of_a_slide_is_left_after_a_long_rest(seed: int) -> None:
     """With this skin a reading of these slides moved by a count, on every processor."""
     soft = WorldParameters(top_gain=1.0, relaxation=0.3)
