@@ -104,6 +104,7 @@ def _boards_scene(window: MainWindow) -> Iterator[Scene]:
     page.boards.worker.found.emit(reports, builds)
     yield Scene("setup-00-boards")
     status_changed.connect(page.show_status)
+    page.show_status(window.engine_link.status)
 
 
 def _answered(studio: Studio, name: str) -> Iterator[Scene]:

@@ -193,8 +193,9 @@ class Setup:
             self.progress.passed[step.name] = PassedStep(self.bench.today(), verdict.found, kept)
         else:
             self.progress.passed.pop(step.name, None)
-        if not await self.bench.motion.is_commissioned():  # the part has changed what that is for
-            self.progress.passed.pop(COMMISSION, None)
+        passed = self.progress.passed
+        if COMMISSION in passed and not await self.bench.motion.is_commissioned():
+            del passed[COMMISSION]  # the part has changed what the board is commissioned for
         self.progress.save(self.bench.rig.drum.identity)
 
     def _failed(self, step: SetupStep, fault: RigFault) -> Verdict:

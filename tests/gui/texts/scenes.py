@@ -20,7 +20,9 @@ from rigctl.acquisition.setup.setup import STEPS
 from rigctl.acquisition.setup.switches import HOLD_LOWER
 from rigctl.analysis.learning.learning_curve import CurvePoint
 from rigctl.analysis.learning.session_curve import SessionCurve, describe_shortfall
+from rigctl.devices.port_discovery import PortReport
 from rigctl.synth.sample_session import MAKING
+from rigctl.values import BoardIdentity
 from rigctl.wire.drum.states import State
 from tests.gui.fake_engine import STATUS, FakeEngine
 from tests.gui.fake_finger import RUNNING, FakeFinger
@@ -343,6 +345,29 @@ def _setup(stage: Stage) -> Iterator[str]:
     QApplication.processEvents()
     yield "Set up, a number"
     stage.update(setup={})
+    yield from _boards(stage)
+
+
+def _boards(stage: Stage) -> Iterator[str]:
+    """Show the first step of the set-up, and the offer to flash."""
+    boards, strip = stage.window.tools.setup_page.boards, stage.window.tools.flash_strip
+    stage.update(rig="")
+    mega = BoardIdentity("drum", "0.1", "463fcdc5", 4, 3, 0)
+    reports = [
+        PortReport("/dev/ttyACM0", "Arduino Mega 2560", mega),
+        PortReport("/dev/ttyUSB0", "USB Serial", error=REFUSAL),
+    ]
+    boards.worker.found.emit(reports, {"drum": "0badc0de", "taxels": "6c54995a"})
+    strip.offer("drum", "/dev/ttyACM0", REFUSAL)
+    QApplication.processEvents()
+    yield "Set up, the boards"
+    boards.worker.failed.emit(REFUSAL)
+    boards.progress.show()
+    QApplication.processEvents()
+    yield "Set up, a flash"
+    strip.hide()
+    boards.progress.hide()
+    stage.update(rig="virtual")
 
 
 def _files(stage: Stage) -> Iterator[str]:
