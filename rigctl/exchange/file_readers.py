@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rigctl.errors import WrongUse
 from rigctl.exchange.column_map import ImportMap
 from rigctl.exchange.column_names import format_names, range_ends
-from rigctl.exchange.matlab.matlab_reader import read_mat
+from rigctl.exchange.matlab import read_mat
 from rigctl.exchange.recording_files import SUFFIXES
 from rigctl.exchange.text_table import TextFormat, read_text_table
 from rigctl.exchange.trial_tables import FileTrials, Floats, LabelColumn, TrialTable, split_trials

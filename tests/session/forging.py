@@ -7,7 +7,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from rigctl.session.format.annotated_arrays import text_scalar
 from rigctl.session.format.data_sets import DIGESTS
 from rigctl.session.format.digests import (
     DESCRIPTION,
@@ -16,6 +15,7 @@ from rigctl.session.format.digests import (
     describe_part,
     next_digest,
 )
+from rigctl.session.hdf5_file import text_scalar
 
 
 def rewrite_digests(folder: Path) -> str:

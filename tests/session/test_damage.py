@@ -10,8 +10,8 @@ import pytest
 
 from rigctl.analysis.data.trial_set import join_sessions
 from rigctl.analysis.finger.recorded_scans import read_scans
-from rigctl.session.format.annotated_arrays import text_scalar
 from rigctl.session.format.layout import SAMPLES, TRIALS
+from rigctl.session.hdf5_file import text_scalar
 from rigctl.session.read.damage import DamagedRows, damaged_trials, find_damaged_rows
 from rigctl.session.read.finger_session import FingerSession
 from rigctl.session.read.part import PartReader

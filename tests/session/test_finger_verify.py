@@ -12,7 +12,7 @@ import pytest
 
 from rigctl.cli import create_parser
 from rigctl.cli.data import verify as command
-from rigctl.session.format.annotated_arrays import write_attributes
+from rigctl.session.hdf5_file import write_attributes
 from rigctl.session.verify.session import verify
 from rigctl.session.write.finger_recorder import FingerRecorder
 from rigctl.values import Verdict

@@ -17,8 +17,8 @@ import pytest
 from rigctl.analysis.data.trial_set import join_sessions
 from rigctl.cli import main
 from rigctl.errors import SessionError
-from rigctl.session.format.annotated_arrays import write_attributes
 from rigctl.session.format.file_names import part_name, part_number
+from rigctl.session.hdf5_file import write_attributes
 from rigctl.session.open_session import open_session
 from rigctl.session.read.finger_session import FingerSession
 from rigctl.session.read.session import Session

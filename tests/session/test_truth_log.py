@@ -17,7 +17,7 @@ import pytest
 from rigctl.errors import DiskFault, SessionError
 from rigctl.session.files.ground_truth import begin_log, check_log
 from rigctl.session.files.truth_file import log_paths, open_truth
-from rigctl.session.format.annotated_arrays import write_attributes
+from rigctl.session.hdf5_file import write_attributes
 from rigctl.session.read.session import Session
 from rigctl.session.summary import summarise_session
 from rigctl.session.verify.session import verify

@@ -136,9 +136,6 @@ class WorkerTasks:
 
     def prepare(self) -> None:
         """Load what reading a session takes, before it is wanted."""
-        from rigctl.session.hdf5.probe import start_helper
-
-        start_helper()
         for name in ("session.read.finger_session", "session.read.session"):
             import_module(f"rigctl.{name}")
 

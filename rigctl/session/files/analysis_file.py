@@ -15,7 +15,7 @@ from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.session.files.seal import SEALED, check_seal, seal
 from rigctl.session.files.source_sessions import read_source_sessions
 from rigctl.session.format.data_sets import LIBVER
-from rigctl.session.hdf5.hdf5_file import Hdf5File
+from rigctl.session.hdf5_file import Hdf5File
 from rigctl.session.read.part_file import part_paths
 
 MODEL_LAYOUT, SPIKES_LAYOUT = "rigctl-model", "rigctl-spikes"

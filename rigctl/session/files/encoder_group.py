@@ -14,9 +14,7 @@ from rigctl.encoding.parameters import EncoderParameters
 from rigctl.encoding.reading import Reading
 from rigctl.errors import WrongUse
 from rigctl.session.files.analysis_file import open_analysis_file
-from rigctl.session.format.annotated_arrays import write_array, write_text
-from rigctl.session.hdf5.hdf5_file import Hdf5File
-from rigctl.session.hdf5.schema import numbers, text
+from rigctl.session.hdf5_file import Hdf5File, numbers, text, write_array, write_text
 
 HIGHEST_RATE_HZ = 1e6
 ENCODER_UNITS = {

@@ -29,15 +29,17 @@ from rigctl.session.files.model_file import (
     read_training,
     write_training,
 )
-from rigctl.session.format.annotated_arrays import (
+from rigctl.session.hdf5_file import (
     Attributes,
+    Hdf5File,
+    numbers,
+    text,
+    texts,
     write_array,
     write_attributes,
     write_text,
     write_texts,
 )
-from rigctl.session.hdf5.hdf5_file import Hdf5File
-from rigctl.session.hdf5.schema import numbers, text, texts
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -12,9 +12,7 @@ from rigctl.encoding.reading import Reading
 from rigctl.errors import SessionError, WrongUse
 from rigctl.session.files.analysis_file import open_analysis_file, read_inputs
 from rigctl.session.files.encoder_group import read_reading
-from rigctl.session.format.annotated_arrays import write_array, write_texts
-from rigctl.session.hdf5.hdf5_file import Hdf5File
-from rigctl.session.hdf5.schema import numbers, texts
+from rigctl.session.hdf5_file import Hdf5File, numbers, texts, write_array, write_texts
 
 AXES = "texture, taxel, speed, force"
 _ARRAYS = ("c", "status", "residual_hz", "evaluations")

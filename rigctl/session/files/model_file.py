@@ -27,15 +27,17 @@ from rigctl.session.files.analysis_file import (
 )
 from rigctl.session.files.encoder_group import read_parameters, read_ranges, write_encoder
 from rigctl.session.files.force_matrix_file import read_force, write_force
-from rigctl.session.format.annotated_arrays import (
+from rigctl.session.hdf5_file import (
     Attributes,
+    Hdf5File,
+    numbers,
+    text,
+    texts,
     write_array,
     write_attributes,
     write_text,
     write_texts,
 )
-from rigctl.session.hdf5.hdf5_file import Hdf5File
-from rigctl.session.hdf5.schema import numbers, text, texts
 from rigctl.values import SAMPLE_RATE_HZ
 
 Floats = NDArray[np.float64]

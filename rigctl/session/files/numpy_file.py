@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rigctl.config.text_file import open_file
 from rigctl.errors import WrongUse
-from rigctl.session.hdf5.errors import describe
+from rigctl.session.hdf5_file import describe
 
 UNPACKED_BYTES = 256 << 20
 """An archive may unpack to this much, or to twice its own size."""

@@ -5,10 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from rigctl.config.rig_config import MAX_TAXELS
-from rigctl.session.hdf5.errors import damage
-from rigctl.session.hdf5.hdf5_file import Hdf5File
-from rigctl.session.hdf5.json_text import parse_objects
-from rigctl.session.hdf5.schema import text
+from rigctl.session.hdf5_file import Hdf5File, damage, parse_objects, text
 
 _TEXTS = ("path", "content", "rig", "plan_hash", "begun_utc")
 _INTEGERS = ("seed", "simulation_seed", "trials_committed", "n_taxels")

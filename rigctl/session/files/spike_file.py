@@ -24,15 +24,15 @@ from rigctl.session.files.analysis_file import LAYOUT_VERSION, SPIKES_LAYOUT
 from rigctl.session.files.encoder_group import write_encoder
 from rigctl.session.files.force_matrix_file import write_force
 from rigctl.session.files.seal import SEALED, seal
-from rigctl.session.format.annotated_arrays import (
+from rigctl.session.format.data_sets import LIBVER
+from rigctl.session.format.metadata.sensor_layout import ATTRIBUTE, SensorLayout
+from rigctl.session.hdf5_file import (
     Attributes,
     write_array,
     write_attributes,
     write_text,
     write_texts,
 )
-from rigctl.session.format.data_sets import LIBVER
-from rigctl.session.format.metadata.sensor_layout import ATTRIBUTE, SensorLayout
 
 SAMPLE_CHUNK = 1 << 16
 

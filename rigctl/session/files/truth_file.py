@@ -23,8 +23,7 @@ from rigctl.session.format.data_sets import (
 )
 from rigctl.session.format.digests import DESCRIPTION, FIRST_DIGEST, PREVIOUS_DIGEST, next_digest
 from rigctl.session.format.writer_lock import is_being_written
-from rigctl.session.hdf5.hdf5_file import Hdf5File
-from rigctl.session.hdf5.schema import TEXT, DataSetSchema
+from rigctl.session.hdf5_file import TEXT, DataSetSchema, Hdf5File
 from rigctl.session.read.buffered_array import BufferedArray, read_blocks
 from rigctl.session.read.part_file import describe_file, open_appended, readable_rows
 

@@ -18,8 +18,7 @@ from rigctl.session.files.truth_file import (
     Start,
     log_name,
 )
-from rigctl.session.format.annotated_arrays import Attributes
-from rigctl.session.hdf5.errors import system_reason
+from rigctl.session.hdf5_file import Attributes, system_reason
 from rigctl.session.write.part_writer import PartWriter
 from rigctl.values import Gap
 

@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.session.format.annotated_arrays import Attributes, text_scalar, write_attributes
+from rigctl.session.hdf5_file import Attributes, text_scalar, write_attributes
 
 LIBVER = ("v110", "v110")
 SAMPLE_CHUNK_ROWS = 4096

@@ -10,16 +10,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
 from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.session.format.annotated_arrays import read_attributes, read_text
 from rigctl.session.format.data_sets import TEXTS
 from rigctl.session.format.table_rows import Row
+from rigctl.session.hdf5_file import read_attributes, read_text
 
 FIRST_DIGEST = "0" * 64
 """Stands for the digest before the first one of a session."""
@@ -42,19 +41,12 @@ def describe_part(file: Any) -> bytes:
     """Return canonical JSON of all that an open part holds besides its rows.
 
     It has the root's attributes, both texts, and the type, the shape of a row and the attributes
-    of each data set that grows.
+    of each data set that grows. Raises what h5py raises, and ValueError for other attributes.
     """
     objects: dict[str, Any] = {}
     file.visititems(lambda name, node: objects.update({f"/{name}": _describe(node)}))
     texts = {path: read_text(file, path) for path, _ in TEXTS}
-    return encode_description(read_attributes(file), objects, texts)
-
-
-def encode_description(
-    attributes: Mapping[str, Any], objects: Mapping[str, Any], texts: Mapping[str, str]
-) -> bytes:
-    """Return canonical JSON of a part's description; ``objects`` by :func:`describe_object`."""
-    described = {"attributes": attributes, "objects": objects, "texts": texts}
+    described = {"attributes": read_attributes(file), "objects": objects, "texts": texts}
     return json.dumps(described, sort_keys=True, separators=(",", ":"), ensure_ascii=False).encode()
 
 
@@ -83,19 +75,12 @@ class DigestChain:
         self._new.append((table.encode(), first_row, n_rows, self.last.encode()))
 
 
-def describe_object(
-    attributes: Mapping[str, Any], dtype: np.dtype[Any] | None = None, row: tuple[int, ...] = ()
-) -> dict[str, Any]:
-    """Return the attributes of a group or data set; with a data set its type and row shape."""
-    if dtype is None:
-        return {"attributes": attributes}
-    return {"attributes": attributes, "type": _type_name(dtype), "row": list(row)}
-
-
 def _describe(node: Any) -> dict[str, Any]:
+    attributes = read_attributes(node)
     if not isinstance(node, h5py.Dataset):
-        return describe_object(read_attributes(node))
-    return describe_object(read_attributes(node), node.dtype, node.shape[1:])
+        return {"attributes": attributes}
+    row = list(node.shape[1:])
+    return {"attributes": attributes, "type": _type_name(node.dtype), "row": row}
 
 
 def _type_name(dtype: np.dtype[Any]) -> Any:

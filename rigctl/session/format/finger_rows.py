@@ -29,7 +29,7 @@ from rigctl.session.format.finger_layout import (
     WINDOWS,
 )
 from rigctl.session.format.table_rows import Row, encode_row, parse_verdict
-from rigctl.session.hdf5.json_text import parse_json
+from rigctl.session.hdf5_file import parse_json
 
 NOT_CLASSIFIED = -1
 PROBABILITY_DIGITS = 6

@@ -11,7 +11,7 @@ from typing import Any
 
 from rigctl.session.format.data_sets import Column, TableLayout
 from rigctl.session.format.layout import DRUM, EVENTS, TRIALS
-from rigctl.session.hdf5.json_text import parse_json
+from rigctl.session.hdf5_file import parse_json
 from rigctl.values import DrumState, Event, PlannedTrial, TrialRow, Verdict
 
 REASON_SEPARATOR = "; "

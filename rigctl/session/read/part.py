@@ -20,7 +20,7 @@ from rigctl.session.format import file_names, layout
 from rigctl.session.format.data_sets import DIGESTS, TableLayout
 from rigctl.session.format.experiments import layout_of
 from rigctl.session.format.metadata.header import SessionHeader
-from rigctl.session.hdf5.hdf5_file import Hdf5File
+from rigctl.session.hdf5_file import Hdf5File
 from rigctl.session.read.part_file import describe_file, open_part, readable_rows
 from rigctl.session.read.part_schema import part_schema
 

@@ -7,11 +7,11 @@ from pathlib import Path
 from rigctl.config.text_file import refuse_link_outside
 from rigctl.errors import SessionError
 from rigctl.session.format import layout
-from rigctl.session.format.data_sets import LIBVER, TEXTS
-from rigctl.session.format.digests import describe_object, encode_description
+from rigctl.session.format.data_sets import LIBVER
+from rigctl.session.format.digests import describe_part
 from rigctl.session.format.file_names import PART_PATTERN, part_number
 from rigctl.session.format.writer_lock import is_being_written
-from rigctl.session.hdf5.hdf5_file import Hdf5File, UnclosedFile
+from rigctl.session.hdf5_file import Hdf5File, UnclosedFile, hdf5_errors
 from rigctl.session.read.unclosed_part import map_as_closed
 
 CACHE_BYTES = 256 << 10
@@ -85,15 +85,9 @@ def _check_layout(file: Hdf5File) -> None:
 
 
 def describe_file(file: Hdf5File) -> bytes:
-    """Return what a checked file holds besides its rows, as its first digest covers it."""
-    objects = {
-        path: describe_object(attributes, file.dtype(path), file.shape(path)[1:])
-        if file.is_checked(path)
-        else describe_object(attributes)
-        for path, attributes in file.walk()
-    }
-    texts = {path: file.text(path) for path, _ in TEXTS}
-    return encode_description(file.attributes(), objects, texts)
+    """Return what a file holds besides its rows, as its first digest covers it."""
+    with hdf5_errors(file.path, "its description"):
+        return describe_part(file.h5py_file)
 
 
 def open_appended(path: Path, is_growing: bool) -> Hdf5File:

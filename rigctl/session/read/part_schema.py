@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from rigctl.session.format.data_sets import DIGESTS, TEXTS, SessionLayout
-from rigctl.session.hdf5.schema import DataSetSchema, text
+from rigctl.session.hdf5_file import DataSetSchema, text
 
 
 @cache

@@ -13,7 +13,6 @@ import h5py
 import numpy as np
 
 from rigctl.errors import DiskFault, SessionError
-from rigctl.session.format.annotated_arrays import Attributes
 from rigctl.session.format.data_sets import DIGESTS, LIBVER, build_empty_part
 from rigctl.session.format.digests import (
     FIRST_DIGEST,
@@ -21,6 +20,7 @@ from rigctl.session.format.digests import (
     DigestChain,
     describe_part,
 )
+from rigctl.session.hdf5_file import Attributes
 from rigctl.session.read.part import PartReader
 from rigctl.session.read.part_file import open_cut_part
 from rigctl.session.read.unclosed_part import SUPERBLOCK_BYTES, closed_superblock

@@ -9,7 +9,7 @@ from typing import Any
 
 from rigctl.errors import DiskFault, SessionError
 from rigctl.session.format.file_names import part_number
-from rigctl.session.hdf5.hdf5_file import Hdf5File
+from rigctl.session.hdf5_file import Hdf5File
 from rigctl.session.read.part import PartReader
 from rigctl.session.read.part_file import open_cut_part, open_part
 from rigctl.session.read.recovery_file import MovedFile

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.errors import DiskFault
-from rigctl.session.format.annotated_arrays import Attributes
 from rigctl.session.format.data_sets import (
     DIGESTS,
     LIBVER,
@@ -25,6 +24,7 @@ from rigctl.session.format.data_sets import (
 from rigctl.session.format.digests import FIRST_DIGEST, PREVIOUS_DIGEST, DigestChain, describe_part
 from rigctl.session.format.layout import ARRIVALS, GAPS
 from rigctl.session.format.table_rows import Row
+from rigctl.session.hdf5_file import Attributes
 from rigctl.values import Gap
 
 CHUNK_CACHE_BYTES = 1 << 20

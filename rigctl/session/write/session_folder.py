@@ -15,7 +15,7 @@ from rigctl.session.format.metadata.header import SessionHeader
 from rigctl.session.format.metadata.sensor_layout import describe_difference, layouts_match
 from rigctl.session.format.metadata.wiring import describe_mismatch, session_wiring, wirings_match
 from rigctl.session.format.writer_lock import WriterLock
-from rigctl.session.hdf5.schema import text
+from rigctl.session.hdf5_file import text
 from rigctl.session.read.missing_parts import highest_number, open_parts
 from rigctl.session.read.part_file import open_part, part_paths
 

@@ -18,13 +18,12 @@ from typing import Protocol
 
 from rigctl.errors import DiskFault
 from rigctl.session.format import file_names, layout
-from rigctl.session.format.annotated_arrays import Attributes
 from rigctl.session.format.data_sets import SessionLayout, TableLayout
 from rigctl.session.format.digests_file import CONTINUES, DigestLine, append_line, utc_at
 from rigctl.session.format.layout import SessionOutcome
 from rigctl.session.format.metadata.header import SessionHeader
 from rigctl.session.format.table_rows import Row, event_row
-from rigctl.session.hdf5.errors import system_error
+from rigctl.session.hdf5_file import Attributes, system_error
 from rigctl.session.write.part_writer import PartWriter, SampleBlock
 from rigctl.session.write.session_history import SessionHistory
 from rigctl.values import Event, Gap, Verdict

@@ -32,7 +32,7 @@ from rigctl.session.files.finger_model_file import (
     load_finger_model,
     save_finger_model,
 )
-from rigctl.session.format.annotated_arrays import write_attributes
+from rigctl.session.hdf5_file import write_attributes
 from tests.analysis.finger.made_scans import made_data_set
 from tests.analysis.finger.models import ENCODING, INFO, calibrated_model
 

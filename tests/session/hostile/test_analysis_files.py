@@ -21,8 +21,8 @@ from rigctl.session.files.finger_model_file import load_finger_model
 from rigctl.session.files.force_matrix_file import load_force
 from rigctl.session.files.model_file import load_model
 from rigctl.session.files.seal import SEALED
-from rigctl.session.format.annotated_arrays import text_scalar
 from rigctl.session.format.data_sets import LIBVER
+from rigctl.session.hdf5_file import text_scalar
 from tests.session.hostile.analysis_files import write_finger_model, write_model, write_spikes
 from tests.session.hostile.spoiling import HOSTILE, spoil
 

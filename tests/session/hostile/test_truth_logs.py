@@ -14,8 +14,8 @@ import pytest
 from rigctl.errors import SessionError
 from rigctl.session.files.ground_truth import check_log
 from rigctl.session.files.truth_file import COLUMNS, END
-from rigctl.session.format.annotated_arrays import write_attributes
 from rigctl.session.format.data_sets import DIGESTS, LIBVER, TEXTS
+from rigctl.session.hdf5_file import write_attributes
 from rigctl.session.verify.session import verify
 from tests.session.building import record_plan
 from tests.session.hostile.spoiling import HOSTILE, spoil

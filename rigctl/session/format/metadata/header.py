@@ -13,10 +13,10 @@ import numpy as np
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, PRESETS, EncoderParameters
 from rigctl.encoding.reading import FULL_SCALE, Reading
-from rigctl.session.format.annotated_arrays import Attributes
 from rigctl.session.format.layout import DRUM_EXPERIMENT
 from rigctl.session.format.metadata.header_values import parse_header_values
 from rigctl.session.format.metadata.sensor_layout import ATTRIBUTE, SensorLayout
+from rigctl.session.hdf5_file import Attributes
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ, BoardIdentity
 
 IMPORTED = "import"

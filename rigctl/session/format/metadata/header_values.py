@@ -11,7 +11,7 @@ from rigctl.config.rig_config import MAX_TAXELS
 from rigctl.encoding.reading import Reading
 from rigctl.errors import SessionError
 from rigctl.session.format.metadata.sensor_layout import ATTRIBUTE, SensorLayout
-from rigctl.session.hdf5.json_text import parse_json, parse_objects
+from rigctl.session.hdf5_file import parse_json, parse_objects
 from rigctl.values import BoardIdentity
 
 TEXTS = (

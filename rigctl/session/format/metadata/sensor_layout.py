@@ -17,7 +17,7 @@ from typing import Any
 from rigctl.config.names import name_problem, shorten
 from rigctl.config.rig_config import LAYER_NAME_BYTES, MAX_TAXELS, TaxelArray
 from rigctl.errors import SessionError
-from rigctl.session.hdf5.json_text import parse_json
+from rigctl.session.hdf5_file import parse_json
 from rigctl.values import N_TAXELS
 
 ATTRIBUTE = "sensor_layout"
