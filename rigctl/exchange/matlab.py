@@ -70,7 +70,14 @@ def _member(group: Any, name: str) -> Any:
     """Return a member of a group that is in the file itself."""
     if not isinstance(group.get(name, getlink=True), h5py.HardLink):
         raise ValueError(f"{group.name}/{name} is a link to another place".replace("//", "/"))
-    return group[name]
+    return _inside(group[name])
+
+
+def _inside(node: Any) -> Any:
+    """Return an object whose values are in the file itself."""
+    if isinstance(node, h5py.Dataset) and (node.is_virtual or node.external):
+        raise ValueError(f"{node.name} is stored outside the file")
+    return node
 
 
 def _walk(name: str, node: Any, depth: int) -> Iterator[tuple[str, Any]]:
@@ -103,7 +110,7 @@ def _is_reference(node: Any) -> bool:
 def _targets(node: Any) -> Iterator[Any]:
     """Yield the objects that a data set of references leads to, columns first."""
     for reference in np.asarray(node[()], dtype=object).T.ravel():  # a single one is no array
-        yield node.file[reference]
+        yield _inside(node.file[reference])
 
 
 def _matlab_class(node: Any) -> str:
@@ -112,8 +119,6 @@ def _matlab_class(node: Any) -> str:
 
 
 def _read(node: Any) -> Any:
-    if node.external or node.is_virtual:
-        raise ValueError(f"{node.name} is stored outside the file")
     if node.dtype.kind not in NUMBERS:
         return np.empty((), object)
     values = node[()].T  # MATLAB stores columns first, HDF5 rows

@@ -137,9 +137,8 @@ class DataSetSchema:
     """An expected data set.
 
     ``tail`` has the lengths of all axes but the first; None stands for any lengths. A ``rank`` of 0
-    is a single value. ``dtype`` is the exact type, ``older_dtype`` that of files from before a
-    change; without a ``dtype``, ``kinds`` lists NumPy's kinds that are accepted. An ``optional``
-    one may be missing.
+    is a single value. ``dtype`` is the exact type; without one, ``kinds`` lists NumPy's kinds that
+    are accepted.
     """
 
     path: str
@@ -147,8 +146,6 @@ class DataSetSchema:
     kinds: str = NUMBERS
     dtype: np.dtype[Any] | None = None
     tail: tuple[int, ...] | None = None
-    optional: bool = False
-    older_dtype: np.dtype[Any] | None = None
 
 
 def numbers(path: str, rank: int = 0) -> DataSetSchema:
@@ -212,8 +209,6 @@ class Hdf5File:
         """Check data sets against what is declared; from now on they can be read."""
         for schema in schemas:
             node = self._find(schema.path)
-            if node is None and schema.optional:
-                continue
             if not isinstance(node, h5py.Dataset):
                 what = "is missing" if node is None else "is not a data set"
                 raise damage(self.path, schema.path, what)
@@ -398,7 +393,7 @@ def _found_type(node: h5py.Dataset, schema: DataSetSchema) -> np.dtype[Any] | No
     found: np.dtype[Any] = node.dtype
     if schema.dtype is None:
         return found if found.kind in schema.kinds else None
-    return found if found in (schema.dtype, schema.older_dtype) else None
+    return found if found == schema.dtype else None
 
 
 @cache
@@ -409,7 +404,8 @@ def _stored_type(dtype: np.dtype[Any]) -> Any:
 def _type_name(schema: DataSetSchema) -> str:
     if schema.dtype is None:
         return "text of fixed length" if schema.kinds == TEXT else "plain numbers"
-    return "a table of its layout's columns" if schema.dtype.names else f"of type {schema.dtype}"
+    table = "a table of its layout's columns: read an older one with the rigctl that wrote it"
+    return table if schema.dtype.names else f"of type {schema.dtype}"
 
 
 def _shape_name(schema: DataSetSchema) -> str:

@@ -13,7 +13,7 @@ from scipy.sparse import csc_matrix
 
 from rigctl.errors import WrongUse
 from rigctl.exchange.matlab import read_mat
-from rigctl.session.read.session import Session
+from rigctl.session.session import Session
 from tests.exchange.test_import import PATTERN, run_import
 
 N = 200

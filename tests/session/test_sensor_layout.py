@@ -10,11 +10,11 @@ import pytest
 
 from rigctl.config.rig_config import TaxelArray, parse_config
 from rigctl.errors import ConfigError, SessionError
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
-from rigctl.session.read.session import Session
+from rigctl.session.header import SensorLayout
+from rigctl.session.recorder import Recorder
+from rigctl.session.session import Session
 from rigctl.session.summary import summarise_session
-from rigctl.session.verify.session import verify
-from rigctl.session.write.recorder import Recorder
+from rigctl.session.verify import verify
 from tests.session.building import PROTOCOL, RIG, header
 
 PAPER = SensorLayout(3, 3, ("I", "II"))

@@ -8,15 +8,13 @@ from __future__ import annotations
 import hashlib
 import struct
 from functools import lru_cache
-from pathlib import Path
-from random import Random
 from typing import NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.session.read.unclosed_part import lookup3
+from rigctl.session.part import lookup3
 
 SIGNATURES = (
     *(b"OHDR", b"OCHK", b"BTHD", b"BTIN", b"BTLF", b"FRHP", b"FHDB", b"FHIB", b"FSHD", b"FSSE"),
@@ -90,7 +88,7 @@ def _rotate(value: np.uint32, bits: int) -> np.uint32:
 
 @numba.njit(cache=True)
 def _lookup3(data: NDArray[np.uint8], start: int, length: int) -> np.uint32:
-    """Return lookup3 as :func:`rigctl.session.read.unclosed_part.lookup3` does, compiled."""
+    """Return lookup3 as :func:`rigctl.session.part.lookup3` does, compiled."""
     a = np.uint32(0xDEADBEEF + length)
     b = a
     c = a

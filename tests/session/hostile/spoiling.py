@@ -10,8 +10,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from rigctl.session.files.seal import SEALED
-from rigctl.session.format.data_sets import LIBVER
+from rigctl.session.layout import LIBVER
 
 Spoil = Callable[[Any, str, Any], None]
 """Takes an open file, a path and the data set that was there; puts another object there."""
@@ -20,13 +19,12 @@ MANY = 1 << 40
 
 
 def spoil(file: Path, path: str, change: Spoil) -> None:
-    """Replace the data set ``path`` by what ``change`` makes of it; who does so breaks the seal."""
+    """Replace the data set ``path`` by what ``change`` makes of it."""
     shutil.copy(file, file.with_name("other.h5"))
     with h5py.File(file, "r+", libver=LIBVER) as opened:
         original = opened[path]
         del opened[path]
         change(opened, path, original)
-        opened.attrs.pop(SEALED, None)
 
 
 def _nothing(file: Any, path: str, was: Any) -> None:

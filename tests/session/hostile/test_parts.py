@@ -13,15 +13,13 @@ import numpy as np
 import pytest
 
 from rigctl.errors import SessionError
-from rigctl.session.format.data_sets import LIBVER, TEXTS, SessionLayout
-from rigctl.session.format.digests import describe_part
-from rigctl.session.format.finger_layout import FINGER_LAYOUT
-from rigctl.session.format.layout import DRUM_LAYOUT
+from rigctl.session.finger_layout import FINGER_LAYOUT
+from rigctl.session.finger_session import FingerSession
 from rigctl.session.hdf5_file import write_attributes
-from rigctl.session.read.finger_session import FingerSession
-from rigctl.session.read.part import PartReader
-from rigctl.session.read.session import Session
-from rigctl.session.verify.session import verify
+from rigctl.session.layout import DRUM_LAYOUT, LIBVER, TEXTS, SessionLayout
+from rigctl.session.part import PartReader
+from rigctl.session.session import Session
+from rigctl.session.verify import verify
 from tests.session import building, finger_building
 from tests.session.hostile.spoiling import HOSTILE, spoil
 
@@ -213,14 +211,6 @@ def test_what_is_no_file_is_refused_without_being_opened(tmp_path: Path) -> None
             PartReader(tmp_path / name)
     (tmp_path / "part-0004.h5").write_bytes(b"")
     assert "is damaged" in refusal(tmp_path / "part-0004.h5")
-
-
-@pytest.mark.parametrize("experiment", LAYOUTS)
-def test_a_part_describes_itself_as_its_writer_did(sessions: Path, experiment: str) -> None:
-    reader = PartReader(sessions / experiment / "part-0002.h5")
-    with h5py.File(reader.path) as file:
-        assert reader.describe() == describe_part(file)
-    reader.close()
 
 
 def test_boards_of_older_parts_without_details_are_read(sessions: Path) -> None:
