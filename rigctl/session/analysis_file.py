@@ -31,10 +31,7 @@ from rigctl.session.hdf5_file import (
     Attributes,
     Hdf5File,
     damage,
-    numbers,
     parse_objects,
-    text,
-    texts,
     write_array,
     write_attributes,
     write_text,
@@ -149,7 +146,6 @@ def read_source_sessions(file: Hdf5File, path: str) -> tuple[dict[str, Any], ...
 
     Raises SessionError for damage and for values of another type than the program uses.
     """
-    file.check([text(path)])
     sources = parse_objects(file.text(path), file.path, path)
     for source in sources:
         for name, value in source.items():
@@ -209,12 +205,7 @@ def read_parameters(file: Hdf5File, group: str) -> EncoderParameters:
     for names in LATER_PARAMETERS:
         if not any(file.has(f"{group}/{name}") for name in names):
             defaults = {k: v for k, v in defaults.items() if k not in names}
-    paths = {name: f"{group}/{name}" for name in defaults}
-    file.check(
-        text(paths[name]) if isinstance(default, str) else numbers(paths[name])
-        for name, default in defaults.items()
-    )
-    values = {name: _value(file, paths[name], default) for name, default in defaults.items()}
+    values = {name: _value(file, f"{group}/{name}", kind) for name, kind in defaults.items()}
     parameters = EncoderParameters.from_dict(values)
     if parameters.sample_rate_hz > HIGHEST_RATE_HZ:
         raise WrongUse(f"encoder parameter sample_rate_hz is {parameters.sample_rate_hz:g}")
@@ -223,14 +214,11 @@ def read_parameters(file: Hdf5File, group: str) -> EncoderParameters:
 
 def read_ranges(file: Hdf5File, group: str) -> Normalisation:
     """Return the taxel ranges in a group. Raises SessionError or WrongUse for invalid ones."""
-    low, high, source = (
-        f"{group}/{name}" for name in ("taxel_low", "taxel_high", "taxel_range_source")
-    )
-    file.check([numbers(low, 1), numbers(high, 1), text(source)])
-    if not 1 <= file.shape(low)[0] <= MAX_TAXELS:
-        raise WrongUse(f"{low} has {file.shape(low)[0]} taxels")
-    limits = file.array(low, np.uint16), file.array(high, np.uint16)
-    return Normalisation(*limits, file.text(source), read_reading(file, group))
+    low, high = (file.array(f"{group}/taxel_{side}", 1, np.uint16) for side in ("low", "high"))
+    if not 1 <= len(low) <= MAX_TAXELS:
+        raise WrongUse(f"{group}/taxel_low has {len(low)} taxels")
+    source = file.text(f"{group}/taxel_range_source")
+    return Normalisation(low, high, source, read_reading(file, group))
 
 
 def read_reading(file: Hdf5File, group: str) -> Reading:
@@ -238,7 +226,6 @@ def read_reading(file: Hdf5File, group: str) -> Reading:
     path = f"{group}/reading"
     if not file.has(path):
         return Reading.COUNTS
-    file.check([text(path)])
     if file.text(path) not in list(Reading):
         raise WrongUse(f"{path} is {file.text(path)!r}, not one of {', '.join(Reading)}")
     return Reading(file.text(path))
@@ -261,7 +248,6 @@ def _value(file: Hdf5File, path: str, default: Any) -> str | float | int | bool:
 
 
 AXES = "texture, taxel, speed, force"
-_ARRAYS = ("c", "status", "residual_hz", "evaluations")
 EVALUATIONS_DOC = "encodings in the search; one of some trials counts as their share of samples"
 STATUS_DOC = "-1 absent, 0 reference force, 1 converged, 2 limited to 5, 3 at a jump of the rate"
 
@@ -284,23 +270,17 @@ def write_force(group: Any, force: ForceMatrix) -> None:
 
 def read_force(file: Hdf5File, group: str) -> ForceMatrix:
     """Return C in a group. Raises SessionError or WrongUse if there is none or an invalid one."""
-    names = ("textures", "speeds_mm_s", "forces_g", "reference_g", *_ARRAYS)
-    textures, speeds, forces, reference, *arrays = (f"{group}/{name}" for name in names)
-    file.check([texts(textures), numbers(speeds, 1), numbers(forces, 1), numbers(reference)])
-    rate_hz = f"{group}/rate_hz"
-    optional = [rate_hz] if file.has(rate_hz) else []
-    file.check(numbers(path, 4) for path in [*arrays, *optional])
-    c, status, residual_hz, evaluations = arrays
+    rates = f"{group}/rate_hz"
     force = ForceMatrix(
-        file.texts(textures),
-        tuple(file.array(speeds).tolist()),
-        tuple(file.array(forces).tolist()),
-        file.number(reference),
-        file.array(c),
-        file.array(status, np.int8),
-        file.array(residual_hz),
-        file.array(evaluations),
-        file.array(rate_hz) if optional else None,
+        file.texts(f"{group}/textures"),
+        tuple(file.array(f"{group}/speeds_mm_s", 1).tolist()),
+        tuple(file.array(f"{group}/forces_g", 1).tolist()),
+        file.number(f"{group}/reference_g"),
+        file.array(f"{group}/c", 4),
+        file.array(f"{group}/status", 4, np.int8),
+        file.array(f"{group}/residual_hz", 4),
+        file.array(f"{group}/evaluations", 4),
+        file.array(rates, 4) if file.has(rates) else None,
     )
     _check(force)
     return force

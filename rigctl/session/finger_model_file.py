@@ -28,15 +28,19 @@ from rigctl.session.analysis_file import (
 from rigctl.session.hdf5_file import (
     Attributes,
     Hdf5File,
-    numbers,
-    text,
-    texts,
     write_array,
     write_attributes,
     write_text,
     write_texts,
 )
-from rigctl.session.model_file import TrainingInfo, check_indices, read_training, write_training
+from rigctl.session.model_file import (
+    TrainingInfo,
+    check_arrays,
+    read_arrays,
+    read_training,
+    write_arrays,
+    write_training,
+)
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -154,21 +158,14 @@ def _write(file: Any, model: FingerModel) -> None:
     write_array(file, "reference_um_per_s", model.reference_um_per_s, "µm/s", doc)
     write_encoder(file.create_group("encoder"), model.parameters, model.normalisation)
     for number, stage in enumerate(model.stages, start=1):
-        _write_arrays(file.create_group(_stage(number)), stage, _WINDOW_ARRAYS)
+        write_arrays(file.create_group(_stage(number)), stage, _WINDOW_ARRAYS)
     if model.calibration is not None:
         group = file.create_group("calibration")
-        _write_arrays(group, model.calibration, _CALIBRATION_ARRAYS)
+        write_arrays(group, model.calibration, _CALIBRATION_ARRAYS)
     write_training(file.create_group("training"), model.training)
 
 
-def _write_arrays(group: Any, values: object, arrays: tuple[tuple[str, ...], ...]) -> None:
-    for name, unit, doc, axes in arrays:
-        write_array(group, name, getattr(values, name), unit, doc, axes)
-
-
 def _read(file: Hdf5File) -> FingerModel:
-    file.check([text("representation"), texts("textures"), text("sensor")])
-    file.check([numbers("reference_um_per_s")])
     model = FingerModel(
         representation=file.text("representation"),
         textures=file.texts("textures"),
@@ -185,28 +182,13 @@ def _read(file: Hdf5File) -> FingerModel:
 
 
 def _read_stages(file: Hdf5File) -> tuple[WindowClassifier, ...]:
-    count = len(file.members("windows"))
-    return tuple(_read_stage(file, _stage(number)) for number in range(1, count + 1))
-
-
-def _read_stage(file: Hdf5File, group: str) -> WindowClassifier:
-    arrays = _read_arrays(file, group, _WINDOW_ARRAYS, "dropped")
-    return WindowClassifier(**arrays)
+    numbers = range(1, len(file.members("windows")) + 1)
+    arrays = (read_arrays(file, _stage(number), _WINDOW_ARRAYS) for number in numbers)
+    return tuple(WindowClassifier(**each) for each in arrays)
 
 
 def _read_calibration(file: Hdf5File) -> FingerCalibration:
-    return FingerCalibration(**_read_arrays(file, "calibration", _CALIBRATION_ARRAYS, "labels"))
-
-
-def _read_arrays(
-    file: Hdf5File, group: str, arrays: tuple[tuple[str, ...], ...], integers: str
-) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a group by name: ``integers`` is int64, all others are float64."""
-    file.check(numbers(f"{group}/{name}", axes.count(",") + 1) for name, *_, axes in arrays)
-    return {
-        name: file.array(f"{group}/{name}", np.int64 if name == integers else np.float64)
-        for name, *_ in arrays
-    }
+    return FingerCalibration(**read_arrays(file, "calibration", _CALIBRATION_ARRAYS))
 
 
 def _check_shapes(model: FingerModel) -> None:
@@ -222,7 +204,7 @@ def _check_shapes(model: FingerModel) -> None:
             "class": len(model.textures),
             "dropped component": len(stage.dropped),
         }
-        _check_arrays(stage, _WINDOW_ARRAYS, sizes)
+        check_arrays(stage, _WINDOW_ARRAYS, sizes)
     if model.calibration is not None:
         sizes = {
             "feature": model.n_windows * model.n_taxels,
@@ -230,20 +212,7 @@ def _check_shapes(model: FingerModel) -> None:
             "windows": model.n_windows,
             "class": len(model.textures),
         }
-        _check_arrays(model.calibration, _CALIBRATION_ARRAYS, sizes)
-
-
-def _check_arrays(
-    values: object, arrays: tuple[tuple[str, ...], ...], sizes: dict[str, int]
-) -> None:
-    for name, _, _, axes in arrays:
-        array = getattr(values, name)
-        shape = tuple(sizes[axis] for axis in axes.split(", "))
-        if array.shape != shape or not np.isfinite(array).all():
-            raise WrongUse(f"{name} should be {shape} finite numbers and is {array.shape}")
-    for name, axis in (("dropped", "component"), ("labels", "class")):
-        if axis in sizes and hasattr(values, name):
-            check_indices(name, getattr(values, name), sizes[axis])
+        check_arrays(model.calibration, _CALIBRATION_ARRAYS, sizes)
 
 
 def _stage(number: int) -> str:

@@ -148,25 +148,16 @@ class DataSetSchema:
     tail: tuple[int, ...] | None = None
 
 
-def numbers(path: str, rank: int = 0) -> DataSetSchema:
-    """Return the schema of numbers with this number of axes."""
-    return DataSetSchema(path, rank)
-
-
 def text(path: str) -> DataSetSchema:
     """Return the schema of one text."""
     return DataSetSchema(path, 0, TEXT)
 
 
-def texts(path: str) -> DataSetSchema:
-    """Return the schema of a list of texts."""
-    return DataSetSchema(path, 1, TEXT)
-
-
 class Hdf5File:
     """A file open for reading; use it in a ``with`` block, or close it.
 
-    Only hard links are followed, and only data sets that :meth:`check` has accepted can be read.
+    Only hard links are followed. Rows are read of data sets that :meth:`check` has accepted; what
+    is read whole is checked by the way.
     ``swmr``: follow a living writer. ``image``: bytes to read in place of the file's, which
     its writer did not close, so that its end may be missing. Every method raises SessionError that
     names the file and the place for whatever is damaged.
@@ -215,10 +206,6 @@ class Hdf5File:
             self._types[schema.path] = self._check_dataset(node, schema)
             self._datasets[schema.path] = node
 
-    def is_checked(self, path: str) -> bool:
-        """Return whether :meth:`check` found a data set of this path."""
-        return path in self._datasets
-
     def has(self, path: str) -> bool:
         """Return whether there is a group or a data set of this path."""
         return self._find(path) is not None
@@ -259,18 +246,18 @@ class Hdf5File:
         with hdf5_errors(self.path, path):
             return self._datasets[path][index]
 
-    def array(self, path: str, dtype: Any = np.float64) -> NDArray[Any]:
+    def array(self, path: str, rank: int, dtype: Any = np.float64) -> NDArray[Any]:
         """Return all values in C order as ``dtype``; an integer one must hold them exactly."""
-        stored = self._value(path)
+        stored = self._value(DataSetSchema(path, rank))
         with np.errstate(invalid="ignore", over="ignore"):
-            values = np.ascontiguousarray(stored, dtype=dtype).reshape(self.shape(path))
+            values = np.ascontiguousarray(stored, dtype=dtype).reshape(np.shape(stored))
         if np.dtype(dtype).kind in "iu" and not np.array_equal(values, stored):
             raise damage(self.path, path, f"has values that are no {np.dtype(dtype).name}")
         return values
 
     def number(self, path: str) -> float:
         """Return a single finite number."""
-        value = float(self._value(path))
+        value = float(self._value(DataSetSchema(path)))
         if not np.isfinite(value):
             raise damage(self.path, path, f"is {value}, not a number")
         return value
@@ -280,17 +267,17 @@ class Hdf5File:
         value = self.number(path)
         if value != int(value):
             raise damage(self.path, path, f"is {value}, not a whole number")
-        return int(self._value(path))
+        return int(self._value(DataSetSchema(path)))
 
     def text(self, path: str) -> str:
         """Return one text."""
-        value = bytes(self._value(path))
+        value = bytes(self._value(text(path)))
         with hdf5_errors(self.path, path):
             return value.decode()
 
     def texts(self, path: str) -> tuple[str, ...]:
         """Return several texts."""
-        values = self._value(path)
+        values = self._value(DataSetSchema(path, 1, TEXT))
         with hdf5_errors(self.path, path):
             return tuple(bytes(value).decode() for value in values)
 
@@ -317,9 +304,12 @@ class Hdf5File:
         inside = starts <= max(last_start, 0)
         return rows[inside].astype(np.int64), starts[inside].astype(np.int64)
 
-    def _value(self, path: str) -> Any:
-        with hdf5_errors(self.path, path):
-            return self._datasets[path][()]
+    def _value(self, schema: DataSetSchema) -> Any:
+        """Return all that a data set holds, after it was checked."""
+        if schema.path not in self._datasets:
+            self.check([schema])
+        with hdf5_errors(self.path, schema.path):
+            return self._datasets[schema.path][()]
 
     def _find(self, path: str) -> Any:
         """Return the object that hard links lead to, None where a link is missing."""

@@ -12,12 +12,14 @@ import math
 import re
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from math import isqrt
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import msgspec
 import numpy as np
+from msgspec import Meta
 
 from rigctl.config.names import name_problem, shorten
 from rigctl.config.rig_config import LAYER_NAME_BYTES, MAX_TAXELS, TaxelArray
@@ -26,7 +28,7 @@ from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, PRESETS, EncoderParameters
 from rigctl.encoding.reading import FULL_SCALE, Reading
 from rigctl.errors import SessionError
-from rigctl.session.hdf5_file import Attributes, parse_json, parse_objects
+from rigctl.session.hdf5_file import Attributes, damage, describe, parse_json
 from rigctl.session.layout import DRUM_EXPERIMENT
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ, BoardIdentity
 
@@ -35,7 +37,6 @@ LAYER_NAMES = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII")
 """Names of layers that have none. The paper's Type I is the upper layer, Type II lies below it."""
 LAYERS_SHOWN = 8
 _ROMAN = re.compile("[IVX]+")
-_KEYS = {"rows", "columns", "layers"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,46 +89,6 @@ class SensorLayout:
         if rest or not 1 <= n_layers <= len(LAYER_NAMES):
             return cls.default(taxels.count)
         return cls(taxels.rows, taxels.columns, LAYER_NAMES[:n_layers])
-
-    @classmethod
-    def from_attributes(cls, attributes: Mapping[str, Any], path: Path) -> SensorLayout:
-        """Return the layout of a part with these attributes, by default that of its taxels.
-
-        ``path``: the part. Raises SessionError for another type, a layout that cannot be, and one
-        of another number of taxels than the part has.
-        """
-        n_taxels = int(attributes.get("n_taxels", N_TAXELS))
-        if ATTRIBUTE not in attributes:
-            return cls.default(n_taxels)
-        layout = cls.from_json(attributes[ATTRIBUTE], path)
-        if layout.n_taxels != n_taxels:
-            raise _wrong_layout(path, f"{layout.describe()}, but a sample has {n_taxels} readings")
-        return layout
-
-    @classmethod
-    def from_json(cls, value: object, path: Path) -> SensorLayout:
-        """Return the layout in a JSON text. Raises SessionError as :meth:`from_attributes` does."""
-        if not isinstance(value, str):
-            raise _wrong_layout(path, "no JSON text")
-        return cls.from_values(
-            parse_json(value, dict, path, f"attribute {ATTRIBUTE} of the file"), path
-        )
-
-    @classmethod
-    def from_values(cls, values: Mapping[str, Any], path: Path) -> SensorLayout:
-        """Return the layout of the values of :meth:`to_values`. Raises SessionError."""
-        layers = values.get("layers")
-        sizes = values.get("rows"), values.get("columns")
-        if values.keys() != _KEYS or not all(type(size) is int for size in sizes):
-            raise _wrong_layout(
-                path, "not an object with integers rows and columns, and a list layers"
-            )
-        if not isinstance(layers, list | tuple) or not all(type(name) is str for name in layers):
-            raise _wrong_layout(path, "without a list of texts as layers")
-        try:
-            return cls(values["rows"], values["columns"], tuple(layers))
-        except ValueError as error:
-            raise _wrong_layout(path, f"impossible: {error}") from error
 
     def to_values(self) -> dict[str, Any]:
         """Return plain values for JSON: ``rows``, ``columns``, ``layers``."""
@@ -223,112 +184,24 @@ def describe_difference(one: SensorLayout | None, other: SensorLayout | None) ->
     return f"{names[0]}, not {names[1]}"
 
 
-def _wrong_layout(path: Path, what: str) -> SessionError:
-    return SessionError(f"{path} is damaged: its attribute {ATTRIBUTE} is {what}")
-
-
-TEXTS = (
-    "plan_hash", "rig", "start_utc", "protocol", "operator", "sensor", "software_version",
-    "software_commit", "encoder_preset", "encoder_reading", "sample_unit", "cut_by", "experiment",
-)  # fmt: skip
-INT64 = 1 << 63
-COUNT = 1 << 31
-INTEGERS = {
-    "seed": (-INT64, 2 * INT64),
-    "trials_planned": (0, COUNT),
-    "simulated": (0, 1),
-    "n_taxels": (1, MAX_TAXELS),
-    "sample_rate_hz": (1, 1_000_000),
-    "highest_reading": (1, 65_535),
-    "reference_um_per_s": (0, COUNT),
+INT32 = 1 << 31
+JSON_ATTRIBUTES: Mapping[str, type[Any]] = {
+    "boards": list,
+    "stages": list,
+    "taxel_low": list,
+    "taxel_high": list,
+    "wiring": list,
+    "sensor_layout": dict,
+    "simulation": dict,
+    "tracker": dict,
 }
-"""Lowest and highest value of each integer."""
-PER_TAXEL = {"taxel_low": 65_535, "taxel_high": 65_535, "wiring": MAX_TAXELS - 1}
-"""Highest value of the lists with one integer for each taxel; these may also be empty."""
-MAPPINGS = ("simulation", "tracker")
-REQUIRED = ("plan_hash", "seed", "trials_planned", "rig", "simulated", "start_utc", "boards")
-_BOARD = {
-    "board": str, "firmware_version": str, "build_hash": str, "wire_version": int,
-    "boot_count": int, "reset_cause": int, "details": dict,
-}  # fmt: skip
-
-
-def parse_header_values(attributes: Mapping[str, Any], path: Path) -> dict[str, Any]:
-    """Return the header's values by name, without those that an older part lacks.
-
-    Raises SessionError that names the attribute for a missing one, another type, or a value out of
-    its range. Unknown attributes are ignored.
-    """
-    for name in REQUIRED:
-        if name not in attributes:
-            raise SessionError(f"{path} is damaged: it lacks the attribute {name}")
-    values: dict[str, Any] = {}
-    for name in (*TEXTS, *INTEGERS, "start_loop_s"):
-        if name in attributes:
-            _check_plain(name, attributes[name], path)
-            values[name] = attributes[name]
-    n_taxels = values.get("n_taxels")
-    for name in ("boards", "stages", *PER_TAXEL, *MAPPINGS):
-        if name in attributes:
-            values[name] = _parse(name, attributes[name], n_taxels, path)
-    if ATTRIBUTE in attributes:
-        values[ATTRIBUTE] = SensorLayout.from_attributes(attributes, path)
-    return values
-
-
-def _check_plain(name: str, value: Any, path: Path) -> None:
-    if name in TEXTS:
-        if not isinstance(value, str):
-            raise _wrong(path, name, value, "a text")
-        if name == "encoder_reading" and value not in list(Reading):
-            raise _wrong(path, name, value, f"one of {', '.join(Reading)}")
-    elif name in INTEGERS:
-        low, high = INTEGERS[name]
-        if not isinstance(value, int) or not low <= value <= high:
-            raise _wrong(path, name, value, f"an integer from {low} to {high}")
-    elif not isinstance(value, float | int) or not math.isfinite(value):
-        raise _wrong(path, name, value, "a finite number")
-
-
-def _parse(name: str, value: Any, n_taxels: int | None, path: Path) -> Any:
-    place = f"attribute {name} of the file"
-    if not isinstance(value, str):
-        raise _wrong(path, name, value, "a JSON text")
-    if name in MAPPINGS:
-        return parse_json(value, dict, path, place)
-    if name == "boards":
-        return tuple(_board(item, path) for item in parse_objects(value, path, place))
-    items = parse_json(value, list, path, place)
-    if name == "stages":
-        if not all(isinstance(item, str) for item in items):
-            raise _wrong(path, name, value, "a list of texts")
-    elif not _is_per_taxel(items, PER_TAXEL[name], n_taxels):
-        raise _wrong(path, name, value, "empty or one integer for each taxel")
-    return tuple(items)
-
-
-def _is_per_taxel(items: list[Any], highest: int, n_taxels: int | None) -> bool:
-    return len(items) in (0, n_taxels or len(items)) and all(
-        type(item) is int and 0 <= item <= highest for item in items
-    )
-
-
-def _board(item: Mapping[str, Any], path: Path) -> BoardIdentity:
-    """Return a board from its JSON object; older ones lack ``details``."""
-    wanted = {name: kind for name, kind in _BOARD.items() if name != "details" or name in item}
-    if item.keys() != wanted.keys() or not all(
-        isinstance(item[name], kind) for name, kind in wanted.items()
-    ):
-        raise _wrong(path, "boards", dict(item), "a list of boards with their identities")
-    return BoardIdentity(**item)
-
-
-def _wrong(path: Path, name: str, value: Any, wanted: str) -> SessionError:
-    shown = repr(value)
-    shown = shown if len(shown) <= 60 else f"{shown[:60]}…"
-    return SessionError(f"{path} is damaged: its attribute {name} is {shown}, not {wanted}")
-
-
+"""Attributes that hold JSON, and what it must be."""
+Count = Annotated[int, Meta(ge=0, le=INT32)]
+TaxelCount = Annotated[int, Meta(ge=1, le=MAX_TAXELS)]
+RateHz = Annotated[int, Meta(ge=1, le=1_000_000)]
+Counts = tuple[Annotated[int, Meta(ge=0, le=65_535)], ...]
+Wiring = tuple[Annotated[int, Meta(ge=0, lt=MAX_TAXELS)], ...]
+ReadingName = Annotated[str, Meta(pattern=f"^({'|'.join(Reading)})$")]
 IMPORTED = "import"
 """``rig`` of a session that was imported from other recordings."""
 CUT_BY_WIRE, CUT_BY_CLOCK = "sync line", "drum clock"
@@ -359,7 +232,7 @@ class SessionHeader:
 
     plan_hash: str
     seed: int
-    trials_planned: int
+    trials_planned: Count
     rig: str
     simulated: bool
     start_utc: str
@@ -371,19 +244,19 @@ class SessionHeader:
     software_version: str = ""
     software_commit: str = ""
     encoder_preset: str = ""
-    encoder_reading: str = Reading.COUNTS
-    n_taxels: int = N_TAXELS
-    sample_rate_hz: int = SAMPLE_RATE_HZ
+    encoder_reading: ReadingName = Reading.COUNTS
+    n_taxels: TaxelCount = N_TAXELS
+    sample_rate_hz: RateHz = SAMPLE_RATE_HZ
     sample_unit: str = ADC_COUNTS
-    highest_reading: int = FULL_SCALE
-    taxel_low: tuple[int, ...] = ()
-    taxel_high: tuple[int, ...] = ()
-    wiring: tuple[int, ...] = ()
+    highest_reading: Annotated[int, Meta(ge=1, le=65_535)] = FULL_SCALE
+    taxel_low: Counts = ()
+    taxel_high: Counts = ()
+    wiring: Wiring = ()
     sensor_layout: SensorLayout | None = None
     cut_by: str = ""
     simulation: dict[str, Any] = field(default_factory=dict)
     experiment: str = DRUM_EXPERIMENT
-    reference_um_per_s: int = 0
+    reference_um_per_s: Count = 0
     stages: tuple[str, ...] = ()
     tracker: dict[str, Any] = field(default_factory=dict)
 
@@ -420,13 +293,39 @@ class SessionHeader:
     def from_attributes(cls, attributes: Mapping[str, Any], path: Path) -> SessionHeader:
         """Return the inverse of :meth:`to_attributes`; ignore unknown attributes.
 
-        ``path``: the part. Raises SessionError for missing and for wrong ones.
+        ``path``: the part. Raises SessionError that names the attribute for a missing one, another
+        type, and a value out of its range.
         """
-        values = parse_header_values(attributes, path)
-        return cls(**{**values, "simulated": bool(values["simulated"])})
+        if "boards" not in attributes:
+            raise damage(path, "its description", "lacks the attribute boards")
+        values = {
+            field.name: attributes[field.name] for field in fields(cls) if field.name in attributes
+        }
+        for name, wanted in JSON_ATTRIBUTES.items():
+            if name in values:
+                place = f"attribute {name} of the file"
+                values[name] = parse_json(str(values[name]), wanted, path, place)
+        if values.get("simulated") in (0, 1):
+            values["simulated"] = bool(values["simulated"])
+        try:
+            header = msgspec.convert(values, cls)
+            header._check()
+        except (ValueError, RecursionError) as error:
+            raise damage(path, "its description", f"is wrong: {describe(error)}") from error
+        return header
 
-
-Wiring = tuple[int, ...]
+    def _check(self) -> None:
+        """Raise ValueError for values that do not fit each other."""
+        if not math.isfinite(self.start_loop_s):
+            raise ValueError(f"start_loop_s is {self.start_loop_s}")
+        for name in ("taxel_low", "taxel_high", "wiring"):
+            if len(getattr(self, name)) not in (0, self.n_taxels):
+                raise ValueError(f"{name} is neither empty nor one integer for each taxel")
+        layout = self.sensor_layout
+        if layout is not None and layout.n_taxels != self.n_taxels:
+            raise ValueError(
+                f"sensor_layout is {layout.describe()}, but a sample has {self.n_taxels} readings"
+            )
 
 
 def session_wiring(header: SessionHeader, rig_text: str) -> Wiring:

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,9 +34,6 @@ from rigctl.session.analysis_file import (
 from rigctl.session.hdf5_file import (
     Attributes,
     Hdf5File,
-    numbers,
-    text,
-    texts,
     write_array,
     write_attributes,
     write_text,
@@ -60,6 +58,9 @@ _ARRAYS = (
     ("lda/dropped", "", _DROPPED, "dropped component"),
 )
 """Data set, unit, meaning and axes of each array of :class:`Model`."""
+Arrays = Sequence[tuple[str, str, str, str]]
+INDICES = {"dropped": "component", "labels": "class"}
+"""Arrays of indices, and the axis that they lead into."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,8 +147,7 @@ def _write(file: Any, model: Model) -> None:
     write_texts(file, "classes", model.classes, "textures to choose from", "class")
     write_encoder(file.create_group("encoder"), model.parameters, model.normalisation)
     _write_features(file.create_group("features"), model.features)
-    for path, unit, doc, axes in _ARRAYS:
-        write_array(file, path, getattr(model, _field(path)), unit, doc, axes)
+    write_arrays(file, model, _ARRAYS)
     if model.c is not None:
         write_force(file.create_group("c"), model.c)
     write_training(file.create_group("training"), model.training)
@@ -179,8 +179,6 @@ def write_training(group: Any, training: TrainingInfo) -> None:
 
 
 def _read(file: Hdf5File) -> Model:
-    file.check([text("representation"), text("key"), text("force"), texts("classes")])
-    file.check(numbers(path, axes.count(",") + 1) for path, *_, axes in _ARRAYS)
     parameters = read_parameters(file, "encoder")
     model = Model(
         representation=file.text("representation"),
@@ -190,8 +188,7 @@ def _read(file: Hdf5File) -> Model:
         parameters=parameters,
         normalisation=read_ranges(file, "encoder"),
         features=_read_features(file),
-        **{_field(path): file.array(path) for path, *_ in _ARRAYS[:-1]},
-        dropped=file.array("lda/dropped", np.int64),
+        **read_arrays(file, "", _ARRAYS),
         c=read_force(file, "c") if file.has("c") else None,
         training=read_training(file),
         sample_rate_hz=round(parameters.sample_rate_hz),
@@ -201,11 +198,9 @@ def _read(file: Hdf5File) -> Model:
 
 
 def _read_features(file: Hdf5File) -> FeatureLayout:
-    names = ("n_windows", "speed_scaled", "window_ms", "reference_mm_s")
-    paths = [f"features/{name}" for name in names]
-    file.check(map(numbers, paths))
-    n_windows, scaled, window_ms = (file.integer(path) for path in paths[:3])
-    reference_mm_s = file.number(paths[3])
+    names = ("n_windows", "speed_scaled", "window_ms")
+    n_windows, scaled, window_ms = (file.integer(f"features/{name}") for name in names)
+    reference_mm_s = file.number("features/reference_mm_s")
     if not (n_windows >= 1 and 1 <= window_ms <= LONGEST_WINDOW_MS and reference_mm_s > 0):
         raise WrongUse("features: the number, length and speed of windows must be above 0")
     return FeatureLayout(n_windows, bool(scaled), window_ms, reference_mm_s)
@@ -213,10 +208,6 @@ def _read_features(file: Hdf5File) -> FeatureLayout:
 
 def read_training(file: Hdf5File) -> TrainingInfo:
     """Return what :func:`write_training` wrote into the group ``training``."""
-    words = ("made_utc", "software_version", "software_commit")
-    file.check(text(f"training/{name}") for name in words)
-    file.check([numbers("training/seed"), numbers("training/trials")])
-    file.check([numbers("training/speeds_mm_s", 1), numbers("training/forces_g", 1)])
     simulated = file.attributes().get("simulated")
     if simulated not in (0, 1):
         raise WrongUse(f"attribute simulated is {simulated}, not 0 or 1")
@@ -227,8 +218,8 @@ def read_training(file: Hdf5File) -> TrainingInfo:
         seed=file.integer("training/seed"),
         simulated=bool(simulated),
         trials=file.integer("training/trials"),
-        speeds_mm_s=tuple(file.array("training/speeds_mm_s").tolist()),
-        forces_g=tuple(file.array("training/forces_g").tolist()),
+        speeds_mm_s=tuple(file.array("training/speeds_mm_s", 1).tolist()),
+        forces_g=tuple(file.array("training/forces_g", 1).tolist()),
         inputs=read_inputs(file),
         trial_hashes=_read_hashes(file),
     )
@@ -238,8 +229,7 @@ def _read_hashes(file: Hdf5File) -> frozenset[int] | None:
     path = "training/trial_hashes"
     if not file.has(path):
         return None
-    file.check([numbers(path, 1)])
-    return frozenset(file.array(path, np.uint64).tolist())
+    return frozenset(file.array(path, 1, np.uint64).tolist())
 
 
 def _check_shapes(model: Model) -> None:
@@ -250,20 +240,39 @@ def _check_shapes(model: Model) -> None:
         "class": len(model.classes),
         "dropped component": len(model.dropped),
     }
-    for path, _, _, axes in _ARRAYS:
-        array = getattr(model, _field(path))
-        shape = tuple(sizes[axis] for axis in axes.split(", "))
-        if array.shape != shape or not np.isfinite(array).all():
-            raise WrongUse(f"{_field(path)} should be {shape} finite numbers and is {array.shape}")
-    check_indices("dropped", model.dropped, model.components)
+    check_arrays(model, _ARRAYS, sizes)
     if model.force and model.c is None:
         raise WrongUse("its representation is scaled to force, but there is no C")
 
 
-def check_indices(name: str, indices: NDArray[np.int64], length: int) -> None:
-    """Raise WrongUse unless all are indices into an axis of this length."""
-    if not ((indices >= 0) & (indices < length)).all():
-        raise WrongUse(f"{name} should be from 0 to {length - 1}")
+def write_arrays(group: Any, values: object, arrays: Arrays) -> None:
+    """Write each array of an object: data set, unit, meaning and axes."""
+    for path, unit, doc, axes in arrays:
+        write_array(group, path, getattr(values, _field(path)), unit, doc, axes)
+
+
+def read_arrays(file: Hdf5File, group: str, arrays: Arrays) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a group by name: indices are int64, all others float64."""
+    return {
+        _field(path): file.array(
+            f"{group}/{path}".lstrip("/"),
+            axes.count(",") + 1,
+            np.int64 if _field(path) in INDICES else np.float64,
+        )
+        for path, *_, axes in arrays
+    }
+
+
+def check_arrays(values: object, arrays: Arrays, sizes: Mapping[str, int]) -> None:
+    """Raise WrongUse if shapes do not agree, a value is not finite, or an index leads outside."""
+    for path, _, _, axes in arrays:
+        name = _field(path)
+        array, shape = getattr(values, name), tuple(sizes[axis] for axis in axes.split(", "))
+        if array.shape != shape or not np.isfinite(array).all():
+            raise WrongUse(f"{name} should be {shape} finite numbers and is {array.shape}")
+        length = sizes[INDICES[name]] if name in INDICES else 0
+        if name in INDICES and not ((array >= 0) & (array < length)).all():
+            raise WrongUse(f"{name} should be from 0 to {length - 1}")
 
 
 def _field(path: str) -> str:

@@ -16,7 +16,10 @@ from dataclasses import asdict, dataclass
 from datetime import datetime
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import Meta
 
 from rigctl.config.text_file import read_bytes, refuse_link_outside
 from rigctl.config.visible_text import visible
@@ -26,7 +29,6 @@ from rigctl.session.writer_lock import sync_folder
 KIND, VERSION = "rigctl-note", 1
 MAX_LETTERS = 2000
 MAX_AUTHOR_LETTERS = 200
-_HEX = re.compile(r"(?:[0-9a-f]{64})?")
 
 
 class Mark(StrEnum):
@@ -52,7 +54,7 @@ class SessionNote:
     attempt: int = 0
     mark: Mark = Mark.NONE
     author: str = ""
-    closing_digest: str = ""
+    closing_digest: Annotated[str, Meta(pattern="^([0-9a-f]{64})?$")] = ""
 
     def describe(self) -> str:
         """Return the note as a line, without its time."""
@@ -91,27 +93,23 @@ def check_note(note: SessionNote) -> SessionNote:
     return note
 
 
-def parse_note(members: dict[str, Any], path: Path) -> SessionNote:
-    """Return the note of a file's members. Raises SessionError for other ones."""
-    if (members.pop("kind", None), members.pop("version", None)) != (KIND, VERSION):
-        raise SessionError(f"{path} is not a note that this program reads")
-    wanted = asdict(SessionNote("", ""))
-    for name, example in wanted.items():
-        if type(members.get(name)) is not (int if type(example) is int else str):
-            raise SessionError(f"{path}: {name} is missing or of another type")
-    if members["mark"] not in set(Mark) or not _HEX.fullmatch(members["closing_digest"]):
-        raise SessionError(f"{path}: its mark or its closing digest is none")
-    values = {name: members[name] for name in wanted} | {"mark": Mark(members["mark"])}
+def parse_note(text: bytes, path: Path) -> SessionNote:
+    """Return the note in a file's text. Raises SessionError for another one."""
     try:
-        return check_note(SessionNote(**values))
-    except SessionError as error:
-        raise SessionError(f"{path}: {error}") from error
+        members = msgspec.json.decode(text, type=dict[str, Any])
+        if (members.get("kind"), members.get("version")) != (KIND, VERSION):
+            raise SessionError("it is of another kind or version")
+        return check_note(msgspec.convert(members, SessionNote))
+    except (msgspec.MsgspecError, SessionError) as error:
+        raise SessionError(
+            f"{path} is damaged: {error}: what it says is lost; move it elsewhere and write the "
+            "note again"
+        ) from error
 
 
 PATTERN = "note-*.json"
 MAX_BYTES = 64 << 10
 _NAME = re.compile(r"note-(\d{8}T\d{6}Z)(?:-(\d{3}))?\.json")
-_REMEDY = "what it says is lost; move it elsewhere and write the note again"
 
 Attempt = tuple[int, int]
 """Number of a trial, and number of the attempt at it."""
@@ -145,13 +143,7 @@ def bad_attempts(notes: Iterable[SessionNote]) -> dict[Attempt, SessionNote]:
 
 def _read(path: Path) -> SessionNote:
     refuse_link_outside(path, SessionError)
-    try:
-        members = json.loads(read_bytes(path, MAX_BYTES, SessionError).decode())
-    except (ValueError, RecursionError):
-        members = None
-    if not isinstance(members, dict):
-        raise SessionError(f"{path} is damaged: {_REMEDY}")
-    return parse_note(members, path)
+    return parse_note(read_bytes(path, MAX_BYTES, SessionError), path)
 
 
 def _note_paths(folder: Path) -> list[Path]:

@@ -28,7 +28,6 @@ from typing import Any, ClassVar, Self
 from rigctl.errors import DiskFault, SessionError
 from rigctl.session import layout
 from rigctl.session.digests import FIRST_DIGEST
-from rigctl.session.hdf5_file import text
 from rigctl.session.header import (
     SessionHeader,
     describe_difference,
@@ -186,7 +185,6 @@ def _check_plan(path: Path, header: SessionHeader) -> None:
         found, wanted = layout_of(attributes, path), layout_of(header.to_attributes(), path)
         check_experiment(path.parent, found, wanted)
         recorded = SessionHeader.from_attributes(attributes, path)
-        file.check([text("/rig_toml")])
         wiring = session_wiring(recorded, file.text("/rig_toml"))
     if (recorded.plan_hash, recorded.n_taxels) != (header.plan_hash, header.n_taxels):
         raise SessionError(

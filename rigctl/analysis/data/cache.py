@@ -204,8 +204,13 @@ def _read(path: Path) -> Arrays:
     """
     with open_file(path) as file:
         try:
-            with np.load(io.BytesIO(file.read()), allow_pickle=False) as archive:
-                return dict(archive)
+            with zipfile.ZipFile(file) as archive:  # which checks what it reads to its end
+                names = archive.namelist()
+                contents = {name: io.BytesIO(archive.read(name)) for name in names}
+            return {
+                name.removesuffix(".npy"): np.load(content, allow_pickle=False)
+                for name, content in contents.items()
+            }
         except NUMPY_ERRORS as error:
             raise ValueError(f"{path} is not a whole entry: {error}") from error
 
