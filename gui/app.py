@@ -14,16 +14,13 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
-from tempfile import TemporaryFile
 from threading import Thread
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING
 
 from rigctl.config.visible_text import visible
 from rigctl.errors import RigctlError, WrongUse
 
 if TYPE_CHECKING:
-    from PySide6.QtGui import QGuiApplication
-
     from gui.shell.main_window import MainWindow
 
 DEBIAN_PACKAGES = "libegl1 libgl1 libxkbcommon-x11-0 libxcb-cursor0 libdbus-1-3 libfontconfig1"
@@ -77,49 +74,41 @@ def paused_collector() -> Iterator[None]:
 
 
 def check_display() -> None:
-    """Raise WrongUse if Qt cannot start because a display or libraries are missing.
-
-    Qt then aborts the process and cannot be queried before, so a copy of this process tries
-    it, unless Qt runs already.
-    """
-    if not sys.platform.startswith("linux"):
-        return
+    """Raise WrongUse where Qt or its libraries are missing, or Linux has no display."""
     try:
-        from PySide6.QtGui import QGuiApplication
+        from PySide6 import QtGui  # noqa: F401 - what fails without Qt's libraries
     except ImportError as error:
         raise WrongUse(_start_failure(str(error))) from None
-    if QGuiApplication.instance() is not None:
-        return
-    with TemporaryFile() as stderr:
-        if (trial := os.fork()) == 0:
-            _start_and_exit(QGuiApplication, stderr.fileno())
-        _, status = os.waitpid(trial, 0)
-        stderr.seek(0)
-        said = stderr.read().decode(errors="replace")
-    if status:
-        raise WrongUse(_start_failure(said))
-
-
-def _start_and_exit(application: type[QGuiApplication], stderr: int) -> NoReturn:
-    """Start Qt and end this process at once, whatever happens: it is a copy of another one."""
-    try:
-        os.dup2(stderr, 2)  # of the process: Qt does not know Python's sys.stderr
-        application([])
-        os._exit(0)
-    finally:
-        os._exit(1)
-
-
-def _start_failure(stderr: str) -> str:
     displays = (os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM"))
-    if not any(displays):
-        return (
+    if sys.platform.startswith("linux") and not any(displays):
+        raise WrongUse(
             "the window needs a display, but there is none: log in at a desktop, use ssh -X, "
             "or work without the window (rigctl run, rigctl demo --no-window)"
         )
-    line = next((line for line in stderr.splitlines() if line.strip()), "no reason given")
+
+
+@contextmanager
+def told_abort() -> Iterator[None]:
+    """End the process with one sentence where Qt aborts it; hold what starts the application."""
+    from PySide6.QtCore import QMessageLogContext, QtMsgType, qInstallMessageHandler
+
+    said: list[str] = []
+
+    def hear(kind: QtMsgType, context: QMessageLogContext, text: str) -> None:
+        said.append(text)
+        if kind == QtMsgType.QtFatalMsg:
+            os.write(2, f"rigctl: {_start_failure(' '.join(said[:-1] or said))}\n".encode())
+            os._exit(2)
+
+    qInstallMessageHandler(hear)
+    yield
+    qInstallMessageHandler(None)
+    print("".join(f"{text}\n" for text in said), end="", file=sys.stderr)
+
+
+def _start_failure(said: str) -> str:
     return (
-        f"the window needs Qt, but Qt does not start ({line.strip()}): install "
+        f"the window needs Qt, but Qt does not start ({' '.join(said.split())}): install "
         f"PySide6-Essentials and, on Debian, {DEBIAN_PACKAGES}"
     )
 
@@ -178,7 +167,8 @@ def _shown_window(theme: str | None) -> MainWindow:
     from gui.shell.small_screen import screen_complaint
     from gui.widgets.theme import ThemeChoice
 
-    pg.mkQApp("rigctl")
+    with told_abort():
+        pg.mkQApp("rigctl")
     settings = UserSettings.of_user()
     themes = ThemeChoice.__members__
     kept = settings.value("theme", ThemeChoice.SYSTEM.name, themes.__contains__)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rigctl.analysis.finger.report import FingerReport
     from rigctl.analysis.report.demo import DemoResult
     from rigctl.analysis.report.report_folder import ReportResult
-    from rigctl.session.verify.report import VerifyReport
+    from rigctl.session.verify import VerifyReport
 
 FINGER_ACCURACY = {"Figure 4B": "Fig. 4B", "Figure 4C": "Fig. 4C", "Figure S5": "Fig. S5"}
 """Page and figure of the moving finger's curves."""
@@ -161,13 +161,12 @@ def verify_results(
     report: VerifyReport, path: Path, altered: Mapping[int, str], *, simulated: bool
 ) -> AnalysisResults:
     """Return what a check of a session found, in the words of ``rigctl verify``."""
-    from rigctl.session.verify.words import answer, finding_lines
 
-    sentence = answer(report, path)
+    sentence = report.answer(path)
     digest = f"<p>digest: {escape(report.closing_digest)}</p>" if report.closing_digest else ""
-    findings = _bullets(finding_lines(report), "Nothing to note.")
+    findings = _bullets(report.lines(), "Nothing to note.")
     page = f"<h3>{escape(sentence)}</h3>{findings}{digest}"
-    csv = rows_csv(("finding",), [[line] for line in finding_lines(report)])
+    csv = rows_csv(("finding",), [[line] for line in report.lines()])
     pages = (ResultsPage("Verify", page, csv=csv),)
     found = tuple(altered.items())
     return AnalysisResults(

@@ -18,7 +18,7 @@ from gui.widgets.plots.plot_axes import (
 )
 from gui.widgets.plots.plot_grid import PlotGrid
 from gui.widgets.theme import Theme
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
+from rigctl.session.header import SensorLayout
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
 
 NO_TRIAL = "Open a session and choose a trial on the left"

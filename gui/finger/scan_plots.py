@@ -26,7 +26,7 @@ from rigctl.finger_values import N_FINGER_TAXELS
 from rigctl.protocol.finger import VelocityProfile
 from rigctl.protocol.finger_plan import ScanQuality
 from rigctl.realtime.live_file import FingerLiveReader
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
+from rigctl.session.header import SensorLayout
 from rigctl.values import SAMPLE_RATE_HZ
 
 HISTORY_S = 20

@@ -21,7 +21,7 @@ from gui.widgets.plots.plot_grid import PlotGrid
 from gui.widgets.plots.stale_cover import StaleCovers
 from gui.widgets.theme import Theme, scaled_px, text_scale
 from rigctl.acquisition.live_buffer import LiveReader
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
+from rigctl.session.header import SensorLayout
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
 
 _RIGHT_PX, _MORE_FOR_TEXTS_PX = 216, 130

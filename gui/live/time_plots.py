@@ -31,7 +31,7 @@ from gui.widgets.plots.plot_axes import (
     time_ticks,
 )
 from gui.widgets.theme import Theme, scaled_px
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
+from rigctl.session.header import SensorLayout
 
 _ROW_LABEL_PX, _TAXEL_LABEL_PX = 10, 14
 _ROW_PX, _LAST_ROW_PX, _LONG_LABEL_PX = 48, 88, 84

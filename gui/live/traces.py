@@ -13,7 +13,7 @@ from gui.live.store.pixel_columns import PixelColumns
 from gui.live.store.timeline import Timeline
 from gui.widgets.colours import blend, rgb
 from gui.widgets.theme import Theme
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
+from rigctl.session.header import SensorLayout
 
 FULL_SCALE = 1023
 

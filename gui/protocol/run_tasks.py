@@ -19,7 +19,7 @@ from rigctl.errors import RigctlError, SessionError
 
 if TYPE_CHECKING:
     from rigctl.protocol.plan import Plan
-    from rigctl.session.read.session import Session
+    from rigctl.session.session import Session
     from rigctl.values import PlannedTrial
 
 
@@ -100,8 +100,8 @@ def _planned(trial: PlannedTrial) -> Row:
 
 def write_note(folder: str, text: str, author: str, trial_id: int, attempt: int, mark: str) -> None:
     """Add a note to a session; trial 0 is the whole session, attempt 0 the one that counts."""
-    from rigctl.session.notes.session_note import Mark, SessionNote
-    from rigctl.session.notes.write_note import add_note
+    from rigctl.session.notes import Mark, SessionNote
+    from rigctl.session.session import add_note
 
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     note = SessionNote(now, text.strip(), trial_id, attempt, Mark(mark), author.strip())
@@ -117,7 +117,7 @@ class SessionFollower:
 
     def read(self, folder: str, known: int = 0) -> SessionNews:
         """Return the attempts after the first ``known`` ones; all if a verdict has changed."""
-        from rigctl.session.read.part_file import existing_parts
+        from rigctl.session.part import existing_parts
 
         if not existing_parts(Path(folder)):
             return SessionNews(folder)
@@ -129,7 +129,7 @@ class SessionFollower:
             return SessionNews(folder, problem=str(error))
 
     def _open(self, folder: Path) -> Session:
-        from rigctl.session.read.session import Session
+        from rigctl.session.session import Session
 
         if self._session is None or self._session.path != folder:
             self._close()
@@ -144,7 +144,7 @@ class SessionFollower:
         self._session, self._notes = None, ()
 
     def _news(self, session: Session, folder: str, known: int) -> SessionNews:
-        from rigctl.session.early_end import describe_ends, ended_early
+        from rigctl.session.session import describe_ends, ended_early
 
         notes = tuple(f"{note.made_utc}  {note.describe()}" for note in session.notes)
         if notes != self._notes or known > len(session.trials):

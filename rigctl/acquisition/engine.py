@@ -27,7 +27,7 @@ from rigctl.acquisition.setup.desk import SetupDesk
 from rigctl.acquisition.status import StatusBuilder
 from rigctl.acquisition.taxels.pipeline import FAST_BATCH_SAMPLES, REAL_TIME_BATCH_SAMPLES
 from rigctl.errors import DiskFault, WrongUse
-from rigctl.session.notes.session_note import SessionNote, check_note
+from rigctl.session.notes import SessionNote, check_note
 
 
 class Engine(ServedEngine[Run, RunRequest]):

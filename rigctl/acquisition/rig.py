@@ -11,9 +11,7 @@ from typing import Any
 from rigctl.config.rig_config import RigConfig
 from rigctl.devices.drum import Drum
 from rigctl.devices.taxels import Taxels
-from rigctl.session.files.ground_truth import begin_log
-from rigctl.session.files.truth_file import Start
-from rigctl.session.files.truth_log import TruthLog
+from rigctl.session.ground_truth import Start, TruthLog, begin_log
 
 TRUTH_PERIOD_MS = 2_000
 """World time from one write of the ground truth to the next."""

@@ -14,7 +14,7 @@ from rigctl.acquisition.health.rate_meter import RateMeter, age_s
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus, RunStatus
 from rigctl.acquisition.setup.desk import SetupDesk
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
+from rigctl.session.header import SensorLayout
 from rigctl.values import DrumState
 from rigctl.wire.drum.codes import Status
 from rigctl.wire.drum.states import FAULT_TEXT, STATE_TEXT, Fault, State

@@ -11,7 +11,7 @@ from rigctl.config.toml_reader import TomlTable, TomlText
 from rigctl.errors import ConfigError
 from rigctl.exchange.labels import LabelRules, read_label_rules
 from rigctl.exchange.units import SECONDS, read_loadcell_unit
-from rigctl.session.format.metadata.sensor_layout import LAYER_NAMES, SensorLayout
+from rigctl.session.header import LAYER_NAMES, SensorLayout
 
 MIN_RATE_HZ, MAX_RATE_HZ = 1e-3, 1e7
 MAX_VALUE, SMALLEST_SPAN = 1e300, 1e-100

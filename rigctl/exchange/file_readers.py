@@ -10,14 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.analysis.data.cache import NUMPY_ERRORS
+from rigctl.config.text_file import open_file
 from rigctl.errors import WrongUse
 from rigctl.exchange.column_map import ImportMap
 from rigctl.exchange.column_names import format_names, range_ends
-from rigctl.exchange.matlab.matlab_reader import read_mat
+from rigctl.exchange.matlab import read_mat
 from rigctl.exchange.recording_files import SUFFIXES
 from rigctl.exchange.text_table import TextFormat, read_text_table
 from rigctl.exchange.trial_tables import FileTrials, Floats, LabelColumn, TrialTable, split_trials
-from rigctl.session.files.numpy_file import read_numpy
+from rigctl.session.hdf5_file import describe
 
 DELIMITERS = {".csv": ",", ".tsv": "\t", ".txt": "\t"}
 KEPT_BYTES = 512 << 20
@@ -64,12 +66,24 @@ def read_variables(path: Path) -> Mapping[str, Any]:
         if suffix == ".mat":
             return read_mat(path)
         if suffix in (".npy", ".npz"):
-            return read_numpy(path)
+            return _read_numpy(path)
     except OSError as error:
         raise WrongUse(f"cannot read {path}: {error.strerror or error}") from error
     if suffix in DELIMITERS:
         raise WrongUse(f"{path} is a text table, which has no elements: correct [trials] elements")
     raise WrongUse(f"{path}: files that can be imported end in {', '.join(SUFFIXES)}")
+
+
+def _read_numpy(path: Path) -> Mapping[str, Any]:
+    """Return the arrays of a file by name; that of a .npy file has an empty name."""
+    with open_file(path) as file:
+        try:
+            loaded = np.load(file, allow_pickle=False)
+            return {"": loaded} if isinstance(loaded, np.ndarray) else dict(loaded)
+        except NUMPY_ERRORS as error:
+            raise WrongUse(
+                f"{path} is not a NumPy file of plain numbers, or is damaged: {describe(error)}"
+            ) from error
 
 
 def _from_text(path: Path, mapping: ImportMap) -> FileTrials:

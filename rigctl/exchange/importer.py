@@ -26,9 +26,8 @@ from rigctl.exchange.inspection import (
     inspect_files,
 )
 from rigctl.exchange.resampling import Floats, ResampledSeries, TimeSeries, resample
-from rigctl.session.format.metadata.header import IMPORTED, SessionHeader
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
-from rigctl.session.write.recorder import Recorder
+from rigctl.session.header import IMPORTED, SensorLayout, SessionHeader
+from rigctl.session.recorder import Recorder
 from rigctl.values import (
     SAMPLE_RATE_HZ,
     Block,

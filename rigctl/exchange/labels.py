@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
-
-import re2
 
 from rigctl.config.names import name_problem, shorten
 from rigctl.config.toml_reader import TomlTable
@@ -28,11 +26,11 @@ MAX_MOUNT = 1_000_000
 class LabelRules:
     """Where each label comes from: a group of ``pattern``, a column, or one value for all.
 
-    ``pattern``, compiled by RE2, is searched in a file's name, and in its whole path where it
-    contains ``/``. ``columns``: column or field by label. ``renamed``: texture by label text.
+    ``pattern`` is searched in a file's name, and in its whole path where it contains ``/``.
+    ``columns``: column or field by label. ``renamed``: texture by label text.
     """
 
-    pattern: Any
+    pattern: re.Pattern[str]
     columns: Mapping[str, str] = field(default_factory=dict)
     renamed: Mapping[str, str] = field(default_factory=dict)
     texture: str = ""
@@ -163,7 +161,7 @@ def refuse_collisions(labels: Sequence[TrialLabel], places: Sequence[str]) -> No
         first[label] = place
 
 
-def _match(path: Path, pattern: Any) -> dict[str, str]:
+def _match(path: Path, pattern: re.Pattern[str]) -> dict[str, str]:
     """Return the pattern's groups in a file's name, or in its path if the pattern has a ``/``."""
     by_path = "/" in pattern.pattern
     match = pattern.search(path.absolute().as_posix() if by_path else path.name)
@@ -175,16 +173,12 @@ def _match(path: Path, pattern: Any) -> dict[str, str]:
     return {name: text for name, text in match.groupdict().items() if text is not None}
 
 
-def _read_pattern(table: TomlTable) -> Any:
-    """Return the compiled pattern; RE2 matches any in linear time, a stranger's too."""
-    source = table.text("pattern", "")
-    options = re2.Options()
-    options.log_errors = False
+def _read_pattern(table: TomlTable) -> re.Pattern[str]:
+    """Return the compiled pattern."""
     try:
-        pattern = re2.compile(source, options)
-    except re2.error as error:
-        reason = error.args[0].decode("utf-8", "replace")
-        table.fail("pattern", f"is not a regular expression: {reason}")
+        pattern = re.compile(table.text("pattern", ""))
+    except (re.error, OverflowError, RecursionError) as error:
+        table.fail("pattern", f"is not a regular expression: {error}")
     for group in pattern.groupindex:
         if group not in LABELS:
             table.fail("pattern", f"has a group {group!r}: groups are {', '.join(LABELS)}")

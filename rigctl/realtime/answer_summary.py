@@ -9,7 +9,7 @@ import numpy as np
 
 from rigctl.finger_values import PredictionRow
 from rigctl.realtime.latency import KINDS, LIMITS_MS
-from rigctl.session.read.finger_session import FingerSession
+from rigctl.session.finger_session import FingerSession
 
 
 def answer_lines(folder: Path) -> Iterator[str]:

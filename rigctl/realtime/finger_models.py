@@ -15,11 +15,7 @@ from rigctl.analysis.finger.classifier import (
 from rigctl.analysis.finger.recorded_scans import read_scans, training_info
 from rigctl.analysis.finger.scans import ScanKind
 from rigctl.protocol.finger import Stage
-from rigctl.session.files.finger_model_file import (
-    FingerModel,
-    load_finger_model,
-    save_finger_model,
-)
+from rigctl.session.finger_model_file import FingerModel, load_finger_model, save_finger_model
 
 
 def model_name(kind: ScanKind) -> str:

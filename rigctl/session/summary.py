@@ -8,18 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.session.early_end import describe_ends, ended_early
-from rigctl.session.files.ground_truth import summarise_truth
-from rigctl.session.format import layout
-from rigctl.session.format.data_sets import TableLayout
-from rigctl.session.format.finger_layout import BATCHES, PREDICTIONS, TRACK, WINDOWS
-from rigctl.session.format.finger_rows import NOT_CLASSIFIED
-from rigctl.session.format.writer_lock import is_being_written, lock_owner_pid
-from rigctl.session.read.closing_digest import read_closing_digest
-from rigctl.session.read.finger_session import FingerSession, is_finger_session
-from rigctl.session.read.part_file import stray_files
-from rigctl.session.read.session import Session
-from rigctl.session.read.session_reader import SessionReader
+from rigctl.session import layout
+from rigctl.session.finger_layout import BATCHES, NOT_CLASSIFIED, PREDICTIONS, TRACK, WINDOWS
+from rigctl.session.finger_session import FingerSession, is_finger_session
+from rigctl.session.ground_truth import summarise_truth
+from rigctl.session.layout import TableLayout
+from rigctl.session.part import stray_files
+from rigctl.session.session import Session, describe_ends, ended_early
+from rigctl.session.session_reader import SessionReader, read_closing_digest
+from rigctl.session.writer_lock import is_being_written, lock_owner_pid
 from rigctl.values import Verdict
 from rigctl.wire.finger.messages import VelocitySource
 

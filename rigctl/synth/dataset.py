@@ -14,9 +14,9 @@ from rigctl.errors import WrongUse
 from rigctl.protocol.loader import load_protocol, parse_protocol
 from rigctl.protocol.plan import Plan
 from rigctl.protocol.steps import RunTrial
-from rigctl.session.files.ground_truth import begin_log
-from rigctl.session.format.metadata.header import CUT_BY_WIRE, SessionHeader
-from rigctl.session.write.recorder import Recorder
+from rigctl.session.ground_truth import begin_log
+from rigctl.session.header import CUT_BY_WIRE, SessionHeader
+from rigctl.session.recorder import Recorder
 from rigctl.simulation.bench.world.world_file import NOMINAL_WORLD, SimulatedWorld
 from rigctl.synth.resume import (
     ResumedRecorder,

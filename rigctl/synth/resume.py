@@ -13,14 +13,12 @@ import numpy as np
 
 from rigctl.errors import SessionError
 from rigctl.protocol.plan import Plan
-from rigctl.session.files.ground_truth import check_log
-from rigctl.session.files.truth_file import log_paths
-from rigctl.session.format.metadata.header import SessionHeader
-from rigctl.session.read.part_file import existing_parts
-from rigctl.session.read.session import Session
-from rigctl.session.write.recorder import Recorder
-from rigctl.session.write.session_folder import check_same_world
-from rigctl.session.write.writer import RecorderStatus
+from rigctl.session.ground_truth import check_log, log_paths
+from rigctl.session.header import SessionHeader
+from rigctl.session.part import existing_parts
+from rigctl.session.recorder import Recorder, check_same_world
+from rigctl.session.session import Session
+from rigctl.session.writer import RecorderStatus
 from rigctl.values import Block, DrumState, Event, TrialRow
 
 Attempt = tuple[int, int]

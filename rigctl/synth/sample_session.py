@@ -20,7 +20,7 @@ import platformdirs
 
 from rigctl.analysis.data.atomic_directory import PARTIAL, atomic_directory
 from rigctl.errors import DiskFault, SessionError
-from rigctl.session.format.writer_lock import WriterLock, is_being_written
+from rigctl.session.writer_lock import WriterLock, is_being_written
 
 NAME = "sample-session"
 SYNTH = ("synth", "--plan", "quick", "--seed", "1")

@@ -22,7 +22,7 @@ from rigctl.protocol.steps import (
     Tare,
     Turn,
 )
-from rigctl.session.files.truth_log import TruthLog, TruthRows
+from rigctl.session.ground_truth import TruthLog, TruthRows
 from rigctl.simulation.bench.world.parameters import WorldParameters
 from rigctl.simulation.direct_rig import DirectRig
 from rigctl.synth.operator import DrumOperator

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rigctl.session.files.truth_log import TruthRows
+from rigctl.session.ground_truth import TruthRows
 from rigctl.simulation.direct_rig import DirectRig
 from rigctl.values import Block, DrumState, LoadcellSample
 

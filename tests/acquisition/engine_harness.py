@@ -16,7 +16,7 @@ from rigctl.acquisition.rpc.command_handler import CommandHandler
 from rigctl.acquisition.rpc.declared_commands import RequestHandler
 from rigctl.config.rig_config import RigConfig
 from rigctl.rig import open_rig
-from rigctl.session.read.session import Session
+from rigctl.session.session import Session
 from tests.acquisition.served_harness import ServedHarness
 
 TINY = """

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.protocol.loader import parse_protocol
-from rigctl.session.format.metadata.header import SessionHeader
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
-from rigctl.session.write.recorder import Recorder
+from rigctl.session.header import SensorLayout, SessionHeader
+from rigctl.session.recorder import Recorder
 from rigctl.values import Block, DrumState, Gap, PlannedTrial
 from tests.session.building import drum_state, trial_row
 

@@ -25,7 +25,7 @@ from rigctl.analysis.paper.tasks import SweepSettings, run_tasks
 from rigctl.cli import main
 from rigctl.encoding.parameters import DEFAULT
 from rigctl.errors import SessionError, WrongUse
-from rigctl.session.read.part_file import part_paths
+from rigctl.session.part import part_paths
 from tests.analysis.recordings import record
 from tests.session.building import SyntheticRig, plan, recorder
 from tests.session.damage import record_four_parts

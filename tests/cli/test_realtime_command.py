@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from rigctl.cli import main
-from rigctl.session.files.finger_model_file import load_finger_model
+from rigctl.session.finger_model_file import load_finger_model
 from tests.realtime.harness import SMALL, open_finger_session
 
 

@@ -19,8 +19,8 @@ from rigctl.acquisition.rpc.engine_launch import EngineRefusal
 from rigctl.acquisition.rpc.messages import EngineStatus, RunStatus
 from rigctl.acquisition.rpc.runtime_folder import runtime_folder
 from rigctl.cli.rig.run import _status_line
-from rigctl.session.read.session import Session
-from rigctl.session.verify.session import verify
+from rigctl.session.session import Session
+from rigctl.session.verify import verify
 
 ONE = """
 name = "one"

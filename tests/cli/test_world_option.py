@@ -14,7 +14,7 @@ import serial
 
 from gui.app import main as window
 from rigctl.cli import main
-from rigctl.session.read.session import Session
+from rigctl.session.session import Session
 from rigctl.wire.taxels.frames import FrameDecoder
 
 ONE = """

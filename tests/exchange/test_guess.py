@@ -13,8 +13,8 @@ from rigctl.cli import main
 from rigctl.errors import WrongUse
 from rigctl.exchange.guess.guess import guess_map
 from rigctl.exchange.recording_files import find_recordings
-from rigctl.session.read.session import Session
-from rigctl.session.verify.session import verify
+from rigctl.session.session import Session
+from rigctl.session.verify import verify
 from tests.exchange import layouts
 from tests.exchange.layouts import TRIALS, write_rows
 

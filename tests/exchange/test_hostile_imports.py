@@ -1,4 +1,4 @@
-"""Tables and maps of strangers are refused in a sentence; no pattern and no line takes long."""
+"""Tables and maps of strangers are refused in a sentence; no line takes long."""
 
 from __future__ import annotations
 
@@ -43,19 +43,9 @@ def write_map(
 
 
 @pytest.mark.parametrize(
-    "pattern", ["(?P<texture>(a|aa)+)$", "(?P<texture>(a+)+)=", ".*" * 200 + "(?P<texture>=)"]
-)
-def test_a_pattern_takes_no_exponential_time(tmp_path: Path, pattern: str) -> None:
-    mapping = load_map(write_map(tmp_path, pattern))
-    with pytest.raises(WrongUse, match="does not match the pattern"):
-        parse_label(Path("a" * 200 + "b.csv"), mapping.labels, {}, "a.csv")
-
-
-@pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"pattern": "(?:a{1000}){1000}"}, "line 2: files.pattern: is not a regular expression"),
-        ({"pattern": "(?P<texture>(?&texture))"}, "is not a regular expression: invalid perl"),
+        ({"pattern": "(?P<texture>(?&texture))"}, "line 2: files.pattern: is not a regular expr"),
         ({"pattern": "(" * 900}, "is not a regular expression"),
         ({"pattern": "x" * 1001}, "has 1,001 letters"),
         ({"more": "delimiter = ';;'\n"}, "line 3: files.delimiter: must be one letter"),

@@ -22,8 +22,8 @@ from rigctl.exchange.column_map import load_map
 from rigctl.exchange.extra_channels import FILE
 from rigctl.exchange.importer import import_files
 from rigctl.exchange.inspection import Inspection
-from rigctl.session.read.session import Session
-from rigctl.session.verify.session import verify
+from rigctl.session.session import Session
+from rigctl.session.verify import verify
 
 PATTERN = r"""
 [files]

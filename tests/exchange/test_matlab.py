@@ -12,9 +12,8 @@ from scipy.io import savemat
 from scipy.sparse import csc_matrix
 
 from rigctl.errors import WrongUse
-from rigctl.exchange.matlab import matlab_reader
-from rigctl.exchange.matlab.matlab_reader import read_mat
-from rigctl.session.read.session import Session
+from rigctl.exchange.matlab import read_mat
+from rigctl.session.session import Session
 from tests.exchange.test_import import PATTERN, run_import
 
 N = 200
@@ -150,45 +149,6 @@ def test_truncated_matlab_files_raise_one_sentence(tmp_path: Path) -> None:
             with pytest.raises(WrongUse, match=str(path)):
                 run_import(tmp_path, MAP, [path], "cut")
     assert not (tmp_path / "cut").exists()
-
-
-def test_a_file_that_kills_scipys_reader_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    path = Path(__file__).parent / "data" / "kills_scipy.mat"
-    with pytest.raises(WrongUse, match=r"kills_scipy\.mat .* damaged: .* unknown type 521"):
-        read_mat(path)
-    monkeypatch.setattr(matlab_reader, "check_mat5", lambda content: None)
-    with pytest.raises(WrongUse, match=r"kills_scipy\.mat .* damaged: .* dies of it"):
-        read_mat(path)
-
-
-def test_an_array_of_an_unknown_type_is_refused() -> None:
-    """SciPy's reader has no variable to return for it."""
-    path = Path(__file__).parent / "data" / "unknown_class.mat"
-    with pytest.raises(WrongUse, match=r"unknown_class\.mat .* damaged: .*unknown type \d+"):
-        read_mat(path)
-
-
-@pytest.mark.parametrize("major", [0, 2, 255])
-def test_another_version_of_the_format_is_refused_with_the_cure(tmp_path: Path, major: int) -> None:
-    savemat(tmp_path / "x.mat", WHOLE)
-    content = bytearray((tmp_path / "x.mat").read_bytes())
-    content[125] = major
-    (tmp_path / "x.mat").write_bytes(content)
-    with pytest.raises(WrongUse, match=rf"version {major} of the format: save it with -v7"):
-        read_mat(tmp_path / "x.mat")
-
-
-def test_numbers_of_an_unknown_type_are_refused_before_they_are_read() -> None:
-    """SciPy's reader dies of it now and then, not each time."""
-    path = Path(__file__).parent / "data" / "unknown_numbers.mat"
-    with pytest.raises(WrongUse, match="a variable has numbers of the unknown type 32777"):
-        read_mat(path)
-
-
-def test_a_text_that_is_missing_is_refused_before_scipy_looks_behind_it() -> None:
-    path = Path(__file__).parent / "data" / "missing_part.mat"
-    with pytest.raises(WrongUse, match="ends in the middle of a variable"):
-        read_mat(path)
 
 
 @pytest.mark.parametrize("compressed", [False, True])

@@ -12,9 +12,9 @@ from scipy.io import savemat
 
 from rigctl.analysis.data.trial_set import join_sessions
 from rigctl.errors import ConfigError, WrongUse
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
-from rigctl.session.read.session import Session
-from rigctl.session.verify.session import verify
+from rigctl.session.header import SensorLayout
+from rigctl.session.session import Session
+from rigctl.session.verify import verify
 from tests.exchange.test_import import run_import, write_csv
 from tests.exchange.test_matlab import write_73
 

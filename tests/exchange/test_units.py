@@ -12,8 +12,8 @@ from rigctl.config.toml_reader import TomlText
 from rigctl.errors import ConfigError
 from rigctl.exchange.column_map import ImportMap, parse_map
 from rigctl.exchange.labels import parse_label
-from rigctl.session.read.session import Session
-from rigctl.session.verify.session import verify
+from rigctl.session.session import Session
+from rigctl.session.verify import verify
 from rigctl.values import PlannedTrial
 from tests.exchange.test_import import run_import
 

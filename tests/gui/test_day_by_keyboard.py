@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QApplication, QWidget
 
 from gui.live.page.live_page import SAVE
 from gui.operate.bring_up import READY
-from rigctl.session.verify.session import verify
+from rigctl.session.verify import verify
 from rigctl.wire.drum.states import State
 from tests.gui.rig_window import RigWindow, opened_window
 from tests.gui.steps import wait_until

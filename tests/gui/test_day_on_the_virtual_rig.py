@@ -14,8 +14,8 @@ from gui.live.page.live_bar import COUNTS, VOLTS
 from gui.live.page.live_page import TRIALS, LivePage
 from gui.live.time_plots import SINCE_START
 from gui.protocol.run_values import BAD, COMMITTED, TRIAL_COLUMNS
-from rigctl.session.read.session import Session
-from rigctl.session.verify.session import verify
+from rigctl.session.session import Session
+from rigctl.session.verify import verify
 from rigctl.wire.drum.states import State
 from tests.gui.rig_window import RigWindow, rig_window
 from tests.gui.steps import click, turn_wheel

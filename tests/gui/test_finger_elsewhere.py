@@ -16,7 +16,7 @@ from rigctl.acquisition.rpc.client import FINGER_ENGINE_COMMAND, EngineClient
 from rigctl.acquisition.rpc.engine_files import FINGER_EXPERIMENT, write_engine_file
 from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE
 from rigctl.realtime.live_file import FingerLiveReader
-from rigctl.session.read.finger_session import FingerSession
+from rigctl.session.finger_session import FingerSession
 from tests.gui.forwarded_socket import forwarded
 from tests.gui.steps import click, press_escape, wait_until
 

@@ -16,7 +16,7 @@ from gui.engine_clients import JOIN
 from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE
 from rigctl.errors import WrongUse
-from rigctl.session.verify.session import verify
+from rigctl.session.verify import verify
 from rigctl.wire.drum.states import State
 from tests.gui.rig_window import TIMEOUT_MS, RigWindow, opened_window
 from tests.gui.steps import click, wait_until

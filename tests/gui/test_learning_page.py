@@ -18,7 +18,7 @@ from gui.protocol.learning.learning_page import (
 )
 from gui.protocol.protocol_panel import ProtocolPanel
 from rigctl.protocol.loader import parse_protocol
-from rigctl.session.write.recorder import Recorder
+from rigctl.session.recorder import Recorder
 from tests.analysis.learning.test_learning_curve import commit
 from tests.analysis.recordings import record
 from tests.gui.steps import Harness, click, wait_until

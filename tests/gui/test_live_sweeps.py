@@ -21,7 +21,7 @@ from gui.live.sweeps.sweep_strip import WAITS
 from gui.live.time_plots import NOW, SINCE_START
 from gui.widgets.theme import LIGHT
 from rigctl.acquisition.rpc.messages import parse_status
-from rigctl.session.read.session import Session
+from rigctl.session.session import Session
 from tests.analysis.recordings import record
 from tests.gui.fake_engine import STATUS, FakeEngine
 from tests.gui.steps import Harness, click, wait_until

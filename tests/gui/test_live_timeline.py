@@ -14,7 +14,7 @@ from gui.live.store.time_window import TimeWindow
 from gui.live.store.timeline import Timeline
 from gui.live.traces import Traces
 from gui.widgets.theme import LIGHT
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
+from rigctl.session.header import SensorLayout
 from tests.gui.fake_engine import FakeEngine
 
 PAPER = SensorLayout.default(18)

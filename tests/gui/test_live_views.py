@@ -21,7 +21,7 @@ from gui.live.traces import Traces
 from gui.widgets.colours import rgb
 from gui.widgets.theme import DARK, LIGHT
 from rigctl.acquisition.live_buffer import LiveReader, LiveWriter
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
+from rigctl.session.header import SensorLayout
 from tests.gui.fake_engine import FakeEngine
 
 WIDTH, HEIGHT = 500, 180

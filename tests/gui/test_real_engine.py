@@ -22,8 +22,8 @@ from gui.shell.main_window import MainWindow
 from gui.widgets.status_lamp import Level
 from rigctl.acquisition.rpc.engine_files import running_engines
 from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE, runtime_folder
-from rigctl.session.read.session import Session
-from rigctl.session.verify.session import verify
+from rigctl.session.session import Session
+from rigctl.session.verify import verify
 from rigctl.wire.drum.states import State
 from tests.gui.steps import click, press_escape, wait_until
 

@@ -16,7 +16,7 @@ from gui.widgets.status_lamp import Level
 from rigctl.acquisition.rpc.client import FINGER_ENGINE_COMMAND, EngineClient
 from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE
 from rigctl.realtime.finger_models import train_models
-from rigctl.session.read.finger_session import FingerSession
+from rigctl.session.finger_session import FingerSession
 from tests.gui.steps import click, press_escape, wait_until
 from tests.realtime.harness import open_finger_harness
 

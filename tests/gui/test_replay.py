@@ -17,7 +17,7 @@ from gui.live.replay.replay_tasks import ReplayTrial
 from gui.live.review.navigation import SPANS_S
 from rigctl.encoding.encoder import encode_trial
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.session.read.session import Session
+from rigctl.session.session import Session
 from tests.analysis.recordings import record
 from tests.gui.steps import SharedWindow, click, wait_until
 from tests.gui.texts.plots import cut_plot_texts

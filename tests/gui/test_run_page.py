@@ -14,7 +14,7 @@ from gui.protocol.protocol_panel import ProtocolPanel
 from gui.protocol.run_values import BAD, COMMITTED, TRIAL_COLUMNS
 from gui.shell.controllers.protocol_controller import ProtocolController
 from gui.shell.memory.user_settings import UserSettings
-from rigctl.session.read.session import Session
+from rigctl.session.session import Session
 from tests.gui.ended_early import record_early_ends
 from tests.gui.steps import Harness, click, wait_until
 from tests.gui.test_protocol_panel import RUN, open_panel

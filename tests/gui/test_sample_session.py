@@ -15,8 +15,8 @@ from gui.shell.main_window import MainWindow
 from gui.start.sample_box import CANCELLED, REMEDY
 from gui.start.start_page import SAMPLE
 from gui.widgets.theme import ThemeChoice
-from rigctl.session.open_session import open_session
-from rigctl.session.verify.session import verify
+from rigctl.session.session import open_session
+from rigctl.session.verify import verify
 from rigctl.synth import sample_session
 from rigctl.synth.sample_session import CHECKING, MAKING, SYNTH, sample_folder
 from tests.gui.full_disk import full_disk

@@ -17,10 +17,9 @@ from gui.analysis.analysis_tab import AnalysisTab
 from gui.analysis.trials.trial_list import TrialList
 from gui.analysis.trials.trial_table import AttemptColumn, join_tables
 from gui.widgets.theme import LIGHT
-from rigctl.session.format.layout import SAMPLES
-from rigctl.session.notes.session_note import Mark, SessionNote
-from rigctl.session.notes.write_note import add_note
-from rigctl.session.read.session import Session
+from rigctl.session.layout import SAMPLES
+from rigctl.session.notes import Mark, SessionNote
+from rigctl.session.session import Session, add_note
 from rigctl.values import Verdict
 from tests.analysis.recordings import record
 from tests.gui.steps import Harness, SharedWindow, click, wait_until

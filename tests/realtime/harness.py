@@ -16,7 +16,7 @@ from rigctl.realtime.finger_rig import FingerRig
 from rigctl.realtime.live_file import FingerLiveWriter
 from rigctl.realtime.run.finger_run import FingerRun
 from rigctl.realtime.run.finger_run_request import FingerRunRequest
-from rigctl.session.read.finger_session import FingerSession
+from rigctl.session.finger_session import FingerSession
 from tests.acquisition.served_harness import ServedHarness
 
 SMALL = """

@@ -15,8 +15,8 @@ from rigctl.analysis.finger.recorded_scans import read_scans
 from rigctl.analysis.finger.scans import ScanKind
 from rigctl.cli import main
 from rigctl.protocol.finger import Stage
-from rigctl.session.files.finger_model_file import FingerModel, load_finger_model
-from rigctl.session.read.finger_session import FingerSession
+from rigctl.session.finger_model_file import FingerModel, load_finger_model
+from rigctl.session.finger_session import FingerSession
 from rigctl.simulation.boards.finger_firmware import FingerFirmware
 from rigctl.wire.finger import messages
 from rigctl.wire.finger.decoder import FingerDecoder

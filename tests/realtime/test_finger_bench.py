@@ -16,9 +16,9 @@ from rigctl.cli.realtime import plate_frame
 from rigctl.devices.trackers.plate_frame import PlateFrame
 from rigctl.errors import LinkLost, RigctlError, WrongBoard
 from rigctl.finger_rig import open_finger_rig
-from rigctl.session.files.finger_model_file import load_finger_model
-from rigctl.session.read.finger_session import FingerSession
-from rigctl.session.verify.session import verify
+from rigctl.session.finger_model_file import load_finger_model
+from rigctl.session.finger_session import FingerSession
+from rigctl.session.verify import verify
 from tests.realtime.firmware_server import serve_finger_identity, serve_taxel_board
 from tests.realtime.served import DEADLINE_S, ServedFinger, serve_finger
 

@@ -16,8 +16,8 @@ from rigctl.realtime.finger_commands import FingerCommands
 from rigctl.realtime.run.finger_run_request import FingerRunRequest
 from rigctl.realtime.scan.scan_in_progress import ScanInProgress
 from rigctl.realtime.scan.slide_detector import SlideDetector
-from rigctl.session.verify.session import verify
-from rigctl.session.write.writer import SessionWriter
+from rigctl.session.verify import verify
+from rigctl.session.writer import SessionWriter
 from rigctl.simulation.finger.faults import FingerFaults
 from tests.realtime.harness import (
     ONE_SCAN,

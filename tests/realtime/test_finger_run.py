@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from rigctl.realtime.run.finger_run_request import FingerRunRequest
-from rigctl.session.files.finger_model_file import load_finger_model
-from rigctl.session.verify.session import verify
+from rigctl.session.finger_model_file import load_finger_model
+from rigctl.session.verify import verify
 from tests.realtime.conftest import Trained
 from tests.realtime.harness import (
     ONE_SCAN,

@@ -15,7 +15,7 @@ from rigctl.realtime.follow.followed_finger import FollowedFinger
 from rigctl.realtime.follow.growing_finger_session import GrowingFingerSession
 from rigctl.realtime.live_file import FingerLiveReader, FingerLiveWriter
 from rigctl.realtime.messages import FingerEngineStatus, parse_finger_status
-from rigctl.session.read.finger_session import FingerSession
+from rigctl.session.finger_session import FingerSession
 from rigctl.values import Event
 from tests.realtime.conftest import Trained
 from tests.realtime.harness import SMALL, FingerHarness, open_finger_harness

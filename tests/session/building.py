@@ -8,8 +8,8 @@ import numpy as np
 
 from rigctl.protocol.loader import parse_protocol
 from rigctl.protocol.plan import Plan
-from rigctl.session.format.metadata.header import SessionHeader
-from rigctl.session.write.recorder import Recorder
+from rigctl.session.header import SessionHeader
+from rigctl.session.recorder import Recorder
 from rigctl.values import (
     Block,
     BoardIdentity,

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from rigctl.protocol.loader import parse_protocol
 from rigctl.protocol.plan import Plan
-from rigctl.session.read.unclosed_part import map_as_closed
-from rigctl.session.write.recorder import Recorder
+from rigctl.session.part import map_as_closed
+from rigctl.session.recorder import Recorder
 from tests.session.building import PROTOCOL, RIG, SyntheticRig, header, plan, recorder
 
 

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rigctl.session.files.ground_truth import begin_log
-from rigctl.session.files.truth_log import TruthRows
+from rigctl.session.ground_truth import TruthRows, begin_log
 
 ROWS = 700
 

@@ -11,7 +11,7 @@ from itertools import count
 from pathlib import Path
 
 from rigctl.errors import RigctlError
-from rigctl.session.write.recorder import Recorder
+from rigctl.session.recorder import Recorder
 from tests.session.building import PROTOCOL, RIG, SyntheticRig, header, plan
 
 

@@ -20,8 +20,8 @@ from rigctl.finger_values import (
 )
 from rigctl.protocol.finger import FingerTrial, Stage
 from rigctl.protocol.finger_plan import FingerPlan, parse_finger_protocol
-from rigctl.session.format.metadata.header import SessionHeader
-from rigctl.session.write.finger_recorder import FingerRecorder
+from rigctl.session.finger_recorder import FingerRecorder
+from rigctl.session.header import SessionHeader
 from rigctl.simulation.boards.finger_firmware import FingerFirmware
 from rigctl.values import BoardIdentity, Verdict
 from rigctl.wire.finger import messages

@@ -7,28 +7,22 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from rigctl.session.format.annotated_arrays import text_scalar
-from rigctl.session.format.data_sets import DIGESTS
-from rigctl.session.format.digests import (
+from rigctl.session.digests import (
     DESCRIPTION,
     FIRST_DIGEST,
     PREVIOUS_DIGEST,
     describe_part,
     next_digest,
 )
+from rigctl.session.hdf5_file import text_scalar
+from rigctl.session.layout import DIGESTS
 
 
 def rewrite_digests(folder: Path) -> str:
     """Make every digest agree with the present rows; return the new closing digest."""
     last = FIRST_DIGEST
-    lines = (folder / "digests.txt").read_text().splitlines()
     for path in sorted(folder.glob("part-*.h5")):
-        first, last = last, _rewrite(path, last)
-        for number, line in enumerate(lines):
-            if f" {path.name} " in line:
-                end = first if " opened " in line else last
-                lines[number] = " ".join((*line.split()[:-1], end))
-    (folder / "digests.txt").write_text("\n".join(lines) + "\n")
+        last = _rewrite(path, last)
     return last
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from rigctl.session.format import data_sets
-from rigctl.session.format.finger_layout import FINGER_LAYOUT
-from rigctl.session.format.layout import DRUM_LAYOUT
+from rigctl.session import layout
+from rigctl.session.finger_layout import FINGER_LAYOUT
+from rigctl.session.layout import DRUM_LAYOUT
 
 LAYOUTS = (DRUM_LAYOUT, FINGER_LAYOUT)
 
 
-def table(of: data_sets.TableLayout) -> str:
+def table(of: layout.TableLayout) -> str:
     lines = [
         f"### `{of.path}`: {of.doc}",
         "",
@@ -22,7 +22,7 @@ def table(of: data_sets.TableLayout) -> str:
     return "\n".join(lines)
 
 
-def arrays(of: data_sets.SessionLayout) -> str:
+def arrays(of: layout.SessionLayout) -> str:
     lines = ["| data set | shape | type | unit | meaning |", "|---|---|---|---|---|"]
     for array in of.arrays:
         shape = "(n, n_taxels)" if array.per_taxel else "(n,)"

@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from rigctl.session.read import buffered_array
-from rigctl.session.read.buffered_array import BufferedArray
+from rigctl.session.part import BufferedArray
 
 ROWS = np.arange(1000)
 
@@ -26,7 +25,7 @@ def test_windows_are_the_rows_of_the_array(windows: list[tuple[int, int]]) -> No
 def test_windows_in_order_are_read_about_once_in_blocks_of_limited_size(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(buffered_array, "READ_AHEAD_ROWS", 200)
+    monkeypatch.setattr("rigctl.session.part.READ_AHEAD_ROWS", 200)
     reads: list[int] = []
 
     def read(start: int, stop: int) -> NDArray[Any]:

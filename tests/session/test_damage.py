@@ -10,12 +10,12 @@ import pytest
 
 from rigctl.analysis.data.trial_set import join_sessions
 from rigctl.analysis.finger.recorded_scans import read_scans
-from rigctl.session.format.annotated_arrays import text_scalar
-from rigctl.session.format.layout import SAMPLES, TRIALS
-from rigctl.session.read.damage import DamagedRows, damaged_trials, find_damaged_rows
-from rigctl.session.read.finger_session import FingerSession
-from rigctl.session.read.part import PartReader
-from rigctl.session.read.session import Session
+from rigctl.session.digests import PartDamage, RowRange, check_digests, damaged_trials
+from rigctl.session.finger_session import FingerSession
+from rigctl.session.hdf5_file import text_scalar
+from rigctl.session.layout import SAMPLES, TRIALS
+from rigctl.session.part import PartReader
+from rigctl.session.session import Session
 from tests.session import building, finger_building
 from tests.session.block_session import record_in_blocks
 from tests.session.building import SyntheticRig, plan
@@ -37,7 +37,7 @@ def flip_sample(folder: Path, part: int, row: int) -> None:
 def test_an_intact_session_has_no_damage(drum: Path) -> None:
     with Session.open(drum) as session:
         assert damaged_trials(session) == {}
-        assert [find_damaged_rows(part) for part in session.parts] == [[], []]
+        assert [check_digests(part) for part in session.parts] == [PartDamage()] * 2
 
 
 def test_altered_samples_are_those_of_one_trial(drum: Path) -> None:
@@ -47,9 +47,8 @@ def test_altered_samples_are_those_of_one_trial(drum: Path) -> None:
     flip_sample(drum, int(row["part"]), at)
     with Session.open(drum) as session:
         assert list(damaged_trials(session)) == [5]
-        (rows,) = find_damaged_rows(session.parts[1], {SAMPLES})
-        assert (rows.part, rows.table) == (2, SAMPLES)
-        assert rows.first_row <= at < rows.first_row + rows.n_rows
+        (rows,) = check_digests(session.parts[1], {SAMPLES}).altered
+        assert rows.table == SAMPLES and rows.first_row <= at < rows.end
 
 
 def test_tables_that_no_analysis_needs_cost_no_trial(drum: Path) -> None:
@@ -59,7 +58,7 @@ def test_tables_that_no_analysis_needs_cost_no_trial(drum: Path) -> None:
         file["/drum"][:] = rows
     with Session.open(drum) as session:
         assert damaged_trials(session) == {}
-        assert {rows.table for rows in find_damaged_rows(session.parts[0])} == {"/drum"}
+        assert {rows.table for rows in check_digests(session.parts[0]).altered} == {"/drum"}
 
 
 def test_an_altered_description_concerns_all_trials_of_its_part(drum: Path) -> None:
@@ -87,7 +86,7 @@ def test_rows_that_were_added_to_a_closed_part_are_damage(drum: Path) -> None:
         trials.resize(len(trials) + 1, axis=0)
         trials[-1] = trials[0]
     part = PartReader(path)
-    assert find_damaged_rows(part) == [DamagedRows(1, TRIALS.path, 4, 1)]
+    assert check_digests(part) == PartDamage(uncovered=(RowRange(TRIALS.path, 4, 1),))
     part.close()
 
 

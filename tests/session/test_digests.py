@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 
 from rigctl.errors import DiskFault
-from rigctl.session.format.data_sets import DIGESTS
-from rigctl.session.format.digests import FIRST_DIGEST, describe_part
-from rigctl.session.format.layout import SessionOutcome
-from rigctl.session.read.closing_digest import read_closing_digest
-from rigctl.session.read.session import Session
-from rigctl.session.write.recorder import Recorder
+from rigctl.session.digests import FIRST_DIGEST, describe_part
+from rigctl.session.layout import DIGESTS, SessionOutcome
+from rigctl.session.recorder import Recorder
+from rigctl.session.session import Session
+from rigctl.session.session_reader import read_closing_digest
 from tests.session import building, finger_building
 from tests.session.building import PROTOCOL, RIG, SyntheticRig, header, plan
 
@@ -64,7 +63,6 @@ def test_every_row_is_covered_once_and_parts_are_linked(tmp_path: Path, record: 
             assert stored == computed
             previous = stored
     assert read_closing_digest(folder) == previous
-    assert (folder / "digests.txt").read_text().split()[-1] == previous
 
 
 def test_a_resumed_session_continues_the_chain(tmp_path: Path) -> None:
@@ -78,20 +76,6 @@ def test_a_resumed_session_continues_the_chain(tmp_path: Path) -> None:
         last = file["digests"][-1]["digest"]
     with h5py.File(tmp_path / "part-0002.h5", "r") as file:
         assert file.attrs["previous_digest"] == last
-
-
-def test_digest_lines_say_what_was_opened_and_closed(tmp_path: Path) -> None:
-    building.record_plan(tmp_path)
-    lines = [line.split() for line in (tmp_path / "digests.txt").read_text().splitlines()]
-    assert [line[1:3] for line in lines] == [
-        [word, f"part-000{number}.h5"]
-        for number in range(1, len(lines) // 2 + 1)
-        for word in ("opened", "closed")
-    ]
-    assert [line[3:5] for line in lines[-3::2]] == [["continues", "4/8"], ["finished", "8/8"]]
-    assert lines[0][3] == FIRST_DIGEST
-    assert lines[0][0] == "2026-11-21T12:00:00Z"
-    assert lines[1][-1] == lines[2][-1]
 
 
 @pytest.mark.parametrize(
@@ -116,7 +100,8 @@ def test_a_failure_in_the_with_block_is_a_failed_session(tmp_path: Path) -> None
     with pytest.raises(ZeroDivisionError), building.recorder(tmp_path) as rec:
         rec.begin_part("start", "A")
         _ = 1 // 0
-    assert " failed 0/8 " in (tmp_path / "digests.txt").read_text()
+    with Session.open(tmp_path) as session:
+        assert session.events_of("session_end")[0].data["outcome"] == "failed"
 
 
 def test_one_changed_sample_changes_the_closing_digest(tmp_path: Path) -> None:

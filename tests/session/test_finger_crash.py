@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from rigctl.errors import SessionError
-from rigctl.session.read.finger_session import FingerSession
-from rigctl.session.verify.session import verify
+from rigctl.session.finger_session import FingerSession
+from rigctl.session.verify import verify
 from rigctl.values import Verdict
 from tests.session.finger_building import VELOCITIES_UM_S, SyntheticFinger, plan, recorder
 

@@ -17,15 +17,11 @@ from rigctl.cli.data import info
 from rigctl.encoding.scaled_time import scale_windows
 from rigctl.errors import SessionError, WrongUse
 from rigctl.finger_values import PredictionRow
-from rigctl.session.format.finger_layout import PREDICTIONS
-from rigctl.session.format.finger_rows import (
-    prediction_row,
-    spike_counts,
-)
-from rigctl.session.read.finger_session import FingerSession, is_finger_session
-from rigctl.session.read.session import Session
-from rigctl.session.write.finger_recorder import FingerRecorder, find_gaps
-from rigctl.session.write.recorder import Recorder
+from rigctl.session.finger_layout import PREDICTIONS, prediction_row, spike_counts
+from rigctl.session.finger_recorder import FingerRecorder, find_gaps
+from rigctl.session.finger_session import FingerSession, is_finger_session
+from rigctl.session.recorder import Recorder
+from rigctl.session.session import Session
 from rigctl.values import Event, Gap, Verdict
 from rigctl.wire.finger.decoder import FingerBlock
 from tests.session import building

@@ -12,9 +12,9 @@ import pytest
 
 from rigctl.cli import create_parser
 from rigctl.cli.data import verify as command
-from rigctl.session.format.annotated_arrays import write_attributes
-from rigctl.session.verify.session import verify
-from rigctl.session.write.finger_recorder import FingerRecorder
+from rigctl.session.finger_recorder import FingerRecorder
+from rigctl.session.hdf5_file import write_attributes
+from rigctl.session.verify import verify
 from rigctl.values import Verdict
 from tests.session.finger_building import (
     PROTOCOL,
@@ -111,7 +111,7 @@ def set_attribute(name: str, value: str | int) -> Spoil:
         (set_row("/trials", 1, trial_id=5), "trial 5 is committed 2 times"),
         (set_row("/trials", 0, ended_s=-1), "it ended before it began"),
         (set_attribute("seed", 4), "has another seed than the first part"),
-        (drop_row("/events", -1), "part-0002.h5: was not closed properly"),
+        (drop_row("/events", -1), "of /events were removed or altered, the table is shorter"),
     ],
 )
 def test_each_damage_is_named(session: Path, spoil: Spoil, words: str) -> None:

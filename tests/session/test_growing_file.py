@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.session.hdf5.hdf5_file import Hdf5File
-from rigctl.session.hdf5.schema import DataSetSchema, numbers
+from rigctl.session.hdf5_file import DataSetSchema, Hdf5File, numbers
 
 ROWS = 100_000
 WRITER = f"""

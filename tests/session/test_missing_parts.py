@@ -17,14 +17,13 @@ import pytest
 from rigctl.analysis.data.trial_set import join_sessions
 from rigctl.cli import main
 from rigctl.errors import SessionError
-from rigctl.session.format.annotated_arrays import write_attributes
-from rigctl.session.format.file_names import part_name, part_number
-from rigctl.session.open_session import open_session
-from rigctl.session.read.finger_session import FingerSession
-from rigctl.session.read.session import Session
+from rigctl.session.finger_session import FingerSession
+from rigctl.session.hdf5_file import write_attributes
+from rigctl.session.layout import part_name, part_number
+from rigctl.session.recorder import Recorder
+from rigctl.session.session import Session, open_session
 from rigctl.session.summary import summarise_session
-from rigctl.session.verify.session import verify
-from rigctl.session.write.recorder import Recorder
+from rigctl.session.verify import verify
 from tests.session import finger_building
 from tests.session.building import PROTOCOL, RIG, SyntheticRig, header, plan
 from tests.session.damage import kill_while_recording, record_four_parts, truncate, zero
@@ -176,7 +175,6 @@ def test_a_session_without_a_readable_part_is_refused(session: Path) -> None:
 
 def test_the_last_part_is_missed_without_a_list(session: Path) -> None:
     """The part before it says that another one followed."""
-    (session / "digests.txt").unlink()
     (session / "part-0004.h5").unlink()
     with Session.open(session) as opened:
         (missing,) = opened.missing_parts
@@ -186,26 +184,6 @@ def test_the_last_part_is_missed_without_a_list(session: Path) -> None:
     with Recorder(session, header(), PROTOCOL, RIG, resume=True) as rec:
         rec.begin_part("resume", "A")
     assert rec.status.part == 5
-
-
-def test_a_session_from_before_the_digests_is_not_suspected(session: Path) -> None:
-    for number in (1, 2, 3, 4):
-        with h5py.File(session / part_name(number), "r+") as file:
-            del file["/digests"], file.attrs["previous_digest"]
-    (session / "digests.txt").unlink()
-    with Session.open(session) as opened:
-        assert opened.missing_parts == ()
-        assert opened.finished
-    (session / "part-0002.h5").unlink()
-    with Session.open(session) as opened:
-        assert [part.name for part in opened.missing_parts] == ["part-0002.h5"]
-
-
-@pytest.mark.parametrize("text", ["", "part-0009.h5\n", "x closed part-0009.h5 finished\n", "\0"])
-def test_a_list_with_other_lines_is_no_evidence(session: Path, text: str) -> None:
-    (session / "digests.txt").write_text(text)
-    with Session.open(session) as opened:
-        assert opened.missing_parts == ()
 
 
 def test_trials_beyond_the_end_of_a_killed_part_are_left_out_one_by_one(tmp_path: Path) -> None:
@@ -238,8 +216,7 @@ def test_numbers_are_never_used_again(tmp_path: Path) -> None:
     assert part_number(Path("part-99999.h5")) == 0
     folder = tmp_path / "s"
     record_four_parts(folder)
-    for name in ("part-0003.h5", "part-0004.h5"):
-        (folder / name).unlink()
+    (folder / "part-0004.h5").unlink()
     with Recorder(folder, header(), PROTOCOL, RIG, resume=True) as rec:
         rec.begin_part("resume", "A")
     assert rec.status.part == 5

@@ -12,12 +12,11 @@ import numpy as np
 import pytest
 
 from rigctl.errors import DiskFault, SessionError
-from rigctl.session.format import file_names, layout
-from rigctl.session.read.session import Session
-from rigctl.session.verify.session import verify
-from rigctl.session.write.part_writer import CounterMap
-from rigctl.session.write.recorder import Recorder
-from rigctl.session.write.writer import SessionWriter
+from rigctl.session import layout
+from rigctl.session.recorder import Recorder
+from rigctl.session.session import Session
+from rigctl.session.verify import verify
+from rigctl.session.writer import CounterMap, SessionWriter
 from rigctl.values import Event, Gap, Verdict
 from tests.session.building import (
     BLOCK,
@@ -216,7 +215,7 @@ def test_a_second_writer_is_refused_and_the_first_process_is_named(tmp_path: Pat
         rec.wait_written()
         with pytest.raises(SessionError, match=r"is being written by process \d+: stop that run"):
             Recorder(tmp_path / "s", header(), PROTOCOL, RIG, resume=True)
-    assert not (tmp_path / "s" / file_names.LOCK_FILE).exists()
+    assert not (tmp_path / "s" / layout.LOCK_FILE).exists()
 
 
 def test_a_session_is_not_overwritten(tmp_path: Path) -> None:
@@ -231,12 +230,12 @@ def test_what_a_run_without_parts_left_is_not_taken_for_that_of_another_run(
     tmp_path: Path,
 ) -> None:
     """A run that is killed before its first part leaves its texts."""
-    for name, text in ((file_names.PROTOCOL_FILE, PROTOCOL), (file_names.RIG_FILE, RIG)):
+    for name, text in ((layout.PROTOCOL_FILE, PROTOCOL), (layout.RIG_FILE, RIG)):
         (tmp_path / name).write_text(text, encoding="utf-8")
     Recorder(tmp_path, header(), PROTOCOL, RIG).close()
     with pytest.raises(SessionError, match=r"rig.toml is there already and is not that of this"):
         Recorder(tmp_path, header(), PROTOCOL, RIG + "# other\n")
-    assert not (tmp_path / file_names.LOCK_FILE).exists()
+    assert not (tmp_path / layout.LOCK_FILE).exists()
 
 
 def test_resuming_needs_the_same_plan(tmp_path: Path) -> None:

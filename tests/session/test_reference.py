@@ -7,16 +7,16 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.session.format import data_sets
-from rigctl.session.format.metadata.header import SessionHeader
+from rigctl.session import layout
+from rigctl.session.header import SessionHeader
 from tests.session.reference import LAYOUTS, arrays, table
 
-TABLES = [*dict.fromkeys(each for of in LAYOUTS for each in of.tables), data_sets.DIGESTS]
+TABLES = [*dict.fromkeys(each for of in LAYOUTS for each in of.tables), layout.DIGESTS]
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "session.md"
 
 
 @pytest.mark.parametrize("of", TABLES, ids=lambda of: of.path)
-def test_each_table_is_on_the_page(of: data_sets.TableLayout) -> None:
+def test_each_table_is_on_the_page(of: layout.TableLayout) -> None:
     assert table(of) in PAGE.read_text(encoding="utf-8"), table(of)
 
 

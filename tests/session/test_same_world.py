@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rigctl.errors import SessionError
-from rigctl.session.write.session_folder import check_same_world
+from rigctl.session.recorder import check_same_world
 
 BEGUN = {"seed": 3, "world": {"start_mm": 251.0, "dead_taxels": [2]}, "world_file": "lab.toml"}
 

@@ -8,10 +8,10 @@ import h5py
 import numpy as np
 import pytest
 
-from rigctl.session.format.data_sets import LIBVER
-from rigctl.session.read.part import PartReader
-from rigctl.session.read.sample_index import SampleReader
-from rigctl.session.read.session import Session
+from rigctl.session.layout import LIBVER
+from rigctl.session.part import PartReader
+from rigctl.session.sample_index import SampleReader
+from rigctl.session.session import Session
 from rigctl.values import Gap
 from tests.session.building import SyntheticRig, block, plan, record_plan, recorder, trial_row
 
@@ -75,7 +75,15 @@ def test_a_part_that_grows_or_is_compressed_is_left_to_hdf5(
         small = part.with_name("small")
         with h5py.File(part) as source, h5py.File(small, "w", libver=LIBVER) as target:
             target.attrs.update(source.attrs)
-            for name in ("drum", "loadcell", "trials", "events", "gaps", "protocol_toml"):
+            for name in (
+                "drum",
+                "loadcell",
+                "trials",
+                "events",
+                "gaps",
+                "digests",
+                "protocol_toml",
+            ):
                 source.copy(name, target)
             source.copy("rig_toml", target)
             for name, node in source["taxels"].items():

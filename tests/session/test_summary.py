@@ -11,12 +11,11 @@ import pytest
 from rigctl.cli import create_parser
 from rigctl.cli.data import info as command
 from rigctl.errors import SessionError
-from rigctl.session.files.ground_truth import begin_log, trial_truths
-from rigctl.session.files.truth_file import open_truth
-from rigctl.session.read.session import Session
+from rigctl.session.ground_truth import begin_log, open_truth, trial_truths
+from rigctl.session.recorder import Recorder
+from rigctl.session.session import Session
 from rigctl.session.summary import summarise_session
-from rigctl.session.verify.session import verify
-from rigctl.session.write.recorder import Recorder
+from rigctl.session.verify import verify
 from tests.session.building import IDLE, PROTOCOL, RIG, header, plan, record_plan
 
 START = (header().start_utc, header().start_loop_s)

@@ -8,15 +8,10 @@ import h5py
 import pytest
 
 from rigctl.errors import SessionError
-from rigctl.session.read.session import Session
-from rigctl.session.read.unclosed_part import (
-    CHECKSUM_AT,
-    SUPERBLOCK_BYTES,
-    lookup3,
-    map_as_closed,
-)
-from rigctl.session.verify.session import verify
-from rigctl.session.write.recorder import Recorder
+from rigctl.session.part import CHECKSUM_AT, SUPERBLOCK_BYTES, lookup3, map_as_closed
+from rigctl.session.recorder import Recorder
+from rigctl.session.session import Session
+from rigctl.session.verify import verify
 from tests.session.building import PROTOCOL, RIG, SyntheticRig, header, plan, record_plan, recorder
 
 PUBLISHED = (b"Four score and seven years ago", 0x17770551)
@@ -32,7 +27,7 @@ def dead(tmp_path: Path) -> Path:
             bench.trial(trial)
         rec.wait_written()
         (tmp_path / "dead").mkdir()
-        for name in ("part-0001.h5", "protocol.toml", "rig.toml", "writer.lock", "digests.txt"):
+        for name in ("part-0001.h5", "protocol.toml", "rig.toml", "writer.lock"):
             (tmp_path / "dead" / name).write_bytes((tmp_path / "live" / name).read_bytes())
     return tmp_path / "dead"
 

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
-from rigctl.session.verify.session import verify
+from rigctl.session.verify import verify
 from rigctl.values import LoadcellSample
 from tests.session import building, finger_building
 from tests.session.building import drum_state

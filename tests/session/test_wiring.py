@@ -9,11 +9,10 @@ import pytest
 
 from rigctl.config.rig_config import RigConfig, TaxelArray
 from rigctl.errors import SessionError
-from rigctl.session.format.metadata.header import IMPORTED, SessionHeader
-from rigctl.session.format.metadata.wiring import session_wiring, source_wiring
-from rigctl.session.read.session import Session
-from rigctl.session.verify.session import verify
-from rigctl.session.write.recorder import Recorder
+from rigctl.session.header import IMPORTED, SessionHeader, session_wiring, source_wiring
+from rigctl.session.recorder import Recorder
+from rigctl.session.session import Session
+from rigctl.session.verify import verify
 from rigctl.values import DRAWN_WIRING
 from tests.session.building import PROTOCOL, RIG, SyntheticRig, header, plan
 

@@ -21,7 +21,7 @@ from PySide6.QtWidgets import QApplication
 from rigctl.acquisition.taxels.pipeline import SamplePipeline
 from rigctl.encoding.encoder import Encoder
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.session.write.recorder import Recorder
+from rigctl.session.recorder import Recorder
 from rigctl.values import Block
 from rigctl.wire.taxels.frames import Flag
 from tests.gui.fake_engine import FakeEngine

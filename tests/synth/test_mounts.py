@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.session.read.session import Session
-from rigctl.session.verify.session import verify
+from rigctl.session.session import Session
+from rigctl.session.verify import verify
 from rigctl.simulation.bench.world.parameters import WorldParameters
 from rigctl.simulation.bench.world.world_file import SimulatedWorld
 from rigctl.synth.dataset import DatasetRequest, generate, load_plan

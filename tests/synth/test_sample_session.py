@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rigctl.errors import SessionError
-from rigctl.session.format.writer_lock import WriterLock
+from rigctl.session.writer_lock import WriterLock
 from rigctl.synth.sample_session import SampleSession
 
 

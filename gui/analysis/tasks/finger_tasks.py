@@ -25,7 +25,7 @@ from rigctl.errors import WrongUse
 if TYPE_CHECKING:
     from rigctl.analysis.data.cache import Resources
     from rigctl.analysis.finger.report import FingerReport
-    from rigctl.session.read.finger_session import FingerSession
+    from rigctl.session.finger_session import FingerSession
 
 
 def about(session: FingerSession) -> str:
@@ -71,7 +71,7 @@ def scan_picture(session: FingerSession, row: int, folder: Path) -> ScanPicture:
 
 def session_info(path: str) -> FingerSessionInfo:
     """Read whose scans a session of the moving finger has. Raises SessionError."""
-    from rigctl.session.read.finger_session import FingerSession
+    from rigctl.session.finger_session import FingerSession
 
     with FingerSession.open(typed_path(path)) as session:
         header, slides = session.header, session.slides

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gui.analysis.export.value_file import data_words
 from gui.analysis.trials.trial_table import AttemptColumn
 from gui.widgets.typed_paths import typed_path
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
+from rigctl.session.header import SensorLayout
 
 if TYPE_CHECKING:
     from rigctl.analysis.settings.analysis_settings import AnalysisSettings

@@ -136,11 +136,7 @@ class WorkerTasks:
 
     def prepare(self) -> None:
         """Load what reading a session takes, before it is wanted."""
-        from rigctl.session.hdf5.probe import start_helper
-
-        start_helper()
-        for name in ("session.read.finger_session", "session.read.session"):
-            import_module(f"rigctl.{name}")
+        import_module("rigctl.session.session")
 
     def load_encoder(self) -> None:
         """Load what drawing the first trial takes, before it is wanted."""
@@ -202,8 +198,7 @@ class WorkerTasks:
 
     def verify_session(self, path: str, digest: str) -> AnalysisResults:
         """Check a session as ``rigctl verify`` does; ``digest``: as it was kept, or empty."""
-        from rigctl.session.verify.ending import parse_digest
-        from rigctl.session.verify.session import verify
+        from rigctl.session.verify import parse_digest, verify
 
         def show(share: float, what: str) -> None:
             self._progress(what, round(1000 * share), 1000)
@@ -248,7 +243,7 @@ class WorkerTasks:
         """Classify sessions with a trained model as ``rigctl classify`` does."""
         from rigctl.analysis.classification.classify_sessions import classify
         from rigctl.analysis.data.cache import Resources
-        from rigctl.session.files.model_file import load_model
+        from rigctl.session.model_file import load_model
 
         loaded = load_model(typed_path(model))
         resources = Resources(progress=self._progress)

@@ -16,9 +16,9 @@ from rigctl.errors import SessionError
 
 if TYPE_CHECKING:
     from rigctl.encoding.normalisation import Normalisation
-    from rigctl.session.format.metadata.header import SessionHeader
-    from rigctl.session.read.finger_session import FingerSession
-    from rigctl.session.read.session import Session
+    from rigctl.session.finger_session import FingerSession
+    from rigctl.session.header import SessionHeader
+    from rigctl.session.session import Session
 
 _RANGE_TRIALS = 100
 _COLUMNS = (
@@ -51,8 +51,8 @@ class OpenSessions:
 
     def _session(self, path: str) -> Session | FingerSession:
         """Return a session; a process that replaces another one opens it again."""
-        from rigctl.session.read.finger_session import FingerSession, is_finger_session
-        from rigctl.session.read.session import Session
+        from rigctl.session.finger_session import FingerSession, is_finger_session
+        from rigctl.session.session import Session
 
         if path not in self._open:
             folder = typed_path(path)
@@ -76,7 +76,7 @@ class OpenSessions:
 
         Empty where the session does not open, which its check says.
         """
-        from rigctl.session.read.damage import damaged_trials
+        from rigctl.session.digests import damaged_trials
 
         try:
             return damaged_trials(self._session(path))
@@ -104,7 +104,7 @@ class OpenSessions:
         A scan of the moving finger becomes a picture in the folder ``pictures``.
         """
         from gui.analysis.trials.read_trial import read_trial
-        from rigctl.session.read.session import Session
+        from rigctl.session.session import Session
 
         session = self._session(path)
         if isinstance(session, Session):
@@ -113,7 +113,7 @@ class OpenSessions:
 
     def drum_session(self, path: str) -> Session:
         """Return an open session of the drum. Raises SessionError for one of the finger."""
-        from rigctl.session.read.session import Session
+        from rigctl.session.session import Session
 
         session = self._session(path)
         if not isinstance(session, Session):
@@ -127,9 +127,9 @@ class OpenSessions:
         return self._ranges[path]
 
     def _table(self, path: str) -> SessionTable:
-        from rigctl.session.format.writer_lock import is_being_written
-        from rigctl.session.read.closing_digest import read_closing_digest
-        from rigctl.session.read.session import Session
+        from rigctl.session.session import Session
+        from rigctl.session.session_reader import read_closing_digest
+        from rigctl.session.writer_lock import is_being_written
 
         session, first = self._session(path), 0
         if isinstance(session, Session):
@@ -164,7 +164,7 @@ def _first_with_texture(session: Session) -> int:
 
 
 def _about(session: Session) -> str:
-    from rigctl.session.early_end import ended_early
+    from rigctl.session.session import ended_early
 
     header, ended = session.header, len(ended_early(session))
     if not header.trials_planned:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rigctl.encoding.normalisation import Normalisation
-    from rigctl.session.read.session import Session
+    from rigctl.session.session import Session
     from rigctl.values import Spikes
 
 MANY_SAMPLES = 100_000

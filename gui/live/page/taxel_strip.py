@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QGridLayout, QPushButton, QWidget
 
 from gui.widgets.labels import label
 from gui.widgets.layouts import container, hbox, push_button
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
+from rigctl.session.header import SensorLayout
 
 _COLUMNS = 9
 _BUTTON_PX = 44

@@ -132,7 +132,7 @@ class EncoderStrip(QWidget):
         self._thread.start()
 
     def _read(self, path: str) -> None:
-        from rigctl.session.files.force_matrix_file import load_force
+        from rigctl.session.analysis_file import load_force
 
         try:
             force, _ = load_force(typed_path(path), self._data.reading)

@@ -12,13 +12,13 @@ from gui.live.store.drum_course import DrumCourse
 from gui.live.store.timeline import Timeline
 from gui.widgets.typed_paths import typed_path
 from rigctl.errors import WrongUse
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
+from rigctl.session.header import SensorLayout
 from rigctl.values import SAMPLE_RATE_HZ
 
 if TYPE_CHECKING:
     from rigctl.analysis.execution.executor import Progress
     from rigctl.encoding.normalisation import Normalisation
-    from rigctl.session.read.session import Session
+    from rigctl.session.session import Session
 
 
 class ReplayTrial(NamedTuple):

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QGraphicsItem
 
 from gui.live.spikes.train_rows import TrainRows
 from gui.widgets.theme import Theme
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
+from rigctl.session.header import SensorLayout
 from rigctl.values import SAMPLE_RATE_HZ
 
 FULL_SCALE_HZ = 300.0

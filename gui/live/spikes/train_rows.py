@@ -8,7 +8,7 @@ import numpy as np
 
 from gui.widgets.colours import blend
 from gui.widgets.theme import Theme
-from rigctl.session.format.metadata.sensor_layout import LAYER_NAMES, SensorLayout
+from rigctl.session.header import LAYER_NAMES, SensorLayout
 
 
 class TrainRows:

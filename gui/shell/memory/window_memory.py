@@ -5,7 +5,6 @@ from __future__ import annotations
 from base64 import b64decode, b64encode
 from collections.abc import Callable
 from typing import TypeVar
-from zlib import crc32
 
 from PySide6.QtCore import QByteArray, QObject, QTimer
 from PySide6.QtWidgets import QLineEdit, QWidget
@@ -19,7 +18,6 @@ from gui.widgets.number_box import NumberBox
 SAVE_MS = 5000
 """A crash loses at most the changes of this time."""
 SPAN_KEY = "span_s"
-_SEAL_BYTES = 4
 _Value = TypeVar("_Value", str, float, bool)
 
 
@@ -66,8 +64,8 @@ class WindowMemory(QObject):
     def save(self) -> None:
         """Remember everything now."""
         settings = self._settings
-        settings.set_value("window", _sealed(bytes(self._window.saveGeometry().data())))
-        settings.set_value("docks", _sealed(self._docks.save()))
+        settings.set_value("window", b64encode(bytes(self._window.saveGeometry().data())).decode())
+        settings.set_value("docks", b64encode(self._docks.save()).decode())
         for key, read in self._kept.items():
             settings.set_value(key, read())
         settings.write()
@@ -83,25 +81,12 @@ class WindowMemory(QObject):
         self._kept[key] = read
 
     def _bytes(self, key: str) -> bytes:
-        text = self._settings.value(key, "", lambda text: not text or bool(_unsealed(text)))
-        return _unsealed(text)
+        try:
+            return b64decode(self._settings.value(key, "", lambda text: True), validate=True)
+        except ValueError:
+            return b""
 
 
 def is_span(span_s: float) -> bool:
     """Return whether the menus offer a time span."""
     return span_s in SPANS_S
-
-
-def _sealed(data: bytes) -> str:
-    """Return bytes as text with a checksum: Qt would take damaged ones as far as they go."""
-    return b64encode(crc32(data).to_bytes(_SEAL_BYTES) + data).decode()
-
-
-def _unsealed(text: str) -> bytes:
-    """Return the bytes of a sealed text, none of a damaged one."""
-    try:
-        data = b64decode(text, validate=True)
-    except ValueError:
-        return b""
-    seal, data = data[:_SEAL_BYTES], data[_SEAL_BYTES:]
-    return data if crc32(data).to_bytes(_SEAL_BYTES) == seal else b""

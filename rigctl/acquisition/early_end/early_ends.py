@@ -13,7 +13,7 @@ from rigctl.acquisition.protocol.run_steps import RunSteps
 from rigctl.errors import WrongUse
 from rigctl.protocol.early_end import EarlyEnd, condition_of
 from rigctl.protocol.plan import Plan
-from rigctl.session.early_end import EARLY_END_KIND
+from rigctl.session.session import EARLY_END_KIND
 from rigctl.values import PlannedTrial
 
 

@@ -20,8 +20,8 @@ from rigctl.analysis.learning.mean_interval import half_width
 from rigctl.encoding.encoder import encode_trials
 from rigctl.errors import SessionError
 from rigctl.protocol.early_end import Condition, EarlyEnd
-from rigctl.session.read.part_file import existing_parts
-from rigctl.session.read.session import Session
+from rigctl.session.part import existing_parts
+from rigctl.session.session import Session
 from rigctl.values import SAMPLE_RATE_HZ
 
 LOOK_S = 0.2

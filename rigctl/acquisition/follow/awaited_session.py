@@ -10,9 +10,9 @@ from rigctl.acquisition.follow.follow_engine import FollowedSession
 from rigctl.acquisition.follow.states import NOTHING_YET
 from rigctl.config.text_file import is_plain_file
 from rigctl.protocol.finger_plan import is_finger_protocol
-from rigctl.session.format.file_names import LOCK_FILE, PROTOCOL_FILE
-from rigctl.session.read.finger_session import is_finger_session
-from rigctl.session.read.missing_parts import highest_number
+from rigctl.session.finger_session import is_finger_session
+from rigctl.session.layout import LOCK_FILE, PROTOCOL_FILE
+from rigctl.session.session_reader import highest_number
 from rigctl.values import Event
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from rigctl.acquisition.follow.followed_run import FollowedRun
 from rigctl.acquisition.health.rate_meter import RateMeter, age_s
 from rigctl.acquisition.rpc.messages import RecordingStatus
-from rigctl.session.format.writer_lock import is_being_written
-from rigctl.session.read.session_reader import SessionReader
+from rigctl.session.session_reader import SessionReader
+from rigctl.session.writer_lock import is_being_written
 from rigctl.values import Event, Verdict
 
 RATE_WINDOW_S = 1.0

@@ -10,8 +10,8 @@ from rigctl.acquisition.taxels.pipeline import SamplePipeline
 from rigctl.encoding.encoder import Encoder
 from rigctl.encoding.normalisation import RunningRange
 from rigctl.encoding.reading import Reading
-from rigctl.session.read.part import StructuredArray
-from rigctl.session.read.session import Session
+from rigctl.session.part import StructuredArray
+from rigctl.session.session import Session
 from rigctl.values import Block
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from rigctl.acquisition.protocol.pause_reasons import PROMPT
 from rigctl.acquisition.rpc.messages import PromptStatus
-from rigctl.session.format import layout
+from rigctl.session import layout
 from rigctl.values import Event
 
 _ENDED = {"finished": "done", "stopped": "aborted", "failed": "failed"}

@@ -9,8 +9,7 @@ from rigctl.acquisition.follow.growing_reader import finite
 from rigctl.acquisition.follow.growing_session import NewRows
 from rigctl.acquisition.health.rate_meter import age_s
 from rigctl.acquisition.rpc.messages import CurrentTrial, EngineStatus, RunStatus
-from rigctl.session.early_end import EARLY_END_KIND, ended_early
-from rigctl.session.read.session import Session
+from rigctl.session.session import EARLY_END_KIND, Session, ended_early
 from rigctl.wire.drum.codes import Status
 from rigctl.wire.drum.states import FAULT_TEXT, STATE_TEXT, Fault, State
 

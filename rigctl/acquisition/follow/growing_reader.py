@@ -8,11 +8,10 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from rigctl.session.format import layout
-from rigctl.session.format.data_sets import TableLayout
-from rigctl.session.format.table_rows import parse_event
-from rigctl.session.read.part import PartReader, StructuredArray
-from rigctl.session.read.session_reader import SessionReader
+from rigctl.session import layout
+from rigctl.session.layout import TableLayout, parse_event
+from rigctl.session.part import PartReader, StructuredArray
+from rigctl.session.session_reader import SessionReader
 from rigctl.values import Event
 
 LOOKBACK_SAMPLES = 30_000

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.acquisition.follow.growing_reader import GrowingReader
-from rigctl.session.format import layout
-from rigctl.session.read.part import PartReader, StructuredArray
-from rigctl.session.read.session import Session
+from rigctl.session import layout
+from rigctl.session.part import PartReader, StructuredArray
+from rigctl.session.session import Session
 from rigctl.values import Block, Event
 
 

@@ -7,14 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from rigctl.acquisition.follow.states import RECORDER_GONE
-from rigctl.session.format.file_names import LOCK_FILE
-from rigctl.session.format.writer_lock import (
-    Writer,
-    lock_owner_computer,
-    lock_owner_pid,
-    writer_of,
-)
-from rigctl.session.read.missing_parts import highest_number
+from rigctl.session.layout import LOCK_FILE
+from rigctl.session.session_reader import highest_number
+from rigctl.session.writer_lock import Writer, lock_owner_computer, lock_owner_pid, writer_of
 
 LOOK_EVERY_S = 1.0
 SILENT_AFTER_S = 600.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rigctl.acquisition.health.rate_meter import RateMeter
 from rigctl.acquisition.rpc.messages import RecordingStatus
-from rigctl.session.write.session_recorder import SessionRecorder
+from rigctl.session.recorder import SessionRecorder
 
 ACTIVE_WINDOW_S = 1.0
 RATE_WINDOW_S = 30.0

@@ -9,8 +9,8 @@ from rigctl.acquisition.boards import Boards
 from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.health.boards import END, START
 from rigctl.acquisition.health.disk import DiskMonitor
-from rigctl.session.format.layout import SessionOutcome
-from rigctl.session.write.recorder import Recorder
+from rigctl.session.layout import SessionOutcome
+from rigctl.session.recorder import Recorder
 from rigctl.values import DrumState
 
 DISK_FULL = "the disk is full: the recording has ended, and all of it is kept; make room"

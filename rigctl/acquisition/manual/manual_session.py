@@ -8,7 +8,7 @@ from pathlib import Path
 from rigctl.acquisition.protocol.run_request import RunContext, check_disk_space, open_recorder
 from rigctl.errors import WrongUse
 from rigctl.protocol.loader import parse_protocol
-from rigctl.session.write.recorder import Recorder
+from rigctl.session.recorder import Recorder
 
 NAME = "by-hand"
 NEEDED_BYTES = 10_000_000

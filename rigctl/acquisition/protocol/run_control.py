@@ -13,7 +13,7 @@ from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.protocol.pause_reasons import FAULT, LINK, PROMPT
 from rigctl.acquisition.protocol.run_reasons import RunReasons
 from rigctl.errors import LinkLost
-from rigctl.session.write.recorder import Recorder
+from rigctl.session.recorder import Recorder
 
 LINK_TIMEOUT_S = 60.0
 

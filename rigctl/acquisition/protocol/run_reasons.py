@@ -12,7 +12,7 @@ from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.protocol.pause_reasons import OPERATOR, PROMPT, reason_words
 from rigctl.acquisition.rpc.messages import PromptStatus
 from rigctl.errors import DiskFault, RigFault
-from rigctl.session.format.layout import SessionOutcome
+from rigctl.session.layout import SessionOutcome
 
 SESSION_OUTCOMES = {
     "done": SessionOutcome.FINISHED,

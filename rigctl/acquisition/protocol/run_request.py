@@ -20,14 +20,10 @@ from rigctl.encoding.reading import Reading
 from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.protocol.loader import load_protocol
 from rigctl.protocol.plan import Plan
-from rigctl.session.early_end import ended_early
-from rigctl.session.format import file_names
-from rigctl.session.format.metadata.header import CUT_BY_CLOCK, CUT_BY_WIRE, SessionHeader
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
-from rigctl.session.read.session import Session
-from rigctl.session.write.private import keep_private
-from rigctl.session.write.recorder import Recorder
-from rigctl.session.write.session_folder import check_same_world
+from rigctl.session import layout
+from rigctl.session.header import CUT_BY_CLOCK, CUT_BY_WIRE, SensorLayout, SessionHeader
+from rigctl.session.recorder import Recorder, check_same_world, keep_private
+from rigctl.session.session import Session, ended_early
 from rigctl.values import BoardIdentity
 
 
@@ -146,8 +142,8 @@ def _resume(folder: Path, context: RunContext, unattended: bool) -> OpenedRun:
             "connect the rig that began the session"
         )
     check_same_world(folder, header.simulation, rig.world)
-    refuse_link_outside(folder / file_names.PROTOCOL_FILE)
-    plan = load_protocol(folder / file_names.PROTOCOL_FILE, rig.config).plan(header.seed)
+    refuse_link_outside(folder / layout.PROTOCOL_FILE)
+    plan = load_protocol(folder / layout.PROTOCOL_FILE, rig.config).plan(header.seed)
     if len(done) + len(ended) == len(plan.trials):
         why = "every planned trial is committed" + (
             ", or its condition ended early" if ended else ""

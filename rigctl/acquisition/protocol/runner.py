@@ -35,7 +35,7 @@ from rigctl.acquisition.protocol.step_runner import StepRunner, remaining_steps
 from rigctl.acquisition.rpc.messages import CurrentTrial, NextPlate, RunStatus
 from rigctl.errors import BoardFault, RigFault, WrongUse
 from rigctl.protocol.steps import Step
-from rigctl.session.notes.session_note import Mark, SessionNote
+from rigctl.session.notes import Mark, SessionNote
 from rigctl.values import DrumState, Event, PlannedTrial
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import State

@@ -27,7 +27,7 @@ from rigctl.protocol.steps import (
     Tare,
     Turn,
 )
-from rigctl.session.format.metadata.header import CUT_BY_CLOCK
+from rigctl.session.header import CUT_BY_CLOCK
 from rigctl.values import PlannedTrial, Verdict
 
 CLOCK_EVENT_PPM = 20.0

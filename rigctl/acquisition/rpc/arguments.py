@@ -18,7 +18,7 @@ from rigctl.acquisition.rpc.messages import SHOWN_LETTERS
 from rigctl.config.names import shorten
 from rigctl.errors import WrongUse
 from rigctl.protocol.plan import MAX_SEED
-from rigctl.session.notes.session_note import MAX_AUTHOR_LETTERS, MAX_LETTERS
+from rigctl.session.notes import MAX_AUTHOR_LETTERS, MAX_LETTERS
 
 Word = Annotated[str, Meta(pattern=r"\A[a-z_]{1,40}\Z")]
 PathText = Annotated[str, Meta(max_length=4096, pattern=r"\A[^\x00-\x1f\x7f]+\Z")]

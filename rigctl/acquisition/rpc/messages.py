@@ -36,7 +36,7 @@ from rigctl.config.names import shorten
 from rigctl.config.rig_config import RigLimits
 from rigctl.encoding.reading import Reading
 from rigctl.errors import WrongUse
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
+from rigctl.session.header import SensorLayout
 from rigctl.values import N_TAXELS
 from rigctl.wire.drum.states import State
 

@@ -18,7 +18,7 @@ from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.taxels.trial_cutter import TrialCutter
 from rigctl.devices.clock_fit import ClockFit
 from rigctl.encoding.encoder import Encoder
-from rigctl.session.write.recorder import Recorder
+from rigctl.session.recorder import Recorder
 from rigctl.values import SAMPLE_RATE_HZ, Block
 
 REAL_TIME_BATCH_SAMPLES = 10

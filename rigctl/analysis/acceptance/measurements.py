@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from rigctl.config.rig_config import DrumGeometry
 from rigctl.errors import SessionError
-from rigctl.session.format.layout import ARRIVALS as _ARRIVALS
-from rigctl.session.read.session import Session
+from rigctl.session.layout import ARRIVALS as _ARRIVALS
+from rigctl.session.session import Session
 from rigctl.values import SAMPLE_RATE_HZ, Event, Verdict
 from rigctl.wire.taxels.frames import Flag
 

@@ -35,9 +35,9 @@ from rigctl.analysis.features.transferred_c import (
 from rigctl.encoding.features import feature_matrices
 from rigctl.encoding.reading import Reading
 from rigctl.errors import SessionError
-from rigctl.session.files.model_file import Model
-from rigctl.session.read.sample_index import SampleFile
-from rigctl.session.read.session import Session
+from rigctl.session.model_file import Model
+from rigctl.session.sample_index import SampleFile
+from rigctl.session.session import Session
 
 CHUNK = 64
 STAGE = "encoding and classifying"

@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 
 
 class TrainedClassifier(Protocol):
-    """Principal components and discriminants, as :class:`rigctl.session.files.model_file.Model`."""
+    """Principal components and discriminants, as :class:`rigctl.session.model_file.Model`."""
 
     @property
     def mean(self) -> Floats: ...

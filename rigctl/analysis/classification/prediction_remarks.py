@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.data.trial_set import TrialSet
-from rigctl.session.files.model_file import Model
+from rigctl.session.model_file import Model
 
 MANY_CLIPPED = 0.01
 MAX_LISTED_TAXELS = 6

@@ -12,7 +12,7 @@ from typing import Any
 from rigctl.analysis.data.cache import Resources
 from rigctl.analysis.data.trial_set import TrialSet
 from rigctl.analysis.features.transferred_c import unseen_sessions
-from rigctl.session.files.model_file import Model
+from rigctl.session.model_file import Model
 
 _RECORDING = ("plan_hash", "begun_utc", "seed", "simulation_seed")
 

@@ -20,8 +20,8 @@ from rigctl.analysis.features.representations import (
 from rigctl.analysis.paper import published
 from rigctl.config.resources import source_commit
 from rigctl.errors import WrongUse
-from rigctl.session.files.analysis_file import content_digest
-from rigctl.session.files.model_file import Model, TrainingInfo
+from rigctl.session.analysis_file import content_digest
+from rigctl.session.model_file import Model, TrainingInfo
 
 STAGE = "training the model, hashing its sessions"
 

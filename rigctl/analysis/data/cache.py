@@ -10,13 +10,17 @@ from __future__ import annotations
 
 import hashlib
 import io
+import lzma
 import os
 import tempfile
+import zipfile
+import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any, Final
 
 import numpy as np
@@ -24,19 +28,20 @@ import platformdirs
 from numpy.typing import NDArray
 
 import rigctl.encoding
-from rigctl.analysis.data.fingerprint import hash_array
 from rigctl.analysis.execution.executor import SERIAL, Executor, Progress, R, T
 from rigctl.config.text_file import open_file
 from rigctl.errors import WrongUse
-from rigctl.session.files.numpy_file import parse_numpy
 
 Arrays = dict[str, NDArray[Any]]
 
 MAX_BYTES = 4 * 2**30
 RACY_NS = 2 * 10**9
 """A file that was modified so recently may change again with the same modification time."""
-DIGEST_BYTES = 8
-"""Size of the XXH3 after an entry's archive, because zipfile misses some damage."""
+NUMPY_ERRORS = (
+    *(AttributeError, ValueError, EOFError, RuntimeError, MemoryError, SyntaxError, KeyError),
+    *(TokenError, zipfile.BadZipFile, zlib.error, lzma.LZMAError, TypeError),
+)
+"""What NumPy and zipfile raise for damaged files."""
 
 
 def cache_folder() -> Path:
@@ -186,7 +191,6 @@ def _write(path: Path, arrays: Arrays) -> None:
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(archive.getbuffer())
-            file.write(_digest(archive.getbuffer()))
         Path(name).replace(path)
     except BaseException:
         Path(name).unlink(missing_ok=True)
@@ -199,15 +203,16 @@ def _read(path: Path) -> Arrays:
     Raises WrongUse for what is no plain file.
     """
     with open_file(path) as file:
-        content = file.read()
-    archive, digest = content[:-DIGEST_BYTES], content[-DIGEST_BYTES:]
-    if _digest(archive) != digest:
-        raise ValueError(f"{path} is not a whole entry")
-    return parse_numpy(io.BytesIO(archive), len(archive))
-
-
-def _digest(archive: bytes | memoryview) -> bytes:
-    return hash_array(np.frombuffer(archive, np.uint8)).to_bytes(DIGEST_BYTES, "little")
+        try:
+            with zipfile.ZipFile(file) as archive:  # which checks what it reads to its end
+                names = archive.namelist()
+                contents = {name: io.BytesIO(archive.read(name)) for name in names}
+            return {
+                name.removesuffix(".npy"): np.load(content, allow_pickle=False)
+                for name, content in contents.items()
+            }
+        except NUMPY_ERRORS as error:
+            raise ValueError(f"{path} is not a whole entry: {error}") from error
 
 
 def _entries(folder: Path) -> Iterator[tuple[float, int, Path]]:

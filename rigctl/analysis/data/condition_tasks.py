@@ -31,7 +31,7 @@ from rigctl.encoding.kernel import TrialViews
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
 from rigctl.encoding.root_bracket import SearchStatus
-from rigctl.session.read.sample_index import SampleFile, SampleFiles
+from rigctl.session.sample_index import SampleFile, SampleFiles
 
 
 class ConditionTask(NamedTuple):

@@ -18,11 +18,11 @@ from rigctl.analysis.data.wiring_check import check_same_sensor, check_same_wiri
 from rigctl.analysis.execution.executor import Progress
 from rigctl.encoding.reading import Reading, conductance
 from rigctl.errors import SessionError
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
-from rigctl.session.read.closing_digest import read_closing_digest
-from rigctl.session.read.damage import damaged_trials
-from rigctl.session.read.sample_index import SampleFile, SampleFiles, SampleRange, SampleReader
-from rigctl.session.read.session import Session
+from rigctl.session.digests import damaged_trials
+from rigctl.session.header import SensorLayout
+from rigctl.session.sample_index import SampleFile, SampleFiles, SampleRange, SampleReader
+from rigctl.session.session import Session
+from rigctl.session.session_reader import read_closing_digest
 from rigctl.values import SAMPLE_RATE_HZ, Verdict
 
 MAX_LISTED_IDS = 5

@@ -8,14 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.errors import SessionError
-from rigctl.session.files.analysis_file import load_inputs
-from rigctl.session.format.metadata.sensor_layout import (
+from rigctl.session.analysis_file import load_inputs
+from rigctl.session.header import (
     SensorLayout,
     describe_difference,
+    describe_mismatch,
     layouts_match,
+    source_wiring,
+    wirings_match,
 )
-from rigctl.session.format.metadata.wiring import describe_mismatch, source_wiring, wirings_match
-from rigctl.session.read.session import Session
+from rigctl.session.session import Session
 
 Sources = Sequence[Mapping[str, Any]]
 """For each session a mapping with its ``path`` and its ``wiring``."""

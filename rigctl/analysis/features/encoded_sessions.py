@@ -45,8 +45,8 @@ from rigctl.encoding.force_matrix import REFERENCE_FORCE_G, ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
 from rigctl.errors import WrongUse
-from rigctl.session.files.spike_file import EncodingInfo, SpikeFileWriter
-from rigctl.session.read.sample_index import SampleFiles
+from rigctl.session.analysis_file import EncodingInfo, SpikeFileWriter
+from rigctl.session.sample_index import SampleFiles
 
 CHUNK = 64
 FILE = "spikes.h5"

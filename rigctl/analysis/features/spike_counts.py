@@ -29,7 +29,7 @@ from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
 from rigctl.errors import WrongUse
-from rigctl.session.read.sample_index import SampleFile, SampleFiles
+from rigctl.session.sample_index import SampleFile, SampleFiles
 
 CHUNK = 256
 """Trials that one task reads."""

@@ -31,8 +31,7 @@ from rigctl.encoding.force_search import TOLERANCE_HZ
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
 from rigctl.errors import WrongUse
-from rigctl.session.files.analysis_file import content_digest
-from rigctl.session.files.force_matrix_file import load_force
+from rigctl.session.analysis_file import content_digest, load_force
 
 Floats = NDArray[np.float64]
 LEAST_COVERED = 0.5

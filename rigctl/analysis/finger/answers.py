@@ -24,7 +24,7 @@ from rigctl.analysis.finger.confidence import (
 from rigctl.analysis.finger.scans import ScanKind, ScanSet
 from rigctl.encoding.scaled_time import feature_vector
 from rigctl.errors import WrongUse
-from rigctl.session.files.finger_model_file import FingerModel
+from rigctl.session.finger_model_file import FingerModel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -24,12 +24,8 @@ from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
 from rigctl.encoding.scaled_time import REFERENCE_UM_PER_S, feature_vector
 from rigctl.errors import WrongUse
-from rigctl.session.files.finger_model_file import (
-    FingerCalibration,
-    FingerModel,
-    WindowClassifier,
-)
-from rigctl.session.files.model_file import TrainingInfo
+from rigctl.session.finger_model_file import FingerCalibration, FingerModel, WindowClassifier
+from rigctl.session.model_file import TrainingInfo
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

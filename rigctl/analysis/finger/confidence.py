@@ -15,7 +15,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import softmax
 
 from rigctl.errors import WrongUse
-from rigctl.session.files.finger_model_file import FingerCalibration
+from rigctl.session.finger_model_file import FingerCalibration
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

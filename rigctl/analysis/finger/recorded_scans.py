@@ -24,11 +24,11 @@ from rigctl.encoding.parameters import preset
 from rigctl.encoding.scaled_time import BATCH_SAMPLES, N_WINDOWS
 from rigctl.errors import WrongUse
 from rigctl.protocol.finger import Stage
-from rigctl.session.files.analysis_file import content_digest
-from rigctl.session.files.model_file import TrainingInfo
-from rigctl.session.read.closing_digest import read_closing_digest
-from rigctl.session.read.damage import damaged_trials
-from rigctl.session.read.finger_session import FingerSession
+from rigctl.session.analysis_file import content_digest
+from rigctl.session.digests import damaged_trials
+from rigctl.session.finger_session import FingerSession
+from rigctl.session.model_file import TrainingInfo
+from rigctl.session.session_reader import read_closing_digest
 
 Floats = NDArray[np.float64]
 

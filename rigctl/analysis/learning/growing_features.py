@@ -13,7 +13,7 @@ from rigctl.analysis.execution.executor import Progress
 from rigctl.analysis.learning.complete_block import Condition
 from rigctl.encoding.features import FeatureLayout, feature_matrices
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.session.read.session import Session
+from rigctl.session.session import Session
 
 TILE_TRIALS = 32
 """Trials that are read and encoded together."""

@@ -21,7 +21,7 @@ from rigctl.analysis.paper.statistics import wilson_interval
 from rigctl.analysis.report.figures import RasterData, draw_accuracy, draw_raster
 from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.session.read.session import Session
+from rigctl.session.session import Session
 
 MOST_NAMED = 3
 """How many sessions the foot of a figure names."""

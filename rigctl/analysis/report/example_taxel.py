@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rigctl.analysis.data.trial_set import TrialSet
 from rigctl.errors import WrongUse
-from rigctl.session.format.metadata.header import IMPORTED
+from rigctl.session.header import IMPORTED
 
 SHOWN_TRIAL = ("L", 80.0, 500.0)
 """Texture, speed and force of the paper's Figure 2C."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rigctl.analysis.classification.held_out import HeldOutPredictions
 from rigctl.analysis.paper.statistics import wilson_interval
 from rigctl.analysis.report.train_groups import TrainGroup, train_groups
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
+from rigctl.session.header import SensorLayout
 from rigctl.values import SAMPLE_RATE_HZ, Spikes
 
 if TYPE_CHECKING:

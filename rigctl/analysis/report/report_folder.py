@@ -33,10 +33,10 @@ from rigctl.analysis.taxel.taxel_course import load_course, write_course
 from rigctl.analysis.taxel.taxel_figure import draw_taxel
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
-from rigctl.session.files.analysis_file import check_output_path
-from rigctl.session.files.model_file import Model, save_model
-from rigctl.session.format.metadata.header import IMPORTED
-from rigctl.session.read.session import Session
+from rigctl.session.analysis_file import check_output_path
+from rigctl.session.header import IMPORTED
+from rigctl.session.model_file import Model, save_model
+from rigctl.session.session import Session
 
 FEATURES = "features"
 SETTINGS_FILE = "analysis.toml"

@@ -39,8 +39,8 @@ def run(args: argparse.Namespace) -> int:
     from rigctl.analysis.classification.classify_sessions import classify
     from rigctl.analysis.classification.predictions import as_dict, as_text, prediction_rows
     from rigctl.analysis.paper.result_tables import to_csv
-    from rigctl.session.files.analysis_file import check_output_path
-    from rigctl.session.files.model_file import load_model
+    from rigctl.session.analysis_file import check_output_path
+    from rigctl.session.model_file import load_model
 
     if args.out is not None:
         check_output_path(args.out)

@@ -21,8 +21,7 @@ from rigctl.cli.options.arguments import a_path, add_seed
 from rigctl.cli.options.progress import ProgressLine
 from rigctl.cli.rig.run import EXIT_CODES, watch_run
 from rigctl.errors import CheckFailed
-from rigctl.session.verify.session import verify
-from rigctl.session.verify.words import contents
+from rigctl.session.verify import verify
 
 PROTOCOL = "quick"
 FIGURES = "figures"
@@ -54,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     report = verify(session)
     if not report.whole:
         raise CheckFailed(f"{session} is not whole: {report.problems[0]}")
-    print(f"{session} is whole: {contents(report)}")
+    print(f"{session} is whole: {report.contents()}")
     line.say("encoding, classifying, drawing")
     result = analyse_sessions([session], session / FIGURES, progress=line.show_stage)
     line.end()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rigctl.session.read.closing_digest import read_closing_digest
+from rigctl.session.session_reader import read_closing_digest
 
 
 def print_session(folder: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from rigctl.session.open_session import describe_missing
+from rigctl.session.session import describe_missing
 
 
 def print_missing(folder: Path) -> None:

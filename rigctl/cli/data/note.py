@@ -13,9 +13,8 @@ from datetime import UTC, datetime
 
 from rigctl.cli.options.arguments import a_path, whole_number
 from rigctl.errors import WrongUse
-from rigctl.session.notes.session_note import Mark, SessionNote
-from rigctl.session.notes.write_note import add_note
-from rigctl.session.open_session import open_session
+from rigctl.session.notes import Mark, SessionNote
+from rigctl.session.session import add_note, open_session
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

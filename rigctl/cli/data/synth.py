@@ -28,7 +28,7 @@ from rigctl.cli.options.arguments import (
 from rigctl.cli.options.progress import Pace, ProgressLine, clock
 from rigctl.cli.options.terminal import Interrupts
 from rigctl.config.resources import find_protocol
-from rigctl.session.read.part_file import existing_parts
+from rigctl.session.part import existing_parts
 
 if TYPE_CHECKING:
     from rigctl.synth.dataset import DatasetProgress

@@ -15,10 +15,7 @@ from pathlib import Path
 
 from rigctl.cli.options.arguments import a_path
 from rigctl.cli.options.progress import ProgressLine, remaining
-from rigctl.session.verify.ending import parse_digest
-from rigctl.session.verify.report import VerifyReport
-from rigctl.session.verify.session import verify
-from rigctl.session.verify.words import answer, finding_lines
+from rigctl.session.verify import VerifyReport, parse_digest, verify
 
 WHOLE, NOT_WHOLE = 0, 1
 QUIET_S = 2.0
@@ -55,8 +52,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print(report: VerifyReport, path: Path) -> None:
-    for line in finding_lines(report):
+    for line in report.lines():
         print(line)
-    print(answer(report, path))
+    print(report.answer(path))
     if report.closing_digest:
         print(f"digest: {report.closing_digest}")

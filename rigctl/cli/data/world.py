@@ -49,7 +49,7 @@ def chosen_world(path: Path | None) -> SimulatedWorld | None:
 
 def session_world(folder: Path) -> SimulatedWorld | None:
     """Return the world of a session, None if it has none. Raises SessionError."""
-    from rigctl.session.read.session import Session
+    from rigctl.session.session import Session
     from rigctl.simulation.bench.world.world_file import world_from_header
 
     with Session.open(folder) as session:

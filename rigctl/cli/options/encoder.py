@@ -117,7 +117,7 @@ def ranges_of(args: argparse.Namespace) -> RangesOver | Normalisation:
     """
     from rigctl.analysis.data.wiring_check import check_file_wiring
     from rigctl.analysis.features.spike_counts import RangesOver
-    from rigctl.session.files.encoder_group import load_ranges
+    from rigctl.session.analysis_file import load_ranges
 
     if args.ranges in list(RangesOver):
         return RangesOver(args.ranges)

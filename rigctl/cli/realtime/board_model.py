@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> int:
     """Write the header and print how to build it in."""
     from rigctl.analysis.finger.classifier import board_coefficients, centred_stages
     from rigctl.realtime.model_files import model_path
-    from rigctl.session.files.finger_model_file import load_finger_model
+    from rigctl.session.finger_model_file import load_finger_model
     from rigctl.wire.finger.model_header import model_header
 
     path = model_path(args.model, "speed-scaled")

@@ -24,8 +24,8 @@ from rigctl.realtime.messages import (
     parse_finger_status,
 )
 from rigctl.realtime.model_files import SPEED_SCALED, model_path
-from rigctl.session.files.finger_model_file import load_finger_model
-from rigctl.session.read.finger_session import FingerSession
+from rigctl.session.finger_model_file import load_finger_model
+from rigctl.session.finger_session import FingerSession
 
 PERSON_EVENTS = ("stage", "instruction", "trial", "log", "board")
 """Events that a person follows while sliding; a simulation is too fast to be followed."""

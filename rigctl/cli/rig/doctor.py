@@ -32,6 +32,7 @@ from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 from platformdirs.unix import Unix
 
+from gui.app import DEBIAN_PACKAGES
 from rigctl.acquisition.health.disk import ACTIVE_WINDOW_S, RESERVE_BYTES
 from rigctl.acquisition.rpc.engine_files import EngineFile, running_engines
 from rigctl.acquisition.rpc.runtime_folder import LOG, runtime_folder
@@ -43,8 +44,8 @@ from rigctl.devices.port_discovery import PortReport, probe_ports
 from rigctl.errors import RigctlError, RigFault, WrongUse
 from rigctl.host_build import image_hash
 from rigctl.protocol.plan import recorded_bytes_per_s
-from rigctl.session.format.file_names import LOCK_FILE
-from rigctl.session.format.writer_lock import Writer, try_lock, writer_of
+from rigctl.session.layout import LOCK_FILE
+from rigctl.session.writer_lock import Writer, try_lock, writer_of
 from rigctl.simulation.boards.drum_firmware import DrumFirmware
 from rigctl.simulation.boards.finger_firmware import FingerFirmware
 from rigctl.simulation.boards.firmware_library import FirmwareLibrary
@@ -70,7 +71,6 @@ CHILD_S = 60.0
 _MODULES = {
     "pyserial": "serial",
     "scikit-learn": "sklearn",
-    "google-re2": "re2",
     "pyside6-essentials": "PySide6",
 }
 """The modules of packages that are not named alike."""
@@ -84,13 +84,22 @@ for module in sys.argv[1:]:
         sys.exit(f"{module}: {error}")
 """
 _START_QT = """
-import sys
-from gui.app import check_display
-from rigctl.errors import WrongUse
-try:
-    check_display()
-except WrongUse as refusal:
-    sys.exit(str(refusal))
+import os
+from PySide6.QtCore import QtMsgType, qInstallMessageHandler
+from PySide6.QtGui import QGuiApplication
+
+said = []
+
+
+def hear(kind, context, text):
+    said.append(text)
+    if kind == QtMsgType.QtFatalMsg:  # Qt aborts now
+        os.write(2, said[0].encode())
+        os._exit(1)
+
+
+qInstallMessageHandler(hear)
+QGuiApplication([])
 """
 _FONTS = ("*.ttf", "*.otf", "*.ttc")
 _FONT_FOLDERS = ("usr/share/fonts", "usr/local/share/fonts", ".local/share/fonts", ".fonts")
@@ -406,7 +415,8 @@ def check_qt(system: str, environment: Mapping[str, str]) -> Finding:
     child = dict(environment) if has_display else {**environment, "QT_QPA_PLATFORM": "offscreen"}
     failure = child_error(_START_QT, environment=child)
     if failure:
-        return Finding("Qt", ATTENTION, *_split(failure))
+        cure = f"install PySide6-Essentials and, on Debian, {DEBIAN_PACKAGES}"
+        return Finding("Qt", ATTENTION, f"Qt does not start ({failure})", cure)
     if has_display:
         return Finding("Qt", OK, "starts on this display")
     cure = "for the window, log in at a desktop or use ssh -X"

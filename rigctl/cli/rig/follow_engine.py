@@ -33,7 +33,7 @@ from rigctl.realtime.follow.followed_finger import FollowedFinger
 from rigctl.realtime.follow.growing_finger_session import GrowingFingerSession
 from rigctl.realtime.live_file import FingerLiveWriter
 from rigctl.realtime.messages import FingerEngineStatus
-from rigctl.session.read.session_reader import SessionReader
+from rigctl.session.session_reader import SessionReader
 from rigctl.values import N_TAXELS
 
 

@@ -36,9 +36,9 @@ from rigctl.cli.options.progress import ProgressLine, clock
 from rigctl.cli.options.terminal import Interrupts
 from rigctl.config.text_file import refuse_link_outside
 from rigctl.errors import WrongUse
-from rigctl.session.format.file_names import RIG_FILE
-from rigctl.session.read.closing_digest import read_closing_digest
-from rigctl.session.read.session import Session
+from rigctl.session.layout import RIG_FILE
+from rigctl.session.session import Session
+from rigctl.session.session_reader import read_closing_digest
 
 POLL_S = 0.1
 TOLD_EVENTS = ("early_end", "fault", "link", "pause", "resume", "message", "stop", "control")

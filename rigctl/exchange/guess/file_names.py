@@ -219,7 +219,7 @@ def _number_expression(values: Sequence[str]) -> str:
 
 
 def _literal(text: str) -> str:
-    """Return the text as an expression that RE2 and people read; marks that act stand in []."""
+    """Return the text as an expression that people read; marks that act stand in []."""
     return re.sub(r"[^\w\s/\-=,#@%&~<>:;!'\"]", lambda mark: _quote(mark[0]), text)
 
 

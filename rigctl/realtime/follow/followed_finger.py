@@ -12,7 +12,7 @@ from rigctl.realtime.follow.followed_scans import FollowedScans
 from rigctl.realtime.follow.growing_finger_session import GrowingFingerSession
 from rigctl.realtime.live_file import FingerLiveWriter
 from rigctl.realtime.messages import FingerEngineStatus
-from rigctl.session.read.part import StructuredArray
+from rigctl.session.part import StructuredArray
 from rigctl.values import Event
 
 

@@ -21,9 +21,9 @@ from rigctl.realtime.messages import (
     FingerRunStatus,
 )
 from rigctl.realtime.scan.contact_meter import ContactMeter
-from rigctl.session.format.file_names import PROTOCOL_FILE
-from rigctl.session.read.finger_session import FingerSession
-from rigctl.session.read.part import StructuredArray
+from rigctl.session.finger_session import FingerSession
+from rigctl.session.layout import PROTOCOL_FILE
+from rigctl.session.part import StructuredArray
 from rigctl.values import Event, Verdict
 from rigctl.wire.finger.messages import SampleFlag, VelocitySource
 

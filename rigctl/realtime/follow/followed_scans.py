@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from rigctl.acquisition.follow.growing_reader import finite
 from rigctl.finger_values import PredictionRow
 from rigctl.realtime.follow.growing_finger_session import NewFingerRows
-from rigctl.session.read.part import StructuredArray
+from rigctl.session.part import StructuredArray
 from rigctl.values import SAMPLE_RATE_HZ, Event
 
 

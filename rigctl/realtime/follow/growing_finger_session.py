@@ -9,11 +9,11 @@ from typing import NamedTuple
 from rigctl.acquisition.follow.growing_reader import GrowingReader, finite
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.finger_values import PredictionRow
-from rigctl.session.format import finger_layout
-from rigctl.session.format.finger_rows import parse_prediction
-from rigctl.session.format.layout import COUNTER, FLAGS, SAMPLES
-from rigctl.session.read.finger_session import FingerSession, board_ranges
-from rigctl.session.read.part import PartReader, StructuredArray
+from rigctl.session import finger_layout
+from rigctl.session.finger_layout import parse_prediction
+from rigctl.session.finger_session import FingerSession, board_ranges
+from rigctl.session.layout import COUNTER, FLAGS, SAMPLES
+from rigctl.session.part import PartReader, StructuredArray
 from rigctl.values import Event
 from rigctl.wire.finger.decoder import FingerBlock
 

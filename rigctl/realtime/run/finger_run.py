@@ -41,7 +41,7 @@ from rigctl.realtime.scan.live_answers import LiveAnswers
 from rigctl.realtime.scan.scan_attempt import ScanAttempt
 from rigctl.realtime.scan.scan_output import ScanOutput
 from rigctl.realtime.scan.scan_recording import track_row, trial_row
-from rigctl.session.read.finger_session import FingerSession
+from rigctl.session.finger_session import FingerSession
 from rigctl.values import Event, Position, Verdict
 from rigctl.wire.finger.decoder import FingerBlock
 from rigctl.wire.finger.messages import N_TAXELS, Message

@@ -25,14 +25,12 @@ from rigctl.errors import SessionError, WrongUse
 from rigctl.protocol.finger import Stage
 from rigctl.protocol.finger_plan import FingerPlan, load_finger_protocol
 from rigctl.realtime.finger_rig import FingerRig
-from rigctl.session.files.finger_model_file import FingerModel, load_finger_model
-from rigctl.session.format import file_names
-from rigctl.session.format.metadata.header import SessionHeader
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
-from rigctl.session.read.finger_session import FingerSession
-from rigctl.session.write.finger_recorder import FingerRecorder
-from rigctl.session.write.private import keep_private
-from rigctl.session.write.session_folder import check_same_world
+from rigctl.session import layout
+from rigctl.session.finger_model_file import FingerModel, load_finger_model
+from rigctl.session.finger_recorder import FingerRecorder
+from rigctl.session.finger_session import FingerSession
+from rigctl.session.header import SensorLayout, SessionHeader
+from rigctl.session.recorder import check_same_world, keep_private
 from rigctl.values import BoardIdentity, Verdict
 from rigctl.wire.finger.messages import N_TAXELS
 
@@ -160,8 +158,8 @@ def _resume(
         models = session.events_of(MODEL_KIND)
         rejected = int(np.sum(session.trials["verdict"] == Verdict.REJECTED.value))
     _check_rig(folder, header, rig)
-    refuse_link_outside(folder / file_names.PROTOCOL_FILE)
-    protocol = load_finger_protocol(folder / file_names.PROTOCOL_FILE)
+    refuse_link_outside(folder / layout.PROTOCOL_FILE)
+    protocol = load_finger_protocol(folder / layout.PROTOCOL_FILE)
     plan = protocol.plan([Stage(name) for name in header.stages], header.seed)
     if len(done) == len(plan.trials):
         raise SessionError(f"{folder} is complete: every planned scan is committed")

@@ -10,7 +10,7 @@ from rigctl.realtime.latency import FEATURES, PREDICTION, SCREEN, LatencyLog
 from rigctl.realtime.scan.live_answers import LiveAnswers
 from rigctl.realtime.scan.scan_in_progress import ScanInProgress
 from rigctl.realtime.scan.scan_recording import batch_row, window_row
-from rigctl.session.write.finger_recorder import FingerRecorder
+from rigctl.session.finger_recorder import FingerRecorder
 from rigctl.wire.finger.messages import BatchReport, VelocitySource, WindowReport
 
 

@@ -21,7 +21,7 @@ from rigctl.acquisition.follow.recorder_watch import RecorderWatch
 from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.errors import WrongUse
-from rigctl.session.format.writer_lock import Writer, WriterLock, writer_of
+from rigctl.session.writer_lock import Writer, WriterLock, writer_of
 from tests.acquisition.engine_harness import EngineHarness
 
 DRUM = 'name = "d"\ntextures = ["A"]\nspeeds_mm_s = [40]\nforces_g = [500]\n'

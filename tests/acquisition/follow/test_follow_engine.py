@@ -18,7 +18,7 @@ from rigctl.acquisition.follow.growing_reader import finite
 from rigctl.acquisition.follow.growing_session import GrowingSession
 from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.rpc.door import Door, open_listener
-from rigctl.session.read.session import Session
+from rigctl.session.session import Session
 from rigctl.values import Event
 from tests.acquisition.engine_harness import EngineHarness
 from tests.acquisition.sharing.client_connection import ClientConnection

@@ -9,7 +9,7 @@ from rigctl.acquisition.follow.followed_status import FollowedStatus
 from rigctl.acquisition.follow.growing_session import GrowingSession, NewRows
 from rigctl.acquisition.live_buffer import LiveReader, LiveWriter
 from rigctl.errors import SessionError
-from rigctl.session.read.session import Session
+from rigctl.session.session import Session
 from tests.acquisition.engine_harness import EngineHarness
 
 

@@ -9,9 +9,9 @@ import pytest
 
 from rigctl.acquisition.drum.poller import POLL_PERIOD_S
 from rigctl.acquisition.health.boards import LateTickCounter
-from rigctl.session.read.session import Session
+from rigctl.session.session import Session
 from rigctl.session.summary import summarise_session
-from rigctl.session.verify.session import verify
+from rigctl.session.verify import verify
 from rigctl.wire.drum.register_table import BY_NAME
 from rigctl.wire.taxels.frames import Flag
 from tests.acquisition.engine_harness import TINY, EngineHarness, open_harness, open_session

@@ -8,7 +8,7 @@ import pytest
 
 from rigctl.acquisition.health.disk import DiskMonitor
 from rigctl.errors import DiskFault, SessionError, WrongUse
-from rigctl.session.verify.session import verify
+from rigctl.session.verify import verify
 from tests.acquisition.engine_harness import EngineHarness, open_session
 
 

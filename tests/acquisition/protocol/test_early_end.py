@@ -19,12 +19,10 @@ from rigctl.cli import main
 from rigctl.config.rig_config import RigConfig
 from rigctl.errors import SessionError, WrongUse
 from rigctl.protocol.early_end import EarlyEnd
-from rigctl.session.early_end import EARLY_END_KIND, ended_early
-from rigctl.session.notes.session_note import Mark, SessionNote
-from rigctl.session.notes.write_note import add_note
-from rigctl.session.read.session import Session
+from rigctl.session.notes import Mark, SessionNote
+from rigctl.session.session import EARLY_END_KIND, Session, add_note, ended_early
 from rigctl.session.summary import summarise_session
-from rigctl.session.verify.session import verify
+from rigctl.session.verify import verify
 from tests.acquisition.engine_harness import (
     EngineHarness,
     open_harness,

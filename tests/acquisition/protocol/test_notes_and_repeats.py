@@ -9,7 +9,7 @@ import pytest
 from rigctl.acquisition.protocol.run_request import RunRequest
 from rigctl.acquisition.rpc.command_handler import CommandHandler
 from rigctl.errors import RigctlError, WrongUse
-from rigctl.session.verify.session import verify
+from rigctl.session.verify import verify
 from tests.acquisition.engine_harness import EngineHarness, open_session, until_ended
 
 TWO_PLATES = """

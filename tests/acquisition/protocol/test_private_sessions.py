@@ -10,7 +10,7 @@ import pytest
 
 from rigctl.acquisition.protocol.run_request import RunRequest
 from rigctl.config.rig_config import RecordingConfig, RigConfig
-from rigctl.session.verify.session import verify
+from rigctl.session.verify import verify
 from tests.acquisition.engine_harness import open_harness, until_ended
 
 PRIVATE = RigConfig(recording=RecordingConfig(private=True))
@@ -33,7 +33,7 @@ def modes(folder: Path) -> dict[str, int]:
 def require_private(folder: Path) -> None:
     found = modes(folder)
     assert found.pop(".") == 0o700
-    assert {"part-0001.h5", "protocol.toml", "rig.toml", "digests.txt", "world.h5"} <= set(found)
+    assert {"part-0001.h5", "protocol.toml", "rig.toml", "world.h5"} <= set(found)
     assert set(found.values()) == {0o600}
 
 

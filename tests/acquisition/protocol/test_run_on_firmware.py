@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rigctl.session.files.ground_truth import trial_truths
-from rigctl.session.verify.session import verify
+from rigctl.session.ground_truth import trial_truths
+from rigctl.session.verify import verify
 from tests.acquisition.engine_harness import TINY, open_harness, open_session
 
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from rigctl import __version__
 from rigctl.config.resources import source_commit
-from rigctl.session.files.ground_truth import trial_truths
-from rigctl.session.verify.session import verify
+from rigctl.session.ground_truth import trial_truths
+from rigctl.session.verify import verify
 from tests.acquisition.engine_harness import TINY, EngineHarness, open_harness, open_session
 
 

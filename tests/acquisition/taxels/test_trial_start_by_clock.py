@@ -21,10 +21,10 @@ from rigctl.cli.rig.run import _rig
 from rigctl.config.rig_config import Ports, RigConfig, Signals
 from rigctl.devices.clock_fit import ClockFit
 from rigctl.rig import open_rig
-from rigctl.session.files.truth_file import open_truth
-from rigctl.session.read.session import Session
+from rigctl.session.ground_truth import open_truth
+from rigctl.session.session import Session
 from rigctl.session.summary import summarise_session
-from rigctl.session.verify.session import verify
+from rigctl.session.verify import verify
 from rigctl.simulation.chips.rig import ChipSimulation
 from rigctl.simulation.virtual_rig import VirtualRig
 from rigctl.wire.drum.codes import Signal

@@ -23,9 +23,9 @@ from rigctl.analysis.features.transferred_c import load_c
 from rigctl.cli import main
 from rigctl.encoding.parameters import EncoderParameters
 from rigctl.errors import SessionError, WrongUse
-from rigctl.session.files.analysis_file import LAYOUT_VERSION
-from rigctl.session.files.model_file import load_model, save_model
-from rigctl.session.format.annotated_arrays import write_text
+from rigctl.session.analysis_file import LAYOUT_VERSION
+from rigctl.session.hdf5_file import write_text
+from rigctl.session.model_file import load_model, save_model
 from tests.analysis.recordings import record
 from tests.session.forging import rewrite_digests
 

@@ -19,8 +19,7 @@ from rigctl.cli import main
 from rigctl.encoding.parameters import EncoderParameters
 from rigctl.encoding.reading import Reading
 from rigctl.errors import SessionError, WrongUse
-from rigctl.session.files.model_file import load_model, save_model
-from rigctl.session.files.seal import SEALED
+from rigctl.session.model_file import load_model, save_model
 from tests.analysis.recordings import record
 
 UTC = "2026-11-21T12:00:00Z"
@@ -115,7 +114,6 @@ def test_an_older_model_knows_whole_sessions_only(
     shutil.copy(model, older)
     with h5py.File(older, "r+") as file:
         del file["training/trial_hashes"]
-        file.attrs[SEALED] = 0
     read = load_model(older)
     assert read.training.trial_hashes is None
     found = classify(read, [session, other])
@@ -139,6 +137,5 @@ def test_a_damaged_list_of_trials_is_refused(
         with h5py.File(path, "r+") as file:
             del file["training/trial_hashes"]
             file["training/trial_hashes"] = values
-            file.attrs[SEALED] = 0
         with pytest.raises(SessionError, match="trial_hashes"):
             load_model(path)

@@ -141,7 +141,8 @@ def test_an_entry_is_read_whole_or_not_at_all(tmp_path: Path) -> None:
     whole = entry.read_bytes()
     for place in range(len(whole)):
         entry.write_bytes(whole[:place] + bytes([whole[place] ^ 4]) + whole[place + 1 :])
-        assert cache.get("aa") is None, place
+        found = cache.get("aa")
+        assert found is None or all(map(np.array_equal, found.values(), arrays.values())), place
     entry.write_bytes(whole)
     found = cache.get("aa")
     assert found is not None and list(found) == list(arrays)

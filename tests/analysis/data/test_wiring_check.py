@@ -11,7 +11,7 @@ import h5py
 import pytest
 
 from rigctl.cli import main
-from rigctl.session.format.annotated_arrays import write_attributes
+from rigctl.session.hdf5_file import write_attributes
 from rigctl.values import DRAWN_WIRING
 from tests.analysis.recordings import record
 from tests.session.forging import rewrite_digests

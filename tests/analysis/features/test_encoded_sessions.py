@@ -22,11 +22,9 @@ from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters, override, preset
 from rigctl.encoding.reading import Reading, conductance, input_of_each
 from rigctl.errors import WrongUse
-from rigctl.session.files.encoder_group import load_ranges
-from rigctl.session.files.force_matrix_file import load_force
-from rigctl.session.format.metadata.header import IMPORTED
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
-from rigctl.session.read.session import Session
+from rigctl.session.analysis_file import load_force, load_ranges
+from rigctl.session.header import IMPORTED, SensorLayout
+from rigctl.session.session import Session
 from tests.analysis.recordings import record
 
 WHEN = "2026-11-21T12:00:00Z"

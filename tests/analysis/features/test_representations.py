@@ -20,7 +20,7 @@ from rigctl.analysis.settings.analysis_settings import AnalysisSettings
 from rigctl.encoding.features import feature_matrices
 from rigctl.encoding.parameters import DEFAULT
 from rigctl.errors import SessionError
-from rigctl.session.write.recorder import Recorder
+from rigctl.session.recorder import Recorder
 from rigctl.values import Verdict
 from tests.analysis.recordings import record
 from tests.session.building import PROTOCOL, RIG, SyntheticRig, header, plan

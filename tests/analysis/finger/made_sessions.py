@@ -10,8 +10,8 @@ import numpy as np
 
 from rigctl.analysis.finger.scans import ScanRecording
 from rigctl.finger_values import BatchRow, FingerTrialRow, LatencyRow
-from rigctl.session.format.metadata.header import SessionHeader
-from rigctl.session.write.finger_recorder import FingerRecorder
+from rigctl.session.finger_recorder import FingerRecorder
+from rigctl.session.header import SessionHeader
 from rigctl.values import BoardIdentity, Verdict
 from rigctl.wire.finger.decoder import FingerBlock
 

@@ -9,8 +9,8 @@ from rigctl.analysis.finger.classifier import (
 )
 from rigctl.analysis.finger.data_sets import FingerDataSet
 from rigctl.analysis.finger.scans import ScanKind
-from rigctl.session.files.finger_model_file import FingerModel
-from rigctl.session.files.model_file import TrainingInfo
+from rigctl.session.finger_model_file import FingerModel
+from rigctl.session.model_file import TrainingInfo
 from tests.analysis.finger.made_scans import RANGES
 
 ENCODING = FingerEncoding(RANGES, sensor="finger 1")

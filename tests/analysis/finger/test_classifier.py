@@ -27,12 +27,8 @@ from rigctl.analysis.finger.scans import KINDS, ScanKind
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import PRESETS
 from rigctl.errors import SessionError, WrongUse
-from rigctl.session.files.finger_model_file import (
-    FingerModel,
-    load_finger_model,
-    save_finger_model,
-)
-from rigctl.session.format.annotated_arrays import write_attributes
+from rigctl.session.finger_model_file import FingerModel, load_finger_model, save_finger_model
+from rigctl.session.hdf5_file import write_attributes
 from tests.analysis.finger.made_scans import made_data_set
 from tests.analysis.finger.models import ENCODING, INFO, calibrated_model
 

@@ -13,7 +13,7 @@ from rigctl.analysis.finger.confidence import (
     sequential_answers,
 )
 from rigctl.errors import WrongUse
-from rigctl.session.files.finger_model_file import FingerCalibration
+from rigctl.session.finger_model_file import FingerCalibration
 
 Floats = NDArray[np.float64]
 CLASSES, WINDOWS = 5, 6

@@ -22,8 +22,8 @@ from rigctl.analysis.finger.movie.scan_timeline import ScanTimeline, read_timeli
 from rigctl.encoding.scaled_time import scale_windows
 from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.finger_values import PredictionRow
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
-from rigctl.session.read.finger_session import FingerSession
+from rigctl.session.finger_session import FingerSession
+from rigctl.session.header import SensorLayout
 from rigctl.simulation.bench.world.world_file import NOMINAL_WORLD
 from rigctl.values import Verdict
 from tests.session import finger_building

@@ -15,10 +15,9 @@ from rigctl.analysis.learning.learning_curve import LearningCurve
 from rigctl.analysis.learning.session_curve import SessionCurves, describe_shortfall
 from rigctl.encoding.features import FeatureLayout, feature_matrices
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.session.notes.session_note import Mark, SessionNote
-from rigctl.session.notes.write_note import add_note
-from rigctl.session.read.session import Session
-from rigctl.session.write.recorder import Recorder
+from rigctl.session.notes import Mark, SessionNote
+from rigctl.session.recorder import Recorder
+from rigctl.session.session import Session, add_note
 from rigctl.values import PlannedTrial
 from tests.analysis.learning.coverage import measure
 from tests.analysis.recordings import record

@@ -17,7 +17,7 @@ from rigctl.analysis.paper.tasks import SweepSettings, run_tasks
 from rigctl.analysis.report import report_folder
 from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.parameters import PRESETS, SA_PRESETS
-from rigctl.session.read.session import Session
+from rigctl.session.session import Session
 from tests.analysis.recordings import record
 
 

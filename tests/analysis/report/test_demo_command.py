@@ -10,7 +10,7 @@ import pytest
 from rigctl.acquisition.rpc.messages import RunStatus
 from rigctl.cli import main
 from rigctl.cli.analysis import demo
-from rigctl.session.verify.report import VerifyReport
+from rigctl.session.verify import VerifyReport
 from tests.analysis.recordings import record
 
 

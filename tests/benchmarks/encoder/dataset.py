@@ -25,8 +25,8 @@ import numpy as np
 from rigctl.analysis.data.trial_set import TrialSet, join_sessions
 from rigctl.encoding.features import SPEED_SCALED, UNSCALED
 from rigctl.encoding.parameters import DEFAULT
-from rigctl.session.read.session import Session
-from rigctl.session.verify.session import verify
+from rigctl.session.session import Session
+from rigctl.session.verify import verify
 from tests.benchmarks.encoder._peers import row
 from tests.benchmarks.encoder.encoder import best_of
 from tests.benchmarks.encoder.numpy_encoder import currents, numpy_spikes

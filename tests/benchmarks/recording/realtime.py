@@ -24,7 +24,7 @@ from rigctl.encoding.encoder import Encoder
 from rigctl.encoding.scaled_time import first_windows, scale_windows
 from rigctl.protocol.finger import Stage
 from rigctl.realtime.finger_models import calibrate_models, train_models
-from rigctl.session.files.finger_model_file import load_finger_model
+from rigctl.session.finger_model_file import load_finger_model
 from tests.realtime.harness import (
     FingerHarness,
     open_finger_harness,

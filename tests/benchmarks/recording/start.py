@@ -49,8 +49,8 @@ os._exit(0)
 """
 HELP_NOTE = "rigctl --help and pip --help in turns, median of 5; user and system time"
 WINDOW_NOTE = (
-    "from the start of Python until the window has handled its first events, offscreen, with the "
-    "trial of the display; in turns, median of 5; user and system time"
+    "from the start of Python until the window has handled its first events, offscreen; "
+    "in turns, median of 5; user and system time"
 )
 
 

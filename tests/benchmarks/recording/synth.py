@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.session.files.ground_truth import trial_truths
-from rigctl.session.read.session import Session
+from rigctl.session.ground_truth import trial_truths
+from rigctl.session.session import Session
 from rigctl.synth.dataset import DatasetRequest, generate, load_plan
 from tests.acquisition.engine_harness import open_harness
 

@@ -7,7 +7,6 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
 from rigctl.analysis.data.cache import Cache
@@ -16,20 +15,22 @@ from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
 from rigctl.encoding.reading import Reading
-from rigctl.session.files.analysis_file import load_inputs
-from rigctl.session.files.encoder_group import load_ranges
-from rigctl.session.files.finger_model_file import (
+from rigctl.session.analysis_file import (
+    EncodingInfo,
+    SpikeFileWriter,
+    load_force,
+    load_inputs,
+    load_ranges,
+)
+from rigctl.session.finger_model_file import (
     FingerCalibration,
     FingerModel,
     WindowClassifier,
     load_finger_model,
     save_finger_model,
 )
-from rigctl.session.files.force_matrix_file import load_force
-from rigctl.session.files.model_file import Model, TrainingInfo, load_model, save_model
-from rigctl.session.files.seal import SEALED
-from rigctl.session.files.spike_file import EncodingInfo, SpikeFileWriter
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
+from rigctl.session.header import SensorLayout
+from rigctl.session.model_file import Model, TrainingInfo, load_model, save_model
 from tests.fuzz.kind import Kind, Place
 from tests.fuzz.mutations.bytes import BYTES
 from tests.fuzz.mutations.hdf5 import HDF5
@@ -165,17 +166,6 @@ def read_entry(folder: Path) -> object:
     return None if arrays is None else plain(arrays)
 
 
-def sealed(folder: Path, found: object) -> object:
-    """Return what was read from a file that says it is sealed; None for one as older ones are."""
-    with h5py.File(folder / FILE, "r") as file:
-        return found if SEALED in file.attrs else None
-
-
-def accepted(folder: Path, found: object) -> object:
-    """Return what was read."""
-    return found
-
-
 def plain(value: object) -> object:
     """Return a value that can be compared: arrays as digests with type and shape."""
     if isinstance(value, np.ndarray):
@@ -192,9 +182,9 @@ def plain(value: object) -> object:
 
 HDF5_FILE = (Place(FILE, HDF5),)
 ANALYSIS_KINDS = (
-    Kind("model", build_model, HDF5_FILE, (read_model,), sealed),
-    Kind("finger-model", build_finger_model, HDF5_FILE, (read_finger_model,), sealed),
-    Kind("spikes", build_spikes, HDF5_FILE, (read_ranges, read_sources), sealed),
-    Kind("force-matrix", build_spikes, HDF5_FILE, (read_force, read_sources), sealed),
-    Kind("cache-entry", build_entry, (Place("*/*.entry", BYTES),), (read_entry,), accepted),
+    Kind("model", build_model, HDF5_FILE, (read_model,)),
+    Kind("finger-model", build_finger_model, HDF5_FILE, (read_finger_model,)),
+    Kind("spikes", build_spikes, HDF5_FILE, (read_ranges, read_sources)),
+    Kind("force-matrix", build_spikes, HDF5_FILE, (read_force, read_sources)),
+    Kind("cache-entry", build_entry, (Place("*/*.entry", BYTES),), (read_entry,)),
 )

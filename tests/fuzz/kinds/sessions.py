@@ -12,20 +12,13 @@ import h5py
 from rigctl.analysis.data.trial_set import join_sessions, open_trials
 from rigctl.errors import SessionError
 from rigctl.protocol.loader import parse_protocol
-from rigctl.session.files.analysis_file import content_digest
-from rigctl.session.format.file_names import DIGEST_LINES_FILE
-from rigctl.session.notes.note_files import PATTERN as NOTES
-from rigctl.session.notes.note_files import damaged_notes, read_notes
-from rigctl.session.notes.session_note import Mark, SessionNote
-from rigctl.session.notes.write_note import add_note
-from rigctl.session.read.finger_session import FingerSession
-from rigctl.session.read.recovery_file import PATTERN, read_recovery
-from rigctl.session.read.session import Session
-from rigctl.session.recover.recover import recover
+from rigctl.session.analysis_file import content_digest
+from rigctl.session.finger_session import FingerSession
+from rigctl.session.notes import PATTERN as NOTES
+from rigctl.session.notes import Mark, SessionNote, damaged_notes, read_notes
+from rigctl.session.session import Session, add_note
 from rigctl.session.summary import summarise_session
-from rigctl.session.verify.drum import WORLD
-from rigctl.session.verify.report import VerifyReport
-from rigctl.session.verify.session import verify
+from rigctl.session.verify import WORLD, VerifyReport, verify
 from rigctl.synth.dataset import DatasetRequest, generate
 from tests.fuzz.kind import Kind, Place
 from tests.fuzz.kinds.contents import folder_content
@@ -63,17 +56,6 @@ def build_simulated(folder: Path) -> None:
     generate(request, lambda progress: None, lambda: False)
 
 
-def build_recovered(folder: Path) -> None:
-    """Put a session in order whose parts were altered, cut short and joined by a copy."""
-    building.record_plan(folder)
-    first, second = sorted(folder.glob("part-*.h5"))
-    with h5py.File(first, "r+") as file:
-        file["/taxels/samples"][10, 3] ^= 1
-    second.with_name("part-0002 (copy).h5").write_bytes(b"copy")
-    second.write_bytes(second.read_bytes()[:-100])
-    recover(folder, "2026-11-23T14:00:00Z")
-
-
 def build_noted(folder: Path) -> None:
     """Record a small session, add a note on it and mark one of its trials bad."""
     building.record_plan(folder)
@@ -87,11 +69,6 @@ def read_all_notes(folder: Path) -> object:
     if lines := damaged_notes(folder):
         raise SessionError(lines[0])
     return read_notes(folder)
-
-
-def read_recovery_files(folder: Path) -> object:
-    """Read the recovery file, all members of which its digest covers."""
-    return [read_recovery(path).report for path in sorted(folder.glob(PATTERN))]
 
 
 def check(folder: Path) -> VerifyReport:
@@ -141,16 +118,11 @@ def drum_content(folder: Path, report: VerifyReport) -> object:
     """Return all that a session of the drum says if ``verify`` misses nothing."""
     if any(WORLD in note for note in report.notes):
         return None
-    return _verified_content(folder, report, DRUM_FILES)
+    return parts_content(folder, report)
 
 
-def finger_content(folder: Path, report: VerifyReport) -> object:
-    """Return all that a session of the finger says if ``verify`` misses nothing."""
-    return _verified_content(folder, report, FINGER_FILES)
-
-
-def _verified_content(folder: Path, report: VerifyReport, files: re.Pattern[str]) -> object:
-    """Return what the session's own files say, the lines of ``digests.txt`` in any order.
+def parts_content(folder: Path, report: VerifyReport) -> object:
+    """Return all that the parts say if ``verify`` misses nothing.
 
     The parts hold both texts, so their copies are not compared; nor are files whose names nothing
     of a session bears: no reader opens them.
@@ -158,9 +130,7 @@ def _verified_content(folder: Path, report: VerifyReport, files: re.Pattern[str]
     if not report.whole or not _proves_itself(folder):
         return None
     found: dict[str, object] = dict(folder_content(folder, "*.h5"))
-    if (lines := folder / DIGEST_LINES_FILE).is_file():
-        found[DIGEST_LINES_FILE] = sorted(lines.read_bytes().splitlines())
-    return {name: value for name, value in found.items() if files.match(name)}
+    return {name: value for name, value in found.items() if FILES.match(name)}
 
 
 def bytes_called_whole(folder: Path, report: VerifyReport) -> object:
@@ -180,9 +150,8 @@ def _proves_itself(folder: Path) -> bool:
     return any(map(has_digests, parts))
 
 
-FINGER_FILES = re.compile(r"(part-\d{4}\.h5|digests\.txt)(/|$)")
-DRUM_FILES = re.compile(r"(part-\d{4}\.h5|world(-\d{4})?\.h5|digests\.txt)(/|$)")
-TEXTS = (Place("*.toml", TEXT), Place("*.txt", TEXT))
+FILES = re.compile(r"part-\d{4}\.h5(/|$)")
+TEXTS = (Place("*.toml", TEXT),)
 DRUM_DOORS = (check, summarise, read_drum, read_trials)
 FINGER_DOORS = (check, summarise, read_finger)
 PARTS = (Place("part-*.h5", HDF5),)
@@ -205,7 +174,7 @@ SESSION_KINDS = (
         most=1,
     ),
     Kind("drum-part", build_drum, PARTS, DRUM_DOORS, drum_content),
-    Kind("finger-part", build_finger, PARTS, FINGER_DOORS, finger_content),
+    Kind("finger-part", build_finger, PARTS, FINGER_DOORS, parts_content),
     Kind(
         "drum-session",
         build_simulated,
@@ -218,27 +187,18 @@ SESSION_KINDS = (
         build_finger,
         (*(Place(".", FOLDER),) * 3, *TEXTS),
         FINGER_DOORS,
-        finger_content,
+        parts_content,
     ),
     Kind(
         "truth",
         build_simulated,
         (Place("world*.h5", HDF5),),
         (check, summarise),
-        drum_content,
-    ),
-    Kind(
-        "recovery",
-        build_recovered,
-        (Place(PATTERN, TEXT),),
-        (read_recovery_files, *DRUM_DOORS),
-        lambda folder, reports: reports,
     ),
     Kind(
         "notes",
         build_noted,
         (Place(NOTES, TEXT),),
         (read_all_notes, *DRUM_DOORS),
-        lambda folder, notes: notes,
     ),
 )

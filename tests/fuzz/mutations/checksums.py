@@ -1,7 +1,6 @@
-"""The checksums of HDF5's metadata, found in a whole file and repaired in a damaged one.
+"""The blocks of HDF5's metadata, found in a whole file by their checksums.
 
-HDF5 refuses most damage to metadata by these checksums before it, or the program, interprets a
-byte. Who damages a file on purpose repairs them. Blocks: HDF5 File Format Specification 3.0.
+HDF5 File Format Specification 3.0.
 """
 
 from __future__ import annotations
@@ -9,15 +8,13 @@ from __future__ import annotations
 import hashlib
 import struct
 from functools import lru_cache
-from pathlib import Path
-from random import Random
 from typing import NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.session.read.unclosed_part import lookup3
+from rigctl.session.part import lookup3
 
 SIGNATURES = (
     *(b"OHDR", b"OCHK", b"BTHD", b"BTIN", b"BTLF", b"FRHP", b"FHDB", b"FHIB", b"FSHD", b"FSSE"),
@@ -33,38 +30,6 @@ class Block(NamedTuple):
     start: int
     end: int
     checksum: int
-
-
-def flip_with_checksum(random: Random, path: Path) -> str:
-    """Change metadata inside one block and repair its checksum."""
-    data = bytearray(path.read_bytes())
-    blocks = find_blocks(bytes(data))
-    if not blocks:
-        return "no block of metadata"
-    block = random.choice(blocks)
-    places = []
-    for _ in range(random.choice((1, 1, 2, 4))):
-        at = random.randrange(block.start + 4, block.end)
-        if random.random() < 0.6:
-            data[at] ^= 1 << random.randrange(8)
-        else:
-            data[at] = random.choice((0, 1, 0x7F, 0x80, 0xFF))
-        places.append(at)
-    repair(data, block)
-    path.write_bytes(data)
-    return f"metadata of {block} changed at {places}, its checksum repaired"
-
-
-def repair(data: bytearray, block: Block) -> None:
-    """Store the checksum of the block's bytes as they are now."""
-    body = bytearray(data[block.start : block.end])
-    inside = block.checksum - block.start
-    if inside + 4 == len(body):
-        value = lookup3(bytes(body[:inside]))
-    else:  # a heap's block: the checksum stands inside and counts as zero
-        body[inside : inside + 4] = bytes(4)
-        value = lookup3(bytes(body))
-    data[block.checksum : block.checksum + 4] = struct.pack("<I", value)
 
 
 def find_blocks(data: bytes) -> list[Block]:
@@ -123,7 +88,7 @@ def _rotate(value: np.uint32, bits: int) -> np.uint32:
 
 @numba.njit(cache=True)
 def _lookup3(data: NDArray[np.uint8], start: int, length: int) -> np.uint32:
-    """Return lookup3 as :func:`rigctl.session.read.unclosed_part.lookup3` does, compiled."""
+    """Return lookup3 as :func:`rigctl.session.part.lookup3` does, compiled."""
     a = np.uint32(0xDEADBEEF + length)
     b = a
     c = a

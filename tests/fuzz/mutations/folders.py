@@ -42,7 +42,7 @@ def copy_file(random: Random, folder: Path) -> str:
     names = (
         *(f"{path.stem} (copy){path.suffix}", "part-0009.h5", "part-9999.h5", "part-00001.h5"),
         *("part-0002 (copy).h5", "world.h5", "world-0002.h5", "part-\x1b[2J.h5", "PART-0001.H5"),
-        *("recovery-20260101T000000Z.json", "digests.txt", "protocol.toml"),
+        "protocol.toml",
     )
     name = random.choice(names)
     if name == path.name or _is_no_file(folder / name):

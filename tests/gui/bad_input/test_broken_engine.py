@@ -10,8 +10,8 @@ import pytest
 from PySide6.QtWidgets import QApplication
 
 from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE
-from rigctl.session.read.session import Session
-from rigctl.session.verify.session import verify
+from rigctl.session.session import Session
+from rigctl.session.verify import verify
 from tests.gui.bad_input.test_unplugged import LONG
 from tests.gui.rig_window import RigWindow, opened_window
 from tests.gui.steps import click, wait_until

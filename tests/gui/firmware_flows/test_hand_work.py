@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rigctl.session.read.session import Session
-from rigctl.session.verify.session import verify
+from rigctl.session.session import Session
+from rigctl.session.verify import verify
 from rigctl.wire.drum.states import State
 from tests.gui.rig_window import RigWindow
 from tests.gui.steps import click

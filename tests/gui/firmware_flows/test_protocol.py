@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rigctl.session.verify.session import verify
+from rigctl.session.verify import verify
 from tests.gui.rig_window import RigWindow
 from tests.gui.steps import click
 

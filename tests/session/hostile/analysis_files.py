@@ -10,15 +10,15 @@ from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
-from rigctl.session.files.finger_model_file import (
+from rigctl.session.analysis_file import EncodingInfo, SpikeFileWriter
+from rigctl.session.finger_model_file import (
     FingerCalibration,
     FingerModel,
     WindowClassifier,
     save_finger_model,
 )
-from rigctl.session.files.model_file import Model, TrainingInfo, save_model
-from rigctl.session.files.spike_file import EncodingInfo, SpikeFileWriter
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
+from rigctl.session.header import SensorLayout
+from rigctl.session.model_file import Model, TrainingInfo, save_model
 
 TEXTURES = ("A", "B")
 TRAINING = TrainingInfo(

@@ -10,8 +10,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from rigctl.session.files.seal import SEALED
-from rigctl.session.format.data_sets import LIBVER
+from rigctl.session.layout import LIBVER
 
 Spoil = Callable[[Any, str, Any], None]
 """Takes an open file, a path and the data set that was there; puts another object there."""
@@ -20,13 +19,12 @@ MANY = 1 << 40
 
 
 def spoil(file: Path, path: str, change: Spoil) -> None:
-    """Replace the data set ``path`` by what ``change`` makes of it; who does so breaks the seal."""
+    """Replace the data set ``path`` by what ``change`` makes of it."""
     shutil.copy(file, file.with_name("other.h5"))
     with h5py.File(file, "r+", libver=LIBVER) as opened:
         original = opened[path]
         del opened[path]
         change(opened, path, original)
-        opened.attrs.pop(SEALED, None)
 
 
 def _nothing(file: Any, path: str, was: Any) -> None:
@@ -104,17 +102,6 @@ def _too_many_rows(file: Any, path: str, was: Any) -> None:
     file.create_dataset(path, shape, was.dtype, chunks=chunks)
 
 
-def _giant_chunks(file: Any, path: str, was: Any) -> None:
-    tail = was.shape[1:]
-    rows = (1 << 31) // max(1, was.dtype.itemsize * int(np.prod(tail)))
-    file.create_dataset(path, (0, *tail), was.dtype, maxshape=(None, *tail), chunks=(rows, *tail))
-
-
-def _unknown_filter(file: Any, path: str, was: Any) -> None:
-    shape = tuple(max(1, n) for n in was.shape) or (1,)
-    file.create_dataset(path, shape, was.dtype, chunks=shape, compression="lzf")
-
-
 HOSTILE: dict[str, Spoil] = {
     "missing": _nothing,
     "a group": _group,
@@ -131,12 +118,8 @@ HOSTILE: dict[str, Spoil] = {
     "opaque bytes": _opaque,
     "rows in rows": _rows_in_rows,
     "2^40 rows": _too_many_rows,
-    "chunks of 2 GiB": _giant_chunks,
-    "another filter": _unknown_filter,
 }
 """Changes by name."""
-ARRAYS_ONLY = ("chunks of 2 GiB",)
-"""Changes that a single text or number cannot have."""
 
 
 def _other_file(file: Any) -> str:

@@ -15,14 +15,11 @@ import pytest
 from rigctl.encoding.parameters import EncoderParameters
 from rigctl.encoding.reading import Reading
 from rigctl.errors import SessionError
-from rigctl.session.files.analysis_file import load_inputs
-from rigctl.session.files.encoder_group import LATER_PARAMETERS, load_ranges
-from rigctl.session.files.finger_model_file import load_finger_model
-from rigctl.session.files.force_matrix_file import load_force
-from rigctl.session.files.model_file import load_model
-from rigctl.session.files.seal import SEALED
-from rigctl.session.format.annotated_arrays import text_scalar
-from rigctl.session.format.data_sets import LIBVER
+from rigctl.session.analysis_file import LATER_PARAMETERS, load_force, load_inputs, load_ranges
+from rigctl.session.finger_model_file import load_finger_model
+from rigctl.session.hdf5_file import text_scalar
+from rigctl.session.layout import LIBVER
+from rigctl.session.model_file import load_model
 from tests.session.hostile.analysis_files import write_finger_model, write_model, write_spikes
 from tests.session.hostile.spoiling import HOSTILE, spoil
 
@@ -130,7 +127,6 @@ def test_what_is_no_file_is_refused_without_being_opened(tmp_path: Path, kind: s
 def delete(path: Path, names: tuple[str, ...]) -> None:
     """Delete data sets; who does so breaks the seal."""
     with h5py.File(path, "r+", libver=LIBVER) as file:
-        file.attrs.pop(SEALED, None)
         for name in names:
             del file[name]
 

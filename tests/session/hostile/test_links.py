@@ -12,17 +12,14 @@ import pytest
 from rigctl.analysis.data.trial_set import join_sessions
 from rigctl.cli import main
 from rigctl.errors import RigctlError, SessionError
-from rigctl.session.files.analysis_file import content_digest
-from rigctl.session.format.writer_lock import WriterLock, is_being_written, lock_owner_pid
-from rigctl.session.recover.recover import recover
+from rigctl.session.analysis_file import content_digest
 from rigctl.session.summary import summarise_session
-from rigctl.session.verify.session import verify
+from rigctl.session.verify import verify
+from rigctl.session.writer_lock import WriterLock, is_being_written, lock_owner_pid
 from tests.session.building import record_plan
-from tests.session.damage import zero
 from tests.session.test_truth_log import write_log
 
-RECOVERY = "recovery-20261123T140000Z.json"
-FILES = ("part-0001.h5", "part-0002.h5", "world.h5", "digests.txt", "protocol.toml", "rig.toml")
+FILES = ("part-0001.h5", "part-0002.h5", "world.h5", "protocol.toml", "rig.toml")
 READERS: tuple[Callable[[Path], object], ...] = (
     verify,
     summarise_session,
@@ -66,14 +63,10 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> Iterator[set[str]]:
     yield paths
 
 
-@pytest.mark.parametrize("name", [*FILES, RECOVERY])
+@pytest.mark.parametrize("name", FILES)
 def test_no_file_outside_is_read_and_verify_says_so(
     session: Path, name: str, opened: set[str]
 ) -> None:
-    if name == RECOVERY:
-        zero(session / "part-0002.h5")
-        recover(session, "2026-11-23T14:00:00Z")
-        assert verify(session).whole
     target = link_outside(session / name)
     target.chmod(0)  # who is not root could not even open it
     opened.clear()
@@ -127,20 +120,8 @@ def test_a_lock_that_is_a_link_is_not_emptied(session: Path, tmp_path: Path) -> 
     assert target.read_text() == "1"
 
 
-def test_no_lock_and_no_recovery_file_is_waited_for(session: Path) -> None:
+def test_no_lock_is_waited_for(session: Path) -> None:
     os.mkfifo(session / "writer.lock")
-    os.mkfifo(session / RECOVERY)
     with pytest.raises(SessionError, match=r"writer\.lock is a pipe"):
         WriterLock(session)
     assert not is_being_written(session)
-    assert any("is a pipe" in line for line in verify(session).problems)
-
-
-@pytest.mark.parametrize("name", FILES)
-def test_recover_refuses_a_link_outside_and_moves_nothing(session: Path, name: str) -> None:
-    target = link_outside(session / name)
-    before = sorted(path.name for path in session.iterdir())
-    with pytest.raises(SessionError, match=f"{name} is a link to a file outside its folder"):
-        recover(session, "2026-11-23T14:00:00Z")
-    assert sorted(path.name for path in session.iterdir()) == before
-    assert target.is_file()

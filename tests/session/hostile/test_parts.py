@@ -13,15 +13,13 @@ import numpy as np
 import pytest
 
 from rigctl.errors import SessionError
-from rigctl.session.format.annotated_arrays import write_attributes
-from rigctl.session.format.data_sets import LIBVER, TEXTS, SessionLayout
-from rigctl.session.format.digests import describe_part
-from rigctl.session.format.finger_layout import FINGER_LAYOUT
-from rigctl.session.format.layout import DRUM_LAYOUT
-from rigctl.session.read.finger_session import FingerSession
-from rigctl.session.read.part import PartReader
-from rigctl.session.read.session import Session
-from rigctl.session.verify.session import verify
+from rigctl.session.finger_layout import FINGER_LAYOUT
+from rigctl.session.finger_session import FingerSession
+from rigctl.session.hdf5_file import write_attributes
+from rigctl.session.layout import DRUM_LAYOUT, LIBVER, TEXTS, SessionLayout
+from rigctl.session.part import PartReader
+from rigctl.session.session import Session
+from rigctl.session.verify import verify
 from tests.session import building, finger_building
 from tests.session.hostile.spoiling import HOSTILE, spoil
 
@@ -146,14 +144,12 @@ def test_a_removed_attribute_is_named(sessions: Path, name: str) -> None:
     assert words in refusal(part)
 
 
-@pytest.mark.parametrize(
-    "value", ["of any length", h5py.Empty("i4"), np.zeros((2, 2)), np.zeros(1 << 18)]
-)
+@pytest.mark.parametrize("value", [h5py.Empty("i4"), np.zeros((2, 2)), np.zeros(1 << 18)])
 def test_an_attribute_of_another_kind_is_refused(sessions: Path, value: Any) -> None:
     part = sessions / "drum" / "part-0001.h5"
     with h5py.File(part, "r+", libver=LIBVER) as file:
         file.attrs["operator"] = value
-    assert "attribute operator of the file" in refusal(part)
+    assert "operator" in refusal(part)
 
 
 def test_names_of_attributes_are_shown_short_and_without_control_characters(
@@ -163,7 +159,7 @@ def test_names_of_attributes_are_shown_short_and_without_control_characters(
     whole = part.read_bytes()
     for name in ("x" * 5_000, "\x1b[2J\u202e\n"):
         with h5py.File(part, "r+", libver=LIBVER) as file:
-            file.attrs[name] = "of any length"
+            file.attrs[name] = np.zeros((2, 2))
         sentence = refusal(part)
         assert len(sentence) < 400
         assert sentence.isprintable()
@@ -215,24 +211,6 @@ def test_what_is_no_file_is_refused_without_being_opened(tmp_path: Path) -> None
             PartReader(tmp_path / name)
     (tmp_path / "part-0004.h5").write_bytes(b"")
     assert "is damaged" in refusal(tmp_path / "part-0004.h5")
-
-
-@pytest.mark.parametrize("experiment", LAYOUTS)
-def test_a_part_describes_itself_as_its_writer_did(sessions: Path, experiment: str) -> None:
-    reader = PartReader(sessions / experiment / "part-0002.h5")
-    with h5py.File(reader.path) as file:
-        assert reader.describe() == describe_part(file)
-    reader.close()
-
-
-def test_an_object_that_no_layout_declares_is_refused_in_the_description(sessions: Path) -> None:
-    part = sessions / "drum" / "part-0001.h5"
-    with h5py.File(part, "r+", libver=LIBVER) as file:
-        file["/taxels/more"] = file["/taxels"]
-    reader = PartReader(part)
-    with pytest.raises(SessionError, match="/taxels/more"):
-        reader.describe()
-    reader.close()
 
 
 def test_boards_of_older_parts_without_details_are_read(sessions: Path) -> None:

@@ -29,8 +29,8 @@ from rigctl.analysis.finger.published import COMPONENTS
 from rigctl.analysis.finger.scans import ScanKind, ScanSet
 from rigctl.analysis.paper.statistics import wilson_interval
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.session.files.finger_model_file import FingerModel
-from rigctl.session.files.model_file import TrainingInfo
+from rigctl.session.finger_model_file import FingerModel
+from rigctl.session.model_file import TrainingInfo
 
 Floats = NDArray[np.float64]
 

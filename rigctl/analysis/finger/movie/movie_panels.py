@@ -14,7 +14,7 @@ from rigctl.analysis.report.figures import FAINT, MUTED, TEXT
 from rigctl.encoding.scaled_time import N_WINDOWS
 from rigctl.finger_values import N_FINGER_TAXELS
 from rigctl.protocol.finger import MARKS_MM, PLATE_MM, PLATE_WIDTH_MM
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
+from rigctl.session.header import SensorLayout
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

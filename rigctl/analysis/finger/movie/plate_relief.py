@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rigctl.errors import SessionError
 from rigctl.protocol.finger import PLATE_MM
-from rigctl.session.format.metadata.header import SessionHeader
+from rigctl.session.header import SessionHeader
 from rigctl.simulation.bench.textures import CATALOGUE, find_texture, printed_heights
 from rigctl.simulation.bench.world.world_file import world_from_header
 

@@ -13,9 +13,9 @@ from rigctl.encoding.features import WINDOW_MS
 from rigctl.encoding.scaled_time import BATCH_SAMPLES, ScaledWindows
 from rigctl.errors import WrongUse
 from rigctl.finger_values import FingerTrialRow, PredictionRow
-from rigctl.session.format.finger_rows import spike_counts
-from rigctl.session.format.metadata.sensor_layout import SensorLayout
-from rigctl.session.read.finger_session import FingerSession
+from rigctl.session.finger_layout import spike_counts
+from rigctl.session.finger_session import FingerSession
+from rigctl.session.header import SensorLayout
 from rigctl.values import SAMPLE_RATE_HZ, Verdict
 
 NM_PER_MM = 1_000_000

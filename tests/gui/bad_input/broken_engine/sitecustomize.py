@@ -17,7 +17,7 @@ VARIABLE = "RIGCTL_TEST_FAULT"
 
 def _break_engine(fault: Path) -> None:
     from rigctl.devices import identity
-    from rigctl.session.write.part_writer import PartWriter
+    from rigctl.session.writer import PartWriter
 
     write = PartWriter.write
 

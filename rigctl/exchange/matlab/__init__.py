@@ -1,1 +1,0 @@
-"""MATLAB files, checked before anything in them is believed."""

@@ -1,1 +1,0 @@
-"""Files beside a session: models, spikes, force matrices, ground truth."""

@@ -1,1 +1,0 @@
-"""The layout of a session on disk: tables, columns, attributes, header, lock."""

@@ -1,1 +1,0 @@
-"""What a session says of itself before its first sample: its header, sensor and wiring."""

@@ -1,0 +1,416 @@
+"""The simulated world's own log beside a session: write, read and evaluate it.
+
+Only a simulated bench has one, ``world.h5`` for the first sitting. It gives the true speed and
+force in each trial, independently of everything that the rig measured.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.errors import DiskFault, SessionError
+from rigctl.session import layout
+from rigctl.session.hdf5_file import Attributes, DataSetSchema, Hdf5File, system_reason
+from rigctl.session.header import CUT_BY_CLOCK
+from rigctl.session.layout import ArrayLayout, Column, SessionLayout, TableLayout
+from rigctl.session.part import (
+    BufferedArray,
+    existing_parts,
+    open_appended,
+    open_part,
+    read_blocks,
+    readable_rows,
+)
+from rigctl.session.session import Session
+from rigctl.session.writer import PartWriter
+from rigctl.session.writer_lock import is_being_written
+from rigctl.values import Gap
+
+LAYOUT = "rigctl-world"
+LAYOUT_VERSION = 1
+PARTIAL = ".partial"
+"""Ends the name of a log that is being written, or whose writer was killed."""
+_LOG_NAME = re.compile(r"world(?:-([0-9]{4,6}))?\.h5(?:\.partial)?")
+
+COLUMNS = (
+    ArrayLayout("/speed_mm_s", "speed_mm_s", "f4", "mm/s", "true speed, mean over the millisecond"),
+    ArrayLayout("/force_g", "force_g", "f4", "g", "true force at the end of the millisecond"),
+    ArrayLayout("/sync", "sync", "u1", "", "level of the sync line at the end of the millisecond"),
+)
+END = TableLayout(
+    "/end",
+    "one row, written when the log was closed",
+    1,
+    (Column("n_rows", "i8", "ms", "rows of each column"),),
+)
+TRUTH_LAYOUT = SessionLayout("world", "simulated world", COLUMNS, (END,), END, has_digests=False)
+_SCHEMA = (
+    *(DataSetSchema(c.path, 1, dtype=np.dtype(f"<{c.type_code}"), tail=()) for c in COLUMNS),
+    DataSetSchema(END.path, 1, dtype=END.dtype, tail=()),
+)
+_LIMITS = {"first_ms": 1 << 48, "sitting": 1 << 15}
+"""Largest value of each attribute."""
+Start = tuple[str, float]
+"""Wall clock and loop time at the start of a sitting, as its parts have them."""
+
+
+def log_name(sitting: int) -> str:
+    """Return the file name of a sitting's log."""
+    return "world.h5" if sitting == 1 else f"world-{sitting:04d}.h5"
+
+
+def log_number(path: Path) -> int:
+    """Return the number of a log's sitting by its name, from 1; 0 for another file."""
+    found = _LOG_NAME.fullmatch(path.name)
+    return int(found[1] or 1) if found else 0
+
+
+def log_paths(folder: Path) -> list[Path]:
+    """Return the logs of a session's sittings, in order, a whole one before a partial one."""
+    return sorted(filter(log_number, folder.glob("world*")), key=lambda p: (log_number(p), p.name))
+
+
+@contextmanager
+def open_truth(path: Path) -> Iterator[TruthReader]:
+    """Open one log. Opening and reading raise SessionError for a damaged file."""
+    is_growing = path.suffix == PARTIAL and is_being_written(path.parent)
+    with open_appended(path, is_growing) as file:
+        yield TruthReader(file)
+
+
+class TruthReader:
+    """Reader of one log; row i of each column ends at ``first_ms + i + 1`` ms world time.
+
+    A log whose writer was killed has the rows that all columns hold.
+    """
+
+    def __init__(self, file: Hdf5File) -> None:
+        self._file = file
+        attributes = file.attributes()
+        if (attributes.get("layout"), attributes.get("layout_version")) != (LAYOUT, LAYOUT_VERSION):
+            raise SessionError(f"{file.path} is an HDF5 file, but not the log of a simulated world")
+        self.first_ms, self.sitting = (
+            _integer(file.path, attributes, name, most) for name, most in _LIMITS.items()
+        )
+        self.start = start_of(attributes)
+        file.check(_SCHEMA)
+        self.n_rows = min(readable_rows(file, column.path) for column in COLUMNS)
+        self._buffers = {
+            column.field: BufferedArray(partial(file.rows, column.path), self.n_rows)
+            for column in COLUMNS
+        }
+
+    def window(self, name: str, start: int, stop: int) -> NDArray[Any]:
+        """Return rows of one column; fast if each call continues the last.
+
+        Raises SessionError where one is no number.
+        """
+        rows = self._buffers[name].window(start, stop)
+        if not np.isfinite(rows).all():
+            raise SessionError(
+                f"{self._file.path} is damaged: {name} is no number in some of the rows "
+                f"{start}–{stop}"
+            )
+        return rows
+
+    def rises_ms(self) -> NDArray[np.int64]:
+        """Return the world time of each rise of sync, int64 ms: the millisecond of the rise."""
+        rises, last = [np.zeros(0, np.int64)], 0
+        for start, sync in read_blocks(partial(self.window, "sync"), self.n_rows):
+            high = (sync != 0).astype(np.int8)
+            rose = np.flatnonzero(np.diff(high, prepend=np.int8(last)) == 1)
+            rises.append(rose.astype(np.int64) + (start + self.first_ms))
+            last = int(high[-1])
+        return np.concatenate(rises)
+
+    def check(self) -> None:
+        """Read every row, so that damage raises SessionError; a whole log says its length."""
+        for column in COLUMNS:
+            for _ in read_blocks(partial(self.window, column.field), self.n_rows):
+                pass
+        if self._file.path.suffix == PARTIAL:
+            return
+        ends = self._file.rows(END.path)["n_rows"].tolist()
+        if ends != [self.n_rows]:
+            raise SessionError(f"{self._file.path} is damaged: its last rows are missing")
+
+
+def start_of(attributes: Mapping[str, Any]) -> Start:
+    """Return the start of a sitting from the attributes of a part or log."""
+    start_utc, loop_s = attributes.get("start_utc", ""), attributes.get("start_loop_s", 0.0)
+    return str(start_utc), loop_s if isinstance(loop_s, float) else 0.0
+
+
+def _integer(path: Path, attributes: Mapping[str, Any], name: str, most: int) -> int:
+    value = attributes.get(name)
+    if not isinstance(value, int) or not 0 <= value <= most:
+        raise SessionError(f"{path} is damaged: its attribute {name} is {value}")
+    return value
+
+
+TruthRows = tuple[int, NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]
+"""First millisecond, then speed in mm/s, force in g and sync, one value for each millisecond."""
+_WRITE_ERRORS = (OSError, RuntimeError, DiskFault)
+"""What a full disk and HDF5 raise, and the part's writer where its file has lost its name."""
+
+
+@dataclass(frozen=True, slots=True)
+class TruthBlock:
+    """Milliseconds in a row; ``counters`` are those of the world, int64 (n,)."""
+
+    counters: NDArray[np.int64]
+    speed_mm_s: NDArray[np.float32]
+    force_g: NDArray[np.float32]
+    sync: NDArray[np.uint8]
+    gaps: tuple[Gap, ...] = ()
+    arrived_s: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.counters)
+
+
+class TruthLog:
+    """The log of one sitting, ``world.h5.partial`` until :meth:`close` gives it its name.
+
+    A killed process leaves the rows of its last :meth:`write`. ``start`` is that of the sitting's
+    parts, ``first_ms`` the world time of the first row. Every method raises DiskFault where the
+    disk does not take it; the log then ends with the last write that was whole.
+    """
+
+    def __init__(self, folder: Path, sitting: int, start: Start, first_ms: int) -> None:
+        self.path = folder / log_name(sitting)
+        self._partial = self.path.with_name(self.path.name + PARTIAL)
+        self._next_ms = first_ms
+        self._part: PartWriter | None = None
+        attributes: Attributes = {
+            "layout": LAYOUT,
+            "layout_version": LAYOUT_VERSION,
+            "first_ms": first_ms,
+            "sitting": sitting,
+            "start_utc": start[0],
+            "start_loop_s": start[1],
+        }
+        try:
+            self._partial.unlink(missing_ok=True)
+            self._part = PartWriter(self._partial, TRUTH_LAYOUT, attributes, 0, ("", ""))
+            self._part.write()
+        except _WRITE_ERRORS as error:
+            raise self._fail(error) from error
+        self._n_rows = 0
+
+    def write(self, rows: TruthRows) -> None:
+        """Append rows, which must follow those before, and flush them."""
+        first_ms, speed, force, sync = rows
+        if first_ms != self._next_ms:
+            raise SessionError(
+                f"{self._partial} ends at {self._next_ms} ms and the new rows begin at {first_ms} "
+                "ms: part of the truth is missing"
+            )
+        self._next_ms += len(sync)
+        self._n_rows += len(sync)
+        counters = np.arange(first_ms, self._next_ms, dtype=np.int64)
+        if self._part is None or not len(sync):
+            return
+        try:
+            self._part.add_samples(TruthBlock(counters, speed, force, sync))
+            self._part.write()
+        except _WRITE_ERRORS as error:
+            raise self._fail(error) from error
+
+    def close(self) -> Path:
+        """Close the log, give it its name in place of an older one, and return its path."""
+        if self._part is None:
+            return self._partial
+        try:
+            self._part.add_rows(END, [(self._n_rows,)])
+            self._part.write()
+            self._part.sync()
+            self._part.close()
+            self._part = None
+            self._partial.replace(self.path)
+        except _WRITE_ERRORS as error:
+            raise self._fail(error) from error
+        return self.path
+
+    def _fail(self, error: OSError | RuntimeError | DiskFault) -> DiskFault:
+        part, self._part = self._part, None
+        if part is not None:
+            part.abandon()
+        reason = error if isinstance(error, DiskFault) else system_reason(error)
+        return DiskFault(
+            f"{self._partial} could not be written ({reason}): the truth of the simulated world "
+            "ends there; make room on the disk"
+        )
+
+
+SLACK_MS = 1_000
+"""An attempt's rise of sync is between its end and this time before its start."""
+
+OnTrial = Callable[[int, int], None]
+"""Progress: number of trials done, and of all trials."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrialTruth:
+    """Errors of the true means over one committed trial's window, relative to the set-points."""
+
+    trial_id: int
+    speed_error: float
+    force_error: float
+
+
+def check_log(path: Path) -> None:
+    """Read one log. Raises SessionError for a damaged file."""
+    with open_truth(path) as log:
+        log.check()
+
+
+def trial_truths(
+    session: Session, on_trial: OnTrial = lambda done, trials: None
+) -> list[TrialTruth]:
+    """Return the truth of each committed trial that a readable log covers, by trial id.
+
+    Calls ``on_trial`` before each trial. :func:`check_truth` raises for a damaged log.
+    """
+    committed = session.committed()
+    rows = session.trials[committed]
+    starts = _part_starts(session.path)
+    truths: dict[int, TrialTruth] = {}
+    for path in log_paths(session.path):
+        # Damage costs this log only; verify names it.
+        with suppress(SessionError), open_truth(path) as log:
+            rises = log.rises_ms()
+            own = np.flatnonzero(np.isin(rows["part"], _parts_of(log, starts)))
+            for i in own[np.argsort(rows["started_s"][own], kind="stable")].tolist():
+                on_trial(len(truths), len(rows))
+                row = rows[i]
+                rise = _last_rise_ms(rises, row)
+                if rise is None and session.header.cut_by == CUT_BY_CLOCK:
+                    rise = _drum_rise_ms(session, int(committed[i]))
+                if rise is not None and rise + int(row["count"]) < log.first_ms + log.n_rows:
+                    truths[i] = _trial_truth(log, rise, row)
+    return [truths[i] for i in sorted(truths)]
+
+
+def summarise_truth(
+    session: Session, on_trial: OnTrial = lambda done, trials: None
+) -> dict[str, Any] | None:
+    """Return the ``world`` section of ``rigctl info``; None without a log.
+
+    Calls ``on_trial`` as :func:`trial_truths` does.
+    """
+    if not log_paths(session.path):
+        return None
+    truths = trial_truths(session, on_trial)
+    speed = [abs(truth.speed_error) * 1000 for truth in truths]
+    force = [abs(truth.force_error) * 1000 for truth in truths]
+    return {
+        "trials": len(truths),
+        "max_speed_error_permille": round(max(speed), 4) if speed else None,
+        "max_force_error_permille": round(max(force), 4) if force else None,
+        "mean_speed_error_permille": round(float(np.mean(speed)), 4) if speed else None,
+        "mean_force_error_permille": round(float(np.mean(force)), 4) if force else None,
+    }
+
+
+def _trial_truth(log: TruthReader, rise_ms: int, row: Any) -> TrialTruth:
+    """Return the trial's truth: means over its length from the millisecond after the rise."""
+    start = rise_ms + 1 - log.first_ms
+    stop = start + int(row["count"])
+    speed = float(np.mean(np.abs(log.window("speed_mm_s", start, stop)), dtype=np.float64))
+    force = float(np.mean(log.window("force_g", start, stop), dtype=np.float64))
+    return TrialTruth(
+        trial_id=int(row["trial_id"]),
+        speed_error=speed / float(row["speed_mm_s"]) - 1,
+        force_error=force / float(row["force_g"]) - 1 if row["force_g"] else 0.0,
+    )
+
+
+def _last_rise_ms(rises: NDArray[np.int64], row: Any) -> int | None:
+    """Return the attempt's last rise; on a simulated bench, loop time is world time."""
+    low = np.searchsorted(rises, float(row["started_s"]) * 1000 - SLACK_MS)
+    high = np.searchsorted(rises, float(row["ended_s"]) * 1000)
+    return int(rises[high - 1]) if high > low else None
+
+
+def _drum_rise_ms(session: Session, index: int) -> int | None:
+    """Return when the drum opened the window, by its own clock, for a world without a sync wire.
+
+    The result is late by the delay of the drum's last reply, a few milliseconds.
+    """
+    polls = session.drum(index).polls
+    if not len(polls):
+        return None
+    since_s = (int(polls["board_time_us"][-1]) - int(polls["sync_rise_us"][-1])) * 1e-6
+    return round((float(polls["at_s"][-1]) - since_s) * 1000)
+
+
+def _part_starts(folder: Path) -> dict[int, Start]:
+    """Return the start of the sitting of each part that can be read, by the part's number."""
+    starts: dict[int, Start] = {}
+    for path in existing_parts(folder):
+        try:
+            with open_part(path) as file:
+                attributes = file.attributes()
+        except SessionError:
+            continue
+        starts[layout.part_number(path)] = start_of(attributes)
+    return starts
+
+
+def _sittings(starts: Mapping[int, Start]) -> dict[int, int]:
+    """Return the sitting of each part, from 1: every start of the program begins one.
+
+    A missing part between two sittings may have had one of its own, so later ones are not known.
+    """
+    sittings: dict[int, int] = {}
+    last_start, last_number = None, 0
+    for number, start in sorted(starts.items()):
+        if start != last_start and number > last_number + 1:
+            break
+        sittings[number] = sittings.get(last_number, 0) + (start != last_start)
+        last_start, last_number = start, number
+    return sittings
+
+
+def _parts_of(log: TruthReader, starts: Mapping[int, Start]) -> list[int]:
+    """Return the numbers of the parts of a log's sitting."""
+    return [number for number, start in starts.items() if start == log.start]
+
+
+def begin_log(folder: Path, start: Start, first_ms: int, again: bool = False) -> TruthLog:
+    """Begin the log of the sitting with this start, which has its own, as world time begins at 0.
+
+    ``again``: the world has begun from its start once more, so this log replaces an older one of
+    the same sitting when it is closed. Raises DiskFault.
+    """
+    starts = _part_starts(folder)
+    own = _log_of(starts, folder, start) if again else None
+    sitting = log_number(own) if own is not None else _new_sitting(starts, folder, start)
+    return TruthLog(folder, sitting, start, first_ms)
+
+
+def _log_of(starts: Mapping[int, Start], folder: Path, start: Start) -> Path | None:
+    """Return the log of the sitting with this start."""
+    for path in log_paths(folder):
+        with suppress(SessionError), open_truth(path) as log:  # verify names a damaged one
+            if start in [starts[number] for number in _parts_of(log, starts)]:
+                return path
+    return None
+
+
+def _new_sitting(starts: Mapping[int, Start], folder: Path, start: Start) -> int:
+    """Return the number of a sitting that has no log yet, and perhaps no part."""
+    sittings = _sittings(starts)
+    own = [sitting for number, sitting in sittings.items() if starts[number] == start]
+    number = own[0] if own else max([0, *sittings.values()]) + 1
+    return max([number, *(log_number(path) + 1 for path in log_paths(folder))])

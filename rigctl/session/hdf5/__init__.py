@@ -1,1 +1,0 @@
-"""The one door for reading HDF5: files that nobody has to trust."""

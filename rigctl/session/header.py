@@ -1,0 +1,362 @@
+"""What a session says before its first sample: header, sensor and wiring, attributes of every part.
+
+The columns of the samples are the places of the sensor: layer by layer, in each layer row by row.
+If two wirings differ, taxel 4 of one session is not taxel 4 of the other, so the program never
+combines the two.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from math import isqrt
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from rigctl.config.names import name_problem, shorten
+from rigctl.config.rig_config import LAYER_NAME_BYTES, MAX_TAXELS, TaxelArray
+from rigctl.config.toml_reader import TomlText
+from rigctl.encoding.normalisation import Normalisation
+from rigctl.encoding.parameters import DEFAULT, PRESETS, EncoderParameters
+from rigctl.encoding.reading import FULL_SCALE, Reading
+from rigctl.errors import SessionError
+from rigctl.session.hdf5_file import Attributes, damage, describe, parse_json
+from rigctl.session.layout import DRUM_EXPERIMENT
+from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ, BoardIdentity
+
+ATTRIBUTE = "sensor_layout"
+LAYER_NAMES = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII")
+"""Names of layers that have none. The paper's Type I is the upper layer, Type II lies below it."""
+LAYERS_SHOWN = 8
+_ROMAN = re.compile("[IVX]+")
+
+
+@dataclass(frozen=True, slots=True)
+class SensorLayout:
+    """Rows and columns of each layer of a sensor, and its layers from the top, by name.
+
+    Raises ValueError for sizes below 1, more than 1024 taxels, and for layers without a name or of
+    the same name.
+    """
+
+    rows: int
+    columns: int
+    layers: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if min(self.rows, self.columns, len(self.layers)) < 1:
+            raise ValueError("a sensor has at least one row, one column and one layer")
+        if self.n_taxels > MAX_TAXELS:
+            raise ValueError(f"{shorten(self.describe())} are more than {MAX_TAXELS} taxels")
+        for name in self.layers:
+            if problem := name_problem(name, LAYER_NAME_BYTES):
+                raise ValueError(f"a layer's name {problem}")
+        if len(set(self.layers)) < len(self.layers):
+            name = Counter(self.layers).most_common(1)[0][0]
+            raise ValueError(f"two layers have the same name: {name}")
+
+    @classmethod
+    def default(cls, n_taxels: int) -> SensorLayout:
+        """Return the layout of a session that does not say it.
+
+        18 taxels are the paper's sensor, 3 × 3 in two layers. Any other number is one layer: a
+        square if there is one, such as 3 × 3 or 4 × 4, else a single row.
+        """
+        if n_taxels == N_TAXELS:
+            return cls(3, 3, LAYER_NAMES[:2])
+        side = isqrt(n_taxels)
+        rows = side if side * side == n_taxels else 1
+        return cls(rows, n_taxels // rows, LAYER_NAMES[:1])
+
+    @classmethod
+    def of_rig(cls, taxels: TaxelArray) -> SensorLayout:
+        """Return the layout that ``[taxels]`` of a rig describes.
+
+        Without names, the layers are as many as the rows and columns leave for ``count``; where
+        these do not divide it, the layout is the default of that number.
+        """
+        if taxels.layers:
+            return cls(taxels.rows, taxels.columns, taxels.layers)
+        n_layers, rest = divmod(taxels.count, taxels.rows * taxels.columns)
+        if rest or not 1 <= n_layers <= len(LAYER_NAMES):
+            return cls.default(taxels.count)
+        return cls(taxels.rows, taxels.columns, LAYER_NAMES[:n_layers])
+
+    def to_values(self) -> dict[str, Any]:
+        """Return plain values for JSON: ``rows``, ``columns``, ``layers``."""
+        return {**asdict(self), "layers": list(self.layers)}
+
+    @property
+    def n_taxels(self) -> int:
+        """Number of taxels of all layers."""
+        return self.rows * self.columns * len(self.layers)
+
+    @property
+    def per_layer(self) -> int:
+        """Number of taxels of one layer."""
+        return self.rows * self.columns
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each taxel: layer and number from 1, as I-1 … II-18; with one layer 1 … n."""
+        names = self.layers if len(self.layers) > 1 else ("",)
+        return tuple(
+            f"{names[self.layer_of(taxel)]}-{taxel + 1}".removeprefix("-")
+            for taxel in range(self.n_taxels)
+        )
+
+    def layer_of(self, taxel: int) -> int:
+        """Return the number of a taxel's layer in ``layers``; both count from 0."""
+        return taxel // self.per_layer
+
+    def row_of(self, taxel: int) -> int:
+        """Return the row of a taxel in its layer; both count from 0."""
+        return taxel % self.per_layer // self.columns
+
+    def taxels_of(self, layer: int) -> range:
+        """Return the taxels of a layer; both count from 0."""
+        return range(layer * self.per_layer, (layer + 1) * self.per_layer)
+
+    def channel_name(self, channel: str, layer: int) -> str:
+        """Return the name of the trains of a channel and layer.
+
+        SAI of Roman numerals, ``SA upper`` of other names, SA where there is one layer.
+        """
+        if len(self.layers) == 1:
+            return channel
+        name = self.layers[layer]
+        return f"{channel}{name}" if _ROMAN.fullmatch(name) else f"{channel} {name}"
+
+    def train_groups(self) -> tuple[tuple[str, range], ...]:
+        """Return name and rows in :class:`rigctl.values.Spikes` of the trains of each kind.
+
+        In the paper's order: SAI, RAI, SAII, RAII; with one layer SA, RA.
+        """
+        return tuple(
+            (self.channel_name(channel, layer), range(first + taxels.start, first + taxels.stop))
+            for layer, taxels in enumerate(map(self.taxels_of, range(len(self.layers))))
+            for channel, first in (("SA", 0), ("RA", self.n_taxels))
+        )
+
+    def train_names(self) -> tuple[tuple[str, int], ...]:
+        """Return name and row in :class:`rigctl.values.Spikes` of each train, as SAI-1 … RAII-18.
+
+        Trains are in the order of :meth:`train_groups`; taxels count from 1 over all layers.
+        """
+        return tuple(
+            (f"{name}-{row % self.n_taxels + 1}", row)
+            for name, rows in self.train_groups()
+            for row in rows
+        )
+
+    def describe(self) -> str:
+        """Return the layout in words, as 3 × 3 taxels in 2 layers (I, II); of many the first."""
+        words = f"{self.rows} × {self.columns} taxels in "
+        if len(self.layers) == 1:
+            return f"{words}one layer"
+        names = ", ".join(self.layers[:LAYERS_SHOWN])
+        more = ", …" if len(self.layers) > LAYERS_SHOWN else ""
+        return f"{words}{len(self.layers)} layers ({names}{more})"
+
+
+def layouts_match(one: SensorLayout | None, other: SensorLayout | None) -> bool:
+    """Return whether both have each taxel at the same place; None, an older part, matches any.
+
+    Names do not matter.
+    """
+    if one is None or other is None:
+        return True
+    sizes = [(each.rows, each.columns, len(each.layers)) for each in (one, other)]
+    return sizes[0] == sizes[1]
+
+
+def describe_difference(one: SensorLayout | None, other: SensorLayout | None) -> str:
+    """Return both layouts for an error message."""
+    names = [layout.describe() if layout else "unknown" for layout in (one, other)]
+    return f"{names[0]}, not {names[1]}"
+
+
+INT32 = 1 << 31
+JSON_ATTRIBUTES: Mapping[str, type[Any]] = {
+    "boards": list,
+    "stages": list,
+    "taxel_low": list,
+    "taxel_high": list,
+    "wiring": list,
+    "sensor_layout": dict,
+    "simulation": dict,
+    "tracker": dict,
+}
+"""Attributes that hold JSON, and what it must be."""
+Count = Annotated[int, Meta(ge=0, le=INT32)]
+TaxelCount = Annotated[int, Meta(ge=1, le=MAX_TAXELS)]
+RateHz = Annotated[int, Meta(ge=1, le=1_000_000)]
+Counts = tuple[Annotated[int, Meta(ge=0, le=65_535)], ...]
+Wiring = tuple[Annotated[int, Meta(ge=0, lt=MAX_TAXELS)], ...]
+ReadingName = Annotated[str, Meta(pattern=f"^({'|'.join(Reading)})$")]
+IMPORTED = "import"
+"""``rig`` of a session that was imported from other recordings."""
+CUT_BY_WIRE, CUT_BY_CLOCK = "sync line", "drum clock"
+"""``cut_by``: the signal that marks the first sample of a trial."""
+ADC_COUNTS = f"ADC counts, 0–{FULL_SCALE}"
+_FINGER_ONLY = ("experiment", "reference_um_per_s", "stages", "tracker")
+
+
+@dataclass(frozen=True, slots=True)
+class SessionHeader:
+    """Operator, rig, boards, software, plan and sample format of a session.
+
+    ``start_utc`` is an ISO 8601 time stamp from the command line, ``start_loop_s`` the loop time
+    at that instant. ``taxel_low`` and ``taxel_high`` are the calibrated range of each taxel in
+    stored counts, empty without calibration. ``encoder_reading``: what the live encoder took of the
+    samples, a :class:`~rigctl.encoding.reading.Reading`; older parts have counts. ``wiring`` is the
+    reading of the taxel wire in each column of the samples;
+    :mod:`rigctl.session.header` explains an empty one.
+    ``sensor_layout`` has rows, columns and layers of the sensor; None in older parts.
+    ``sample_unit`` is the unit of a reading, ``highest_reading`` its upper limit. ``cut_by`` is
+    the signal that marks the first sample of a trial, empty if unknown. ``simulation`` holds what
+    repeats a simulated bench (seed, slice length, parameters) and is empty for a real one.
+
+    The moving finger also has ``experiment``, the reference speed of scaled time, the planned
+    ``stages`` and the ``tracker`` (name and plate frame); parts of the drum lack these attributes.
+    ``taxel_low`` and ``taxel_high`` are then the ranges that the board uses in the part.
+    """
+
+    plan_hash: str
+    seed: int
+    trials_planned: Count
+    rig: str
+    simulated: bool
+    start_utc: str
+    start_loop_s: float = 0.0
+    protocol: str = ""
+    boards: tuple[BoardIdentity, ...] = ()
+    operator: str = ""
+    sensor: str = ""
+    software_version: str = ""
+    software_commit: str = ""
+    encoder_preset: str = ""
+    encoder_reading: ReadingName = Reading.COUNTS
+    n_taxels: TaxelCount = N_TAXELS
+    sample_rate_hz: RateHz = SAMPLE_RATE_HZ
+    sample_unit: str = ADC_COUNTS
+    highest_reading: Annotated[int, Meta(ge=1, le=65_535)] = FULL_SCALE
+    taxel_low: Counts = ()
+    taxel_high: Counts = ()
+    wiring: Wiring = ()
+    sensor_layout: SensorLayout | None = None
+    cut_by: str = ""
+    simulation: dict[str, Any] = field(default_factory=dict)
+    experiment: str = DRUM_EXPERIMENT
+    reference_um_per_s: Count = 0
+    stages: tuple[str, ...] = ()
+    tracker: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def encoder_parameters(self) -> EncoderParameters:
+        """Parameters of the live encoder; those of an unknown preset are the default's."""
+        known = PRESETS.get(self.encoder_preset, DEFAULT)
+        return replace(known, reading=Reading(self.encoder_reading))
+
+    @property
+    def calibrated_ranges(self) -> Normalisation | None:
+        """Calibrated range of each taxel for the live encoder; None without one.
+
+        A calibration is in counts, so there is none for another reading.
+        """
+        is_calibrated = self.taxel_low and self.taxel_high
+        if not is_calibrated or self.encoder_reading != Reading.COUNTS:
+            return None
+        low, high = (np.array(side, np.uint16) for side in (self.taxel_low, self.taxel_high))
+        return Normalisation(low, high, "calibration of the session")
+
+    def to_attributes(self) -> Attributes:
+        """Return the attributes of a part's root; sequences and mappings become JSON."""
+        values = {
+            name: json.dumps(value) if isinstance(value, tuple | dict) else value
+            for name, value in asdict(self).items()
+            if name not in _FINGER_ONLY or self.experiment != DRUM_EXPERIMENT
+        }
+        if self.sensor_layout is None:
+            del values[ATTRIBUTE]
+        return {**values, "simulated": int(self.simulated)}
+
+    @classmethod
+    def from_attributes(cls, attributes: Mapping[str, Any], path: Path) -> SessionHeader:
+        """Return the inverse of :meth:`to_attributes`; ignore unknown attributes.
+
+        ``path``: the part. Raises SessionError that names the attribute for a missing one, another
+        type, and a value out of its range.
+        """
+        if "boards" not in attributes:
+            raise damage(path, "its description", "lacks the attribute boards")
+        values = {
+            field.name: attributes[field.name] for field in fields(cls) if field.name in attributes
+        }
+        for name, wanted in JSON_ATTRIBUTES.items():
+            if name in values:
+                place = f"attribute {name} of the file"
+                values[name] = parse_json(str(values[name]), wanted, path, place)
+        if values.get("simulated") in (0, 1):
+            values["simulated"] = bool(values["simulated"])
+        try:
+            header = msgspec.convert(values, cls)
+            header._check()
+        except (ValueError, RecursionError) as error:
+            raise damage(path, "its description", f"is wrong: {describe(error)}") from error
+        return header
+
+    def _check(self) -> None:
+        """Raise ValueError for values that do not fit each other."""
+        if not math.isfinite(self.start_loop_s):
+            raise ValueError(f"start_loop_s is {self.start_loop_s}")
+        for name in ("taxel_low", "taxel_high", "wiring"):
+            if len(getattr(self, name)) not in (0, self.n_taxels):
+                raise ValueError(f"{name} is neither empty nor one integer for each taxel")
+        layout = self.sensor_layout
+        if layout is not None and layout.n_taxels != self.n_taxels:
+            raise ValueError(
+                f"sensor_layout is {layout.describe()}, but a sample has {self.n_taxels} readings"
+            )
+
+
+def session_wiring(header: SessionHeader, rig_text: str) -> Wiring:
+    """Return the reading at each place; empty for an import, whose mapping orders its columns.
+
+    Older parts lack the attribute: the wiring in ``rig_text`` applies to them or, if that has
+    none, the order of the wire. Raises SessionError for a text that is not TOML.
+    """
+    if header.wiring or header.rig == IMPORTED:
+        return header.wiring
+    rig = TomlText("the session's description of its rig", rig_text, SessionError)
+    wiring = rig.root.table("taxels").integers("wiring", (), low=0, high=MAX_TAXELS)
+    return wiring or tuple(range(header.n_taxels))
+
+
+def source_wiring(source: Mapping[str, Any]) -> Wiring:
+    """Return the wiring of a source session that a model or a file of spikes lists.
+
+    Older files have none: their sessions have the order of the wire, the default at that time.
+    """
+    wiring = source.get("wiring")
+    if wiring is not None or source.get("rig") == IMPORTED:
+        return tuple(wiring or ())
+    return tuple(range(int(source.get("n_taxels", 0))))
+
+
+def wirings_match(one: Wiring, other: Wiring) -> bool:
+    """Return whether both have each taxel at the same place; an empty wiring matches any."""
+    return not one or not other or one == other
+
+
+def describe_mismatch(one: Wiring, other: Wiring) -> str:
+    """Return both orders for an error message, in the syntax of ``rig.toml``."""
+    return f"[taxels] wiring = {list(one)}, not {list(other)}"

@@ -1,0 +1,422 @@
+"""Record a session: take values from the event loop without blocking it, write in a thread.
+
+::
+
+    loop                              recorder's thread (the only one that touches HDF5)
+    samples   ─┐
+    rows      ─┼─► bounded queue ──►  every 0.25 s, or immediately for a trial, part or end:
+    events    ─┤                      take all, append, flush; fsync when a trial ended;
+    trials    ─┘                      publish the state of the disk as ``status``
+
+One flush writes everything queued since the last, so a slow disk makes larger batches, not a
+longer queue. A failure ends the thread; committed rows stay readable, and ``status.failure``
+contains the remedy.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+from rigctl.errors import DiskFault, SessionError
+from rigctl.session import layout
+from rigctl.session.digests import FIRST_DIGEST
+from rigctl.session.header import (
+    SessionHeader,
+    describe_difference,
+    describe_mismatch,
+    layouts_match,
+    session_wiring,
+    wirings_match,
+)
+from rigctl.session.layout import SessionLayout, SessionOutcome, drum_row, trial_row
+from rigctl.session.notes import SessionNote, check_note, write_note
+from rigctl.session.part import check_experiment, existing_parts, layout_of, open_part, part_paths
+from rigctl.session.session import open_session
+from rigctl.session.session_reader import highest_number, open_parts
+from rigctl.session.writer import (
+    Attempt,
+    EncodeTrial,
+    RecorderStatus,
+    SampleBlock,
+    SessionHistory,
+    SessionWriter,
+    failure_message,
+)
+from rigctl.session.writer_lock import WriterLock
+from rigctl.values import Block, DrumState, Event, Gap, TrialRow
+
+
+def keep_private(folder: Path) -> None:
+    """Close a session's folder and files to other users, those included that are made later.
+
+    Everything that this process makes from now on is private: an engine records for one rig.
+    Windows keeps a folder's own permissions. Raises SessionError where the folder is another's.
+    """
+    os.umask(0o077)
+    if not folder.is_dir():
+        return
+    for path in (folder, *folder.iterdir()):
+        if path.is_symlink():
+            continue
+        try:
+            path.chmod(0o700 if path.is_dir() else 0o600)
+        except OSError as error:
+            raise SessionError(
+                f"{path} cannot be made private ({error.strerror}): record into a folder of your "
+                "own, or set recording.private = false"
+            ) from error
+
+
+def read_history(folder: Path) -> SessionHistory:
+    """Return what the parts in a folder hold; one that cannot be read counts with its number."""
+    if not existing_parts(folder):
+        return SessionHistory(highest_number(folder))
+    with open_session(folder) as session:
+        digests = [part.last_digest for part in session.parts if part.last_digest]
+        committed = session.trials["trial_id"][session.committed()].tolist()
+    last = digests[-1] if digests else FIRST_DIGEST
+    return SessionHistory(highest_number(folder), last, frozenset(committed))
+
+
+def prepare_folder(
+    folder: Path, header: SessionHeader, texts: tuple[str, str], resume: bool
+) -> WriterLock:
+    """Create the folder, lock it and write the protocol and rig ``texts`` into it.
+
+    Raises SessionError if the folder holds a session or other texts (without ``resume``), or holds
+    none, one of another plan or one of another order of taxels (with ``resume``), or has a living
+    writer;
+    DiskFault if it is not writable.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        raise SessionError(f"{folder} is a file: give the path of a folder") from error
+    except OSError as error:
+        raise DiskFault(f"cannot make {folder}: {error.strerror}; choose another folder") from error
+    lock = WriterLock(folder)
+    try:
+        _check_contents(folder, header, resume)
+        for name, text in zip((layout.PROTOCOL_FILE, layout.RIG_FILE), texts, strict=True):
+            _write_once(folder / name, text, resume)
+    except BaseException:
+        lock.release()
+        raise
+    return lock
+
+
+def check_same_world(folder: Path, recorded: Mapping[str, Any], current: Mapping[str, Any]) -> None:
+    """Compare the ``world`` of a session's ``simulation`` header with that of the connected rig.
+
+    Both map parameter names to values; a real rig has none. Raises SessionError that names the
+    first parameter that differs.
+    """
+    there = recorded.get("world")
+    here = json.loads(json.dumps(current.get("world")))  # turns tuples into lists
+    if there == here:
+        return
+    if there is None or here is None:
+        raise SessionError(
+            f"{folder} does not say in which simulated world it was recorded: start a new session"
+        )
+    name = next(n for n in {**there, **here} if there.get(n) != here.get(n))
+    raise SessionError(
+        f"{folder} was recorded in another world, {name} is {_format(there, name)} there and "
+        f"{_format(here, name)} here: resume it in its own world (`rigctl world {folder}` prints "
+        "it), or start a new session"
+    )
+
+
+def _format(world: Mapping[str, Any], name: str) -> str:
+    return json.dumps(world[name]) if name in world else "absent"
+
+
+def _write_once(path: Path, text: str, resume: bool) -> None:
+    """Write a text beside the parts; a resumed session keeps the first one.
+
+    Raises SessionError where a new session would keep that of a run without parts.
+    """
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError as error:
+        if not resume and path.read_text(encoding="utf-8", errors="replace") != text:
+            raise SessionError(
+                f"{path} is there already and is not that of this run: choose another folder, or "
+                "move the file away"
+            ) from error
+    except OSError as error:
+        raise DiskFault(
+            f"cannot write {path}: {error.strerror}; make room or choose another disk"
+        ) from error
+
+
+def _check_contents(folder: Path, header: SessionHeader, resume: bool) -> None:
+    if resume:
+        _check_plan(_last_readable(folder), header)
+    elif highest_number(folder):
+        raise SessionError(
+            f"{folder} already holds a session: continue it with --resume, or choose another folder"
+        )
+
+
+def _last_readable(folder: Path) -> Path:
+    """Return the last part that can be read. Raises SessionError if none can."""
+    paths = part_paths(folder)
+    parts, damaged = open_parts(paths)
+    for part in parts:
+        part.close()
+    if not parts:
+        raise SessionError(f"{paths[0]} {damaged[layout.part_number(paths[0])]}")
+    return parts[-1].path
+
+
+def _check_plan(path: Path, header: SessionHeader) -> None:
+    with open_part(path) as file:
+        attributes = file.attributes()
+        found, wanted = layout_of(attributes, path), layout_of(header.to_attributes(), path)
+        check_experiment(path.parent, found, wanted)
+        recorded = SessionHeader.from_attributes(attributes, path)
+        wiring = session_wiring(recorded, file.text("/rig_toml"))
+    if (recorded.plan_hash, recorded.n_taxels) != (header.plan_hash, header.n_taxels):
+        raise SessionError(
+            f"{path.parent} was recorded with another protocol or seed: resume it with its own "
+            f"{layout.PROTOCOL_FILE}, or start a new session"
+        )
+    if recorded.reference_um_per_s != header.reference_um_per_s:
+        raise SessionError(
+            f"{path.parent} has a reference speed of {recorded.reference_um_per_s} µm/s, not of "
+            f"{header.reference_um_per_s}: resume it with its own, or start a new session"
+        )
+    if not layouts_match(recorded.sensor_layout, header.sensor_layout):
+        raise SessionError(
+            f"{path.parent} is of a sensor with another layout than this rig has "
+            f"({describe_difference(recorded.sensor_layout, header.sensor_layout)}): resume it "
+            "with its own [taxels], or start a new session"
+        )
+    if not wirings_match(header.wiring, wiring):
+        raise SessionError(
+            f"{path.parent} has its taxels in another order than this rig has "
+            f"({describe_mismatch(wiring, header.wiring)}): resume it with its own wiring, "
+            "or start a new session"
+        )
+
+
+FLUSH_PERIOD_S = 0.25
+QUEUE_LIMIT_SAMPLES = 600_000
+"""Ten minutes of samples, about 28 MB: longer than any stall that a disk recovers from."""
+WAKE_AT_SAMPLES = 20_000
+"""A fast simulation reaches this before the flush period ends."""
+
+
+class SessionRecorder:
+    """Writer of one session of any layout. Only ``wait_written`` and ``close`` block.
+
+    A recorder of an experiment adds its layout and its values.
+
+    Creates ``folder`` if necessary; with ``resume`` it must hold a session of the same plan, and
+    new parts follow the old ones. Raises SessionError while another writer holds the folder or if
+    it holds another session, DiskFault if it is not writable.
+    """
+
+    layout: ClassVar[SessionLayout]
+
+    def __init__(
+        self,
+        folder: Path,
+        header: SessionHeader,
+        protocol_text: str,
+        rig_text: str,
+        *,
+        resume: bool = False,
+        queue_limit_samples: int = QUEUE_LIMIT_SAMPLES,
+    ) -> None:
+        self.folder = folder
+        texts = (protocol_text, rig_text)
+        self.header = header = replace(header, experiment=self.layout.experiment)
+        self._lock = prepare_folder(folder, header, texts, resume)
+        self._writer = SessionWriter(folder, self.layout, header, texts, read_history(folder))
+        self._actions: deque[tuple[Callable[[], object], int]] = deque()
+        self._limit_samples = queue_limit_samples
+        self._put_samples = self._taken_samples = 0  # each is changed by one thread only
+        self._dropped = 0
+        self._overflow: Gap | None = None
+        self._failure: str | None = None
+        self._closing = False
+        self._outcome: SessionOutcome | None = None
+        self._wake = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+        self._thread.start()
+
+    @property
+    def status(self) -> RecorderStatus:
+        """Snapshot, cheap enough for every display update."""
+        return replace(self._writer.status, queue_samples=self._queue_samples, failure=self.failure)
+
+    @property
+    def failure(self) -> str | None:
+        """Reason why data did not reach the disk, with the remedy; None while all data does."""
+        if self._failure or not self._dropped:
+            return self._failure
+        return (
+            f"{self._dropped} samples were lost because the disk of {self.folder} cannot keep up: "
+            "record on a faster or less busy disk."
+        )
+
+    def add_event(self, event: Event) -> None:
+        """Record an event."""
+        self._put(partial(self._writer.add_event, event))
+
+    def add_note(self, note: SessionNote) -> None:
+        """Write a note beside the parts; the record itself does not change."""
+        self._put(partial(write_note, self.folder, check_note(note)))
+        self._wake.set()
+
+    def wait_written(self) -> None:
+        """Wait until all added data is on the medium. Raises DiskFault if writing failed."""
+        done = threading.Event()
+        self._put(self._writer.sync)
+        self._put(done.set)
+        self._wake.set()
+        while not done.wait(FLUSH_PERIOD_S) and self._thread.is_alive():
+            pass
+        if self._failure is not None:
+            raise DiskFault(self._failure)
+
+    @property
+    def closing_digest(self) -> str:
+        """The digest of the whole session, 64 hexadecimal digits; empty before it is closed."""
+        return self._writer.closing_digest
+
+    def close(self, outcome: SessionOutcome | None = None) -> None:
+        """Close the session, end the thread and unlock the folder; further calls do nothing.
+
+        Without an ``outcome``, the session is finished if every planned trial is committed, and
+        stopped if not.
+        """
+        self._put_overflow()
+        self._outcome = outcome
+        self._closing = True
+        self._wake.set()
+        self._thread.join()
+        self._lock.release()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        failed = kind is not None and issubclass(kind, Exception)
+        self.close(SessionOutcome.FAILED if failed else None)
+
+    @property
+    def _queue_samples(self) -> int:
+        return self._put_samples - self._taken_samples
+
+    def _begin_part(self, reason: str, texture: str, header: SessionHeader | None = None) -> None:
+        self._put_overflow()
+        if header is not None:
+            header = replace(header, experiment=self.layout.experiment)
+        self._put(partial(self._writer.begin_part, reason, texture, header))
+        self._wake.set()
+
+    def _put_block(self, block: SampleBlock) -> None:
+        """Record samples; if the queue is full, drop them and record a gap."""
+        if self._failure is not None:
+            return
+        if self._queue_samples + len(block) > self._limit_samples:
+            self._drop(block)
+            return
+        self._put_overflow()
+        self._put(partial(self._writer.add_block, block), len(block))
+        if self._queue_samples >= WAKE_AT_SAMPLES:
+            self._wake.set()
+
+    def _put_trial(self, row: Attempt, encode: EncodeTrial) -> None:
+        """Record an attempt with the next flush, which then syncs the file."""
+        self._put(partial(self._writer.commit_trial, row, encode))
+
+    def _put(self, action: Callable[[], object], samples: int = 0) -> None:
+        if self._failure is None and not self._closing:
+            self._put_samples += samples
+            self._actions.append((action, samples))
+
+    def _take(self) -> list[Callable[[], object]]:
+        """Remove and return all actions, oldest first."""
+        taken = [self._actions.popleft() for _ in range(len(self._actions))]
+        self._taken_samples += sum(samples for _, samples in taken)
+        return [action for action, _ in taken]
+
+    def _drop(self, block: SampleBlock) -> None:
+        first = min([int(block.counters[0]), *(gap.first_counter for gap in block.gaps)])
+        if self._overflow is not None:
+            first = self._overflow.first_counter
+        end = int(block.counters[-1]) + 1
+        self._overflow = Gap(first, end - first, "recorder queue full")
+        self._dropped += len(block)
+
+    def _put_overflow(self) -> None:
+        gap, self._overflow = self._overflow, None
+        if gap is not None:
+            self._put(partial(self._writer.add_gap, gap))
+
+    def _run(self) -> None:
+        try:
+            while not self._closing:
+                self._wake.wait(FLUSH_PERIOD_S)
+                self._wake.clear()
+                self._write_batch()
+            self._write_batch()
+            self._writer.end_session(self._outcome)
+        except Exception as error:  # noqa: BLE001 - top of a thread: `failure` reports it
+            self._failure = failure_message(error, self.folder)
+            self._writer.abandon()
+            self._take()
+
+    def _write_batch(self) -> None:
+        for action in self._take():
+            action()
+        self._writer.flush()
+
+
+class Recorder(SessionRecorder):
+    """Writer of one session of the drum."""
+
+    layout: ClassVar[SessionLayout] = layout.DRUM_LAYOUT
+
+    def begin_part(self, reason: str, texture: str) -> None:
+        """Start a new file: before the first data, when resuming and at a plate change."""
+        self._begin_part(reason, texture)
+
+    def add_block(self, block: Block) -> None:
+        """Record samples; if the queue is full, drop them and record a gap."""
+        self._put_block(block)
+
+    def add_drum(self, state: DrumState, force_set_g: float, speed_set_mm_s: float) -> None:
+        """Record a poll, its new load-cell samples and the set-points at that time."""
+        self._put(partial(self._write_drum, state, force_set_g, speed_set_mm_s))
+
+    def commit_trial(self, row: TrialRow) -> None:
+        """Record an attempt after its last sample and sync it to the medium immediately.
+
+        The writer derives ``part`` and ``first_sample`` from the row's ``first_counter``.
+        """
+        self.add_trial(row)
+        self._wake.set()
+
+    def add_trial(self, row: TrialRow) -> None:
+        """As :meth:`commit_trial`, but with the next flush: it does not wake the thread."""
+        self._put_trial(row, partial(trial_row, row))
+
+    def _write_drum(self, state: DrumState, force_set_g: float, speed_set_mm_s: float) -> None:
+        poll = drum_row(state, force_set_g, speed_set_mm_s)
+        self._writer.add_rows(layout.DRUM, state.at_s, [poll])
+        # The table has the fields of a load-cell sample.
+        self._writer.add_rows(layout.LOADCELL, state.at_s, state.loadcell)

@@ -1,1 +1,0 @@
-"""Checks that values are ones that a rig can record: ranges, known codes, times that ascend."""
