@@ -82,7 +82,7 @@ class AttachController(QObject):
 
     def may_close(self) -> bool:
         """Return whether the window may close now; else ask what becomes of the run."""
-        running = [link for link in self._links if link.status.run.is_active and not link.follows]
+        running = [link for link in self._links if link.status.run.is_active]
         if self._may_close or not running:
             return True
         self.closing.ask(str(running[0].status.run.session or "its session"))

@@ -8,11 +8,6 @@ from gui.attach.shared_control import SharedControl
 from gui.attach.strip import Strip
 from gui.widgets.layouts import push_button
 
-FOLLOWS = (
-    "You follow a session in its folder. Nothing here reaches the rig, STOP neither: "
-    "its emergency stop does."
-)
-
 
 class ControlStrip(Strip):
     """Says who has control; asks for it, takes it, gives it or keeps it."""
@@ -33,9 +28,6 @@ class ControlStrip(Strip):
     def _show(self) -> None:
         """Show who has control, or hide where this window has it and nobody asks."""
         sharing = self._sharing
-        if sharing.follows:
-            self._show_followed()
-            return
         asking = sharing.asking if sharing.has_control else []
         watches = bool(sharing.number) and not sharing.has_control
         for button in (self.ask, self.take):
@@ -52,12 +44,6 @@ class ControlStrip(Strip):
                 f"You watch: {sharing.state.holder_name} has control.{asked} STOP works from here."
             )
         self.setVisible(bool(asking) or watches)
-
-    def _show_followed(self) -> None:
-        for button in (self.ask, self.take, self.give, self.keep):
-            button.hide()
-        self.text.setText(FOLLOWS)
-        self.show()
 
     def _give(self) -> None:
         self.command_requested.emit("give_control", {"to": self._asking})

@@ -31,11 +31,6 @@ class SharedControl(QObject):
         link.event_received.connect(self._take_event)
 
     @property
-    def follows(self) -> bool:
-        """Whether the window only follows a session: there is nothing to control."""
-        return self._link.follows
-
-    @property
     def has_control(self) -> bool:
         """Whether this window has control, or gets it with its next command."""
         return self.state.holder in (None, self.number)
@@ -53,7 +48,7 @@ class SharedControl(QObject):
 
     def _join(self) -> None:
         self._reset()
-        if self._link.has_joined or self.follows:
+        if self._link.has_joined:
             self._link.request("history")
         self._link.request("introduce", name=client_name(WINDOW))
 

@@ -13,7 +13,6 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.health.disk import DiskMonitor
-from rigctl.acquisition.live_file import LiveFileWriter
 from rigctl.acquisition.protocol.pause_reasons import DISK
 from rigctl.acquisition.protocol.run_reasons import RunReasons
 from rigctl.acquisition.rpc.declared_commands import RequestHandler
@@ -24,7 +23,6 @@ from rigctl.acquisition.rpc.server import Server
 from rigctl.acquisition.sharing.client_commands import ClientCommands
 from rigctl.acquisition.sharing.control import Control
 from rigctl.acquisition.sharing.event_history import EventHistory, PastEvent
-from rigctl.acquisition.sharing.sample_stream import SampleStream
 from rigctl.errors import RigctlError, RigFault
 from rigctl.values import Event
 
@@ -59,9 +57,7 @@ _Request = TypeVar("_Request")
 class ServedEngine(ABC, Generic[_Run, _Request]):
     """The control program of one rig; :meth:`serve` runs it."""
 
-    def __init__(
-        self, loop: asyncio.AbstractEventLoop, description: str, live: LiveFileWriter
-    ) -> None:
+    def __init__(self, loop: asyncio.AbstractEventLoop, description: str) -> None:
         self.event_bus = EventBus(loop.time)
         self.run: _Run | None = None
         self.is_ready = False
@@ -73,7 +69,6 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         self._server = Server(self._report_failure)
         self._history = EventHistory()
         self.control = Control(self._send_control)
-        self.stream = SampleStream(live.file)
         self._last_used_s = self._now_s()
         self._shutdown_requested = asyncio.Event()
 
@@ -195,7 +190,6 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
             self._check_disk()
             self._check_idle()
             self._send_status()
-            self.stream.send()
             self._tend_clients()
 
     def _serve_boards(self) -> None:

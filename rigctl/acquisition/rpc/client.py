@@ -50,7 +50,6 @@ COMMAND_LINE, WINDOW = "command line", "window"
 BEHIND = "the engine has not read the requests before this one: wait, or press STOP"
 BEFORE_STOP = "STOP came before this request was sent"
 ENGINE_COMMAND, FINGER_ENGINE_COMMAND = "engine", "finger-engine"
-FOLLOW_ENGINE_COMMAND = "follow-engine"
 
 
 class EngineSilent(LinkLost):
@@ -62,9 +61,6 @@ class EngineClient:
 
     All calls are from one thread.
     """
-
-    shares_memory = True
-    """Whether the live data are the engine's own."""
 
     def __init__(
         self,

@@ -31,8 +31,6 @@ from rigctl.acquisition.rpc.runtime_folder import (
 
 DRUM_EXPERIMENT, FINGER_EXPERIMENT = "drum", "finger"
 """What an engine runs: clients of one experiment do not join the other's engine."""
-FOLLOWED = "follow"
-"""The experiment of a program that only reads a session's folder: it has no rig to stop."""
 LOOPBACK = "127.0.0.1"
 
 _SIZE_LIMIT_BYTES = 1 << 16

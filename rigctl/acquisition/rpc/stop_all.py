@@ -8,7 +8,7 @@ from contextlib import closing
 from typing import NamedTuple
 
 from rigctl.acquisition.rpc.client import COMMAND_LINE, EngineClient
-from rigctl.acquisition.rpc.engine_files import FOLLOWED, EngineFile, running_engines
+from rigctl.acquisition.rpc.engine_files import EngineFile, running_engines
 from rigctl.acquisition.rpc.runtime_folder import runtime_folder
 
 STOP_TIMEOUT_S = 5.0
@@ -37,11 +37,7 @@ def stop_engines(
     ``program``: the caller, for the log of those engines. Waits for the slowest, at most a few
     seconds. Raises WrongUse where there can be no folder for engines.
     """
-    engines = [
-        engine
-        for engine in running_engines(runtime_folder())
-        if engine.name not in exclude and engine.experiment != FOLLOWED
-    ]
+    engines = [engine for engine in running_engines(runtime_folder()) if engine.name not in exclude]
     with ThreadPoolExecutor(len(engines) or 1, "stop") as executor:
         for stop in as_completed([executor.submit(_stop, engine, program) for engine in engines]):
             report(stop.result())

@@ -14,7 +14,6 @@ from rigctl.acquisition.rpc.declared_commands import RequestHandler, Result, dec
 from rigctl.acquisition.rpc.queues.connected_client import ConnectedClient
 from rigctl.acquisition.sharing.control import Control
 from rigctl.acquisition.sharing.event_history import KEPT_EVENTS, PastEvent
-from rigctl.acquisition.sharing.sample_stream import SampleStream
 
 FREE_COMMANDS = frozenset({"stop", "abort", "status", "shown"})
 """Commands of the engine that need no control: they look, or make the rig safe."""
@@ -26,10 +25,6 @@ class SharedEngine(Protocol):
     @property
     def control(self) -> Control:
         """Who has control."""
-
-    @property
-    def stream(self) -> SampleStream:
-        """The live data for clients that cannot share its memory."""
 
     def past_events(self, count: int) -> list[tuple[float, PastEvent]]:
         """Return the newest events with their ages in s."""
@@ -69,7 +64,6 @@ class ClientCommands:
 
     def close(self) -> None:
         """Take note that the client has left."""
-        self._engine.stream.remove(self._client)
         self._engine.control.leave(self._number)
 
     async def on_introduce(self, name: ClientName) -> Result:
@@ -89,10 +83,6 @@ class ClientCommands:
                 for age_s, event in self._engine.past_events(count)
             ]
         }
-
-    async def on_stream(self) -> None:
-        """Send the event ``samples`` with the live data from now on."""
-        self._engine.stream.add(self._client)
 
     async def on_ask_control(self) -> None:
         """Ask the client that has control for it."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rigctl.acquisition.rpc.client import EngineClient
-from rigctl.acquisition.rpc.engine_files import FOLLOWED, EngineFile, running_engines
+from rigctl.acquisition.rpc.engine_files import EngineFile, running_engines
 from rigctl.acquisition.rpc.runtime_folder import runtime_folder
 from rigctl.acquisition.sharing.control import parse_control
 from rigctl.errors import RigctlError
@@ -56,13 +56,12 @@ class FoundEngine:
 
 
 def find_engines() -> list[FoundEngine]:
-    """Return the running engines of rigs, newest first.
+    """Return the running engines, newest first.
 
     Waits for the slowest, a few seconds at most. Raises WrongUse where there can be no folder for
     engines.
     """
-    running = running_engines(runtime_folder())
-    engines = [engine for engine in running if engine.experiment != FOLLOWED]
+    engines = running_engines(runtime_folder())
     with ThreadPoolExecutor(len(engines) or 1, "find-engines") as executor:
         return list(executor.map(_ask, engines))
 

@@ -9,10 +9,8 @@ from typing import Any
 
 from rigctl.acquisition.rpc.messages import DISCONNECTED, encode_message, engine_message
 
-SAMPLES_LIMIT_BYTES = 1 << 17
-"""With more unread a client gets no samples, which soon come again."""
-STATUS_LIMIT_BYTES = 1 << 19
-"""With more unread it gets no status either; the first message of a stream has 360 kB."""
+STATUS_LIMIT_BYTES = 1 << 17
+"""With more unread a client gets no status, which soon comes again."""
 UNREAD_LIMIT_BYTES = 1 << 21
 """Events and replies are never left out: with more unread the engine disconnects the client."""
 DISCONNECTED_CLIENT = "the engine has disconnected this client"
@@ -43,7 +41,7 @@ class ConnectedClient:
         self.under_way = 0
         self.only_stops = self._has_asked = False
         self._writer = writer
-        self._left_out = {"statuses": 0, "rows": 0}
+        self._left_out = {"statuses": 0}
         self._told_s: float | None = None
         self._dropped_s: float | None = None
 
@@ -62,11 +60,6 @@ class ConnectedClient:
         """Whether the engine has disconnected it."""
         return self._dropped_s is not None
 
-    @property
-    def takes_samples(self) -> bool:
-        """Whether it reads fast enough for samples."""
-        return self.unread_bytes <= SAMPLES_LIMIT_BYTES
-
     def send(self, line: bytes) -> None:
         """Send an event or a reply. What is too much is dropped with the client: see ``tend``."""
         if not self._writer.is_closing() and self.unread_bytes <= UNREAD_LIMIT_BYTES:
@@ -78,10 +71,6 @@ class ConnectedClient:
             self._left_out["statuses"] += 1
         else:
             self.send(line)
-
-    def leave_out_rows(self, rows: int) -> None:
-        """Count rows of the stream that the client misses."""
-        self._left_out["rows"] += rows
 
     def tend(self, now_s: float) -> bool:
         """Tell what was left out once the client has caught up; ``now_s``: loop time.
@@ -140,8 +129,7 @@ class ConnectedClient:
         self._writer.close()
 
     def _words(self) -> str:
-        rows, statuses = self._left_out["rows"], self._left_out["statuses"]
         return (
-            f"this client was behind: {rows} rows of live data and {statuses} statuses were left "
-            "out for it; the session has all samples, and no event is missing"
+            f"this client was behind: {self._left_out['statuses']} statuses were left out for it; "
+            "no event is missing"
         )
