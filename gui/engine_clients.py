@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from rigctl.acquisition.rpc.client import FINGER_ENGINE_COMMAND, EngineClient
+from rigctl.acquisition.rpc.client import (
+    FINGER_ENGINE_COMMAND,
+    EngineClient,
+    FoundEngine,
+    find_engines,
+)
 from rigctl.acquisition.rpc.engine_files import (
     DRUM_EXPERIMENT,
     FINGER_EXPERIMENT,
     EngineFile,
     rig_name,
     running_engines,
+    runtime_folder,
 )
-from rigctl.acquisition.rpc.runtime_folder import runtime_folder
-from rigctl.acquisition.sharing.found_engines import FoundEngine, find_engines
 from rigctl.errors import WrongUse
 
 JOIN = "join"
@@ -74,7 +78,7 @@ def open_client(rig: str, world: str = "") -> EngineClient:
         return _join(rig, DRUM_EXPERIMENT)
     rig, is_wanted = _without_another(rig)
     if (engine := _running(rig, DRUM_EXPERIMENT, is_wanted)) is not None:
-        return EngineClient(engine)
+        return EngineClient.join(engine)
     return EngineClient.start(rig, run=["--world", world] if world else ())
 
 
@@ -88,7 +92,7 @@ def open_finger_client(spec: FingerEngineSpec) -> EngineClient:
         return _join(spec.rig, FINGER_EXPERIMENT)
     if _without_another(spec.rig)[0] not in SIMULATED:
         if (engine := _running(spec.rig, FINGER_EXPERIMENT, is_wanted=False)) is not None:
-            return EngineClient(engine)
+            return EngineClient.join(engine)
         return EngineClient.start(spec.rig, command=FINGER_ENGINE_COMMAND)
     rig, is_wanted = _without_another(spec.rig)
     if not is_wanted:
@@ -112,7 +116,7 @@ def _join(rig: str, experiment: str) -> EngineClient:
         raise EngineChoice(sentence, engines, may_start=False)
     for engine in engines:
         if name in ("", engine.engine.name):
-            return EngineClient(engine.engine)
+            return EngineClient.join(engine.engine)
     if name:
         raise WrongUse(f"engine {name} has ended: connect to its rig to start another one")
     raise WrongUse("no engine is running: choose a rig and press Connect")

@@ -23,10 +23,15 @@ from gui.engine_dialect import (
     readable_event,
     status_here,
 )
-from rigctl.acquisition.rpc.client import WINDOW, EngineClient, EngineSilent
+from rigctl.acquisition.rpc.client import (
+    WINDOW,
+    EngineClient,
+    EngineRefusal,
+    EngineSilent,
+    StopResult,
+    stop_engines,
+)
 from rigctl.acquisition.rpc.engine_files import DRUM_EXPERIMENT
-from rigctl.acquisition.rpc.engine_launch import EngineRefusal
-from rigctl.acquisition.rpc.stop_all import StopResult, stop_engines
 from rigctl.errors import LinkLost, RigctlError
 
 SILENCE_TIMEOUT_S = 1.5

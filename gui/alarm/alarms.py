@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from gui.widgets.formatting import capitalised
-from rigctl.acquisition.rpc.messages import EngineStatus, RunStatus
-from rigctl.acquisition.rpc.queues.connected_client import DISCONNECTED_CLIENT
+from rigctl.acquisition.rpc.messages import DISCONNECTED_TEXT, EngineStatus, RunStatus
 from rigctl.wire.drum.states import State
 
 RELEASE_FIRST = "Release the emergency stop first"
@@ -42,7 +41,7 @@ def status_alarms(status: EngineStatus) -> list[Alarm]:
 
 def lost_engine(reason: str, last: EngineStatus) -> Alarm:
     """Return the alarm of an engine that has ended or is out of reach, after its last status."""
-    if reason.startswith(DISCONNECTED_CLIENT):
+    if reason == DISCONNECTED_TEXT:
         return Alarm("lost", "CONNECTION LOST", f"{capitalised(reason)}.", stays=True)
     text = f"{capitalised(reason)}. {_how_to_go_on(last.run)}"
     return Alarm("lost", "ENGINE LOST", text, stays=True)

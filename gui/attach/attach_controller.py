@@ -15,8 +15,8 @@ from gui.attach.engines_page import EnginesPage
 from gui.attach.shared_control import SharedControl
 from gui.engine_clients import EngineChoice
 from gui.engine_link import EngineLink
+from rigctl.acquisition.rpc.client import FoundEngine, find_engines
 from rigctl.acquisition.rpc.engine_files import EngineFile
-from rigctl.acquisition.sharing.found_engines import FoundEngine, find_engines
 
 HISTORY_EVENTS_SHOWN = 200
 

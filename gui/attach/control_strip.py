@@ -10,7 +10,7 @@ from gui.widgets.layouts import push_button
 
 
 class ControlStrip(Strip):
-    """Says who has control; asks for it, takes it, gives it or keeps it."""
+    """Says who has control; asks for it, takes it or gives it."""
 
     command_requested = Signal(str, dict)
 
@@ -21,8 +21,7 @@ class ControlStrip(Strip):
         self.ask = push_button("Ask for control", lambda: self._send("ask_control"))
         self.take = push_button("Take control", lambda: self._send("take_control"))
         self.give = push_button("Give control", self._give)
-        self.keep = push_button("Keep control", lambda: self._send("keep_control"))
-        self.setLayout(self.row(self.ask, self.take, self.give, self.keep))
+        self.setLayout(self.row(self.ask, self.take, self.give))
         sharing.changed.connect(self._show)
 
     def _show(self) -> None:
@@ -32,8 +31,7 @@ class ControlStrip(Strip):
         watches = bool(sharing.number) and not sharing.has_control
         for button in (self.ask, self.take):
             button.setVisible(watches)
-        for button in (self.give, self.keep):
-            button.setVisible(bool(asking))
+        self.give.setVisible(bool(asking))
         self.ask.setEnabled(not sharing.is_asking)
         if asking:
             self._asking, name = asking[0]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import msgspec
 from PySide6.QtCore import QObject, Signal
 
 from gui.engine_dialect import UNREADABLE, name_this_window, other_version
 from gui.engine_link import EngineLink
 from rigctl.acquisition.rpc.client import WINDOW, client_name
-from rigctl.acquisition.sharing.control import ControlState, parse_control
+from rigctl.acquisition.rpc.messages import ControlState
 
 
 class SharedControl(QObject):
@@ -38,8 +39,7 @@ class SharedControl(QObject):
     @property
     def asking(self) -> list[tuple[int, str]]:
         """Number and name of each client that asks for control."""
-        names = self.state.clients
-        return [(number, names.get(number, f"client {number}")) for number in self.state.asking]
+        return [(number, self.state.name_of(number)) for number in self.state.asking]
 
     @property
     def is_asking(self) -> bool:
@@ -79,7 +79,7 @@ class SharedControl(QObject):
 
     def _show(self, data: Any) -> None:
         try:
-            self.state = parse_control(data or {})
+            self.state = msgspec.convert(data or {}, ControlState)
         except UNREADABLE:
             self._link.reported.emit("lost", other_version("list of clients"))
             return

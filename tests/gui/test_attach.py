@@ -16,8 +16,7 @@ from gui.engine_clients import JOIN
 from gui.shell.main_window import MainWindow
 from rigctl.acquisition.rpc import client
 from rigctl.acquisition.rpc.client import EngineClient
-from rigctl.acquisition.rpc.engine_files import running_engines
-from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE, runtime_folder
+from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE, running_engines, runtime_folder
 from tests.gui.running_engine import start_protocol
 from tests.gui.steps import click, wait_until
 

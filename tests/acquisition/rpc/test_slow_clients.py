@@ -10,18 +10,19 @@ from typing import Any
 
 import pytest
 
-from rigctl.acquisition.rpc.client import EngineClient
+from rigctl.acquisition.rpc import client as client_module
+from rigctl.acquisition.rpc.client import MAX_WAITING, EngineClient, EngineRefusal
 from rigctl.acquisition.rpc.engine_files import EngineFile
-from rigctl.acquisition.rpc.engine_launch import EngineRefusal
-from rigctl.acquisition.rpc.messages import LINE_LIMIT_BYTES, encode_message
-from rigctl.acquisition.rpc.queues import message_queue
-from rigctl.acquisition.rpc.queues.connected_client import MAX_UNDER_WAY, UNREAD_LIMIT_BYTES
-from rigctl.acquisition.rpc.queues.message_queue import MessageQueue
-from rigctl.acquisition.rpc.queues.outbox import MAX_WAITING
-from rigctl.acquisition.sharing.control import Control
+from rigctl.acquisition.rpc.messages import DISCONNECTED_TEXT, LINE_LIMIT_BYTES, encode_message
+from rigctl.acquisition.rpc.server import (
+    MAX_UNDER_WAY,
+    STOPPED_READING,
+    UNREAD_LIMIT_BYTES,
+    Control,
+)
 from rigctl.errors import LinkLost
 from tests.acquisition.engine_harness import EngineHarness
-from tests.acquisition.sharing.client_connection import ClientConnection
+from tests.acquisition.rpc.client_connection import ClientConnection
 
 
 @contextmanager
@@ -66,7 +67,7 @@ def test_the_hopeless_is_disconnected_and_the_others_learn_it(harness: EngineHar
         asks = [request(number, "history", count=500) for number in range(3, 60)]
         first = request(1, "introduce", name="deaf")
         with deaf_client(harness, first) as deaf:
-            await harness.until(lambda: bool(harness.engine.control.state.holder))
+            await harness.until(lambda: bool(harness.engine._server.control.state.holder))
             other = await ClientConnection.connect(harness.address, "other")
             # Only now, as the engine may answer and disconnect the deaf client between two polls.
             deaf.sendall(b"".join(asks))
@@ -76,7 +77,7 @@ def test_the_hopeless_is_disconnected_and_the_others_learn_it(harness: EngineHar
                 )
             assert told["text"] == "deaf stopped reading and was disconnected; nobody has control"
             await other.request("arm")
-            await harness.until(lambda: len(all_clients(harness)) == 1)
+            await harness.until(lambda: len(harness.engine._server) == 1)
             await other.close()
 
     harness.run(scenario)
@@ -113,32 +114,30 @@ def test_the_65th_client_is_sent_away(harness: EngineHarness) -> None:
 def test_a_client_that_is_busy_keeps_the_newest_status_and_counts_lost_events(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(message_queue, "KEPT_MESSAGES", 10)
-    queue = MessageQueue()
-    for number in range(1000):
-        queue.put({"event": "status", "data": number})
-    queue.put({"event": "log", "text": "then"})
-    assert queue.take() == [{"event": "status", "data": 999}, {"event": "log", "text": "then"}]
-    for number in range(25):
-        queue.put({"event": "log", "text": str(number)})
-    first, *rest = queue.take()
-    assert first["event"] == "left_out" and first["data"] == {"messages": 15}
-    assert [message["text"] for message in rest] == [str(number) for number in range(15, 25)]
-    assert queue.take() == []
+    monkeypatch.setattr(client_module, "KEPT_MESSAGES", 10)
+    with hung_engine() as (client, _):
+        for number in range(1000):
+            client._keep({"event": "status", "data": number})
+        client._keep({"event": "log", "text": "then"})
+        newest = {"event": "status", "data": 999}
+        assert client.drain() == [newest, {"event": "log", "text": "then"}]
+        for number in range(25):
+            client._keep({"event": "log", "text": str(number)})
+        first, *rest = client.drain()
+        assert first["event"] == "left_out" and first["data"] == {"messages": 15}
+        assert [message["text"] for message in rest] == [str(number) for number in range(15, 25)]
+        assert client.drain() == []
 
 
 def test_a_client_that_was_disconnected_knows_the_reason() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        file = EngineFile("e", 1, listener.getsockname()[1], "t", "virtual", "")
-        with closing(EngineClient(file)) as client:
-            engine, _ = listener.accept()
-            text = "the engine has disconnected this client: join it again"
-            engine.sendall(encode_message({"event": "disconnected", "text": text, "data": {}}))
-            engine.close()
-            with pytest.raises(LinkLost, match="join it again"):
-                while True:
-                    client.wait(5.0)
-            assert client.shut_down() is None
+    with hung_engine() as (client, engine):
+        message = {"event": "disconnected", "text": DISCONNECTED_TEXT, "data": {}}
+        engine.sendall(encode_message(message))
+        engine.close()
+        with pytest.raises(LinkLost, match="has disconnected this client"):
+            while True:
+                client.wait(5.0)
+        assert client.shut_down() is None
 
 
 def test_control_tells_why_a_client_is_gone() -> None:
@@ -146,7 +145,7 @@ def test_control_tells_why_a_client_is_gone() -> None:
     control = Control(told.append)
     control.join(1, "A")
     control.join(2, "B")
-    control.drop(2, "stopped reading and was disconnected")
+    control.leave(2, STOPPED_READING)
     assert told[-1] == "B stopped reading and was disconnected"
     control.leave(2)
     assert len(told) == 3
@@ -156,7 +155,8 @@ def test_control_tells_why_a_client_is_gone() -> None:
 def hung_engine() -> Iterator[tuple[EngineClient, socket.socket]]:
     """Yield a client and the engine's end of its connection, which nobody reads."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
-        file = EngineFile("e", 1, listener.getsockname()[1], "t", "virtual", "")
+        port = listener.getsockname()[1]
+        file = EngineFile("e", 1, port, "t", "virtual", "")
         with closing(EngineClient(file)) as client:
             engine, _ = listener.accept()
             with engine:
