@@ -45,13 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--follow",
         type=Path,
         metavar="SESSION",
-        help="watch a session that another program records, in its folder, on any computer",
-    )
-    parser.add_argument(
-        "--remote",
-        type=Path,
-        metavar="FILE",
-        help="copy of the file of an engine on another computer, its forwarded socket beside it",
+        help="show the newest trials of a session that another program records",
     )
     parser.add_argument(
         "--theme", choices=("system", "light", "dark"), help="colours; without it the last ones"
@@ -117,7 +111,7 @@ def run(args: argparse.Namespace) -> int:
     """Show the window until it closes; return the exit code. Raises WrongUse."""
     with paused_collector():
         check_display()
-        rig, is_finger = _checked_rig(args)
+        _check_request(args)
         window = _shown_window(args.theme)
     from PySide6.QtCore import QTimer
     from PySide6.QtWidgets import QApplication
@@ -129,7 +123,7 @@ def run(args: argparse.Namespace) -> int:
     Thread(target=_load_compiler).start()
     window.analysis_tab.prepare()
     QTimer.singleShot(SOON_MS, window, window.prepare)
-    _connect(window, rig, str(args.world or ""), is_finger=is_finger)
+    _begin(window, args)
     code = int(QApplication.exec())
     for link in (window.engine_link, window.finger_tab.link):
         for sentence in link.left_running:
@@ -138,23 +132,22 @@ def run(args: argparse.Namespace) -> int:
     return code
 
 
-def _checked_rig(args: argparse.Namespace) -> tuple[str | None, bool]:
-    """Return the rig to connect to, None for none, and whether it is that of the moving finger.
+def _check_request(args: argparse.Namespace) -> None:
+    """Raise WrongUse for options that exclude each other, a wrong world, or no session."""
+    from gui.engine_clients import JOIN
 
-    Raises WrongUse, also for a wrong world.
-    """
-    from gui.engine_clients import JOIN, experiment_elsewhere, is_elsewhere
-    from rigctl.acquisition.rpc.engine_files import FINGER_EXPERIMENT
+    if args.follow is not None:
+        if args.rig is not None or args.world is not None:
+            raise WrongUse("--follow shows a session that another program records: give it alone")
+        from rigctl.session.part import part_paths
 
-    rig = _chosen_rig(args)
+        part_paths(args.follow)
     if args.world is not None:
         from rigctl.simulation.bench.world.world_file import load_world
 
-        if rig == JOIN:
+        if args.rig == JOIN:
             raise WrongUse("the running engine already has a world: join it without --world")
         load_world(args.world)
-    has_experiment = rig is not None and is_elsewhere(rig)
-    return rig, has_experiment and experiment_elsewhere(str(rig)) == FINGER_EXPERIMENT
 
 
 def _shown_window(theme: str | None) -> MainWindow:
@@ -182,32 +175,27 @@ def _shown_window(theme: str | None) -> MainWindow:
     return window
 
 
-def _connect(window: MainWindow, rig: str | None, world: str, *, is_finger: bool) -> None:
-    """Connect to a rig; without one, offer those that run."""
-    if rig is not None and is_finger:
-        window.show_panel("finger")
-        window.finger_tab.connect_rig(rig)
-    elif rig is not None:
-        window.connect_rig(rig, world)
+def _begin(window: MainWindow, args: argparse.Namespace) -> None:
+    """Connect to a rig or follow a session; without either, offer the engines that run."""
+    if args.follow is not None:
+        _follow(window, args.follow.absolute())
+    elif args.rig is not None:
+        window.connect_rig(args.rig, str(args.world or ""))
     else:
-        if world:
-            window.toolbar.world.choose(world)
+        if args.world is not None:
+            window.toolbar.world.choose(str(args.world))
         window.attach.announce()
 
 
-def _chosen_rig(args: argparse.Namespace) -> str | None:
-    """Return the rig to connect to, None for none. Raises WrongUse for two."""
-    from gui.engine_clients import followed_session, remote_engine
+def _follow(window: MainWindow, session: Path) -> None:
+    """Show the newest trials in Replay; scans of the moving finger, which has none, in Analysis."""
+    from rigctl.session.finger_session import is_finger_session
 
-    if args.follow is None and args.remote is None:
-        return args.rig if args.rig is None else str(args.rig)
-    if sum(given is not None for given in (args.rig, args.follow, args.remote)) > 1:
-        raise WrongUse("--rig, --follow and --remote each name what to show: give one of them")
-    if args.world is not None:
-        raise WrongUse("what another program runs has its world already: leave --world out")
-    if args.follow is not None:
-        return followed_session(str(args.follow.absolute()))
-    return remote_engine(str(args.remote.absolute()))
+    if is_finger_session(session):
+        window.show_panel("analysis")
+        window.analysis_tab.open_session(str(session))
+    else:
+        window.replay.follow(str(session))
 
 
 def _load_compiler() -> None:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import NamedTuple
 
-from rigctl.acquisition.live_buffer import DRUM_LIVE
-from rigctl.acquisition.live_file import LiveLayout
 from rigctl.acquisition.rpc.client import (
     FINGER_ENGINE_COMMAND,
-    FOLLOW_ENGINE_COMMAND,
     EngineClient,
+    FoundEngine,
+    find_engines,
 )
 from rigctl.acquisition.rpc.engine_files import (
     DRUM_EXPERIMENT,
@@ -18,17 +16,12 @@ from rigctl.acquisition.rpc.engine_files import (
     EngineFile,
     rig_name,
     running_engines,
+    runtime_folder,
 )
-from rigctl.acquisition.rpc.runtime_folder import runtime_folder
-from rigctl.acquisition.sharing.found_engines import FoundEngine, find_engines
-from rigctl.acquisition.sharing.remote_client import RemoteClient, read_remote_engine
 from rigctl.errors import WrongUse
-from rigctl.realtime.live_file import FINGER_LIVE
 
 JOIN = "join"
 ANOTHER = "another"
-FOLLOW = "follow"
-REMOTE = "remote"
 SIMULATED = ("virtual", "firmware")
 
 
@@ -63,31 +56,6 @@ def joined_rig(engine: EngineFile) -> str:
     return f"{JOIN}:{engine.name}"
 
 
-def followed_session(path: str) -> str:
-    """Return what names a session as a rig that is only looked at."""
-    return f"{FOLLOW}:{path}"
-
-
-def remote_engine(path: str) -> str:
-    """Return what names an engine on another computer, by a copy of its file, as a rig."""
-    return f"{REMOTE}:{path}"
-
-
-def is_elsewhere(rig: str) -> bool:
-    """Return whether a rig is a session that another program records, or a far engine."""
-    return rig.partition(":")[0] in (FOLLOW, REMOTE)
-
-
-def experiment_elsewhere(rig: str) -> str:
-    """Return the experiment of a followed session or a far engine. Raises what prevents that."""
-    kind, _, path = rig.partition(":")
-    if kind == REMOTE:
-        return read_remote_engine(Path(path)).experiment
-    from rigctl.acquisition.follow.awaited_session import follows_finger  # loads HDF5
-
-    return FINGER_EXPERIMENT if follows_finger(Path(path)) else DRUM_EXPERIMENT
-
-
 def shown_rig(rig: str) -> str:
     """Return the rig as the list of rigs has it."""
     return JOIN if is_joined(rig) else _without_another(rig)[0]
@@ -108,11 +76,9 @@ def open_client(rig: str, world: str = "") -> EngineClient:
     """
     if is_joined(rig):
         return _join(rig, DRUM_EXPERIMENT)
-    if is_elsewhere(rig):
-        return _open_elsewhere(rig, DRUM_LIVE)
     rig, is_wanted = _without_another(rig)
     if (engine := _running(rig, DRUM_EXPERIMENT, is_wanted)) is not None:
-        return EngineClient(engine)
+        return EngineClient.join(engine)
     return EngineClient.start(rig, run=["--world", world] if world else ())
 
 
@@ -124,25 +90,15 @@ def open_finger_client(spec: FingerEngineSpec) -> EngineClient:
     """
     if is_joined(spec.rig):
         return _join(spec.rig, FINGER_EXPERIMENT)
-    if is_elsewhere(spec.rig):
-        return _open_elsewhere(spec.rig, FINGER_LIVE)
     if _without_another(spec.rig)[0] not in SIMULATED:
         if (engine := _running(spec.rig, FINGER_EXPERIMENT, is_wanted=False)) is not None:
-            return EngineClient(engine)
+            return EngineClient.join(engine)
         return EngineClient.start(spec.rig, command=FINGER_ENGINE_COMMAND)
     rig, is_wanted = _without_another(spec.rig)
     if not is_wanted:
         _offer_run(rig)
     person = ["--session", str(spec.session), "--first-slide", str(spec.first_slide)]
     return EngineClient.start(rig, seed=spec.seed, run=person, command=FINGER_ENGINE_COMMAND)
-
-
-def _open_elsewhere(rig: str, layout: LiveLayout) -> EngineClient:
-    """Follow a session, or connect to an engine on another computer."""
-    kind, _, path = rig.partition(":")
-    if kind == FOLLOW:
-        return EngineClient.start(path, command=FOLLOW_ENGINE_COMMAND)
-    return RemoteClient(read_remote_engine(Path(path)), layout)
 
 
 def _without_another(rig: str) -> tuple[str, bool]:
@@ -160,7 +116,7 @@ def _join(rig: str, experiment: str) -> EngineClient:
         raise EngineChoice(sentence, engines, may_start=False)
     for engine in engines:
         if name in ("", engine.engine.name):
-            return EngineClient(engine.engine)
+            return EngineClient.join(engine.engine)
     if name:
         raise WrongUse(f"engine {name} has ended: connect to its rig to start another one")
     raise WrongUse("no engine is running: choose a rig and press Connect")

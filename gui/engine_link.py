@@ -23,10 +23,15 @@ from gui.engine_dialect import (
     readable_event,
     status_here,
 )
-from rigctl.acquisition.rpc.client import WINDOW, EngineClient, EngineSilent
-from rigctl.acquisition.rpc.engine_files import DRUM_EXPERIMENT, FOLLOWED
-from rigctl.acquisition.rpc.engine_launch import EngineRefusal
-from rigctl.acquisition.rpc.stop_all import StopResult, stop_engines
+from rigctl.acquisition.rpc.client import (
+    WINDOW,
+    EngineClient,
+    EngineRefusal,
+    EngineSilent,
+    StopResult,
+    stop_engines,
+)
+from rigctl.acquisition.rpc.engine_files import DRUM_EXPERIMENT
 from rigctl.errors import LinkLost, RigctlError
 
 SILENCE_TIMEOUT_S = 1.5
@@ -116,16 +121,6 @@ class EngineLink(QObject, Generic[_Status, _Live]):
     def has_joined(self) -> bool:
         """Whether the engine ran before this window connected to it."""
         return self._client is not None and self._client.process is None
-
-    @property
-    def follows(self) -> bool:
-        """Whether there is no rig behind the engine, only the folder of a session."""
-        return self._client is not None and self._client.engine_file.experiment == FOLLOWED
-
-    @property
-    def is_elsewhere(self) -> bool:
-        """Whether the engine is on another computer, or only follows a session."""
-        return self._client is not None and (self.follows or not self._client.shares_memory)
 
     def open(self, *engine: Any) -> None:
         """Start to connect; ``engine``: the factory's arguments.

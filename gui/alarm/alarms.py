@@ -6,10 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from gui.widgets.formatting import capitalised
-from rigctl.acquisition.follow.states import RECORDER_GONE
-from rigctl.acquisition.rpc.messages import EngineStatus, RunStatus
-from rigctl.acquisition.rpc.queues.connected_client import DISCONNECTED_CLIENT
-from rigctl.acquisition.sharing.remote_client import CONNECTION_LOST
+from rigctl.acquisition.rpc.messages import DISCONNECTED_TEXT, EngineStatus, RunStatus
 from rigctl.wire.drum.states import State
 
 RELEASE_FIRST = "Release the emergency stop first"
@@ -44,7 +41,7 @@ def status_alarms(status: EngineStatus) -> list[Alarm]:
 
 def lost_engine(reason: str, last: EngineStatus) -> Alarm:
     """Return the alarm of an engine that has ended or is out of reach, after its last status."""
-    if reason.startswith((CONNECTION_LOST, DISCONNECTED_CLIENT)):
+    if reason == DISCONNECTED_TEXT:
         return Alarm("lost", "CONNECTION LOST", f"{capitalised(reason)}.", stays=True)
     text = f"{capitalised(reason)}. {_how_to_go_on(last.run)}"
     return Alarm("lost", "ENGINE LOST", text, stays=True)
@@ -90,9 +87,7 @@ def _links(status: EngineStatus) -> Alarm | None:
 def _run_end(run: RunStatus) -> Alarm | None:
     if run.state != "failed":
         return None
-    reason = run.text.rstrip(".")
-    how = "" if reason.startswith(RECORDER_GONE) else _how_to_go_on(run)
-    text = f"{capitalised(reason)}. {how}".rstrip()
+    text = f"{capitalised(run.text.rstrip('.'))}. {_how_to_go_on(run)}"
     return Alarm(f"run {run.session}", "RUN FAILED", text, stays=True)
 
 

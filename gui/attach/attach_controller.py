@@ -15,8 +15,8 @@ from gui.attach.engines_page import EnginesPage
 from gui.attach.shared_control import SharedControl
 from gui.engine_clients import EngineChoice
 from gui.engine_link import EngineLink
+from rigctl.acquisition.rpc.client import FoundEngine, find_engines
 from rigctl.acquisition.rpc.engine_files import EngineFile
-from rigctl.acquisition.sharing.found_engines import FoundEngine, find_engines
 
 HISTORY_EVENTS_SHOWN = 200
 
@@ -82,7 +82,7 @@ class AttachController(QObject):
 
     def may_close(self) -> bool:
         """Return whether the window may close now; else ask what becomes of the run."""
-        running = [link for link in self._links if link.status.run.is_active and not link.follows]
+        running = [link for link in self._links if link.status.run.is_active]
         if self._may_close or not running:
             return True
         self.closing.ask(str(running[0].status.run.session or "its session"))

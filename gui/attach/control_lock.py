@@ -9,8 +9,6 @@ from PySide6.QtWidgets import QWidget
 
 from gui.attach.shared_control import SharedControl
 
-FOLLOWED = "You follow a session in its folder: nothing here reaches the rig"
-
 
 class ControlLock(QObject):
     """Keeps controls off, with the reason as tooltip, while another client has control.
@@ -64,8 +62,6 @@ class ControlLock(QObject):
 
 def _reason(shared: SharedControl) -> str:
     """Return why this window cannot act on the rig; empty where it can."""
-    if shared.follows:
-        return FOLLOWED
     if not shared.number or shared.has_control:
         return ""
     return f"{shared.state.holder_name} has control: ask for it, or take it, at the top"

@@ -8,14 +8,9 @@ from gui.attach.shared_control import SharedControl
 from gui.attach.strip import Strip
 from gui.widgets.layouts import push_button
 
-FOLLOWS = (
-    "You follow a session in its folder. Nothing here reaches the rig, STOP neither: "
-    "its emergency stop does."
-)
-
 
 class ControlStrip(Strip):
-    """Says who has control; asks for it, takes it, gives it or keeps it."""
+    """Says who has control; asks for it, takes it or gives it."""
 
     command_requested = Signal(str, dict)
 
@@ -26,22 +21,17 @@ class ControlStrip(Strip):
         self.ask = push_button("Ask for control", lambda: self._send("ask_control"))
         self.take = push_button("Take control", lambda: self._send("take_control"))
         self.give = push_button("Give control", self._give)
-        self.keep = push_button("Keep control", lambda: self._send("keep_control"))
-        self.setLayout(self.row(self.ask, self.take, self.give, self.keep))
+        self.setLayout(self.row(self.ask, self.take, self.give))
         sharing.changed.connect(self._show)
 
     def _show(self) -> None:
         """Show who has control, or hide where this window has it and nobody asks."""
         sharing = self._sharing
-        if sharing.follows:
-            self._show_followed()
-            return
         asking = sharing.asking if sharing.has_control else []
         watches = bool(sharing.number) and not sharing.has_control
         for button in (self.ask, self.take):
             button.setVisible(watches)
-        for button in (self.give, self.keep):
-            button.setVisible(bool(asking))
+        self.give.setVisible(bool(asking))
         self.ask.setEnabled(not sharing.is_asking)
         if asking:
             self._asking, name = asking[0]
@@ -52,12 +42,6 @@ class ControlStrip(Strip):
                 f"You watch: {sharing.state.holder_name} has control.{asked} STOP works from here."
             )
         self.setVisible(bool(asking) or watches)
-
-    def _show_followed(self) -> None:
-        for button in (self.ask, self.take, self.give, self.keep):
-            button.hide()
-        self.text.setText(FOLLOWS)
-        self.show()
 
     def _give(self) -> None:
         self.command_requested.emit("give_control", {"to": self._asking})

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from PySide6.QtCore import QObject, Qt, Signal
 
-from rigctl.acquisition.sharing.found_engines import FoundEngine, find_engines
+from rigctl.acquisition.rpc.client import FoundEngine, find_engines
 from rigctl.errors import RigctlError
 
 FindEngines = Callable[[], list[FoundEngine]]

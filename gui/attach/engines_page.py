@@ -9,8 +9,8 @@ from PySide6.QtWidgets import QPushButton, QWidget
 
 from gui.widgets.labels import label
 from gui.widgets.layouts import container, hbox, push_button, vbox
+from rigctl.acquisition.rpc.client import FoundEngine
 from rigctl.acquisition.rpc.engine_files import EngineFile
-from rigctl.acquisition.sharing.found_engines import FoundEngine
 
 SHOWN_ENGINES = 8
 """More would not fit on a small screen; the newest are shown."""

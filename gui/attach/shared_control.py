@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import msgspec
 from PySide6.QtCore import QObject, Signal
 
 from gui.engine_dialect import UNREADABLE, name_this_window, other_version
 from gui.engine_link import EngineLink
 from rigctl.acquisition.rpc.client import WINDOW, client_name
-from rigctl.acquisition.sharing.control import ControlState, parse_control
+from rigctl.acquisition.rpc.messages import ControlState
 
 
 class SharedControl(QObject):
@@ -31,11 +32,6 @@ class SharedControl(QObject):
         link.event_received.connect(self._take_event)
 
     @property
-    def follows(self) -> bool:
-        """Whether the window only follows a session: there is nothing to control."""
-        return self._link.follows
-
-    @property
     def has_control(self) -> bool:
         """Whether this window has control, or gets it with its next command."""
         return self.state.holder in (None, self.number)
@@ -43,8 +39,7 @@ class SharedControl(QObject):
     @property
     def asking(self) -> list[tuple[int, str]]:
         """Number and name of each client that asks for control."""
-        names = self.state.clients
-        return [(number, names.get(number, f"client {number}")) for number in self.state.asking]
+        return [(number, self.state.name_of(number)) for number in self.state.asking]
 
     @property
     def is_asking(self) -> bool:
@@ -53,7 +48,7 @@ class SharedControl(QObject):
 
     def _join(self) -> None:
         self._reset()
-        if self._link.has_joined or self.follows:
+        if self._link.has_joined:
             self._link.request("history")
         self._link.request("introduce", name=client_name(WINDOW))
 
@@ -84,7 +79,7 @@ class SharedControl(QObject):
 
     def _show(self, data: Any) -> None:
         try:
-            self.state = parse_control(data or {})
+            self.state = msgspec.convert(data or {}, ControlState)
         except UNREADABLE:
             self._link.reported.emit("lost", other_version("list of clients"))
             return

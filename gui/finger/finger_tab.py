@@ -38,7 +38,6 @@ FINGER: Dialect[FingerEngineStatus, FingerLiveReader] = Dialect(
     parse_finger_status, FingerLiveReader
 )
 ENGINE_SILENT = "the finger's engine does not answer"
-ELSEWHERE = "The session is on the rig's computer: make its models in a window there"
 _NEXT = {TRAIN: CALIBRATE, CALIBRATE: RUN}
 _UNTOLD = ("batch", "prediction")
 """Events of every 100 ms, which would flood the log."""
@@ -251,7 +250,7 @@ class FingerTab(QObject):
         self.run_box.show_status(status, self.setup.can_start, is_busy)
 
     def _report_shown(self, scan: int, sent_s: float) -> None:
-        if self.link.is_connected and not self.link.is_elsewhere:
+        if self.link.is_connected:
             self.link.request("shown", scan=scan, sent_s=sent_s)
 
     def _make_models(self) -> None:
@@ -259,9 +258,6 @@ class FingerTab(QObject):
         self._stage = ""
         session = self.link.status.run.session
         if session is None or self.worker.is_busy:
-            return
-        if self.link.is_elsewhere:
-            self.run_box.show_models(ELSEWHERE, "bad")
             return
         self.run_box.show_models("Making the models …")
         self.worker.submit(

@@ -11,7 +11,6 @@ from gui.widgets.file_browser import PathKind
 from gui.widgets.file_combo_box import FileComboBox
 from gui.widgets.layouts import container, hbox, vbox
 from gui.widgets.stop_button import StopButton
-from rigctl.acquisition.follow.states import NOTHING_YET, RECORDER_GONE
 from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.wire.drum.states import Fault
 
@@ -94,6 +93,6 @@ def _state_words(status: EngineStatus) -> str:
         return STILL_IN_CONTACT
     if status.fault:
         return fault_name(status.fault)
-    if not status.drum_connected and status.state_words not in (NOTHING_YET, RECORDER_GONE):
+    if not status.drum_connected:
         return "the drum board is not connected"
     return status.state_words

@@ -26,7 +26,7 @@ from gui.screenshots.recordings import Recordings
 from gui.screenshots.scene import Scene, Studio
 from gui.shell.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
-from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE
+from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
 
 FILM = "session.gif"
 IMAGES = Path("docs/images")

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE
+from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
 
 FINGER_SEED = "1"
 _FINGER = ("--protocol", "quick", "--yes", "--seed", FINGER_SEED, "--out")

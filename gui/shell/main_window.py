@@ -358,7 +358,7 @@ class MainWindow(SteadyFocusWindow):
             return False
         status = link.status
         rests = status.state in RESTING_STATES and not status.calibration.measuring
-        return rests or not link.is_connected or link.follows
+        return rests or not link.is_connected
 
     def _show_theme(self, theme: Theme) -> None:
         """Give the plots, which have colours of their own, those of another theme."""

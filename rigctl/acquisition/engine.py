@@ -39,7 +39,7 @@ class Engine(ServedEngine[Run, RunRequest]):
     def __init__(
         self, rig: Rig, live_writer: LiveWriter, utc_now: Callable[[], str], real_time: bool = True
     ) -> None:
-        super().__init__(rig.loop, rig.description, live_writer)
+        super().__init__(rig.loop, rig.description)
         self.rig = rig
         self.heartbeat_gate = HeartbeatGate(rig.loop.time)
         self.boards = Boards(

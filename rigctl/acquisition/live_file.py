@@ -198,11 +198,6 @@ class LiveFileWriter:
         self.path = path
         self._file = LiveFile.create(path, layout, taxel_rows, other_rows)
 
-    @property
-    def file(self) -> LiveFile:
-        """The file, for a stream of its rows."""
-        return self._file
-
     def set_range(self, low: NDArray[np.uint16], high: NDArray[np.uint16]) -> None:
         """Store the readings that the neurons map to 0 and 1."""
         self._file.set_range(low, high)

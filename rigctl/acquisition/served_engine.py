@@ -6,30 +6,30 @@ A run continues without a client. Without client and run the engine makes the ri
 from __future__ import annotations
 
 import asyncio
+import socket
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Coroutine
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
 from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.health.disk import DiskMonitor
-from rigctl.acquisition.live_file import LiveFileWriter
 from rigctl.acquisition.protocol.pause_reasons import DISK
 from rigctl.acquisition.protocol.run_reasons import RunReasons
-from rigctl.acquisition.rpc.declared_commands import RequestHandler
-from rigctl.acquisition.rpc.door import Door
+from rigctl.acquisition.rpc.commands import RequestHandler
 from rigctl.acquisition.rpc.messages import STATUS_PERIOD_S, engine_message
-from rigctl.acquisition.rpc.queues.connected_client import ConnectedClient
-from rigctl.acquisition.rpc.server import Server
-from rigctl.acquisition.sharing.client_commands import ClientCommands
-from rigctl.acquisition.sharing.control import Control
-from rigctl.acquisition.sharing.event_history import EventHistory, PastEvent
-from rigctl.acquisition.sharing.sample_stream import SampleStream
+from rigctl.acquisition.rpc.server import KEPT_EVENTS, Server
 from rigctl.errors import RigctlError, RigFault
 from rigctl.values import Event
 
 IDLE_TIMEOUT_S = 10.0
 """Without client and run the engine ends after this time."""
+EVENT_LETTERS = 500
+"""Of the text of a past event, so that all of them fit into one message."""
+FREQUENT_EVENTS = ("batch", "prediction")
+"""Kinds that the moving finger sends every 100 ms; none is kept."""
 
 
 class EngineRun(Protocol):
@@ -59,9 +59,7 @@ _Request = TypeVar("_Request")
 class ServedEngine(ABC, Generic[_Run, _Request]):
     """The control program of one rig; :meth:`serve` runs it."""
 
-    def __init__(
-        self, loop: asyncio.AbstractEventLoop, description: str, live: LiveFileWriter
-    ) -> None:
+    def __init__(self, loop: asyncio.AbstractEventLoop, description: str) -> None:
         self.event_bus = EventBus(loop.time)
         self.run: _Run | None = None
         self.is_ready = False
@@ -70,26 +68,26 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         self._now_s = loop.time
         self._tasks: set[asyncio.Task[None]] = set()
         self._run_task: asyncio.Task[None] | None = None
-        self._server = Server(self._report_failure)
-        self._history = EventHistory()
-        self.control = Control(self._send_control)
-        self.stream = SampleStream(live.file)
+        self._server = Server(self._report_failure, self._send_control)
+        self._past_events: deque[Event] = deque(maxlen=KEPT_EVENTS)
         self._last_used_s = self._now_s()
         self._shutdown_requested = asyncio.Event()
 
     async def serve(
-        self, door: Door, handle: RequestHandler, request: _Request | None = None
+        self,
+        listener: socket.socket,
+        token: str,
+        handle: RequestHandler,
+        request: _Request | None = None,
+        first: socket.socket | None = None,
     ) -> int:
         """Connect, serve clients until the engine ends, make the rig safe; return the exit code.
 
-        ``handle`` executes the clients' commands; ``request`` is a run to start immediately.
+        Clients come to ``listener`` and show the ``token``; ``first`` has come already. ``handle``
+        executes their commands; ``request`` is a run to start immediately.
         """
         self.event_bus.subscribe(self._send_event)
-
-        def open_desk(client: ConnectedClient) -> ClientCommands:
-            return ClientCommands(client, self, handle)
-
-        await self._server.open(door, open_desk)
+        await self._server.open(listener, token, self, handle, first)
         try:
             if not await self._connected():
                 await self._close()
@@ -174,10 +172,13 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
             self.shut_down(text)
         return is_unused
 
-    def past_events(self, count: int) -> list[tuple[float, PastEvent]]:
+    def past_events(self, count: int) -> list[dict[str, Any]]:
         """Return the newest ``count`` events with their ages in s, the oldest first."""
-        now_s = self._now_s()
-        return [(now_s - event.at_s, event) for event in self._history.newest(count)]
+        now_s, events = self._now_s(), list(self._past_events)
+        return [
+            {"age_s": now_s - e.at_s, "kind": e.kind, "text": e.text[:EVENT_LETTERS]}
+            for e in events[max(0, len(events) - count) :]
+        ]
 
     async def _supervise(self, work: Coroutine[Any, Any, None]) -> None:
         try:
@@ -195,8 +196,6 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
             self._check_disk()
             self._check_idle()
             self._send_status()
-            self.stream.send()
-            self._tend_clients()
 
     def _serve_boards(self) -> None:
         """Do what the boards need ten times a second."""
@@ -223,25 +222,18 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
             message = engine_message("status", "", self.status(), self._now_s())
             self._server.broadcast_status(message)
 
-    def _tend_clients(self) -> None:
-        """Tell clients what they missed; the others learn who was disconnected."""
-        for number in self._server.tend(self._now_s()):
-            self.control.drop(number, "stopped reading and was disconnected")
-
     def _report_failure(self, sentence: str) -> None:
         """Publish that a request failed inside the engine, which goes on."""
         self.event_bus.publish("fault", sentence)
 
     def _send_control(self, text: str) -> None:
         """Tell every client who has control. It is no event of the session."""
-        event = Event(self._now_s(), "control", text, self.control.state.as_message())
-        self._send_event(event)
+        state = asdict(self._server.control.state)
+        self._send_event(Event(self._now_s(), "control", text, state))
 
     def _send_event(self, event: Event) -> None:
-        self._history.add(event)
-        self._broadcast(event)
-
-    def _broadcast(self, event: Event) -> None:
+        if event.text and event.kind not in FREQUENT_EVENTS:
+            self._past_events.append(event)
         self._server.broadcast(engine_message(event.kind, event.text, event.data, event.at_s))
 
     def _fail_run(self, fault: RigFault) -> None:

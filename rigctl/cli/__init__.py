@@ -30,6 +30,7 @@ MODULES = {
     "world": ".data.world",
     "plates": ".data.plates",
     "info": ".data.info",
+    "watch": ".data.watch",
     "verify": ".data.verify",
     "recover": ".data.recover",
     "note": ".data.note",
@@ -43,11 +44,10 @@ MODULES = {
     "gui": "gui.app",
     "engine": ".rig.engine",
     "finger-engine": ".realtime.finger_engine",
-    "follow-engine": ".rig.follow_engine",
 }
 """The module of each command, in the order of the help. Its docstring is the command's help:
 a summary, and after an empty line a description."""
-HIDDEN = ("engine", "finger-engine", "follow-engine")
+HIDDEN = ("engine", "finger-engine")
 """Commands that the help does not list: other commands start them."""
 
 INTERRUPTED = 130

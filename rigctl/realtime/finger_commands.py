@@ -6,8 +6,8 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from rigctl.acquisition.rpc.arguments import Number
-from rigctl.acquisition.rpc.engine_commands import EngineCommands
+from rigctl.acquisition.engine_commands import EngineCommands
+from rigctl.acquisition.rpc.commands import Number
 from rigctl.realtime.finger_engine import FingerEngine
 from rigctl.realtime.run.finger_run_request import FingerRunRequest
 

@@ -23,7 +23,7 @@ class FingerEngine(ServedEngine[FingerRun, FingerRunRequest]):
     def __init__(
         self, rig: FingerRig, live_writer: FingerLiveWriter, utc_now: Callable[[], str]
     ) -> None:
-        super().__init__(rig.loop, rig.description, live_writer)
+        super().__init__(rig.loop, rig.description)
         self.rig = rig
         self.latencies = LatencyLog()
         self.devices = FingerDevices(

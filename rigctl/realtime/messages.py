@@ -8,17 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
-from rigctl.acquisition.rpc.messages import (
-    PARSERS,
-    BoardStatus,
-    FieldParsers,
-    PromptStatus,
-    RecordingStatus,
-    parse_fields,
-)
+import msgspec
+
+from rigctl.acquisition.rpc.messages import BoardStatus, PromptStatus, RecordingStatus
 from rigctl.protocol.finger_plan import ScanQuality
 
 NOMINAL_QUALITY = ScanQuality()
@@ -113,18 +107,8 @@ class FingerEngineStatus:
 
 
 def parse_finger_status(data: Mapping[str, Any]) -> FingerEngineStatus:
-    """Return the status in a message's ``data``; missing fields get their defaults."""
-    return parse_fields(FingerEngineStatus, data, _PARSERS)
+    """Return the status in a message's ``data``; missing fields get their defaults.
 
-
-_RUN_PARSERS: FieldParsers = {
-    **PARSERS,
-    "textures": tuple,
-    "quality": lambda data: parse_fields(ScanQuality, data, {}),
-    "scan": lambda data: parse_fields(CurrentScan, data, {}),
-}
-_PARSERS: FieldParsers = {
-    **PARSERS,
-    "board": lambda data: parse_fields(BoardStatus, data, PARSERS),
-    "run": partial(parse_fields, FingerRunStatus, parsers=_RUN_PARSERS),
-}
+    Raises ValueError with the field whose value is of another type.
+    """
+    return msgspec.convert(data, FingerEngineStatus)

@@ -7,13 +7,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from rigctl.acquisition.drum_commands import DrumCommands
 from rigctl.acquisition.engine import Engine
 from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.protocol.run_request import RunRequest
 from rigctl.acquisition.protocol.runner import Run
 from rigctl.acquisition.rig import Rig
-from rigctl.acquisition.rpc.command_handler import CommandHandler
-from rigctl.acquisition.rpc.declared_commands import RequestHandler
+from rigctl.acquisition.rpc.commands import RequestHandler
 from rigctl.config.rig_config import RigConfig
 from rigctl.rig import open_rig
 from rigctl.session.session import Session
@@ -37,7 +37,7 @@ class EngineHarness(ServedHarness[Rig, Engine]):
     @property
     def handle(self) -> RequestHandler:
         """What executes the clients' commands."""
-        return CommandHandler(self.engine).handle
+        return DrumCommands(self.engine).handle
 
     def request(self, protocol: str = TINY, yes: bool = True) -> RunRequest:
         """Return a request to run this protocol."""

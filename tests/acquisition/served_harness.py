@@ -14,8 +14,8 @@ from typing import Any, Generic, Self, TypeVar
 import pytest
 
 from rigctl.acquisition import served_engine
-from rigctl.acquisition.rpc.declared_commands import RequestHandler
-from rigctl.acquisition.rpc.door import Door, open_listener
+from rigctl.acquisition.rpc.commands import RequestHandler
+from rigctl.acquisition.rpc.server import open_listener
 from rigctl.acquisition.served_engine import ServedEngine
 from rigctl.values import Event
 
@@ -74,9 +74,8 @@ class ServedHarness(ABC, Generic[_Rig, _Engine]):
         self.engine.event_bus.subscribe(self.events.append)
         with open_listener() as listener:
             self.address = listener.getsockname()
-            door = Door(listener, "token")
             loop = self.engine.loop
-            serving = loop.create_task(self.engine.serve(door, self.handle, request))
+            serving = loop.create_task(self.engine.serve(listener, "token", self.handle, request))
             acting = loop.create_task(self._act(scenario, request is not None))
             await asyncio.wait((serving, acting), return_when=asyncio.FIRST_COMPLETED)
             if acting.done():

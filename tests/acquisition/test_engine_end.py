@@ -12,11 +12,14 @@ from typing import Any
 
 import pytest
 
-from rigctl.acquisition.rpc.client import ENGINE_COMMAND, FINGER_ENGINE_COMMAND, EngineClient
-from rigctl.acquisition.rpc.door import Door, open_listener
-from rigctl.acquisition.rpc.engine_files import DRUM_EXPERIMENT, FINGER_EXPERIMENT
-from rigctl.acquisition.rpc.engine_launch import EngineRefusal
-from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE
+from rigctl.acquisition.rpc.client import (
+    ENGINE_COMMAND,
+    FINGER_ENGINE_COMMAND,
+    EngineClient,
+    EngineRefusal,
+)
+from rigctl.acquisition.rpc.engine_files import DRUM_EXPERIMENT, FINGER_EXPERIMENT, FOLDER_VARIABLE
+from rigctl.acquisition.rpc.server import open_listener
 from tests.acquisition.engine_harness import open_harness
 from tests.acquisition.served_harness import ServedHarness
 from tests.realtime.harness import open_finger_harness
@@ -31,7 +34,7 @@ def test_an_engine_ends_before_its_boards_have_answered(opened: Any, tmp_path: P
     with harnesses as harness, open_listener() as listener:
         engine = harness.engine
         engine.loop.call_later(SOON_S, engine.shut_down, "a signal ended the engine")
-        serving = engine.serve(Door(listener, "token"), harness.handle)
+        serving = engine.serve(listener, "token", harness.handle)
         assert engine.loop.run_until_complete(serving) == 0
         assert not engine.is_ready
         assert engine.loop.time() < 10 * SOON_S

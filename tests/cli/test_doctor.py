@@ -16,8 +16,8 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.rpc.engine_launch import spawn_engine, wait_for_engine_file
-from rigctl.acquisition.rpc.runtime_folder import LOG
+from rigctl.acquisition.rpc.client import spawn_engine, wait_for_engine_file
+from rigctl.acquisition.rpc.engine_files import LOG
 from rigctl.cli import main
 from rigctl.cli.rig import doctor
 from rigctl.cli.rig.doctor import ATTENTION, OK, UNKNOWN, Finding

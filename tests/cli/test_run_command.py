@@ -13,11 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.rpc.client import EngineClient
-from rigctl.acquisition.rpc.engine_files import EngineFile, running_engines
-from rigctl.acquisition.rpc.engine_launch import EngineRefusal
+from rigctl.acquisition.rpc.client import EngineClient, EngineRefusal
+from rigctl.acquisition.rpc.engine_files import EngineFile, running_engines, runtime_folder
 from rigctl.acquisition.rpc.messages import EngineStatus, RunStatus
-from rigctl.acquisition.rpc.runtime_folder import runtime_folder
 from rigctl.cli.rig.run import _status_line
 from rigctl.session.session import Session
 from rigctl.session.verify import verify

@@ -16,8 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.rpc.engine_files import running_engines
-from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE, runtime_folder
+from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE, running_engines, runtime_folder
 
 SCRIPT = """
 open(__file__ + ".ran", "w").close()

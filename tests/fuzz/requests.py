@@ -17,7 +17,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from rigctl.acquisition.rpc.command_handler import CommandHandler
+from rigctl.acquisition.drum_commands import DrumCommands
 from rigctl.acquisition.rpc.messages import decode_request, encode_message
 from rigctl.errors import RigctlError
 from rigctl.realtime.finger_commands import FingerCommands
@@ -210,7 +210,7 @@ def play_drum(folder: Path, seed: int, count: int) -> Requests:
     requests = Requests(DRUM, Random(f"{seed} drum"))
 
     async def scenario(harness: EngineHarness) -> None:
-        await requests.play(harness, CommandHandler(harness.engine).handle, count)
+        await requests.play(harness, DrumCommands(harness.engine).handle, count)
 
     with open_harness(folder, seed % 1000) as harness:
         harness.run(scenario)

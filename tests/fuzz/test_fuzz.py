@@ -10,7 +10,7 @@ from random import Random
 
 import pytest
 
-from rigctl.acquisition.rpc.command_handler import CommandHandler
+from rigctl.acquisition.drum_commands import DrumCommands
 from rigctl.realtime.finger_commands import FingerCommands
 from tests.fuzz.campaign import Campaign
 from tests.fuzz.kinds.every_kind import KINDS
@@ -28,10 +28,10 @@ def test_no_mutated_file_does_more_than_be_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("handler", "valid"), [(CommandHandler, DRUM), (FingerCommands, FINGER)], ids=["drum", "finger"]
+    ("handler", "valid"), [(DrumCommands, DRUM), (FingerCommands, FINGER)], ids=["drum", "finger"]
 )
 def test_every_declared_command_is_among_the_requests(
-    handler: type[CommandHandler | FingerCommands], valid: Sequence[tuple[str, object]]
+    handler: type[DrumCommands | FingerCommands], valid: Sequence[tuple[str, object]]
 ) -> None:
     assert handler.declared_commands().keys() - {"shutdown"} <= {name for name, _ in valid}
 

@@ -14,8 +14,8 @@ from shiboken6 import delete
 
 from gui.operate.bring_up import READY
 from gui.shell.main_window import MainWindow
+from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
 from rigctl.acquisition.rpc.messages import EngineStatus
-from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE
 from rigctl.wire.drum.states import State
 from tests.gui.steps import click, wait_until
 

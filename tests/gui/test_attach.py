@@ -4,28 +4,20 @@ from __future__ import annotations
 
 import os
 import signal
-import socket
-import subprocess
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing
-from dataclasses import replace
+from contextlib import ExitStack
 from pathlib import Path
 
-import numpy as np
 import pytest
-from PySide6.QtWidgets import QApplication, QLabel
+from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
-from gui.engine_clients import JOIN, followed_session, remote_engine
+from gui.engine_clients import JOIN
 from gui.shell.main_window import MainWindow
-from rigctl.acquisition.follow.states import NOTHING_YET, RECORDER_GONE
 from rigctl.acquisition.rpc import client
 from rigctl.acquisition.rpc.client import EngineClient
-from rigctl.acquisition.rpc.engine_files import running_engines, write_engine_file
-from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE, runtime_folder
-from rigctl.acquisition.sharing.remote_client import CONNECTION_LOST
-from tests.gui.forwarded_socket import forwarded
-from tests.gui.running_engine import LONG, start_protocol
+from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE, running_engines, runtime_folder
+from tests.gui.running_engine import start_protocol
 from tests.gui.steps import click, wait_until
 
 TIMEOUT_MS = 120_000
@@ -57,15 +49,6 @@ def open_window(running: EngineClient) -> Iterator[OpenWindow]:
             return window
 
         yield open_one
-
-
-def leave_killed_run(session: Path) -> None:
-    """Leave what a run leaves that is killed while it asks for its first plate."""
-    session.mkdir()
-    killed = subprocess.Popen(["true"])
-    killed.wait()
-    (session / "protocol.toml").write_text(LONG)
-    (session / "writer.lock").write_text(f"{killed.pid}\n{socket.gethostname()}\n")
 
 
 def joined(window: MainWindow) -> MainWindow:
@@ -159,100 +142,6 @@ def test_closing_a_window_during_a_run_asks(
     click(strip.leave)
     assert not window.isVisible()
     assert running.request("status")["run"]["state"] == "running"
-
-
-def test_a_growing_session_is_followed_and_cannot_be_acted_on(
-    running: EngineClient, open_window: OpenWindow
-) -> None:
-    """As ``rigctl gui --follow`` on another computer that reads the folder."""
-    folder = running.request("status")["run"]["session"]
-    window = open_window()
-    window.connect_rig(followed_session(folder))
-    status = window.engine_link
-    wait_until(lambda: status.live is not None and status.live.taxel_head > 1000, TIMEOUT_MS)
-    committed = status.status.run.trials_committed
-    wait_until(lambda: status.status.run.trials_committed > committed, TIMEOUT_MS)
-    assert status.status.run.state == "running" and status.status.recording.active
-    strip = window.attach.controls[0]
-    assert "Nothing here reaches the rig" in strip.text.text() and not strip.take.isVisible()
-    abort = window.protocol_panel.buttons["Abort"]
-    assert not abort.isEnabled() and "nothing here reaches the rig" in abort.toolTip()
-    status.request("pause")
-    wait_until(lambda: "cannot act on its rig" in window.event_log.toPlainText())
-    status.stop_own()
-    wait_until(lambda: "STOP does not reach the rig" in window.event_log.toPlainText())
-    assert running.request("status")["run"]["state"] == "running"
-    assert window.close()
-
-
-def test_a_folder_that_is_no_session_is_refused(
-    running: EngineClient, open_window: OpenWindow, tmp_path: Path
-) -> None:
-    window = open_window()
-    window.connect_rig(followed_session(str(tmp_path)))
-    wait_until(lambda: "is not a session" in window.status_line.text(), TIMEOUT_MS)
-
-
-def test_an_engine_on_another_computer_is_seen_and_controlled(
-    running: EngineClient, open_window: OpenWindow, tmp_path: Path
-) -> None:
-    """On loopback: the engine's file is a copy, its socket is forwarded, its memory is not."""
-    engine = running.engine_file
-    copy = write_engine_file(tmp_path, replace(engine, live="/on/the/other/computer.live"))
-    with forwarded(tmp_path / f"{engine.name}.sock", engine.socket):
-        window = open_window()
-        window.connect_rig(remote_engine(str(copy)))
-        link = window.engine_link
-        wait_until(lambda: link.live is not None and link.live.taxel_head > 1000, TIMEOUT_MS)
-        assert link.live is not None
-        seen, own = link.live.taxels(500), running.live.taxels(30_000)
-        rows = np.searchsorted(own.counters, seen.counters)
-        assert seen.samples.tolist() == own.samples[rows].tolist()
-        assert seen.spikes.tolist() == own.spikes[rows].tolist()
-        wait_until(lambda: window.attach.shared[0].number > 0, TIMEOUT_MS)
-        link.request("take_control")
-        link.request("pause")
-        wait_until(lambda: link.status.run.state == "paused", TIMEOUT_MS)
-        link.request("resume")
-        wait_until(lambda: link.status.run.state == "running", TIMEOUT_MS)
-    strip = window.drum.safety.alarms.strip
-    wait_until(lambda: CONNECTION_LOST in window.event_log.toPlainText())
-    wait_until(strip.isVisible)
-    shown = " ".join(label.text() for label in strip.findChildren(QLabel))
-    assert window.toolbar.state_words.text() == CONNECTION_LOST
-    assert "CONNECTION LOST" in shown and "starts it again" not in shown
-    assert running.request("status")["run"]["state"] == "running"
-
-
-def test_a_session_is_followed_before_its_first_plate(
-    running: EngineClient, open_window: OpenWindow, tmp_path: Path
-) -> None:
-    """A run that asked for its first plate was refused as no session.
-
-    One that was killed meanwhile was awaited for ever; it is started again in the same folder.
-    """
-    protocol, session = tmp_path / "long.toml", tmp_path / "asks"
-    protocol.write_text(LONG)
-    leave_killed_run(session)
-    window = open_window()
-    window.connect_rig(followed_session(str(session)))
-    link, log = window.engine_link, window.event_log
-    alarms = window.drum.safety.alarms.strip
-    wait_until(lambda: "ended before the first plate" in log.toPlainText(), TIMEOUT_MS)
-    wait_until(lambda: window.toolbar.state_words.text() == RECORDER_GONE, TIMEOUT_MS)
-    wait_until(alarms.isVisible, TIMEOUT_MS)
-    words = ["--protocol", str(protocol), "--out", str(session)]
-    with closing(EngineClient.start("virtual", paced=True, run=words)) as rig:
-        while (prompt := rig.request("status")["run"]["prompt"]) is None:
-            pass
-        wait_until(lambda: NOTHING_YET in log.toPlainText(), TIMEOUT_MS)
-        wait_until(lambda: window.toolbar.state_words.text() == NOTHING_YET, TIMEOUT_MS)
-        assert not link.status.run.is_active and "cannot be read" not in log.toPlainText()
-        rig.request("answer", prompt_id=prompt["id"], answer="ok")
-        wait_until(lambda: link.live is not None and link.live.taxel_head > 0, TIMEOUT_MS)
-        wait_until(lambda: link.status.run.state == "running", TIMEOUT_MS)
-        assert "cannot be read" not in log.toPlainText()
-        rig.shut_down()
 
 
 def test_a_window_whose_engine_hangs_closes_at_once_and_says_what_is_left(

@@ -109,8 +109,10 @@ def test_late_tick_is_a_warning_in_words_and_shape(harness: Harness) -> None:
 
 
 def test_missing_fields_have_defaults() -> None:
-    status = parse_status({"state": 99, "run": None, "novel": 1})
+    status = parse_status({"rig": "virtual"})
     assert status.state is None and status.run.state == "idle"
+    with pytest.raises(ValueError, match="Expected `float`, got `str`"):
+        parse_status({"force_g": "much"})
 
 
 def test_tooltip_describes_each_board() -> None:

@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QApplication
 
 from gui.engine_clients import JOIN
 from rigctl.acquisition.rpc.client import EngineClient
-from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE
+from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
 from rigctl.errors import WrongUse
 from rigctl.session.verify import verify
 from rigctl.wire.drum.states import State

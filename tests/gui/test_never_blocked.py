@@ -21,8 +21,7 @@ from gui.analysis.tasks.task_values import SessionTable, TrialData
 from gui.analysis.tasks.worker import Worker
 from gui.engine_link import STOP_TIMED_OUT
 from gui.start.sample_box import CANCELLED
-from rigctl.acquisition.rpc.engine_files import running_engines
-from rigctl.acquisition.rpc.runtime_folder import runtime_folder
+from rigctl.acquisition.rpc.engine_files import running_engines, runtime_folder
 from rigctl.session.header import SensorLayout
 from rigctl.synth.sample_session import MAKING
 from rigctl.wire.drum.states import State

@@ -20,8 +20,7 @@ from gui.operate.bench_controls import AS_DRAWN, WRONGLY
 from gui.operate.bring_up import READY, BringUpBox
 from gui.shell.main_window import MainWindow
 from gui.widgets.status_lamp import Level
-from rigctl.acquisition.rpc.engine_files import running_engines
-from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE, runtime_folder
+from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE, running_engines, runtime_folder
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
 from rigctl.wire.drum.states import State

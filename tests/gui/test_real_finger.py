@@ -14,7 +14,7 @@ from gui.engine_clients import JOIN
 from gui.shell.main_window import MainWindow
 from gui.widgets.status_lamp import Level
 from rigctl.acquisition.rpc.client import FINGER_ENGINE_COMMAND, EngineClient
-from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE
+from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
 from rigctl.realtime.finger_models import train_models
 from rigctl.session.finger_session import FingerSession
 from tests.gui.steps import click, press_escape, wait_until

@@ -12,7 +12,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QPushButton, QTableView, QWidget
 
 from gui.live.replay.player import Player
-from gui.live.replay.replay_page import NO_SESSION
+from gui.live.replay.replay_page import NO_ATTEMPT, NO_SESSION
 from gui.live.replay.replay_tasks import ReplayTrial
 from gui.live.review.navigation import SPANS_S
 from rigctl.encoding.encoder import encode_trial
@@ -21,6 +21,7 @@ from rigctl.session.session import Session
 from tests.analysis.recordings import record
 from tests.gui.steps import SharedWindow, click, wait_until
 from tests.gui.texts.plots import cut_plot_texts
+from tests.session.building import SyntheticRig, plan, recorder
 
 
 @pytest.fixture(scope="module")
@@ -250,3 +251,31 @@ def test_voltage_and_spikes_are_of_one_encoder() -> None:
     ranges = Normalisation(np.array([200], np.uint16), np.array([800], np.uint16))
     fired = np.flatnonzero(membrane_mv(samples, ranges)[:, 0] >= 30.0)
     assert np.array_equal(np.unique(encode_trial(samples, ranges).train(0)), fired)
+
+
+def test_a_session_that_grows_is_followed_with_its_age(
+    disconnected: SharedWindow, tmp_path: Path
+) -> None:
+    """As ``rigctl gui --follow``: the newest attempt, each that comes, and the end."""
+    window, of, folder = disconnected.window, plan(), tmp_path / "growing"
+    with recorder(folder) as rec:
+        rec.begin_part("start", "A")
+        source = SyntheticRig(rec)
+        rec.wait_written()
+        window.replay.follow(str(folder))
+        page = window.replay.page
+        wait_until(lambda: page.sentence.text() == NO_ATTEMPT)
+        for number in range(2):
+            source.trial(of.trials[number])
+        rec.wait_written()
+        page.speed.setValue(1000.0)
+        wait_until(lambda: "Trial 2:" in page.sentence.text() and page.player.has_ended)
+        source.trial(of.trials[2])
+        rec.wait_written()
+        wait_until(lambda: "Trial 3:" in page.sentence.text())
+        wait_until(lambda: page.growth.text().startswith("Recording: 3 attempts, newest data "))
+    wait_until(lambda: not page.growth.isVisible())
+    page.whole_session.setChecked(False)
+    page.speed.setValue(1.0)
+    page.player.stop()
+    window.replay.hide()

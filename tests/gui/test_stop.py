@@ -10,11 +10,15 @@ import pytest
 from PySide6.QtCore import QPoint
 from PySide6.QtWidgets import QApplication, QMenu
 
-from rigctl.acquisition.rpc import stop_all
+from rigctl.acquisition.rpc import client
 from rigctl.acquisition.rpc.client import WINDOW, client_name
-from rigctl.acquisition.rpc.door import open_listener
-from rigctl.acquisition.rpc.engine_files import EngineFile, write_engine_file
-from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE, runtime_folder
+from rigctl.acquisition.rpc.engine_files import (
+    FOLDER_VARIABLE,
+    EngineFile,
+    runtime_folder,
+    write_engine_file,
+)
+from rigctl.acquisition.rpc.server import open_listener
 from rigctl.wire.drum.states import State
 from tests.gui.running_engine import start_protocol, wait_ended
 from tests.gui.steps import Harness, click, press_escape, wait_until
@@ -144,7 +148,7 @@ def test_hanging_engine_is_reported_without_blocking_the_window(
     harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "runtime"))
-    monkeypatch.setattr(stop_all, "STOP_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(client, "STOP_TIMEOUT_S", 0.2)
     with open_listener() as mute:
         port = mute.getsockname()[1]
         engine = EngineFile("mute", os.getpid(), port, "", "bench.toml", "")

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from rigctl.acquisition.rpc.declared_commands import RequestHandler
+from rigctl.acquisition.rpc.commands import RequestHandler
 from rigctl.finger_rig import open_finger_rig
 from rigctl.realtime.finger_commands import FingerCommands
 from rigctl.realtime.finger_engine import FingerEngine

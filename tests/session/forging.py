@@ -7,15 +7,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from rigctl.session.digests import (
-    DESCRIPTION,
-    FIRST_DIGEST,
-    PREVIOUS_DIGEST,
-    describe_part,
-    next_digest,
-)
+from rigctl.session.digests import DESCRIPTION, FIRST_DIGEST, describe_part, next_digest
 from rigctl.session.hdf5_file import text_scalar
 from rigctl.session.layout import DIGESTS
+from rigctl.session.part import PREVIOUS_DIGEST
 
 
 def rewrite_digests(folder: Path) -> str:

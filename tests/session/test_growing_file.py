@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.session.hdf5_file import DataSetSchema, Hdf5File, numbers
+from rigctl.session.hdf5_file import DataSetSchema, Hdf5File
+from tests.wire.test_tracker_lines import numbers
 
 ROWS = 100_000
 WRITER = f"""

@@ -8,8 +8,8 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from rigctl.acquisition.rpc.command_handler import CommandHandler
-from rigctl.acquisition.rpc.engine_commands import EngineCommands
+from rigctl.acquisition.drum_commands import DrumCommands
+from rigctl.acquisition.engine_commands import EngineCommands
 from rigctl.realtime.finger_commands import FingerCommands
 from rigctl.simulation.finger.faults import FingerFaults
 from rigctl.simulation.simulated_rig import FaultInjection
@@ -58,7 +58,7 @@ async def attack(address: tuple[str, int], wrong: list[bytes], committed: Callab
 
 def test_the_drums_engine_goes_on_under_mutated_requests(tmp_path: Path) -> None:
     async def scenario(harness: EngineHarness) -> None:
-        wrong, engine = lines(CommandHandler, FaultInjection), harness.engine
+        wrong, engine = lines(DrumCommands, FaultInjection), harness.engine
         await harness.until(lambda: engine.status().run.trials_committed > 0)
         grown = await attack(harness.address, wrong, lambda: engine.status().run.trials_committed)
         assert engine.status().run.state == "running"

@@ -25,7 +25,7 @@ class SessionTable(NamedTuple):
 
     ``missing``: what cannot be read of it, as sentences without the last full stop; empty if it is
     whole. ``closing_digest``: empty for a session that is not closed or lacks its end. ``reasons``:
-    row and sentence of each attempt that does not count. ``is_growing``: its writer is alive.
+    row and sentence of each attempt that does not count. ``is_growing``: its writer may be alive.
     ``first_shown``: row of the attempt that is shown first.
     """
 

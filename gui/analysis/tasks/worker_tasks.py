@@ -152,6 +152,10 @@ class WorkerTasks:
         """Read the trial table of an open session again; None without a new trial."""
         return self._sessions.follow(path)
 
+    def session_age(self, path: str) -> float:
+        """Return the age of the newest data of an open session, s."""
+        return self._sessions.age_s(path)
+
     def load_trial(self, path: str, row: int) -> TrialData | ScanPicture:
         """Read an attempt of an open session; a scan of the moving finger becomes a picture."""
         return self._sessions.trial(path, row, Path(self._pictures.name))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -71,6 +72,11 @@ class OpenSessions:
         table = self._table(path)
         return table if not table.is_growing or len(session.trials) > before else None
 
+    def age_s(self, path: str) -> float:
+        """Return the time since the newest data of an open session were written."""
+        newest = self._session(path).parts[-1].path
+        return max(0.0, time.time() - newest.stat().st_mtime)
+
     def altered(self, path: str) -> dict[int, str]:
         """Return index and reason of each attempt whose rows are not those that were recorded.
 
@@ -129,7 +135,6 @@ class OpenSessions:
     def _table(self, path: str) -> SessionTable:
         from rigctl.session.session import Session
         from rigctl.session.session_reader import read_closing_digest
-        from rigctl.session.writer_lock import is_being_written
 
         session, first = self._session(path), 0
         if isinstance(session, Session):
@@ -146,9 +151,19 @@ class OpenSessions:
             read_closing_digest(session.path) if session.finished else "",
             ". ".join(session.describe_missing()),
             tuple(_reasons(session)),
-            is_being_written(session.path),
+            not session.finished and _may_grow(session.path),
             first,
         )
+
+
+def _may_grow(folder: Path) -> bool:
+    """Return whether a session has a writer that is not known to be gone.
+
+    Another computer often does not see the lock, so there the lock's file alone counts.
+    """
+    from rigctl.session.writer_lock import Writer, lock_owner_pid, writer_of
+
+    return lock_owner_pid(folder) is not None and writer_of(folder) is not Writer.GONE
 
 
 def _first_with_texture(session: Session) -> int:

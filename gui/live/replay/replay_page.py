@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtCore import QSignalBlocker, Qt, QTimer, Signal
 from PySide6.QtWidgets import QAbstractSpinBox, QCheckBox, QLineEdit, QScrollBar, QWidget
 
 from gui.analysis.export.picture_foot import foot_text
@@ -28,6 +28,10 @@ from gui.widgets.number_box import NumberBox, WholeNumberBox
 from gui.widgets.theme import Theme
 from rigctl.values import SAMPLE_RATE_HZ
 
+FOLLOW_MS = 1000
+NEWEST = 1 << 31
+"""As the row of an attempt: the last one that there is."""
+NO_ATTEMPT = "No attempt has ended yet: the first one is shown as soon as it has."
 NO_SESSION = "Open a session to replay its trials."
 MAX_SPAN_S = 10
 """Of a session that opens: a longer trial scrolls as live."""
@@ -57,9 +61,13 @@ class ReplayPage(QWidget):
         self._is_late = self._plays = self._fits_span = False
         self._build_controls()
         self.sentence, self.values = ElidedLabel(NO_SESSION, "muted"), ElidedLabel()
+        self.growth = ElidedLabel("", "muted")
+        """How old the newest data of a session are that is still recorded."""
         rows = (FlowLayout(*self._session_row), FlowLayout(*self._play_row))
-        column = vbox(*rows, self.sentence, self.plots, self.voltage, self.values, spacing=3)
-        column.setStretch(3, 1)
+        column = vbox(
+            *rows, self.growth, self.sentence, self.plots, self.voltage, self.values, spacing=3
+        )
+        column.setStretch(4, 1)
         self.setLayout(column)
         self._connect()
 
@@ -88,6 +96,11 @@ class ReplayPage(QWidget):
             self._wanted = path, row
             self.worker.submit("open_session", path=path)
         show_text(self.sentence, f"reading {path} …")
+
+    def follow(self, path: str) -> None:
+        """Show the newest attempt of a session that grows, and each that comes."""
+        self.whole_session.setChecked(True)
+        self.open(path, NEWEST, plays=True)
 
     def offer(self, path: str) -> None:
         """Put the path of a session into an empty field; Return there opens it."""
@@ -158,6 +171,9 @@ class ReplayPage(QWidget):
         pointer.enlarge_requested.connect(self.plots.toggle_alone)
         self.plots.lines_changed.connect(self._show_values)
         self.plots.navigation.changed.connect(self._follow_window)
+        self._follow_timer = QTimer(self, interval=FOLLOW_MS)
+        self._follow_timer.timeout.connect(self._follow_session)
+        self._follow_timer.start()
 
     def _open_typed(self) -> None:
         if path := self.session.text().strip():
@@ -188,6 +204,25 @@ class ReplayPage(QWidget):
             self.worker.submit("load_replay", path=self._table.path, row=row)
             self._ask_voltage()
 
+    def _follow_session(self) -> None:
+        """Look for what was recorded since, while the page is shown and its session grows."""
+        if self._table.is_growing and self.isVisible() and not self.worker.is_busy:
+            self.worker.submit("follow_session", path=self._table.path)
+            self.worker.submit("session_age", path=self._table.path)
+
+    def _grow(self, table: SessionTable) -> None:
+        """Offer the attempts that have come; go on to the next where that is wanted."""
+        had = self._table.n_rows
+        self._show_rows(table)
+        if not had:
+            self._choose(0)
+        elif self.whole_session.isChecked() and self.player.has_ended:
+            self._next_trial()
+
+    def _show_age(self, age_s: float) -> None:
+        attempts = f"{self._table.n_rows} attempts"
+        show_text(self.growth, f"Recording: {attempts}, newest data {age_s:.1f} s old")
+
     def _next_trial(self) -> None:
         if self.trial.value() < self.trial.maximum():
             self._plays = True
@@ -201,6 +236,10 @@ class ReplayPage(QWidget):
     def _finish(self, task: str, result: Any) -> None:
         if task == "open_session":
             self._show_table(result)
+        elif task == "follow_session" and result is not None:
+            self._grow(result)
+        elif task == "session_age":
+            self._show_age(result)
         elif task == "load_replay":
             self._show_trial(result)
         elif task == "neuron_voltage":
@@ -217,15 +256,22 @@ class ReplayPage(QWidget):
         if self._wanted is None or self._wanted[0] != table.path:
             return
         row, self._wanted = self._wanted[1], None
-        if table.experiment != DRUM or not table.n_rows:
+        if table.experiment != DRUM or not (table.n_rows or table.is_growing):
             self._fail("open_session", "this is no session of the drum with trials: open another")
             return
-        self._table, self._row = table, -1
-        self._fits_span = True
-        with QSignalBlocker(self.trial):
-            self.trial.setRange(1, table.n_rows)
+        self._row, self._fits_span = -1, True
+        self._show_rows(table)
         self.opened.emit(table.path)
-        self._choose(min(row, table.n_rows - 1))
+        if table.n_rows:
+            self._choose(min(row, table.n_rows - 1))
+        else:
+            show_text(self.sentence, NO_ATTEMPT)
+
+    def _show_rows(self, table: SessionTable) -> None:
+        self._table = table
+        self.growth.setVisible(table.is_growing)
+        with QSignalBlocker(self.trial):
+            self.trial.setRange(1, max(1, table.n_rows))
 
     def _show_trial(self, trial: ReplayTrial) -> None:
         data = LiveData(trial.layout.n_taxels, trial.timeline, trial.drum)

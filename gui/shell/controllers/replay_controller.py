@@ -93,6 +93,12 @@ class ReplayController(QObject):
         elif recent := self._sessions.newest():
             self.page.offer(recent)
 
+    def follow(self, path: str) -> None:
+        """Show the newest attempt of a session that grows, and each that comes."""
+        self.is_shown = True
+        self.view_changed.emit()
+        self.page.follow(path)
+
     def hide(self) -> None:
         """Show the page that was there before."""
         self.leave()

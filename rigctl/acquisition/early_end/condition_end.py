@@ -6,7 +6,7 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from rigctl.acquisition.rpc.arguments import Number, TextureName
+from rigctl.acquisition.rpc.commands import Number, TextureName
 from rigctl.protocol.early_end import QUANTITY_NAMES, Condition, EarlyEnd
 
 Amount = Annotated[float, Meta(ge=0, le=1e6)]

@@ -9,7 +9,7 @@ from typing import Any
 
 from rigctl.acquisition.early_end.condition_end import ConditionEnd
 from rigctl.acquisition.early_end.judge_process import judge_session
-from rigctl.acquisition.rpc.arguments import read_arguments
+from rigctl.acquisition.rpc.commands import read_arguments
 from rigctl.errors import WrongUse
 from rigctl.protocol.early_end import EarlyEnd
 

@@ -13,7 +13,7 @@ from msgspec import Struct
 
 from rigctl import __version__
 from rigctl.acquisition.rig import Rig
-from rigctl.acquisition.rpc.arguments import NameText, NoteText, PathText, Seed
+from rigctl.acquisition.rpc.commands import NameText, NoteText, PathText, Seed
 from rigctl.config.resources import find_protocol, source_commit
 from rigctl.config.text_file import refuse_link_outside
 from rigctl.encoding.reading import Reading

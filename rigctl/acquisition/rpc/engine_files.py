@@ -1,17 +1,23 @@
-"""The file of a running engine that says how to connect to it: one small private file per engine.
+"""Where running engines are: a folder of the user's own, and in it a small file for each engine.
 
-The file is in a folder of the user's own (:mod:`rigctl.acquisition.rpc.runtime_folder`), is
-readable by the user alone (0600), and holds the socket or the port, the token that a client must
-show, the engine's process id and the path of its live data. The engine removes it when it ends;
-a reader removes the files of a killed engine.
+The folder is private (0700) and checked before anything is in it. The file of an engine says how to
+connect to it: its socket or its port, the token that a client must show, its process id and the
+path of its live data. The engine removes it when it ends; a reader removes the files of a killed
+engine. What an engine leaves has its name and one of a few endings, so that a file with another
+name is never touched.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import re
+import secrets
 import socket
+import stat
 import sys
+import tempfile
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated
@@ -19,31 +25,108 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from rigctl.acquisition.rpc.runtime_folder import (
-    DRAFT,
-    ENGINE_FILE,
-    ENGINE_NAME,
-    LIVE,
-    SOCKET,
-    remove_abandoned,
-    remove_files,
-)
+from rigctl import __version__
+from rigctl.config.text_file import is_plain_file
+from rigctl.errors import WrongUse
 
 DRUM_EXPERIMENT, FINGER_EXPERIMENT = "drum", "finger"
 """What an engine runs: clients of one experiment do not join the other's engine."""
-FOLLOWED = "follow"
-"""The experiment of a program that only reads a session's folder: it has no rig to stop."""
 LOOPBACK = "127.0.0.1"
 
-_SIZE_LIMIT_BYTES = 1 << 16
 _PROBE_TIMEOUT_S = 0.5
-_READ: int = (
-    os.O_RDONLY
-    | getattr(os, "O_NOFOLLOW", 0)
-    | getattr(os, "O_NONBLOCK", 0)
-    | getattr(os, "O_BINARY", 0)
-)
 _Text = Annotated[str, Meta(max_length=4096, pattern=r"\A[^\x00-\x1f\x7f]*\Z")]
+
+
+FOLDER_VARIABLE = "RIGCTL_RUNTIME"
+ENGINE_FILE, DRAFT, LIVE, SOCKET, LOG = ".engine.json", ".engine.draft", ".live", ".sock", ".log"
+ENDINGS = (ENGINE_FILE, DRAFT, LIVE, SOCKET, LOG)
+"""Endings of the files of one engine."""
+ENGINE_NAME = r"[A-Za-z0-9_-]{1,64}"
+ABANDONED_S = 3600.0
+"""Files without a running engine are removed at this age: an engine may compile before it runs."""
+
+_OWN_FILE = re.compile(f"({ENGINE_NAME})({'|'.join(map(re.escape, ENDINGS))})")
+
+
+def runtime_folder() -> Path:
+    """Return the user's own folder for running engines; create it if necessary.
+
+    ``$RIGCTL_RUNTIME`` if set, else a folder below ``$XDG_RUNTIME_DIR`` or the folder for
+    temporary files. Raises WrongUse where the folder is not the user's alone.
+    """
+    chosen = os.environ.get(FOLDER_VARIABLE) or os.environ.get("XDG_RUNTIME_DIR")
+    owner = str(os.getuid()) if hasattr(os, "getuid") else os.environ.get("USERNAME", "user")
+    folder = Path(chosen or tempfile.gettempdir()) / f"rigctl-{owner}"
+    try:
+        folder.mkdir(mode=0o700, parents=True)
+    except FileExistsError:
+        pass  # checked below, whoever made it
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise WrongUse(
+            f"the folder for running engines {folder} cannot be created ({reason}): "
+            f"set {FOLDER_VARIABLE} to a folder of your own"
+        ) from error
+    _require_private(folder)
+    return folder
+
+
+def _require_private(folder: Path) -> None:
+    """Raise WrongUse unless this is a real folder of this user that nobody else can enter."""
+    found = folder.lstat()
+    if not stat.S_ISDIR(found.st_mode):
+        raise WrongUse(
+            f"{folder} is not a folder but should be that of running engines: remove it, "
+            f"or set {FOLDER_VARIABLE} to a folder of your own"
+        )
+    if not hasattr(os, "getuid"):
+        return  # the system keeps a user's folder for temporary files private
+    if found.st_uid != os.getuid():
+        raise WrongUse(f"{folder} belongs to another user: set {FOLDER_VARIABLE} to your own")
+    if found.st_mode & 0o077:
+        mode = stat.S_IMODE(found.st_mode)
+        raise WrongUse(
+            f"{folder} is open to other users (mode {mode:04o}), who could have put files there: "
+            f"look into it, then run chmod 700 {folder}"
+        )
+
+
+def new_engine_name() -> str:
+    """Return a random engine name."""
+    return secrets.token_hex(4)
+
+
+def validate_engine_name(name: str) -> str:
+    """Return the name. Raises WrongUse where it is not made of safe letters."""
+    if not re.fullmatch(ENGINE_NAME, name):
+        raise WrongUse(
+            f"{name!r} cannot be an engine's name: use up to 64 letters, digits, '-' and '_'"
+        )
+    return name
+
+
+def remove_files(folder: Path, name: str) -> None:
+    """Remove what an engine that ended has left, but its log.
+
+    Its file is the last one: who finds none finds nothing else of the engine.
+    """
+    for ending in (SOCKET, LIVE, DRAFT, ENGINE_FILE):
+        (folder / (name + ending)).unlink(missing_ok=True)
+
+
+def remove_abandoned(folder: Path, running: set[str], now_s: float) -> None:
+    """Remove files of engines that are not ``running`` and have not been written for an hour.
+
+    ``now_s``: the time as files have it, s.
+    """
+    for path in folder.iterdir():
+        own = _OWN_FILE.fullmatch(path.name)
+        if own is None or own[1] in running:
+            continue
+        with suppress(FileNotFoundError):  # its engine has just removed it
+            found = path.lstat()
+            if not stat.S_ISDIR(found.st_mode) and now_s - found.st_mtime > ABANDONED_S:
+                path.unlink()
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +141,8 @@ class EngineFile:
     live: _Text
     experiment: Annotated[str, Meta(max_length=64)] = DRUM_EXPERIMENT
     socket: _Text = ""
+    version: _Text = __version__
+    """Of rigctl; clients of another version may stop the engine, and no more."""
 
 
 def rig_name(rig: str) -> str:
@@ -90,30 +175,12 @@ def write_engine_file(folder: Path, engine: EngineFile) -> Path:
 
 def read_engine_file(path: Path) -> EngineFile | None:
     """Return the contents of the file, None where it is absent or not what an engine writes."""
+    if not is_plain_file(path):
+        return None
     try:
-        engine = msgspec.json.decode(_read(path), type=EngineFile)
+        return msgspec.json.decode(path.read_bytes(), type=EngineFile)
     except (OSError, ValueError, RecursionError):
         return None
-    return engine if _has_own_paths(engine, path) else None
-
-
-def _read(path: Path) -> bytes:
-    """Return the file's bytes; a link is not followed, and a pipe holds nobody."""
-    descriptor = os.open(path, _READ)
-    try:
-        return os.read(descriptor, _SIZE_LIMIT_BYTES)
-    finally:
-        os.close(descriptor)
-
-
-def _has_own_paths(engine: EngineFile, path: Path) -> bool:
-    """Return whether the file names itself and only files beside it."""
-    beside = path.parent / engine.name
-    return (
-        path.name == engine.name + ENGINE_FILE
-        and engine.live in ("", f"{beside}{LIVE}")
-        and engine.socket in ("", f"{beside}{SOCKET}")
-    )
 
 
 def running_engines(folder: Path) -> list[EngineFile]:

@@ -10,28 +10,23 @@ one; between replies the engine sends events to every client::
 
 A request that is not one, or has wrong arguments, is refused with exit code 2; without a readable
 number its ``reply`` is null. The engine sends the event ``status`` ten times a second of loop time;
-its ``data`` has the fields of :class:`EngineStatus`. Defaults are for fields that an older engine
-does not send.
+its ``data`` has the fields of :class:`EngineStatus`.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, is_dataclass
-from enum import Enum
-from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Any
 
 import msgspec
+import numpy as np
 from msgspec import Meta
 
 from rigctl.acquisition.calibration.calibration_values import (
     CalibrationStatus,
-    ForceLoopGains,
-    MassReading,
 )
-from rigctl.acquisition.setup.setup_status import PartStatus, SetupStatus
+from rigctl.acquisition.setup.setup_status import SetupStatus
 from rigctl.config.names import shorten
 from rigctl.config.rig_config import RigLimits
 from rigctl.encoding.reading import Reading
@@ -47,16 +42,14 @@ SHOWN_LETTERS = 100
 STATUS_PERIOD_S = 0.1
 DISCONNECTED = "disconnected"
 """The last event that a client gets which the engine disconnects; its text is the reason."""
+DISCONNECTED_TEXT = (
+    "the engine has disconnected this client, which did not read: join it again; a run goes on, "
+    "and its session has everything"
+)
 PAPER_SENSOR = SensorLayout.default(N_TAXELS)
 NOMINAL_LIMITS = RigLimits()
 NO_CALIBRATION = CalibrationStatus()
 NO_SETUP = SetupStatus()
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
-_T = TypeVar("_T", bound="DataclassInstance")
-FieldParsers = Mapping[str, Callable[[Any], Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +174,7 @@ class BoardStatus:
 class EngineStatus:
     """State of the rig, the recording and the run.
 
-    ``state``: None where it is unknown to this program. ``fault``: value of ``Fault``.
+    ``state``: None before it is known. ``fault``: value of ``Fault``.
     ``contact_may_stand``: the drum may rest on the sensor. ``estop_pressed``: it is pressed now, or
     its wire is broken. ``has_taxel_range``: it is calibrated or measured. ``loadcell_calibrated``:
     date and masses, empty for the nominal scale. ``last_block_age_s``, ``poll_age_s`` and
@@ -266,96 +259,53 @@ def as_dict(status: Any) -> dict[str, Any]:
 def parse_status(data: Mapping[str, Any]) -> EngineStatus:
     """Return the status in a message's ``data``; missing fields get their defaults.
 
-    Raises ValueError as :func:`parse_fields`.
+    Raises ValueError with the field whose value is of another type.
     """
-    value = data.get("state")
-    known_state = State._value2member_map_.get(value) if isinstance(value, int) else None
-    return parse_fields(EngineStatus, {**data, "state": known_state}, _STATUS_PARSERS)
+    return msgspec.convert(data, EngineStatus)
 
 
-def parse_fields(kind: type[_T], data: Mapping[str, Any], parsers: FieldParsers) -> _T:
-    """Return a dataclass from JSON data; missing and null fields get their defaults.
+@dataclass(frozen=True, slots=True)
+class Client:
+    """A client that has told its name to the others."""
 
-    ``parsers``: how JSON becomes the value of a field, by the field's name. Raises ValueError with
-    the field whose value is of another type than here, as in a message of another version.
+    id: int
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class ControlState:
+    """The clients of an engine and who has control, None for nobody.
+
+    ``asking``: who asks for it, the longest waiting first.
     """
-    if not isinstance(data, Mapping):
-        raise ValueError(f"{kind.__name__} is no object")
-    given = {name: data.get(name) for name in _types(kind)}
-    return kind(
-        **{
-            name: _parse_field(name, value, _types(kind)[name], parsers.get(name))
-            for name, value in given.items()
-            if value is not None
-        }
-    )
+
+    clients: tuple[Client, ...] = ()
+    holder: int | None = None
+    asking: tuple[int, ...] = ()
+
+    @property
+    def holder_name(self) -> str:
+        """The name of the one that has control, empty for nobody."""
+        return "" if self.holder is None else self.name_of(self.holder)
+
+    def name_of(self, client: int) -> str:
+        """Return the name of a client."""
+        return next((each.name for each in self.clients if each.id == client), f"client {client}")
 
 
-@cache
-def _types(kind: type[Any]) -> dict[str, Any]:
-    """Return the types of a dataclass's fields by their names."""
-    return get_type_hints(kind)
+def _plain(value: Any) -> Any:
+    """Return a number of NumPy as one of Python's, which messages hold."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} is no value of a message")
 
 
-def _parse_field(name: str, value: Any, kind: Any, parser: Callable[[Any], Any] | None) -> Any:
-    """Return the value of one field; what a parser makes of objects has checked its fields."""
-    try:
-        parsed = value if parser is None else parser(value)
-        inner = parsed.values() if isinstance(parsed, dict) else [parsed]
-        if any(is_dataclass(each) or isinstance(each, Enum) for each in inner):
-            return parsed
-        return msgspec.convert(parsed, kind)
-    except (TypeError, ValueError, AttributeError, LookupError) as error:
-        raise ValueError(f"{name}: {error}") from error
-
-
-PARSERS: FieldParsers = {
-    "self_test": tuple,
-    "wrong_wirings": tuple,
-    "reasons": tuple,
-    "recording": lambda data: parse_fields(RecordingStatus, data, {}),
-    "current": lambda data: parse_fields(CurrentTrial, data, {}),
-    "next_plate": lambda data: parse_fields(NextPlate, data, {}),
-    "prompt": lambda data: parse_fields(PromptStatus, data, {}),
-}
-"""Parsers of the fields that statuses share."""
-
-_CALIBRATION_PARSERS: FieldParsers = {
-    "masses": lambda rows: tuple(MassReading(*row) for row in rows),
-    "gains": lambda row: ForceLoopGains(*row),
-    "imbalance_g": tuple,
-    "wiring_pressed": lambda pairs: tuple(map(tuple, pairs)),
-    "wiring": tuple,
-}
-_SETUP_PARSERS: FieldParsers = {
-    "parts": lambda rows: tuple(parse_fields(PartStatus, row, {}) for row in rows),
-    "choices": tuple,
-    "remarks": tuple,
-}
-_STATUS_PARSERS: FieldParsers = {
-    **PARSERS,
-    "boards": lambda boards: {
-        name: parse_fields(BoardStatus, boards[name], PARSERS) for name in boards
-    },
-    "run": lambda data: parse_fields(RunStatus, data, PARSERS),
-    "limits": lambda data: parse_fields(RigLimits, data, {}),
-    "calibration": lambda data: parse_fields(CalibrationStatus, data, _CALIBRATION_PARSERS),
-    "setup": lambda data: parse_fields(SetupStatus, data, _SETUP_PARSERS),
-    "sensor_layout": lambda data: parse_fields(SensorLayout, data, {"layers": tuple}),
-    "reading": Reading,
-    "wiring": tuple,
-}
-
-
-_ENCODER = json.JSONEncoder(
-    separators=(",", ":"), allow_nan=False, check_circular=False, default=as_dict
-)
-"""Made once: a new encoder for each message costs a fifth of the time."""
+_ENCODER = msgspec.json.Encoder(enc_hook=_plain)
 
 
 def encode_message(message: dict[str, Any]) -> bytes:
-    """Return one message as one line; status dataclasses become objects."""
-    return _ENCODER.encode(message).encode() + b"\n"
+    """Return one message as one line; dataclasses become objects, NaN becomes null."""
+    return _ENCODER.encode(message) + b"\n"
 
 
 def decode_message(line: bytes) -> dict[str, Any]:

@@ -34,8 +34,7 @@ from platformdirs.unix import Unix
 
 from gui.app import DEBIAN_PACKAGES
 from rigctl.acquisition.health.disk import ACTIVE_WINDOW_S, RESERVE_BYTES
-from rigctl.acquisition.rpc.engine_files import EngineFile, running_engines
-from rigctl.acquisition.rpc.runtime_folder import LOG, runtime_folder
+from rigctl.acquisition.rpc.engine_files import LOG, EngineFile, running_engines, runtime_folder
 from rigctl.cli.options.arguments import a_path
 from rigctl.cli.rig.ports import SILENT_FIRST
 from rigctl.config.resources import checkout, flash_image

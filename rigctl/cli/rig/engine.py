@@ -7,10 +7,10 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rigctl.acquisition.drum_commands import DrumCommands
 from rigctl.acquisition.engine import Engine
 from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.protocol.run_request import RunRequest
-from rigctl.acquisition.rpc.command_handler import CommandHandler
 from rigctl.cli.data.world import add_wirings, add_world, chosen_world, session_world
 from rigctl.cli.options.arguments import path_or_name, whole_number
 from rigctl.cli.rig.engine_process import EngineProcess, utc_now
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
         live = LiveWriter(process.live_path)
         engine = Engine(rig, live, utc_now, real_time=args.paced or not rig.simulated)
         with closing(live):
-            return process.serve(engine, CommandHandler(engine).handle, _run_request(args))
+            return process.serve(engine, DrumCommands(engine).handle, _run_request(args))
 
 
 def _run_request(args: argparse.Namespace) -> RunRequest | None:

@@ -13,24 +13,22 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from rigctl.acquisition.rpc.declared_commands import RequestHandler
-from rigctl.acquisition.rpc.door import Door, open_listener
+from rigctl.acquisition.rpc.commands import RequestHandler
 from rigctl.acquisition.rpc.engine_files import (
     DRUM_EXPERIMENT,
-    EngineFile,
-    rig_name,
-    running_engines,
-    write_engine_file,
-)
-from rigctl.acquisition.rpc.runtime_folder import (
     LIVE,
     LOG,
     SOCKET,
+    EngineFile,
     new_engine_name,
     remove_files,
+    rig_name,
+    running_engines,
     runtime_folder,
     validate_engine_name,
+    write_engine_file,
 )
+from rigctl.acquisition.rpc.server import open_listener, wait_first_client
 from rigctl.acquisition.served_engine import ServedEngine
 from rigctl.errors import WrongUse
 
@@ -69,11 +67,10 @@ class EngineProcess:
         with open_listener(self._folder / (self._name + SOCKET)) as listener:
             try:
                 write_engine_file(self._folder, self._file(listener, token))
-                door = Door(listener, token)
-                # Simulated time starts later, so it does not matter when the client connects.
-                door.wait_first_client()
+                first = wait_first_client(listener)
                 _shut_down_on_signals(engine)
-                return engine.loop.run_until_complete(engine.serve(door, handle, request))
+                serving = engine.serve(listener, token, handle, request, first)
+                return engine.loop.run_until_complete(serving)
             finally:
                 _remove_empty(self._folder / (self._name + LOG))
                 remove_files(self._folder, self._name)

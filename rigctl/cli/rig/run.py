@@ -18,8 +18,7 @@ from queue import Empty, SimpleQueue
 from typing import Any, Generic, Protocol, TypeVar
 
 from rigctl.acquisition.health.notices import wiring_notice
-from rigctl.acquisition.rpc.client import COMMAND_LINE, EngineClient, client_name
-from rigctl.acquisition.rpc.engine_launch import EngineRefusal
+from rigctl.acquisition.rpc.client import COMMAND_LINE, EngineClient, EngineRefusal, client_name
 from rigctl.acquisition.rpc.messages import (
     EngineStatus,
     PromptStatus,

@@ -14,7 +14,7 @@ from msgspec import Meta, Struct
 
 from rigctl import __version__
 from rigctl.acquisition.protocol.run_request import check_disk_space
-from rigctl.acquisition.rpc.arguments import PathText, Seed, Word
+from rigctl.acquisition.rpc.commands import PathText, Seed, Word
 from rigctl.analysis.finger.answers import FingerClassifier
 from rigctl.analysis.finger.confidence import COVERAGE, ERROR_RATE
 from rigctl.config.resources import find_finger_protocol, source_commit

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from rigctl.acquisition.drum.settings import GUARDED_SETTINGS
+from rigctl.acquisition.drum_commands import DrumCommands
 from rigctl.acquisition.rig import Rig
-from rigctl.acquisition.rpc.command_handler import CommandHandler
 from rigctl.config.rig_config import LoadCell, RigConfig, RigLimits
 from rigctl.errors import CommandRefused, RigFault
 from rigctl.rig import FIRMWARE, VIRTUAL
@@ -53,7 +53,7 @@ def test_a_rig_with_its_emergency_stop_pressed_gets_guarded_settings_when_armed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
     async def scenario(harness: EngineHarness) -> None:
-        ask = CommandHandler(harness.engine).handle
+        ask = DrumCommands(harness.engine).handle
         assert not await taken(harness)
         (text,) = harness.texts("check")
         assert text.startswith(REFUSED) and "not set" in text
@@ -81,7 +81,7 @@ def test_unchanged_settings_are_not_written_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def scenario(harness: EngineHarness) -> None:
-        ask = CommandHandler(harness.engine).handle
+        ask = DrumCommands(harness.engine).handle
         assert await taken(harness)
         before = len([names for names in guard.sent if names & set(GUARDED_SETTINGS)])
         for command in ("arm", "tare", "approach", "retract"):
@@ -99,7 +99,7 @@ def test_a_drum_that_takes_guarded_settings_only_lifted_is_armed_first(
 ) -> None:
     async def scenario(harness: EngineHarness) -> None:
         assert not await taken(harness)
-        await CommandHandler(harness.engine).handle("arm", {})
+        await DrumCommands(harness.engine).handle("arm", {})
         assert await taken(harness)
 
     with open_harness(tmp_path, config=MINE) as harness:
@@ -111,7 +111,7 @@ def test_nothing_is_pressed_with_other_settings_than_described(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def scenario(harness: EngineHarness) -> None:
-        ask = CommandHandler(harness.engine).handle
+        ask = DrumCommands(harness.engine).handle
         for command in ("arm", "approach"):
             with pytest.raises(RigFault, match=r"scale_ug_per_count.* not set"):
                 await ask(command, {})

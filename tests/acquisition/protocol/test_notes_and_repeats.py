@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
+from rigctl.acquisition.drum_commands import DrumCommands
 from rigctl.acquisition.protocol.run_request import RunRequest
-from rigctl.acquisition.rpc.command_handler import CommandHandler
 from rigctl.errors import RigctlError, WrongUse
 from rigctl.session.verify import verify
 from tests.acquisition.engine_harness import EngineHarness, open_session, until_ended
@@ -22,7 +22,7 @@ repeats = 2
 
 
 def handler_of(harness: EngineHarness) -> Any:
-    return CommandHandler(harness.engine).handle
+    return DrumCommands(harness.engine).handle
 
 
 async def until_committed(harness: EngineHarness, count: int) -> None:

@@ -21,14 +21,14 @@ from msgspec.inspect import (
     type_info,
 )
 
-from rigctl.acquisition.rpc.arguments import declared_arguments
-from rigctl.acquisition.rpc.command_handler import CommandHandler
-from rigctl.acquisition.rpc.declared_commands import (
+from rigctl.acquisition.drum_commands import DrumCommands
+from rigctl.acquisition.rpc.commands import (
     EngineCommand,
+    declared_arguments,
     declared_methods,
     summary_of,
 )
-from rigctl.acquisition.sharing.client_commands import ClientCommands
+from rigctl.acquisition.rpc.server import ClientCommands
 from rigctl.realtime.finger_commands import FingerCommands
 from rigctl.simulation.finger.faults import FingerFaults
 from rigctl.simulation.simulated_rig import FaultInjection
@@ -40,7 +40,7 @@ def tables() -> dict[str, str]:
     """Return the rows of each table by its title."""
     return {
         "Commands about the clients": commands(declared_methods(ClientCommands)),
-        "Commands of the drum's engine": commands(CommandHandler.declared_commands()),
+        "Commands of the drum's engine": commands(DrumCommands.declared_commands()),
         "Commands of the finger's engine": commands(FingerCommands.declared_commands()),
         "Faults of the simulated drum": faults(FaultInjection),
         "Faults of the virtual finger": faults(FingerFaults),

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.rpc.client import EngineClient
-from rigctl.acquisition.rpc.door import open_listener
+from rigctl.acquisition.rpc.client import (
+    EngineClient,
+    EngineRefusal,
+    StopResult,
+    stop_engines,
+)
 from rigctl.acquisition.rpc.engine_files import (
     EngineFile,
     rig_name,
     running_engines,
+    runtime_folder,
     write_engine_file,
 )
-from rigctl.acquisition.rpc.engine_launch import EngineRefusal
 from rigctl.acquisition.rpc.messages import EngineStatus
-from rigctl.acquisition.rpc.runtime_folder import runtime_folder
+from rigctl.acquisition.rpc.server import open_listener
 from rigctl.errors import LinkLost, WrongUse
 
 
@@ -66,8 +71,8 @@ def test_a_client_that_leaves_ends_nothing_under_another() -> None:
     assert first.leave() is None
     assert third.request("status")["drum_connected"]
     third.leave()
-    while running_engines(runtime_folder()):
-        pass
+    assert first.process is not None and first.process.wait(60) == 0
+    assert running_engines(runtime_folder()) == []
 
 
 def test_the_last_client_that_leaves_ends_the_engine() -> None:
@@ -103,6 +108,18 @@ def test_a_bench_that_has_an_engine_gets_no_second_one(
         with pytest.raises(EngineRefusal, match=r"an engine holds .*rig\.toml already") as refusal:
             EngineClient.start("./rig.toml")
     assert refusal.value.exit_code == 2
+
+
+def test_an_engine_of_another_version_is_not_joined_and_is_stopped() -> None:
+    client = EngineClient.start("virtual")
+    client.request("arm", timeout_s=30)
+    other = replace(client.engine_file, version="0.0.9")
+    write_engine_file(runtime_folder(), other)
+    with pytest.raises(WrongUse, match=r"is of rigctl 0\.0\.9 and this is .* STOP reaches it"):
+        EngineClient.attach()
+    results: list[StopResult] = []
+    assert stop_engines(results.append) == 1 and results[0].failure == ""
+    assert client.shut_down() == 0
 
 
 def test_attach_without_an_engine_is_refused() -> None:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rigctl.acquisition.drum_commands import DrumCommands
 from rigctl.acquisition.protocol.run_control import RunControl
-from rigctl.acquisition.rpc.command_handler import CommandHandler
 from rigctl.acquisition.rpc.messages import CurrentTrial, RunStatus, decode_request
 from rigctl.errors import CommandRefused, WrongUse
 from rigctl.wire.drum import register_table
@@ -20,7 +20,7 @@ from tests.acquisition.engine_harness import EngineHarness, until_ended
 
 def handler_of(harness: EngineHarness) -> Any:
     """Return the request handler of the harness's engine."""
-    return CommandHandler(harness.engine).handle
+    return DrumCommands(harness.engine).handle
 
 
 def state_of(harness: EngineHarness) -> State:

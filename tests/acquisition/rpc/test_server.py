@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import socket
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from rigctl.acquisition.rpc.door import Door, open_listener
+from rigctl.acquisition.rpc.client import EngineClient
+from rigctl.acquisition.rpc.engine_files import EngineFile
 from rigctl.acquisition.rpc.messages import (
     REQUEST_LIMIT_BYTES,
     decode_message,
     encode_message,
 )
-from rigctl.acquisition.rpc.server import ConnectedClient, Server
+from rigctl.acquisition.rpc.server import Server, open_listener, wait_first_client
 from rigctl.errors import BoardFault, WrongUse
 from tests.acquisition.engine_harness import EngineHarness
 
@@ -24,24 +29,24 @@ LOGIN = encode_message({"token": TOKEN})
 STATUS = encode_message({"id": 9, "command": "status", "args": {}})
 
 
-async def handle(command: str, args: dict[str, Any]) -> dict[str, Any]:
+async def handle(command: str, args: dict[str, Any], by: str) -> dict[str, Any]:
     if command == "fail":
         raise BoardFault("the board said no: ask it kindly")
     if command == "crash":
         raise ZeroDivisionError
-    if command == "endless":
-        return {"force_g": float("nan")}
+    if command == "strange":
+        return {"force_g": object()}
     return {"command": command, **args}
 
 
-class OneDesk:
-    """Serves every client in the same way."""
+class AnEngine:
+    """An engine without a past, which goes on."""
 
-    def __init__(self, client: ConnectedClient) -> None:
-        self.handle = handle
+    def past_events(self, count: int) -> list[dict[str, Any]]:
+        return []
 
-    def close(self) -> None:
-        """The client has left."""
+    def end_if_unused(self, text: str) -> bool:
+        return False
 
 
 async def talk(
@@ -51,19 +56,20 @@ async def talk(
 
     Fewer where it is disconnected.
     """
-    server = Server([].append if failures is None else failures.append)
+    server = Server([].append if failures is None else failures.append, [].append)
     with open_listener() as listener:
-        await server.open(Door(listener, TOKEN), OneDesk)
+        await server.open(listener, TOKEN, AnEngine(), handle)
         server.set_greeting({"event": "ready"})
         reader, writer = await asyncio.open_connection(*listener.getsockname())
-        writer.writelines(lines)
         received = []
-        while len(received) < answers and (line := await reader.readline()):
-            received.append(decode_message(line))
-            if until is not None and received[-1].get("reply") == until:
-                break
-        writer.close()
-        await writer.wait_closed()
+        with suppress(ConnectionError):
+            writer.writelines(lines)
+            while len(received) < answers and (line := await reader.readline()):
+                received.append(decode_message(line))
+                if until is not None and received[-1].get("reply") == until:
+                    break
+            writer.close()
+            await writer.wait_closed()
         await server.close()
     return received
 
@@ -86,7 +92,7 @@ def test_a_client_with_the_token_gets_greeting_and_replies() -> None:
 
 
 @pytest.mark.parametrize(
-    ("command", "error"), [("crash", "ZeroDivisionError"), ("endless", "ValueError")]
+    ("command", "error"), [("crash", "ZeroDivisionError"), ("strange", "TypeError")]
 )
 def test_a_request_that_fails_inside_is_answered_and_reported(command: str, error: str) -> None:
     failures: list[str] = []
@@ -99,9 +105,25 @@ def test_a_request_that_fails_inside_is_answered_and_reported(command: str, erro
     assert failures == [received[1]["error"]]
 
 
-@pytest.mark.parametrize("first", [{"token": "wrong"}, {"id": 1, "command": "arm"}, {"token": 7}])
-def test_a_client_without_the_token_is_disconnected(first: dict[str, Any]) -> None:
-    assert exchange(first, {"id": 1, "command": "arm", "args": {}}, answers=2) == []
+@pytest.mark.parametrize(
+    "first",
+    [
+        b'{"token":"wrong"}',
+        b'{"id":1,"command":"stop"}',
+        b'{"token":7}',
+        '{"token":"é"}'.encode(),
+        b"[" * 60_000,
+        b"x" * 1_000_000,
+        b'{"token":"\\ud800"}',
+        b'{"token":NaN}',
+        b"\xff\xfe",
+        b"",
+        b"GET / HTTP/1.1",
+    ],
+    ids=lambda line: repr(line[:30]),
+)
+def test_a_client_without_the_token_is_disconnected(first: bytes) -> None:
+    assert asyncio.run(talk(first + b"\n", STATUS, answers=2)) == []
 
 
 @pytest.mark.parametrize(
@@ -155,46 +177,6 @@ def test_too_long_a_line_is_refused_and_the_connection_stays() -> None:
     assert received[-1]["ok"]
 
 
-async def executed_of_the_gone(folder: Path, *commands: str) -> list[str]:
-    """Return what is executed of a client that sends commands and is gone.
-
-    The server sends something to it before it reads them.
-    """
-    executed: list[str] = []
-
-    class Desk(OneDesk):
-        def __init__(self, client: ConnectedClient) -> None:
-            self.handle = keep
-
-    async def keep(command: str, args: dict[str, Any]) -> dict[str, Any]:
-        executed.append(command)
-        return {}
-
-    server = Server([].append)
-    listener = open_listener(folder / "s")
-    with listener, socket.socket(listener.family) as client:
-        await server.open(Door(listener, TOKEN), Desk)
-        client.connect(listener.getsockname())
-        client.sendall(LOGIN)
-        while not len(server):
-            await asyncio.sleep(0)
-        await asyncio.sleep(0)
-        for number, command in enumerate(commands):
-            client.sendall(encode_message({"id": number, "command": command, "args": {}}))
-        client.close()
-        server.broadcast({"event": "busy"})
-        while len(server):
-            await asyncio.sleep(0)
-        await asyncio.sleep(0)
-        await server.close()
-    return executed
-
-
-def test_a_stop_of_a_client_that_is_gone_before_it_is_read_is_executed(tmp_path: Path) -> None:
-    """What was sent to the client failed, and asyncio forgot what the client had sent."""
-    assert asyncio.run(executed_of_the_gone(tmp_path, "arm", "stop")) == ["stop"]
-
-
 def test_a_request_in_the_same_packet_as_the_token_is_answered() -> None:
     received = asyncio.run(talk(LOGIN + STATUS, answers=2))
     assert received[1]["reply"] == 9
@@ -223,3 +205,97 @@ def test_a_refusal_cites_little_of_a_request(line: bytes, harness: EngineHarness
         assert 20 < len(message["error"]) <= 500 and "n" * 101 not in message["error"]
 
     harness.run(scenario)
+
+
+@pytest.fixture
+def listener(tmp_path: Path) -> Iterator[socket.socket]:
+    with open_listener(tmp_path / "s") as opened:
+        yield opened
+
+
+def come(listener: socket.socket, sent: bytes) -> socket.socket:
+    connection = socket.socket(listener.family)
+    connection.connect(listener.getsockname())
+    connection.sendall(sent)
+    return connection
+
+
+def test_the_first_client_is_the_first_that_sends_something(listener: socket.socket) -> None:
+    """Another program that looks whether the engine is there was taken for its client."""
+    come(listener, b"").close()
+    with come(listener, LOGIN) as client:
+        first = wait_first_client(listener)
+        assert first is not None and first.recv(99) == LOGIN
+        first.close()
+        assert client.recv(1) == b""
+
+
+def test_without_a_client_the_wait_ends(listener: socket.socket) -> None:
+    assert wait_first_client(listener, timeout_s=0.05) is None
+
+
+def test_the_first_client_is_served_among_silent_ones(listener: socket.socket) -> None:
+    async def serve() -> list[dict[str, Any]]:
+        server = Server([].append, [].append)
+        with come(listener, LOGIN + STATUS) as client, come(listener, b'{"tok'):
+            first = wait_first_client(listener)
+            await server.open(listener, TOKEN, AnEngine(), handle, first)
+            server.set_greeting({"event": "ready"})
+            client.setblocking(False)
+            reader, writer = await asyncio.open_connection(sock=client.dup())
+            received = [decode_message(await reader.readline()) for _ in range(2)]
+            writer.close()
+            await writer.wait_closed()
+            await server.close()
+        return received
+
+    ready, reply = asyncio.run(serve())
+    assert ready == {"event": "ready"} and reply["reply"] == 9
+
+
+def test_clients_set_no_timer(listener: socket.socket, monkeypatch: pytest.MonkeyPatch) -> None:
+    timers: list[float] = []
+
+    async def serve() -> None:
+        loop = asyncio.get_running_loop()
+        monkeypatch.setattr(loop, "call_at", lambda when, *_, **__: timers.append(when))
+        server = Server([].append, [].append)
+        await server.open(listener, TOKEN, AnEngine(), handle)
+        with come(listener, b""), come(listener, LOGIN):
+            while not len(server):
+                await asyncio.sleep(0)
+            await server.close()
+
+    asyncio.run(serve())
+    assert timers == []
+
+
+def test_a_path_too_long_for_a_socket_gives_a_port(tmp_path: Path) -> None:
+    folder = tmp_path / ("long" * 30)
+    folder.mkdir()
+    with open_listener(folder / "s") as listener:
+        assert listener.getsockname()[0] == "127.0.0.1"
+    assert list(folder.iterdir()) == []
+
+
+def test_a_client_waits_where_others_are_in_the_queue(listener: socket.socket) -> None:
+    """Its connection was refused at once when the queue of the socket was full."""
+    path = listener.getsockname()
+    engine = EngineFile("one", os.getpid(), 0, TOKEN, "virtual", "", socket=path)
+    with ExitStack() as stack:
+        queued = 0
+        while True:
+            other = stack.enter_context(socket.socket(socket.AF_UNIX))
+            other.setblocking(False)
+            try:
+                other.connect(path)
+            except BlockingIOError:
+                break
+            queued += 1
+        clients: list[EngineClient] = []
+        thread = threading.Thread(target=lambda: clients.append(EngineClient(engine)))
+        thread.start()
+        for _ in range(queued):
+            listener.accept()[0].close()
+        thread.join()
+        clients[0].close()

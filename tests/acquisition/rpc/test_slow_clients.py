@@ -10,18 +10,19 @@ from typing import Any
 
 import pytest
 
-from rigctl.acquisition.rpc.client import EngineClient
+from rigctl.acquisition.rpc import client as client_module
+from rigctl.acquisition.rpc.client import MAX_WAITING, EngineClient, EngineRefusal
 from rigctl.acquisition.rpc.engine_files import EngineFile
-from rigctl.acquisition.rpc.engine_launch import EngineRefusal
-from rigctl.acquisition.rpc.messages import LINE_LIMIT_BYTES, encode_message
-from rigctl.acquisition.rpc.queues import connected_client, message_queue
-from rigctl.acquisition.rpc.queues.connected_client import MAX_UNDER_WAY, UNREAD_LIMIT_BYTES
-from rigctl.acquisition.rpc.queues.message_queue import MessageQueue
-from rigctl.acquisition.rpc.queues.outbox import MAX_WAITING
-from rigctl.acquisition.sharing.control import Control
+from rigctl.acquisition.rpc.messages import DISCONNECTED_TEXT, LINE_LIMIT_BYTES, encode_message
+from rigctl.acquisition.rpc.server import (
+    MAX_UNDER_WAY,
+    STOPPED_READING,
+    UNREAD_LIMIT_BYTES,
+    Control,
+)
 from rigctl.errors import LinkLost
 from tests.acquisition.engine_harness import EngineHarness
-from tests.acquisition.sharing.client_connection import ClientConnection
+from tests.acquisition.rpc.client_connection import ClientConnection
 
 
 @contextmanager
@@ -43,41 +44,18 @@ def all_clients(harness: EngineHarness) -> list[Any]:
 
 
 def test_a_run_goes_on_beside_a_client_that_never_reads(harness: EngineHarness) -> None:
-    """It streams as well; the run commits all of its trials, and what waits is bounded."""
+    """The run commits all of its trials, and what waits is bounded."""
     most: list[int] = []
 
     async def scenario(harness: EngineHarness) -> None:
-        with deaf_client(harness, request(1, "introduce", name="deaf"), request(2, "stream")):
+        with deaf_client(harness, request(1, "introduce", name="deaf")):
             while not harness.has_ended():
                 await harness.wait(0.5)
                 most.append(max(client.unread_bytes for client in all_clients(harness)))
 
     harness.run(scenario, harness.request())
     assert harness.engine.status().run.trials_committed == 4
-    assert connected_client.SAMPLES_LIMIT_BYTES < max(most) < LINE_LIMIT_BYTES
-
-
-def test_who_reads_again_learns_what_was_left_out(harness: EngineHarness) -> None:
-    async def scenario(harness: EngineHarness) -> None:
-        client = await ClientConnection.connect(harness.address, "slow")
-        await client.request("stream")
-        client._reader._transport.pause_reading()  # type: ignore[attr-defined]
-        await harness.until(lambda: max(c.unread_bytes for c in all_clients(harness)) > 1 << 17)
-        await harness.wait(20.0)
-        for number in range(3):
-            harness.engine.event_bus.publish("log", f"event {number}")
-        client._reader._transport.resume_reading()  # type: ignore[attr-defined]
-        told = await client.until("left_out")
-        assert told["data"]["rows"] > 10_000 and "no event is missing" in told["text"]
-        history = (await client.request("history"))["events"]
-        assert [e["text"] for e in history if e["text"].startswith("event ")] == [
-            "event 0",
-            "event 1",
-            "event 2",
-        ]
-        await client.close()
-
-    harness.run(scenario)
+    assert max(most) < LINE_LIMIT_BYTES
 
 
 def test_the_hopeless_is_disconnected_and_the_others_learn_it(harness: EngineHarness) -> None:
@@ -89,7 +67,7 @@ def test_the_hopeless_is_disconnected_and_the_others_learn_it(harness: EngineHar
         asks = [request(number, "history", count=500) for number in range(3, 60)]
         first = request(1, "introduce", name="deaf")
         with deaf_client(harness, first) as deaf:
-            await harness.until(lambda: bool(harness.engine.control.state.holder))
+            await harness.until(lambda: bool(harness.engine._server.control.state.holder))
             other = await ClientConnection.connect(harness.address, "other")
             # Only now, as the engine may answer and disconnect the deaf client between two polls.
             deaf.sendall(b"".join(asks))
@@ -99,7 +77,7 @@ def test_the_hopeless_is_disconnected_and_the_others_learn_it(harness: EngineHar
                 )
             assert told["text"] == "deaf stopped reading and was disconnected; nobody has control"
             await other.request("arm")
-            await harness.until(lambda: len(all_clients(harness)) == 1)
+            await harness.until(lambda: len(harness.engine._server) == 1)
             await other.close()
 
     harness.run(scenario)
@@ -136,32 +114,30 @@ def test_the_65th_client_is_sent_away(harness: EngineHarness) -> None:
 def test_a_client_that_is_busy_keeps_the_newest_status_and_counts_lost_events(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(message_queue, "KEPT_MESSAGES", 10)
-    queue = MessageQueue()
-    for number in range(1000):
-        queue.put({"event": "status", "data": number})
-    queue.put({"event": "log", "text": "then"})
-    assert queue.take() == [{"event": "status", "data": 999}, {"event": "log", "text": "then"}]
-    for number in range(25):
-        queue.put({"event": "log", "text": str(number)})
-    first, *rest = queue.take()
-    assert first["event"] == "left_out" and first["data"] == {"messages": 15}
-    assert [message["text"] for message in rest] == [str(number) for number in range(15, 25)]
-    assert queue.take() == []
+    monkeypatch.setattr(client_module, "KEPT_MESSAGES", 10)
+    with hung_engine() as (client, _):
+        for number in range(1000):
+            client._keep({"event": "status", "data": number})
+        client._keep({"event": "log", "text": "then"})
+        newest = {"event": "status", "data": 999}
+        assert client.drain() == [newest, {"event": "log", "text": "then"}]
+        for number in range(25):
+            client._keep({"event": "log", "text": str(number)})
+        first, *rest = client.drain()
+        assert first["event"] == "left_out" and first["data"] == {"messages": 15}
+        assert [message["text"] for message in rest] == [str(number) for number in range(15, 25)]
+        assert client.drain() == []
 
 
 def test_a_client_that_was_disconnected_knows_the_reason() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        file = EngineFile("e", 1, listener.getsockname()[1], "t", "virtual", "")
-        with closing(EngineClient(file)) as client:
-            engine, _ = listener.accept()
-            text = "the engine has disconnected this client: join it again"
-            engine.sendall(encode_message({"event": "disconnected", "text": text, "data": {}}))
-            engine.close()
-            with pytest.raises(LinkLost, match="join it again"):
-                while True:
-                    client.wait(5.0)
-            assert client.shut_down() is None
+    with hung_engine() as (client, engine):
+        message = {"event": "disconnected", "text": DISCONNECTED_TEXT, "data": {}}
+        engine.sendall(encode_message(message))
+        engine.close()
+        with pytest.raises(LinkLost, match="has disconnected this client"):
+            while True:
+                client.wait(5.0)
+        assert client.shut_down() is None
 
 
 def test_control_tells_why_a_client_is_gone() -> None:
@@ -169,7 +145,7 @@ def test_control_tells_why_a_client_is_gone() -> None:
     control = Control(told.append)
     control.join(1, "A")
     control.join(2, "B")
-    control.drop(2, "stopped reading and was disconnected")
+    control.leave(2, STOPPED_READING)
     assert told[-1] == "B stopped reading and was disconnected"
     control.leave(2)
     assert len(told) == 3
@@ -179,7 +155,8 @@ def test_control_tells_why_a_client_is_gone() -> None:
 def hung_engine() -> Iterator[tuple[EngineClient, socket.socket]]:
     """Yield a client and the engine's end of its connection, which nobody reads."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
-        file = EngineFile("e", 1, listener.getsockname()[1], "t", "virtual", "")
+        port = listener.getsockname()[1]
+        file = EngineFile("e", 1, port, "t", "virtual", "")
         with closing(EngineClient(file)) as client:
             engine, _ = listener.accept()
             with engine:

@@ -10,12 +10,16 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.rpc import stop_all
-from rigctl.acquisition.rpc.door import open_listener
-from rigctl.acquisition.rpc.engine_files import EngineFile, write_engine_file
+from rigctl.acquisition.rpc import client
+from rigctl.acquisition.rpc.client import StopResult, stop_engines
+from rigctl.acquisition.rpc.engine_files import (
+    FOLDER_VARIABLE,
+    EngineFile,
+    runtime_folder,
+    write_engine_file,
+)
 from rigctl.acquisition.rpc.messages import decode_message, encode_message
-from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE, runtime_folder
-from rigctl.acquisition.rpc.stop_all import StopResult, stop_engines
+from rigctl.acquisition.rpc.server import open_listener
 from rigctl.cli import main
 
 
@@ -77,7 +81,7 @@ def test_every_engine_is_stopped(engines: list[ReplyServer]) -> None:
 def test_an_engine_that_hangs_does_not_delay_the_others(
     engines: list[ReplyServer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(stop_all, "STOP_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(client, "STOP_TIMEOUT_S", 0.5)
     results: list[StopResult] = []
     with open_listener() as mute:
         announced("mute", mute)  # the newest, so the first to be stopped
@@ -91,7 +95,7 @@ def test_the_command_reports_each_result(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(stop_all, "STOP_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(client, "STOP_TIMEOUT_S", 0.5)
     with open_listener() as mute:
         announced("mute", mute)
         assert main(["stop"]) == 3

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.acquisition.rpc.command_handler import CommandHandler
+from rigctl.acquisition.drum_commands import DrumCommands
 from rigctl.simulation.simulated_rig import FaultInjection
 from rigctl.wire.drum.states import State
 from tests.acquisition.engine_harness import EngineHarness
@@ -20,7 +20,7 @@ repeats = 500
 
 
 def lines() -> list[bytes]:
-    return list(wrong_requests(*declared(CommandHandler, FaultInjection)))
+    return list(wrong_requests(*declared(DrumCommands, FaultInjection)))
 
 
 def test_an_engine_that_holds_a_force_survives_wrong_requests(harness: EngineHarness) -> None:

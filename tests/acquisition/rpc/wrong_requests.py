@@ -10,10 +10,9 @@ from itertools import islice
 from random import Random
 from typing import Any
 
-from rigctl.acquisition.rpc.arguments import declared_arguments
-from rigctl.acquisition.rpc.declared_commands import declared_methods
-from rigctl.acquisition.rpc.engine_commands import EngineCommands
-from rigctl.acquisition.sharing.client_commands import ClientCommands
+from rigctl.acquisition.engine_commands import EngineCommands
+from rigctl.acquisition.rpc.commands import declared_arguments, declared_methods
+from rigctl.acquisition.rpc.server import ClientCommands
 
 BATCH = 50
 TOKENS = (b'"', b"{", b"}", b"[", b"]", b":", b",", b"null", b"1e9", b"-0", b"\\u0000", b"\xc3")

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from rigctl.acquisition.calibration.rig_file import edited_rig_file
-from rigctl.acquisition.setup.progress import PassedStep, note_calibration
-from rigctl.acquisition.setup.setup import COMMISSION, Setup
+from rigctl.acquisition.setup.progress import COMMISSION, PassedStep, note_calibration
+from rigctl.acquisition.setup.setup import Setup
 from rigctl.config.rig_config import RigConfig, load_config
 from rigctl.config.toml_edit import replace_file
 from rigctl.errors import CommandRefused

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from rigctl.acquisition.setup.boards import judge_firmware
-from rigctl.acquisition.setup.progress import load_progress, progress_path
-from rigctl.acquisition.setup.setup import COMMISSION, STEPS, Setup
+from rigctl.acquisition.setup.progress import COMMISSION, load_progress, progress_path
+from rigctl.acquisition.setup.setup import STEPS, Setup
 from rigctl.acquisition.setup.verdict import DONE, YES_OR_NO, Question
 from rigctl.config.rig_config import SLOW_GAINS, Actuator, LoadCell, RigConfig, load_config
 from rigctl.errors import WrongUse

@@ -7,9 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.acquisition.follow.followed_live import FollowedLive
-from rigctl.acquisition.follow.growing_session import GrowingSession
-from rigctl.acquisition.live_buffer import LiveReader, LiveWriter
+from rigctl.acquisition.live_buffer import LiveReader
 from rigctl.analysis.learning.growing_features import GrowingFeatures
 from rigctl.config.rig_config import EncoderConfig, RigConfig, TaxelArray
 from rigctl.encoding.encoder import encode_trial
@@ -63,23 +61,6 @@ def test_live_spikes_equal_those_of_the_recorded_counts(tmp_path: Path) -> None:
         growing.update()
         assert len(growing.features) == 4
         growing.close()
-
-
-def test_a_followed_session_is_encoded_as_its_header_says(tmp_path: Path) -> None:
-    with open_harness(tmp_path, config=CONFIG) as harness:
-        harness.record()
-    writer, growing = LiveWriter(tmp_path / "followed.live"), GrowingSession(harness.session)
-    live = FollowedLive(writer, growing.session)
-    for new in growing.take_rows():
-        for block in new.blocks:
-            live.add_block(block)
-    reader = LiveReader(writer.path)
-    low, high = reader.normalisation
-    assert reader.taxels(1000).samples.max() <= 1023
-    assert np.all(high.astype(int) - low >= Reading.CONDUCTANCE.least_range)
-    growing.close()
-    reader.close()
-    writer.close()
 
 
 def test_an_early_end_needs_ranges_in_counts(tmp_path: Path) -> None:

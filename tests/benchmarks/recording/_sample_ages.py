@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.acquisition.live_buffer import LiveReader
-from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE
+from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
 
 if TYPE_CHECKING:
     from gui.shell.main_window import MainWindow

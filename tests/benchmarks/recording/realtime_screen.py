@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.acquisition.rpc.client import FINGER_ENGINE_COMMAND, EngineClient
-from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE
+from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
 from tests.benchmarks.recording.realtime import LINK, PROTOCOL, calibrated_model, figure
 from tests.realtime.harness import open_finger_session
 

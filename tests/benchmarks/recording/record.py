@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.acquisition.rpc.client import EngineClient
-from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE
+from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
 from rigctl.wire.drum.states import State
 
 SECONDS = 20.0

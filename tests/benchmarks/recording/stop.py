@@ -15,8 +15,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from rigctl.acquisition.rpc.client import EngineClient
-from rigctl.acquisition.rpc.engine_files import running_engines
-from rigctl.acquisition.rpc.runtime_folder import FOLDER_VARIABLE, runtime_folder
+from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE, running_engines, runtime_folder
 from tests.benchmarks.recording.table import SET, ensure_set
 
 SOURCE = "from tests.benchmarks.recording._stop_scenes import main; main()"

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from gui.attach.control_strip import FOLLOWS
 from gui.shell.main_window import MainWindow
+from rigctl.acquisition.rpc.client import FoundEngine
 from rigctl.acquisition.rpc.engine_files import EngineFile
-from rigctl.acquisition.sharing.found_engines import FoundEngine
 from tests.gui.fake_engine import FakeEngine
 
 OTHER = "window of annamaria.rothenberger on tactile-lab-pc-02 (process 1234567)"
@@ -28,8 +27,6 @@ def attach_scenes(window: MainWindow, engine: FakeEngine, run: dict[str, Any]) -
     engine.send_event("control", "", clients=CLIENTS, holder=2, asking=[1])
     window.poll()
     yield "Another window has control"
-    attach.controls[0].text.setText(FOLLOWS)
-    yield "A followed session"
     engine.send_event("control", "", clients=CLIENTS, holder=1, asking=[2])
     window.poll()
     yield "Another window asks for control"

@@ -1,7 +1,7 @@
 """The commands of clients that every engine has: a method for each.
 
 The annotations of a method declare the arguments of its command
-(:mod:`rigctl.acquisition.rpc.arguments`). It returns the reply's result, None for an empty one.
+(:mod:`rigctl.acquisition.rpc.commands`). It returns the reply's result, None for an empty one.
 """
 
 from __future__ import annotations
@@ -13,19 +13,17 @@ from typing import Any, ClassVar, Generic, Literal, TypeVar
 import msgspec
 
 from rigctl.acquisition.protocol.run_reasons import RunReasons
-from rigctl.acquisition.rpc.arguments import (
-    Number,
-    Word,
-    arguments_by_name,
-    declared_arguments,
-    read_arguments,
-)
-from rigctl.acquisition.rpc.declared_commands import (
+from rigctl.acquisition.rpc.commands import (
     A_CLIENT,
     SENDER,
     EngineCommand,
+    Number,
     Result,
+    Word,
+    arguments_by_name,
+    declared_arguments,
     declared_methods,
+    read_arguments,
     summary_of,
 )
 from rigctl.acquisition.rpc.messages import as_dict

@@ -1,7 +1,7 @@
-"""The commands of clients: the drum's moves, and a method for each of the others.
+"""The commands of a drum's clients: moves, settings, records, calibrations, and the guided setup.
 
 Commands that move the rig are refused during a run, and a run is refused during a move by hand;
-stop never is.
+stop never is. A STOP ends a calibration and a check of the setup, too.
 """
 
 from __future__ import annotations
@@ -10,11 +10,12 @@ import math
 from collections.abc import Awaitable, Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta
 
+from rigctl.acquisition.calibration.calibration import Calibration
 from rigctl.acquisition.drum.contact import (
     PRESSING_STATES,
     RESTING_STATES,
@@ -23,10 +24,19 @@ from rigctl.acquisition.drum.contact import (
 from rigctl.acquisition.drum.motion import DrumMotion
 from rigctl.acquisition.early_end.condition_end import Amount, ConditionEnd
 from rigctl.acquisition.engine import Engine
+from rigctl.acquisition.engine_commands import EngineCommands
 from rigctl.acquisition.protocol.run_request import RunRequest
-from rigctl.acquisition.rpc.arguments import NoteText, Number, PathText, TextureName
-from rigctl.acquisition.rpc.declared_commands import EngineCommand, Result, summary_of
-from rigctl.acquisition.rpc.setup_commands import SetupCommands
+from rigctl.acquisition.rpc.commands import (
+    EngineCommand,
+    NoteText,
+    Number,
+    PathText,
+    Result,
+    TextureName,
+    Word,
+    summary_of,
+)
+from rigctl.acquisition.setup.desk import SetupDesk
 from rigctl.config.rig_config import RigLimits
 from rigctl.errors import WrongUse
 from rigctl.values import DrumState
@@ -63,9 +73,13 @@ class NoArguments(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 Magnitude = Annotated[float, Meta(ge=0, le=100_000)] | None
 """An operator's setting; the rig's limits are narrower."""
 Note = Annotated[str, Meta(max_length=500, pattern=r"\A[^\x00-\x1f\x7f]*\Z")]
+MAX_LOAD_G = 1e6
+Mass = Annotated[float, Meta(ge=0, le=MAX_LOAD_G)]
+Part = Literal["loadcell", "force", "imbalance", "wiring"]
+AnswerText = Annotated[str, Meta(max_length=40)]
 
 
-class CommandHandler(SetupCommands):
+class DrumCommands(EngineCommands[Engine]):
     """Executes requests to the engine of a drum rig."""
 
     request_type = RunRequest
@@ -177,6 +191,87 @@ class CommandHandler(SetupCommands):
         await taxels.test()
         return {"found": taxels.findings}
 
+    async def on_calibrate_loadcell(self, mass_g: Mass) -> Result:
+        """Read the lifted load cell with a known mass, 0 g first; return counts and spread."""
+        return dict((await self._calibration().read_mass(mass_g))._asdict())
+
+    async def on_forget_mass(self, mass_g: Mass) -> None:
+        """Remove a reading of the load cell from the calibration."""
+        self._calibration().forget_mass(mass_g)
+
+    async def on_calibrate_force(self, force_g: Mass = 500.0) -> Result:
+        """Press, make a small step, lift, and return the gains of the force loop that fit."""
+        return dict((await self._calibration().tune_gains(force_g))._asdict())
+
+    async def on_calibrate_imbalance(self) -> Result:
+        """Turn the lifted drum once; return the load cell's error of each sixteenth of a turn."""
+        return {"table_g": await self._calibration().measure_imbalance()}
+
+    async def on_calibrate_wiring(self) -> Result:
+        """Measure what the present step of the identification of the taxels asks for."""
+        return {"found": await self._calibration().take_wiring_step()}
+
+    async def on_repeat_press(self) -> None:
+        """Ask for the last place of the identification again."""
+        self._calibration().undo_press()
+
+    async def on_save_calibration(self, part: Part) -> Result:
+        """Save what was measured on the board and in ``rig.toml``; return where."""
+        calibration = self._calibration()
+        if self._engine.manual.is_recording:
+            raise WrongUse("a recording by hand goes on: end it first, then save the calibration")
+        places, remark = await calibration.save(part)
+        return {"part": part, "kept_in": places, "remark": remark}
+
+    async def on_discard_calibration(self, part: Part) -> None:
+        """Forget what was measured; the board uses its imbalance table from before."""
+        await self._calibration().discard(part)
+
+    async def on_cancel_calibration(self) -> None:
+        """End the measurement; the drum is lifted and switched off."""
+        self._engine.calibration.measurement.cancel()
+
+    async def on_setup_open(self) -> Result:
+        """Read how far the setup has come; return a remark for each part to check again."""
+        return {"remarks": self._desk().open()}
+
+    async def on_setup_check(self, part: Word) -> Result:
+        """Check a part of the rig; meanwhile its questions are answered by ``setup_answer``."""
+        verdict = await self._desk().check(part)
+        return {"part": part, "passed": verdict.passed, "problem": verdict.problem}
+
+    async def on_setup_answer(self, question_id: Number, text: AnswerText = "") -> None:
+        """Answer a question of the check; an empty text takes the one of a simulated bench."""
+        self._engine.setup.answer(question_id, text)
+
+    async def on_setup_keep(self, part: Word) -> Result:
+        """Let ``rig.toml`` describe a part as it is wired, where the check offers that."""
+        return {"part": part, "says": await self._desk().keep(part)}
+
+    async def on_setup_begin_again(self) -> None:
+        """Forget which parts have passed."""
+        self._desk().begin_again()
+
+    async def on_setup_commission(self) -> Result:
+        """Commission the board without checks; return the parts that nobody has checked."""
+        return {"not_checked": await self._desk().commission()}
+
+    def _calibration(self) -> Calibration:
+        """Return the calibrations. Raises WrongUse during a run and during a move by hand."""
+        self._refuse_during_run()
+        self._engine.calibration.measurement.require_none()
+        if self._engine.boards.motion.is_moved_by_hand:
+            raise WrongUse("the drum is moved by hand: wait until that has ended, then calibrate")
+        return self._engine.calibration
+
+    def _desk(self) -> SetupDesk:
+        """Return the setup. Raises WrongUse during a run and during a move by hand."""
+        self._refuse_during_run()
+        if self._engine.manual.is_recording:
+            raise WrongUse("a recording by hand goes on: end it first, then set the rig up")
+        self._calibration()
+        return self._engine.setup
+
     def _by_hand(self) -> AbstractContextManager[DrumMotion]:
         """Hold the drum's motion against a run that would begin. Raises WrongUse during a run.
 
@@ -189,10 +284,10 @@ class CommandHandler(SetupCommands):
 
 def _move(
     move: Callable[[DrumMotion], Awaitable[object]],
-) -> Callable[[CommandHandler, Any], Awaitable[None]]:
+) -> Callable[[DrumCommands, Any], Awaitable[None]]:
     """Return what executes a move of the drum."""
 
-    async def execute(handler: CommandHandler, _: Any) -> None:
+    async def execute(handler: DrumCommands, _: Any) -> None:
         with handler._by_hand() as motion:
             await move(motion)
 

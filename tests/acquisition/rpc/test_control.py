@@ -8,7 +8,7 @@ import pytest
 
 from rigctl.wire.drum.states import State
 from tests.acquisition.engine_harness import EngineHarness
-from tests.acquisition.sharing.client_connection import ClientConnection
+from tests.acquisition.rpc.client_connection import ClientConnection
 
 ANNA, BEN = "window of anna on lab", "window of ben on lab"
 
@@ -53,9 +53,7 @@ def test_control_is_asked_for_and_given(harness: EngineHarness) -> None:
         while not asked["data"]["asking"]:
             asked = await anna.until("control")
         assert asked["text"] == f"{BEN} asks for control; {ANNA} has it"
-        await anna.request("keep_control")
         assert "has control" in await ben.refusal("arm")
-        await ben.request("ask_control")
         assert "has control" in await ben.refusal("give_control", to=1)
         assert "there is no client 99" in await anna.refusal("give_control", to=99)
         await anna.request("give_control", to=asked["data"]["asking"][0])
@@ -93,7 +91,7 @@ def test_control_of_a_client_that_leaves_is_free(harness: EngineHarness, has_ask
             pass
         assert holder(told) == (BEN if has_asked else "")
         await ben.request("arm")
-        assert harness.engine.control.state.holder is not None
+        assert harness.engine._server.control.state.holder is not None
         await ben.close()
 
     harness.run(scenario)

@@ -1,15 +1,17 @@
-"""Declared types of what clients send: everything is checked against them before it is used.
+"""Commands as methods, with declared types of all that clients send.
 
-A function's annotations declare the arguments of its command: their types, and their bounds as
-``msgspec.Meta``. A number has two bounds, so that it is finite; a text has a length.
+The annotations of a method declare the arguments of its command: their types, and their bounds as
+``msgspec.Meta``. A number has two bounds, so that it is finite; a text has a length. Everything is
+checked against them before it is used.
 """
 
 from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Collection, Mapping
-from typing import Annotated, Any, TypeVar, get_type_hints
+from collections.abc import Awaitable, Callable, Collection, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Protocol, TypeVar, get_type_hints
 
 import msgspec
 from msgspec import Meta
@@ -20,6 +22,11 @@ from rigctl.errors import WrongUse
 from rigctl.protocol.plan import MAX_SEED
 from rigctl.session.notes import MAX_AUTHOR_LETTERS, MAX_LETTERS
 
+Result = dict[str, Any]
+A_CLIENT = "a client"
+"""Who sent a command that came through no connection."""
+SENDER = "by"
+"""The parameter of a method that gets the name of who sent the command; no client gives it."""
 Word = Annotated[str, Meta(pattern=r"\A[a-z_]{1,40}\Z")]
 PathText = Annotated[str, Meta(max_length=4096, pattern=r"\A[^\x00-\x1f\x7f]+\Z")]
 """A path, or a name that stands for one."""
@@ -35,6 +42,57 @@ Number = Annotated[int, Meta(ge=0, lt=1 << 53)]
 
 _WORDS = {"float": "a number", "int": "a whole number", "str": "a text", "array": "a list"}
 _Declared = TypeVar("_Declared", bound=msgspec.Struct)
+
+
+class RequestHandler(Protocol):
+    """Executes the commands of an engine."""
+
+    async def __call__(self, command: str, args: dict[str, Any], by: str = A_CLIENT) -> Result:
+        """Execute a command with its arguments; ``by``: the name of who sent it."""
+
+
+@dataclass(frozen=True, slots=True)
+class EngineCommand:
+    """One command of clients: what it does, the type of its arguments, and what executes it.
+
+    ``execute(handler, arguments)`` returns the result. ``names_sender``: it takes ``by``, too, the
+    name of who sent the command.
+    """
+
+    summary: str
+    arguments: type[msgspec.Struct]
+    execute: Callable[..., Awaitable[Result | None]]
+    names_sender: bool = False
+
+
+def declared_methods(handler: type) -> dict[str, EngineCommand]:
+    """Return the commands that the ``on_`` methods of a class are, by name."""
+    methods = {
+        name.removeprefix("on_"): method
+        for name, method in inspect.getmembers(handler, inspect.iscoroutinefunction)
+        if name.startswith("on_")
+    }
+    return {name: _declared(name, method) for name, method in methods.items()}
+
+
+def _declared(name: str, method: Callable[..., Awaitable[Result | None]]) -> EngineCommand:
+    names_sender = SENDER in inspect.signature(method).parameters
+    arguments = declared_arguments(name, method, told=(SENDER,))
+    return EngineCommand(summary_of(method), arguments, _call(method), names_sender)
+
+
+def summary_of(method: Callable[..., object]) -> str:
+    """Return the first line of a method's description."""
+    return (inspect.getdoc(method) or "").partition("\n")[0]
+
+
+def _call(
+    method: Callable[..., Awaitable[Result | None]],
+) -> Callable[..., Awaitable[Result | None]]:
+    """Return what calls a method of the handler with arguments by name."""
+    return lambda handler, arguments, **told: method(
+        handler, **arguments_by_name(arguments), **told
+    )
 
 
 def declared_arguments(

@@ -1,1 +1,0 @@
-"""What is queued between an engine and its clients: a bounded amount on both sides."""

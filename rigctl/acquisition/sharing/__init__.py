@@ -1,1 +1,0 @@
-"""Several clients of one engine: which one has control, what they missed, and live data for all."""
