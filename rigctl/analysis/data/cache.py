@@ -1,15 +1,14 @@
 """A cache of computed arrays in files, and the resources of an analysis.
 
 The key of an entry is a digest of everything that determines its content, so no entry is ever out
-of date. Entries appear atomically: they are written under a temporary name and renamed. An entry
-that is damaged, or of an older format, is computed again and replaced. Reading an entry marks it
-as recently used; the least recently used entries go first when the folder has grown too large.
+of date. Entries are written whole and renamed; a damaged one is computed again and replaced.
+Reading an entry marks it as recently used; the least recently used entries go first when the folder
+has grown too large.
 """
 
 from __future__ import annotations
 
 import hashlib
-import io
 import os
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -24,19 +23,15 @@ import platformdirs
 from numpy.typing import NDArray
 
 import rigctl.encoding
-from rigctl.analysis.data.fingerprint import hash_array
 from rigctl.analysis.execution.executor import SERIAL, Executor, Progress, R, T
-from rigctl.config.text_file import open_file
 from rigctl.errors import WrongUse
-from rigctl.session.files.numpy_file import parse_numpy
+from rigctl.session.files.numpy_file import read_numpy
 
 Arrays = dict[str, NDArray[Any]]
 
 MAX_BYTES = 4 * 2**30
 RACY_NS = 2 * 10**9
 """A file that was modified so recently may change again with the same modification time."""
-DIGEST_BYTES = 8
-"""Size of the XXH3 after an entry's archive, because zipfile misses some damage."""
 
 
 def cache_folder() -> Path:
@@ -69,8 +64,8 @@ class Cache:
             return None
         path = self._path(key)
         try:
-            entry = _read(path)
-        except (OSError, ValueError, WrongUse):
+            entry = read_numpy(path)
+        except (OSError, WrongUse):
             return None
         with suppress(OSError):  # another process removed it, or the folder is read-only
             os.utime(path)
@@ -91,8 +86,13 @@ class Cache:
         """Remove the least recently used entries until the others are small enough."""
         if self._folder is None:
             return
+        found = []
+        for path in self._folder.glob("??/*"):  # also what a killed process left behind
+            with suppress(FileNotFoundError):
+                status = path.stat()
+                found.append((status.st_mtime, status.st_size, path))
         total = 0
-        for _, size, path in sorted(_entries(self._folder), reverse=True):
+        for _, size, path in sorted(found, reverse=True):
             total += size
             if total > self._max_bytes:
                 path.unlink(missing_ok=True)
@@ -109,7 +109,7 @@ class Cache:
             return False
 
     def _path(self, key: str) -> Path:
-        return (self._folder or Path()) / key[:2] / f"{key}.entry"
+        return (self._folder or Path()) / key[:2] / f"{key}.npz"
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,41 +180,11 @@ def code_digest() -> bytes:
 
 
 def _write(path: Path, arrays: Arrays) -> None:
-    archive = io.BytesIO()
-    np.savez(archive, allow_pickle=False, **arrays)
     handle, name = tempfile.mkstemp(dir=path.parent, suffix=".new")
     try:
         with os.fdopen(handle, "wb") as file:
-            file.write(archive.getbuffer())
-            file.write(_digest(archive.getbuffer()))
+            np.savez(file, allow_pickle=False, **arrays)
         Path(name).replace(path)
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise
-
-
-def _read(path: Path) -> Arrays:
-    """Return the arrays of an entry. Raises ValueError for one that is damaged or older.
-
-    Raises WrongUse for what is no plain file.
-    """
-    with open_file(path) as file:
-        content = file.read()
-    archive, digest = content[:-DIGEST_BYTES], content[-DIGEST_BYTES:]
-    if _digest(archive) != digest:
-        raise ValueError(f"{path} is not a whole entry")
-    return parse_numpy(io.BytesIO(archive), len(archive))
-
-
-def _digest(archive: bytes | memoryview) -> bytes:
-    return hash_array(np.frombuffer(archive, np.uint8)).to_bytes(DIGEST_BYTES, "little")
-
-
-def _entries(folder: Path) -> Iterator[tuple[float, int, Path]]:
-    """Yield last use, size and path of each entry, and of what a killed process left behind."""
-    for path in (*folder.glob("??/*.entry"), *folder.glob("??/*.new")):
-        try:
-            status = path.stat()
-        except FileNotFoundError:
-            continue
-        yield status.st_mtime, status.st_size, path

@@ -6,16 +6,14 @@ import logging
 import platform
 import socket
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache, partial
 from importlib.metadata import version
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from urllib.parse import urlsplit
-
-from threadpoolctl import threadpool_info
 
 from rigctl import __version__
 from rigctl.analysis.execution.executor import Executor, R, T, limit_blas_threads
@@ -32,53 +30,27 @@ NUMERICAL_LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn")
 # A draw names every trial of the set, which Dask would take for data sent by mistake.
 DASK_CONFIG = {"distributed.admin.large-graph-warning-threshold": "1GB"}
 
-Versions = tuple[tuple[str, str], ...]
-Listings = dict[str, tuple[tuple[str, int], ...] | None]
-
-
-class WorkerBuild(NamedTuple):
-    """What determines the bits that a process computes, and the machine that it runs on."""
-
-    versions: Versions
-    kernels: str
-    host: str
+Versions = dict[str, str]
 
 
 class DaskExecutor(Executor):
     """Workers of one scheduler, which may join, die and return; see :func:`dask_executor`."""
 
-    def __init__(self, client: Any, builds: Mapping[str, WorkerBuild]) -> None:
+    def __init__(self, client: Any, hosts: set[str]) -> None:
         self._client = client
-        self._builds = builds
         self._scheduler = str(client.scheduler.address)
-        self.is_local = {build.host for build in builds.values()} == {_own_build().host}
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """A sentence where a worker's processor may round differently from this machine's."""
-        ours = _own_build().kernels
-        for name, build in self._builds.items():
-            if build.kernels != ours:
-                return (
-                    f"Dask worker {name} computes with {build.kernels}, this machine with {ours}: "
-                    "last bits may differ from those of a single process",
-                )
-        return ()
+        self.is_local = hosts == {socket.gethostname()}
 
     def check_visible(self, folders: Sequence[Path]) -> None:
         """Raise WrongUse where a worker does not see a folder as this process does."""
-        ours = _list_folders(folders)
+        ours = list(map(_list_folder, folders))
         for name, theirs in _run_on_workers(self._client, _list_folders, list(folders)).items():
-            for folder, files in theirs.items():
-                if files is None:
+            for folder, mine, found in zip(folders, ours, theirs, strict=True):
+                if found is None or found != mine:
                     raise WrongUse(
-                        f"Dask worker {name} does not see {folder}: keep sessions and report in "
-                        "a shared folder that has the same path on every worker"
-                    )
-                if files != ours[folder]:
-                    raise WrongUse(
-                        f"Dask worker {name} sees other files in {folder} than this machine does: "
-                        "share the folder, and wait for the end of a session that is being written"
+                        f"Dask worker {name} does not see {folder} with its files as this machine "
+                        "does: keep sessions and report in a shared folder that has the same path "
+                        "on every worker, and wait for the end of a session that is being written"
                     )
 
     def map(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[R]:
@@ -89,7 +61,7 @@ class DaskExecutor(Executor):
         """
         remaining, pending = iter(tasks), deque[Any]()
         # The versions go with each task, as a worker may have joined after the first check.
-        submit = partial(self._client.submit, _run_task, function, _own_build().versions)
+        submit = partial(self._client.submit, _run_task, function, own_versions())
         try:
             with self._translate_errors():
                 ahead = TASKS_PER_THREAD * max(1, sum(self._client.nthreads().values()))
@@ -115,8 +87,7 @@ class DaskExecutor(Executor):
                 except TimeoutError:
                     if future.status == "error":
                         raise
-                if not self._client.nthreads():
-                    polls_without_workers += 1
+                polls_without_workers += not self._client.nthreads()
         raise WorkersLost(
             f"the Dask scheduler {self._scheduler} has had no worker for "
             f"{POLL_S * POLLS_WITHOUT_WORKERS:g} s: start some and repeat the analysis"
@@ -164,7 +135,7 @@ def dask_executor(address: str) -> Iterator[Executor]:
     with dask.config.set(DASK_CONFIG):
         client = distributed.Client(address, set_as_default=False, timeout=CONNECT_S)
         try:
-            yield DaskExecutor(client, _matching_builds(client, address))
+            yield DaskExecutor(client, _hosts(client, address))
         finally:
             client.close()
             logger.setLevel(level)
@@ -186,18 +157,17 @@ def _check_connection(address: str) -> None:
         raise WrongUse(f"no scheduler answers at {address} ({error}): {remedy}") from error
 
 
-def _matching_builds(client: Any, address: str) -> dict[str, WorkerBuild]:
-    """Return the build of each worker. Raises WrongUse for no worker, or one of other versions."""
+def _hosts(client: Any, address: str) -> set[str]:
+    """Return the workers' machines. Raises WrongUse for no worker, or one of other versions."""
     try:
         client.wait_for_workers(1, timeout=CONNECT_S)
     except TimeoutError:
         raise WrongUse(
             f"the Dask scheduler {address} has no workers: start some (dask worker {address})"
         ) from None
-    builds: dict[str, WorkerBuild] = _run_on_workers(client, _own_build)
-    for name, build in builds.items():
-        _check_versions(build.versions, _own_build().versions, name)
-    return builds
+    for name, versions in _run_on_workers(client, own_versions).items():
+        _check_versions(versions, own_versions(), name)
+    return set(_run_on_workers(client, socket.gethostname).values())
 
 
 def _run_on_workers(client: Any, function: Callable[..., Any], *args: Any) -> dict[str, Any]:
@@ -213,11 +183,11 @@ def _run_on_workers(client: Any, function: Callable[..., Any], *args: Any) -> di
 
 
 def _check_versions(theirs: Versions, ours: Versions, name: str) -> None:
-    for (what, their), (_, our) in zip(theirs, ours, strict=True):
-        if their != our:
+    for what, our in ours.items():
+        if theirs[what] != our:
             raise WrongUse(
-                f"Dask worker {name} has {what} {their}, this machine {our}: results would differ; "
-                "install the same version there"
+                f"Dask worker {name} has {what} {theirs[what]}, this machine {our}: results would "
+                "differ; install the same version there"
             )
 
 
@@ -226,7 +196,7 @@ def _run_task(function: Callable[[T], R], versions: Versions, task: T) -> R:
     from distributed import get_worker
 
     _limit_blas_threads_once()
-    _check_versions(_own_build().versions, versions, get_worker().address)
+    _check_versions(own_versions(), versions, get_worker().address)
     return function(task)
 
 
@@ -237,31 +207,21 @@ def _limit_blas_threads_once() -> None:
 
 
 @cache
-def _own_build() -> WorkerBuild:
-    """Return the build of this process, with every BLAS loaded that an analysis uses."""
-    import scipy.linalg  # noqa: F401
-    from llvmlite.binding import get_host_cpu_name
-
-    commit = source_commit()
-    own = f"{__version__} {commit[:12]}".strip()
-    python = ".".join(platform.python_version_tuple()[:2])
-    libraries = ((name, version(name)) for name in NUMERICAL_LIBRARIES)
-    versions = (("rigctl", own), ("Python", python), *libraries)
-    blas = {
-        f"{pool['internal_api']} {pool['version']} for {pool.get('architecture', 'any')}"
-        for pool in threadpool_info()
-        if pool["user_api"] == "blas"
+def own_versions() -> Versions:
+    """Return the versions that determine what this process computes."""
+    return {
+        "rigctl": f"{__version__} {source_commit()[:12]}".strip(),
+        "Python": ".".join(platform.python_version_tuple()[:2]),
+        **{name: version(name) for name in NUMERICAL_LIBRARIES},
     }
-    kernels = [*sorted(blas), f"Numba for {get_host_cpu_name()}"]
-    return WorkerBuild(versions, ", ".join(kernels), socket.gethostname())
 
 
-def _list_folders(folders: Sequence[Path]) -> Listings:
-    """Return names and sizes of the files in each folder, None for a folder that is absent."""
-    return {str(folder): _list_folder(folder) for folder in folders}
+def _list_folders(folders: Sequence[Path]) -> list[Any]:
+    return list(map(_list_folder, folders))
 
 
-def _list_folder(folder: Path) -> tuple[tuple[str, int], ...] | None:
+def _list_folder(folder: Path) -> list[tuple[str, int]] | None:
+    """Return names and sizes of the files in a folder, None for a folder that is absent."""
     if not folder.is_dir():
         return None
-    return tuple(sorted((f.name, f.stat().st_size * f.is_file()) for f in folder.iterdir()))
+    return sorted((f.name, f.stat().st_size * f.is_file()) for f in folder.iterdir())

@@ -30,11 +30,6 @@ class Executor:
 
     is_local = True
 
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """Sentences for the report on what these workers may change in the results."""
-        return ()
-
     def check_visible(self, folders: Sequence[Path]) -> None:
         """Raise WrongUse where a worker does not see one of the folders."""
 

@@ -127,7 +127,7 @@ def encode_sessions(request: EncodeRequest, made_utc: str, resources: Resources)
             _write_picture(
                 request, prepared, sa_factors(prepared, force, request.scaled_by), folder
             )
-    remarks = (*remarks, *resources.cache.remarks, *resources.executor.remarks)
+    remarks = (*remarks, *resources.cache.remarks)
     return Encoded(request.out / FILE, len(prepared.trials.trials), n_spikes, force, remarks)
 
 

@@ -142,7 +142,6 @@ def _analyse(
         *representations.remarks,
         *remarks,
         *_component_remarks(results),
-        *resources.executor.remarks,
     )
     preset_rows: list[dict[str, Any]] = []
     if request.sensitivity:

@@ -196,5 +196,5 @@ ANALYSIS_KINDS = (
     Kind("finger-model", build_finger_model, HDF5_FILE, (read_finger_model,), sealed),
     Kind("spikes", build_spikes, HDF5_FILE, (read_ranges, read_sources), sealed),
     Kind("force-matrix", build_spikes, HDF5_FILE, (read_force, read_sources), sealed),
-    Kind("cache-entry", build_entry, (Place("*/*.entry", BYTES),), (read_entry,), accepted),
+    Kind("cache-entry", build_entry, (Place("*/*.npz", BYTES),), (read_entry,), accepted),
 )
