@@ -33,6 +33,9 @@ MAX_BYTES = 4 * 2**30
 RACY_NS = 2 * 10**9
 """A file that was modified so recently may change again with the same modification time."""
 
+NAMES = "names"
+"""Array of an entry with the names of the others: zipfile overlooks a member that damage hides."""
+
 
 def cache_folder() -> Path:
     """Return the default folder of entries: in $XDG_CACHE_HOME or ~/.cache on Linux."""
@@ -66,6 +69,9 @@ class Cache:
         try:
             entry = read_numpy(path)
         except (OSError, WrongUse):
+            return None
+        names = entry.pop(NAMES, None)
+        if names is None or names.tolist() != sorted(entry):
             return None
         with suppress(OSError):  # another process removed it, or the folder is read-only
             os.utime(path)
@@ -183,7 +189,7 @@ def _write(path: Path, arrays: Arrays) -> None:
     handle, name = tempfile.mkstemp(dir=path.parent, suffix=".new")
     try:
         with os.fdopen(handle, "wb") as file:
-            np.savez(file, allow_pickle=False, **arrays)
+            np.savez(file, allow_pickle=False, **arrays, **{NAMES: np.array(sorted(arrays))})
         Path(name).replace(path)
     except BaseException:
         Path(name).unlink(missing_ok=True)

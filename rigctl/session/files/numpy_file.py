@@ -74,6 +74,8 @@ def _read_archive(file: IO[bytes], size: int) -> dict[str, NDArray[Any]]:
             with archive.open(info) as member:
                 name = info.filename.removesuffix(_SUFFIX)
                 arrays[name] = _read_array(member, info.file_size)
+                if member.read(1):  # zipfile compares the checksum at the end of a member only
+                    raise ValueError(f"{name} has bytes behind its array")
         return arrays
 
 

@@ -121,7 +121,7 @@ def test_a_file_that_was_just_written_is_read_again(session: Path, tmp_path: Pat
 
 
 def test_the_least_recently_used_entry_goes_first(tmp_path: Path) -> None:
-    cache = Cache(tmp_path, max_bytes=3000)
+    cache = Cache(tmp_path, max_bytes=4000)
     for number, name in enumerate(("aa", "bb", "cc")):
         cache.put(name, {"x": np.zeros(1000, np.uint8)})
         os.utime(tmp_path / name / f"{name}.npz", (number, number))
