@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.classification.splits import Design
+from rigctl.analysis.splits import Design
 from rigctl.simulation.bench.contact import contact_tables, draw_mounting, force_table
 from rigctl.simulation.bench.mechanics import DrumTrajectory, Mechanics
 from rigctl.simulation.bench.skin import SLOT_US, Skin

@@ -6,10 +6,9 @@ from pathlib import Path
 
 from msgspec.structs import asdict
 
-from rigctl.acquisition.early_end.condition_end import ConditionEnd
 from rigctl.protocol.early_end import EarlyEnd
 from rigctl.protocol.loader import parse_protocol
-from rigctl.session.early_end import EARLY_END_KIND
+from rigctl.session.early_end import EARLY_END_KIND, ConditionEnd
 from rigctl.session.write.recorder import Recorder
 from rigctl.values import Event
 from tests.session.building import RIG, SyntheticRig, header

@@ -16,9 +16,8 @@ from gui.analysis.figures.confusion_page import ConfusionPage
 from gui.analysis.figures.picture_page import FigureView
 from gui.analysis.options_form import ENGINES, REPRESENTATIONS, TASKS
 from gui.analysis.results_view import ResultsView
-from rigctl.analysis.classification import sweep_engines
-from rigctl.analysis.features import representations
-from rigctl.analysis.paper import tasks
+from rigctl.analysis import pca_lda as sweep_engines
+from rigctl.analysis import representations, tasks
 from rigctl.cli import main
 from tests.analysis.recordings import record
 from tests.gui.steps import Harness, click, wait_until

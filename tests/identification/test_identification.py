@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rigctl.analysis.paper import published
+from rigctl.analysis import published
 from rigctl.identification import original_column, search
 from rigctl.identification.__main__ import main
 from rigctl.identification.sliding import Slider, simulate_slides

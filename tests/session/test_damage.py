@@ -8,8 +8,8 @@ import h5py
 import numpy as np
 import pytest
 
-from rigctl.analysis.data.trial_set import join_sessions
 from rigctl.analysis.finger.recorded_scans import read_scans
+from rigctl.analysis.trial_set import join_sessions
 from rigctl.session.format.annotated_arrays import text_scalar
 from rigctl.session.format.layout import SAMPLES, TRIALS
 from rigctl.session.read.damage import DamagedRows, damaged_trials, find_damaged_rows

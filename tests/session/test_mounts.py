@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.analysis.data.trial_set import join_sessions
+from rigctl.analysis.trial_set import join_sessions
 from rigctl.cli import main
 from rigctl.session.format.file_names import part_name
 from rigctl.session.read.session import Session

@@ -23,7 +23,7 @@ from gui.widgets.typed_paths import typed_path
 from rigctl.errors import WrongUse
 
 if TYPE_CHECKING:
-    from rigctl.analysis.data.cache import Resources
+    from rigctl.analysis.cache import Resources
     from rigctl.analysis.finger.report import FingerReport
     from rigctl.session.read.finger_session import FingerSession
 
@@ -58,8 +58,8 @@ def scan_picture(session: FingerSession, row: int, folder: Path) -> ScanPicture:
 
     Raises WrongUse for an attempt without a scan.
     """
-    from rigctl.analysis.finger.movie.movie_file import write_movie
-    from rigctl.analysis.finger.movie.scan_timeline import read_timeline
+    from rigctl.analysis.finger.movie import write_movie
+    from rigctl.analysis.finger.scan_timeline import read_timeline
 
     trial_id = int(session.trials[row]["trial_id"])
     path = session.path
@@ -100,9 +100,9 @@ def make_models(session: str, source: str, components: int) -> tuple[str, ...]:
 
 def make_report(request: AnalysisRequest, resources: Resources) -> FingerReport:
     """Write the report of the real-time experiment."""
-    from rigctl.analysis.classification.sweep_engines import SweepEngine
     from rigctl.analysis.finger.report import make_finger_report
     from rigctl.analysis.finger.tasks import DrawSettings
+    from rigctl.analysis.pca_lda import SweepEngine
 
     engine = SweepEngine(request.engine)
     settings = DrawSettings(request.draws, request.seed, engine, analysis_settings(request))

@@ -14,7 +14,7 @@ from gui.widgets.typed_paths import typed_path
 from rigctl.session.format.metadata.sensor_layout import SensorLayout
 
 if TYPE_CHECKING:
-    from rigctl.analysis.settings.analysis_settings import AnalysisSettings
+    from rigctl.analysis.settings import AnalysisSettings
 
 DRUM, FINGER = "drum", "finger"
 """Experiments of a session."""
@@ -171,8 +171,7 @@ def describe_request(request: AnalysisRequest, experiment: str) -> str:
 
 def analysis_settings(request: AnalysisRequest) -> AnalysisSettings:
     """Return the constants of the request's analysis file, or the paper's."""
-    from rigctl.analysis.settings.analysis_settings import AnalysisSettings
-    from rigctl.analysis.settings.settings_file import load_settings
+    from rigctl.analysis.settings import AnalysisSettings, load_settings
 
     if request.settings:
         return load_settings(typed_path(request.settings))

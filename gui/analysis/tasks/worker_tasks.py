@@ -54,8 +54,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from gui.live.replay.replay_tasks import ReplayTrial
-    from rigctl.analysis.execution.executor import Progress
-    from rigctl.analysis.learning.session_curve import SessionCurve, SessionCurves
+    from rigctl.analysis.executors import Progress
+    from rigctl.analysis.learning_curve import SessionCurve, SessionCurves
     from rigctl.analysis.report.report_folder import ReportRequest
 
 FIGURES = "figures"
@@ -121,7 +121,7 @@ class WorkerTasks:
 
     def learning_curve(self, folder: str) -> SessionCurve:
         """Return the learning curve of a session's trials so far. Raises SessionError."""
-        from rigctl.analysis.learning.session_curve import SessionCurves
+        from rigctl.analysis.learning_curve import SessionCurves
 
         if self._curves is None:
             self._curves = SessionCurves()
@@ -227,7 +227,7 @@ class WorkerTasks:
 
     def analyse(self, request: AnalysisRequest) -> AnalysisResults:
         """Write a report on sessions as ``rigctl analyse`` does."""
-        from rigctl.analysis.data.cache import Cache, Resources, cache_folder
+        from rigctl.analysis.cache import Cache, Resources, cache_folder
         from rigctl.analysis.report.report_folder import make_report
 
         now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
@@ -239,15 +239,15 @@ class WorkerTasks:
 
     def analyse_finger(self, request: AnalysisRequest) -> AnalysisResults:
         """Write a report on the moving finger as ``rigctl analyse --experiment realtime`` does."""
-        from rigctl.analysis.data.cache import Resources
+        from rigctl.analysis.cache import Resources
 
         resources = Resources(progress=self._progress)
         return finger_results(finger_tasks.make_report(request, resources))
 
     def classify(self, model: str, sessions: tuple[str, ...]) -> AnalysisResults:
         """Classify sessions with a trained model as ``rigctl classify`` does."""
-        from rigctl.analysis.classification.classify_sessions import classify
-        from rigctl.analysis.data.cache import Resources
+        from rigctl.analysis.cache import Resources
+        from rigctl.analysis.classify_sessions import classify
         from rigctl.session.files.model_file import load_model
 
         loaded = load_model(typed_path(model))
@@ -264,17 +264,17 @@ class WorkerTasks:
 
     def discard(self, folder: str) -> None:
         """Remove the partial report of a cancelled analysis, whose process could not do so."""
-        from rigctl.analysis.data.atomic_directory import PARTIAL
+        from rigctl.analysis.files import PARTIAL
 
         out = Path(folder).absolute()
         shutil.rmtree(out.with_name(PARTIAL.format(name=out.name)), ignore_errors=True)
 
 
 def _report_request(request: AnalysisRequest) -> ReportRequest:
-    from rigctl.analysis.classification.sweep_engines import SweepEngine
-    from rigctl.analysis.classification.training import ModelRequest
-    from rigctl.analysis.paper.tasks import SweepSettings
+    from rigctl.analysis.pca_lda import SweepEngine
     from rigctl.analysis.report.report_folder import ReportRequest
+    from rigctl.analysis.tasks import SweepSettings
+    from rigctl.analysis.training import ModelRequest
     from rigctl.encoding.parameters import preset
 
     out, model = Path(request.folder), None

@@ -21,14 +21,14 @@ from rigctl.acquisition.drum.contact import (
     is_left_in_contact,
 )
 from rigctl.acquisition.drum.motion import DrumMotion
-from rigctl.acquisition.early_end.condition_end import Amount, ConditionEnd
 from rigctl.acquisition.engine import Engine
 from rigctl.acquisition.protocol.run_request import RunRequest
-from rigctl.acquisition.rpc.arguments import NoteText, Number, PathText, TextureName
+from rigctl.acquisition.rpc.arguments import Amount, NoteText, Number, PathText, TextureName
 from rigctl.acquisition.rpc.declared_commands import EngineCommand, Result, summary_of
 from rigctl.acquisition.rpc.setup_commands import SetupCommands
 from rigctl.config.rig_config import RigLimits
 from rigctl.errors import WrongUse
+from rigctl.session.early_end import ConditionEnd
 from rigctl.values import DrumState
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import STATE_TEXT, State

@@ -15,20 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from rigctl.analysis.classification.component_sweep import fit_nested_lda, fit_pca
-from rigctl.analysis.classification.posteriors import log_posteriors, whiten
-from rigctl.analysis.classification.sweep_engines import count_real_components
 from rigctl.analysis.finger.published import COMPONENTS
 from rigctl.analysis.finger.scans import ScanKind, ScanSet
+from rigctl.analysis.pca_lda import (
+    count_real_components,
+    fit_nested_lda,
+    fit_pca,
+    log_posteriors,
+    whiten,
+)
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
 from rigctl.encoding.scaled_time import REFERENCE_UM_PER_S, feature_vector
 from rigctl.errors import WrongUse
-from rigctl.session.files.finger_model_file import (
-    FingerCalibration,
-    FingerModel,
-    WindowClassifier,
-)
+from rigctl.session.files.finger_model_file import FingerCalibration, FingerModel, WindowClassifier
 from rigctl.session.files.model_file import TrainingInfo
 
 Floats = NDArray[np.float64]

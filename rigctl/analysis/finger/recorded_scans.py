@@ -10,15 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl import __version__
-from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
+from rigctl.analysis.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.finger.classifier import FingerEncoding
-from rigctl.analysis.finger.data_sets import FingerDataSet
-from rigctl.analysis.finger.evaluation.force_invariance import (
-    population_reading,
-    scale_to_population,
+from rigctl.analysis.finger.evaluation import population_reading, scale_to_population
+from rigctl.analysis.finger.scans import (
+    FingerDataSet,
+    ScanRecording,
+    ScanSet,
+    encode_readings,
+    scan_set,
 )
-from rigctl.analysis.finger.scans import ScanRecording, ScanSet, encode_readings, scan_set
-from rigctl.analysis.settings.analysis_settings import FingerAnalysisSettings
+from rigctl.analysis.settings import FingerAnalysisSettings
 from rigctl.config.resources import source_commit
 from rigctl.encoding.parameters import preset
 from rigctl.encoding.scaled_time import BATCH_SAMPLES, N_WINDOWS
@@ -31,7 +33,6 @@ from rigctl.session.read.damage import damaged_trials
 from rigctl.session.read.finger_session import FingerSession
 
 Floats = NDArray[np.float64]
-
 READING_STAGE = "reading sessions"
 CLASSIFIED_STAGES = (Stage.TRAIN, Stage.CALIBRATE, Stage.RUN)
 _DEFAULT_PRESET = "default"

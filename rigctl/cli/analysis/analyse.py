@@ -29,11 +29,11 @@ DRUM_OPTIONS = (
 """Options without a meaning for the moving finger."""
 
 if TYPE_CHECKING:
-    from rigctl.analysis.classification.sweep_engines import SweepEngine
-    from rigctl.analysis.classification.training import ModelRequest
-    from rigctl.analysis.paper.tasks import SweepSettings
+    from rigctl.analysis.pca_lda import SweepEngine
     from rigctl.analysis.report.report_folder import ReportResult
-    from rigctl.analysis.settings.analysis_settings import AnalysisSettings
+    from rigctl.analysis.settings import AnalysisSettings
+    from rigctl.analysis.tasks import SweepSettings
+    from rigctl.analysis.training import ModelRequest
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -138,7 +138,7 @@ def run(args: argparse.Namespace) -> int:
     """Make the report; the last lines on standard output name its files."""
     if args.experiment == "realtime":
         return _run_realtime(args)
-    from rigctl.analysis.classification.sweep_engines import SweepEngine
+    from rigctl.analysis.pca_lda import SweepEngine
     from rigctl.analysis.report.report_folder import ReportRequest, make_report
 
     engine, analysis = SweepEngine(args.engine), _analysis_of(args)
@@ -163,9 +163,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _run_realtime(args: argparse.Namespace) -> int:
     """Analyse sessions of the moving finger. Raises WrongUse for an option of the drum's alone."""
-    from rigctl.analysis.classification.sweep_engines import SweepEngine
     from rigctl.analysis.finger.report import make_finger_report
     from rigctl.analysis.finger.tasks import DrawSettings
+    from rigctl.analysis.pca_lda import SweepEngine
 
     _refuse_drum_options(args)
     out = Path(args.out)
@@ -195,8 +195,7 @@ def _now() -> str:
 
 def _analysis_of(args: argparse.Namespace) -> AnalysisSettings:
     """Return the constants of the analysis file, or the paper's; options come before both."""
-    from rigctl.analysis.settings.analysis_settings import AnalysisSettings
-    from rigctl.analysis.settings.settings_file import load_settings
+    from rigctl.analysis.settings import AnalysisSettings, load_settings
 
     settings = AnalysisSettings() if args.settings is None else load_settings(args.settings)
     if args.reference_force is None:
@@ -208,7 +207,7 @@ def _sweep_of(
     args: argparse.Namespace, engine: SweepEngine, analysis: AnalysisSettings
 ) -> SweepSettings:
     """Return the sweep of the drum's analysis."""
-    from rigctl.analysis.paper.tasks import SweepSettings
+    from rigctl.analysis.tasks import SweepSettings
 
     draws = analysis.draws
     iterations = draws.count if args.iterations is None else args.iterations
@@ -218,7 +217,7 @@ def _sweep_of(
 
 def _model_of(args: argparse.Namespace) -> ModelRequest | None:
     """Return the requested model, if any. Raises WrongUse for its options without a file."""
-    from rigctl.analysis.classification.training import ModelRequest
+    from rigctl.analysis.training import ModelRequest
 
     options = ("representation", "components")
     given = {name: value for name in options if (value := getattr(args, name)) is not None}
@@ -231,7 +230,7 @@ def _model_of(args: argparse.Namespace) -> ModelRequest | None:
 
 def _summary(report: ReportResult) -> str:
     """Return the notes, one line for each task, and the paths of the files."""
-    from rigctl.analysis.data.notes import summarise_notes
+    from rigctl.analysis.notes import summarise_notes
 
     lines = [f"note: {note}" for note in summarise_notes(report.remarks)]
     for result in report.results:

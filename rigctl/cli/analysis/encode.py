@@ -24,9 +24,9 @@ from rigctl.cli.options.encoder import (
 from rigctl.errors import WrongUse
 
 if TYPE_CHECKING:
-    from rigctl.analysis.data.cache import Cache
-    from rigctl.analysis.features.encoded_sessions import Encoded
-    from rigctl.analysis.taxel.taxel_request import TaxelRequest
+    from rigctl.analysis.cache import Cache
+    from rigctl.analysis.encoded_sessions import Encoded
+    from rigctl.analysis.taxel_request import TaxelRequest
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -90,7 +90,7 @@ def _add_taxel(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the files; the last lines on standard output name them."""
-    from rigctl.analysis.taxel.taxel_request import encode_taxel
+    from rigctl.analysis.taxel_request import encode_taxel
 
     request = _taxel_request(args)
     if args.out is None and not request.files:
@@ -111,8 +111,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _taxel_request(args: argparse.Namespace) -> TaxelRequest:
-    from rigctl.analysis.features.encoded_sessions import ScaledBy
-    from rigctl.analysis.taxel.taxel_request import TaxelRequest
+    from rigctl.analysis.encoded_sessions import ScaledBy
+    from rigctl.analysis.taxel_request import TaxelRequest
 
     return TaxelRequest(
         tuple(Path(name) for name in args.sessions),
@@ -131,7 +131,7 @@ def _taxel_request(args: argparse.Namespace) -> TaxelRequest:
 
 
 def _write_spikes(args: argparse.Namespace) -> None:
-    from rigctl.analysis.features.encoded_sessions import EncodeRequest, ScaledBy, encode_sessions
+    from rigctl.analysis.encoded_sessions import EncodeRequest, ScaledBy, encode_sessions
 
     request = EncodeRequest(
         tuple(Path(name) for name in args.sessions),
@@ -151,8 +151,8 @@ def _write_spikes(args: argparse.Namespace) -> None:
 
 def _summary(encoded: Encoded, cache: Cache) -> list[str]:
     """Return the remarks, a sentence about C, the work done, and the path of the file."""
-    from rigctl.analysis.data.notes import summarise_notes
-    from rigctl.analysis.features.c_outcome import force_sentence
+    from rigctl.analysis.force_scaling import force_sentence
+    from rigctl.analysis.notes import summarise_notes
 
     lines = [f"note: {note}" for note in summarise_notes(encoded.remarks, rest_in="spikes.h5")]
     if encoded.force is not None:

@@ -20,9 +20,9 @@ from rigctl.cli.options.arguments import (
 from rigctl.cli.options.progress import ProgressLine
 
 if TYPE_CHECKING:
-    from rigctl.analysis.data.cache import Resources
-    from rigctl.analysis.execution.executor import Executor
-    from rigctl.analysis.features.spike_counts import RangesOver
+    from rigctl.analysis.cache import Resources
+    from rigctl.analysis.executors import Executor
+    from rigctl.analysis.spike_counts import RangesOver
     from rigctl.encoding.normalisation import Normalisation
     from rigctl.encoding.parameters import EncoderParameters
 
@@ -115,8 +115,8 @@ def ranges_of(args: argparse.Namespace) -> RangesOver | Normalisation:
 
     Raises SessionError for a file without ranges, or with another order of taxels.
     """
-    from rigctl.analysis.data.wiring_check import check_file_wiring
-    from rigctl.analysis.features.spike_counts import RangesOver
+    from rigctl.analysis.spike_counts import RangesOver
+    from rigctl.analysis.trial_set import check_file_wiring
     from rigctl.session.files.encoder_group import load_ranges
 
     if args.ranges in list(RangesOver):
@@ -129,7 +129,7 @@ def ranges_of(args: argparse.Namespace) -> RangesOver | Normalisation:
 @contextmanager
 def resources_of(args: argparse.Namespace) -> Iterator[Resources]:
     """Yield the chosen workers and cache, with a progress line. Raises WrongUse."""
-    from rigctl.analysis.data.cache import Cache, Resources, cache_folder
+    from rigctl.analysis.cache import Cache, Resources, cache_folder
 
     cache = Cache(None if args.no_cache else args.cache or cache_folder())
     line = ProgressLine(sys.stderr)
@@ -144,9 +144,9 @@ def resources_of(args: argparse.Namespace) -> Iterator[Resources]:
 def _executor(args: argparse.Namespace) -> AbstractContextManager[Executor]:
     workers = workers_of(args)
     if args.dask is not None:
-        from rigctl.analysis.execution.dask_executor import dask_executor
+        from rigctl.analysis.dask_executor import dask_executor
 
         return dask_executor(args.dask)
-    from rigctl.analysis.execution.executor import local_executor
+    from rigctl.analysis.executors import local_executor
 
     return local_executor(workers)

@@ -10,7 +10,7 @@ import pytest
 from rigctl.acquisition.follow.followed_live import FollowedLive
 from rigctl.acquisition.follow.growing_session import GrowingSession
 from rigctl.acquisition.live_buffer import LiveReader, LiveWriter
-from rigctl.analysis.learning.growing_features import GrowingFeatures
+from rigctl.analysis.learning_curve import GrowingFeatures
 from rigctl.config.rig_config import EncoderConfig, RigConfig, TaxelArray
 from rigctl.encoding.encoder import encode_trial
 from rigctl.encoding.reading import Reading

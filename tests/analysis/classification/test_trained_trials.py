@@ -10,11 +10,10 @@ from pathlib import Path
 import h5py
 import pytest
 
-from rigctl.analysis.classification.classify_sessions import classify
-from rigctl.analysis.classification.predictions import as_dict, as_text, summary
-from rigctl.analysis.classification.training import ModelRequest, train_model
-from rigctl.analysis.data.trial_set import join_sessions
-from rigctl.analysis.features.representations import represent
+from rigctl.analysis.classify_sessions import as_dict, as_text, classify, summary
+from rigctl.analysis.representations import represent
+from rigctl.analysis.training import ModelRequest, train_model
+from rigctl.analysis.trial_set import join_sessions
 from rigctl.cli import main
 from rigctl.encoding.parameters import EncoderParameters
 from rigctl.encoding.reading import Reading

@@ -9,11 +9,11 @@ import h5py
 import numpy as np
 import pytest
 
-from rigctl.analysis.data.cache import Cache, Resources, cache_folder, cache_key
-from rigctl.analysis.data.fingerprint import fingerprint, hash_array
-from rigctl.analysis.data.trial_set import join_sessions
-from rigctl.analysis.execution.executor import local_executor
-from rigctl.analysis.features.representations import RepresentationSet, represent
+from rigctl.analysis.cache import Cache, Resources, cache_folder, cache_key
+from rigctl.analysis.executors import local_executor
+from rigctl.analysis.representations import RepresentationSet, represent
+from rigctl.analysis.spike_counts import fingerprint, hash_array
+from rigctl.analysis.trial_set import join_sessions
 from rigctl.encoding.parameters import DEFAULT, PRESETS, EncoderParameters
 from tests.analysis.recordings import record
 from tests.session.forging import rewrite_digests

@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from rigctl.analysis.data.cache import Resources
-from rigctl.analysis.data.trial_set import join_sessions
-from rigctl.analysis.execution import dask_executor
-from rigctl.analysis.features.representations import represent
-from rigctl.analysis.paper.tasks import SweepSettings, TaskResult, run_tasks
+from rigctl.analysis import dask_executor
+from rigctl.analysis.cache import Resources
+from rigctl.analysis.representations import represent
+from rigctl.analysis.tasks import SweepSettings, TaskResult, run_tasks
+from rigctl.analysis.trial_set import join_sessions
 from rigctl.cli import main
 from rigctl.cli.options.progress import ProgressLine
 from rigctl.encoding.parameters import DEFAULT

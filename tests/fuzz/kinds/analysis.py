@@ -10,7 +10,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from rigctl.analysis.data.cache import Cache
+from rigctl.analysis.cache import Cache
 from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
