@@ -129,7 +129,7 @@ def prediction_results(classification: Classification) -> AnalysisResults:
     from rigctl.analysis.classify_sessions import summary
 
     verdicts = {True: "correct", False: "<b>wrong</b>", None: "unknown to the model"}
-    trained = {True: "trained on it", False: "no", None: "perhaps"}
+    trained = {True: "trained on it", False: "no"}
     head = [
         "Trial", "True", "mm/s", "g", "Predicted", "", "Posterior", "Runner-up", "Margin",
         "Trained on",

@@ -1,13 +1,12 @@
 """Predictions of a model for the trials of sessions: ``rigctl classify``.
 
 A trial that the model was trained on is known by the hash of its samples, in every copy of its
-session and whatever was recorded there since. Models from before hashes were kept know whole
-sessions only, by their content.
+session and whatever was recorded there since, so that it does not count as a result.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -39,58 +38,17 @@ from rigctl.analysis.trial_set import (
 )
 from rigctl.encoding.features import feature_matrices
 from rigctl.encoding.reading import Reading
-from rigctl.errors import SessionError
+from rigctl.errors import SessionError, WrongUse
 from rigctl.session.files.model_file import Model
 from rigctl.session.read.sample_index import SampleFile
 from rigctl.session.read.session import Session
 
-_RECORDING = ("plan_hash", "begun_utc", "seed", "simulation_seed")
 MANY_CLIPPED = 0.01
 MAX_LISTED_TAXELS = 6
 CHUNK = 64
 STAGE = "encoding and classifying"
 Floats = NDArray[np.float64]
 DECIMALS = 6
-
-
-def find_trained(
-    model: Model, trials: TrialSet, hashes: Sequence[int], resources: Resources
-) -> list[bool | None]:
-    """Return for each trial of a set whether the model was trained on it; None if not known.
-
-    ``hashes``: XXH3 of each trial's samples.
-    """
-    known = model.training.trial_hashes
-    if known is not None:
-        return [one in known for one in hashes]
-    sources = model.training.inputs
-    unseen = set(unseen_sessions(trials, sources, resources))
-    recordings = {_recording(source) for source in sources}
-    of_session: list[bool | None] = []
-    for path, source in zip(trials.paths, trials.provenance, strict=True):
-        changed = _recording(source) in recordings
-        of_session.append(True if path not in unseen else None if changed else False)
-    return [of_session[trial.session] for trial in trials.trials]
-
-
-def trained_remarks(trained: Sequence[bool | None]) -> list[str]:
-    """Return a remark on the trials that the model was trained on, or may have been."""
-    remarks = []
-    if n := sum(one is True for one in trained):
-        remarks.append(
-            f"the model was trained on {n} of these {len(trained)} trials: how it names them says "
-            "nothing about others"
-        )
-    if n := sum(one is None for one in trained):
-        remarks.append(
-            f"{n} trials may be among those that the model was trained on: its file is of an older "
-            "version that does not list them, and their session has changed since. Train it again"
-        )
-    return remarks
-
-
-def _recording(source: Mapping[str, Any]) -> tuple[Any, ...]:
-    return tuple(source.get(key) for key in _RECORDING)
 
 
 def prediction_remarks(
@@ -178,7 +136,7 @@ class Prediction(NamedTuple):
     """The prediction for one trial; ``margin``: log posterior less that of the runner-up.
 
     ``right`` is None for a texture that is not in the model. ``trained_on``: whether the model was
-    trained on this trial, None where that is not known.
+    trained on this trial.
     """
 
     session: str
@@ -191,7 +149,7 @@ class Prediction(NamedTuple):
     posterior: float
     runner_up: str
     margin: float
-    trained_on: bool | None
+    trained_on: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,17 +180,12 @@ class Classification:
     @property
     def n_trained_on(self) -> int:
         """Scored trials that the model was trained on."""
-        return sum(p.right is not None and p.trained_on is True for p in self.predictions)
-
-    @property
-    def n_unknown(self) -> int:
-        """Scored trials of which it is not known whether the model was trained on them."""
-        return sum(p.right is not None and p.trained_on is None for p in self.predictions)
+        return sum(p.right is not None and p.trained_on for p in self.predictions)
 
     @property
     def unseen(self) -> Classification:
         """The predictions for trials that the model was not trained on."""
-        predictions = tuple(p for p in self.predictions if p.trained_on is False)
+        predictions = tuple(p for p in self.predictions if not p.trained_on)
         confusion = _confusion(self.model, predictions)
         return replace(self, predictions=predictions, confusion=confusion)
 
@@ -264,13 +217,19 @@ def classify(
     Raises WrongUse or SessionError for another number of taxels or sample rate, no motion, no
     complete trial, or where the model's C lacks the speed, force or texture of every trial.
     """
+    known = model.training.trial_hashes
+    if known is None:
+        raise WrongUse(
+            "the model is of an older version, which does not list the trials that it was trained "
+            "on: train it again (rigctl analyse --save-model)"
+        )
     _check_sensor(model, paths)
     trials = join_sessions(paths, resources.progress, model.parameters.reading)
     if model.c is not None:
         trials = covered_trials(trials, model.c, by_texture=model.force == "texture")
     trials = trials.without_gaps()
     logs, lengths, n_clipped, hashes = _map_posteriors(model, trials, resources)
-    trained = find_trained(model, trials, hashes, resources)
+    trained = [one in known for one in hashes]
     rows = zip(trials.trials, logs, trained, strict=True)
     predictions = tuple(_prediction(model, trials, *row) for row in rows)
     clipped = n_clipped / max(1, sum(lengths))
@@ -284,8 +243,18 @@ def classify(
         _confusion(model, predictions),
         tuple(clipped.tolist()),
         errors,
-        (*warnings, *trained_remarks(trained), *trials.remarks, *remarks),
+        (*warnings, *_trained_remarks(trained), *trials.remarks, *remarks),
     )
+
+
+def _trained_remarks(trained: Sequence[bool]) -> list[str]:
+    """Return a remark on the trials that the model was trained on."""
+    if not any(trained):
+        return []
+    return [
+        f"the model was trained on {sum(trained)} of these {len(trained)} trials: how it names "
+        "them says nothing about others"
+    ]
 
 
 def _check_sensor(model: Model, paths: Sequence[Path]) -> None:
@@ -346,7 +315,7 @@ def _posteriors(task: _PredictionTask) -> _Posteriors:
 
 
 def _prediction(
-    model: Model, trials: TrialSet, trial: TrialRef, logs: Floats, trained_on: bool | None
+    model: Model, trials: TrialSet, trial: TrialRef, logs: Floats, trained_on: bool
 ) -> Prediction:
     best = int(logs.argmax())
     others = logs.copy()
@@ -424,7 +393,6 @@ def as_dict(found: Classification) -> dict[str, Any]:
         "trials": len(found.predictions),
         **_accuracy(found),
         "trained_on": found.n_trained_on,
-        "perhaps_trained_on": found.n_unknown,
         "without_trained": {**_accuracy(unseen), "confusion": unseen.confusion.tolist()},
         "confusion": found.confusion.tolist(),
         "clipped_share": list(found.clipped),
@@ -463,7 +431,10 @@ def summary(found: Classification) -> str:
         return f"{start}{n} trials classified; none of their textures is in the model"
     unseen = found.unseen
     if not unseen.n_scored:
-        return f"{start}{_nothing_new(found)} {by}"
+        return (
+            f"{start}the model was trained on all {found.n_scored} trials ({found.n_correct} "
+            f"right), which says nothing about others: classify other sessions; {by}"
+        )
     correct, scored = unseen.n_correct, unseen.n_scored
     low, high = wilson_interval(correct, scored)
     return (
@@ -472,25 +443,8 @@ def summary(found: Classification) -> str:
     )
 
 
-def _nothing_new(found: Classification) -> str:
-    """Return why there is no accuracy: the model knows all trials, or may know them."""
-    n, right = found.n_scored, found.n_correct
-    if found.n_unknown:
-        return (
-            f"it is not known whether the model was trained on these {n} trials ({right} right), "
-            "so there is no accuracy: train it again, or classify other sessions;"
-        )
-    return (
-        f"the model was trained on all {n} trials ({right} right), which says nothing about "
-        "others: classify other sessions;"
-    )
-
-
 def _origin(found: Classification) -> str:
     """Return which trials the accuracy leaves out."""
-    if found.n_unknown:
-        n = found.n_trained_on + found.n_unknown
-        return f"without {n} that the model was or may have been trained on"
     if found.n_trained_on:
         return f"without the {found.n_trained_on} that the model was trained on"
     return "the model was trained on none of them"
@@ -498,7 +452,7 @@ def _origin(found: Classification) -> str:
 
 def _trial_lines(found: Classification) -> list[str]:
     marks = {True: "right", False: "WRONG", None: "not in the model"}
-    trained = {True: ", the model was trained on it", False: "", None: ", perhaps trained on"}
+    trained = {True: ", the model was trained on it", False: ""}
     several = len(found.trials.paths) > 1
     return [
         f"{p.session + ' ' if several else ''}trial {p.trial_id}: "

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,13 +13,18 @@ from numpy.typing import NDArray
 from rigctl import __version__
 from rigctl.analysis.cache import Arrays, Resources, cache_key
 from rigctl.analysis.files import atomic_directory
-from rigctl.analysis.force_scaling import absence_sentence, force_scaling_obstacle, with_c
+from rigctl.analysis.force_scaling import (
+    ScaledBy,
+    absence_sentence,
+    force_scaling_obstacle,
+    sa_factors,
+    trials_to_encode,
+)
 from rigctl.analysis.report.example_taxel import check_selection
 from rigctl.analysis.spike_counts import (
     ConditionTask,
     PreparedTrials,
     RangesOver,
-    c_per_trial,
     count_conditions,
     count_with_given_c,
     encoder_items,
@@ -40,20 +44,11 @@ from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.force_matrix import REFERENCE_FORCE_G, ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
-from rigctl.errors import WrongUse
 from rigctl.session.files.spike_file import EncodingInfo, SpikeFileWriter
 from rigctl.session.read.sample_index import SampleFiles
 
 CHUNK = 64
 FILE = "spikes.h5"
-
-
-class ScaledBy(StrEnum):
-    """The C that multiplies the SA current of the spikes in the file."""
-
-    NONE = "none"
-    TEXTURE = "texture"
-    BLIND = "blind"
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,19 +122,6 @@ def encode_sessions(request: EncodeRequest, made_utc: str, resources: Resources)
     return Encoded(request.out / FILE, len(prepared.trials.trials), n_spikes, force, remarks)
 
 
-def trials_to_encode(trials: TrialSet, reference_g: float, scaled_by: ScaledBy) -> TrialSet:
-    """Return the trials without gaps, those without C left out where C is to scale them.
-
-    Raises WrongUse where C cannot be searched.
-    """
-    trials = trials.without_gaps()
-    if scaled_by is ScaledBy.NONE:
-        return trials
-    if obstacle := force_scaling_obstacle(trials, reference_g):
-        raise WrongUse(f"--scaled-by {scaled_by} needs C. {obstacle}")
-    return with_c(trials, reference_g)
-
-
 def _encode(task: _SpikeTask) -> Arrays:
     """Return ``counts`` (n, n_trains) and ``samples`` of the spikes, trains in the file's order."""
     with open_trials(task.files) as reader:
@@ -180,15 +162,6 @@ def _write_spikes(
         file.add(found["counts"], found["samples"])
         total += len(found["samples"])
     return total
-
-
-def sa_factors(
-    prepared: PreparedTrials, force: ForceMatrix | None, scaled_by: ScaledBy
-) -> NDArray[np.float64] | None:
-    """Return the factors on the SA current, float64 (n_trials, n_taxels), or None for 1."""
-    if force is None or scaled_by is ScaledBy.NONE:
-        return None
-    return c_per_trial(prepared.trials.trials, force, blind=scaled_by is ScaledBy.BLIND)
 
 
 def _scaled_counts(

@@ -8,6 +8,7 @@ remaining difference on the present trials, with C and without.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from enum import StrEnum
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,6 +19,8 @@ from rigctl.analysis import published
 from rigctl.analysis.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.spike_counts import (
     ConditionTask,
+    PreparedTrials,
+    c_per_trial,
     count_conditions,
     count_with_given_c,
     group_by_condition,
@@ -451,3 +454,33 @@ def _error(speed_mm_s: float, force_g: float, rates: Floats) -> RateError:
         float(target.mean()),
         rates.shape[1],
     )
+
+
+class ScaledBy(StrEnum):
+    """The C that multiplies the SA current of the spikes in the file."""
+
+    NONE = "none"
+    TEXTURE = "texture"
+    BLIND = "blind"
+
+
+def trials_to_encode(trials: TrialSet, reference_g: float, scaled_by: ScaledBy) -> TrialSet:
+    """Return the trials without gaps, those without C left out where C is to scale them.
+
+    Raises WrongUse where C cannot be searched.
+    """
+    trials = trials.without_gaps()
+    if scaled_by is ScaledBy.NONE:
+        return trials
+    if obstacle := force_scaling_obstacle(trials, reference_g):
+        raise WrongUse(f"--scaled-by {scaled_by} needs C. {obstacle}")
+    return with_c(trials, reference_g)
+
+
+def sa_factors(
+    prepared: PreparedTrials, force: ForceMatrix | None, scaled_by: ScaledBy
+) -> NDArray[np.float64] | None:
+    """Return the factors on the SA current, float64 (n_trials, n_taxels), or None for 1."""
+    if force is None or scaled_by is ScaledBy.NONE:
+        return None
+    return c_per_trial(prepared.trials.trials, force, blind=scaled_by is ScaledBy.BLIND)

@@ -24,6 +24,7 @@ from rigctl.errors import WrongUse
 Matrix = NDArray[np.float64]
 Labels = NDArray[np.int64]
 Rows = NDArray[np.intp]
+ClassifierArrays = tuple[Matrix, Matrix, Matrix, Matrix, Matrix, Matrix, Labels]
 # A component whose within-class variance is this small a part of its whole variance, given the
 # components before it, is numerically without any; dividing by it would amplify rounding.
 NO_VARIANCE = 1e-12
@@ -382,6 +383,24 @@ class ScaledCovariance:
         centred = rows - rows.mean(axis=0)
         self.covariance_ = self.factor * centred.T @ centred / len(rows)
         return self
+
+
+def fit_classifier(features: Matrix, labels: Labels, components: int) -> ClassifierArrays:
+    """Return the arrays of a model of ``components``, or of as many as are not rounding.
+
+    Its mean, axes, variance, factor, whitened means, log priors and dropped components, as in
+    :class:`rigctl.session.files.model_file.Model`.
+    """
+    pca = fit_pca(features, components)
+    k = count_real_components(pca)
+    lda = fit_nested_lda(pca.transform(features)[:, :k], labels)
+    arrays = (pca.mean, pca.axes[:, :k], pca.variance[:k])
+    discriminants = (lda.factor, lda.whitened_means, lda.log_priors)
+    # Another memory order could change the last bit of a product after the file is read.
+    mean, axes, variance, factor, means, priors = map(
+        np.ascontiguousarray, (*arrays, *discriminants)
+    )
+    return mean, axes, variance, factor, means, priors, np.array(lda.dropped, np.int64)
 
 
 class TrainedClassifier(Protocol):

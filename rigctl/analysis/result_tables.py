@@ -10,13 +10,14 @@ from typing import Any, NamedTuple
 from rigctl import __version__
 from rigctl.analysis import published
 from rigctl.analysis.comparisons import (
+    Ablations,
     Agreement,
     RepresentationPair,
     compare_task,
     components_needed,
     curve_differences,
+    explain,
 )
-from rigctl.analysis.explanations import Ablations, explain
 from rigctl.analysis.force_scaling import (
     count_search_statuses,
     force_sentence,

@@ -10,7 +10,7 @@ import numpy as np
 from rigctl import __version__
 from rigctl.analysis import published
 from rigctl.analysis.executors import Progress
-from rigctl.analysis.pca_lda import count_real_components, fit_nested_lda, fit_pca
+from rigctl.analysis.pca_lda import fit_classifier
 from rigctl.analysis.representations import REPRESENTATIONS, Representation, RepresentationSet
 from rigctl.analysis.splits import Design
 from rigctl.config.resources import source_commit
@@ -69,11 +69,6 @@ def train_model(
     most = min(n - n_classes, features.shape[1], request.components)
     if n_classes < 2 or most < 1:
         raise WrongUse(f"cannot train a model on {n} trials of {n_classes} textures: record more")
-    pca = fit_pca(np.asarray(features), most)
-    k = count_real_components(pca)
-    # Another memory order could change the last bit of a product after the file is read.
-    axes = np.ascontiguousarray(pca.axes[:, :k])
-    lda = fit_nested_lda(pca.transform(features)[:, :k], design.texture)
     model = Model(
         representation.name,
         representation.key,
@@ -82,13 +77,7 @@ def train_model(
         encoded.parameters,
         encoded.normalisation,
         encoded.layout(representation),
-        np.ascontiguousarray(pca.mean),
-        axes,
-        np.ascontiguousarray(pca.variance[:k]),
-        np.ascontiguousarray(lda.factor),
-        np.ascontiguousarray(lda.whitened_means),
-        np.ascontiguousarray(lda.log_priors),
-        np.array(lda.dropped, np.int64),
+        *fit_classifier(np.asarray(features), design.texture, most),
         encoded.force if representation.force else None,
         _training(encoded, made_utc, seed, progress),
     )

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from rigctl.analysis.finger.recorded_scans import read_scans
+from rigctl.analysis.finger.scans import read_scans
 from rigctl.analysis.trial_set import join_sessions
 from rigctl.session.format.annotated_arrays import text_scalar
 from rigctl.session.format.layout import SAMPLES, TRIALS

@@ -86,7 +86,7 @@ def write_movie(
     attempt that does not count.
     """
     from rigctl.analysis.cache import Resources
-    from rigctl.analysis.taxel_request import TaxelRequest, encode_taxel
+    from rigctl.analysis.taxel import TaxelRequest, encode_taxel
 
     if row not in session.committed():
         raise WrongUse("this attempt does not count: choose a committed one for a movie")

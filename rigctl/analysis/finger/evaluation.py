@@ -9,26 +9,27 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.finger.answers import (
+from rigctl.analysis.finger.classifier import (
     COVERAGE,
     FALSE_ALARM,
     FingerClassifier,
+    calibrate_finger_model,
     confidence_of,
     sequential_answers,
-)
-from rigctl.analysis.finger.classifier import (
-    FingerEncoding,
-    calibrate_finger_model,
     train_finger_model,
 )
 from rigctl.analysis.finger.published import COMPONENTS, DEPLOYED
-from rigctl.analysis.finger.scans import KINDS, FingerDataSet, ScanKind, ScanRecording, ScanSet
+from rigctl.analysis.finger.scans import (
+    KINDS,
+    FingerDataSet,
+    FingerEncoding,
+    ScanKind,
+    ScanSet,
+)
 from rigctl.analysis.finger.tasks import DrawSettings, deployed_accuracy
 from rigctl.analysis.statistics import Difference, two_proportions, wilson_interval
-from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.features import WINDOW_MS
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import DEFAULT, EncoderParameters
 from rigctl.protocol.finger import VelocityProfile
 from rigctl.session.files.finger_model_file import FingerModel
 from rigctl.session.files.model_file import TrainingInfo
@@ -202,37 +203,6 @@ RATE_SCALINGS: Mapping[str, Callable[[ScanSet], ScanSet]] = {
     WINDOW_NAME: over_window_mean,
     SCAN_NAME: over_scan_mean,
 }
-
-
-def scale_to_population(
-    recordings: Sequence[ScanRecording],
-    normalisation: Normalisation,
-    reference: float,
-    parameters: EncoderParameters = DEFAULT,
-) -> list[ScanRecording]:
-    """Return recordings encoded anew with the SA current of each scan times reference over mean.
-
-    The mean is that of a scan's normalised readings over all taxels; ``reference`` is that of the
-    training scans. It is the paper's C with the population in the place of the true texture.
-    """
-    population = np.array([population_reading(one, normalisation) for one in recordings])
-    scale = reference / np.maximum(population, np.finfo(np.float64).tiny)
-    lanes = np.repeat(scale[:, None], normalisation.n_taxels, axis=1)
-    trains = encode_trials(
-        [one.readings for one in recordings], normalisation, parameters, sa_scale=lanes
-    )
-    encoded = []
-    for one, spikes in zip(recordings, trains, strict=True):
-        raster = np.zeros(one.readings.shape, np.uint8)
-        for taxel in range(normalisation.n_taxels):
-            np.add.at(raster[:, taxel], spikes.train(taxel), 1)
-        encoded.append(one._replace(spikes=raster))
-    return encoded
-
-
-def population_reading(recording: ScanRecording, normalisation: Normalisation) -> float:
-    """Return the mean normalised reading of all taxels, 0 to 1."""
-    return float(normalisation.apply(recording.readings).mean())
 
 
 def _map_scans(data_set: FingerDataSet, scale: Callable[[ScanSet], ScanSet]) -> FingerDataSet:

@@ -18,9 +18,8 @@ from rigctl.analysis.finger.figures import (
     draw_latencies,
     draw_promises,
 )
-from rigctl.analysis.finger.recorded_scans import read_data_sets
 from rigctl.analysis.finger.results import FingerAnalysis, analyse_finger, as_dict
-from rigctl.analysis.finger.scans import KINDS, ScanKind
+from rigctl.analysis.finger.scans import KINDS, ScanKind, read_data_sets
 from rigctl.analysis.finger.tasks import DrawSettings, FingerResult
 from rigctl.analysis.notes import summarise_notes
 from rigctl.analysis.report.charts.finger_charts import (

@@ -65,7 +65,7 @@ def unconfirmed(sets: Sequence[Results], names: Sequence[str]) -> list[dict[str,
 
 
 def ablation_sets(sets: Sequence[Results]) -> list[Results]:
-    """Return the sets whose features were measured by :mod:`rigctl.analysis.explanations`."""
+    """Return the sets whose features were measured by :mod:`rigctl.analysis.comparisons`."""
     return [one for one in sets if one["evidence"] is not None]
 
 

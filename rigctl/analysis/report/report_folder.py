@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rigctl.analysis.cache import SERIAL_RESOURCES, Resources
-from rigctl.analysis.explanations import Ablations, measure_ablations
+from rigctl.analysis.comparisons import Ablations, measure_ablations
 from rigctl.analysis.files import atomic_directory
 from rigctl.analysis.force_scaling import ForceMatrixSource, load_c
 from rigctl.analysis.report.charts.confusion_charts import CONFUSION_TASKS

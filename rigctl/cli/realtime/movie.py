@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from rigctl.analysis.finger.movie import write_movie
-from rigctl.analysis.finger.scan_timeline import read_timeline
+from rigctl.analysis.finger.movie import read_timeline, write_movie
 from rigctl.analysis.movies import check_movie_file
 from rigctl.cli.data.missing import print_missing
 from rigctl.cli.options.arguments import a_path, whole_number

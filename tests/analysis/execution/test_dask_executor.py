@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from rigctl.analysis import dask_executor
+from rigctl.analysis import executors as dask_executor
 from rigctl.analysis.cache import Resources
 from rigctl.analysis.representations import represent
 from rigctl.analysis.tasks import SweepSettings, TaskResult, run_tasks

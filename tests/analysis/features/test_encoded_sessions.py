@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from rigctl.analysis.cache import Cache, Resources
-from rigctl.analysis.encoded_sessions import EncodeRequest, ScaledBy, encode_sessions
+from rigctl.analysis.encoded_sessions import EncodeRequest, encode_sessions
+from rigctl.analysis.force_scaling import ScaledBy
 from rigctl.analysis.spike_counts import c_per_trial
 from rigctl.analysis.trial_set import join_sessions, open_trials
 from rigctl.cli import main

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from rigctl.analysis.finger.classifier import (
-    FingerEncoding,
-    calibrate_finger_model,
-    train_finger_model,
-)
-from rigctl.analysis.finger.scans import FingerDataSet, ScanKind
+from rigctl.analysis.finger.classifier import calibrate_finger_model, train_finger_model
+from rigctl.analysis.finger.scans import FingerDataSet, FingerEncoding, ScanKind
 from rigctl.session.files.finger_model_file import FingerModel
 from rigctl.session.files.model_file import TrainingInfo
 from tests.analysis.finger.made_scans import RANGES

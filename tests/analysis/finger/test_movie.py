@@ -16,18 +16,20 @@ from rigctl.analysis.finger.movie import (
     TRAIL_S,
     WRONG,
     MovieFigure,
+    ScanTimeline,
     answer_words,
     doubt_words,
     foot_of,
     frame_at,
     frame_times,
+    plate_relief,
+    read_timeline,
     taxel_colours,
     taxel_places_mm,
     title_of,
     words_of,
     write_movie,
 )
-from rigctl.analysis.finger.scan_timeline import ScanTimeline, plate_relief, read_timeline
 from rigctl.analysis.movies import FRAME_S, HOLD_S, check_movie_file
 from rigctl.encoding.scaled_time import scale_windows
 from rigctl.errors import DiskFault, SessionError, WrongUse

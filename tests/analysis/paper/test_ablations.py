@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from rigctl.analysis import published
-from rigctl.analysis.comparisons import Agreement, TaskComparison, compare_task
-from rigctl.analysis.explanations import (
+from rigctl.analysis.comparisons import (
     Ablations,
+    Agreement,
     FeatureHalf,
+    TaskComparison,
     _split_variance,
     _VarianceJob,
+    compare_task,
     explain,
 )
 from rigctl.analysis.report.several_reports import summary_sentences

@@ -216,7 +216,7 @@ def _dask_rates() -> dict[str, Any]:
     """
     from distributed import LocalCluster
 
-    from rigctl.analysis.dask_executor import dask_executor
+    from rigctl.analysis.executors import dask_executor
 
     cluster = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
     with cluster, dask_executor(cluster.scheduler_address) as executor:

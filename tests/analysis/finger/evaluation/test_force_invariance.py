@@ -14,10 +14,14 @@ from rigctl.analysis.finger.evaluation import (
     compare_force_scalings,
     over_scan_mean,
     over_window_mean,
+)
+from rigctl.analysis.finger.scans import (
+    FingerDataSet,
+    ScanSet,
+    encode_readings,
     population_reading,
     scale_to_population,
 )
-from rigctl.analysis.finger.scans import FingerDataSet, ScanSet, encode_readings
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.protocol.finger import Stage
 from tests.analysis.finger.made_scans import RANGES, made_data_set, made_recordings
