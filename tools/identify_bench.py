@@ -16,9 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.classification.splits import Design, Split, make_splits, stratified_folds
-from rigctl.analysis.paper import published
-from rigctl.analysis.paper.tasks import score_splits
+from rigctl.analysis import published
+from rigctl.analysis.pca_lda import Split
+from rigctl.analysis.splits import Design, make_splits, stratified_folds
+from rigctl.analysis.tasks import score_splits
 from rigctl.encoding.batch import common_bin_edges, count_spikes, features_from_counts
 from rigctl.encoding.features import UNSCALED
 from rigctl.encoding.normalisation import Normalisation

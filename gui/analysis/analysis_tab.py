@@ -23,7 +23,7 @@ from gui.analysis.tasks.task_values import (
     FINGER,
     ScanPicture,
     SessionTable,
-    describe_request,
+    describe_options,
 )
 from gui.analysis.tasks.worker import Worker
 from gui.analysis.trials.trial_pages import TrialPages
@@ -125,15 +125,15 @@ class AnalysisTab(QObject):
         self.panel.show_busy()
         self._analysed = path
         if method == PAPER:
-            request = run_box.form.request()
-            self._report_folder = request.folder
-            self._settings = describe_request(request, DRUM)
-            self.worker.submit("analyse", request=request)
+            options = run_box.form.options()
+            self._report_folder = str(options.out)
+            self._settings = describe_options(options, DRUM)
+            self.worker.submit("analyse", options=options)
         elif method == REALTIME:
-            request = run_box.form.request()
-            self._report_folder = request.folder
-            self._settings = describe_request(request, FINGER)
-            self.worker.submit("analyse_finger", request=request)
+            options = run_box.form.options()
+            self._report_folder = str(options.out)
+            self._settings = describe_options(options, FINGER)
+            self.worker.submit("analyse_finger", options=options)
         elif method == MODEL:
             sessions = run_box.form.sessions
             names = ", ".join(Path(session).name for session in sessions)

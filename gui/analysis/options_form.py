@@ -1,39 +1,31 @@
-"""A form with the options of ``rigctl analyse``."""
+"""A form with the options of ``rigctl analyse``, made from their declarations."""
 
 from __future__ import annotations
 
+from dataclasses import Field
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QCheckBox, QLineEdit, QWidget
 
-from gui.analysis.tasks.task_values import DRUM, FINGER, AnalysisRequest, model_path
+from gui.analysis.tasks.task_values import DRUM, FINGER, model_path
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import label, plain_tooltip, show_text
 from gui.widgets.layouts import combo_box, container, form_layout, hbox, push_button, vbox
 from gui.widgets.number_box import NumberBox, WholeNumberBox, has_refused
-from rigctl.encoding.parameters import PRESETS
+from gui.widgets.typed_paths import typed_path
+from rigctl.analysis.options import DRUM as DRUM_ANALYSIS
+from rigctl.analysis.options import FINGER as FINGER_ANALYSIS
+from rigctl.analysis.options import AnalysisOptions, declared
 
-TASKS = {
-    "All that fit the sessions": "",
-    "Individual textures": "textures",
-    "Texture groups": "groups",
-    "Extrapolation (Fig. 3C–F)": "extrapolation",
-    "Leave one speed out": "leave-speed-out",
-    "Leave one force out": "leave-force-out",
-    "Leave one mounting out": "leave-mount-out",
-}
-ENGINES = {"rigctl's own (fast)": "own", "scikit-learn (slow)": "sklearn"}
-REPRESENTATIONS = {
-    "Original": "original",
-    "Speed Scaled": "speed",
-    "Force Scaled": "force",
-    "Speed and Force Scaled": "speed_force",
-    "Force Scaled, texture-blind": "force_blind",
-    "Speed and Force Scaled, texture-blind": "speed_force_blind",
-}
-MAX_SEED = 2**31 - 1
+ROWS = (
+    "task", "settings", "iterations", "k_max", "preset", "reference_force", "seed", "engine", "c",
+    "representation", "sensitivity",
+)  # fmt: skip
+FILES = {"settings": PathKind.ANALYSIS_FILE, "c": PathKind.MODEL}
+EXPERIMENTS = {DRUM: DRUM_ANALYSIS, FINGER: FINGER_ANALYSIS}
 DRAWS = {DRUM: 20, FINGER: 100}
 """The paper's number of draws in each experiment."""
 
@@ -41,7 +33,8 @@ DRAWS = {DRUM: 20, FINGER: 100}
 class AnalysisOptionsForm(QWidget):
     """The sessions and options of an analysis; the open session is always the first one.
 
-    ``session_row`` names the sessions; the panel shows it above their trials.
+    ``session_row`` names the sessions; the panel shows it above their trials. ``fields``: those of
+    the options, by name.
     """
 
     path_requested = Signal(object, object)
@@ -59,46 +52,29 @@ class AnalysisOptionsForm(QWidget):
         self.remove_button.setAccessibleName("Remove the added sessions")
         heading = hbox(label("Sessions"), self.add_button, self.remove_button)
         self.session_row = container(vbox(heading, self.session_names))
-        self.task, self.engine = combo_box(TASKS), combo_box(ENGINES)
-        self.draws = WholeNumberBox(minimum=1, maximum=10_000, value=DRAWS[DRUM])
-        self.components = WholeNumberBox(minimum=1, maximum=1000, value=50)
-        self.draws.setToolTip("Number of random splits into training and test trials")
-        self.components.setToolTip("Largest number of principal components")
-        self.preset = combo_box({name: name for name in PRESETS})
-        self.reference = NumberBox(decimals=1, maximum=1e6, value=500.0, suffix=" g")
-        self.reference.setToolTip("Force to which the SA rates of the other forces are scaled")
-        self.seed = WholeNumberBox(maximum=MAX_SEED)
-        self.seed.setToolTip("Seed of the draws")
-        self.sensitivity = QCheckBox("Compare all encoder presets")
-        self.model = combo_box({"None": "", **REPRESENTATIONS})
-        self._model_row = container(vbox(label("Save model"), self.model))
-        self.model.setToolTip("Representation of a model that is trained on all trials")
-        self.c = QLineEdit(placeholderText="found by a search")
-        self.c.setToolTip("Model file that C is taken from; the analysis measures its rate error")
-        self.c_button = browse_button(requested, PathKind.MODEL, self.c.setText)
-        self.settings = QLineEdit(placeholderText="the paper's")
-        self.settings.setToolTip(
-            "Analysis file with other conditions, groups, shares, windows and reference force"
-        )
-        self.settings_button = browse_button(
-            requested, PathKind.ANALYSIS_FILE, self.settings.setText
-        )
-        self.settings.textChanged.connect(self._show_reference)
         self._experiment = DRUM
         self._open_session = ""
         self._added: list[str] = []
+        self._declared = declared(AnalysisOptions)
+        self.fields: dict[str, Any] = {n: _make_field(self._declared[n]) for n in ROWS}
+        self._form = form_layout(4)
+        self._rows = {name: self._add_row(name) for name in ROWS}
+        self.setLayout(self._form)
+        task, settings = self.fields["task"], self.fields["settings"]
         # A list that is too long for the place beside its name stands below it.
-        self.task.setMinimumContentsLength(max(map(len, TASKS)))
-        self._lay_out()
+        task.setMinimumContentsLength(max(len(task.itemText(i)) for i in range(task.count())))
+        settings.textChanged.connect(self._show_reference)
+        self._show_sessions()
 
     def show_experiment(self, experiment: str) -> None:
         """Show the options of an experiment's analysis, with its usual number of draws."""
         if experiment == self._experiment:
             return
         self._experiment = experiment
-        self.draws.setValue(DRAWS[experiment])
-        for field in self._drum_fields:
-            self._form.setRowVisible(field, experiment == DRUM)
+        self.fields["iterations"].setValue(DRAWS[experiment])
+        for name, row in self._rows.items():
+            if self._declared[name].metadata["drum"]:
+                self._form.setRowVisible(row, experiment == DRUM)
 
     def show_session(self, path: str) -> None:
         """Make another session the open one."""
@@ -127,26 +103,36 @@ class AnalysisOptionsForm(QWidget):
     @property
     def has_refused(self) -> bool:
         """Whether a field has a refused text; the first one then says why, with the focus."""
-        fields = (self.draws, self.components, self.reference, self.seed)
-        return has_refused(*(field for field in fields if field.isVisible()))
+        boxes = (field for field in self.fields.values() if isinstance(field, NumberBox))
+        return has_refused(*(box for box in boxes if box.isVisible()))
 
-    def request(self) -> AnalysisRequest:
+    def options(self) -> AnalysisOptions:
         """Return the chosen options, with a new folder beside the open session."""
-        return AnalysisRequest(
-            sessions=self.sessions,
-            folder=str(_new_folder(Path(self._open_session))),
-            task=self.task.currentData(),
-            draws=self.draws.value(),
-            components=self.components.value(),
-            engine=self.engine.currentData(),
-            preset=self.preset.currentData(),
-            reference_g=self.reference.value(),
-            seed=self.seed.value(),
-            sensitivity=self.sensitivity.isChecked(),
-            representation=self.model.currentData(),
-            c=self.c.text().strip(),
-            settings=self.settings.text().strip(),
+        chosen = {name: self._value(name) for name in ROWS}
+        out = _new_folder(Path(self._open_session))
+        if chosen["representation"]:
+            chosen |= {"save_model": model_path(out), "components": chosen["k_max"]}
+        if chosen["settings"] is not None:
+            del chosen["reference_force"]
+        experiment = EXPERIMENTS[self._experiment]
+        return AnalysisOptions(
+            tuple(map(Path, self.sessions)), out=out, experiment=experiment, **chosen
         )
+
+    def _value(self, name: str) -> Any:
+        """Return the value of an option; where a field is empty, its default."""
+        field, default = self.fields[name], self._declared[name].default
+        if isinstance(field, QCheckBox):
+            return field.isChecked()
+        if isinstance(field, NumberBox):
+            return field.value()
+        if isinstance(field, QLineEdit):
+            text = field.text()
+            return typed_path(text) if text.strip() else default
+        value = field.currentData()
+        if not value:
+            return default
+        return (value,) if isinstance(default, tuple) else value
 
     def _show_sessions(self) -> None:
         names = ", ".join(Path(path).name for path in self.sessions)
@@ -157,33 +143,48 @@ class AnalysisOptionsForm(QWidget):
 
     def _show_reference(self, settings: str) -> None:
         """Let the reference force be chosen only where no analysis file says it."""
-        self.reference.setEnabled(not settings.strip())
+        self.fields["reference_force"].setEnabled(not settings.strip())
 
     def _remove_added(self) -> None:
         self._added.clear()
         self._show_sessions()
         self.sessions_changed.emit(self.sessions)
 
-    def _lay_out(self) -> None:
-        self._form = form = form_layout(4)
-        self.setLayout(form)
-        form.addRow("Tasks", self.task)
-        form.addRow("Constants", hbox(self.settings, self.settings_button))
-        form.addRow("Draws", self.draws)
-        form.addRow("Components", self.components)
-        form.addRow("Encoder", self.preset)
-        form.addRow("Reference force", self.reference)
-        form.addRow("Seed", self.seed)
-        form.addRow("Engine", self.engine)
-        c_row = hbox(self.c, self.c_button)
-        form.addRow("C from", c_row)
-        form.addRow(self._model_row)
-        form.addRow(self.sensitivity)
-        self._drum_fields = (
-            self.task, self.components, self.preset, self.reference, c_row, self._model_row,
-            self.sensitivity,
-        )  # fmt: skip
-        self._show_sessions()
+    def _add_row(self, name: str) -> Any:
+        """Add the row of an option; return what stands in it."""
+        title, field = self._declared[name].metadata["title"], self.fields[name]
+        if isinstance(field, QLineEdit):
+            row = hbox(field, browse_button(self.path_requested, FILES[name], field.setText))
+            self._form.addRow(title, row)
+            return row
+        if isinstance(field, QCheckBox):
+            self._form.addRow(field)
+        elif name == "representation":
+            field = container(vbox(label(title), field))
+            self._form.addRow(field)
+        else:
+            self._form.addRow(title, field)
+        return field
+
+
+def _make_field(one: Field[Any]) -> QWidget:
+    """Return the field of an option; it begins with the usual value."""
+    values, usual = one.metadata, one.metadata["usual"]
+    kind = str(one.type).removesuffix(" | None")
+    field: QWidget
+    if values["offered"]:
+        field = combo_box({text: value for value, text in values["offered"]})
+    elif kind == "bool":
+        field = QCheckBox(values["title"])
+    elif kind == "int":
+        low, high = int(values["low"]), int(min(values["high"], 2**31 - 1))
+        field = WholeNumberBox(minimum=low, maximum=high, value=usual or 0)
+    elif kind == "float":
+        field = NumberBox(decimals=1, maximum=values["high"], value=usual, suffix=" g")
+    else:
+        field = QLineEdit(placeholderText=usual)
+    field.setToolTip(values["hint"])
+    return field
 
 
 def _new_folder(session: Path) -> Path:

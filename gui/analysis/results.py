@@ -11,10 +11,10 @@ from gui.analysis.export.value_file import data_words, rows_csv
 from gui.analysis.figures import finger_tables, held_out, read_results
 from gui.analysis.figures.accuracy import AccuracyPlot
 from gui.analysis.figures.confusion import ConfusionPlot
-from rigctl.analysis.data.notes import summarise_notes
+from rigctl.analysis.notes import summarise_notes
 
 if TYPE_CHECKING:
-    from rigctl.analysis.classification.classify_sessions import Classification
+    from rigctl.analysis.classify_sessions import Classification
     from rigctl.analysis.finger.report import FingerReport
     from rigctl.analysis.report.demo import DemoResult
     from rigctl.analysis.report.report_folder import ReportResult
@@ -126,10 +126,10 @@ def quick_results(demo: DemoResult) -> AnalysisResults:
 
 def prediction_results(classification: Classification) -> AnalysisResults:
     """Return the predictions of a model: each trial, the confusion matrix and the remarks."""
-    from rigctl.analysis.classification.predictions import summary
+    from rigctl.analysis.classify_sessions import summary
 
     verdicts = {True: "correct", False: "<b>wrong</b>", None: "unknown to the model"}
-    trained = {True: "trained on it", False: "no", None: "perhaps"}
+    trained = {True: "trained on it", False: "no"}
     head = [
         "Trial", "True", "mm/s", "g", "Predicted", "", "Posterior", "Runner-up", "Margin",
         "Trained on",
@@ -202,8 +202,8 @@ def _report_sentence(report: ReportResult) -> str:
 
 def _table_1(report: ReportResult) -> str:
     """Return our accuracies above the paper's: one row per task, one column per representation."""
-    from rigctl.analysis.paper.result_tables import table_rows
     from rigctl.analysis.report.html_page import ABSENT
+    from rigctl.analysis.result_tables import table_rows
 
     rows = table_rows(report.results)
     names = list(dict.fromkeys(row["representation"] for row in rows))

@@ -11,7 +11,7 @@ from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QAbstractButton, QGridLayout, QGroupBox, QVBoxLayout, QWidget
 
 from gui.analysis.tasks.worker import Worker
-from gui.protocol.learning.learning_link import LearningLink
+from gui.protocol.learning_page import LearningLink
 from gui.protocol.protocol_form import ProtocolForm
 from gui.protocol.run_queue import RunQueue
 from gui.protocol.run_state_box import RunStateBox

@@ -8,7 +8,7 @@ from PySide6.QtCore import QEvent, Signal
 from PySide6.QtWidgets import QLineEdit, QListWidget, QWidget
 
 from gui.protocol.editor.protocol_editor import ProtocolEditor
-from gui.protocol.learning.learning_page import LearningPage
+from gui.protocol.learning_page import LearningPage
 from gui.protocol.rows_table import AttemptModel, OrderModel, table_view
 from gui.protocol.run_values import (
     BAD,

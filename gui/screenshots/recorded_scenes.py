@@ -47,7 +47,7 @@ def _trial_pages(studio: Studio) -> Iterator[Scene]:
 
 def _analyses(studio: Studio) -> Iterator[Scene]:
     tab, box = studio.window.analysis_tab, studio.window.analysis_tab.panel.run_box
-    box.form.draws.setValue(FEW_DRAWS)
+    box.form.fields["iterations"].setValue(FEW_DRAWS)
     for name, method in (("classified", QUICK), ("results", PAPER)):
         box.method.setCurrentText(METHODS[method].name)
         box.run_button.click()

@@ -22,11 +22,11 @@ from rigctl.acquisition.drum.contact import (
     is_left_in_contact,
 )
 from rigctl.acquisition.drum.motion import DrumMotion
-from rigctl.acquisition.early_end.condition_end import Amount, ConditionEnd
 from rigctl.acquisition.engine import Engine
 from rigctl.acquisition.engine_commands import EngineCommands
 from rigctl.acquisition.protocol.run_request import RunRequest
 from rigctl.acquisition.rpc.commands import (
+    Amount,
     EngineCommand,
     NoteText,
     Number,
@@ -39,6 +39,7 @@ from rigctl.acquisition.rpc.commands import (
 from rigctl.acquisition.setup.desk import SetupDesk
 from rigctl.config.rig_config import RigLimits
 from rigctl.errors import WrongUse
+from rigctl.session.session import ConditionEnd
 from rigctl.values import DrumState
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import STATE_TEXT, State

@@ -11,8 +11,7 @@ from typing import Any
 
 from rigctl.acquisition.boards import Boards
 from rigctl.acquisition.calibration.calibration import Calibration
-from rigctl.acquisition.early_end.condition_end import ConditionEnd
-from rigctl.acquisition.early_end.judge_link import JudgeLink
+from rigctl.acquisition.early_end import JudgeLink
 from rigctl.acquisition.health.heartbeat import HeartbeatGate
 from rigctl.acquisition.live_buffer import LiveWriter
 from rigctl.acquisition.manual.manual_recorder import ManualRecorder
@@ -28,6 +27,7 @@ from rigctl.acquisition.status import StatusBuilder
 from rigctl.acquisition.taxels.pipeline import FAST_BATCH_SAMPLES, REAL_TIME_BATCH_SAMPLES
 from rigctl.errors import DiskFault, WrongUse
 from rigctl.session.notes import SessionNote, check_note
+from rigctl.session.session import ConditionEnd
 
 
 class Engine(ServedEngine[Run, RunRequest]):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.data.cache import NUMPY_ERRORS
+from rigctl.analysis.cache import NUMPY_ERRORS
 from rigctl.config.text_file import open_file
 from rigctl.errors import WrongUse
 from rigctl.exchange.column_map import ImportMap

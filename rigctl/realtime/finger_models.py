@@ -12,8 +12,7 @@ from rigctl.analysis.finger.classifier import (
     check_finger_model,
     train_finger_model,
 )
-from rigctl.analysis.finger.recorded_scans import read_scans, training_info
-from rigctl.analysis.finger.scans import ScanKind
+from rigctl.analysis.finger.scans import ScanKind, read_scans, training_info
 from rigctl.protocol.finger import Stage
 from rigctl.session.finger_model_file import FingerModel, load_finger_model, save_finger_model
 

@@ -10,7 +10,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import msgspec
 import numpy as np
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rigctl.config.rig_config import RigConfig, parse_config
 from rigctl.encoding.reading import Reading, conductance, input_of_each
 from rigctl.errors import RigctlError, SessionError
-from rigctl.protocol.early_end import Condition, condition_of
+from rigctl.protocol.early_end import QUANTITY_NAMES, Condition, EarlyEnd, condition_of
 from rigctl.protocol.loader import parse_protocol
 from rigctl.protocol.plan import Plan
 from rigctl.session import layout
@@ -245,15 +245,29 @@ EARLY_END_KIND = "early_end"
 Amount = Annotated[float, Meta(ge=0)]
 
 
-class _StoredEnd(msgspec.Struct, frozen=True):
-    """The data of such an event."""
+class ConditionEnd(msgspec.Struct, frozen=True):
+    """A condition, and the mean of its first ``trials`` trials with half its interval."""
 
     texture: str
     speed_mm_s: Amount
     force_g: Amount
     depth_mm: Amount
     trials: Annotated[int, Meta(ge=0)]
+    mean_hz: Amount
     half_width_hz: Amount
+
+    @property
+    def condition(self) -> Condition:
+        """Plate, speed, force and depth."""
+        return self.texture, self.speed_mm_s, self.force_g, self.depth_mm
+
+    def describe(self, rule: EarlyEnd) -> str:
+        """Return why the condition ends."""
+        press = f"{self.depth_mm:g} mm" if self.depth_mm else f"{self.force_g:g} g"
+        return (
+            f"{self.texture}, {self.speed_mm_s:g} mm/s, {press} ends early after {self.trials} "
+            f"trials: {QUANTITY_NAMES[rule.of]} {self.mean_hz:.2f} ± {self.half_width_hz:.2f} Hz"
+        )
 
 
 def ended_early(session: Session) -> dict[int, str]:
@@ -272,10 +286,13 @@ def ended_early(session: Session) -> dict[int, str]:
         planned[condition_of(trial)].append(trial.trial_id)
     reasons: dict[int, str] = {}
     for event in events:
-        end = _stored(event.data)
-        if end is None or end.half_width_hz > rule.half_width_hz:
+        try:
+            end = msgspec.convert(event.data, ConditionEnd)
+        except msgspec.ValidationError:  # no engine wrote it
             continue
-        ids = planned[end.texture, end.speed_mm_s, end.force_g, end.depth_mm]
+        if end.half_width_hz > rule.half_width_hz:
+            continue
+        ids = planned[end.condition]
         counted = len(committed.intersection(ids))
         if counted >= max(end.trials, rule.least_trials):
             reasons |= dict.fromkeys(sorted(set(ids) - committed), event.text)
@@ -304,11 +321,3 @@ def plan_of(session: Session) -> Plan | None:
 
 def _committed(session: Session) -> set[int]:
     return set(session.trials["trial_id"][session.committed()].tolist())
-
-
-def _stored(data: dict[str, Any]) -> _StoredEnd | None:
-    """Return the data of an event, None for what no engine wrote."""
-    try:
-        return msgspec.convert(data, _StoredEnd)
-    except msgspec.ValidationError:
-        return None

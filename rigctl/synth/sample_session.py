@@ -18,7 +18,7 @@ from pathlib import Path
 
 import platformdirs
 
-from rigctl.analysis.data.atomic_directory import PARTIAL, atomic_directory
+from rigctl.analysis.files import PARTIAL, atomic_directory
 from rigctl.errors import DiskFault, SessionError
 from rigctl.session.writer_lock import WriterLock, is_being_written
 

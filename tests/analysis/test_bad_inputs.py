@@ -18,10 +18,10 @@ import h5py
 import numpy as np
 import pytest
 
-from rigctl.analysis.data.trial_set import TrialSet, join_sessions, open_trials
-from rigctl.analysis.features.representations import RepresentationSet, represent
-from rigctl.analysis.paper.result_tables import as_dict
-from rigctl.analysis.paper.tasks import SweepSettings, run_tasks
+from rigctl.analysis.representations import RepresentationSet, represent
+from rigctl.analysis.result_tables import as_dict
+from rigctl.analysis.tasks import SweepSettings, run_tasks
+from rigctl.analysis.trial_set import TrialSet, join_sessions, open_trials
 from rigctl.cli import main
 from rigctl.encoding.parameters import DEFAULT
 from rigctl.errors import SessionError, WrongUse

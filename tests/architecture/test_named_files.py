@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from rigctl.analysis import published
 from rigctl.analysis.finger.published import FINGER_TASKS
-from rigctl.analysis.paper import published
-from rigctl.analysis.paper.statistics import wilson_interval
+from rigctl.analysis.statistics import wilson_interval
 from rigctl.cli import create_parser, main
 from tests.architecture.imports import CHECKOUT
 
@@ -62,7 +62,12 @@ def test_every_named_file_exists(page: str) -> None:
 def test_the_paper_page_names_files_of_both_experiments() -> None:
     named = set(PATH.findall(text_of(PAPER)))
     assert len(named) > 25
-    for room in ("rigctl/encoding", "rigctl/analysis/paper", "rigctl/analysis/finger", "arduino"):
+    for room in (
+        "rigctl/encoding",
+        "rigctl/analysis/published",
+        "rigctl/analysis/finger",
+        "arduino",
+    ):
         assert any(name.startswith(room) for name in named), room
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.io import savemat
 
 from rigctl import __version__
-from rigctl.analysis.data.trial_set import join_sessions
+from rigctl.analysis.trial_set import join_sessions
 from rigctl.cli import main
 from rigctl.config.resources import source_commit
 from rigctl.encoding.normalisation import Normalisation

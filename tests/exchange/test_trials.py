@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from rigctl.analysis.data.trial_set import join_sessions
+from rigctl.analysis.trial_set import join_sessions
 from rigctl.errors import ConfigError, WrongUse
 from rigctl.session.header import SensorLayout
 from rigctl.session.session import Session

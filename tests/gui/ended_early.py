@@ -6,11 +6,10 @@ from pathlib import Path
 
 from msgspec.structs import asdict
 
-from rigctl.acquisition.early_end.condition_end import ConditionEnd
 from rigctl.protocol.early_end import EarlyEnd
 from rigctl.protocol.loader import parse_protocol
 from rigctl.session.recorder import Recorder
-from rigctl.session.session import EARLY_END_KIND
+from rigctl.session.session import EARLY_END_KIND, ConditionEnd
 from rigctl.values import Event
 from tests.session.building import RIG, SyntheticRig, header
 

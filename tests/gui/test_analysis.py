@@ -14,11 +14,11 @@ from PySide6.QtWidgets import QComboBox, QTextBrowser
 from gui.analysis.figures.accuracy_page import AccuracyPage
 from gui.analysis.figures.confusion_page import ConfusionPage
 from gui.analysis.figures.picture_page import FigureView
-from gui.analysis.options_form import ENGINES, REPRESENTATIONS, TASKS
+from gui.analysis.options_form import ENGINES
 from gui.analysis.results_view import ResultsView
-from rigctl.analysis.classification import sweep_engines
-from rigctl.analysis.features import representations
-from rigctl.analysis.paper import tasks
+from rigctl.analysis import pca_lda as sweep_engines
+from rigctl.analysis import representations, tasks
+from rigctl.analysis.options import REPRESENTATIONS, TASKS
 from rigctl.cli import main
 from tests.analysis.recordings import record
 from tests.gui.steps import Harness, click, wait_until
@@ -124,10 +124,10 @@ def test_paper_analysis_has_options_of_command_line(
     box, tab = opened.window.analysis_tab.panel.run_box, opened.window.analysis_tab
     choose(box.method, "The paper's analysis")
     assert box.run_button.text() == "Analyse" and box.form.isVisible()
-    choose(box.form.task, "Individual textures")
-    choose(box.form.model, "Original")
-    box.form.draws.setValue(2)
-    box.form.components.setValue(6)
+    choose(box.form.fields["task"], "Individual textures")
+    choose(box.form.fields["representation"], "Original")
+    box.form.fields["iterations"].setValue(2)
+    box.form.fields["k_max"].setValue(6)
     click(box.run_button)
     assert box.cancel_button.isEnabled() and not box.form.isEnabled()
     stages: set[str] = set()

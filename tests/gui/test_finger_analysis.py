@@ -59,8 +59,8 @@ def test_the_experiment_is_analysed_with_its_later_sessions(
     _open(harness, training)
     tab = harness.window.analysis_tab
     run_box = tab.panel.run_box
-    assert run_box.form.draws.value() == 100
-    run_box.form.draws.setValue(2)
+    assert run_box.form.fields["iterations"].value() == 100
+    run_box.form.fields["iterations"].setValue(2)
     for session in later:
         run_box.form.add_session(str(session))
     click(run_box.run_button)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from PySide6.QtCore import QPointF
 
-from gui.protocol.learning.learning_page import (
+from gui.protocol.learning_page import (
     CANCEL,
     COMPUTE,
     COMPUTING,

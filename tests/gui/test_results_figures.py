@@ -30,7 +30,7 @@ from gui.analysis.figures.confusion import ConfusionCounts, ConfusionPlot
 from gui.analysis.figures.confusion_page import ConfusionPage
 from gui.analysis.results import AnalysisResults, ResultsPage, plot_page
 from gui.widgets.theme import DARK, LIGHT
-from rigctl.analysis.paper.published import TASKS
+from rigctl.analysis.published import TASKS
 from rigctl.errors import DiskFault
 from tests.gui.full_disk import full_disk
 from tests.gui.steps import Harness, click, wait_until

@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from rigctl import host_build
-from rigctl.analysis.classification.posteriors import log_posteriors
-from rigctl.analysis.finger.answers import FingerClassifier
-from rigctl.analysis.finger.classifier import centred_stages
-from rigctl.analysis.finger.recorded_scans import read_scans
-from rigctl.analysis.finger.scans import ScanKind
+from rigctl.analysis.finger.classifier import FingerClassifier, centred_stages
+from rigctl.analysis.finger.scans import ScanKind, read_scans
+from rigctl.analysis.pca_lda import log_posteriors
 from rigctl.cli import main
 from rigctl.protocol.finger import Stage
 from rigctl.session.finger_model_file import FingerModel, load_finger_model

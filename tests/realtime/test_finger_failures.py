@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from rigctl.analysis.finger.recorded_scans import read_scans
+from rigctl.analysis.finger.scans import read_scans
 from rigctl.devices.finger import Finger
 from rigctl.errors import WrongUse
 from rigctl.realtime.finger_commands import FingerCommands

@@ -8,8 +8,8 @@ import h5py
 import numpy as np
 import pytest
 
-from rigctl.analysis.data.trial_set import join_sessions
-from rigctl.analysis.finger.recorded_scans import read_scans
+from rigctl.analysis.finger.scans import read_scans
+from rigctl.analysis.trial_set import join_sessions
 from rigctl.session.digests import PartDamage, RowRange, check_digests, damaged_trials
 from rigctl.session.finger_session import FingerSession
 from rigctl.session.hdf5_file import text_scalar

@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 import pytest
 
-from rigctl.analysis.data.trial_set import join_sessions
+from rigctl.analysis.trial_set import join_sessions
 from rigctl.cli import main
 from rigctl.errors import SessionError
 from rigctl.session.finger_session import FingerSession

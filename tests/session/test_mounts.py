@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from rigctl.analysis.data.trial_set import join_sessions
+from rigctl.analysis.trial_set import join_sessions
 from rigctl.session.session import Session
 from rigctl.session.summary import summarise_session
 from tests.session.building import SyntheticRig, plan, recorder

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rigctl.analysis.paper import published
+from rigctl.analysis import published
 from rigctl.simulation.bench.world.parameters import IDENTIFIED, WorldParameters, parameter_infos
 from tools import identify_bench
 from tools.identify_bench import Slider, main, simulate_slides

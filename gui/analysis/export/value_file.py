@@ -9,7 +9,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from rigctl.analysis.data.atomic_file import atomic_file
+from rigctl.analysis.files import atomic_file
 from rigctl.errors import DiskFault
 
 SIMULATED = "simulated"

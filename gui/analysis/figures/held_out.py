@@ -10,7 +10,7 @@ from gui.analysis.figures.confusion import ConfusionCounts, ConfusionPlot
 from rigctl.values import SAMPLE_RATE_HZ
 
 if TYPE_CHECKING:
-    from rigctl.analysis.classification.classify_sessions import Classification
+    from rigctl.analysis.classify_sessions import Classification
     from rigctl.analysis.report.demo import DemoResult
 
 TITLE, NAME = "Held-out trials", "Speed Scaled"

@@ -83,7 +83,7 @@ def _task_title(task: Mapping[str, Any]) -> str:
 
 
 def _drum_curves(task: Mapping[str, Any]) -> Iterator[AccuracyCurve]:
-    from rigctl.analysis.paper import published
+    from rigctl.analysis import published
 
     for key, curve in task["representations"].items():
         paper = None

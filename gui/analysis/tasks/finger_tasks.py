@@ -12,10 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gui.analysis.tasks.task_values import (
-    AnalysisRequest,
     FingerSessionInfo,
     ScanPicture,
-    analysis_settings,
 )
 from gui.analysis.trials.trial_table import AttemptColumn
 from gui.analysis.trials.verdicts import shown_reasons, shown_verdicts
@@ -23,8 +21,9 @@ from gui.widgets.typed_paths import typed_path
 from rigctl.errors import WrongUse
 
 if TYPE_CHECKING:
-    from rigctl.analysis.data.cache import Resources
+    from rigctl.analysis.cache import Resources
     from rigctl.analysis.finger.report import FingerReport
+    from rigctl.analysis.options import AnalysisOptions
     from rigctl.session.finger_session import FingerSession
 
 
@@ -58,8 +57,7 @@ def scan_picture(session: FingerSession, row: int, folder: Path) -> ScanPicture:
 
     Raises WrongUse for an attempt without a scan.
     """
-    from rigctl.analysis.finger.movie.movie_file import write_movie
-    from rigctl.analysis.finger.movie.scan_timeline import read_timeline
+    from rigctl.analysis.finger.movie import read_timeline, write_movie
 
     trial_id = int(session.trials[row]["trial_id"])
     path = session.path
@@ -98,17 +96,13 @@ def make_models(session: str, source: str, components: int) -> tuple[str, ...]:
     raise WrongUse(f"{folder} has no training or calibration scans: choose another session")
 
 
-def make_report(request: AnalysisRequest, resources: Resources) -> FingerReport:
+def make_report(options: AnalysisOptions, resources: Resources) -> FingerReport:
     """Write the report of the real-time experiment."""
-    from rigctl.analysis.classification.sweep_engines import SweepEngine
     from rigctl.analysis.finger.report import make_finger_report
-    from rigctl.analysis.finger.tasks import DrawSettings
 
-    engine = SweepEngine(request.engine)
-    settings = DrawSettings(request.draws, request.seed, engine, analysis_settings(request))
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    paths = tuple(map(Path, request.sessions))
-    return make_finger_report(paths, Path(request.folder), settings, now, resources)
+    settings = options.draw_settings()
+    return make_finger_report(options.sessions, options.out, settings, now, resources)
 
 
 def _named(row: Any) -> str:

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from gui.analysis.export.value_file import data_words
 from gui.analysis.trials.trial_table import AttemptColumn
-from gui.widgets.typed_paths import typed_path
 from rigctl.session.header import SensorLayout
 
 if TYPE_CHECKING:
-    from rigctl.analysis.settings.analysis_settings import AnalysisSettings
+    from rigctl.analysis.options import AnalysisOptions
 
 DRUM, FINGER = "drum", "finger"
 """Experiments of a session."""
@@ -124,59 +123,26 @@ class FingerSessionInfo(NamedTuple):
     slides: int
 
 
-class AnalysisRequest(NamedTuple):
-    """The options of ``rigctl analyse``.
-
-    ``task``: empty for all. ``representation``: that of a model to save beside the report, empty
-    for none. ``c``: a model file that C is taken from, empty for a search. ``settings``: an
-    analysis file, empty for the paper's constants; with one, its reference force holds.
-    """
-
-    sessions: tuple[str, ...]
-    folder: str
-    task: str
-    draws: int
-    components: int
-    engine: str
-    preset: str
-    reference_g: float
-    seed: int
-    sensitivity: bool
-    representation: str
-    c: str
-    settings: str
-
-
 ENGINE_NAMES = {"own": "rigctl's own", "sklearn": "scikit-learn"}
 """What people read for the engine of an analysis."""
 
 
-def describe_request(request: AnalysisRequest, experiment: str) -> str:
+def describe_options(options: AnalysisOptions, experiment: str) -> str:
     """Return the settings of an analysis in a sentence."""
-    names = ", ".join(Path(path).name for path in request.sessions)
-    parts = [f"Sessions: {names}", f"draws: {request.draws}", f"seed: {request.seed}"]
+    names = ", ".join(path.name for path in options.sessions)
+    parts = [f"Sessions: {names}", f"draws: {options.iterations}", f"seed: {options.seed}"]
     if experiment == DRUM:
-        constants = Path(request.settings).name if request.settings else "the paper's"
+        constants = options.settings.name if options.settings else "the paper's"
         parts += [
-            f"tasks: {request.task or 'all that fit'}",
-            f"components: up to {request.components}",
-            f"encoder: {request.preset}",
+            f"tasks: {', '.join(options.task) or 'all that fit'}",
+            f"components: up to {options.k_max}",
+            f"encoder: {options.preset}",
             f"constants: {constants}",
-            f"C: {Path(request.c).name if request.c else 'by a search'}",
+            f"C: {options.c.name if options.c else 'by a search'}",
         ]
-        if not request.settings:
-            parts.append(f"reference force: {request.reference_g:g} g")
-    return "; ".join([*parts, f"engine: {ENGINE_NAMES.get(request.engine, request.engine)}"])
-
-
-def analysis_settings(request: AnalysisRequest) -> AnalysisSettings:
-    """Return the constants of the request's analysis file, or the paper's."""
-    from rigctl.analysis.settings.analysis_settings import AnalysisSettings
-    from rigctl.analysis.settings.settings_file import load_settings
-
-    if request.settings:
-        return load_settings(typed_path(request.settings))
-    return AnalysisSettings().with_reference_force(request.reference_g)
+        if not options.settings:
+            parts.append(f"reference force: {options.reference_g:g} g")
+    return "; ".join([*parts, f"engine: {ENGINE_NAMES.get(options.engine, options.engine)}"])
 
 
 def model_path(report: Path) -> Path:

@@ -28,13 +28,10 @@ from gui.analysis.results import (
 )
 from gui.analysis.tasks import finger_tasks
 from gui.analysis.tasks.task_values import (
-    AnalysisRequest,
     FingerSessionInfo,
     ScanPicture,
     SessionTable,
     TrialData,
-    analysis_settings,
-    model_path,
 )
 from gui.analysis.trials.open_sessions import OpenSessions
 from gui.protocol import run_tasks
@@ -54,9 +51,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from gui.live.replay.replay_tasks import ReplayTrial
-    from rigctl.analysis.execution.executor import Progress
-    from rigctl.analysis.learning.session_curve import SessionCurve, SessionCurves
-    from rigctl.analysis.report.report_folder import ReportRequest
+    from rigctl.analysis.executors import Progress
+    from rigctl.analysis.learning_curve import SessionCurve, SessionCurves
+    from rigctl.analysis.options import AnalysisOptions
 
 FIGURES = "figures"
 ENGINE_FIRST = 10
@@ -121,7 +118,7 @@ class WorkerTasks:
 
     def learning_curve(self, folder: str) -> SessionCurve:
         """Return the learning curve of a session's trials so far. Raises SessionError."""
-        from rigctl.analysis.learning.session_curve import SessionCurves
+        from rigctl.analysis.learning_curve import SessionCurves
 
         if self._curves is None:
             self._curves = SessionCurves()
@@ -224,29 +221,29 @@ class WorkerTasks:
         paths = [Path(session) for session in sessions]
         return quick_results(analyse_sessions(paths, paths[0] / FIGURES, progress=self._progress))
 
-    def analyse(self, request: AnalysisRequest) -> AnalysisResults:
+    def analyse(self, options: AnalysisOptions) -> AnalysisResults:
         """Write a report on sessions as ``rigctl analyse`` does."""
-        from rigctl.analysis.data.cache import Cache, Resources, cache_folder
+        from rigctl.analysis.cache import Cache, Resources, cache_folder
         from rigctl.analysis.report.report_folder import make_report
 
         now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
         cache = Cache(cache_folder())
         resources = Resources(cache=cache, progress=self._progress)
-        report = make_report(_report_request(request), now, resources)
+        report = make_report(options.report_request(), now, resources)
         cache.trim()
         return report_results(report)
 
-    def analyse_finger(self, request: AnalysisRequest) -> AnalysisResults:
+    def analyse_finger(self, options: AnalysisOptions) -> AnalysisResults:
         """Write a report on the moving finger as ``rigctl analyse --experiment realtime`` does."""
-        from rigctl.analysis.data.cache import Resources
+        from rigctl.analysis.cache import Resources
 
         resources = Resources(progress=self._progress)
-        return finger_results(finger_tasks.make_report(request, resources))
+        return finger_results(finger_tasks.make_report(options, resources))
 
     def classify(self, model: str, sessions: tuple[str, ...]) -> AnalysisResults:
         """Classify sessions with a trained model as ``rigctl classify`` does."""
-        from rigctl.analysis.classification.classify_sessions import classify
-        from rigctl.analysis.data.cache import Resources
+        from rigctl.analysis.cache import Resources
+        from rigctl.analysis.classify_sessions import classify
         from rigctl.session.model_file import load_model
 
         loaded = load_model(typed_path(model))
@@ -263,31 +260,7 @@ class WorkerTasks:
 
     def discard(self, folder: str) -> None:
         """Remove the partial report of a cancelled analysis, whose process could not do so."""
-        from rigctl.analysis.data.atomic_directory import PARTIAL
+        from rigctl.analysis.files import PARTIAL
 
         out = Path(folder).absolute()
         shutil.rmtree(out.with_name(PARTIAL.format(name=out.name)), ignore_errors=True)
-
-
-def _report_request(request: AnalysisRequest) -> ReportRequest:
-    from rigctl.analysis.classification.sweep_engines import SweepEngine
-    from rigctl.analysis.classification.training import ModelRequest
-    from rigctl.analysis.paper.tasks import SweepSettings
-    from rigctl.analysis.report.report_folder import ReportRequest
-    from rigctl.encoding.parameters import preset
-
-    out, model = Path(request.folder), None
-    tasks = (request.task,) if request.task else ()
-    engine = SweepEngine(request.engine)
-    if request.representation:
-        model = ModelRequest(model_path(out), request.representation, request.components)
-    return ReportRequest(
-        tuple(map(Path, request.sessions)),
-        out,
-        SweepSettings(request.draws, request.components, request.seed, engine, tasks),
-        preset(request.preset),
-        model=model,
-        c=typed_path(request.c) if request.c else None,
-        sensitivity=request.sensitivity,
-        analysis=analysis_settings(request),
-    )

@@ -171,7 +171,7 @@ def _first_with_texture(session: Session) -> int:
 
     The paper's plate A is smooth: its spikes show force and no texture.
     """
-    from rigctl.analysis.paper.published import SMOOTH
+    from rigctl.analysis.published import SMOOTH
 
     committed = session.committed()
     textured = committed[session.trials["texture"][committed] != SMOOTH]

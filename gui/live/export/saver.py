@@ -15,7 +15,7 @@ from PySide6.QtGui import QImage, QImageWriter
 
 from gui.live.export.table_file import ShownSamples, write_table
 from gui.widgets.typed_paths import new_files_folder
-from rigctl.analysis.data.atomic_file import atomic_file
+from rigctl.analysis.files import atomic_file
 from rigctl.errors import RigctlError, WrongUse
 
 _CLOSE_TIMEOUT_S = 30.0

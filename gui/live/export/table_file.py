@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.data.atomic_file import atomic_file
+from rigctl.analysis.files import atomic_file
 
 Floats = NDArray[np.float64]
 _ROWS_AT_ONCE = 20_000

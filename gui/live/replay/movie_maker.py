@@ -12,7 +12,7 @@ from gui.widgets.labels import label
 from gui.widgets.layouts import push_button
 from gui.widgets.number_box import NumberBox, has_refused
 from gui.widgets.typed_paths import typed_path
-from rigctl.analysis.data.atomic_directory import PARTIAL
+from rigctl.analysis.files import PARTIAL
 
 LONGEST_S = 10.0
 MOVIE, CANCEL = "Movie", "Cancel"

@@ -16,7 +16,7 @@ from rigctl.session.header import SensorLayout
 from rigctl.values import SAMPLE_RATE_HZ
 
 if TYPE_CHECKING:
-    from rigctl.analysis.execution.executor import Progress
+    from rigctl.analysis.executors import Progress
     from rigctl.encoding.normalisation import Normalisation
     from rigctl.session.session import Session
 
@@ -85,8 +85,8 @@ def write_movie(
     ``section_s``: where the shown part of the trial begins, and its length. Raises WrongUse for an
     attempt that does not count.
     """
-    from rigctl.analysis.data.cache import Resources
-    from rigctl.analysis.taxel.taxel_request import TaxelRequest, encode_taxel
+    from rigctl.analysis.cache import Resources
+    from rigctl.analysis.taxel import TaxelRequest, encode_taxel
 
     if row not in session.committed():
         raise WrongUse("this attempt does not count: choose a committed one for a movie")

@@ -21,8 +21,7 @@ from pathlib import Path
 
 from rigctl.acquisition.boards import Boards
 from rigctl.acquisition.drum.settings import settle_settings
-from rigctl.acquisition.early_end.condition_end import ConditionEnd
-from rigctl.acquisition.early_end.early_ends import EarlyEnds
+from rigctl.acquisition.early_end import EarlyEnds
 from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.health.boards import END
 from rigctl.acquisition.health.disk import DiskMonitor
@@ -36,6 +35,7 @@ from rigctl.acquisition.rpc.messages import CurrentTrial, NextPlate, RunStatus
 from rigctl.errors import BoardFault, RigFault, WrongUse
 from rigctl.protocol.steps import Step
 from rigctl.session.notes import Mark, SessionNote
+from rigctl.session.session import ConditionEnd
 from rigctl.values import DrumState, Event, PlannedTrial
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import State

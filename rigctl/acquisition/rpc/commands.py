@@ -39,6 +39,7 @@ NoteText = Annotated[str, Meta(max_length=MAX_LETTERS)]
 """The text of a note; what it may contain is checked where it is written."""
 Seed = Annotated[int, Meta(ge=0, le=MAX_SEED)]
 Number = Annotated[int, Meta(ge=0, lt=1 << 53)]
+Amount = Annotated[float, Meta(ge=0, le=1e6)]
 
 _WORDS = {"float": "a number", "int": "a whole number", "str": "a text", "array": "a list"}
 _Declared = TypeVar("_Declared", bound=msgspec.Struct)

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.finger.evaluation.evidence import EvidenceCurve
-from rigctl.analysis.finger.evaluation.judgements import NoveltyResult, SetCoverage
+from rigctl.analysis.finger.evaluation import EvidenceCurve, NoveltyResult, SetCoverage
 from rigctl.analysis.finger.published import (
     DEPLOYED,
     NEW_SESSION,
@@ -21,14 +20,14 @@ from rigctl.analysis.finger.published import (
 )
 from rigctl.analysis.finger.scans import KINDS, ScanKind
 from rigctl.analysis.finger.tasks import FingerResult
-from rigctl.analysis.paper.statistics import describe_rule
 from rigctl.analysis.report.figures import FAINT, MUTED, TEXT, new_figure, save_figure
+from rigctl.analysis.statistics import describe_rule
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
 
+Floats = NDArray[np.float64]
 BLUE, GREEN = "#1f4fd1", "#1a8a34"
 COLOURS = {
     SAME_SESSION.key: BLUE,

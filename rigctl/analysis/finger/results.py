@@ -1,46 +1,46 @@
-"""All results of the real-time experiment: the paper's figures and what goes beyond them."""
+"""All results of the real-time experiment, and their values for ``results.json``."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
-from rigctl.analysis.finger.data_sets import FingerDataSet, common_textures
-from rigctl.analysis.finger.evaluation.evidence import EvidenceCurve, evidence_curve
-from rigctl.analysis.finger.evaluation.force_invariance import (
-    ForceComparison,
-    compare_force_scalings,
-)
-from rigctl.analysis.finger.evaluation.judgements import (
+from rigctl import __version__
+from rigctl.analysis.cache import SERIAL_RESOURCES, Resources
+from rigctl.analysis.finger.evaluation import (
     ERROR_RATES,
     NOVELTY_STAGE,
+    EvidenceCurve,
+    ForceComparison,
     LeftOutTask,
     NoveltyResult,
+    ProfileDifferences,
     SequentialResult,
     SetCoverage,
+    compare_force_scalings,
+    evidence_curve,
     leave_texture_out,
     measure_coverage,
     measure_novelty,
     measure_sequential,
+    profile_differences,
     train_classifier,
 )
-from rigctl.analysis.finger.evaluation.profile_differences import (
-    ProfileDifferences,
-    profile_differences,
-)
-from rigctl.analysis.finger.scans import KINDS, ScanKind
+from rigctl.analysis.finger.published import DEPLOYED, DEPLOYED_TRIALS
+from rigctl.analysis.finger.scans import KINDS, FingerDataSet, ScanKind, common_textures
 from rigctl.analysis.finger.tasks import DrawSettings, FingerResult, run_finger_tasks
-from rigctl.analysis.settings.settings_file import differences_from_paper
+from rigctl.analysis.settings import as_plain, differences_from_paper
+from rigctl.analysis.statistics import curve_test_dict, published_share
 from rigctl.errors import WrongUse
 
 Floats = NDArray[np.float64]
-
 BEYOND_STAGE = "measuring answers"
 MIN_TEXTURES_TO_LEAVE_OUT = 3
+DECIMALS = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,3 +150,198 @@ def _profiles(data_sets: Sequence[FingerDataSet], kind: ScanKind) -> ProfileDiff
         float(np.mean([one.texture_share for one in each])),
         float(np.mean([one.profile_share for one in each])),
     )
+
+
+def first_above(values: Floats, level: float) -> str:
+    """Return where values are above a level as ranges of k, such as ``5–30, 34``."""
+    return k_ranges(np.flatnonzero(values > level) + 1)
+
+
+def k_ranges(numbers: NDArray[np.intp]) -> str:
+    """Return whole numbers as ranges, ``none`` for no number."""
+    if not len(numbers):
+        return "none"
+    breaks = np.flatnonzero(np.diff(numbers) > 1)
+    starts = numbers[np.concatenate([[0], breaks + 1])]
+    ends = numbers[np.concatenate([breaks, [len(numbers) - 1]])]
+    return ", ".join(
+        f"{a}" if a == b else f"{a}–{b}"
+        for a, b in zip(starts.tolist(), ends.tolist(), strict=True)
+    )
+
+
+def task_dict(result: FingerResult) -> dict[str, Any]:
+    """Return a task's curves, tests and comparison with the paper as values for JSON."""
+    differences = result.differences()
+    original = result.mean(ScanKind.ORIGINAL)
+    scaled = result.mean(ScanKind.SPEED_SCALED)
+    better = np.array([(d.effect or 0.0) > 0 for d in differences])
+    stars = np.array([d.stars for d in differences])
+    quoted = {
+        kind.value: value._asdict() for kind, value in zip(KINDS, result.task.quoted, strict=True)
+    }
+    return {
+        "title": result.task.title,
+        "figure": result.task.figure,
+        "trained_on": result.n_train,
+        "tested_per_draw": result.n_tested,
+        "n": len(result.accuracy[ScanKind.ORIGINAL]),
+        "chance": result.chance,
+        "k_max": result.k_max,
+        "paper": {
+            "accuracy": quoted,
+            "claims": result.task.claims,
+            "shares": _shares_from_paper(result),
+        },
+        "curves": {kind.value: _curve_dict(result, kind) for kind in KINDS},
+        "above_originals_peak": first_above(scaled, float(original.max())),
+        "scaled_better_double": k_ranges(np.flatnonzero(better & (stars == "**")) + 1),
+        "scaled_better_single": k_ranges(np.flatnonzero(better & (stars == "*")) + 1),
+        "original_better": k_ranges(np.flatnonzero(~better & (stars != "")) + 1),
+        "assumptions": sorted({text for d in differences for text in d.assumptions}),
+    }
+
+
+def _shares_from_paper(result: FingerResult) -> list[dict[str, Any]]:
+    """Return Figure S5's quoted shares and ours with as many components; empty for Figure 4.
+
+    Figure 4 quotes means over draws without their spread, which no test can use.
+    """
+    if result.task is not DEPLOYED:
+        return []
+    shares = []
+    for kind, quoted in zip(KINDS, result.task.quoted, strict=True):
+        if quoted.components is None or quoted.components > result.k_max:
+            continue
+        n = len(result.accuracy[kind]) * result.n_tested
+        correct = round(n * float(result.mean(kind)[quoted.components - 1]))
+        rule = result.thresholds.proportion_asterisks
+        paper = published_share(correct, n, quoted.percent, DEPLOYED_TRIALS, rule=rule)
+        ours = {"kind": kind.value, "components": quoted.components, "correct": correct, "of": n}
+        shares.append({**ours, "paper": paper})
+    return shares
+
+
+def _curve_tests(result: FingerResult) -> dict[str, Any]:
+    """Return the asterisks of Figures 4 and S5: Speed Scaled against Original."""
+    original, scaled = (kind.value for kind in KINDS)
+    return {scaled: curve_test_dict(result.differences(), original, in_paper=True)}
+
+
+def _curve_dict(result: FingerResult, kind: ScanKind) -> dict[str, Any]:
+    mean, sd, error = result.mean(kind), result.sd(kind), result.standard_error(kind)
+    peak = int(mean.argmax())
+    return {
+        "mean": mean.round(DECIMALS).tolist(),
+        "sd": None if sd is None else sd.round(DECIMALS).tolist(),
+        "standard_error": None if error is None else error.round(DECIMALS).tolist(),
+        "peak": round(float(mean[peak]), DECIMALS),
+        "peak_components": peak + 1,
+    }
+
+
+def as_dict(analysis: FingerAnalysis, made_utc: str) -> dict[str, Any]:
+    """Return everything as values for JSON; every number is finite or None."""
+    return {
+        "program": {"name": "rigctl", "version": __version__},
+        "experiment": "realtime",
+        "made_utc": made_utc,
+        "simulated": analysis.simulated,
+        "settings": {
+            "draws": analysis.settings.draws,
+            "seed": analysis.settings.seed,
+            "engine": analysis.settings.engine.value,
+            "analysis": as_plain(analysis.settings.analysis),
+            "analysis_file": analysis.settings.analysis.file or None,
+        },
+        "data_sets": [_data_set_dict(one) for one in analysis.data_sets],
+        "remarks": list(analysis.remarks),
+        "tasks": {one.task.key: task_dict(one) for one in analysis.tasks},
+        "curve_tests": {one.task.key: _curve_tests(one) for one in analysis.tasks},
+        "evidence": [_evidence_dict(one) for one in analysis.evidence],
+        "coverage": [_coverage_dict(one) for one in analysis.coverage],
+        "novelty": [_novelty_dict(one) for one in analysis.novelty],
+        "sequential": [
+            {**one._asdict(), "kind": one.kind.value, "kept": one.kept}
+            for one in analysis.sequential
+        ],
+        "force_invariance": [_force_dict(one) for one in analysis.force],
+        "profiles": [_profiles_dict(one) for one in analysis.profiles],
+        "latencies": {kind: latency_dict(ms) for kind, ms in analysis.latencies.items()},
+    }
+
+
+def latency_dict(ms: Floats) -> dict[str, float]:
+    """Return percentiles of latencies in milliseconds."""
+    percentiles = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "max": 100.0}
+    values = {
+        name: round(float(np.percentile(ms, share)), 3) for name, share in percentiles.items()
+    }
+    return {"n": len(ms), **values}
+
+
+def _data_set_dict(one: FingerDataSet) -> dict[str, Any]:
+    return {
+        "name": one.name,
+        "sessions": [one.training.session, one.tested.session],
+        "textures": list(one.textures),
+        "trained": len(one.training),
+        "calibrated": len(one.calibration),
+        "tested": len(one.tested),
+    }
+
+
+def _evidence_dict(one: EvidenceCurve) -> dict[str, Any]:
+    arrays = {name: getattr(one, name) for name in ("at_mm", "by_mm", "at_s", "by_s")}
+    return {
+        "kind": one.kind.value,
+        **{name: values.round(DECIMALS).tolist() for name, values in arrays.items()},
+    }
+
+
+def _coverage_dict(one: SetCoverage) -> dict[str, Any]:
+    return {
+        "kind": one.kind.value,
+        "sentence": one.sentence,
+        "promised": one.promised,
+        "n": one.n,
+        "coverage": one.coverage.round(DECIMALS).tolist(),
+        "mean_size": one.size.round(DECIMALS).tolist(),
+        "failures": one.failures.round(DECIMALS).tolist(),
+    }
+
+
+def _novelty_dict(one: NoveltyResult) -> dict[str, Any]:
+    return {
+        "kind": one.kind.value,
+        "sentence": one.sentence,
+        "promised_false_alarms": one.promised,
+        "detected": one.detected.round(DECIMALS).tolist(),
+        "false_alarms": one.false_alarms.round(DECIMALS).tolist(),
+        "area": round(one.area, DECIMALS),
+        "by_texture": one.by_texture,
+    }
+
+
+def _force_dict(one: ForceComparison) -> dict[str, Any]:
+    difference = one.difference
+    return {
+        "scaling": one.name,
+        "kind": one.kind.value,
+        "accuracy": one.accuracy,
+        "peak": one.peak,
+        "peak_components": one.peak_components,
+        "p": None if difference is None else difference.p,
+        "h": None if difference is None else difference.effect,
+        "verdict": one.verdict,
+    }
+
+
+def _profiles_dict(one: ProfileDifferences) -> dict[str, Any]:
+    return {
+        "kind": one.kind.value,
+        "mean_rate_hz": one.rate_hz,
+        "spread": one.spread,
+        "texture_share": one.texture_share,
+        "profile_share": one.profile_share,
+    }

@@ -13,12 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.classification.component_sweep import Rows
-from rigctl.analysis.classification.splits import Split, stratified_folds
-from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
-from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
+from rigctl.analysis.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.finger import published
-from rigctl.analysis.finger.data_sets import FingerDataSet
 from rigctl.analysis.finger.published import (
     DEPLOYED,
     FINGER_TASKS,
@@ -28,25 +24,22 @@ from rigctl.analysis.finger.published import (
     UNTRAINED,
     FingerTask,
 )
-from rigctl.analysis.finger.scans import KINDS, ScanKind, ScanSet
-from rigctl.analysis.paper.statistics import (
+from rigctl.analysis.finger.scans import KINDS, FingerDataSet, ScanKind, ScanSet
+from rigctl.analysis.pca_lda import Rows, Split, SweepEngine, predict_splits
+from rigctl.analysis.settings import AnalysisSettings, AsteriskThresholds, FingerAnalysisSettings
+from rigctl.analysis.splits import stratified_folds
+from rigctl.analysis.statistics import (
     Difference,
     standard_deviation,
     standard_error,
     two_proportions,
     welch_each,
 )
-from rigctl.analysis.settings.analysis_settings import (
-    AnalysisSettings,
-    AsteriskThresholds,
-    FingerAnalysisSettings,
-)
 from rigctl.errors import WrongUse
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-
 STAGE = "classifying draws"
 CHUNK = 5
 """Draws of one task."""

@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.classification.held_out import (
+from rigctl.analysis.executors import Progress
+from rigctl.analysis.held_out import (
     HeldOutPredictions,
     classify_held_out,
     with_repeats,
 )
-from rigctl.analysis.classification.splits import Design
-from rigctl.analysis.data.trial_set import TrialSet, join_sessions, open_trials
-from rigctl.analysis.execution.executor import Progress
-from rigctl.analysis.paper.statistics import wilson_interval
 from rigctl.analysis.report.figures import RasterData, draw_accuracy, draw_raster
+from rigctl.analysis.splits import Design
+from rigctl.analysis.statistics import wilson_interval
+from rigctl.analysis.trial_set import TrialSet, join_sessions, open_trials
 from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.session.session import Session

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rigctl.analysis.data.trial_set import TrialSet
+from rigctl.analysis.trial_set import TrialSet
 from rigctl.errors import WrongUse
 from rigctl.session.header import IMPORTED
 

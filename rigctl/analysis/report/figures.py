@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.classification.held_out import HeldOutPredictions
-from rigctl.analysis.paper.statistics import wilson_interval
+from rigctl.analysis.held_out import HeldOutPredictions
 from rigctl.analysis.report.train_groups import TrainGroup, train_groups
+from rigctl.analysis.statistics import wilson_interval
 from rigctl.session.header import SensorLayout
 from rigctl.values import SAMPLE_RATE_HZ, Spikes
 

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
-from rigctl.analysis.paper.comparisons import NAME_OF, Agreement
+from rigctl.analysis.comparisons import NAME_OF, Agreement
 
 Values = Mapping[str, Any]
 

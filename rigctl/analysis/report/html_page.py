@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rigctl.analysis.data.notes import summarise_notes
-from rigctl.analysis.paper.comparisons import NAME_OF
+from rigctl.analysis.comparisons import NAME_OF
+from rigctl.analysis.notes import summarise_notes
 
 ABSENT = "–"
 SMALLEST_P = 1e-300

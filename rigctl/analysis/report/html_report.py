@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rigctl.analysis.paper.comparisons import NAME_OF
+from rigctl.analysis.comparisons import NAME_OF
 from rigctl.analysis.report.charts.accuracy_charts import accuracy_chart
 from rigctl.analysis.report.charts.confusion_charts import confusion_charts
 from rigctl.analysis.report.charts.small_multiples import SmallMultiples
@@ -19,7 +19,7 @@ Results = Mapping[str, Any]
 def html_report(
     results: Results, figures: Mapping[str, Path], multiples: SmallMultiples, origin: str
 ) -> str:
-    """Return the page. ``results``: from :func:`rigctl.analysis.paper.result_tables.as_dict`.
+    """Return the page. ``results``: from :func:`rigctl.analysis.result_tables.as_dict`.
 
     ``origin``: of the trials, in a few words, below the charts.
     """
@@ -65,7 +65,7 @@ def unconfirmed(sets: Sequence[Results], names: Sequence[str]) -> list[dict[str,
 
 
 def ablation_sets(sets: Sequence[Results]) -> list[Results]:
-    """Return the sets whose features were measured by :mod:`rigctl.analysis.paper.ablations`."""
+    """Return the sets whose features were measured by :mod:`rigctl.analysis.comparisons`."""
     return [one for one in sets if one["evidence"] is not None]
 
 

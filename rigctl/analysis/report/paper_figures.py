@@ -9,10 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rigctl.analysis.paper import published
-from rigctl.analysis.paper.comparisons import curve_differences
-from rigctl.analysis.paper.statistics import Difference, describe_rule
-from rigctl.analysis.paper.tasks import Curve, TaskResult
+from rigctl.analysis import published
+from rigctl.analysis.comparisons import curve_differences
 from rigctl.analysis.report.figures import (
     FAINT,
     MUTED,
@@ -21,6 +19,8 @@ from rigctl.analysis.report.figures import (
     plot_matrix,
     save_figure,
 )
+from rigctl.analysis.statistics import Difference, describe_rule
+from rigctl.analysis.tasks import Curve, TaskResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,27 +10,25 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rigctl.analysis.classification.training import ModelRequest, train_model
-from rigctl.analysis.data.atomic_directory import atomic_directory
-from rigctl.analysis.data.cache import SERIAL_RESOURCES, Resources
-from rigctl.analysis.data.trial_set import TrialSet, join_sessions
-from rigctl.analysis.features.representations import RepresentationSet, represent
-from rigctl.analysis.features.spike_counts import RangesOver
-from rigctl.analysis.features.transferred_c import ForceMatrixSource, load_c
-from rigctl.analysis.paper.ablations import Ablations, measure_ablations
-from rigctl.analysis.paper.result_tables import as_dict, to_csv
-from rigctl.analysis.paper.sensitivity import as_dict as sensitivity_dict
-from rigctl.analysis.paper.sensitivity import compare_presets
-from rigctl.analysis.paper.tasks import SweepSettings, TaskResult, run_tasks
+from rigctl.analysis.cache import SERIAL_RESOURCES, Resources
+from rigctl.analysis.comparisons import Ablations, measure_ablations
+from rigctl.analysis.files import atomic_directory
+from rigctl.analysis.force_scaling import ForceMatrixSource, load_c
 from rigctl.analysis.report.charts.confusion_charts import CONFUSION_TASKS
 from rigctl.analysis.report.charts.small_multiples import small_multiples
 from rigctl.analysis.report.example_taxel import check_selection, trials_origin
 from rigctl.analysis.report.html_report import html_report
 from rigctl.analysis.report.paper_figures import draw_confusion, draw_curves
-from rigctl.analysis.settings.analysis_settings import AnalysisSettings
-from rigctl.analysis.settings.settings_file import differences_from_paper, to_toml
-from rigctl.analysis.taxel.taxel_course import load_course, write_course
-from rigctl.analysis.taxel.taxel_figure import draw_taxel
+from rigctl.analysis.representations import RepresentationSet, represent
+from rigctl.analysis.result_tables import as_dict, to_csv
+from rigctl.analysis.sensitivity import as_dict as sensitivity_dict
+from rigctl.analysis.sensitivity import compare_presets
+from rigctl.analysis.settings import AnalysisSettings, differences_from_paper, to_toml
+from rigctl.analysis.spike_counts import RangesOver
+from rigctl.analysis.tasks import SweepSettings, TaskResult, run_tasks
+from rigctl.analysis.taxel import draw_taxel, load_course, write_course
+from rigctl.analysis.training import ModelRequest, train_model
+from rigctl.analysis.trial_set import TrialSet, join_sessions
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters
 from rigctl.session.analysis_file import check_output_path
@@ -142,7 +140,6 @@ def _analyse(
         *representations.remarks,
         *remarks,
         *_component_remarks(results),
-        *resources.executor.remarks,
     )
     preset_rows: list[dict[str, Any]] = []
     if request.sensitivity:

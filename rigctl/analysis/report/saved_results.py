@@ -8,7 +8,7 @@ from typing import Annotated, Any, TypedDict
 
 import msgspec
 
-from rigctl.analysis.paper.comparisons import NAME_OF
+from rigctl.analysis.comparisons import NAME_OF
 from rigctl.config.text_file import read_bytes
 from rigctl.errors import WrongUse
 

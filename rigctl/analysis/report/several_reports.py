@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.analysis.data.atomic_directory import atomic_directory
-from rigctl.analysis.paper.comparisons import Agreement
+from rigctl.analysis.comparisons import Agreement
+from rigctl.analysis.files import atomic_directory
 from rigctl.analysis.report.html_page import render_page
 from rigctl.analysis.report.html_report import Results, ablation_sets, unconfirmed
 from rigctl.analysis.report.saved_results import load_results

@@ -36,9 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print or write the predictions and their accuracy."""
-    from rigctl.analysis.classification.classify_sessions import classify
-    from rigctl.analysis.classification.predictions import as_dict, as_text, prediction_rows
-    from rigctl.analysis.paper.result_tables import to_csv
+    from rigctl.analysis.classify_sessions import as_dict, as_text, classify, prediction_rows
+    from rigctl.analysis.result_tables import to_csv
     from rigctl.session.analysis_file import check_output_path
     from rigctl.session.model_file import load_model
 

@@ -9,24 +9,17 @@ from __future__ import annotations
 
 import argparse
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rigctl.analysis.options import EncoderOptions
 from rigctl.cli.options.arguments import a_path, number, whole_number
-from rigctl.cli.options.encoder import (
-    add_encoder,
-    add_resources,
-    parameters_of,
-    ranges_of,
-    reference_force_of,
-    resources_of,
-)
+from rigctl.cli.options.encoder import add_declared, add_resources, options_of, resources_of
 from rigctl.errors import WrongUse
 
 if TYPE_CHECKING:
-    from rigctl.analysis.data.cache import Cache
-    from rigctl.analysis.features.encoded_sessions import Encoded
-    from rigctl.analysis.taxel.taxel_request import TaxelRequest
+    from rigctl.analysis.cache import Cache
+    from rigctl.analysis.encoded_sessions import Encoded
+    from rigctl.analysis.taxel import TaxelRequest
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="factor on the SA current: none; C of the trial's own texture; or, blind to the "
         "texture, the mean of C over all textures (the file contains C in every case)",
     )
-    add_encoder(parser)
+    add_declared(parser, EncoderOptions)
     add_resources(parser)
     _add_taxel(parser)
 
@@ -90,7 +83,7 @@ def _add_taxel(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the files; the last lines on standard output name them."""
-    from rigctl.analysis.taxel.taxel_request import encode_taxel
+    from rigctl.analysis.taxel import encode_taxel
 
     request = _taxel_request(args)
     if args.out is None and not request.files:
@@ -111,14 +104,15 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _taxel_request(args: argparse.Namespace) -> TaxelRequest:
-    from rigctl.analysis.features.encoded_sessions import ScaledBy
-    from rigctl.analysis.taxel.taxel_request import TaxelRequest
+    from rigctl.analysis.force_scaling import ScaledBy
+    from rigctl.analysis.taxel import TaxelRequest
 
+    options = options_of(args, EncoderOptions)
     return TaxelRequest(
-        tuple(Path(name) for name in args.sessions),
-        parameters_of(args),
-        reference_g=reference_force_of(args),
-        ranges=ranges_of(args),
+        options.sessions,
+        options.parameters,
+        reference_g=options.reference_g,
+        ranges=options.load_ranges(),
         scaled_by=ScaledBy(args.scaled_by),
         trial=args.trial,
         taxel=args.taxel,
@@ -131,14 +125,16 @@ def _taxel_request(args: argparse.Namespace) -> TaxelRequest:
 
 
 def _write_spikes(args: argparse.Namespace) -> None:
-    from rigctl.analysis.features.encoded_sessions import EncodeRequest, ScaledBy, encode_sessions
+    from rigctl.analysis.encoded_sessions import EncodeRequest, encode_sessions
+    from rigctl.analysis.force_scaling import ScaledBy
 
+    options = options_of(args, EncoderOptions)
     request = EncodeRequest(
-        tuple(Path(name) for name in args.sessions),
-        Path(args.out),
-        parameters_of(args),
-        reference_g=reference_force_of(args),
-        ranges=ranges_of(args),
+        options.sessions,
+        args.out,
+        options.parameters,
+        reference_g=options.reference_g,
+        ranges=options.load_ranges(),
         scaled_by=ScaledBy(args.scaled_by),
         trial=args.trial,
         taxel=args.taxel,
@@ -151,8 +147,8 @@ def _write_spikes(args: argparse.Namespace) -> None:
 
 def _summary(encoded: Encoded, cache: Cache) -> list[str]:
     """Return the remarks, a sentence about C, the work done, and the path of the file."""
-    from rigctl.analysis.data.notes import summarise_notes
-    from rigctl.analysis.features.c_outcome import force_sentence
+    from rigctl.analysis.force_scaling import force_sentence
+    from rigctl.analysis.notes import summarise_notes
 
     lines = [f"note: {note}" for note in summarise_notes(encoded.remarks, rest_in="spikes.h5")]
     if encoded.force is not None:

@@ -13,7 +13,7 @@ import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
-from rigctl.analysis.data.notes import summarise_notes
+from rigctl.analysis.notes import summarise_notes
 from rigctl.cli import INTERRUPTED
 from rigctl.cli.data.closing import print_session
 from rigctl.cli.options.arguments import a_path

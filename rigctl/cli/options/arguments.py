@@ -18,7 +18,6 @@ from rigctl.protocol.plan import MAX_SEED
 
 MAX_WORKERS = 1024
 MAX_REPEATS = 100_000
-MAX_DRAWS = 100_000
 MAX_NUMBER = 1_000_000_000
 """Of trials, taxels, sessions, components: what they choose from is smaller."""
 _MAX_PART_BYTES = 255

@@ -6,62 +6,68 @@ import argparse
 import sys
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
-from pathlib import Path
-from typing import TYPE_CHECKING
+from dataclasses import Field, fields
+from typing import TYPE_CHECKING, Any, TypeVar
 
+from rigctl.analysis.options import EncoderOptions, declared
 from rigctl.cli.options.arguments import (
     a_path,
     add_more_workers,
     number,
     path_or_name,
+    whole_number,
     worker_type,
     workers_of,
 )
 from rigctl.cli.options.progress import ProgressLine
 
 if TYPE_CHECKING:
-    from rigctl.analysis.data.cache import Resources
-    from rigctl.analysis.execution.executor import Executor
-    from rigctl.analysis.features.spike_counts import RangesOver
-    from rigctl.encoding.normalisation import Normalisation
-    from rigctl.encoding.parameters import EncoderParameters
+    from rigctl.analysis.cache import Resources
+    from rigctl.analysis.executors import Executor
 
 
-READINGS = ("counts", "conductance")
+_Options = TypeVar("_Options", bound=EncoderOptions)
 
 
-def add_encoder(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the encoder, the reference force and the taxel ranges."""
-    group = parser.add_argument_group("the encoder")
-    group.add_argument("--preset", default="default", metavar="NAME", help="encoder preset")
-    group.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="change a parameter of the preset, such as sa_gain=120; may be repeated",
-    )
-    group.add_argument(
-        "--reading",
-        choices=READINGS,
-        default=READINGS[0],
-        help="what the encoder takes of a taxel: its counts (default, as in the paper), or the "
-        "conductance without the load of the other taxels of its input",
-    )
-    group.add_argument(
-        "--ranges",
-        type=path_or_name("--ranges"),
-        default="all",
-        metavar="all|training|FILE",
-        help="measure the taxel ranges in all trials (default) or only in those at the paper's "
-        "training speeds and forces, or take them from a spikes.h5 or model file",
-    )
-    group.add_argument(
-        "--reference-force",
-        type=number("--reference-force", 1, 100_000),
-        metavar="G",
-        help="force to which the SA rates of the other forces are scaled (500)",
-    )
+def add_declared(parser: argparse.ArgumentParser, kind: type[EncoderOptions]) -> None:
+    """Add the options that a struct declares."""
+    groups: dict[str, Any] = {"": parser}
+    for name, one in declared(kind).items():
+        title = one.metadata["group"]
+        if title not in groups:
+            groups[title] = parser.add_argument_group(title)
+        option = f"--{name.replace('_', '-')}"
+        groups[title].add_argument(option, help=one.metadata["doc"], **_how(option, one))
+
+
+def options_of(args: argparse.Namespace, kind: type[_Options]) -> _Options:
+    """Return the options that were given, as their struct."""
+    names = [one.name for one in fields(kind)]
+    given = {name: value for name in names if (value := getattr(args, name)) is not None}
+    lists = {name: tuple(value) for name, value in given.items() if isinstance(value, list)}
+    return kind(**{**given, **lists})
+
+
+def _how(option: str, one: Field[Any]) -> dict[str, Any]:
+    """Return how argparse reads an option."""
+    declared_as = one.metadata
+    if one.type == "bool":
+        return {"action": "store_true"}
+    if declared_as["choices"]:
+        return {"choices": declared_as["choices"], "default": one.default}
+    how: dict[str, Any] = {"metavar": declared_as["metavar"], "default": one.default}
+    kind = str(one.type).removesuffix(" | None")
+    if kind == "tuple[str, ...]":
+        return {**how, "action": "append", "default": []}
+    if kind == "int":
+        how["type"] = whole_number(option, int(declared_as["low"]), int(declared_as["high"]))
+    elif kind == "float":
+        how["type"] = number(option, declared_as["low"], declared_as["high"])
+    elif kind == "Path":
+        how["type"] = a_path(option)
+    elif kind == "Path | str":
+        how["type"] = path_or_name(option)
+    return how
 
 
 def add_resources(parser: argparse.ArgumentParser) -> None:
@@ -93,43 +99,10 @@ def add_resources(parser: argparse.ArgumentParser) -> None:
     cache.add_argument("--no-cache", action="store_true", help="neither read nor write the cache")
 
 
-def parameters_of(args: argparse.Namespace) -> EncoderParameters:
-    """Return the chosen encoder parameters. Raises WrongUse."""
-    from rigctl.encoding.parameters import override, preset
-
-    base = preset(args.preset)
-    if args.reading != base.reading:
-        base = override(base, [f"reading={args.reading}"])
-    return override(base, args.set) if args.set else base
-
-
-def reference_force_of(args: argparse.Namespace) -> float:
-    """Return the chosen reference force in g, or the paper's."""
-    from rigctl.encoding.force_matrix import REFERENCE_FORCE_G
-
-    return REFERENCE_FORCE_G if args.reference_force is None else float(args.reference_force)
-
-
-def ranges_of(args: argparse.Namespace) -> RangesOver | Normalisation:
-    """Return the chosen taxel ranges.
-
-    Raises SessionError for a file without ranges, or with another order of taxels.
-    """
-    from rigctl.analysis.data.wiring_check import check_file_wiring
-    from rigctl.analysis.features.spike_counts import RangesOver
-    from rigctl.session.analysis_file import load_ranges
-
-    if args.ranges in list(RangesOver):
-        return RangesOver(args.ranges)
-    ranges = load_ranges(Path(args.ranges))
-    check_file_wiring(Path(args.ranges), [Path(name) for name in args.sessions])
-    return ranges
-
-
 @contextmanager
 def resources_of(args: argparse.Namespace) -> Iterator[Resources]:
     """Yield the chosen workers and cache, with a progress line. Raises WrongUse."""
-    from rigctl.analysis.data.cache import Cache, Resources, cache_folder
+    from rigctl.analysis.cache import Cache, Resources, cache_folder
 
     cache = Cache(None if args.no_cache else args.cache or cache_folder())
     line = ProgressLine(sys.stderr)
@@ -144,9 +117,9 @@ def resources_of(args: argparse.Namespace) -> Iterator[Resources]:
 def _executor(args: argparse.Namespace) -> AbstractContextManager[Executor]:
     workers = workers_of(args)
     if args.dask is not None:
-        from rigctl.analysis.execution.dask_executor import dask_executor
+        from rigctl.analysis.executors import dask_executor
 
         return dask_executor(args.dask)
-    from rigctl.analysis.execution.executor import local_executor
+    from rigctl.analysis.executors import local_executor
 
     return local_executor(workers)

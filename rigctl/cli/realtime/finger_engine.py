@@ -6,7 +6,7 @@ import argparse
 from contextlib import closing
 
 from rigctl.acquisition.rpc.engine_files import FINGER_EXPERIMENT
-from rigctl.analysis.finger.confidence import COVERAGE, ERROR_RATE
+from rigctl.analysis.finger.classifier import COVERAGE, ERROR_RATE
 from rigctl.cli.data.world import add_world, chosen_world
 from rigctl.cli.options.arguments import number, path_or_name, whole_number
 from rigctl.cli.rig.engine_process import EngineProcess, utc_now

@@ -5,9 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 
-from rigctl.analysis.animation.movie_file import check_movie_file
-from rigctl.analysis.finger.movie.movie_file import write_movie
-from rigctl.analysis.finger.movie.scan_timeline import read_timeline
+from rigctl.analysis.finger.movie import read_timeline, write_movie
+from rigctl.analysis.movies import check_movie_file
 from rigctl.cli.data.missing import print_missing
 from rigctl.cli.options.arguments import a_path, whole_number
 from rigctl.cli.options.progress import ProgressLine

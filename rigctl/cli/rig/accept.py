@@ -17,7 +17,7 @@ from rigctl.cli.options.terminal import ask
 from rigctl.errors import WrongUse
 
 if TYPE_CHECKING:
-    from rigctl.analysis.acceptance.report import AcceptanceCheck
+    from rigctl.analysis.acceptance import AcceptanceCheck
 
 ACCEPTED, NOT_ACCEPTED = 0, 1
 MAX_MASS_G = 1e5
@@ -50,8 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print one line for each check, then the verdict; write a report with ``--out``."""
-    from rigctl.analysis.acceptance.measurements import measure
-    from rigctl.analysis.acceptance.report import as_dict, check_limits, is_accepted, write_report
+    from rigctl.analysis.acceptance import as_dict, check_limits, is_accepted, measure, write_report
 
     if (args.rig is None) != (args.mass is None):
         raise WrongUse("--rig and --mass belong together: which mass lies on which rig")
@@ -79,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
 def _weigh(args: argparse.Namespace) -> AcceptanceCheck:
     """Read the load cell without and with the known mass."""
     from rigctl.acquisition.calibration.calibrator import Calibrator, calibrate_alone
-    from rigctl.analysis.acceptance.report import check_known_mass
+    from rigctl.analysis.acceptance import check_known_mass
     from rigctl.rig import open_rig
 
     readings: list[float] = []

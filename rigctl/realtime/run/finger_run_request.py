@@ -15,8 +15,7 @@ from msgspec import Meta, Struct
 from rigctl import __version__
 from rigctl.acquisition.protocol.run_request import check_disk_space
 from rigctl.acquisition.rpc.commands import PathText, Seed, Word
-from rigctl.analysis.finger.answers import FingerClassifier
-from rigctl.analysis.finger.confidence import COVERAGE, ERROR_RATE
+from rigctl.analysis.finger.classifier import COVERAGE, ERROR_RATE, FingerClassifier
 from rigctl.config.resources import find_finger_protocol, source_commit
 from rigctl.config.text_file import refuse_link_outside
 from rigctl.encoding.normalisation import Normalisation

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.finger.answers import FingerAnswer, FingerClassifier
+from rigctl.analysis.finger.classifier import FingerAnswer, FingerClassifier
 from rigctl.analysis.finger.scans import ScanKind
 from rigctl.encoding.scaled_time import N_WINDOWS, last_windows, time_windows
 from rigctl.finger_values import PredictionRow

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from rigctl.acquisition.early_end.judge_process import judge_folder
+from rigctl.acquisition.early_end import judge_folder
 from rigctl.acquisition.protocol.run_request import RunRequest
 from rigctl.cli import main
 from rigctl.config.rig_config import RigConfig
@@ -183,7 +183,7 @@ def _judge_a_folder_that_fails_once(folder: Path, monkeypatch: pytest.MonkeyPatc
     rule = EarlyEnd(half_width_hz=0.01)
     judging = threading.Thread(target=judge_folder, args=(far, folder, rule))
     judging.start()
-    assert near.poll(60) and near.recv() == {"judged": 18}
+    assert near.poll(60) and near.recv() == 18
     near.close()
     judging.join(60)
     far.close()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rigctl.acquisition.live_buffer import LiveReader
-from rigctl.analysis.learning.growing_features import GrowingFeatures
+from rigctl.analysis.learning_curve import GrowingFeatures
 from rigctl.config.rig_config import EncoderConfig, RigConfig, TaxelArray
 from rigctl.encoding.encoder import encode_trial
 from rigctl.encoding.reading import Reading

@@ -10,8 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.analysis.acceptance.measurements import RigMeasurements, measure, settling_time_s
-from rigctl.analysis.acceptance.report import check_limits, is_accepted
+from rigctl.analysis.acceptance import (
+    RigMeasurements,
+    check_limits,
+    is_accepted,
+    measure,
+    settling_time_s,
+)
 from rigctl.cli import main
 from rigctl.config.resources import find_protocol
 from rigctl.errors import SessionError

@@ -11,13 +11,15 @@ from sklearn.decomposition import PCA
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.model_selection import StratifiedKFold
 
-from rigctl.analysis.classification.component_sweep import fit_nested_lda, fit_pca
-from rigctl.analysis.classification.splits import Fold, Split
-from rigctl.analysis.classification.sweep_engines import (
+from rigctl.analysis.pca_lda import (
     ScaledCovariance,
+    Split,
     SweepEngine,
+    fit_nested_lda,
+    fit_pca,
     predict_splits,
 )
+from rigctl.analysis.splits import Fold
 from rigctl.errors import WrongUse
 
 

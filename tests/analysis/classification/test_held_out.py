@@ -8,14 +8,14 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from rigctl.analysis.classification.held_out import (
+from rigctl.analysis.held_out import (
     HeldOutPredictions,
     classify_held_out,
     with_repeats,
 )
-from rigctl.analysis.classification.splits import Design
-from rigctl.analysis.data.trial_set import join_sessions
 from rigctl.analysis.report.demo import accuracy_sentence, analyse_sessions
+from rigctl.analysis.splits import Design
+from rigctl.analysis.trial_set import join_sessions
 from rigctl.errors import SessionError, WrongUse
 from tests.analysis.recordings import record
 

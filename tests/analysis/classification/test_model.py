@@ -13,13 +13,13 @@ import h5py
 import numpy as np
 import pytest
 
-from rigctl.analysis.classification.classify_sessions import classify
-from rigctl.analysis.classification.posteriors import log_posteriors
-from rigctl.analysis.classification.splits import Design
-from rigctl.analysis.classification.training import ModelRequest, train_model
-from rigctl.analysis.data.trial_set import join_sessions
-from rigctl.analysis.features.representations import REPRESENTATIONS, RepresentationSet, represent
-from rigctl.analysis.features.transferred_c import load_c
+from rigctl.analysis.classify_sessions import classify
+from rigctl.analysis.force_scaling import load_c
+from rigctl.analysis.pca_lda import log_posteriors
+from rigctl.analysis.representations import REPRESENTATIONS, RepresentationSet, represent
+from rigctl.analysis.splits import Design
+from rigctl.analysis.training import ModelRequest, train_model
+from rigctl.analysis.trial_set import join_sessions
 from rigctl.cli import main
 from rigctl.encoding.parameters import EncoderParameters
 from rigctl.errors import SessionError, WrongUse
@@ -78,7 +78,7 @@ def test_posteriors_equal_those_of_scikit_learn(made: RepresentationSet, tmp_pat
     from sklearn.decomposition import PCA
     from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
-    from rigctl.analysis.classification.sweep_engines import ScaledCovariance
+    from rigctl.analysis.pca_lda import ScaledCovariance
 
     labels = Design.from_trials(made.trials).texture
     for representation in REPRESENTATIONS[:4]:

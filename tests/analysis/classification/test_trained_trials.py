@@ -10,11 +10,10 @@ from pathlib import Path
 import h5py
 import pytest
 
-from rigctl.analysis.classification.classify_sessions import classify
-from rigctl.analysis.classification.predictions import as_dict, as_text, summary
-from rigctl.analysis.classification.training import ModelRequest, train_model
-from rigctl.analysis.data.trial_set import join_sessions
-from rigctl.analysis.features.representations import represent
+from rigctl.analysis.classify_sessions import as_dict, as_text, classify, summary
+from rigctl.analysis.representations import represent
+from rigctl.analysis.training import ModelRequest, train_model
+from rigctl.analysis.trial_set import join_sessions
 from rigctl.cli import main
 from rigctl.encoding.parameters import EncoderParameters
 from rigctl.encoding.reading import Reading
@@ -106,26 +105,16 @@ def test_new_trials_are_said_to_be_new(trained: tuple[Path, Path, Path], tmp_pat
     json.dumps(as_dict(found), allow_nan=False)
 
 
-def test_an_older_model_knows_whole_sessions_only(
+def test_a_model_without_a_list_of_its_trials_is_refused(
     trained: tuple[Path, Path, Path], tmp_path: Path
 ) -> None:
-    model, session, other = trained
+    model, session, _ = trained
     older = tmp_path / "older.h5"
     shutil.copy(model, older)
     with h5py.File(older, "r+") as file:
         del file["training/trial_hashes"]
-    read = load_model(older)
-    assert read.training.trial_hashes is None
-    found = classify(read, [session, other])
-    assert found.n_trained_on == 36 and found.n_unknown == 0
-    grown = tmp_path / "grown"
-    shutil.copytree(session, grown)
-    part = grown / "part-0001.h5"
-    part.write_bytes(part.read_bytes() + b" ")
-    doubtful = classify(read, [grown])
-    assert doubtful.n_unknown == 36
-    assert "may be among" in " ".join(doubtful.remarks)
-    assert "not known whether" in summary(doubtful)
+    with pytest.raises(WrongUse, match="of an older version"):
+        classify(load_model(older), [session])
 
 
 def test_a_damaged_list_of_trials_is_refused(

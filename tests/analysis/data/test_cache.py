@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import os
-import struct
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
-from rigctl.analysis.data.cache import Arrays, Cache, Resources, cache_folder, cache_key
-from rigctl.analysis.data.fingerprint import fingerprint, hash_array
-from rigctl.analysis.data.trial_set import join_sessions
-from rigctl.analysis.execution.executor import local_executor
-from rigctl.analysis.features.representations import RepresentationSet, represent
+from rigctl.analysis.cache import Cache, Resources, cache_folder, cache_key
+from rigctl.analysis.executors import local_executor
+from rigctl.analysis.representations import RepresentationSet, represent
+from rigctl.analysis.spike_counts import fingerprint, hash_array
+from rigctl.analysis.trial_set import join_sessions
 from rigctl.encoding.parameters import DEFAULT, PRESETS, EncoderParameters
 from tests.analysis.recordings import record
 from tests.session.forging import rewrite_digests
@@ -49,14 +47,6 @@ def assert_equal(one: RepresentationSet, two: RepresentationSet) -> None:
         assert one.files[key].read_bytes() == two.files[key].read_bytes()
 
 
-def entry_of_format_1(arrays: Arrays) -> bytes:
-    """Return an entry as older versions wrote it: a hash, a list of arrays, and their bytes."""
-    listing = json.dumps([(name, a.dtype.str, a.shape) for name, a in arrays.items()]).encode()
-    body = listing + b"".join(array.tobytes() for array in arrays.values())
-    checksum = hash_array(np.frombuffer(body, np.uint8))
-    return b"rigctl entry 1\n\0" + struct.pack("<QI", checksum, len(listing)) + body
-
-
 def test_a_second_run_encodes_nothing(session: Path, tmp_path: Path) -> None:
     first, second = Cache(tmp_path / "cache"), Cache(tmp_path / "cache")
     fresh = analyse(session, tmp_path / "one", first)
@@ -87,20 +77,19 @@ def test_other_parameters_and_samples_are_encoded_again(session: Path, tmp_path:
     assert_equal(fresh, analyse(session, tmp_path / "four", Cache()))
 
 
-def test_a_damaged_or_old_entry_is_computed_and_replaced(session: Path, tmp_path: Path) -> None:
+def test_a_damaged_entry_is_computed_and_replaced(session: Path, tmp_path: Path) -> None:
     cache = tmp_path / "cache"
     fresh = analyse(session, tmp_path / "one", Cache(cache))
-    entries = sorted(cache.glob("??/*.entry"))
+    entries = sorted(cache.glob("??/*.npz"))
     entries[0].write_bytes(b"")
     entries[1].write_bytes(entries[1].read_bytes()[:-1])
     damaged = bytearray(entries[2].read_bytes())
     damaged[len(damaged) // 2] ^= 1
     entries[2].write_bytes(damaged)
     entries[3].write_bytes(b"something else entirely")
-    entries[4].write_bytes(entry_of_format_1({"plain": np.zeros((2, 36, 5), np.uint8)}))
     again = Cache(cache)
     assert_equal(fresh, analyse(session, tmp_path / "two", again))
-    assert again.misses == 5
+    assert again.misses == 4
     last = Cache(cache)
     assert_equal(fresh, analyse(session, tmp_path / "three", last))
     assert last.misses == 0
@@ -131,29 +120,11 @@ def test_a_file_that_was_just_written_is_read_again(session: Path, tmp_path: Pat
     assert again.misses == 1
 
 
-def test_an_entry_is_read_whole_or_not_at_all(tmp_path: Path) -> None:
-    cache = Cache(tmp_path)
-    arrays: Arrays = {"counts": np.arange(40, dtype=np.uint8).reshape(4, 10), "c": np.ones(2)}
-    cache.put("aa", arrays)
-    entry = tmp_path / "aa" / "aa.entry"
-    with np.load(entry, allow_pickle=False) as archive:
-        np.testing.assert_array_equal(archive["counts"], arrays["counts"])
-    whole = entry.read_bytes()
-    for place in range(len(whole)):
-        entry.write_bytes(whole[:place] + bytes([whole[place] ^ 4]) + whole[place + 1 :])
-        found = cache.get("aa")
-        assert found is None or all(map(np.array_equal, found.values(), arrays.values())), place
-    entry.write_bytes(whole)
-    found = cache.get("aa")
-    assert found is not None and list(found) == list(arrays)
-    assert found["counts"].dtype == np.uint8 and "aa" in cache
-
-
 def test_the_least_recently_used_entry_goes_first(tmp_path: Path) -> None:
-    cache = Cache(tmp_path, max_bytes=3000)
+    cache = Cache(tmp_path, max_bytes=4000)
     for number, name in enumerate(("aa", "bb", "cc")):
         cache.put(name, {"x": np.zeros(1000, np.uint8)})
-        os.utime(tmp_path / name / f"{name}.entry", (number, number))
+        os.utime(tmp_path / name / f"{name}.npz", (number, number))
     assert cache.get("aa") is not None
     (tmp_path / "cc" / "left.new").write_bytes(b"by a killed process")
     os.utime(tmp_path / "cc" / "left.new", (0, 0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rigctl.analysis.data.notes import summarise_notes
+from rigctl.analysis.notes import summarise_notes
 
 
 def test_a_hundred_notes_of_one_kind_are_one_line() -> None:

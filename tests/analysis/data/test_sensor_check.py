@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.analysis.data.trial_set import join_sessions
+from rigctl.analysis.trial_set import join_sessions
 from rigctl.errors import SessionError
 from rigctl.session.header import SensorLayout
 from tests.analysis.recordings import record

@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from rigctl.analysis.data.cache import Resources
-from rigctl.analysis.data.trial_set import join_sessions
-from rigctl.analysis.execution import dask_executor
-from rigctl.analysis.features.representations import represent
-from rigctl.analysis.paper.tasks import SweepSettings, TaskResult, run_tasks
+from rigctl.analysis import executors as dask_executor
+from rigctl.analysis.cache import Resources
+from rigctl.analysis.representations import represent
+from rigctl.analysis.tasks import SweepSettings, TaskResult, run_tasks
+from rigctl.analysis.trial_set import join_sessions
 from rigctl.cli import main
 from rigctl.cli.options.progress import ProgressLine
 from rigctl.encoding.parameters import DEFAULT
@@ -82,7 +82,7 @@ def test_results_are_equal_although_a_worker_is_killed(
         steps.append((stage, done))
 
     with dask_executor.dask_executor(cluster.two) as executor:
-        assert executor.is_local and executor.remarks == ()
+        assert executor.is_local
         executor.check_visible([session, tmp_path])
         resources = Resources(executor, progress=progress)
         together = represent(trials, DEFAULT, folders[1], resources=resources)
@@ -101,11 +101,11 @@ def test_a_worker_that_does_not_fit_is_refused_by_name(
     with dask_executor.dask_executor(cluster.two) as executor:
         with pytest.raises(WrongUse, match=f"worker tcp://.* does not see {nowhere}"):
             executor.check_visible([tmp_path, nowhere])
-        monkeypatch.setattr(dask_executor, "_list_folder", lambda folder: (("part-0001.h5", 7),))
-        with pytest.raises(WrongUse, match=f"sees other files in {tmp_path}"):
+        monkeypatch.setattr(dask_executor, "_list_folder", lambda folder: [("part-0001.h5", 7)])
+        with pytest.raises(WrongUse, match=f"does not see {tmp_path} with its files"):
             executor.check_visible([tmp_path])
         monkeypatch.setattr(dask_executor, "__version__", "9.9.9")
-        dask_executor._own_build.cache_clear()
+        dask_executor.own_versions.cache_clear()
         with pytest.raises(WrongUse, match=r"worker tcp://.* has rigctl .*, this machine 9\.9\.9"):
             list(executor.map(abs, [-1]))
     with (
@@ -113,7 +113,7 @@ def test_a_worker_that_does_not_fit_is_refused_by_name(
         dask_executor.dask_executor(cluster.two),
     ):
         pass
-    dask_executor._own_build.cache_clear()
+    dask_executor.own_versions.cache_clear()
 
 
 def test_an_error_of_a_task_passes_unchanged(cluster: Cluster) -> None:
@@ -163,7 +163,7 @@ def test_a_long_wait_for_workers_ends(cluster: Cluster, monkeypatch: pytest.Monk
 
     monkeypatch.setattr(dask_executor, "POLL_S", 0.05)
     with Client(cluster.none, set_as_default=False) as client:
-        executor = dask_executor.DaskExecutor(client, {})
+        executor = dask_executor.DaskExecutor(client, set())
         with pytest.raises(WorkersLost, match="has had no worker"):
             list(executor.map(abs, [-1]))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from threadpoolctl import threadpool_info
 
-from rigctl.analysis.execution.executor import SERIAL, local_executor
+from rigctl.analysis.executors import SERIAL, local_executor
 
 
 def blas_threads(_task: int) -> list[int]:

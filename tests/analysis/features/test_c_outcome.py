@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.analysis.features.c_outcome import (
+from rigctl.analysis.force_scaling import (
+    ForceMatrixSource,
+    describe_transfer,
     force_sentence,
     unconverged_entries,
     unconverged_shares,
 )
-from rigctl.analysis.features.transferred_c import ForceMatrixSource, describe_transfer
 from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.encoding.root_bracket import SearchStatus
 

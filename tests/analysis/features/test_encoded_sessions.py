@@ -11,10 +11,11 @@ import h5py
 import numpy as np
 import pytest
 
-from rigctl.analysis.data.cache import Cache, Resources
-from rigctl.analysis.data.condition_tasks import c_per_trial
-from rigctl.analysis.data.trial_set import join_sessions, open_trials
-from rigctl.analysis.features.encoded_sessions import EncodeRequest, ScaledBy, encode_sessions
+from rigctl.analysis.cache import Cache, Resources
+from rigctl.analysis.encoded_sessions import EncodeRequest, encode_sessions
+from rigctl.analysis.force_scaling import ScaledBy
+from rigctl.analysis.spike_counts import c_per_trial
+from rigctl.analysis.trial_set import join_sessions, open_trials
 from rigctl.cli import main
 from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.features import SPEED_SCALED, UNSCALED, trial_features

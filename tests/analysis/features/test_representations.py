@@ -7,16 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.analysis.data.cache import Resources
-from rigctl.analysis.data.condition_tasks import c_per_trial
-from rigctl.analysis.data.trial_set import join_sessions, open_trials
-from rigctl.analysis.execution.executor import local_executor
-from rigctl.analysis.features.c_outcome import count_search_statuses, force_sentence
-from rigctl.analysis.features.representations import (
+from rigctl.analysis.cache import Resources
+from rigctl.analysis.executors import local_executor
+from rigctl.analysis.force_scaling import ForceMatrixSource, count_search_statuses, force_sentence
+from rigctl.analysis.representations import (
     represent,
 )
-from rigctl.analysis.features.transferred_c import ForceMatrixSource
-from rigctl.analysis.settings.analysis_settings import AnalysisSettings
+from rigctl.analysis.settings import AnalysisSettings
+from rigctl.analysis.spike_counts import c_per_trial
+from rigctl.analysis.trial_set import join_sessions, open_trials
 from rigctl.encoding.features import feature_matrices
 from rigctl.encoding.parameters import DEFAULT
 from rigctl.errors import SessionError

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.finger.data_sets import FingerDataSet
-from rigctl.analysis.finger.scans import ScanRecording, ScanSet, scan_set
+from rigctl.analysis.finger.scans import FingerDataSet, ScanRecording, ScanSet, scan_set
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.protocol.finger import Stage, VelocityProfile
 

@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from rigctl.analysis.finger.classifier import (
-    FingerEncoding,
-    calibrate_finger_model,
-    train_finger_model,
-)
-from rigctl.analysis.finger.data_sets import FingerDataSet
-from rigctl.analysis.finger.scans import ScanKind
+from rigctl.analysis.finger.classifier import calibrate_finger_model, train_finger_model
+from rigctl.analysis.finger.scans import FingerDataSet, FingerEncoding, ScanKind
 from rigctl.session.finger_model_file import FingerModel
 from rigctl.session.model_file import TrainingInfo
 from tests.analysis.finger.made_scans import RANGES

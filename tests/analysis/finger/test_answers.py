@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rigctl.analysis.finger.answers import FingerClassifier
+from rigctl.analysis.finger.classifier import FingerClassifier
 from rigctl.analysis.finger.scans import KINDS, ScanKind
 from rigctl.errors import WrongUse
 from tests.analysis.finger.made_scans import made_data_set

@@ -11,11 +11,8 @@ import pytest
 from sklearn.decomposition import PCA
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
-from rigctl.analysis.classification.posteriors import log_posteriors
-from rigctl.analysis.classification.sweep_engines import ScaledCovariance
-from rigctl.analysis.finger.answers import FingerClassifier
 from rigctl.analysis.finger.classifier import (
-    FingerEncoding,
+    FingerClassifier,
     board_coefficients,
     calibrate_finger_model,
     check_finger_model,
@@ -23,7 +20,8 @@ from rigctl.analysis.finger.classifier import (
     stage_features,
     train_finger_model,
 )
-from rigctl.analysis.finger.scans import KINDS, ScanKind
+from rigctl.analysis.finger.scans import KINDS, FingerEncoding, ScanKind
+from rigctl.analysis.pca_lda import ScaledCovariance, log_posteriors
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import PRESETS
 from rigctl.errors import SessionError, WrongUse

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rigctl.analysis.finger.confidence import (
+from rigctl.analysis.finger.classifier import (
     confidence_of,
     conformal_limit,
     decision_threshold,

@@ -10,15 +10,27 @@ import pytest
 from matplotlib.text import Text
 from PIL import Image
 
-from rigctl.analysis.animation.movie import FRAME_S, HOLD_S
-from rigctl.analysis.animation.movie_file import check_movie_file
-from rigctl.analysis.finger.movie.answer_panel import RIGHT, WRONG, answer_words, doubt_words
-from rigctl.analysis.finger.movie.movie_figure import MovieFigure, foot_of, title_of, words_of
-from rigctl.analysis.finger.movie.movie_file import write_movie
-from rigctl.analysis.finger.movie.movie_frame import LEAD_S, TRAIL_S, frame_at, frame_times
-from rigctl.analysis.finger.movie.movie_panels import taxel_colours, taxel_places_mm
-from rigctl.analysis.finger.movie.plate_relief import plate_relief
-from rigctl.analysis.finger.movie.scan_timeline import ScanTimeline, read_timeline
+from rigctl.analysis.finger.movie import (
+    LEAD_S,
+    RIGHT,
+    TRAIL_S,
+    WRONG,
+    MovieFigure,
+    ScanTimeline,
+    answer_words,
+    doubt_words,
+    foot_of,
+    frame_at,
+    frame_times,
+    plate_relief,
+    read_timeline,
+    taxel_colours,
+    taxel_places_mm,
+    title_of,
+    words_of,
+    write_movie,
+)
+from rigctl.analysis.movies import FRAME_S, HOLD_S, check_movie_file
 from rigctl.encoding.scaled_time import scale_windows
 from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.finger_values import PredictionRow

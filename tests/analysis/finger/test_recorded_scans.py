@@ -9,10 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.analysis.finger.classifier import FingerEncoding
-from rigctl.analysis.finger.recorded_scans import read_data_sets, read_scans, training_info
-from rigctl.analysis.finger.scans import encode_readings, scan_set
-from rigctl.analysis.settings.analysis_settings import FingerAnalysisSettings
+from rigctl.analysis.finger.scans import (
+    FingerEncoding,
+    encode_readings,
+    read_data_sets,
+    read_scans,
+    scan_set,
+    training_info,
+)
+from rigctl.analysis.settings import FingerAnalysisSettings
 from rigctl.cli import main
 from rigctl.errors import SessionError, WrongUse
 from rigctl.protocol.finger import Stage

@@ -11,13 +11,18 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from rigctl.analysis.data.cache import Resources
+from rigctl.analysis.cache import Resources
 from rigctl.analysis.finger.figures import draw_latencies
-from rigctl.analysis.finger.findings import findings, held_above, held_double
 from rigctl.analysis.finger.published import NEW_SESSION, SAME_SESSION
-from rigctl.analysis.finger.report import CAPTION_OF, summary_lines, write_finger_report
-from rigctl.analysis.finger.result_values import k_ranges
-from rigctl.analysis.finger.results import FingerAnalysis, analyse_finger
+from rigctl.analysis.finger.report import (
+    CAPTION_OF,
+    findings,
+    held_above,
+    held_double,
+    summary_lines,
+    write_finger_report,
+)
+from rigctl.analysis.finger.results import FingerAnalysis, analyse_finger, k_ranges
 from rigctl.analysis.finger.scans import ScanKind
 from rigctl.analysis.finger.tasks import DrawSettings
 from rigctl.analysis.report.charts.finger_charts import accuracy_charts

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rigctl.analysis.finger.data_sets import FingerDataSet
 from rigctl.analysis.finger.scans import (
+    FingerDataSet,
     ScanKind,
     ScanRecording,
     encode_readings,

@@ -9,7 +9,6 @@ import pytest
 from sklearn.decomposition import PCA
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
-from rigctl.analysis.classification.sweep_engines import ScaledCovariance, SweepEngine
 from rigctl.analysis.finger.published import (
     DEPLOYED,
     FINGER_TASKS,
@@ -26,8 +25,9 @@ from rigctl.analysis.finger.tasks import (
     predict_new_session,
     run_finger_tasks,
 )
-from rigctl.analysis.paper.statistics import two_proportions, welch
-from rigctl.analysis.settings.analysis_settings import AnalysisSettings, FingerAnalysisSettings
+from rigctl.analysis.pca_lda import ScaledCovariance, SweepEngine
+from rigctl.analysis.settings import AnalysisSettings, FingerAnalysisSettings
+from rigctl.analysis.statistics import two_proportions, welch
 from rigctl.errors import WrongUse
 from tests.analysis.finger.made_scans import made_data_set
 

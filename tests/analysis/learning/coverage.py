@@ -14,9 +14,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.learning.complete_block import RecordedTrials
-from rigctl.analysis.learning.growing_features import GrowingFeatures
-from rigctl.analysis.learning.learning_curve import CurvePoint, LearningCurve
+from rigctl.analysis.learning_curve import (
+    CurvePoint,
+    GrowingFeatures,
+    LearningCurve,
+    RecordedTrials,
+)
 
 Features = dict[int, NDArray[np.float64]]
 
@@ -61,7 +64,7 @@ def main() -> None:
     for n_trials in (2, 4, 8, 16):
         found = measure(trials, growing.features, n_trials, int(sys.argv[2]))
         print(f"{n_trials:>4} {found.accuracy:.3f} {found.share:.3f} {found.half_width:.3f}")
-    growing.close()
+    growing.session.close()
 
 
 if __name__ == "__main__":

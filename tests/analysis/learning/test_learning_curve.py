@@ -8,11 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.analysis.data.trial_set import join_sessions
-from rigctl.analysis.learning.complete_block import Condition, largest_block
-from rigctl.analysis.learning.growing_features import GrowingFeatures
-from rigctl.analysis.learning.learning_curve import LearningCurve
-from rigctl.analysis.learning.session_curve import SessionCurves, describe_shortfall
+from rigctl.analysis.learning_curve import (
+    Condition,
+    GrowingFeatures,
+    LearningCurve,
+    SessionCurves,
+    describe_shortfall,
+    largest_block,
+)
+from rigctl.analysis.trial_set import join_sessions
 from rigctl.encoding.features import FeatureLayout, feature_matrices
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.session.notes import Mark, SessionNote
@@ -100,7 +104,7 @@ def test_the_features_are_those_of_the_analysis(tmp_path: Path) -> None:
     (expected,) = feature_matrices(samples, speeds, ranges, [layout])
     rows = [trial.row for trial in found.trials]
     assert np.array_equal(np.array([growing.features[row] for row in rows]), expected)
-    growing.close()
+    growing.session.close()
 
 
 def commit(recorder: Recorder, trial: PlannedTrial, first: int) -> int:
@@ -130,7 +134,7 @@ def test_new_trials_of_a_growing_session_are_encoded_once(
         growing.update()
         assert list(growing.features) == [0, 1, 2] and growing.changes == 0
         assert growing.features[0] is before[0]
-        growing.close()
+        growing.session.close()
 
 
 def test_a_trial_marked_bad_leaves_the_curve(tmp_path: Path) -> None:

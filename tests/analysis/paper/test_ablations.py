@@ -7,14 +7,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.analysis.classification.splits import Design
-from rigctl.analysis.features.representations import REPRESENTATIONS
-from rigctl.analysis.paper import published
-from rigctl.analysis.paper.ablations import Ablations, FeatureHalf, _split_variance, _VarianceJob
-from rigctl.analysis.paper.comparisons import Agreement, TaskComparison, compare_task
-from rigctl.analysis.paper.explanations import explain
-from rigctl.analysis.paper.tasks import Curve, TaskResult
+from rigctl.analysis import published
+from rigctl.analysis.comparisons import (
+    Ablations,
+    Agreement,
+    FeatureHalf,
+    TaskComparison,
+    _split_variance,
+    _VarianceJob,
+    compare_task,
+    explain,
+)
 from rigctl.analysis.report.several_reports import summary_sentences
+from rigctl.analysis.representations import REPRESENTATIONS
+from rigctl.analysis.splits import Design
+from rigctl.analysis.tasks import Curve, TaskResult
 
 TASKS = {task.key: task for task in published.TASKS}
 BY_KEY = {r.key: r for r in REPRESENTATIONS}

@@ -10,14 +10,13 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from rigctl.analysis.features.representations import REPRESENTATIONS
-from rigctl.analysis.paper import published
-from rigctl.analysis.paper.comparisons import Agreement, compare_task, curve_differences
-from rigctl.analysis.paper.curve_tests import confusion_shares, task_curve_tests
-from rigctl.analysis.paper.statistics import two_proportions, welch
-from rigctl.analysis.paper.tasks import Curve, TaskResult
+from rigctl.analysis import published
+from rigctl.analysis.comparisons import Agreement, compare_task, curve_differences
 from rigctl.analysis.report.paper_figures import draw_confusion, draw_curves
-from rigctl.analysis.settings.analysis_settings import AsteriskThresholds
+from rigctl.analysis.representations import REPRESENTATIONS
+from rigctl.analysis.settings import AsteriskThresholds
+from rigctl.analysis.statistics import confusion_shares, task_curve_tests, two_proportions, welch
+from rigctl.analysis.tasks import Curve, TaskResult
 
 CLASSES = tuple("ABCDEFGHIJKLMNOP")
 

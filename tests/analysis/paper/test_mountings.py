@@ -7,12 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.analysis.data.trial_set import join_sessions
-from rigctl.analysis.features.representations import RepresentationSet, represent
-from rigctl.analysis.paper.mountings import describe_mountings, mounting_gaps
-from rigctl.analysis.paper.result_tables import table_rows
-from rigctl.analysis.paper.tasks import SweepSettings, run_tasks
 from rigctl.analysis.report.findings import findings
+from rigctl.analysis.representations import RepresentationSet, represent
+from rigctl.analysis.result_tables import describe_mountings, mounting_gaps, table_rows
+from rigctl.analysis.tasks import SweepSettings, run_tasks
+from rigctl.analysis.trial_set import join_sessions
 from rigctl.encoding.parameters import DEFAULT
 from tests.analysis.recordings import record
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.analysis.data.cache import Resources
-from rigctl.analysis.data.trial_set import join_sessions
-from rigctl.analysis.features.representations import REPRESENTATIONS, represent
-from rigctl.analysis.paper.sensitivity import PRESET_ORDER, STAGE, mean_rates_hz
-from rigctl.analysis.paper.tasks import SweepSettings, run_tasks
+from rigctl.analysis.cache import Resources
 from rigctl.analysis.report import report_folder
+from rigctl.analysis.representations import REPRESENTATIONS, represent
+from rigctl.analysis.sensitivity import PRESET_ORDER, STAGE, mean_rates_hz
+from rigctl.analysis.tasks import SweepSettings, run_tasks
+from rigctl.analysis.trial_set import join_sessions
 from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.parameters import PRESETS, SA_PRESETS
 from rigctl.session.session import Session

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rigctl.analysis.paper.statistics import (
+from rigctl.analysis.statistics import (
     ASTERISKS,
     PROPORTION_ASTERISKS,
     TWO_PROPORTIONS,

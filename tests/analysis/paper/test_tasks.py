@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.analysis.classification.splits import Design, Split, make_splits, stratified_folds
-from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
-from rigctl.analysis.data.cache import Resources
-from rigctl.analysis.data.trial_set import join_sessions
-from rigctl.analysis.execution.executor import local_executor
-from rigctl.analysis.features.representations import RepresentationSet, represent
-from rigctl.analysis.paper.tasks import SweepSettings, TaskResult, run_tasks
+from rigctl.analysis.cache import Resources
+from rigctl.analysis.executors import local_executor
+from rigctl.analysis.pca_lda import Split, SweepEngine, predict_splits
+from rigctl.analysis.representations import RepresentationSet, represent
+from rigctl.analysis.splits import Design, make_splits, stratified_folds
+from rigctl.analysis.tasks import SweepSettings, TaskResult, run_tasks
+from rigctl.analysis.trial_set import join_sessions
 from rigctl.encoding.parameters import DEFAULT
 from rigctl.errors import WrongUse
 from tests.analysis.recordings import record

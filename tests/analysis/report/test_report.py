@@ -13,12 +13,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from rigctl.analysis.features.representations import REPRESENTATIONS
-from rigctl.analysis.paper import published
-from rigctl.analysis.paper.comparisons import Agreement, compare_task, components_needed
-from rigctl.analysis.paper.tasks import Curve, TaskResult
+from rigctl.analysis import published
+from rigctl.analysis.comparisons import Agreement, compare_task, components_needed
 from rigctl.analysis.report import report_folder
 from rigctl.analysis.report.html_page import describe_p
+from rigctl.analysis.representations import REPRESENTATIONS
+from rigctl.analysis.tasks import Curve, TaskResult
 from rigctl.cli import main
 from rigctl.cli.options.progress import ProgressLine
 from tests.analysis.recordings import record

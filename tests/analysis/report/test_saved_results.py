@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from rigctl.analysis.paper.comparisons import NAME_OF
+from rigctl.analysis.comparisons import NAME_OF
 from rigctl.cli import main
 
 BETTER, WORSE = list(NAME_OF)[:2]

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rigctl.analysis.data.trial_set import TrialSet, join_sessions, open_trials
 from rigctl.analysis.report.charts import condition_responses
 from rigctl.analysis.report.charts.condition_responses import measure_responses
 from rigctl.analysis.report.charts.small_multiples import SmallMultiples, small_multiples
+from rigctl.analysis.trial_set import TrialSet, join_sessions, open_trials
 from rigctl.encoding.encoder import encode_trial
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT

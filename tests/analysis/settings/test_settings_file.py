@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.analysis.paper import published
-from rigctl.analysis.settings.analysis_settings import AnalysisSettings, WindowSettings
-from rigctl.analysis.settings.settings_file import (
+from rigctl.analysis import published
+from rigctl.analysis.settings import (
+    AnalysisSettings,
+    WindowSettings,
     as_plain,
     check_reference_force,
     differences_from_paper,

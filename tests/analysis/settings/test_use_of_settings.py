@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.analysis.classification.splits import (
-    Design,
-    extrapolation_fits,
-    make_splits,
-    textures_left_out,
-)
-from rigctl.analysis.paper.published import TASKS
-from rigctl.analysis.settings.analysis_settings import (
+from rigctl.analysis.published import TASKS
+from rigctl.analysis.settings import (
     AnalysisSettings,
     ConditionSettings,
     ExtrapolationSettings,
     FoldSettings,
     TextureGroups,
+)
+from rigctl.analysis.splits import (
+    Design,
+    extrapolation_fits,
+    make_splits,
+    textures_left_out,
 )
 from rigctl.cli import main
 from tests.analysis.recordings import record

@@ -10,12 +10,18 @@ import pytest
 from matplotlib.text import Text
 from PIL import Image
 
-from rigctl.analysis.animation.movie import FRAME_S, HOLD_S, Movie
-from rigctl.analysis.data.trial_set import TrialSet, join_sessions, open_trials
-from rigctl.analysis.taxel.taxel_course import COLUMNS, TaxelCourse, load_course, write_course
-from rigctl.analysis.taxel.taxel_figure import write_taxel_figure
-from rigctl.analysis.taxel.taxel_movie import taxel_movie, write_taxel_movie
-from rigctl.analysis.taxel.taxel_panels import Section
+from rigctl.analysis.movies import FRAME_S, HOLD_S, Movie
+from rigctl.analysis.taxel import (
+    COLUMNS,
+    Section,
+    TaxelCourse,
+    load_course,
+    taxel_movie,
+    write_course,
+    write_taxel_figure,
+    write_taxel_movie,
+)
+from rigctl.analysis.trial_set import TrialSet, join_sessions, open_trials
 from rigctl.cli import main
 from rigctl.encoding.encoder import encode_trial
 from rigctl.encoding.normalisation import Normalisation

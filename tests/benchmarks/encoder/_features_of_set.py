@@ -14,10 +14,10 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from rigctl.analysis.data.cache import Cache, Resources
-from rigctl.analysis.data.trial_set import TrialSet, join_sessions
-from rigctl.analysis.execution.executor import local_executor
-from rigctl.analysis.features.representations import represent
+from rigctl.analysis.cache import Cache, Resources
+from rigctl.analysis.executors import local_executor
+from rigctl.analysis.representations import represent
+from rigctl.analysis.trial_set import TrialSet, join_sessions
 from rigctl.encoding.parameters import DEFAULT
 
 WARM_TRIALS = 240

@@ -22,7 +22,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from rigctl.analysis.data.trial_set import TrialSet, join_sessions
+from rigctl.analysis.trial_set import TrialSet, join_sessions
 from rigctl.encoding.features import SPEED_SCALED, UNSCALED
 from rigctl.encoding.parameters import DEFAULT
 from rigctl.session.session import Session

@@ -16,9 +16,9 @@ from sklearn.decomposition import PCA
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from threadpoolctl import threadpool_limits
 
-from rigctl.analysis.classification.splits import Design, Split, make_splits
-from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
-from rigctl.analysis.paper import published
+from rigctl.analysis import published
+from rigctl.analysis.pca_lda import Split, SweepEngine, predict_splits
+from rigctl.analysis.splits import Design, make_splits
 from tests.benchmarks.encoder._peers import row
 
 REPEATS, HIDDEN, MEASURED_K = 100, 60, 25

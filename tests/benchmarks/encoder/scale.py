@@ -24,15 +24,14 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from rigctl.analysis.classification.splits import Design, make_splits
-from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
-from rigctl.analysis.data.cache import Resources
-from rigctl.analysis.data.condition_tasks import count_condition
-from rigctl.analysis.data.trial_set import TrialSet, join_sessions
-from rigctl.analysis.execution.executor import Executor, R, T
-from rigctl.analysis.features.representations import REPRESENTATIONS, represent
-from rigctl.analysis.features.spike_counts import CHUNK, group_by_condition, prepare_trials
-from rigctl.analysis.paper import published
+from rigctl.analysis import published
+from rigctl.analysis.cache import Resources
+from rigctl.analysis.executors import Executor, R, T
+from rigctl.analysis.pca_lda import SweepEngine, predict_splits
+from rigctl.analysis.representations import REPRESENTATIONS, represent
+from rigctl.analysis.spike_counts import CHUNK, count_condition, group_by_condition, prepare_trials
+from rigctl.analysis.splits import Design, make_splits
+from rigctl.analysis.trial_set import TrialSet, join_sessions
 from rigctl.encoding.parameters import DEFAULT
 from tests.analysis.recordings import record
 from tests.benchmarks.encoder import _scale_page
@@ -217,7 +216,7 @@ def _dask_rates() -> dict[str, Any]:
     """
     from distributed import LocalCluster
 
-    from rigctl.analysis.execution.dask_executor import dask_executor
+    from rigctl.analysis.executors import dask_executor
 
     cluster = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
     with cluster, dask_executor(cluster.scheduler_address) as executor:

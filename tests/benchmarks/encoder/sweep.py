@@ -14,8 +14,8 @@ from sklearn.decomposition import PCA
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from threadpoolctl import threadpool_limits
 
-from rigctl.analysis.classification.splits import Fold, Split, stratified_folds
-from rigctl.analysis.classification.sweep_engines import SweepEngine, predict_splits
+from rigctl.analysis.pca_lda import Split, SweepEngine, predict_splits
+from rigctl.analysis.splits import Fold, stratified_folds
 from tests.benchmarks.encoder._peers import row
 
 N_TRIALS, N_FEATURES, N_CLASSES, K_MAX, N_FOLDS = 8000, 2160, 16, 50, 4

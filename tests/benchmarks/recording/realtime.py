@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from rigctl.analysis.finger.answers import FingerClassifier
-from rigctl.analysis.finger.recorded_scans import RecordedScans, read_scans
+from rigctl.analysis.finger.classifier import FingerClassifier
+from rigctl.analysis.finger.scans import RecordedScans, read_scans
 from rigctl.encoding.encoder import Encoder
 from rigctl.encoding.scaled_time import first_windows, scale_windows
 from rigctl.protocol.finger import Stage

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.analysis.data.cache import Cache
+from rigctl.analysis.cache import Cache
 from rigctl.encoding.features import FeatureLayout
 from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
@@ -186,5 +186,5 @@ ANALYSIS_KINDS = (
     Kind("finger-model", build_finger_model, HDF5_FILE, (read_finger_model,)),
     Kind("spikes", build_spikes, HDF5_FILE, (read_ranges, read_sources)),
     Kind("force-matrix", build_spikes, HDF5_FILE, (read_force, read_sources)),
-    Kind("cache-entry", build_entry, (Place("*/*.entry", BYTES),), (read_entry,)),
+    Kind("cache-entry", build_entry, (Place("*/*.npz", BYTES),), (read_entry,)),
 )

@@ -9,7 +9,7 @@ from typing import Any
 
 import h5py
 
-from rigctl.analysis.data.trial_set import join_sessions, open_trials
+from rigctl.analysis.trial_set import join_sessions, open_trials
 from rigctl.errors import SessionError
 from rigctl.protocol.loader import parse_protocol
 from rigctl.session.analysis_file import content_digest

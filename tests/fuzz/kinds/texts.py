@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from rigctl.analysis.settings.analysis_settings import AnalysisSettings
-from rigctl.analysis.settings.settings_file import (
+from rigctl.analysis.settings import (
+    AnalysisSettings,
     differences_from_paper,
     load_settings,
     to_toml,

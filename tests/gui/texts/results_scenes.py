@@ -21,8 +21,8 @@ from gui.analysis.figures.confusion_page import ConfusionPage
 from gui.analysis.figures.read_results import SEEN
 from gui.analysis.results import AnalysisResults, ResultsPage, plot_page
 from gui.shell.main_window import MainWindow
-from rigctl.analysis.features.representations import REPRESENTATIONS
-from rigctl.analysis.paper.published import GROUPS, TASKS
+from rigctl.analysis.published import GROUPS, TASKS
+from rigctl.analysis.representations import REPRESENTATIONS
 from tests.gui.steps import wait_until
 
 ORIGIN = "SIMULATED data · dense-coding-of-surface-textures-20261123-205501-report-12"

@@ -11,15 +11,14 @@ from PySide6.QtWidgets import QApplication
 
 from gui.attach.control_strip import FOLLOWS
 from gui.live.page.live_page import ENCODER, TRIALS
-from gui.protocol.learning.learning_page import NO_SESSION
+from gui.protocol.learning_page import NO_SESSION
 from gui.protocol.protocol_panel import ProtocolPanel
 from gui.shell.main_window import MainWindow
 from gui.widgets.file_browser import PathKind
 from rigctl.acquisition.setup.boards import CIRCUMFERENCE
 from rigctl.acquisition.setup.setup import STEPS
 from rigctl.acquisition.setup.switches import HOLD_LOWER
-from rigctl.analysis.learning.learning_curve import CurvePoint
-from rigctl.analysis.learning.session_curve import SessionCurve, describe_shortfall
+from rigctl.analysis.learning_curve import CurvePoint, SessionCurve, describe_shortfall
 from rigctl.devices.port_discovery import PortReport
 from rigctl.synth.sample_session import MAKING
 from rigctl.values import BoardIdentity

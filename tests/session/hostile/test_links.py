@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.analysis.data.trial_set import join_sessions
+from rigctl.analysis.trial_set import join_sessions
 from rigctl.cli import main
 from rigctl.errors import RigctlError, SessionError
 from rigctl.session.analysis_file import content_digest

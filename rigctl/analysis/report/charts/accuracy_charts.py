@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rigctl.analysis.paper import published
-from rigctl.analysis.paper.comparisons import NAME_OF
+from rigctl.analysis import published
+from rigctl.analysis.comparisons import NAME_OF
 from rigctl.analysis.report.charts.line_chart import (
     ChartMark,
     ChartSeries,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.data.trial_set import TrialReader, TrialRef, TrialSet, open_trials
+from rigctl.analysis.trial_set import TrialReader, TrialRef, TrialSet, open_trials
 from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters

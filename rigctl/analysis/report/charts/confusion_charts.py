@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from rigctl.analysis.paper.comparisons import NAME_OF
+from rigctl.analysis.comparisons import NAME_OF
 
 Values = Mapping[str, Any]
 

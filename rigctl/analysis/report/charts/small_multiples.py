@@ -12,13 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.data.trial_set import TrialSet
 from rigctl.analysis.report.charts.condition_responses import (
     SHOWN_S,
     ConditionResponse,
     measure_responses,
 )
 from rigctl.analysis.report.charts.line_chart import line_path
+from rigctl.analysis.trial_set import TrialSet
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import EncoderParameters
 

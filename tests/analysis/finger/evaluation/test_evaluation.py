@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rigctl.analysis.finger.evaluation.evidence import evidence_curve
-from rigctl.analysis.finger.evaluation.judgements import (
+from rigctl.analysis.finger.evaluation import (
     LeftOutTask,
+    evidence_curve,
     leave_texture_out,
     measure_coverage,
     measure_novelty,
     measure_sequential,
+    profile_differences,
     train_classifier,
 )
-from rigctl.analysis.finger.evaluation.profile_differences import profile_differences
 from rigctl.analysis.finger.scans import KINDS, ScanKind
 from tests.analysis.finger.made_scans import made_data_set
 

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rigctl.analysis.finger.data_sets import FingerDataSet
-from rigctl.analysis.finger.evaluation.force_invariance import (
+from rigctl.analysis.finger.evaluation import (
     CURRENT_NAME,
     NONE_NAME,
     SCAN_NAME,
@@ -15,10 +14,14 @@ from rigctl.analysis.finger.evaluation.force_invariance import (
     compare_force_scalings,
     over_scan_mean,
     over_window_mean,
+)
+from rigctl.analysis.finger.scans import (
+    FingerDataSet,
+    ScanSet,
+    encode_readings,
     population_reading,
     scale_to_population,
 )
-from rigctl.analysis.finger.scans import ScanSet, encode_readings
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.protocol.finger import Stage
 from tests.analysis.finger.made_scans import RANGES, made_data_set, made_recordings

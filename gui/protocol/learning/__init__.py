@@ -1,1 +1,0 @@
-"""The learning curve on the page of a run."""

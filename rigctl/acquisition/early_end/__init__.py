@@ -1,1 +1,0 @@
-"""Conditions that end before their repeats: a process of its own judges what is recorded."""

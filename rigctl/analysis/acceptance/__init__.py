@@ -1,1 +1,0 @@
-"""Measurements and limits that say whether a rig is accepted."""

@@ -1,1 +1,0 @@
-"""PCA and LDA, data splits, trained models and their predictions."""

@@ -1,1 +1,0 @@
-"""Sets of trials, the cache of what was encoded, and files in between."""

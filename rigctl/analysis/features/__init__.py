@@ -1,1 +1,0 @@
-"""Sessions to spike counts, force matrices and features."""

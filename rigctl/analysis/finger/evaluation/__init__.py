@@ -1,1 +1,0 @@
-"""Measurements beyond the paper: evidence, kept promises, force invariance, profiles."""

@@ -1,1 +1,0 @@
-"""The constants of the analysis: the paper's, or those of an analysis file."""

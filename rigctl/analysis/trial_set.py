@@ -1,0 +1,408 @@
+"""A set of labelled trials from one session or several, and the readers of their samples."""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import product
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.analysis.executors import Progress
+from rigctl.encoding.reading import Reading, conductance
+from rigctl.errors import SessionError
+from rigctl.session.analysis_file import load_inputs
+from rigctl.session.digests import damaged_trials
+from rigctl.session.header import (
+    SensorLayout,
+    describe_difference,
+    describe_mismatch,
+    layouts_match,
+    source_wiring,
+    wirings_match,
+)
+from rigctl.session.sample_index import SampleFile, SampleFiles, SampleRange, SampleReader
+from rigctl.session.session import Session
+from rigctl.session.session_reader import read_closing_digest
+from rigctl.values import SAMPLE_RATE_HZ, Verdict
+
+Sources = Sequence[Mapping[str, Any]]
+"""For each session a mapping with its ``path`` and its ``wiring``."""
+MAX_LISTED_IDS = 5
+CHECKING_STAGE = "checking digests, MiB"
+
+
+def check_same_wiring(first: Mapping[str, Any], other: Mapping[str, Any]) -> None:
+    """Raise SessionError where two sessions have their taxels in another order."""
+    _check(other, first, first["path"], "analyse them separately")
+
+
+def check_same_sensor(paths: Sequence[Path], layouts: Sequence[SensorLayout | None]) -> None:
+    """Raise SessionError where the last session's sensor has another layout than one before."""
+    for path, layout in zip(paths, layouts, strict=False):
+        if not layouts_match(layout, layouts[-1]):
+            raise SessionError(
+                f"{paths[len(layouts) - 1]} is of a sensor with another layout than {path} "
+                f"({describe_difference(layouts[-1], layout)}): analyse them separately"
+            )
+
+
+def check_source_wiring(file: Path | str, sources: Sources, sessions: Sources) -> None:
+    """Raise SessionError where a session has another order than the sources of ``file``."""
+    for session, source in product(sessions, sources):
+        remedy = "make one from sessions in that order"
+        _check(session, source, f"the sessions of {file}", remedy)
+
+
+def check_file_wiring(file: Path, sessions: Sequence[Path]) -> None:
+    """Raise SessionError where a session has another order than a model or a spikes.h5."""
+    check_source_wiring(file, load_inputs(file), [_source(path) for path in sessions])
+
+
+def _check(session: Mapping[str, Any], other: Mapping[str, Any], name: str, remedy: str) -> None:
+    ours, theirs = source_wiring(session), source_wiring(other)
+    if not wirings_match(ours, theirs):
+        raise SessionError(
+            f"{session['path']} has its taxels in another order than {name} "
+            f"({describe_mismatch(ours, theirs)}): {remedy}"
+        )
+
+
+def _source(path: Path) -> Mapping[str, Any]:
+    with Session.open(path) as session:
+        return {"path": str(path), "wiring": session.wiring}
+
+
+class TrialRef(NamedTuple):
+    """One trial: its session, its row in /trials, and its planned conditions.
+
+    ``sample_range``: the place of its samples in the ``files`` of the set. ``mount``: the mounting
+    of its plate in its session, from 1.
+    """
+
+    session: int
+    row: int
+    trial_id: int
+    texture: str
+    speed_mm_s: float
+    force_g: float
+    n_planned: int
+    sample_range: SampleRange
+    mount: int = 1
+
+    @property
+    def n_samples(self) -> int:
+        """Samples that were recorded."""
+        return self.sample_range.stop - self.sample_range.start
+
+
+@dataclass(frozen=True, slots=True)
+class TrialSet:
+    """Committed trials with motion, from one session or several of the same layout.
+
+    ``paths``: absolute, as other processes open them too. ``provenance``: a mapping of plain
+    values for each session; ``files``: parts of all sessions; ``remarks``: sentences on omissions;
+    ``reading``: what readers of the files return.
+    """
+
+    paths: tuple[Path, ...]
+    trials: tuple[TrialRef, ...]
+    n_taxels: int
+    sensor_layout: SensorLayout
+    provenance: tuple[dict[str, Any], ...]
+    files: tuple[SampleFile, ...]
+    remarks: tuple[str, ...] = field(default=())
+    reading: Reading = Reading.COUNTS
+
+    @property
+    def textures(self) -> tuple[str, ...]:
+        """Names in sorted order."""
+        return tuple(sorted({trial.texture for trial in self.trials}))
+
+    @property
+    def speeds_mm_s(self) -> tuple[float, ...]:
+        """Planned speeds, ascending."""
+        return tuple(sorted({trial.speed_mm_s for trial in self.trials}))
+
+    @property
+    def forces_g(self) -> tuple[float, ...]:
+        """Planned forces, ascending."""
+        return tuple(sorted({trial.force_g for trial in self.trials}))
+
+    @property
+    def simulated(self) -> bool:
+        """Whether any of it comes from a simulated bench."""
+        return any(source["simulated"] for source in self.provenance)
+
+    def by_condition(self) -> dict[tuple[str, float], list[int]]:
+        """Return the rows of each texture and speed, in sorted order."""
+        rows: dict[tuple[str, float], list[int]] = {}
+        for i, trial in enumerate(self.trials):
+            rows.setdefault((trial.texture, trial.speed_mm_s), []).append(i)
+        return dict(sorted(rows.items()))
+
+    def without(self, rows: Sequence[int], remark: str) -> TrialSet:
+        """Return the set without the trials of some rows, with a remark on them."""
+        left_out = set(rows)
+        kept = tuple(trial for row, trial in enumerate(self.trials) if row not in left_out)
+        return replace(self, trials=kept, remarks=(*self.remarks, remark))
+
+    def without_gaps(self) -> TrialSet:
+        """Return the set without the trials that lack samples, and a remark that lists those.
+
+        Raises SessionError where no complete trial is left.
+        """
+        complete = tuple(trial for trial in self.trials if trial.sample_range.complete)
+        if len(complete) == len(self.trials):
+            return self
+        remarks = list(self.remarks)
+        for number, path in enumerate(self.paths):
+            ours = (trial for trial in self.trials if trial.session == number)
+            if ids := [trial.trial_id for trial in ours if not trial.sample_range.complete]:
+                remarks.append(f"{path}: {_left_out(ids, 'gaps in their samples')}")
+        if not complete:
+            raise SessionError(f"{remarks[-1]}; no complete trial is left, record some first")
+        return replace(self, trials=complete, remarks=tuple(remarks))
+
+
+class ScratchMemory(threading.local):
+    """Memory that each thread reuses, because fresh memory takes as long as reading into it."""
+
+    def __init__(self) -> None:
+        self._memory = np.empty(0, np.uint16)
+
+    def array(self, n: int, n_taxels: int) -> NDArray[np.uint16]:
+        """Return memory uint16 (n, n_taxels), which the next call in this thread reuses."""
+        if len(self._memory) < n * n_taxels:
+            self._memory = np.empty(n * n_taxels, np.uint16)
+        return self._memory[: n * n_taxels].reshape(n, n_taxels)
+
+
+class TrialBlock(NamedTuple):
+    """Readings of several trials in one array, uint16 (n, n_taxels).
+
+    Each trial has ``lengths`` rows from row ``starts`` on, int64 (n_trials,).
+    """
+
+    samples: NDArray[np.uint16]
+    starts: NDArray[np.int64]
+    lengths: NDArray[np.int64]
+
+    @property
+    def arrays(self) -> list[NDArray[np.uint16]]:
+        """Samples of each trial, uint16 (n_i, n_taxels)."""
+        return [self.samples[a : a + n] for a, n in zip(self.starts, self.lengths, strict=True)]
+
+
+class TrialReader:
+    """A reader of trials, for one thread; see :func:`open_trials`.
+
+    It returns counts or, of files with ``inputs``, conductances.
+    """
+
+    def __init__(self, reader: SampleReader, files: SampleFiles) -> None:
+        self._reader = reader
+        self._files = files
+
+    def read(self, trial: TrialRef) -> NDArray[np.uint16]:
+        """Return the readings of a trial, uint16 (n, n_taxels). Raises SessionError naming it."""
+        samples = self._read_counts(trial)
+        inputs = self._files[trial.sample_range.file].inputs
+        return conductance(samples, inputs) if inputs else samples
+
+    def _read_counts(self, trial: TrialRef) -> NDArray[np.uint16]:
+        try:
+            return self._reader.read(trial.sample_range)
+        except (OSError, SessionError) as error:
+            raise SessionError(
+                f"{self._files[trial.sample_range.file].path.parent}: trial {trial.trial_id} "
+                f"cannot be read ({error}); rigctl verify says what is left of the session"
+            ) from error
+
+    def read_block(
+        self, trials: Sequence[TrialRef], scratch: ScratchMemory | None = None
+    ) -> TrialBlock:
+        """Return the readings of at least one trial in one array, in ``scratch`` if given.
+
+        Raises SessionError naming the trial that cannot be read.
+        """
+        ranges = [trial.sample_range for trial in trials]
+        lengths = np.array([trial.n_samples for trial in trials])
+        starts = np.cumsum(lengths) - lengths
+        samples = (scratch or ScratchMemory()).array(
+            int(lengths.sum()), self._files[ranges[0].file].n_taxels
+        )
+        block = TrialBlock(samples, starts, lengths)
+        try:
+            self._reader.read_all(ranges, samples, starts.tolist())
+        except (OSError, SessionError):
+            for trial, out in zip(trials, block.arrays, strict=True):
+                out[:] = self._read_counts(trial)  # one by one, so that the error names the trial
+        if self._files[ranges[0].file].inputs:
+            for trial, out in zip(trials, block.arrays, strict=True):
+                out[:] = conductance(out, self._files[trial.sample_range.file].inputs)
+        return block
+
+
+@contextmanager
+def open_trials(files: SampleFiles) -> Iterator[TrialReader]:
+    """Yield a reader of the files of a set (:attr:`TrialSet.files`)."""
+    with SampleReader(files) as reader:
+        yield TrialReader(reader, files)
+
+
+def join_sessions(
+    paths: Sequence[Path],
+    progress: Progress = lambda stage, done, total: None,
+    reading: Reading = Reading.COUNTS,
+) -> TrialSet:
+    """Return one set from session folders, without the trials whose rows were altered.
+
+    Raises SessionError for mixed layouts or no trial, WrongUse for conductances of a session whose
+    wiring is not known.
+    """
+    trials: list[TrialRef] = []
+    remarks: list[str] = []
+    sources: list[dict[str, Any]] = []
+    layouts: list[SensorLayout | None] = []
+    files: list[SampleFile] = []
+    for number, path in enumerate(paths):
+        if path.resolve() in {p.resolve() for p in paths[:number]}:
+            raise SessionError(
+                f"{path} is named twice: its trials would be in both training and test"
+            )
+        with Session.open(path) as session:
+            session.leave_out(damaged_trials(session, partial(_show_mib, progress)))
+            sources.append(_provenance(session))
+            layouts.append(session.header.sensor_layout)
+            _check_layout(sources[0], sources[-1])
+            check_same_sensor(paths, layouts)
+            trials += _moving_trials(session, number, len(files), remarks)
+            files += _files(session, reading)
+    if not trials:
+        details = "; ".join(remarks) or ", ".join(map(str, paths))
+        raise SessionError(f"there is no committed trial with motion: {details}")
+    return TrialSet(
+        tuple(path.absolute() for path in paths),
+        tuple(trials),
+        int(sources[0]["n_taxels"]),
+        next(filter(None, layouts), SensorLayout.default(int(sources[0]["n_taxels"]))),
+        tuple(sources),
+        tuple(replace(file, path=file.path.absolute()) for file in files),
+        tuple(remarks),
+        reading,
+    )
+
+
+def counted(files: SampleFiles) -> SampleFiles:
+    """Return files whose readers return counts, whatever the set's reading."""
+    numbers = range(len(files)) if isinstance(files, Sequence) else files
+    return {number: replace(files[number], inputs=()) for number in numbers}
+
+
+def _files(session: Session, reading: Reading) -> Sequence[SampleFile]:
+    if reading is Reading.COUNTS:
+        return session.sample_files()
+    return [replace(file, inputs=session.inputs) for file in session.sample_files()]
+
+
+def _show_mib(progress: Progress, done_bytes: int, total_bytes: int) -> None:
+    progress(CHECKING_STAGE, done_bytes >> 20, max(1, total_bytes >> 20))
+
+
+def _check_layout(first: dict[str, Any], last: dict[str, Any]) -> None:
+    """Raise SessionError where two sessions differ in taxels, sample rate, scale or wiring."""
+    for key, what in (("n_taxels", "taxels"), ("sample_rate_hz", "samples a second")):
+        if first[key] != last[key]:
+            raise SessionError(
+                f"{last['path']} has {last[key]} {what}, {first['path']} has {first[key]}: "
+                "sessions of different layouts cannot be analysed together"
+            )
+    if first["scaling"] != last["scaling"]:
+        raise SessionError(
+            f"{last['path']} stores readings on another scale than {first['path']}: import both "
+            "together, or with the same low and high under [taxels]"
+        )
+    check_same_wiring(first, last)
+    if last["sample_rate_hz"] != SAMPLE_RATE_HZ:
+        raise SessionError(
+            f"{last['path']} has {last['sample_rate_hz']} samples a second, not {SAMPLE_RATE_HZ}: "
+            "resample it first"
+        )
+
+
+def _moving_trials(
+    session: Session, number: int, first_file: int, remarks: list[str]
+) -> list[TrialRef]:
+    """Return the committed trials with motion; append remarks on the others."""
+    table = session.trials
+    remarks += [f"{session.path}: {line}" for line in session.describe_missing()]
+    verdicts = Counter(table["verdict"].tolist())
+    del verdicts[Verdict.COMMITTED.value]
+    if verdicts:
+        counts = ", ".join(f"{n} {verdict}" for verdict, n in sorted(verdicts.items()))
+        remarks.append(f"{session.path}: attempts left out: {counts}")
+    if not session.finished:
+        remarks.append(
+            f"{session.path} is still being written or was not closed: trials committed so far"
+        )
+    rows = session.committed()
+    still = (table["speed_mm_s"][rows] <= 0) | (table["travel_mm"][rows] <= 0)
+    if still.any():
+        ids = table["trial_id"][rows[still]].tolist()
+        remarks.append(f"{session.path}: {_left_out(ids, 'no motion')}")
+    return _references(session, rows[~still], number, first_file)
+
+
+def _references(
+    session: Session, rows: NDArray[np.int64], number: int, first_file: int
+) -> list[TrialRef]:
+    table = session.trials[rows]
+    planned = np.rint(table["travel_mm"] / table["speed_mm_s"] * SAMPLE_RATE_HZ).astype(np.int64)
+    names = ("trial_id", "texture", "speed_mm_s", "force_g")
+    columns = [column.tolist() for column in (rows, *(table[name] for name in names), planned)]
+    places = session.sample_ranges(rows.tolist(), first_file)
+    mounts = table["mount"].tolist()
+    return list(map(TrialRef, [number] * len(rows), *columns, places, mounts))
+
+
+def _provenance(session: Session) -> dict[str, Any]:
+    header, layout = session.header, session.header.sensor_layout
+    return {
+        "path": str(session.path),
+        "rig": header.rig,
+        "simulated": header.simulated,
+        "begun_utc": header.start_utc,
+        "protocol": header.protocol,
+        "plan_hash": header.plan_hash,
+        "seed": header.seed,
+        "simulation_seed": header.simulation.get("seed"),
+        "software": f"{header.software_version} {header.software_commit}".strip(),
+        "firmware": {b.board: f"{b.firmware_version} {b.build_hash}" for b in header.boards},
+        "operator": header.operator,
+        "sensor": header.sensor,
+        "n_taxels": header.n_taxels,
+        "wiring": list(session.wiring),
+        "sensor_layout": layout.to_values() if layout else None,
+        "sample_rate_hz": header.sample_rate_hz,
+        "scaling": [list(pair) for pair in session.scaling],
+        "trials_planned": header.trials_planned,
+        "trials_committed": len(session.committed()),
+        "parts": len(session.parts),
+        "closed": session.finished,
+        "missing": session.describe_missing(),
+        "closing_digest": read_closing_digest(session.path),
+    }
+
+
+def _left_out(ids: Sequence[int], reason: str) -> str:
+    trials = "1 trial" if len(ids) == 1 else f"{len(ids)} trials"
+    listed = ", ".join(map(str, ids[:MAX_LISTED_IDS])) + (" …" if len(ids) > MAX_LISTED_IDS else "")
+    return f"{trials} left out for {reason}: {listed}"
