@@ -34,7 +34,8 @@ class PublishedValue(NamedTuple):
 class Series:
     """One curve. ``colour``: a name of :data:`COLOURS`.
 
-    ``spread``: half the length of each bar, None for none. ``stars``: "", "*" or "**" at each x;
+    ``spread``: half the length of each bar, or its ends; None for none.
+    ``stars``: "", "*" or "**" at each x.
     ``worse``: where the asterisks say that the curve is below its reference.
     """
 
@@ -42,7 +43,7 @@ class Series:
     colour: str
     x: Sequence[float]
     y: Sequence[float]
-    spread: Sequence[float] | None = None
+    spread: Sequence[float] | Sequence[tuple[float, float]] | None = None
     stars: Sequence[str] = ()
     worse: Sequence[bool] = ()
     published: Sequence[PublishedValue] = ()
@@ -53,11 +54,23 @@ class Series:
         words = []
         if x in self.x:
             i = self.x.index(x)
-            spread = f" ± {self.spread[i]:.2f}" if self.spread is not None else ""
             stars = f" {self.stars[i]}" if self.stars and self.stars[i] else ""
-            words.append(f"{self.y[i]:.2f}{spread} {unit}{stars}")
+            words.append(f"{self.y[i]:.2f}{self._spread_words(i)} {unit}{stars}")
         words += [one.text for one in self.published if one.x == x]
         return "; ".join(words)
+
+    def ends(self, i: int) -> tuple[float, float] | None:
+        """Return where the bar of a point begins and ends, None without one."""
+        if self.spread is None:
+            return None
+        half = self.spread[i]
+        return half if isinstance(half, tuple) else (self.y[i] - half, self.y[i] + half)
+
+    def _spread_words(self, i: int) -> str:
+        half = None if self.spread is None else self.spread[i]
+        if half is None:
+            return ""
+        return f" ({half[0]:.2f} to {half[1]:.2f})" if isinstance(half, tuple) else f" ± {half:.2f}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,13 +105,31 @@ class Panel:
 class Matrix:
     """A confusion matrix. ``counts``: trials by true (row) and predicted class.
 
-    ``subtitle``: lines below the title.
+    ``name``: of the representation. ``subtitle``: lines below the title.
     """
 
-    title: str
+    name: str
     subtitle: Sequence[str]
     classes: Sequence[str]
     counts: Sequence[Sequence[int]]
+
+    @property
+    def title(self) -> str:
+        """The name with the share of right answers."""
+        n = sum(map(sum, self.counts))
+        right = sum(row[i] for i, row in enumerate(self.counts))
+        return f"{self.name}: {100 * right / n:.2f} %" if n else self.name
+
+    def share(self, row: int, column: int) -> float:
+        """Return the share of a cell in its row, 0 where the class has no trials."""
+        return self.counts[row][column] / max(sum(self.counts[row]), 1)
+
+    def words(self, row: int, column: int) -> str:
+        """Return true and predicted class, trials and share of a cell."""
+        true, predicted = self.classes[row], self.classes[column]
+        taken = true if row == column else f"{true} taken for {predicted}"
+        count, tested = self.counts[row][column], sum(self.counts[row])
+        return f"{taken}: {count:,} of {tested:,} trials ({self.share(row, column):.1%})"
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,3 +140,18 @@ class Figure:
     panels: Sequence[Panel | Matrix]
     notes: Sequence[str] = ()
     columns: int = 3
+
+    @property
+    def plots(self) -> list[Panel]:
+        """The panels of curves."""
+        return [one for one in self.panels if isinstance(one, Panel)]
+
+    @property
+    def matrices(self) -> list[Matrix]:
+        """The confusion matrices."""
+        return [one for one in self.panels if isinstance(one, Matrix)]
+
+    @property
+    def legend(self) -> dict[str, Series]:
+        """The curves by name, each once."""
+        return {one.name: one for plot in self.plots for one in plot.series}

@@ -118,28 +118,31 @@ def _published(task: Values, key: str) -> list[PublishedValue]:
     return [PublishedValue(published.K_MAX, mean, f"the paper {mean:.2f} ± {sd:.2f} %")]
 
 
-def confusion_figures(results: Values) -> list[Figure]:
-    """Return the matrices of each task, the one of the paper's S1 to S4 or its stand-in first."""
+def confusion_figures(results: Values, *, blind: bool = False) -> list[Figure]:
+    """Return the matrices of each task, the one of the paper's S1 to S4 or its stand-in first.
+
+    ``blind``: those with a texture-blind C too.
+    """
     tasks = results["tasks"]
     first = [key for key in CONFUSION_TASKS if key in tasks][:1]
     order = [*first, *(key for key in tasks if key not in first)]
-    return [_confusion_figure(tasks[key]) for key in order]
+    return [_confusion_figure(tasks[key], blind=blind) for key in order]
 
 
-def _confusion_figure(task: Values) -> Figure:
+def _confusion_figure(task: Values, *, blind: bool) -> Figure:
     title = f"{task['title']}: confusion with {task['shown_components']} components"
-    keys = [key for key in NAME_OF if key in task["representations"] and BLIND not in key]
+    keys = [
+        key for key in NAME_OF if key in task["representations"] and (blind or BLIND not in key)
+    ]
     matrices = [_matrix(task, key) for key in keys]
     return Figure(title, matrices, ["All draws together."], columns=2)
 
 
 def _matrix(task: Values, key: str) -> Matrix:
-    curve, share = task["representations"][key], task["confusion_shares"][key]
-    paper = share["paper"]
+    curve, paper = task["representations"][key], task["confusion_shares"][key]["paper"]
     tested = [sum(row) for row in curve["confusion"]]
     each = f"{max(tested):,}" if min(tested) == max(tested) else f"{min(tested):,}–{max(tested):,}"
     knows = "; C knew the texture" if curve["c_knows_the_label"] else ""
     subtitle = [f"the paper's {paper['figure']}: {paper['percent']:.2f} %"] if paper else []
     subtitle.append(f"% of {each} trials a row{knows}")
-    title = f"{NAME_OF[key]}: {share['percent']:.2f} %"
-    return Matrix(title, subtitle, task["classes"], curve["confusion"])
+    return Matrix(NAME_OF[key], subtitle, task["classes"], curve["confusion"])

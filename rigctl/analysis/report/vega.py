@@ -18,6 +18,8 @@ Spec = dict[str, Any]
 Colours = Mapping[str, str]
 
 THEMED: Colours = {name: f"var(--{name})" for name in (*COLOURS, "sa", "ra")}
+EMPTY_PATH = re.compile(r'<path [^>]*d=""[^>]*/>')
+"""Vega draws them in front of each group; Qt warns of them."""
 MANY_DIGITS = re.compile(r"(\.\d\d)\d{4,}")
 """Of places: a fraction of a pixel does not show."""
 FONT = "Liberation Sans, Arial, Helvetica, sans-serif"
@@ -49,7 +51,7 @@ def save_figure(figure: Figure, stem: Path, origin: str) -> Path:
     spec = specify(figure, COLOURS)
     spec["background"] = COLOURS["page"]
     columns = spec["columns"]
-    if len(figure.panels) == 1 and isinstance(figure.panels[0], Panel):
+    if len(figure.panels) == len(figure.plots) == 1:
         columns = 2
         spec["concat"][0] |= {"title": "", "width": 2 * PANEL_WIDTH, "height": 1.5 * PANEL_HEIGHT}
     notes = [
@@ -58,23 +60,22 @@ def save_figure(figure: Figure, stem: Path, origin: str) -> Path:
     title = {"text": figure.title, "subtitle": notes, "anchor": "start", "fontSize": 14}
     spec["title"] = {**title, "offset": 14}
     stem.parent.mkdir(parents=True, exist_ok=True)
-    stem.with_suffix(".svg").write_text(vl_convert.vegalite_to_svg(spec, VERSION), "utf-8")
+    stem.with_suffix(".svg").write_text(still(spec), "utf-8")
     png = stem.with_suffix(".png")
     png.write_bytes(vl_convert.vegalite_to_png(spec, VERSION, ppi=PNG_PPI))
     return png
 
 
 def still(spec: Spec) -> str:
-    """Return a specification drawn as SVG, for the page."""
+    """Return a specification drawn as SVG."""
     import vl_convert
 
-    return MANY_DIGITS.sub(r"\1", vl_convert.vegalite_to_svg(spec, VERSION))
+    return MANY_DIGITS.sub(r"\1", EMPTY_PATH.sub("", vl_convert.vegalite_to_svg(spec, VERSION)))
 
 
 def specify(figure: Figure, colours: Colours = THEMED, *, pointer: bool = False) -> Spec:
     """Return the Vega-Lite specification of a figure; ``pointer``: shows the values there."""
-    plots = [panel for panel in figure.panels if isinstance(panel, Panel)]
-    legend = list({one.name: one for panel in plots for one in panel.series}.values())
+    legend = list(figure.legend.values())
     panels = [
         _matrix(panel, colours)
         if isinstance(panel, Matrix)
@@ -198,8 +199,8 @@ def _rows(panel: Panel) -> Iterator[Spec]:
     for one in panel.series:
         for i, (x, y) in enumerate(zip(one.x, one.y, strict=True)):
             row = {"y": y}
-            if one.spread is not None:
-                row |= {"low": y - one.spread[i], "high": y + one.spread[i]}
+            if (ends := one.ends(i)) is not None:
+                row |= {"low": ends[0], "high": ends[1]}
             inside = {key: round(min(max(value, low), high), 2) for key, value in row.items()}
             yield {"name": one.name, "x": round(x, 3), **inside}
 
@@ -319,17 +320,14 @@ def _matrix(matrix: Matrix, colours: Colours) -> Spec:
 def _cells(matrix: Matrix) -> list[Spec]:
     """Return the cells with trials: names, share of the row, its per cent, and all in words."""
     cells = []
-    for true, counts in zip(matrix.classes, matrix.counts, strict=True):
-        tested = sum(counts)
-        for predicted, count in zip(matrix.classes, counts, strict=True):
-            if not count:
+    for row, true in enumerate(matrix.classes):
+        for column, predicted in enumerate(matrix.classes):
+            if not matrix.counts[row][column]:
                 continue
-            share = count / tested
-            taken = true if true == predicted else f"{true} taken for {predicted}"
-            words = f"{taken}: {count:,} of {tested:,} trials ({share:.1%})"
+            share = matrix.share(row, column)
             percent = f"{100 * share:.0f}" if share >= FAINTEST_TEXT else ""
             cell = {"row": true, "column": predicted, "share": round(share, 3)}
-            cells.append({**cell, "percent": percent, "words": words})
+            cells.append({**cell, "percent": percent, "words": matrix.words(row, column)})
     return cells
 
 

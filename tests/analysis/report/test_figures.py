@@ -139,7 +139,7 @@ def test_the_matrices_of_the_papers_task_come_first() -> None:
     assert first.title == "untrained-both: confusion with 5 components"
     assert second.title.startswith("textures")
     (matrix,) = first.panels
-    assert isinstance(matrix, Matrix) and matrix.title == "Original: 75.00 %"
+    assert isinstance(matrix, Matrix) and matrix.title == "Original: 91.67 %"
     assert matrix.subtitle == ["the paper's Fig. S1: 36.78 %", "% of 4–8 trials a row"]
 
 
