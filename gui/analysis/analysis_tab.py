@@ -188,6 +188,8 @@ class AnalysisTab(QObject):
         file = NewFile(_figures_folder(self._analysed), view.file_stem(), suffix)
         if suffix == TABLE:
             self._write_file(file, view.csv().encode())
+        elif view.isVisible() and not view.is_whole:  # what is missing has its own turns
+            QTimer.singleShot(0, self, lambda: self._save_results(suffix))
         else:
             self.encoder.encode(view.picture(), file)
 

@@ -42,9 +42,7 @@ class ResultsView(PageTabs):
     @property
     def is_whole(self) -> bool:
         """Whether all pages, and everything on the page in front, are made."""
-        page = self.currentWidget()
-        is_drawn = not isinstance(page, AccuracyPage) or page.plots.is_whole
-        return self.count() == len(self.results.pages) and is_drawn
+        return self.count() == len(self.results.pages) and self._is_drawn
 
     def show_results(self, results: AnalysisResults) -> None:
         """Replace the tabs; the first page comes to the front."""
@@ -52,8 +50,8 @@ class ResultsView(PageTabs):
         while (page := self.widget(0)) is not None:
             self.removeTab(0)
             page.deleteLater()
-        self._add_next()
         self._timer.start()
+        self._add_next()
         self.save_button.setEnabled(bool(results.pages))
 
     def set_theme(self, theme: Theme) -> None:
@@ -81,10 +79,17 @@ class ResultsView(PageTabs):
             return with_foot(page.picture(), self.results.origin)
         return page.picture()
 
+    @property
+    def _is_drawn(self) -> bool:
+        page = self.currentWidget()
+        return not isinstance(page, AccuracyPage) or page.plots.is_whole
+
     def _add_next(self) -> None:
-        """Add the next page, if one is missing."""
+        """Add the next page, if one is missing, once the one in view has had its turns."""
         if self.count() == len(self.results.pages):
             self._timer.stop()
+            return
+        if self.isVisible() and not self._is_drawn:
             return
         page = self.results.pages[self.count()]
         self.addTab(_view(page, applied_theme()), page.name)

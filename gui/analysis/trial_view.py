@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import ceil
+
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
@@ -20,10 +22,6 @@ from rigctl.session.format.metadata.sensor_layout import SensorLayout
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
 
 NO_TRIAL = "Open a session and choose a trial on the left"
-COLUMNS = 2048
-"""Places over the time in view at most, for each the lowest and highest reading: a screen's."""
-FEW_SAMPLES = 8192
-"""Are drawn one by one."""
 LEAST_PX = (300, 130, 130)
 """Width and heights of two plots whose labels and numbers can be read."""
 
@@ -31,7 +29,7 @@ LEAST_PX = (300, 130, 130)
 class TrialView(PlotGrid):
     """Traces and spikes of a trial; drag moves and the wheel zooms both in time.
 
-    Only what is in view is drawn, and of many samples the extremes of each place: a path through
+    Only what is in view is drawn, and of many samples the extremes at each pixel: a path through
     all samples of ten minutes takes seconds at each painting, and STOP would wait.
     """
 
@@ -46,7 +44,9 @@ class TrialView(PlotGrid):
         for plot in (self.samples_plot, self.spikes_plot):
             plot.setMouseEnabled(x=True, y=False)
         self._curves: list[pg.PlotCurveItem] = []
-        self.samples_plot.getViewBox().sigXRangeChanged.connect(lambda *_: self._draw())
+        view = self.samples_plot.getViewBox()
+        for changed in (view.sigXRangeChanged, view.sigResized):
+            changed.connect(lambda *_: self._draw())
         self.set_theme(theme)
         self.show_trial(None)
 
@@ -86,14 +86,14 @@ class TrialView(PlotGrid):
         self._draw()
 
     def _draw(self) -> None:
-        """Draw what is in view."""
+        """Draw what is in view, in the width that it has."""
         if self.data is None or not self._curves:
             return
         n = len(self.data.samples)
         left_s, right_s = self.samples_plot.getViewBox().viewRange()[0]
         first = min(max(0, int(left_s * SAMPLE_RATE_HZ) - 1), n - 1)
         end = min(max(first + 1, int(right_s * SAMPLE_RATE_HZ) + 2), n)
-        factor = -(-(end - first) // COLUMNS) if end - first > FEW_SAMPLES else 1
+        factor = max(1, ceil((end - first) / max(1.0, self.samples_plot.getViewBox().width())))
         n_layers = len(self._rows.layer_colours(self._theme))
         self._draw_samples(first, end, factor, self._curves[:n_layers])
         self._draw_spikes(first, end, factor, self._curves[n_layers:])

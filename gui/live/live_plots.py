@@ -203,10 +203,9 @@ class LivePlots(PlotGrid):
         self.draw()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Label single raster rows if there is space, else their groups."""
+        """Draw in the new size."""
         super().resizeEvent(event)
         if hasattr(self, "_rate_plot"):
-            self.time_plots.label_rows()
             self.draw()
 
     def _build_right_column(self, theme: Theme) -> None:

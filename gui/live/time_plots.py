@@ -75,8 +75,8 @@ class TimePlots:
         for row, stretch in enumerate(_ROW_STRETCH):
             layout.layout.setRowStretchFactor(row, stretch)
         self._layout, self._times = layout.layout, (0.0, 0.0, 0.0)
-        for plot in (self.trace_plot, self.raster_plot):
-            plot.getViewBox().sigResized.connect(lambda _: self._fit_labels())
+        self.trace_plot.getViewBox().sigResized.connect(lambda _: self._label_taxels())
+        self.raster_plot.getViewBox().sigResized.connect(lambda _: self._fit_labels())
         self.show_taxels(self._taxels)
 
     @property
@@ -97,13 +97,14 @@ class TimePlots:
         self.raster.show_rows(TrainRows(self._sensor, self._taxels))
         for plot, image in ((self.trace_plot, self.traces), (self.raster_plot, self.raster)):
             plot.setYRange(0, image.n_rows, padding=0)
-        self.label_rows()
+        self._label_rows()
+        self._label_taxels()
 
     def set_value_scale(self, scale: ValueScale) -> None:
         """Label the readings in counts or volts."""
         if scale != self._scale:
             self._scale = scale
-            self.label_rows()
+            self._label_taxels()
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme to all plots."""
@@ -119,7 +120,8 @@ class TimePlots:
             self._layout.setRowMinimumHeight(row, scaled_px(least_px))
         self._layout.setColumnMinimumWidth(0, _LEAST_WIDTH_PX + scaled_px(LEFT_PX))
         self._times = (0.0, 0.0, 0.0)
-        self.label_rows()
+        self._label_rows()
+        self._label_taxels()
 
     def refresh(
         self, timeline: Timeline, drum: DrumCourse, window: TimeWindow, ratio: float
@@ -146,17 +148,16 @@ class TimePlots:
             self._caption = caption
             self._show_caption()
 
-    def label_rows(self) -> None:
-        """Label single raster rows if there is space, else their groups; and the taxels."""
+    def _label_rows(self) -> None:
+        """Label single raster rows if there is space, else their groups."""
         row_px = self.raster_plot.getViewBox().height() / self.raster.n_rows
         rows = self.raster.rows
         ticks = rows.row_ticks() if row_px >= scaled_px(_ROW_LABEL_PX) else rows.group_ticks()
         self.raster_plot.getAxis("left").setTicks([ticks, []])
-        self._label_taxels()
 
     def _fit_labels(self) -> None:
         self._show_caption()
-        self.label_rows()
+        self._label_rows()
         left_s, right_s, _ = self._times
         if left_s < right_s:  # nothing else draws a page that does not play
             self._set_times(left_s, right_s)

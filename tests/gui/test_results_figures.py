@@ -164,11 +164,16 @@ def test_pages_and_plots_are_made_one_in_each_turn_and_plots_only_in_view(shown:
     first = accuracy_page(shown)
     made = [(view.count(), len(first.plots.plots))]
     QTest.keyClick(first.plots.graphics, _Key.Key_PageDown)  # before there is a plot
+    log = shown.window.event_log
+    before = log.toPlainText()
+    tab.save_page("png")  # waits for them
     dispatcher = QAbstractEventDispatcher.instance()
     while not view.is_whole:
         dispatcher.processEvents(QEventLoop.ProcessEventsFlag.AllEvents)
         made.append((view.count(), len(first.plots.plots)))
-    assert made[0] == (1, 0) and made[-1] == (4, 6) and np.diff(made, axis=0).max() == 1
+    assert made[0] == (1, 0) and made[-1] == (4, 6)
+    assert np.diff(made, axis=0).sum(axis=1).max() == 1
+    wait_until(lambda: ".png" in log.toPlainText()[len(before) :])
     hidden = view.widget(1)
     assert isinstance(hidden, AccuracyPage) and not hidden.plots.plots
     view.setCurrentIndex(1)

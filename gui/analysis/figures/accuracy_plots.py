@@ -7,20 +7,17 @@ from collections.abc import Set as AbstractSet
 from math import ceil
 from typing import NamedTuple
 
-import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QHideEvent, QKeyEvent, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QGraphicsView
 
-from gui.analysis.figures.accuracy import AccuracyCurve, AccuracyPanel, AccuracyPlot
-from gui.analysis.figures.curve_looks import LOOKS, PAPER_PX, PAPER_SYMBOL, SYMBOL_PX, CurveLook
+from gui.analysis.figures.accuracy import AccuracyPanel, AccuracyPlot
+from gui.analysis.figures.accuracy_curves import ROOM, TOP_PERCENT, AccuracyCurves
 from gui.widgets.plots.plot_axes import BOTTOM_PX, colour_axes, reserve, title_plot
 from gui.widgets.plots.plot_grid import PlotGrid
 from gui.widgets.theme import Theme, scaled_px
 
-SYMBOLS = 8
-TOP_PERCENT, ROOM = 104.0, 0.07
 LEFT_PX, TITLE_PX = 44, 20
 TICK_PX, FEW_TICKS = 16, (50.0, 10.0)
 """Height of a number of an axis, and the steps with and without numbers in a low plot."""
@@ -172,6 +169,8 @@ class AccuracyPlots(PlotGrid):
         plot = self.cells.addPlot(row=row, col=column, enableMenu=False)
         plot.hideButtons()
         plot.disableAutoRange()
+        for side in ("left", "bottom", "right", "top"):  # each change of a range wrote four labels
+            plot.getAxis(side).enableAutoSIPrefix(False)
         plot.setLimits(xMin=0, xMax=panel.k_max * (1 + ROOM), yMin=0, yMax=TOP_PERCENT)
         plot.setLimits(minXRange=2, minYRange=2)
         title_plot(plot, panel.title, self._theme.text)
@@ -181,8 +180,6 @@ class AccuracyPlots(PlotGrid):
             plot.setLabel("left", NAME)
             plot.getViewBox().sigResized.connect(lambda *_: _name_axis(plot))
         plot.setLabel("bottom", "Components")
-        for side in ("left", "bottom"):
-            plot.getAxis(side).enableAutoSIPrefix(False)
         reserve(plot, "left", LEFT_PX if not column else LEFT_PX - 14)
         reserve(plot, "bottom", BOTTOM_PX)
         view = plot.getViewBox()
@@ -196,10 +193,8 @@ class AccuracyPlots(PlotGrid):
         plot.clear()
         dots = pg.mkPen(self._theme.muted, width=1, style=Qt.PenStyle.DotLine)
         plot.addItem(pg.InfiniteLine(panel.chance_percent, angle=0, pen=dots))
-        for curve in panel.curves:
-            if curve.key not in self.hidden:
-                _add_curve(plot, curve, LOOKS[curve.key], self._theme)
-                _add_paper(plot, curve, panel.k_max, self._theme)
+        curves = [curve for curve in panel.curves if curve.key not in self.hidden]
+        plot.addItem(AccuracyCurves(curves, panel.k_max, self._theme), ignoreBounds=True)
 
     def _point_at(self, place: QPointF) -> None:
         for number, plot in self.plots.items():
@@ -330,39 +325,3 @@ def _name_axis(plot: pg.PlotItem) -> None:
     if axis.labelText != name:
         axis.setLabel(name)
         axis.resizeEvent()  # pyqtgraph places a label only when its axis has another size
-
-
-def _add_curve(plot: pg.PlotItem, curve: AccuracyCurve, look: CurveLook, theme: Theme) -> None:
-    """Draw a curve with its bars, and a symbol at some of its points."""
-    k, percent = np.arange(1, len(curve.percent) + 1), np.array(curve.percent)
-    pen = look.pen(theme)
-    if curve.spread:
-        thin = pg.mkPen(look.colour(theme), width=1)
-        bars = pg.ErrorBarItem(x=k, y=percent, height=2 * np.array(curve.spread), pen=thin)
-        plot.addItem(bars)
-    plot.addItem(pg.PlotCurveItem(k, percent, pen=pen, antialias=True))
-    some = slice(0, None, ceil(len(k) / SYMBOLS))
-    marks = pg.ScatterPlotItem(
-        k[some], percent[some], symbol=look.symbol, size=SYMBOL_PX,
-        pen=pg.mkPen(look.colour(theme), width=1.5), brush=pg.mkBrush(theme.plot),
-    )  # fmt: skip
-    plot.addItem(marks)
-
-
-def _add_paper(plot: pg.PlotItem, curve: AccuracyCurve, k_max: int, theme: Theme) -> None:
-    """Mark the paper's value at its components, or right of the curves."""
-    if (paper := curve.paper) is None:
-        return
-    within = paper.components is not None and paper.components <= k_max
-    x = float(paper.components or 0) if within else k_max * (1 + ROOM / 2)
-    colour = LOOKS[curve.key].colour(theme)
-    if paper.sd_percent:
-        pen = pg.mkPen(colour, width=1)
-        height = 2 * paper.sd_percent
-        bars = pg.ErrorBarItem(x=np.array([x]), y=np.array([paper.percent]), height=height, pen=pen)
-        plot.addItem(bars)
-    mark = pg.ScatterPlotItem(
-        [x], [paper.percent], symbol=PAPER_SYMBOL, size=PAPER_PX,
-        pen=pg.mkPen(theme.plot, width=1), brush=pg.mkBrush(colour),
-    )  # fmt: skip
-    plot.addItem(mark)

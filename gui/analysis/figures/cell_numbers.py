@@ -34,7 +34,8 @@ class CellNumbers(QGraphicsItem):
     def __init__(self, shares: np.ndarray, shown: np.ndarray, theme: Theme) -> None:
         super().__init__()
         self._shares, self._shown = shares, shown
-        self._colours = [QColor(number_colour(theme, step / 100)) for step in range(101)]
+        steps = {round(100 * share) for share in shares[shown].tolist()}
+        self._colours = {step: QColor(number_colour(theme, step / 100)) for step in steps}
         self.setZValue(4)
 
     def boundingRect(self) -> QRectF:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from PySide6.QtCore import QEvent
+from PySide6.QtCore import QEvent, QTimer
 from PySide6.QtGui import QHideEvent, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QFrame, QGridLayout, QWidget
 
@@ -92,9 +92,9 @@ class HealthRow(QWidget):
         self.show_nothing()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Leave the verdicts to the shapes of the lamps where the words do not fit."""
+        """Fit the cells in a turn of its own: a second line takes its height from the plots."""
         super().resizeEvent(event)
-        self._fit()
+        QTimer.singleShot(0, self, self._fit)
 
     def showEvent(self, event: QShowEvent) -> None:
         """Take a second line if it is needed."""
