@@ -66,10 +66,11 @@ def _accuracy_series(key: str, task: Values, kind: str, test: Values | None) -> 
 
 def _published(value: Values, k_max: int) -> PublishedValue:
     """Return the paper's value at its components, a saturation at the last component."""
-    quoted = value["percent"]
-    if value["components"] is None:
-        return PublishedValue(k_max, quoted, f"the paper: about {quoted:g} %")
-    return PublishedValue(value["components"], quoted, f"the paper's peak: {quoted:g} %")
+    quoted, at = value["percent"], value["components"]
+    if at is None:
+        return PublishedValue(k_max, quoted, f"the paper: about {quoted:g} % where it saturates")
+    words = f"the paper's peak: {quoted:g} % with {at} components"
+    return PublishedValue(at, quoted, words)
 
 
 def _notes(tasks: Mapping[str, Values], tests: Mapping[str, Values]) -> list[str]:

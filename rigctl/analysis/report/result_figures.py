@@ -115,7 +115,8 @@ def _published(task: Values, key: str) -> list[PublishedValue]:
     if key not in task["paper"]:
         return []
     mean, sd = task["paper"][key]
-    return [PublishedValue(published.K_MAX, mean, f"the paper {mean:.2f} ± {sd:.2f} %")]
+    words = f"the paper {mean:.2f} ± {sd:.2f} % with {published.K_MAX} components"
+    return [PublishedValue(published.K_MAX, mean, words)]
 
 
 def confusion_figures(results: Values, *, blind: bool = False) -> list[Figure]:

@@ -118,7 +118,7 @@ def test_the_curves_have_the_papers_values_and_asterisks(folder: Path) -> None:
         "Same session: Original", "Same session: Speed Scaled",
         "New session: Original", "New session: Speed Scaled",
     ]  # fmt: skip
-    peak = PublishedValue(54, 50.45, "the paper's peak: 50.45 %")
+    peak = PublishedValue(54, 50.45, "the paper's peak: 50.45 % with 54 components")
     assert panel.series[2].published == [peak] and panel.series[2].dashed
     assert "about 90 %" in panel.series[1].published[0].text
     same = values["tasks"]["same-session"]["curves"]["Speed Scaled"]
