@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from gui.analysis.export.value_file import data_words, rows_csv
-from gui.analysis.figures import finger_tables, held_out, read_results
-from gui.analysis.figures.accuracy import AccuracyPlot
-from gui.analysis.figures.confusion import ConfusionPlot
+from gui.analysis.figures import held_out
+from gui.analysis.figures.figure_values import figures_csv
 from rigctl.analysis.notes import summarise_notes
+from rigctl.analysis.report.figure import Figure
 
 if TYPE_CHECKING:
     from rigctl.analysis.classify_sessions import Classification
@@ -20,10 +21,7 @@ if TYPE_CHECKING:
     from rigctl.analysis.report.report_folder import ReportResult
     from rigctl.session.verify import VerifyReport
 
-FINGER_ACCURACY = {"Figure 4B": "Fig. 4B", "Figure 4C": "Fig. 4C", "Figure S5": "Fig. S5"}
-"""Page and figure of the moving finger's curves."""
-
-
+LATENCY_NAMES = ("latency", "number", "p50 (ms)", "p99 (ms)", "p99.9 (ms)", "largest (ms)")
 PREDICTION_NAMES = (
     "session", "trial", "true texture", "speed (mm/s)", "force (g)", "predicted texture", "right",
     "posterior probability", "runner-up", "margin (log posterior)", "model was trained on it",
@@ -31,15 +29,16 @@ PREDICTION_NAMES = (
 
 
 class ResultsPage(NamedTuple):
-    """One page: numbers to plot, the path of a figure, or an HTML text.
+    """One page: figures to plot, the path of a picture, or an HTML text.
 
-    ``csv``: the numbers of the page, with their units.
+    ``origin``: of the plotted figures. ``csv``: the numbers of the page, with their units.
     """
 
     name: str
     html: str = ""
     figure: str = ""
-    plot: AccuracyPlot | ConfusionPlot | None = None
+    plots: tuple[Figure, ...] = ()
+    origin: str = ""
     csv: str = ""
 
 
@@ -67,20 +66,22 @@ class AnalysisResults(NamedTuple):
         return f"{self.data or data_words(simulated=self.simulated)} · {self.name}"
 
 
-def plot_page(name: str, plot: AccuracyPlot | ConfusionPlot) -> ResultsPage:
-    """Return a page that plots numbers."""
-    return ResultsPage(name, plot=plot, csv=plot.to_csv())
+def plot_page(name: str, origin: str, *figures: Figure) -> ResultsPage:
+    """Return a page that plots figures: one of curves, or one or more of matrices."""
+    return ResultsPage(name, plots=figures, origin=origin, csv=figures_csv(figures))
 
 
 def report_results(report: ReportResult) -> AnalysisResults:
     """Return the results of a report: Table 1, its figures and its remarks."""
+    from rigctl.analysis.report.result_figures import accuracy_figure, confusion_figures
+
     out = report.folder
-    values = read_results.read_values(out)
-    origin = read_results.origin_words(values, out)
+    values = _values(out)
+    origin = f"{data_words(simulated=report.simulated)} · {out.name}"
     pages = [
         ResultsPage("Table 1", _table_1(report), csv=_text(out / "table1.csv")),
-        plot_page("Accuracy", read_results.drum_accuracy(values, origin)),
-        plot_page("Confusion", read_results.drum_confusion(values, origin)),
+        plot_page("Accuracy", origin, accuracy_figure(values)),
+        plot_page("Confusion", origin, *confusion_figures(values, blind=True)),
         ResultsPage("One taxel", figure=str(out / "fig2c.png"), csv=_text(out / "fig2c.csv")),
     ]
     if (out / "sensitivity.csv").exists():
@@ -95,16 +96,19 @@ def report_results(report: ReportResult) -> AnalysisResults:
 
 def finger_results(report: FingerReport) -> AnalysisResults:
     """Return the results of a report on the moving finger: its sentences and figures."""
+    from rigctl.analysis.finger.figures import accuracy_figures, evidence_figure, promises_figure
+    from rigctl.analysis.finger.report import CAPTIONS
+
     out = report.page.parent
-    values = read_results.read_values(out)
-    origin = read_results.origin_words(values, out)
-    pages = []
-    for name, figure in FINGER_ACCURACY.items():
-        if (plot := read_results.finger_accuracy(values, figure, origin)) is not None:
-            pages.append(plot_page(name, plot))
-    for title, key, to_csv in finger_tables.FIGURES:
-        if (path := out / f"{key}.png").exists():
-            pages.append(ResultsPage(title, figure=str(path), csv=to_csv(values)))
+    values = _values(out)
+    origin = f"{data_words(simulated=values['simulated'])} · {out.name}"
+    figures = {one.title.partition(":")[0]: one for one in accuracy_figures(values, CAPTIONS)}
+    figures |= {"Evidence": evidence_figure(values), "Promises": promises_figure(values)}
+    pages = [plot_page(name, origin, figure) for name, figure in figures.items()]
+    if values["latencies"]:
+        rows = [(kind, *one.values()) for kind, one in values["latencies"].items()]
+        path, csv = out / "latencies.png", rows_csv(LATENCY_NAMES, rows)
+        pages.append(ResultsPage("Latencies", figure=str(path), csv=csv))
     pages.append(_words_page("In words", report.lines))
     sentence = f"The report is {report.page}"
     return AnalysisResults(
@@ -114,10 +118,12 @@ def finger_results(report: FingerReport) -> AnalysisResults:
 
 def quick_results(demo: DemoResult) -> AnalysisResults:
     """Return the results of the quick check: accuracy, confusion, spikes of a trial, remarks."""
+    from rigctl.analysis.report.demo import held_out_accuracy, held_out_confusion
+
     sentence = ". ".join((demo.sentence, *demo.remarks))
     pages = (
-        plot_page("Accuracy", held_out.accuracy_plot(demo)),
-        plot_page("Confusion", held_out.confusion_plot(demo)),
+        plot_page("Accuracy", demo.origin, held_out_accuracy(demo.held_out)),
+        plot_page("Confusion", demo.origin, held_out_confusion(demo.held_out)),
         ResultsPage("Spikes", figure=str(demo.raster), csv=held_out.spikes_csv(demo)),
         _words_page("In words", (demo.sentence, *demo.remarks)),
     )
@@ -145,13 +151,15 @@ def prediction_results(classification: Classification) -> AnalysisResults:
     ]  # fmt: skip
     predictions = f"<h3>{escape(summary(classification))}</h3>{table(head, cells)}"
     csv = rows_csv(PREDICTION_NAMES, classification.predictions)
+    data = held_out.data_and_model(classification)
+    sessions = ", ".join(path.name for path in classification.trials.paths)
+    origin = f"{data} · {sessions}"
     pages = (
         ResultsPage("Predictions", predictions, csv=csv),
-        plot_page("Confusion", held_out.model_confusion(classification)),
+        plot_page("Confusion", origin, held_out.model_confusion(classification)),
         _words_page("Remarks", summarise_notes(classification.remarks)),
     )
     simulated = classification.trials.simulated or classification.model.training.simulated
-    data = held_out.data_and_model(classification)
     return AnalysisResults(
         summary(classification), pages, name="predictions", simulated=simulated, data=data
     )
@@ -234,6 +242,12 @@ def _percent(row: dict[str, Any] | None, absent: str) -> str:
 def _words_page(name: str, sentences: Sequence[str]) -> ResultsPage:
     csv = rows_csv((name.lower(),), [[sentence] for sentence in sentences])
     return ResultsPage(name, _bullets(sentences), csv=csv)
+
+
+def _values(report: Path) -> dict[str, Any]:
+    """Return what a report of this program has written as its results."""
+    values: dict[str, Any] = json.loads(_text(report / "results.json"))
+    return values
 
 
 def _text(path: Path) -> str:

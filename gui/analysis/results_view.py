@@ -7,9 +7,7 @@ from PySide6.QtCore import Qt, QTimer
 from gui.analysis.export.export_button import ExportButton
 from gui.analysis.export.picture_file import Picture, with_foot
 from gui.analysis.export.value_file import with_origin
-from gui.analysis.figures.accuracy import AccuracyPlot
 from gui.analysis.figures.accuracy_page import AccuracyPage
-from gui.analysis.figures.confusion import ConfusionPlot
 from gui.analysis.figures.confusion_page import ConfusionPage
 from gui.analysis.figures.picture_page import FigureView
 from gui.analysis.figures.text_page import TextPage
@@ -96,10 +94,10 @@ class ResultsView(PageTabs):
 
 
 def _view(page: ResultsPage, theme: Theme) -> ResultWidget:
-    if isinstance(page.plot, AccuracyPlot):
-        return AccuracyPage(theme, page.plot)
-    if isinstance(page.plot, ConfusionPlot):
-        return ConfusionPage(theme, page.plot)
+    if page.plots and page.plots[0].matrices:
+        return ConfusionPage(theme, page.plots, page.origin)
+    if page.plots:
+        return AccuracyPage(theme, page.plots[0], page.origin)
     if page.figure:
         figure = FigureView()
         figure.show_file(page.figure)

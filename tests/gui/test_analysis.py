@@ -76,7 +76,7 @@ def test_classify_shows_a_sentence_and_a_figure(opened: Harness, session: Path) 
     figure = view.widget(2)
     assert isinstance(figure, FigureView) and figure.is_shown
     assert view.results.pages[2].csv.startswith("neuron,spike (s)\nSA 1,")
-    assert view.results.simulated and "SIMULATED" in view.results.pages[0].plot.origin.upper()
+    assert view.results.simulated and "SIMULATED" in view.results.pages[0].origin.upper()
     assert panel.run_box.run_button.isEnabled() and not panel.run_box.cancel_button.isEnabled()
 
 
@@ -165,11 +165,11 @@ def test_paper_analysis_has_options_of_command_line(
     QTest.keyClick(page.plots.graphics, Qt.Key.Key_End)
     saved = json.loads((report / "results.json").read_text())["tasks"]["textures"]
     mean = 100 * saved["representations"]["original"]["mean"][0]
-    assert f"Original, 1 component: {mean:.2f}" in page.readout.label.text()
+    assert f"Original, components 1: {mean:.2f}" in page.readout.label.text()
     matrices = view.widget(2)
     assert isinstance(matrices, ConfusionPage)
     confusion = saved["representations"]["original"]["confusion"]
-    assert matrices.view.matrix.counts.tolist() == confusion
+    assert matrices.view.matrix.counts == confusion
     figure = view.widget(3)
     assert isinstance(figure, FigureView) and figure.drawing.isValid()
     assert "derivative 1/s" in view.results.pages[3].csv

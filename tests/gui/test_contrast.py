@@ -10,7 +10,7 @@ import pytest
 from PySide6.QtGui import QColor
 
 from gui.analysis.figures.cell_numbers import cell_colour, number_colour
-from gui.analysis.figures.curve_looks import LOOKS
+from gui.analysis.figures.curve_looks import COLOURS
 from gui.live.heatmap import DARK_INK_SHARE
 from gui.widgets.colours import blend, contrast
 from gui.widgets.plots.stale_cover import VEIL_ALPHA
@@ -53,7 +53,7 @@ def test_texts_are_readable_on_what_they_stand_on(theme: Theme) -> None:
 @THEMES
 def test_lines_and_marks_stand_out_from_plots_and_panels(theme: Theme) -> None:
     lines = chain.from_iterable(_colours(theme, name) for name in LINES)
-    curves = [look.colour(theme) for look in LOOKS.values()]
+    curves = [dark if theme is DARK else light for light, dark in COLOURS.values()]
     found = {line: contrast(line, theme.plot) for line in (*lines, *curves)}
     assert {line: value for line, value in found.items() if value < LARGE} == {}
     assert contrast(theme.bad, theme.gap) >= LARGE  # the stripes of lost samples

@@ -73,8 +73,11 @@ def test_the_experiment_is_analysed_with_its_later_sessions(
     assert isinstance(first, AccuracyPage)
     QTest.keyClick(first.plots.graphics, Qt.Key.Key_Right)
     words = first.readout.label.text()
-    assert "Fig. 4B Same session · Original, 1 component" in words and "paper: 65.00" in words
+    assert "Same session: Original, components 1:" in words and "the paper: about 65 %" in words
     evidence = view.widget(names.index("Evidence"))
-    assert isinstance(evidence, FigureView) and evidence.drawing.isValid()
-    assert "way (mm)" in view.results.pages[names.index("Evidence")].csv
+    assert isinstance(evidence, AccuracyPage)
+    assert evidence.task.findText("By way") > 0
+    assert "way over the plate (mm)" in view.results.pages[names.index("Evidence")].csv
+    latencies = view.widget(names.index("Latencies"))
+    assert isinstance(latencies, FigureView) and latencies.drawing.isValid()
     assert (tmp_path / "train-report-1" / "report.html").is_file()

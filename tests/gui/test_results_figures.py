@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
@@ -17,47 +18,42 @@ from PySide6.QtWidgets import QApplication
 
 from gui.analysis.export.picture_file import painted_image
 from gui.analysis.export.value_file import save_new, with_origin
-from gui.analysis.figures.accuracy import (
-    AccuracyCurve,
-    AccuracyPanel,
-    AccuracyPlot,
-    PublishedAccuracy,
-)
 from gui.analysis.figures.accuracy_page import AccuracyPage
 from gui.analysis.figures.accuracy_plots import ROW_PX, AccuracyPlots
 from gui.analysis.figures.cell_numbers import cell_colour
-from gui.analysis.figures.confusion import ConfusionCounts, ConfusionPlot
 from gui.analysis.figures.confusion_page import ConfusionPage
+from gui.analysis.figures.figure_values import figures_csv
 from gui.analysis.results import AnalysisResults, ResultsPage, plot_page
 from gui.widgets.theme import DARK, LIGHT
 from rigctl.analysis.published import TASKS
+from rigctl.analysis.report.figure import Figure, Matrix, PublishedValue, Series
+from rigctl.analysis.report.result_figures import accuracy_panel
 from rigctl.errors import DiskFault
 from tests.gui.full_disk import full_disk
 from tests.gui.steps import Harness, click, wait_until
 from tests.gui.texts.plots import cut_plot_texts
 
 _Key = Qt.Key
-ORIGINAL = AccuracyCurve("original", "Original", (20.0, 40.0, 60.0), (1.0, 2.0, 3.0))
-SCALED = AccuracyCurve(
-    "speed", "Speed Scaled", (30.0, 60.0, 90.0), (0.5, 0.6, 0.7), PublishedAccuracy(97.76, 0.14, 50)
+ORIGINAL = Series("Original", "ink", (1, 2, 3), (20.0, 40.0, 60.0), (1.0, 2.0, 3.0))
+SCALED = Series(
+    "Speed Scaled", "blue", (1, 2, 3), (30.0, 60.0, 90.0), (0.5, 0.6, 0.7),
+    published=[PublishedValue(50, 97.76, "the paper 97.76 ± 0.14 %")],
+)  # fmt: skip
+BOTH = accuracy_panel("Fig. 3A Individual textures", (ORIGINAL, SCALED), 3, 0.25)
+ACCURACY = Figure(
+    "Accuracy",
+    [BOTH, replace(BOTH, title="Fig. 3B Texture groups")],
+    ["Mean of 4 draws; bars: standard deviation."],
 )
-ACCURACY = AccuracyPlot(
-    (
-        AccuracyPanel("Fig. 3A Individual textures", 25.0, (ORIGINAL, SCALED), "sd over 4 draws"),
-        AccuracyPanel("Fig. 3B Texture groups", 50.0, (ORIGINAL, SCALED), "sd over 4 draws"),
-    ),
-    "SIMULATED data · report",
-    True,
+COUNTS = [[8, 2], [1, 9]]
+CONFUSION = Figure(
+    "Individual textures: confusion with 3 components",
+    [
+        Matrix("Original", ["% of 10 trials a row"], ("A", "B"), COUNTS),
+        Matrix("Speed Scaled", ["% of 9–11 trials a row"], ("A", "B"), [[8, 1], [2, 9]]),
+    ],
 )
-COUNTS = np.array([[8, 2], [1, 9]])
-CONFUSION = ConfusionPlot(
-    (
-        ConfusionCounts("Fig. 3A Individual textures", "Original", 3, ("A", "B"), COUNTS),
-        ConfusionCounts("Fig. 3A Individual textures", "Speed Scaled", 3, ("A", "B"), COUNTS.T),
-    ),
-    "SIMULATED data · report",
-    True,
-)
+ORIGIN = "SIMULATED data · report"
 
 
 @pytest.fixture
@@ -66,7 +62,8 @@ def shown(harness: Harness, tmp_path: Path) -> Iterator[Harness]:
     window, tab = harness.window, harness.window.analysis_tab
     window.show_panel("analysis")
     words = ResultsPage("Remarks", html="<ul><li>One remark.</li></ul>", csv="remarks\nOne remark.")
-    pages = (plot_page("Accuracy", ACCURACY), plot_page("Confusion", CONFUSION), words)
+    curves = plot_page("Accuracy", ORIGIN, ACCURACY)
+    pages = (curves, plot_page("Confusion", ORIGIN, CONFUSION), words)
     results = AnalysisResults("done", pages, name="session-report-1", simulated=True)
     tab.panel.verify_requested.emit(str(tmp_path / "session"), "")  # sets where pages are saved
     wait_until(lambda: not tab.worker.is_busy)
@@ -101,10 +98,9 @@ def test_the_pointer_names_the_nearest_point_of_a_curve(shown: Harness) -> None:
     plot = page.plots.plots[0]
     place = plot.getViewBox().mapViewToScene(QPointF(2.2, 57.0))
     page.plots.graphics.scene().sigMouseMoved.emit(place)
-    words = page.readout.label.text().replace("\u202f", "")
-    assert words == (
-        "Fig. 3A Individual textures · Speed Scaled, 2 components: 60.00% (± 0.60% sd over 4 "
-        "draws) · paper: 97.76 ± 0.14% with 50 components"
+    assert page.readout.label.text() == (
+        "Fig. 3A Individual textures · Speed Scaled, components 2: 60.00 ± 0.60 % · "
+        "the paper 97.76 ± 0.14 %"
     )
     assert page.plots.graphics.accessibleDescription() == page.readout.label.text()
 
@@ -112,11 +108,11 @@ def test_the_pointer_names_the_nearest_point_of_a_curve(shown: Harness) -> None:
 def test_keys_walk_along_curves_and_between_tasks(shown: Harness) -> None:
     page = accuracy_page(shown)
     keys = (
-        (_Key.Key_Right, "Original, 1 component:"),
-        (_Key.Key_End, "Original, 3 components:"),
-        (_Key.Key_Down, "Speed Scaled, 3 components:"),
-        (_Key.Key_PageDown, "Texture groups · Speed Scaled, 3 components:"),
-        (_Key.Key_Home, "Speed Scaled, 1 component:"),
+        (_Key.Key_Right, "Original, components 1:"),
+        (_Key.Key_End, "Original, components 3:"),
+        (_Key.Key_Down, "Speed Scaled, components 3:"),
+        (_Key.Key_PageDown, "Texture groups · Speed Scaled, components 3:"),
+        (_Key.Key_Home, "Speed Scaled, components 1:"),
     )
     for key, words in keys:
         QTest.keyClick(page.plots.graphics, key)
@@ -136,11 +132,11 @@ def test_keys_zoom_about_the_point_and_back(shown: Harness) -> None:
 
 def test_the_legend_switches_curves_off_and_the_keys_pass_them_over(shown: Harness) -> None:
     page = accuracy_page(shown)
-    page.legend["original"].click()
-    assert page.plots.hidden == {"original"}
+    page.legend["Original"].click()
+    assert page.plots.hidden == {"Original"}
     QTest.keyClick(page.plots.graphics, _Key.Key_Right)
-    assert "Speed Scaled, 1 component:" in page.readout.label.text()
-    page.legend["speed"].click()
+    assert "Speed Scaled, components 1:" in page.readout.label.text()
+    page.legend["Speed Scaled"].click()
     QTest.keyClick(page.plots.graphics, _Key.Key_Right)
     assert page.readout.label.text().startswith("Point at a curve")
     icons = [box.icon().pixmap(68, 28).toImage() for box in page.legend.values()]
@@ -158,8 +154,8 @@ def test_one_task_alone_is_shown_large(shown: Harness) -> None:
 def test_pages_and_plots_are_made_one_in_each_turn_and_plots_only_in_view(shown: Harness) -> None:
     """All of them at once kept the window, and STOP with it, for most of a second."""
     tab, view = shown.window.analysis_tab, shown.window.analysis_tab.results_view
-    panels = tuple(ACCURACY.panels[0]._replace(title=f"Task {task}") for task in range(6))
-    curves = plot_page("Accuracy", ACCURACY._replace(panels=panels))
+    panels = [replace(BOTH, title=f"Task {task}") for task in range(6)]
+    curves = plot_page("Accuracy", ORIGIN, replace(ACCURACY, panels=panels))
     tab._finish("analyse", AnalysisResults("done", (curves,) * 4))
     first = accuracy_page(shown)
     made = [(view.count(), len(first.plots.plots))]
@@ -182,8 +178,8 @@ def test_pages_and_plots_are_made_one_in_each_turn_and_plots_only_in_view(shown:
 
 
 def test_an_early_picture_has_every_plot_in_its_place(qapp: QApplication) -> None:
-    panels = tuple(ACCURACY.panels[0]._replace(title=f"Task {task}") for task in range(9))
-    page = AccuracyPage(LIGHT, ACCURACY._replace(panels=panels))
+    panels = [replace(BOTH, title=f"Task {task}") for task in range(9)]
+    page = AccuracyPage(LIGHT, replace(ACCURACY, panels=panels), ORIGIN)
     page.resize(1000, 800)
     page.show()
     for _ in range(2):
@@ -208,8 +204,8 @@ def test_all_tasks_of_the_paper_are_seen_with_their_axes_without_scrolling(
     window, panels = shown.window, []
     for task in TASKS:
         title = " ".join(filter(None, (task.figure, task.title)))
-        panels.append(ACCURACY.panels[0]._replace(title=title))
-    pages = (plot_page("Accuracy", ACCURACY._replace(panels=tuple(panels))),)
+        panels.append(replace(BOTH, title=title))
+    pages = (plot_page("Accuracy", ORIGIN, replace(ACCURACY, panels=panels)),)
     window.analysis_tab._finish("analyse", AnalysisResults("done", (*pages, *pages)))
     page = accuracy_page(shown)
     wait_until(lambda: page.plots.is_whole)
@@ -242,17 +238,17 @@ def test_a_low_plot_has_a_short_name_for_its_axis(qapp: QApplication) -> None:
 
 def test_a_cell_is_named_by_pointer_and_keys(shown: Harness) -> None:
     page = confusion_page(shown)
-    assert "17 of 20 trials right (85.00" in page.words.text()
+    assert "Original: 85.00 %" in page.name.text() and "10 trials" in page.words.text()
     place = page.view.item.getViewBox().mapViewToScene(QPointF(1.5, 0.5))
     page.view.graphics.scene().sigMouseMoved.emit(place)
-    assert page.readout.label.text().startswith("true A, predicted B: 2 of 10 trials (20.0")
+    assert page.readout.label.text().startswith("A taken for B: 2 of 10 trials (20.0")
     QTest.keyClick(page.view.graphics, _Key.Key_Left)
-    assert page.readout.label.text().startswith("true A, predicted A: 8 of 10 trials")
+    assert page.readout.label.text().startswith("A: 8 of 10 trials")
     QTest.keyClick(page.representation, _Key.Key_Down)
     assert "Speed Scaled" in page.name.text()
     QTest.keyClick(page.view.graphics, _Key.Key_Right)
     QTest.keyClick(page.view.graphics, _Key.Key_Right)
-    assert page.readout.label.text().startswith("true A, predicted B: 1 of 9 trials")
+    assert page.readout.label.text().startswith("A taken for B: 1 of 9 trials")
 
 
 def test_the_colour_of_a_cell_is_that_of_its_share(shown: Harness) -> None:
@@ -260,7 +256,7 @@ def test_the_colour_of_a_cell_is_that_of_its_share(shown: Harness) -> None:
     view = confusion_page(shown).view
     place = view.item.getViewBox().mapViewToScene(QPointF(0.2, 0.2)).toPoint()
     colour = view.graphics.grab().toImage().pixelColor(place)
-    assert colour.name() == cell_colour(LIGHT, view.matrix.share[0, 0]) != LIGHT.accent
+    assert colour.name() == cell_colour(LIGHT, view.matrix.share(0, 0)) != LIGHT.accent
 
 
 def test_both_themes_draw_the_point_anew(shown: Harness) -> None:
@@ -305,9 +301,11 @@ def test_every_page_is_saved_in_every_format_under_new_names(
     text = (folder / "session-report-1-accuracy-simulated.csv").read_text()
     rows = list(csv.DictReader(io.StringIO(text)))
     assert len(rows) == 12
-    assert rows[5]["accuracy (%)"] == "90.0000" and rows[5]["spread (%)"] == "0.7000"
-    assert rows[5]["paper's accuracy (%)"] == "97.76" and rows[5]["simulated"] == "yes"
-    cells = list(csv.DictReader(io.StringIO(CONFUSION.to_csv())))
+    assert (rows[5]["y is"], rows[5]["y"]) == ("accuracy (%)", "90.0000")
+    assert (rows[5]["bar from"], rows[5]["bar to"]) == ("89.3000", "90.7000")
+    assert rows[5]["the paper's value"] == "the paper 97.76 ± 0.14 %"
+    assert (rows[5]["dotted line"], rows[5]["simulated"]) == ("25.0000", "yes")
+    cells = list(csv.DictReader(io.StringIO(figures_csv([CONFUSION]))))
     assert cells[1]["count (trials)"] == "2" and cells[1]["predicted texture"] == "B"
     assert cells[1]["share of the true texture (%)"] == "20.0000"
 

@@ -1,40 +1,41 @@
-"""The page of accuracy curves: choice of the task, legend, plots, and the chosen point in words."""
+"""The page of a figure of curves: choice of a plot, legend, and the chosen point in words."""
 
 from __future__ import annotations
 
 from PySide6.QtWidgets import QCheckBox, QWidget
 
 from gui.analysis.export.picture_file import Picture, widget_picture
-from gui.analysis.figures.accuracy import AccuracyPlot
 from gui.analysis.figures.accuracy_plots import ROW_PX, AccuracyPlots
-from gui.analysis.figures.curve_looks import LOOKS, SAMPLE
+from gui.analysis.figures.curve_looks import SAMPLE, look_of
 from gui.analysis.figures.readout import Readout
 from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.labels import label
 from gui.widgets.layouts import combo_box, container, hbox, push_button, scroll_area, vbox
 from gui.widgets.theme import Theme
+from rigctl.analysis.report.figure import Figure
 
 HINT = (
-    "Point at a curve to read it, or use the keys: left and right for the components, up and down "
-    "for the curve, Page up and Page down for the task, + and − to zoom, 0 for the whole range."
+    "Point at a curve to read it, or use the keys: left and right along it, up and down "
+    "for the curve, Page up and Page down for the plot, + and − to zoom, 0 for the whole range."
 )
 
 
 class AccuracyPage(QWidget):
     """Curves that the legend switches on and off."""
 
-    def __init__(self, theme: Theme, plot: AccuracyPlot) -> None:
+    def __init__(self, theme: Theme, figure: Figure, origin: str) -> None:
         super().__init__()
-        self.plots = AccuracyPlots(theme, plot)
-        titles = {panel.title: f"{number}" for number, panel in enumerate(plot.panels)}
-        self.task = combo_box({"All tasks": "", **titles} if len(titles) > 1 else titles)
-        self.task.setAccessibleName("Task")
+        self.plots = AccuracyPlots(theme, figure)
+        titles = {panel.title: f"{number}" for number, panel in enumerate(figure.plots)}
+        self.task = combo_box({"All plots": "", **titles} if len(titles) > 1 else titles)
+        self.task.setAccessibleName("Plot")
         self.whole_button = push_button(
             "Whole range", self.plots.show_whole_range, "Undo the zoom (0)"
         )
         self.readout = Readout(self.plots.graphics, HINT)
-        self.legend = {key: QCheckBox(name) for key, name in plot.curves().items()}
-        self._lay_out(plot)
+        self.legend = {name: QCheckBox(name) for name in figure.legend}
+        self._curves = figure.legend
+        self._lay_out(f"{_marks(figure)} {origin}")
         self.set_theme(theme)
         self.task.currentIndexChanged.connect(lambda _: self._show_task())
         self.plots.point_changed.connect(self._show_point)
@@ -44,8 +45,8 @@ class AccuracyPage(QWidget):
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
         self.plots.set_theme(theme)
-        for key, box in self.legend.items():
-            box.setIcon(LOOKS[key].sample(theme))
+        for name, box in self.legend.items():
+            box.setIcon(look_of(self._curves[name]).sample(theme))
 
     def picture(self) -> Picture:
         """Return legend, plots and origin as a picture."""
@@ -64,15 +65,15 @@ class AccuracyPage(QWidget):
             self._area.ensureVisible(at.x(), at.y(), 0, ROW_PX // 2)
 
     def _hide_curves(self) -> None:
-        hidden = frozenset(key for key, box in self.legend.items() if not box.isChecked())
+        hidden = frozenset(name for name, box in self.legend.items() if not box.isChecked())
         self.plots.hide_curves(hidden)
 
-    def _lay_out(self, plot: AccuracyPlot) -> None:
+    def _lay_out(self, notes: str) -> None:
         for box in self.legend.values():
             box.setChecked(True)
             box.setIconSize(SAMPLE)
             box.setToolTip("Show or hide this curve")
-        origin = label(_marks(plot), "muted", wraps=True)
+        origin = label(notes, "muted", wraps=True)
         column = vbox(FlowLayout(*self.legend.values()), self.plots, origin, spacing=2)
         column.setContentsMargins(8, 0, 8, 0)
         column.setStretch(1, 1)
@@ -84,10 +85,9 @@ class AccuracyPage(QWidget):
         self.setLayout(rows)
 
 
-def _marks(plot: AccuracyPlot) -> str:
-    """Return what bars, marks and dots are, as far as there are any, and where data come from."""
-    has_bars = plot.panels[0].curves[0].spread
-    bars = f"Bars: {plot.panels[0].spread_name}. " if has_bars else ""
-    has_paper = any(curve.paper for panel in plot.panels for curve in panel.curves)
-    paper = "◆: the paper's value. " if has_paper else ""
-    return f"{bars}{paper}Dotted: chance. {plot.origin}"
+def _marks(figure: Figure) -> str:
+    """Return what bars, marks and dots are, as far as there are any."""
+    has_paper = any(curve.published for curve in figure.legend.values())
+    paper = ["◆: the paper's value."] if has_paper else []
+    dotted = {panel.level[1].partition(" ")[0] for panel in figure.plots if panel.level}
+    return " ".join([*figure.notes[:1], *paper, *(f"Dotted: {what}." for what in sorted(dotted))])

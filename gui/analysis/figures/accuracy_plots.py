@@ -1,4 +1,4 @@
-"""Curves of accuracy over components, a plot for each task; any point can be chosen."""
+"""The curves of a figure, such as accuracy over components; any point can be chosen."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, QSize, Qt, QTimer, 
 from PySide6.QtGui import QHideEvent, QKeyEvent, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QGraphicsView
 
-from gui.analysis.figures.accuracy import AccuracyPanel, AccuracyPlot
-from gui.analysis.figures.accuracy_curves import ROOM, TOP_PERCENT, AccuracyCurves
+from gui.analysis.figures.accuracy_curves import MARGIN, ROOM, AccuracyCurves, last_x
+from gui.analysis.figures.figure_values import point_words
 from gui.widgets.plots.plot_axes import BOTTOM_PX, colour_axes, reserve, title_plot
 from gui.widgets.plots.plot_grid import PlotGrid
 from gui.widgets.theme import Theme, scaled_px
+from rigctl.analysis.report.figure import Figure, Panel
 
 LEFT_PX, TITLE_PX = 44, 20
 TICK_PX, FEW_TICKS = 16, (50.0, 10.0)
-"""Height of a number of an axis, and the steps with and without numbers in a low plot."""
-NAME, SHORT_NAME, NAME_PX = "Accuracy (%)", "%", 90
-"""The name of the axis, that of a low plot, and the least height that has room for the first."""
+"""Height of a number of an axis, and the steps with and without numbers in a low plot, in %."""
+LETTER_PX = 7
+"""Of the name of an axis, which is the unit alone where the plot is too low."""
 PLOT_PX = 215
 """Least width of a plot, for its title: four fit beside a scroll bar at 1280 pixels."""
 ROW_PX, ROOMY_ROW_PX = 108, 166
@@ -34,11 +35,11 @@ _UPDATE = QGraphicsView.ViewportUpdateMode
 
 
 class AccuracyPoint(NamedTuple):
-    """A point: indices of the panel and of the curve in it, and the number of components."""
+    """A point: indices of the panel, of the curve in it, and of the place on the curve."""
 
     panel: int = 0
     curve: int = 0
-    components: int = 0
+    place: int = 0
 
 
 class AccuracyPlots(PlotGrid):
@@ -51,9 +52,9 @@ class AccuracyPlots(PlotGrid):
     point_changed = Signal(str)
     """The chosen point in words, empty for none."""
 
-    def __init__(self, theme: Theme, plot: AccuracyPlot) -> None:
+    def __init__(self, theme: Theme, figure: Figure) -> None:
         super().__init__()
-        self._theme, self.plot = theme, plot
+        self._theme, self.panels = theme, figure.plots
         self.hidden: AbstractSet[str] = frozenset()
         self.alone: int | None = None
         self.point: AccuracyPoint | None = None
@@ -66,7 +67,7 @@ class AccuracyPlots(PlotGrid):
         self._ring = pg.ScatterPlotItem()
         self.graphics.scene().sigMouseMoved.connect(self._point_at)
         self.graphics.installEventFilter(self)
-        self.graphics.setAccessibleName("Accuracy over the number of components")
+        self.graphics.setAccessibleName(figure.title)
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
@@ -80,9 +81,9 @@ class AccuracyPlots(PlotGrid):
         self.alone = panel
         self._lay_out()
 
-    def hide_curves(self, keys: AbstractSet[str]) -> None:
-        """Leave out the curves of these representations."""
-        self.hidden = keys
+    def hide_curves(self, names: AbstractSet[str]) -> None:
+        """Leave out the curves of these names."""
+        self.hidden = names
         for number in self.plots:
             self._draw(number)
         self._choose(None)
@@ -131,7 +132,7 @@ class AccuracyPlots(PlotGrid):
         self._timer.stop()
 
     def _shown_panels(self) -> Sequence[int]:
-        return range(len(self.plot.panels)) if self.alone is None else [self.alone]
+        return range(len(self.panels)) if self.alone is None else [self.alone]
 
     def _lay_out(self) -> None:
         """Make the plots anew, in a grid."""
@@ -152,7 +153,7 @@ class AccuracyPlots(PlotGrid):
         if not self.is_whole:
             place = len(self.plots)
             number, cell = self._shown_panels()[place], divmod(place, self._n_columns)
-            self.plots[number] = self._add(*cell, self.plot.panels[number])
+            self.plots[number] = self._add(*cell, self.panels[number])
             self._draw(number)
             self._show_whole(number)
         if self.is_whole:
@@ -161,40 +162,43 @@ class AccuracyPlots(PlotGrid):
             self.graphics.viewport().update()
 
     def _show_whole(self, number: int) -> None:
-        k_max = self.plot.panels[number].k_max
-        x, y = (0, k_max * (1 + ROOM)), (0, TOP_PERCENT)
+        panel = self.panels[number]
+        x, y = (0, (1 + MARGIN) * last_x(panel)), (0, ROOM * panel.y_range[1])
         self.plots[number].setRange(xRange=x, yRange=y, padding=0)
 
-    def _add(self, row: int, column: int, panel: AccuracyPanel) -> pg.PlotItem:
+    def _add(self, row: int, column: int, panel: Panel) -> pg.PlotItem:
         plot = self.cells.addPlot(row=row, col=column, enableMenu=False)
         plot.hideButtons()
         plot.disableAutoRange()
         for side in ("left", "bottom", "right", "top"):  # each change of a range wrote four labels
             plot.getAxis(side).enableAutoSIPrefix(False)
-        plot.setLimits(xMin=0, xMax=panel.k_max * (1 + ROOM), yMin=0, yMax=TOP_PERCENT)
+        plot.setLimits(
+            xMin=0, xMax=(1 + MARGIN) * last_x(panel), yMin=0, yMax=ROOM * panel.y_range[1]
+        )
         plot.setLimits(minXRange=2, minYRange=2)
         title_plot(plot, panel.title, self._theme.text)
         plot.layout.addItem(plot.titleLabel, 0, 0, 1, 3)  # a long title needs the axis's width
         plot.layout.setRowFixedHeight(0, scaled_px(TITLE_PX))
-        if not column:
-            plot.setLabel("left", NAME)
-            plot.getViewBox().sigResized.connect(lambda *_: _name_axis(plot))
-        plot.setLabel("bottom", "Components")
-        reserve(plot, "left", LEFT_PX if not column else LEFT_PX - 14)
+        is_named = not column or panel.y_label != self.panels[0].y_label
+        if is_named:
+            plot.setLabel("left", _name(panel.y_label))
+            plot.getViewBox().sigResized.connect(lambda *_: _name_axis(plot, panel))
+        plot.setLabel("bottom", _name(panel.x_label))
+        reserve(plot, "left", LEFT_PX if is_named else LEFT_PX - 14)
         reserve(plot, "bottom", BOTTOM_PX)
         view = plot.getViewBox()
         for changed in (view.sigResized, view.sigYRangeChanged):
-            changed.connect(lambda *_: _space_ticks(plot))
+            changed.connect(lambda *_: _space_ticks(plot, panel))
         colour_axes(plot, self._theme)
         return plot
 
     def _draw(self, number: int) -> None:
-        plot, panel = self.plots[number], self.plot.panels[number]
+        plot, panel = self.plots[number], self.panels[number]
         plot.clear()
         dots = pg.mkPen(self._theme.muted, width=1, style=Qt.PenStyle.DotLine)
-        plot.addItem(pg.InfiniteLine(panel.chance_percent, angle=0, pen=dots))
-        curves = [curve for curve in panel.curves if curve.key not in self.hidden]
-        plot.addItem(AccuracyCurves(curves, panel.k_max, self._theme), ignoreBounds=True)
+        if panel.level is not None:
+            plot.addItem(pg.InfiniteLine(panel.level[0], angle=0, pen=dots))
+        plot.addItem(AccuracyCurves(panel, self.hidden, self._theme), ignoreBounds=True)
 
     def _point_at(self, place: QPointF) -> None:
         for number, plot in self.plots.items():
@@ -205,14 +209,19 @@ class AccuracyPlots(PlotGrid):
                 return
 
     def _nearest(self, number: int, x: float, y: float) -> AccuracyPoint | None:
-        """Return the point of a shown curve that is nearest in height at the nearest k."""
-        curves = self.plot.panels[number].curves
-        k = min(max(round(x), 1), self.plot.panels[number].k_max)
-        shown = [i for i in self._shown(number) if k <= len(curves[i].percent)]
-        if not shown:
-            return None
-        nearest = min(shown, key=lambda i: abs(curves[i].percent[k - 1] - y))
-        return AccuracyPoint(number, nearest, k)
+        """Return the point of a shown curve that is nearest in height at the nearest x."""
+        curves, points = self.panels[number].series, []
+        for i in self._shown(number):
+            at = min(range(len(curves[i].x)), key=lambda k: abs(curves[i].x[k] - x))
+            points.append(AccuracyPoint(number, i, at))
+        return min(
+            points,
+            key=lambda one: (
+                round(abs(curves[one.curve].x[one.place] - x)),
+                abs(curves[one.curve].y[one.place] - y),
+            ),
+            default=None,
+        )
 
     def chosen_place(self) -> QPoint | None:
         """Return the middle of the plot with the chosen point, in pixels of this widget."""
@@ -222,8 +231,8 @@ class AccuracyPlots(PlotGrid):
         return centre.toPoint()
 
     def _shown(self, number: int) -> list[int]:
-        curves = self.plot.panels[number].curves
-        return [i for i, curve in enumerate(curves) if curve.key not in self.hidden]
+        curves = self.panels[number].series
+        return [i for i, curve in enumerate(curves) if curve.name not in self.hidden]
 
     def _choose(self, point: AccuracyPoint | None) -> None:
         self.point = point
@@ -231,12 +240,12 @@ class AccuracyPlots(PlotGrid):
             view.removeItem(self._ring)
         words = ""
         if point is not None:
-            panel = self.plot.panels[point.panel]
-            curve = panel.curves[point.curve]
-            words = panel.point_words(curve, point.components)
+            panel = self.panels[point.panel]
+            curve = panel.series[point.curve]
+            words = point_words(panel, curve, point.place)
             self._ring = pg.ScatterPlotItem(
-                [point.components],
-                [curve.percent[point.components - 1]],
+                [curve.x[point.place]],
+                [curve.y[point.place]],
                 size=14,
                 brush=None,
                 pen=pg.mkPen(self._theme.accent, width=3),
@@ -258,11 +267,11 @@ class AccuracyPlots(PlotGrid):
         """Go to another point; the first key chooses the first point."""
         if not (numbers := list(self.plots)):
             return False
-        point = self.point or AccuracyPoint(numbers[0], (self._shown(numbers[0]) or [0])[0], 1)
+        point = self.point or AccuracyPoint(numbers[0], (self._shown(numbers[0]) or [0])[0])
         sideways = {_Key.Key_Left: -1, _Key.Key_Right: 1, _Key.Key_Home: -9999, _Key.Key_End: 9999}
         if key in sideways:
             step = sideways[_Key(key)] if self.point else 0
-            point = point._replace(components=point.components + step)
+            point = point._replace(place=point.place + step)
         elif key in (_Key.Key_Up, _Key.Key_Down):
             shown = self._shown(point.panel)
             step = (-1 if key == _Key.Key_Up else 1) if self.point else 0
@@ -283,16 +292,16 @@ class AccuracyPlots(PlotGrid):
         if not shown:
             return None
         curve = point.curve if point.curve in shown else shown[0]
-        n = len(self.plot.panels[point.panel].curves[curve].percent)
-        return AccuracyPoint(point.panel, curve, min(max(point.components, 1), n))
+        last = len(self.panels[point.panel].series[curve].x) - 1
+        return AccuracyPoint(point.panel, curve, min(max(point.place, 0), last))
 
     def _zoom(self, factor: float) -> None:
         """Zoom about the chosen point, or about the middle of every plot."""
         point = self.point
         centre = None
         if point is not None:
-            curve = self.plot.panels[point.panel].curves[point.curve]
-            centre = pg.Point(point.components, curve.percent[point.components - 1])
+            curve = self.panels[point.panel].series[point.curve]
+            centre = pg.Point(curve.x[point.place], curve.y[point.place])
         for number, plot in self.plots.items():
             if point is None or number == point.panel:
                 plot.getViewBox().scaleBy((factor, factor), center=centre)
@@ -310,17 +319,23 @@ def columns_of(n_plots: int, width_px: int) -> int:
     return max(1, min(wanted_columns(n_plots), fit))
 
 
-def _space_ticks(plot: pg.PlotItem) -> None:
+def _space_ticks(plot: pg.PlotItem, panel: Panel) -> None:
     """Number every 50 % where the numbers of every 20 % would lie over each other."""
     view = plot.getViewBox()
     low, high = view.viewRange()[1]
     is_crowded = (high - low) / 20 * scaled_px(TICK_PX) > view.height()
-    plot.getAxis("left").setTickSpacing(*(FEW_TICKS if is_crowded else ()))
+    is_percent = panel.y_range[1] == 100
+    plot.getAxis("left").setTickSpacing(*(FEW_TICKS if is_crowded and is_percent else ()))
 
 
-def _name_axis(plot: pg.PlotItem) -> None:
+def _name(label: str) -> str:
+    return label[:1].upper() + label[1:]
+
+
+def _name_axis(plot: pg.PlotItem, panel: Panel) -> None:
     """Give the axis the name that the plot has room for."""
-    name = NAME if plot.getViewBox().height() >= scaled_px(NAME_PX) else SHORT_NAME
+    has_room = plot.getViewBox().height() >= scaled_px(LETTER_PX * len(panel.y_label))
+    name = _name(panel.y_label) if has_room else panel.unit
     axis = plot.getAxis("left")
     if axis.labelText != name:
         axis.setLabel(name)

@@ -9,10 +9,10 @@ from PySide6.QtGui import QColor, QKeyEvent
 from PySide6.QtWidgets import QGraphicsRectItem
 
 from gui.analysis.figures.cell_numbers import CellNumbers, cell_colour
-from gui.analysis.figures.confusion import ConfusionCounts
 from gui.widgets.plots.plot_axes import colour_axes
 from gui.widgets.plots.plot_grid import PlotGrid
 from gui.widgets.theme import Theme
+from rigctl.analysis.report.figure import Matrix
 
 LEAST_CELL_PX, AXIS_PX = (18, 13), 60
 ZOOM = 1.25
@@ -28,7 +28,7 @@ class ConfusionPlotView(PlotGrid):
     cell_changed = Signal(str)
     """The chosen cell in words, empty for none."""
 
-    def __init__(self, theme: Theme, matrix: ConfusionCounts) -> None:
+    def __init__(self, theme: Theme, matrix: Matrix) -> None:
         super().__init__()
         self._theme, self.matrix = theme, matrix
         self.cell: tuple[int, int] | None = None
@@ -49,16 +49,17 @@ class ConfusionPlotView(PlotGrid):
         colour_axes(self.item, theme)
         self.show_matrix(self.matrix)
 
-    def show_matrix(self, matrix: ConfusionCounts) -> None:
+    def show_matrix(self, matrix: Matrix) -> None:
         """Show another matrix."""
         self.matrix = matrix
         n = len(matrix.classes)
         self.item.clear()
-        share, theme = matrix.share, self._theme
+        theme = self._theme
+        share = np.array([[matrix.share(row, column) for column in range(n)] for row in range(n)])
         image = pg.ImageItem(_colours(share, theme), axisOrder="row-major", levels=(0, 255))
         image.setRect(QRectF(0, 0, n, n))
         self.item.addItem(image)
-        self.numbers = CellNumbers(share, matrix.counts > 0, theme)
+        self.numbers = CellNumbers(share, share > 0, theme)
         self.item.addItem(self.numbers, ignoreBounds=True)
         for side in ("left", "bottom"):
             names = [(place + 0.5, name) for place, name in enumerate(matrix.classes)]
@@ -93,7 +94,7 @@ class ConfusionPlotView(PlotGrid):
         if cell is not None:
             most = len(self.matrix.classes) - 1
             cell = min(max(cell[0], 0), most), min(max(cell[1], 0), most)
-            words = self.matrix.cell_words(*cell)
+            words = self.matrix.words(*cell)
             self._frame = QGraphicsRectItem(QRectF(cell[1], cell[0], 1, 1))
             self._frame.setPen(pg.mkPen(self._theme.accent, width=3))
             self._frame.setZValue(5)

@@ -1,4 +1,4 @@
-"""Colour, dashes and symbol of each representation: a curve is told from others without colour."""
+"""Colour, dashes and symbol of each curve: a curve is told from others without colour."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from PySide6.QtCore import QPointF, QSize, Qt
 from PySide6.QtGui import QIcon, QPainter, QPainterPath, QPen, QPixmap
 
 from gui.widgets.theme import DARK, Theme
+from rigctl.analysis.report.figure import Series
 
 SAMPLE = QSize(34, 14)
 SYMBOL_PX, PAPER_PX = 8, 13
 PAPER_SYMBOL = "d"
-_BLIND = (3.0, 2.0)
+DASHES = (3.0, 2.0)
 
 
 class CurveLook(NamedTuple):
@@ -55,11 +56,17 @@ class CurveLook(NamedTuple):
         return QIcon(pixmap)
 
 
-LOOKS = {
-    "original": CurveLook("#111111", "#e6e9ed", (), "o"),
-    "force": CurveLook("#c8102e", "#ff7a85", (), "t1"),
-    "speed": CurveLook("#1f4fd1", "#86a8ff", (), "s"),
-    "speed_force": CurveLook("#1a8a34", "#5fd07a", (), "star"),
-    "force_blind": CurveLook("#c8102e", "#ff7a85", _BLIND, "t"),
-    "speed_force_blind": CurveLook("#1a8a34", "#5fd07a", _BLIND, "x"),
+COLOURS = {
+    "ink": ("#111111", "#e6e9ed"),
+    "red": ("#c8102e", "#ff7a85"),
+    "blue": ("#1f4fd1", "#86a8ff"),
+    "green": ("#1a8a34", "#5fd07a"),
 }
+SYMBOLS_OF = {"ink": ("o", "h"), "red": ("t1", "t"), "blue": ("s", "d"), "green": ("star", "x")}
+"""Symbols of curves that are drawn through, and of dashed ones."""
+
+
+def look_of(curve: Series) -> CurveLook:
+    """Return how a curve is drawn."""
+    symbol = SYMBOLS_OF[curve.colour][curve.dashed]
+    return CurveLook(*COLOURS[curve.colour], DASHES if curve.dashed else (), symbol)

@@ -5,34 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from gui.analysis.export.value_file import data_words, rows_csv
-from gui.analysis.figures.accuracy import AccuracyCurve, AccuracyPanel, AccuracyPlot
-from gui.analysis.figures.confusion import ConfusionCounts, ConfusionPlot
+from rigctl.analysis.report.figure import Figure, Matrix
 from rigctl.values import SAMPLE_RATE_HZ
 
 if TYPE_CHECKING:
     from rigctl.analysis.classify_sessions import Classification
     from rigctl.analysis.report.demo import DemoResult
 
-TITLE, NAME = "Held-out trials", "Speed Scaled"
 TRAINED = "Trials that the model was trained on; the counts say nothing about others."
 UNSEEN = "Trials that the model was not trained on."
-
-
-def accuracy_plot(demo: DemoResult) -> AccuracyPlot:
-    """Return the accuracy over components of the quick check."""
-    found = demo.held_out
-    percent = tuple((100 * found.correct_counts() / found.n).tolist())
-    curve = AccuracyCurve("speed", NAME, percent)
-    each = f"each of {found.n} trials tested once"
-    panel = AccuracyPanel(TITLE, 100 * found.chance, (curve,), no_spread=each)
-    return AccuracyPlot((panel,), demo.origin, demo.simulated)
-
-
-def confusion_plot(demo: DemoResult) -> ConfusionPlot:
-    """Return the confusion matrix of the quick check."""
-    found = demo.held_out
-    matrix = ConfusionCounts(TITLE, NAME, found.shown_components, found.classes, found.confusion())
-    return ConfusionPlot((matrix,), demo.origin, demo.simulated)
 
 
 def spikes_csv(demo: DemoResult) -> str:
@@ -48,17 +29,13 @@ def spikes_csv(demo: DemoResult) -> str:
     return rows_csv(("neuron", "spike (s)"), rows)
 
 
-def model_confusion(classification: Classification) -> ConfusionPlot:
+def model_confusion(classification: Classification) -> Figure:
     """Return the matrix of the trials that the model was not trained on, else of all."""
     unseen, model = classification.unseen, classification.model
     shown, note = (unseen, UNSEEN) if unseen.n_scored else (classification, TRAINED)
-    matrix = ConfusionCounts(
-        "Trained model", model.representation, model.components, model.classes,
-        shown.confusion, note,
-    )  # fmt: skip
-    simulated = classification.trials.simulated or model.training.simulated
-    sessions = ", ".join(path.name for path in classification.trials.paths)
-    return ConfusionPlot((matrix,), f"{data_and_model(classification)} · {sessions}", simulated)
+    lines = [f"{model.components} components", note]
+    matrix = Matrix(model.representation, lines, model.classes, shown.confusion.tolist())
+    return Figure("Trained model", [matrix])
 
 
 def data_and_model(classification: Classification) -> str:

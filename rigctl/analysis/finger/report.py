@@ -13,31 +13,26 @@ import numpy as np
 from rigctl.analysis.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.files import atomic_directory
 from rigctl.analysis.finger.figures import (
-    draw_accuracies,
-    draw_evidence,
+    accuracy_figures,
     draw_latencies,
-    draw_promises,
+    evidence_figure,
+    promises_figure,
 )
 from rigctl.analysis.finger.results import FingerAnalysis, analyse_finger, as_dict
 from rigctl.analysis.finger.scans import KINDS, ScanKind, read_data_sets
 from rigctl.analysis.finger.tasks import DrawSettings, FingerResult
 from rigctl.analysis.notes import summarise_notes
-from rigctl.analysis.report.charts.finger_charts import (
-    accuracy_charts,
-    evidence_chart,
-    promises_chart,
-)
 from rigctl.analysis.report.html_page import render_page
+from rigctl.analysis.report.vega import save_figure
 from rigctl.errors import WrongUse
 
 NEAR_POINTS = 10.0
 """A peak at most so many points from the paper's value counts as near it; our choice."""
 CAPTIONS = {
-    "fig4b": "Figure 4B: same session and new session",
-    "fig4c": "Figure 4C: trained and untrained velocity profiles",
-    "figs5": "Figure S5: the real-time classifier",
+    "Fig. 4B": "Figure 4B: same session and new session",
+    "Fig. 4C": "Figure 4C: trained and untrained velocity profiles",
+    "Fig. S5": "Figure S5: the real-time classifier",
 }
-_FIGURE_OF = {"Fig. 4B": "fig4b", "Fig. 4C": "fig4c", "Fig. S5": "figs5"}
 
 
 class HeldClaim(NamedTuple):
@@ -131,9 +126,6 @@ def _peaks(analysis: FingerAnalysis) -> str:
     )
 
 
-CAPTION_OF = {figure: CAPTIONS[key] for figure, key in _FIGURE_OF.items()}
-
-
 class FingerReport(NamedTuple):
     """A written report: its page, and its results in sentences."""
 
@@ -180,19 +172,27 @@ def write_finger_report(
     Raises WrongUse where ``out`` exists, DiskFault where it cannot be written.
     """
     with atomic_directory(out) as folder:
-        figures = _draw(analysis, folder)
         values = {**as_dict(analysis, made_utc), "closing_digests": dict(closing_digests)}
         text = json.dumps(values, indent=1, allow_nan=False, ensure_ascii=False)
         (folder / "results.json").write_text(text + "\n", encoding="utf-8")
         assumptions = {one for task in values["tasks"].values() for one in task["assumptions"]}
+        origin = _origin(analysis)
+        accuracies = accuracy_figures(values, CAPTIONS)
+        evidence, promised = evidence_figure(values), promises_figure(values)
+        named = {_stem(figure.title): figure for figure in accuracies}
+        for stem, figure in {**named, "evidence": evidence, "promises": promised}.items():
+            save_figure(figure, folder / stem, origin)
+        latencies = None
+        if analysis.latencies:
+            latencies = draw_latencies(analysis.latencies, origin, folder / "latencies")
         page = render_page(
             "finger.html",
             results=values,
-            figures=figures,
-            charts=accuracy_charts(values, CAPTION_OF),
-            evidence=evidence_chart(values),
-            promises_chart=promises_chart(values),
-            origin=_origin(analysis),
+            latencies=latencies,
+            accuracies=accuracies,
+            evidence=evidence,
+            promises_figure=promised,
+            origin=origin,
             assumptions=sorted(assumptions),
             promises=_promises(analysis),
             findings=findings(analysis),
@@ -236,24 +236,9 @@ def _promises(analysis: FingerAnalysis) -> list[str]:
     return sets + [one.sentence for one in analysis.novelty]
 
 
-def _draw(analysis: FingerAnalysis, folder: Path) -> dict[str, Path]:
-    """Draw every figure; return the PNG of each by name."""
-    origin = _origin(analysis)
-    figures = {}
-    for figure, key in _FIGURE_OF.items():
-        results = [one for one in analysis.tasks if one.task.figure == figure]
-        if results:
-            figures[key] = draw_accuracies(results, CAPTIONS[key], origin, folder / key)
-    chance, components = analysis.tasks[0].chance, analysis.settings.finger.components
-    figures["evidence"] = draw_evidence(
-        analysis.evidence, components, chance, origin, folder / "evidence"
-    )
-    figures["promises"] = draw_promises(
-        analysis.coverage, analysis.novelty, origin, folder / "promises"
-    )
-    if analysis.latencies:
-        figures["latencies"] = draw_latencies(analysis.latencies, origin, folder / "latencies")
-    return figures
+def _stem(title: str) -> str:
+    """Return the name of a figure's files, such as ``fig4b``."""
+    return "fig" + title.partition(":")[0].removeprefix("Figure ").lower()
 
 
 def _origin(analysis: FingerAnalysis) -> str:

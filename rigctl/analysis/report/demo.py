@@ -15,7 +15,10 @@ from rigctl.analysis.held_out import (
     classify_held_out,
     with_repeats,
 )
-from rigctl.analysis.report.figures import RasterData, draw_accuracy, draw_raster
+from rigctl.analysis.report.figure import Figure, Matrix, Series
+from rigctl.analysis.report.figures import RasterData, draw_raster
+from rigctl.analysis.report.result_figures import accuracy_panel
+from rigctl.analysis.report.vega import save_figure
 from rigctl.analysis.splits import Design
 from rigctl.analysis.statistics import wilson_interval
 from rigctl.analysis.trial_set import TrialSet, join_sessions, open_trials
@@ -23,6 +26,7 @@ from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.session.session import Session
 
+HELD_OUT = "Held-out trials"
 MOST_NAMED = 3
 """How many sessions the foot of a figure names."""
 
@@ -60,12 +64,43 @@ def analyse_sessions(
     held_out = classify_held_out(samples, Design.from_trials(trials), seed=seed, progress=progress)
     progress("drawing", 0, 1)
     origin, shown = _origin(trials), _most_active_trial(trials, samples)
-    accuracy = draw_accuracy(held_out, origin, figures / "accuracy")
+    both = [*held_out_accuracy(held_out).panels, *held_out_confusion(held_out).panels]
+    figure = Figure(accuracy_title(held_out), both, held_out_accuracy(held_out).notes, columns=2)
+    accuracy = save_figure(figure, figures / "accuracy", origin)
     raster = draw_raster(shown, figures / "raster")
     return DemoResult(
         accuracy_sentence(held_out), raster, accuracy, held_out, trials.remarks,
         shown, origin, trials.simulated,
     )  # fmt: skip
+
+
+def held_out_accuracy(held_out: HeldOutPredictions) -> Figure:
+    """Return the accuracy of the quick check over components."""
+    n, correct = held_out.n, held_out.correct_counts()
+    low, high = wilson_interval(correct, n)
+    ends = list(zip((100 * low).tolist(), (100 * high).tolist(), strict=True))
+    last = len(held_out.predictions)
+    y = (100 * correct / n).tolist()
+    series = Series("Speed Scaled", "blue", range(1, last + 1), y, ends)
+    panel = accuracy_panel(HELD_OUT, [series], last, held_out.chance)
+    note = f"n = {n} trials in {held_out.n_folds} folds, each tested once; bars: 95 % interval."
+    return Figure(HELD_OUT, [panel], [note])
+
+
+def held_out_confusion(held_out: HeldOutPredictions) -> Figure:
+    """Return the confusion matrix of the quick check."""
+    note = f"trials with {held_out.shown_components} components"
+    matrix = Matrix("Speed Scaled", [note], held_out.classes, held_out.confusion().tolist())
+    return Figure(HELD_OUT, [matrix])
+
+
+def accuracy_title(held_out: HeldOutPredictions) -> str:
+    """Return the title of the quick check's figure."""
+    correct, n = int(held_out.correct_counts()[held_out.shown_components - 1]), held_out.n
+    return (
+        f"Held-out trials classified correctly: {correct} of {n} "
+        f"({correct / n:.0%}) with {held_out.shown_components} components"
+    )
 
 
 def accuracy_sentence(held_out: HeldOutPredictions) -> str:

@@ -1,11 +1,10 @@
-"""Figures as SVG and PNG: the raster of a trial, the accuracy of a classification.
+"""Figures of signals by matplotlib, as SVG and PNG: the raster of a trial, and what all share.
 
 Figures are made without pyplot, so there is no global state. A figure of simulated data says so.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,9 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.held_out import HeldOutPredictions
 from rigctl.analysis.report.train_groups import TrainGroup, train_groups
-from rigctl.analysis.statistics import wilson_interval
 from rigctl.session.header import SensorLayout
 from rigctl.values import SAMPLE_RATE_HZ, Spikes
 
@@ -25,8 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DPI = 150
-MAX_LABEL_LETTERS = 40
-"""Letters of horizontal labels below a confusion matrix; longer labels are vertical."""
 TEXT, MUTED, FAINT = "#1b1f24", "#59636e", "#e6e9ed"
 STYLE: Any = {
     "axes.spines.top": False,
@@ -39,7 +34,7 @@ STYLE: Any = {
 }
 
 
-SA_COLOUR, RA_COLOUR, PALE = "#00629e", "#c24e00", "#3c9bd1"
+SA_COLOUR, RA_COLOUR = "#00629e", "#c24e00"
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,19 +72,6 @@ def draw_raster(data: RasterData, stem: Path) -> Path:
     travel.set_xlabel("texture travelled (mm)", color=MUTED)
     travel.tick_params(colors=MUTED)
     return save_figure(figure, stem, data.title, data.origin)
-
-
-def draw_accuracy(held_out: HeldOutPredictions, origin: str, stem: Path) -> Path:
-    """Draw held-out accuracy over components and the confusion matrix; return the PNG's path."""
-    figure, (left, right) = new_figure((10.5, 4.9), 1, 2, width_ratios=[1.35, 1])
-    _plot_accuracy(left, held_out)
-    _plot_confusion(right, held_out)
-    correct, n = int(held_out.correct_counts()[held_out.shown_components - 1]), held_out.n
-    title = (
-        f"Held-out trials classified correctly: {correct} of {n} "
-        f"({correct / n:.0%}) with {held_out.shown_components} components"
-    )
-    return save_figure(figure, stem, title, origin)
 
 
 def _plot_force(axes: Axes, data: RasterData) -> None:
@@ -145,63 +127,6 @@ def _plot_group(axes: Axes, spikes: Spikes, group: TrainGroup, first_y: float) -
     )
     label(middle - 0.9, group.name, weight="bold", size=12)
     label(middle + 1.2, rates, size=8)
-
-
-def _plot_accuracy(axes: Axes, held_out: HeldOutPredictions) -> None:
-    from matplotlib.ticker import MaxNLocator
-
-    k = np.arange(1, len(held_out.predictions) + 1)
-    correct = held_out.correct_counts()
-    low, high = wilson_interval(correct, held_out.n)
-    axes.fill_between(k, 100 * low, 100 * high, color=PALE, alpha=0.22, lw=0)
-    axes.plot(k, 100 * correct / held_out.n, color=SA_COLOUR, lw=1.8, marker="o", ms=3.5)
-    axes.axhline(100 * held_out.chance, color=RA_COLOUR, lw=1.3, ls=(0, (5, 3)))
-    axes.annotate(
-        f"chance {held_out.chance:.0%}",
-        (k[-1], 100 * held_out.chance),
-        xytext=(0, 4),
-        textcoords="offset points",
-        ha="right",
-        color=RA_COLOUR,
-    )
-    axes.axvline(held_out.shown_components, color=MUTED, lw=0.8, ls=":")
-    axes.set(ylim=(0, 103), xlim=(0.5, k[-1] + 0.5))
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set(xlabel="principal components", ylabel="held-out accuracy (%)")
-    title = f"n = {held_out.n} trials in {held_out.n_folds} folds; band: 95 % interval"
-    axes.set_title(title, size=9, color=MUTED, loc="left")
-
-
-def _plot_confusion(axes: Axes, held_out: HeldOutPredictions) -> None:
-    matrix = held_out.confusion()
-    plot_matrix(axes, matrix, held_out.classes, lambda count, share: str(count) if count else "")
-    axes.set(xlabel="predicted texture", ylabel="true texture")
-    title = f"trials with {held_out.shown_components} components (dotted line)"
-    axes.set_title(title, size=9, color=MUTED, loc="left")
-
-
-def plot_matrix(
-    axes: Axes,
-    counts: NDArray[np.int64],
-    classes: Sequence[str],
-    cell_text: Callable[[int, float], str],
-    **style: Any,
-) -> None:
-    """Plot a confusion matrix as shares of its rows; ``cell_text``: of count and share."""
-    shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
-    axes.imshow(shares, cmap="Blues", vmin=0, vmax=1)
-    axes.spines[:].set_visible(True)
-    axes.grid(visible=False)
-    for (i, j), share in np.ndenumerate(shares):
-        colour = "white" if share > 0.55 else TEXT
-        text = cell_text(int(counts[i, j]), float(share))
-        if text:
-            axes.text(j, i, text, ha="center", va="center", color=colour, **style)
-    letters = max(map(len, classes)) * len(classes)
-    rotation = 90 if letters > MAX_LABEL_LETTERS else 0
-    axes.set_xticks(range(len(classes)), classes, rotation=rotation)
-    axes.set_yticks(range(len(classes)), classes)
-    axes.tick_params(length=0)
 
 
 def _annotate(axes: Axes, text: str) -> None:

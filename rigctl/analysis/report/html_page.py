@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from markupsafe import Markup
+
 from rigctl.analysis.comparisons import NAME_OF
 from rigctl.analysis.notes import summarise_notes
+from rigctl.analysis.report.figure import Figure
+from rigctl.analysis.report.vega import specify, still
 
+TEMPLATES = Path(__file__).with_name("templates")
 ABSENT = "–"
 SMALLEST_P = 1e-300
 
@@ -25,17 +32,34 @@ def render_page(template: str, **context: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.globals |= {"absent": ABSENT, "names": NAME_OF}
+    environment.globals |= {
+        "absent": ABSENT,
+        "names": NAME_OF,
+        "source": lambda name: Markup((TEMPLATES / name).read_text(encoding="utf-8")),
+    }
     environment.filters |= {
         "describe": _describe,
+        "drawn": _drawn,
+        "drawn_apart": _drawn_apart,
         "name_of": NAME_OF.get,
         "notes": summarise_notes,
         "number": _number,
         "numbers": _numbers,
         "p_value": describe_p,
+        "specified": partial(specify, pointer=True),
+        "still": lambda spec: Markup(still(spec)),
         "svg_uri": _svg_uri,
     }
     return environment.get_template(template).render(context)
+
+
+def _drawn(figure: Figure) -> Markup:
+    return Markup(still(specify(figure)))
+
+
+def _drawn_apart(figure: Figure) -> list[Markup]:
+    """Return a drawing of each panel, for the page to place."""
+    return [_drawn(replace(figure, panels=[panel])) for panel in figure.panels]
 
 
 def _svg_uri(png: Path) -> str:

@@ -7,21 +7,25 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.analysis.comparisons import NAME_OF
-from rigctl.analysis.report.charts.accuracy_charts import accuracy_chart
-from rigctl.analysis.report.charts.confusion_charts import confusion_charts
-from rigctl.analysis.report.charts.small_multiples import SmallMultiples
+from rigctl.analysis.report.figure import Figure
 from rigctl.analysis.report.findings import findings
 from rigctl.analysis.report.html_page import render_page
+from rigctl.analysis.report.responses import Responses
 
 Results = Mapping[str, Any]
 
 
 def html_report(
-    results: Results, figures: Mapping[str, Path], multiples: SmallMultiples, origin: str
+    results: Results,
+    accuracy: Figure,
+    confusions: Sequence[Figure],
+    responses: Responses,
+    fig2c: Path,
+    origin: str,
 ) -> str:
     """Return the page. ``results``: from :func:`rigctl.analysis.result_tables.as_dict`.
 
-    ``origin``: of the trials, in a few words, below the charts.
+    ``fig2c``: the PNG of one taxel. ``origin``: of the trials, in a few words, below the figures.
     """
     tasks = results["tasks"].values()
     present = {key for task in tasks for key in task["representations"]}
@@ -30,12 +34,12 @@ def html_report(
     return render_page(
         "report.html",
         results=results,
-        figures=figures,
-        multiples=multiples,
+        accuracy=accuracy,
+        confusions=confusions,
+        responses=responses,
+        fig2c=fig2c,
         origin=origin,
         findings=findings(results),
-        chart=accuracy_chart(results),
-        confusions=confusion_charts(results),
         keys=[key for key in NAME_OF if key in present],
         compared=[task for task in tasks if task["order"] is not None],
         unconfirmed=unconfirmed([results], [""]),

@@ -14,11 +14,14 @@ from rigctl.analysis.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.comparisons import Ablations, measure_ablations
 from rigctl.analysis.files import atomic_directory
 from rigctl.analysis.force_scaling import ForceMatrixSource, load_c
-from rigctl.analysis.report.charts.confusion_charts import CONFUSION_TASKS
-from rigctl.analysis.report.charts.small_multiples import small_multiples
 from rigctl.analysis.report.example_taxel import check_selection, trials_origin
 from rigctl.analysis.report.html_report import html_report
-from rigctl.analysis.report.paper_figures import draw_confusion, draw_curves
+from rigctl.analysis.report.responses import measure_responses
+from rigctl.analysis.report.result_figures import (
+    accuracy_figure,
+    confusion_figures,
+)
+from rigctl.analysis.report.vega import save_figure
 from rigctl.analysis.representations import RepresentationSet, represent
 from rigctl.analysis.result_tables import as_dict, to_csv
 from rigctl.analysis.sensitivity import as_dict as sensitivity_dict
@@ -158,13 +161,8 @@ def _write(folder: Path, request: ReportRequest, analysis: _Analysis, made_utc: 
     representations, results = analysis.representations, analysis.results
     trials, ranges = representations.trials, representations.normalisation
     origin = trials_origin(trials)
-    confusion = next(r for key in CONFUSION_TASKS for r in results if r.task.key == key)
     taxel = load_course(trials, ranges, representations.parameters, request.trial, request.taxel)
-    figures = {
-        "fig3": draw_curves(results, origin, folder / "fig3"),
-        "confusion": draw_confusion(confusion, origin, folder / "confusion"),
-        "fig2c": draw_taxel(taxel, folder / "fig2c"),
-    }
+    fig2c = draw_taxel(taxel, folder / "fig2c")
     values = as_dict(
         representations, request.settings, results, analysis.remarks, made_utc, analysis.ablations
     )
@@ -181,8 +179,11 @@ def _write(folder: Path, request: ReportRequest, analysis: _Analysis, made_utc: 
     (folder / "results.json").write_text(text + "\n", encoding="utf-8")
     (folder / SETTINGS_FILE).write_text(to_toml(request.analysis), encoding="utf-8")
     (folder / "table1.csv").write_text(to_csv(values["table1"]), encoding="utf-8")
-    multiples = small_multiples(trials, ranges, representations.parameters)
-    page = html_report(values, figures, multiples, origin)
+    accuracy, confusions = accuracy_figure(values), confusion_figures(values)
+    save_figure(accuracy, folder / "fig3", origin)
+    save_figure(confusions[0], folder / "confusion", origin)
+    responses = measure_responses(trials, ranges, representations.parameters)
+    page = html_report(values, accuracy, confusions, responses, fig2c, origin)
     (folder / "report.html").write_text(page, encoding="utf-8")
 
 

@@ -12,10 +12,10 @@ import pytest
 from PIL import Image
 
 from rigctl.analysis.cache import Resources
-from rigctl.analysis.finger.figures import draw_latencies
+from rigctl.analysis.finger.figures import accuracy_figures, draw_latencies
 from rigctl.analysis.finger.published import NEW_SESSION, SAME_SESSION
 from rigctl.analysis.finger.report import (
-    CAPTION_OF,
+    CAPTIONS,
     findings,
     held_above,
     held_double,
@@ -25,8 +25,7 @@ from rigctl.analysis.finger.report import (
 from rigctl.analysis.finger.results import FingerAnalysis, analyse_finger, k_ranges
 from rigctl.analysis.finger.scans import ScanKind
 from rigctl.analysis.finger.tasks import DrawSettings
-from rigctl.analysis.report.charts.finger_charts import accuracy_charts
-from rigctl.analysis.report.charts.line_chart import ChartMark
+from rigctl.analysis.report.figure import Panel, PublishedValue
 from rigctl.errors import WrongUse
 from tests.analysis.finger.made_scans import made_data_set
 
@@ -64,7 +63,7 @@ def test_every_figure_is_there_and_says_that_it_is_simulated(folder: Path) -> No
 
 def test_the_figures_have_the_papers_values_and_both_representations(folder: Path) -> None:
     text = (folder / "fig4b.svg").read_text("utf-8")
-    for words in ("Same session: Original", "New session: Speed Scaled", "50.45", "n = 3 draws"):
+    for words in ("Same session: Original", "New session: Speed Scaled", "n = 3 draws"):
         assert words in text
     deployed = (folder / "figs5.svg").read_text("utf-8")
     assert "h &gt; 0.2" in deployed and "n = 50 trials" in deployed
@@ -114,23 +113,26 @@ def test_the_page_begins_with_what_was_found(analysis: FingerAnalysis, folder: P
     assert any("sets hold the texture (95% promised)" in sentence for sentence in found)
 
 
-def test_the_curves_of_the_page_have_switches_the_papers_values_and_asterisks(folder: Path) -> None:
+def test_the_curves_have_the_papers_values_and_asterisks(folder: Path) -> None:
     values: dict[str, Any] = json.loads((folder / "results.json").read_text("utf-8"))
-    charts = accuracy_charts(values, CAPTION_OF)
-    assert [chart.name[:10] for chart in charts] == ["Figure 4B:", "Figure 4C:", "Figure S5:"]
-    names = [name for _, _, name in charts[0].legend]
-    assert names == [
+    figures = accuracy_figures(values, CAPTIONS)
+    assert [one.title[:10] for one in figures] == ["Figure 4B:", "Figure 4C:", "Figure S5:"]
+    (panel,) = figures[0].panels
+    assert isinstance(panel, Panel)
+    assert [one.name for one in panel.series] == [
         "Same session: Original", "Same session: Speed Scaled",
         "New session: Original", "New session: Speed Scaled",
     ]  # fmt: skip
-    (panel,) = charts[0].panels
-    assert panel.series[2].marks == [ChartMark(54.0, 50.45, "the paper's peak: 50.45 %")]
-    assert "about 90 %" in panel.series[1].marks[0].text
-    starred = values["curve_tests"]["same-session"]["Speed Scaled"]["stars"]
-    assert len(panel.asterisks(panel.series[1])) == sum(map(len, starred)) > 0
+    peak = PublishedValue(54, 50.45, "the paper's peak: 50.45 % with 54 components")
+    assert panel.series[2].published == [peak] and panel.series[2].dashed
+    assert "about 90 %" in panel.series[1].published[0].text
+    same = values["tasks"]["same-session"]["curves"]["Speed Scaled"]
+    assert panel.series[1].y == [100 * share for share in same["mean"]]
+    assert panel.series[1].spread == [100 * share for share in same["standard_error"]]
+    assert panel.series[1].stars == values["curve_tests"]["same-session"]["Speed Scaled"]["stars"]
     page = (folder / "report.html").read_text("utf-8")
     assert page.index("Figure 4B") < page.index("Ours beside the paper")
-    assert page.count('data-switch="new-session Speed Scaled"') == 1
+    assert page.count("<figure class=chart") == 5
 
 
 def test_a_claim_is_counted_at_the_papers_numbers_of_components(analysis: FingerAnalysis) -> None:

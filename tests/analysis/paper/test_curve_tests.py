@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
 from rigctl.analysis import published
 from rigctl.analysis.comparisons import Agreement, compare_task, curve_differences
-from rigctl.analysis.report.paper_figures import draw_confusion, draw_curves
 from rigctl.analysis.representations import REPRESENTATIONS
 from rigctl.analysis.settings import AsteriskThresholds
 from rigctl.analysis.statistics import confusion_shares, task_curve_tests, two_proportions, welch
@@ -103,13 +100,3 @@ def test_the_captions_are_near_table_1_and_not_equal_to_it() -> None:
     table = published.TABLE_1[published.CONFUSION_TASK]
     for key, (_, percent) in published.CONFUSION_PERCENT.items():
         assert 0 < table[key][0] - percent < table[key][1]
-
-
-def test_the_figures_say_what_asterisks_mean_and_show_the_captions(tmp_path: Path) -> None:
-    draw_curves([RESULT], "Simulated bench", tmp_path / "fig3")
-    text = " ".join(ElementTree.parse(tmp_path / "fig3.svg").getroot().itertext())
-    assert "p < 0.05 and d > 0.5" in text and "The paper has none in Fig. 3" in text
-    assert "standard deviation" in text
-    draw_confusion(RESULT, "Simulated bench", tmp_path / "confusion")
-    text = " ".join(ElementTree.parse(tmp_path / "confusion.svg").getroot().itertext())
-    assert "the paper's Fig. S2: 69.64 %" in text

@@ -22,11 +22,42 @@ from rigctl.analysis.tasks import Curve, TaskResult
 from rigctl.cli import main
 from rigctl.cli.options.progress import ProgressLine
 from tests.analysis.recordings import record
+from tests.analysis.report.chromium import CHROMIUM, ask_page
 
 FILES = {
     "analysis.toml", "report.html", "results.json", "table1.csv", "unconverged_c.csv",
     "fig3.svg", "fig3.png", "confusion.svg", "confusion.png", "fig2c.svg", "fig2c.png", "fig2c.csv",
 }  # fmt: skip
+
+
+ASK_CHART = """
+var refused = [];
+addEventListener("securitypolicyviolation", function (e) { refused.push(e.violatedDirective); });
+function send(at, names) {
+  var x = at.x + at.width / 2, y = at.y + at.height / 2, to = document.elementFromPoint(x, y);
+  names.forEach(function (name) {
+    to.dispatchEvent(new PointerEvent(name, { bubbles: true, clientX: x, clientY: y }));
+  });
+}
+var wait = setInterval(function () {
+  var view = document.querySelector(".live .vega-embed svg");
+  if (!view) return;
+  clearInterval(wait);
+  send(view.querySelectorAll(".role-legend-label text")[1].getBoundingClientRect(), ["click"]);
+  setTimeout(function () {
+    var faded = view.querySelectorAll('[opacity="0.08"]').length;
+    send(view.querySelector(".role-mark").getBoundingClientRect(), ["pointerover", "pointermove"]);
+    var over = document.querySelector("#vg-tooltip-element");
+    answer({
+      refused: refused, faded: faded, words: over.innerText,
+      components: over.querySelector(".value").innerText,
+      cell: document.querySelector(".matrices title").textContent,
+      drawings: document.querySelectorAll("svg.marks").length
+    });
+  }, 500);
+}, 100);
+"""
+"""Clicks on a curve's name, then points at the middle of the first panel."""
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +129,7 @@ def test_the_page_is_self_contained_and_has_the_results(report: Path) -> None:
         words = ""
 
         def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-            self.sources += [v or "" for k, v in attrs if k in ("src", "href")]
+            self.sources += [v or "" for k, v in attrs if k in ("src", "href", "xlink:href")]
 
         def handle_data(self, data: str) -> None:
             self.words += data
@@ -125,6 +156,39 @@ def test_the_page_is_self_contained_and_has_the_results(report: Path) -> None:
     ):
         assert words in page.words
     assert str(report.parent / "session") in page.words
+
+
+def test_the_figures_say_what_asterisks_mean_and_show_the_captions(report: Path) -> None:
+    text = (report / "fig3.svg").read_text("utf-8")
+    for words in ("p &lt; 0.05 and d &gt; 0.5", "our addition", "bars: standard deviation"):
+        assert words in text
+    text = (report / "confusion.svg").read_text("utf-8")
+    assert "the paper's Fig. S2: 69.64 %" in text.replace("&#39;", "'")
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="Debian's chromium is not installed")
+def test_a_browser_shows_values_at_the_pointer_and_fades_the_other_curves(
+    report: Path, tmp_path: Path
+) -> None:
+    page = tmp_path / "report.html"
+    page.write_bytes((report / "report.html").read_bytes())
+    found = ask_page(page, ASK_CHART)
+    plain = json.loads((report / "results.json").read_text())
+    curve = plain["tasks"]["textures"]["representations"]["original"]
+    values = [
+        f"{100 * mean:.2f} ± {100 * sd:.2f} %"
+        for mean, sd in zip(curve["mean"], curve["sd"], strict=True)
+    ]
+    assert values[int(found["components"]) - 1] in found["words"]
+    assert found["faded"] > 0 and found["refused"] == []
+    assert found["cell"].endswith("%)") and found["drawings"] >= 6
+
+
+def test_without_scripts_the_page_shows_every_figure(report: Path) -> None:
+    text = (report / "report.html").read_text("utf-8")
+    plots = text.split("<div class=plot>")[1:]
+    assert [plot.startswith("<svg") for plot in plots] == [True]
+    assert plots[0].count("chance") >= 6 and text.count("<div><svg") == 6 * 4
 
 
 def test_several_reports_are_compared(

@@ -29,7 +29,7 @@ from gui.shell.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
 from rigctl.session.header import SensorLayout
 from rigctl.wire.drum.states import State
-from tests.gui.texts.results_scenes import largest_accuracy, largest_confusion
+from tests.gui.texts.results_scenes import ORIGIN, largest_accuracy, largest_confusion
 
 SIZE = (1400, 900)
 PRESSES, BETWEEN_S, FIRST_S = 6, 0.23, 0.02
@@ -119,8 +119,8 @@ class StopScenes:
         window.show_panel("analysis")
         tab._analysed = self._session
         pages = (
-            plot_page("Accuracy", largest_accuracy()),
-            plot_page("Confusion", largest_confusion()),
+            plot_page("Accuracy", ORIGIN, largest_accuracy()),
+            plot_page("Confusion", ORIGIN, *largest_confusion()),
         )
         results = AnalysisResults("done", pages, name="large")
         yield "results", lambda: tab._finish("analyse", results)

@@ -9,19 +9,13 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
-from gui.analysis.figures.accuracy import (
-    AccuracyCurve,
-    AccuracyPanel,
-    AccuracyPlot,
-    PublishedAccuracy,
-)
 from gui.analysis.figures.accuracy_page import AccuracyPage
-from gui.analysis.figures.confusion import ConfusionCounts, ConfusionPlot
 from gui.analysis.figures.confusion_page import ConfusionPage
-from gui.analysis.figures.read_results import SEEN
 from gui.analysis.results import AnalysisResults, ResultsPage, plot_page
 from gui.shell.main_window import MainWindow
 from rigctl.analysis.published import GROUPS, TASKS
+from rigctl.analysis.report.figure import Figure, Matrix, PublishedValue, Series
+from rigctl.analysis.report.result_figures import BLIND, STYLES, accuracy_panel
 from rigctl.analysis.representations import REPRESENTATIONS
 from tests.gui.steps import wait_until
 
@@ -35,8 +29,8 @@ def results_scenes(window: MainWindow) -> Iterator[str]:
     words = [ResultsPage(name, html="<p>A sentence.</p>") for name in ("Table 1", "One taxel")]
     more = [ResultsPage(name, html="<p>A sentence.</p>") for name in ("Presets", "Remarks")]
     figures = [
-        plot_page("Accuracy", largest_accuracy()),
-        plot_page("Confusion", largest_confusion()),
+        plot_page("Accuracy", ORIGIN, largest_accuracy()),
+        plot_page("Confusion", ORIGIN, *largest_confusion()),
     ]
     pages = (words[0], *figures, words[1], *more)
     sentence, name = "98.85 ± 0.16 % of 48 trials right", ORIGIN.partition(" · ")[2]
@@ -59,23 +53,29 @@ def results_scenes(window: MainWindow) -> Iterator[str]:
         yield f"Analysis, {tab.results_view.tabText(index)}"
 
 
-def largest_accuracy() -> AccuracyPlot:
+def largest_accuracy() -> Figure:
     """Return the curves of all tasks and representations."""
-    percent = tuple(np.linspace(10, 98, 50).tolist())
-    paper = PublishedAccuracy(98.85, 0.16, 50)
-    curves = tuple(
-        AccuracyCurve(r.key, r.name, percent, (1.25,) * 50, paper) for r in REPRESENTATIONS
-    )
-    panels = tuple(AccuracyPanel(title, 6.25, curves, "sd over 20 draws") for title in TITLES)
-    return AccuracyPlot(panels, ORIGIN, True)
-
-
-def largest_confusion() -> ConfusionPlot:
-    """Return the matrices of all tasks and representations."""
-    counts = np.full((16, 16), 1234) + 16_000 * np.eye(16, dtype=np.int64)
-    matrices = tuple(
-        ConfusionCounts(title, r.name, 50, tuple(GROUPS), counts, SEEN)
-        for title in TITLES
+    paper = [PublishedValue(50, 98.85, "the paper 98.85 ± 0.16 %")]
+    percent = np.linspace(10, 98, 50).tolist()
+    curves = [
+        Series(
+            r.name, STYLES[r.key], range(1, 51), percent, (1.25,) * 50, published=paper,
+            dashed=r.key.endswith(BLIND),
+        )
         for r in REPRESENTATIONS
-    )
-    return ConfusionPlot(matrices, ORIGIN, True)
+    ]  # fmt: skip
+    panels = [accuracy_panel(title, curves, 50, 0.0625) for title in TITLES]
+    return Figure("Accuracy", panels, ["Mean of 20 draws; bars: standard deviation."])
+
+
+def largest_confusion() -> list[Figure]:
+    """Return the matrices of all tasks and representations."""
+    counts = (np.full((16, 16), 1234) + 16_000 * np.eye(16, dtype=np.int64)).tolist()
+    note = "% of 34,510 trials a row; C knew the texture"
+    return [
+        Figure(
+            f"{title}: confusion with 50 components",
+            [Matrix(r.name, [note], tuple(GROUPS), counts) for r in REPRESENTATIONS],
+        )
+        for title in TITLES
+    ]

@@ -1,4 +1,4 @@
-"""Small multiples of a set: what each panel shows of its trials, on scales that all share."""
+"""The responses of a set: what each panel shows of its trials, on scales that all share."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rigctl.analysis.report.charts import condition_responses
-from rigctl.analysis.report.charts.condition_responses import measure_responses
-from rigctl.analysis.report.charts.small_multiples import SmallMultiples, small_multiples
+from rigctl.analysis.report import responses
+from rigctl.analysis.report.responses import Responses, measure_responses
+from rigctl.analysis.report.vega import still
 from rigctl.analysis.trial_set import TrialSet, join_sessions, open_trials
 from rigctl.encoding.encoder import encode_trial
 from rigctl.encoding.normalisation import Normalisation
@@ -28,7 +28,8 @@ def trials(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TrialSet]:
 
 def test_a_response_is_that_of_the_trials_first_second(trials: TrialSet) -> None:
     found = {
-        (r.texture, r.force_g, r.speed_mm_s): r for r in measure_responses(trials, RANGES, DEFAULT)
+        (r.texture, r.force_g, r.speed_mm_s): r
+        for r in measure_responses(trials, RANGES, DEFAULT).conditions
     }
     assert len(found) == 2 * 2 * 2
     one = found["B", 500.0, 40.0]
@@ -52,7 +53,7 @@ def test_a_response_is_that_of_the_trials_first_second(trials: TrialSet) -> None
 
 def test_readings_outside_the_ranges_are_clipped(trials: TrialSet) -> None:
     above = Normalisation(np.full(18, 1022, np.uint16), np.full(18, 1023, np.uint16), "by hand")
-    for response in measure_responses(trials, above, DEFAULT):
+    for response in measure_responses(trials, above, DEFAULT).conditions:
         assert response.reading.min() >= 0 and response.reading.max() <= 1
 
 
@@ -60,29 +61,39 @@ def test_panels_stand_by_texture_and_speed_for_each_force(trials: TrialSet) -> N
     missing = tuple(
         t for t in trials.trials if (t.texture, t.force_g, t.speed_mm_s) != ("A", 250.0, 80.0)
     )
-    multiples = small_multiples(replace(trials, trials=missing), RANGES, DEFAULT)
-    light, heavy = multiples.blocks
-    assert (light.force_g, light.speeds_mm_s, heavy.force_g) == (250.0, (40.0, 80.0), 500.0)
-    assert [name for name, _ in light.rows] == ["A", "B"]
-    shown = [[panel is not None for panel in panels] for _, panels in light.rows]
-    assert shown == [[True, False], [True, True]]
-    panel = heavy.rows[1][1][0]
-    assert panel is not None and "4 of 6 trials averaged" in panel.title
-    assert panel.raster.startswith("data:image/png;base64,") and panel.reading.startswith("M")
-    assert "spikes/s a neuron" in multiples.note and "are not" not in multiples.note
+    found = measure_responses(replace(trials, trials=missing), RANGES, DEFAULT)
+    light, heavy = found.grids().values()
+    assert list(found.grids()) == [250.0, 500.0]
+    panels = [row for row in light["data"]["values"] if "words" in row]
+    places = [(row["texture"], row["speed"]) for row in panels]
+    assert places == [("A", 40.0), ("B", 40.0), ("B", 80.0)]
+    svg = still(heavy)
+    for words in ("40 mm/s", "reading", "spikes/s", "0 s", "Texture B, 80 mm/s, 500 g: mean"):
+        assert words in svg
+    assert svg.count("4 of 6 trials averaged") == svg.count("data:image/png;base64,") == 4
+    assert "spikes/s a neuron" in found.note and "are not" not in found.note
+
+
+def test_all_panels_have_the_same_scales(trials: TrialSet) -> None:
+    found = measure_responses(trials, RANGES, DEFAULT)
+    rows = [row for grid in found.grids().values() for row in grid["data"]["values"]]
+    readings = [y for row in rows if row.get("colour") == "var(--ink)" for y in row["y"]]
+    assert (min(readings), max(readings)) == pytest.approx((1.0, 23.0), abs=4.0)
+    rates = [y for row in rows if row.get("colour") == "var(--sa)" for y in row["y"]]
+    assert min(rates) == 65.0 and max(rates) <= 89.0
 
 
 def test_the_number_of_panels_is_bounded_and_said(
     trials: TrialSet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(condition_responses, "MAX_CONDITIONS", 3)
-    multiples = small_multiples(trials, RANGES, DEFAULT)
-    assert (len(multiples.responses), multiples.left_out) == (3, 5)
-    assert "Only 3 conditions are shown, 5 are not." in multiples.note
+    monkeypatch.setattr(responses, "MAX_CONDITIONS", 3)
+    found = measure_responses(trials, RANGES, DEFAULT)
+    assert (len(found.conditions), found.left_out) == (3, 5)
+    assert "Only 3 conditions are shown, 5 are not." in found.note
 
 
 def test_a_silent_sensor_has_panels_too(trials: TrialSet) -> None:
     silent = Normalisation(np.zeros(18, np.uint16), np.zeros(18, np.uint16), "by hand")
-    (first, *_) = measure_responses(trials, silent, DEFAULT)
-    (block,) = SmallMultiples([first]).blocks
-    assert block.rows[0][1][0] is not None and not first.raster.any()
+    first = measure_responses(trials, silent, DEFAULT).conditions[0]
+    assert not first.raster.any()
+    assert "Texture A" in still(Responses([first]).grids()[first.force_g])

@@ -1,1 +1,0 @@
-"""Charts of a report's page: inline SVG that stays sharp, follows the theme, and can be hovered."""

@@ -1,0 +1,342 @@
+"""Figures as Vega-Lite: the same specification is the page's chart and the figure's file.
+
+In files colours are those of paper, on the page variables of its style sheet.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from textwrap import wrap
+from typing import Any
+
+from rigctl.analysis.report.figure import COLOURS, Figure, Matrix, Panel, Series
+
+Spec = dict[str, Any]
+Colours = Mapping[str, str]
+
+THEMED: Colours = {name: f"var(--{name})" for name in (*COLOURS, "sa", "ra")}
+EMPTY_PATH = re.compile(r'<path [^>]*d=""[^>]*/>')
+"""Vega draws them in front of each group; Qt warns of them."""
+MANY_DIGITS = re.compile(r"(\.\d\d)\d{4,}")
+"""Of places: a fraction of a pixel does not show."""
+FONT = "Liberation Sans, Arial, Helvetica, sans-serif"
+SCHEMA = "https://vega.github.io/schema/vega-lite/v6.json"
+VERSION = "6.4"
+"""Of Vega-Lite; the page's ``vega.js`` has it too."""
+LICENCES = (
+    "/* Vega, Vega-Lite, Vega-Embed: BSD-3-Clause, University of Washington Interactive Data Lab. "
+    "D3: ISC, Mike Bostock. */"
+)
+PNG_PPI = 144
+PANEL_WIDTH, PANEL_HEIGHT = 330, 200
+STAR_ROW = 10
+NOTE_LETTERS = 68
+"""Of a note above the width of a panel."""
+MATRIX_SIDE, SMALLEST_CELL, LARGEST_CELL = 320, 20, 44
+MOST_ANNOTATED = 40
+"""Classes of a matrix whose cells have texts."""
+FAINTEST_TEXT, DARK_SHARE = 0.005, 0.55
+
+
+def save_figure(figure: Figure, stem: Path, origin: str) -> Path:
+    """Write a figure to ``stem``.svg and .png; return the PNG. Equal figures give equal files.
+
+    ``origin``: the source of the data in a few words, at the foot.
+    """
+    import vl_convert
+
+    spec = specify(figure, COLOURS)
+    spec["background"] = COLOURS["page"]
+    columns = spec["columns"]
+    if len(figure.panels) == len(figure.plots) == 1:
+        columns = 2
+        spec["concat"][0] |= {"title": "", "width": 2 * PANEL_WIDTH, "height": 1.5 * PANEL_HEIGHT}
+    notes = [
+        line for note in (*figure.notes, origin) for line in wrap(note, NOTE_LETTERS * columns)
+    ]
+    title = {"text": figure.title, "subtitle": notes, "anchor": "start", "fontSize": 14}
+    spec["title"] = {**title, "offset": 14}
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    stem.with_suffix(".svg").write_text(still(spec), "utf-8")
+    png = stem.with_suffix(".png")
+    png.write_bytes(vl_convert.vegalite_to_png(spec, VERSION, ppi=PNG_PPI))
+    return png
+
+
+def still(spec: Spec) -> str:
+    """Return a specification drawn as SVG."""
+    import vl_convert
+
+    return MANY_DIGITS.sub(r"\1", EMPTY_PATH.sub("", vl_convert.vegalite_to_svg(spec, VERSION)))
+
+
+def specify(figure: Figure, colours: Colours = THEMED, *, pointer: bool = False) -> Spec:
+    """Return the Vega-Lite specification of a figure; ``pointer``: shows the values there."""
+    legend = list(figure.legend.values())
+    panels = [
+        _matrix(panel, colours)
+        if isinstance(panel, Matrix)
+        else _lines(panel, number, legend, colours, pointer=pointer)
+        for number, panel in enumerate(figure.panels)
+    ]
+    settings = config(colours)
+    columns = min(figure.columns, len(panels))
+    settings["legend"]["columns"] = columns + 1
+    return {
+        "$schema": SCHEMA,
+        "background": None,
+        "padding": 4,
+        "columns": columns,
+        "concat": panels,
+        "spacing": {"row": 16, "column": 20},
+        "config": settings,
+    }
+
+
+def config(colours: Colours) -> Spec:
+    """Return fonts and colours of every figure."""
+    muted, text = colours["muted"], colours["text"]
+    labels = {"labelColor": muted, "titleColor": muted, "labelFontSize": 10, "titleFontSize": 10}
+    return {
+        "font": FONT,
+        "view": {"stroke": None},
+        "title": {"color": text, "subtitleColor": muted, "fontSize": 12, "subtitleFontSize": 10},
+        "axis": {
+            **labels,
+            "titleFontWeight": "normal",
+            "gridColor": colours["line"],
+            "domainColor": muted,
+            "tickColor": muted,
+        },
+        "legend": {
+            **labels,
+            "labelFontSize": 11,
+            "orient": "top",
+            "labelLimit": 0,
+            "title": None,
+            "columnPadding": 20,
+        },
+        "text": {"font": FONT, "color": muted},
+    }
+
+
+def _lines(
+    panel: Panel, number: int, legend: Sequence[Series], colours: Colours, *, pointer: bool
+) -> Spec:
+    """Return a panel of curves; the first one has the switches of the legend."""
+    x, y = _axes(panel)
+    shown = {"condition": {"param": "shown", "value": 1}, "value": 0.08}
+    curve = {"x": x, "y": y, "color": _hues(legend, colours), "opacity": shown}
+    lines = {
+        "mark": {"type": "line", "strokeWidth": 1.5, "aria": False},
+        "encoding": {**curve, "strokeDash": _dashes(legend)},
+    }
+    bars: Spec = {
+        "transform": [{"filter": "isValid(datum.low)"}],
+        "mark": {"type": "rule", "strokeWidth": 0.7, "aria": False},
+        "encoding": {**curve, "y": {**y, "field": "low"}, "y2": {"field": "high"}},
+    }
+    if number == 0:
+        select = {"type": "point", "fields": ["name"]}
+        bars["params"] = [{"name": "shown", "select": select, "bind": "legend"}]
+    layers = [bars, lines, _published(panel, curve), *_stars(panel, x, shown, colours)]
+    if panel.level:
+        layers = [*_level(panel.level, colours), *layers]
+    if pointer:
+        layers = [*layers, _pointer(panel, number, x, colours)]
+    return {
+        "title": {"text": panel.title, "anchor": "start", "offset": 6},
+        "width": PANEL_WIDTH,
+        "height": PANEL_HEIGHT,
+        "data": {"values": list(_rows(panel))},
+        "layer": layers,
+    }
+
+
+def _hues(legend: Sequence[Series], colours: Colours) -> Spec:
+    """Return each curve's colour, with the legend."""
+    hues = {one.name: colours[one.colour] for one in legend}
+    return {
+        "field": "name",
+        "type": "nominal",
+        "scale": {"domain": list(hues), "range": list(hues.values())},
+        "legend": {"symbolType": "stroke", "symbolStrokeWidth": 2},
+    }
+
+
+def _dashes(legend: Sequence[Series]) -> Spec:
+    dashes = {one.name: [4, 3] if one.dashed else [1, 0] for one in legend}
+    scale = {"domain": list(dashes), "range": list(dashes.values())}
+    return {"field": "name", "type": "nominal", "scale": scale}
+
+
+def _axes(panel: Panel) -> tuple[Spec, Spec]:
+    whole = all(float(x).is_integer() for one in panel.series for x in one.x)
+    ticks = {"tickMinStep": 1} if whole else {}
+    x = {
+        "field": "x",
+        "type": "quantitative",
+        "title": panel.x_label,
+        "scale": {"domain": panel.x_range, "nice": False},
+        "axis": {"tickCount": 6, "grid": True, **ticks},
+    }
+    y = {
+        "field": "y",
+        "type": "quantitative",
+        "title": panel.y_label,
+        "scale": {"domain": panel.y_range, "nice": False},
+        "axis": {"tickCount": 6, "grid": True},
+    }
+    return x, y
+
+
+def _rows(panel: Panel) -> Iterator[Spec]:
+    """Yield each point with the ends of its bar; none leaves the plot."""
+    low, high = panel.y_range
+    for one in panel.series:
+        for i, (x, y) in enumerate(zip(one.x, one.y, strict=True)):
+            row = {"y": y}
+            if (ends := one.ends(i)) is not None:
+                row |= {"low": ends[0], "high": ends[1]}
+            inside = {key: round(min(max(value, low), high), 2) for key, value in row.items()}
+            yield {"name": one.name, "x": round(x, 3), **inside}
+
+
+def _level(level: tuple[float, str], colours: Colours) -> list[Spec]:
+    at = {"y": {"datum": level[0]}}
+    dotted = {"type": "rule", "strokeDash": [1, 3], "color": colours["muted"]}
+    words = {
+        "type": "text",
+        "align": "right",
+        "baseline": "top",
+        "dx": -2,
+        "dy": 3,
+        "text": level[1],
+        "aria": False,
+    }
+    return [
+        {"data": {"values": [{}]}, "mark": dotted, "encoding": at},
+        {"data": {"values": [{}]}, "mark": words, "encoding": {**at, "x": {"value": "width"}}},
+    ]
+
+
+def _published(panel: Panel, curve: Spec) -> Spec:
+    """Return the paper's values, filled for curves that are drawn through."""
+    rows = [
+        {"name": one.name, "x": value.x, "y": value.y, "fill": 0 if one.dashed else 1}
+        for one in panel.series
+        for value in one.published
+    ]
+    fill = {"field": "fill", "type": "quantitative", "scale": None}
+    mark = {"type": "point", "shape": "diamond", "size": 70, "aria": False}
+    return {
+        "data": {"values": rows},
+        "mark": mark,
+        "encoding": {**curve, "fill": curve["color"], "fillOpacity": fill},
+    }
+
+
+def _stars(panel: Panel, x: Spec, shown: Spec, colours: Colours) -> list[Spec]:
+    """Return a row of asterisks above the plot for each starred curve, grey where it is worse."""
+    layers = []
+    for row, one in enumerate(panel.starred):
+        values = [
+            {"name": one.name, "x": at, "stars": stars, "worse": worse}
+            for at, stars, worse in zip(one.x, one.stars, one.worse, strict=True)
+            if stars
+        ]
+        grey = {"test": "datum.worse", "value": colours["muted"]}
+        encoding = {
+            "x": x,
+            "y": {"value": -5 - STAR_ROW * row},
+            "text": {"field": "stars"},
+            "color": {"condition": grey, "value": colours[one.colour]},
+            "opacity": shown,
+        }
+        mark = {"type": "text", "angle": 90, "fontSize": 9, "baseline": "middle", "aria": False}
+        layers.append({"data": {"values": values}, "mark": mark, "encoding": encoding})
+    return layers
+
+
+def _pointer(panel: Panel, number: int, x: Spec, colours: Colours) -> Spec:
+    """Return a band at the pointer that says the values of every curve there."""
+    places = panel.places()
+    middles = [(a + b) / 2 for a, b in pairwise(places)]
+    edges = pairwise([panel.x_range[0], *middles, panel.x_range[1]])
+    rows = [
+        {"x": left, "right": right, "at": f"{at:g}"}
+        | {f"s{i}": one.words_at(at, panel.unit) for i, one in enumerate(panel.series)}
+        for at, (left, right) in zip(places, edges, strict=True)
+    ]
+    head = {"field": "at", "title": panel.x_name or panel.x_label}
+    values = [{"field": f"s{i}", "title": one.name} for i, one in enumerate(panel.series)]
+    here = {"param": f"at{number}", "value": 0.15, "empty": False}
+    select = {"type": "point", "on": "pointerover", "clear": "pointerout"}
+    return {
+        "data": {"values": rows},
+        "params": [{"name": f"at{number}", "select": select}],
+        "mark": {"type": "rect", "color": colours["muted"], "aria": False},
+        "encoding": {
+            "x": x,
+            "x2": {"field": "right"},
+            "opacity": {"condition": here, "value": 0},
+            "tooltip": [head, *values],
+        },
+    }
+
+
+def _matrix(matrix: Matrix, colours: Colours) -> Spec:
+    """Return the shares of a matrix's rows; the description of a cell says its trials."""
+    classes = list(matrix.classes)
+    annotated = len(classes) <= MOST_ANNOTATED
+    cell = min(max(MATRIX_SIDE / len(classes), SMALLEST_CELL), LARGEST_CELL) if annotated else 8
+    axis = {"type": "nominal", "sort": None, "scale": {"domain": classes}}
+    turned = 0 if max(map(len, classes)) <= 2 else -90
+    place = {
+        "x": {**axis, "field": "column", "title": "predicted", "axis": {"labelAngle": turned}},
+        "y": {**axis, "field": "row", "title": "true"},
+    }
+    share = {"field": "share", "type": "quantitative", "scale": {"domain": [0, 1], "range": [0, 1]}}
+    shade = {**place, "fillOpacity": {**share, "legend": None}, "description": {"field": "words"}}
+    dark = {"test": f"datum.share > {DARK_SHARE}", "value": colours["page"]}
+    digits = {"text": {"field": "percent"}, "color": {"condition": dark, "value": colours["text"]}}
+    layers = [{"mark": {"type": "rect", "color": colours["blue"]}, "encoding": shade}]
+    if annotated:
+        mark = {"type": "text", "fontSize": 9, "aria": False}
+        layers.append({"mark": mark, "encoding": {**place, **digits}})
+    return {
+        "title": {"text": matrix.title, "subtitle": list(matrix.subtitle), "anchor": "start"},
+        "width": {"step": cell},
+        "height": {"step": cell},
+        "view": {"stroke": colours["muted"]},
+        "data": {"values": _cells(matrix)},
+        "layer": layers,
+    }
+
+
+def _cells(matrix: Matrix) -> list[Spec]:
+    """Return the cells with trials: names, share of the row, its per cent, and all in words."""
+    cells = []
+    for row, true in enumerate(matrix.classes):
+        for column, predicted in enumerate(matrix.classes):
+            if not matrix.counts[row][column]:
+                continue
+            share = matrix.share(row, column)
+            percent = f"{100 * share:.0f}" if share >= FAINTEST_TEXT else ""
+            cell = {"row": true, "column": predicted, "share": round(share, 3)}
+            cells.append({**cell, "percent": percent, "words": matrix.words(row, column)})
+    return cells
+
+
+def bundle() -> str:
+    """Return the scripts of Vega, Vega-Lite and Vega-Embed as they are kept in ``vega.js``."""
+    import vl_convert
+
+    return f"{LICENCES}\n{vl_convert.javascript_bundle('window.vegaEmbed = vegaEmbed;', VERSION)}"
+
+
+if __name__ == "__main__":
+    Path(__file__).with_name("templates").joinpath("vega.js").write_text(bundle(), "utf-8")
