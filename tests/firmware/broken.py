@@ -142,8 +142,8 @@ BROKEN: dict[str, dict[str, list[Edit]]] = {
         "tare-in-contact": [
             (
                 "taring.cpp",
-                "bool Taring::begin(bool forced) {\n",
-                "bool Taring::begin(bool forced) {\n    forced = true;\n",
+                "    if (!forced && !free) return false;\n",
+                "    static_cast<void>(free);\n",
             )
         ],
         "one-sample": [("force_sensor.cpp", "sampling.slow ? 1 : 2;", "sampling.slow ? 1 : 1;")],
