@@ -169,11 +169,15 @@ scans: firmware
 ATTACK_SEED ?= $(shell date +%s)
 ATTACKS ?= 100000
 CHIP_ATTACKS ?= 2000
+CHIP_WIRE_ATTACKS ?= 500
+# More than there are.
+WIRE_PAIRS ?= 10000
 
 attack: firmware
 	$(SAY) "$(ATTACKS) attacks on the drum's virtual board, the worst of them and others on its chip"
 	@RIGCTL_ATTACK_SEED=$(ATTACK_SEED) RIGCTL_ATTACKS=$(ATTACKS) RIGCTL_CHIP_ATTACKS=$(CHIP_ATTACKS) \
-	  RIGCTL_WIRE_ATTACKS=$(ATTACKS) \
+	  RIGCTL_WIRE_ATTACKS=$(ATTACKS) RIGCTL_CHIP_WIRE_ATTACKS=$(CHIP_WIRE_ATTACKS) \
+	  RIGCTL_WIRE_PAIRS=$(WIRE_PAIRS) \
 	  $(BIN)/python -m pytest -q tests/attack
 
 docs: firmware

@@ -30,9 +30,9 @@ void Actuator::want(float mm_s) {
     if (pulsing_) pulse_left_ = pulse_ = 0;
 }
 
-void Actuator::lift() {
+void Actuator::lift(bool gently) {
     pulsing_ = false;
-    direct_ = -FULL;
+    direct_ = gently ? -gentle_ : -FULL;
 }
 
 // Each slot of PULSE_MS gives one pulse or none; what it gave too much or too little is owed.

@@ -27,8 +27,8 @@ class Actuator {
 
     // Wanted speed in mm/s, positive presses.
     void want(float mm_s);
-    // Full duty upwards.
-    void lift();
+    // Full duty upwards, or the duty of a few mm/s.
+    void lift(bool gently);
     void rest() { want(0); }
 
     // Once a millisecond: the duty in permille for the next one.
@@ -37,11 +37,15 @@ class Actuator {
     void watch(uint16_t position_um);
 
   private:
-    void set_slope() { slope_ = (FULL - dead_band_) / full_mm_s_; }
+    void set_slope() {
+        slope_ = (FULL - dead_band_) / full_mm_s_;
+        gentle_ = duty(GENTLE_MM_S);
+    }
     int16_t duty(float mm_s) const;
     void learn(uint16_t travel_um, uint16_t ms);
 
     static constexpr int16_t WHOLE_PULSE = 8192;
+    static constexpr float GENTLE_MM_S = board::GENTLE_LIFT_MM_S;
 
     float full_mm_s_ = board::ACTUATOR_MAX_MM_S;  // speed at full duty
     float slope_ = 900.0f / board::ACTUATOR_MAX_MM_S;  // permille for each mm/s above the dead band
@@ -52,6 +56,7 @@ class Actuator {
     uint8_t pulse_left_ = 0;
     bool pulsing_ = true, full_known_ = false;
     uint16_t dead_band_ = 100, given_dead_band_ = 100;
+    int16_t gentle_ = 100 + 900 * GENTLE_MM_S / board::ACTUATOR_MAX_MM_S;  // duty of a gentle lift
     int16_t watched_ = 0;      // duty under observation
     uint16_t watched_ms_ = 0;
     uint16_t started_um_ = 0;

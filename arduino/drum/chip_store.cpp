@@ -36,5 +36,7 @@ void save(const uint16_t *words) { stored.save(words); }
 bool saving() { return stored.saving(); }
 uint32_t commissioned() { return stored.commissioned(); }
 void commission(uint32_t hash) { stored.commission(hash); }
+Place place() { return stored.place(); }
+void keep_place(const Place &place) { stored.keep_place(place); }
 
 }  // namespace ports

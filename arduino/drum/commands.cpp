@@ -102,6 +102,8 @@ bool Commands::press(bool for_setup) {
     constexpr uint32_t MOST_TENTHS = board::MOST_FORCE_G * 10UL;
     if (!controller_.machine().accepts(Event::Approach)) return false;
     if (!controller_.contact().gone() || !controller_.sensor().tare_holds()) return false;
+    // A cell that was broken before it was weighed shows it only to a finger.
+    if (!controller_.cell_trusted()) return false;
     // A cell that came loose at rest shows something else.
     if (!controller_.sensor().reads_zero()) return false;
     const uint32_t highest = bank_.word(reg::force_set) + bank_.word(reg::force_set) / 10U;
@@ -109,6 +111,7 @@ bool Commands::press(bool for_setup) {
     // Also at twice the speed that is asked for, less than 250 g on the stiffest contact.
     constexpr int32_t SETUP_COUNTS = board::counts_of(200);
     controller_.sensor().zero().limit(for_setup ? SETUP_COUNTS : board::MOST_COUNTS);
+    controller_.recall_place();
     controller_.contact().press();
     controller_.force_control().begin(for_setup);
     return follow(Event::Approach);
@@ -122,6 +125,7 @@ bool Commands::commission() {
     if (!controller_.may_change(Guard::Resting) || ports::saving()) return false;
     if (controller_.commission().holds()) return true;
     controller_.commission().keep();
+    controller_.keep_place();
     pending_ = Pending::Save;
     return true;
 }

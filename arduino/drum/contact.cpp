@@ -6,6 +6,7 @@ namespace {
 
 constexpr float WHOLE_TRAVEL_MS = board::ACTUATOR_TRAVEL_UM / board::ACTUATOR_MAX_MM_S;
 constexpr uint16_t FULL_LIFT_MS = 1.2f * WHOLE_TRAVEL_MS;
+constexpr uint16_t GENTLE_LIFT_MS = 1.2f * board::ACTUATOR_TRAVEL_UM / board::GENTLE_LIFT_MM_S;
 constexpr uint8_t FREE_READINGS = 8;  // in a row: a coasting rod is at rest by then
 constexpr uint16_t GONE_UM = 3000;    // above the last contact: more than ridges and run-out
 
@@ -28,13 +29,14 @@ bool Contact::close(uint16_t zone_um) const {
     return signals_.position_um() + static_cast<uint32_t>(zone_um) >= contact_um_;
 }
 
-bool Contact::high_enough(bool to_the_top, uint32_t lifting_ms, uint16_t clearance_um) const {
+bool Contact::high_enough(bool to_the_top, const Lift &lift) const {
     if (signals_.at_upper_end()) return true;
     if (sensor_.reads_contact()) return false;
     if (!signals_.reads_position())
-        return !signals_.fitted(Signal::EndSwitches) && lifting_ms > FULL_LIFT_MS;
+        return !signals_.fitted(Signal::EndSwitches) &&
+               lift.ms > (lift.gentle ? GENTLE_LIFT_MS : FULL_LIFT_MS);
     if (signals_.at_top()) return true;
-    return !to_the_top && lifted_by(clearance_um);
+    return !to_the_top && lifted_by(lift.clearance_um);
 }
 
 // By the upper end, by the reading, or by the way above the last contact.

@@ -10,6 +10,12 @@
 
 class Contact {
   public:
+    struct Lift {
+        uint32_t ms;            // since it began
+        uint16_t clearance_um;  // above the last contact
+        bool gentle;            // slower than full speed
+    };
+
     Contact(ForceSensor &sensor, const Signals &signals) : sensor_(sensor), signals_(signals) {}
 
     // The wires that end a lift changed: what they showed before does not count.
@@ -36,16 +42,28 @@ class Contact {
     void take_reading(bool driver_off, bool standing);
 
     // Returns whether a lift may end: high enough after this time, and no force is read.
-    bool high_enough(bool to_the_top, uint32_t lifting_ms, uint16_t clearance_um) const;
+    bool high_enough(bool to_the_top, const Lift &lift) const;
     // Returns whether the last contact is this close below, or is not known.
     bool close(uint16_t zone_um) const;
     // A force was reached: the next approach goes little further than this contact.
     void remember_place() {
         place_um_ = contact_um_;
         place_known_ = signals_.reads_position();
+        other_drum_ = false;
+    }
+    // The place of an earlier boot.
+    void expect_place(uint16_t um) {
+        place_um_ = um;
+        place_known_ = true;
     }
     // Another drum or sensor is mounted.
-    void forget_place() { place_known_ = false; }
+    void forget_place() {
+        place_known_ = false;
+        other_drum_ = true;
+    }
+    bool other_drum() const { return other_drum_; }
+    bool place_known() const { return place_known_; }
+    uint16_t place_um() const { return place_um_; }
     bool too_deep(uint16_t most_um) const {
         return place_known_ && signals_.reads_position() &&
                ContactWatch::beyond(signals_.position_um(), place_um_, most_um);
@@ -70,6 +88,7 @@ class Contact {
     uint8_t free_run_ = 0;  // readings in a row without contact
     bool contact_known_ = false, place_known_ = false;
     bool lift_failed_ = false;
+    bool other_drum_ = false;  // and no force was reached with it
 };
 
 #endif  // CONTACT_H

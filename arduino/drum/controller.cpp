@@ -19,10 +19,15 @@ constexpr uint32_t ARMING_ONLY = bit(Fault::LoadcellRate) | bit(Fault::LoadcellN
 constexpr uint16_t LIFT_TIME_MS = 700;
 // A lift that takes longer is stuck.
 constexpr uint16_t LIFT_LIMIT_MS = 1.6f * (board::ACTUATOR_TRAVEL_UM / board::ACTUATOR_MAX_MM_S);
+constexpr uint16_t GENTLE_LIMIT_MS = 1.6f * (board::ACTUATOR_TRAVEL_UM / board::GENTLE_LIFT_MM_S);
 
 // The first motion since a boot may change the reading by this, and a lift may raise it by this:
 // 0.1 mm on the stiffest contact.
 constexpr uint16_t FIRST_FORCE_G = 150;
+// Of a board that is not commissioned, whose potentiometer may say the opposite.
+constexpr uint16_t GENTLE_FORCE_G = 60;
+// A place that differs by less is not written: the EEPROM wears.
+constexpr uint16_t KEPT_PLACE_UM = 300;
 constexpr uint8_t LATE_LIFT_MS = 40;
 
 bool needs_heartbeat(State state) {
@@ -122,8 +127,23 @@ bool Controller::clear_fault() {
 bool Controller::begin_nudge(bool presses) {
     if (!machine_.accepts(Event::Nudge) || causes()) return false;
     heartbeat_.restart();
-    nudge_.begin(presses, signals_.position_um());
+    nudge_.begin(presses, signals_.position_um(), signals_.reads_position());
     return true;
+}
+
+void Controller::recall_place() {
+    const ports::Place kept = ports::place();
+    const bool unbounded = !contact_.place_known() && !sensor_.feels();
+    if (unbounded && kept.hash == commission_.hash()) contact_.expect_place(kept.contact_um);
+}
+
+void Controller::keep_place() const {
+    if (!contact_.place_known() || ports::saving()) return;
+    const ports::Place kept = ports::place();
+    const int32_t off_um = static_cast<int32_t>(contact_.place_um()) - kept.contact_um;
+    const bool near = off_um <= KEPT_PLACE_UM && off_um >= -static_cast<int32_t>(KEPT_PLACE_UM);
+    if (kept.hash == commission_.hash() && near) return;
+    ports::keep_place({commission_.hash(), contact_.place_um()});
 }
 
 // --- states ---------------------------------------------------------------------------------------
@@ -147,6 +167,7 @@ void Controller::enter(State state) {
     ports::enable_stepper(outputs.stepper_enabled);
     ports::enable_bridge(drive != Drive::Off);
     // APPROACH, HOLD and RUN hand the force loop on without a gap in its commands.
+    if (drive == Drive::Lift && gentle()) motion_.begin_ramp();
     if (drive == Drive::Lift) lift();
     else if (drive == Drive::Off || drive == Drive::Hold) actuator_.rest();
     drive_actuator();
@@ -154,7 +175,9 @@ void Controller::enter(State state) {
 
 void Controller::drive_actuator() {
     const bool nudging = machine_.drive() == Drive::Nudge;
-    duty_ = nudging ? nudge_.tick(signals_.position_um()) : motion_.limited(actuator_.tick());
+    const bool slowly = machine_.drive() == Drive::Lift && gentle();
+    duty_ = nudging ? nudge_.tick(signals_.position_um())
+                    : motion_.limited(actuator_.tick(), slowly);
     ports::drive(duty_);
 }
 
@@ -236,6 +259,7 @@ void Controller::approach() {
     } else if (force_control_.settled()) {
         bank_.put(reg::stiffness_g_per_mm, lroundf(force_control_.loop().stiffness()));
         force_control_.reached();
+        if (commission_.holds()) keep_place();
         go(Event::ForceSettled);
     } else if (force_control_.settles_too_late()) {
         raise(Fault::ForceUnreached);
@@ -247,12 +271,13 @@ void Controller::approach() {
 void Controller::lift() {
     const bool retracting = machine_.state() == State::Retract;
     const uint32_t lifting_ms = in_state_ms();
-    const bool high = contact_.high_enough(!retracting, lifting_ms, bank_.word(reg::lift_clearance_um));
+    const bool high =
+        contact_.high_enough(!retracting, {lifting_ms, bank_.word(reg::lift_clearance_um), gentle()});
     if (high) actuator_.rest();
-    else actuator_.lift();
+    else actuator_.lift(gentle() && !motion_.stands());
     if (high) contact_.set_gone();
     contact_.watch();
-    const bool late = lifting_ms > LIFT_LIMIT_MS;
+    const bool late = lifting_ms > (gentle() ? GENTLE_LIMIT_MS : LIFT_LIMIT_MS);
     if (late) contact_.lift_too_long();
     if (!retracting) {
         if ((contact_.gone() && lifting_ms >= LIFT_TIME_MS) || late) go(Event::LiftTimeOver);
@@ -279,6 +304,7 @@ bool Controller::sample(const Conversion &conversion) {
     sensor_.loadcell().test(machine_.drive() == Drive::Off);
     watch_contact();
     watch_unlimited_force();
+    watch_gentle_nudge();
     sensor_.check_limits();
     supervise();
     control_due_ = true;
@@ -296,7 +322,7 @@ bool Controller::lifts_surely() const {
 // as a lift does; before the potentiometer has shown that a first motion lifts, not even that. What a
 // lift has pressed counts in the next one too.
 void Controller::watch_unlimited_force() {
-    constexpr int32_t MOST = board::counts_of(FIRST_FORCE_G);
+    constexpr int32_t FIRST = board::counts_of(FIRST_FORCE_G), GENTLE = board::counts_of(GENTLE_FORCE_G);
     const int32_t raw = sensor_.loadcell().steady_raw();
     const bool first = !sensor_.zero().known();
     if (!first && !lifts_surely()) {
@@ -315,8 +341,15 @@ void Controller::watch_unlimited_force() {
     const int32_t loaded = loads_down ? least_raw_ - raw : raw - least_raw_;
     const int32_t off = raw > first_raw_ ? raw - first_raw_ : first_raw_ - raw;
     const bool blind = first && !motion_.known() && signals_.reads_position();
-    lift_pressed_ = loaded > MOST;
-    if (lift_pressed_ || (blind && off > MOST)) raise_off(Fault::ForceUnexplained);
+    lift_pressed_ = loaded > (gentle() ? GENTLE : FIRST);
+    if (lift_pressed_ || (blind && off > FIRST)) raise_off(Fault::ForceUnexplained);
+}
+
+// Nudge after nudge may press, where the potentiometer says that they lift.
+void Controller::watch_gentle_nudge() {
+    constexpr int32_t MOST = board::counts_of(GENTLE_FORCE_G);
+    if (machine_.drive() != Drive::Nudge || !gentle()) return;
+    if (sensor_.zero().loaded(sensor_.loadcell().steady_raw(), MOST)) raise_off(Fault::ForceUnexplained);
 }
 
 int32_t Controller::place_tare() const {
@@ -327,6 +360,7 @@ int32_t Controller::place_tare() const {
 // A lifted drum is weighed wherever it stands still.
 void Controller::watch_contact() {
     const Drive drive = machine_.drive();
+    sensor_.look_for_touch(drive == Drive::Off);
     if (drive == Drive::Approach || drive == Drive::ForceLoop) return sensor_.zero().disturb();
     const bool lifts = machine_.state() == State::Armed || machine_.state() == State::Retract;
     contact_.take_reading(drive == Drive::Off, lifts && !duty_ && !ports::moving());

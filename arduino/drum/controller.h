@@ -50,6 +50,16 @@ class Controller {
     // Causes of faults that are present now, one bit per fault.
     uint32_t causes() const;
     bool resting() const;
+    // Lifts slowly: nobody has said yet that the wires are right.
+    bool gentle() const { return !commission_.holds(); }
+    // Nothing but the way of an approach may show that the load cell feels nothing.
+    bool cell_trusted() const {
+        return sensor_.feels() || (commission_.holds() && !contact_.other_drum());
+    }
+    // The approach is bounded by the place of an earlier boot, where nothing else bounds it.
+    void recall_place();
+    // Keeps the place of contact for the next boot, where it is another one.
+    void keep_place() const;
     // Returns whether settings that give a force its meaning, or stop it, may change.
     bool may_change(Guard guard) const;
 
@@ -81,6 +91,7 @@ class Controller {
     void watch_motion();
     bool lifts_surely() const;
     void watch_unlimited_force();
+    void watch_gentle_nudge();
     void progress();
     void selftest();
     void approach();

@@ -8,7 +8,7 @@
 #include "flash.h"  // constant tables stay in program memory
 
 constexpr uint16_t MAGIC = 21063;
-constexpr uint16_t MAP_VERSION = 4;
+constexpr uint16_t MAP_VERSION = 5;
 constexpr uint16_t BOARD_DRUM = 1;
 constexpr uint8_t UNIT = 1;
 constexpr uint32_t BAUD = 115200;
@@ -88,6 +88,7 @@ enum class Status : uint8_t {
     LiftFailed = 11,
     Commissioned = 12,
     DirectionKnown = 13,
+    CellTrusted = 14,
 };
 
 enum class Guard : uint8_t {

@@ -5,6 +5,7 @@
 #include <stdint.h>
 
 #include "bank.h"      // scale, tare, limit
+#include "feel.h"      // has the cell felt something
 #include "loadcell.h"  // samples
 #include "zero.h"      // reading of the lifted drum
 
@@ -27,6 +28,14 @@ class ForceSensor {
         if (loadcell_.suspect()) zero_.disturb();
         else if (zero_.weigh(loadcell_.raw())) check_tare();
     }
+
+    // One reading of a board that drives nothing, or another one.
+    void look_for_touch(bool driver_off) {
+        if (!driver_off || loadcell_.faults()) feel_.disturb();
+        else feel_.take(loadcell_.steady_raw());
+    }
+    // The cell has felt something since the boot, and reads now what it read then.
+    bool feels() const { return zero_.known() ? feel_.holds(zero_.counts()) : feel_.felt(); }
 
     float force_g() const { return loadcell_.force_g(); }
     bool over_force() const { return over_force_; }
@@ -53,6 +62,7 @@ class ForceSensor {
 
     Loadcell loadcell_;
     Zero zero_;
+    Feel feel_;
     int32_t tare_counts_ = 0;
     float over_force_g_ = 0;
     uint8_t over_run_ = 0;  // samples in a row above the settings' limit

@@ -35,19 +35,21 @@ void MotionWatch::forget() {
     recent_ = 0;
 }
 
-int16_t MotionWatch::limited(int16_t duty) {
+int16_t MotionWatch::limited(int16_t duty, bool gentle) {
     const int8_t way = way_of(duty);
-    if (known_ || !way) return duty;
+    if ((known_ && !gentle) || !way) return duty;
     if (way != ramped_way_) ramp_ = 0;
     ramped_way_ = way;
-    if (ramp_ < Actuator::FULL) ramp_ += RAMP_PERMILLE;
-    return size_of(duty) <= ramp_ ? duty : way * ramp_;
+    ramp_ += RAMP_PERMILLE;
+    if (ramp_ > size_of(duty)) ramp_ = size_of(duty);
+    return way * ramp_;
 }
 
 void MotionWatch::progressed(uint16_t position_um) {
     start_um_ = from_um_ = position_um;
     coast_um_ = 0;
     owed_ = 0;
+    still_ms_ = 0;
 }
 
 void MotionWatch::begin(int8_t way, uint16_t position_um) {
@@ -81,6 +83,7 @@ MotionWatch::Finding MotionWatch::compare(int16_t duty, const Signals &signals) 
         progressed(position_um);
         return Finding::None;
     }
+    if (still_ms_ < STILL_MS) ++still_ms_;
     if (size_of(duty) > SURE_DUTY) owed_ += size_of(duty) - SURE_DUTY;
     return owed_ > MOST_OWED ? Finding::Stuck : Finding::None;
 }

@@ -25,8 +25,13 @@ class MotionWatch {
     void confirm() { known_ = true; }
     bool known() const { return known_; }
 
-    // Once a millisecond: the part of a duty that is allowed now.
-    int16_t limited(int16_t duty);
+    // The next ramp begins at rest.
+    void begin_ramp() { ramped_way_ = 0; }
+    // Once a millisecond: the part of a duty that is allowed now. A gentle motion is a ramp, whether
+    // its way is known or not.
+    int16_t limited(int16_t duty, bool gentle);
+    // The rod has made no progress for longer than any lag.
+    bool stands() const { return still_ms_ == STILL_MS; }
     // Once a millisecond, with the duty of the one before.
     Finding check(int16_t duty, const Signals &signals);
 
@@ -40,7 +45,10 @@ class MotionWatch {
     bool wrong_end(const Signals &signals) const;
     Finding compare(int16_t duty, const Signals &signals);
 
+    static constexpr uint8_t STILL_MS = 250;
+
     bool known_ = false;
+    uint8_t still_ms_ = 0;       // since the rod last made progress
     int8_t ramped_way_ = 0;      // of the ramp: 1 presses, -1 lifts
     int16_t ramp_ = 0;           // permille
     int8_t way_ = 0;             // of the motion under observation, 0: none

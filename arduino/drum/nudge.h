@@ -11,7 +11,8 @@ class Nudge {
   public:
     static constexpr uint16_t TRAVEL_UM = 100;  // two counts of the potentiometer
 
-    void begin(bool presses, uint16_t position_um);
+    // `seen`: the position is read, and ends it.
+    void begin(bool presses, uint16_t position_um, bool seen);
     // Once a millisecond: the duty for the next one, 0 when it is over.
     int16_t tick(uint16_t position_um);
     // An end of the travel, or the end of the ramp.
@@ -24,7 +25,7 @@ class Nudge {
     uint16_t duty() const { return moved_at_ ? moved_at_ : duty_; }
 
   private:
-    uint16_t start_um_ = 0, duty_ = 0, moved_at_ = 0, ticks_ = 0;
+    uint16_t start_um_ = 0, duty_ = 0, moved_at_ = 0, ticks_ = 0, most_duty_ = 0;
     int16_t travel_um_ = 0;
     bool presses_ = false, over_ = true;
 };

@@ -54,6 +54,13 @@ bool saving();
 // The hash that was last kept, 0 for none; commission() begins a write as save() does.
 uint32_t commissioned();
 void commission(uint32_t hash);
+// The same of the place at which a force was last reached, with the hash of the settings then.
+struct Place {
+    uint32_t hash;
+    uint16_t contact_um;
+};
+Place place();
+void keep_place(const Place &place);
 uint8_t stored_byte(uint16_t address);
 bool store_ready();  // for another byte
 void store_byte(uint16_t address, uint8_t byte);

@@ -64,7 +64,8 @@ uint16_t Report::status_bits() const {
            flag(Status::ContactMayStand, !controller_.contact().gone()) |
            flag(Status::LiftFailed, controller_.contact().lift_failed()) |
            flag(Status::Commissioned, controller_.commission().holds()) |
-           flag(Status::DirectionKnown, controller_.motion().known());
+           flag(Status::DirectionKnown, controller_.motion().known()) |
+           flag(Status::CellTrusted, controller_.cell_trusted());
 }
 
 void Report::fill_state() {

@@ -32,6 +32,8 @@ class Zero {
     int32_t counts() const { return counts_; }
     bool near(int32_t raw) const { return known_ && within(raw, board::counts_of(WINDOW_G)); }
     bool free(int32_t raw) const { return known_ && within(raw, board::counts_of(FREE_G)); }
+    // Further off than the drum that an uncommissioned board nudges may be.
+    bool loaded(int32_t raw, int32_t counts) const { return known_ && !within(raw, counts); }
     // Nothing further off passes from now on.
     void limit(int32_t counts) { most_counts_ = counts; }
     // Further off than any force that the board lets pass.

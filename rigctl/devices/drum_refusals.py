@@ -21,6 +21,7 @@ _NEEDS_LIFT = frozenset(
         Command.DEFAULTS,
     }
 )
+_APPROACHES = (Command.APPROACH, Command.APPROACH_SETUP)
 _RESTING = (State.IDLE, State.ARMED)
 _EVENTS = {
     Command.ARM: StateEvent.ARM,
@@ -68,9 +69,14 @@ def _resting_reason(command: Command, state: State, status_bits: int) -> str:
     """Return why a command was refused though the drum stands still, lifted or switched off."""
     if command in _NEEDS_LIFT and status_bits >> Status.CONTACT_MAY_STAND & 1:
         return "it may rest on something: arm it or retract, so that it lifts"
-    if command is Command.APPROACH and state is State.ARMED:
-        if not status_bits >> Status.COMMISSIONED & 1:
+    if command in _APPROACHES and state is State.ARMED:
+        if command is Command.APPROACH and not status_bits >> Status.COMMISSIONED & 1:
             return "it is not commissioned for these settings: run rigctl setup"
+        if not status_bits >> Status.CELL_TRUSTED & 1:
+            return (
+                "its load cell has felt nothing since it was switched on or tared for another "
+                "drum: disarm, press on the load cell with a finger for a second, and let it go"
+            )
         tared = status_bits >> Status.TARED & 1
         return "the force is too near a limit" if tared else "the load cell is not tared: tare it"
     if command is Command.TARE:

@@ -10,7 +10,7 @@ from rigctl.simulation.wirings import circuit_of
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.register_table import BY_NAME, SETTINGS_BLOCK, Register
 from rigctl.wire.drum.states import State
-from tests.attack.benches import AttackBench, Log, VirtualBench, limit_g, slow_actuator
+from tests.attack.benches import AttackBench, Log, is_balanced, limit_g, slow_actuator
 from tests.attack.judge import Judge, States, covered, value_of
 from tests.attack.steps import (
     Action,
@@ -44,6 +44,8 @@ ARM: tuple[Step, ...] = (
     wait(800),
 )
 HOLD: tuple[Step, ...] = (*ARM, send(Command.APPROACH), wait_until_idle(6000))
+SESSION: tuple[Step, ...] = (*HOLD, send(Command.RETRACT), wait_until_idle(3000))
+"""The board has pressed once, before something in its rig breaks while it is switched off."""
 PREPARATIONS: dict[State, tuple[Step, ...]] = {
     State.BOOT: (Action(ActionKind.RESET),),
     State.SELFTEST: (Action(ActionKind.RESET), wait(20)),
@@ -75,7 +77,7 @@ presses; in FAULT_OFF the emergency stop is pressed and the drum rests on the sk
 class Outcome(NamedTuple):
     """Result of an attack; ``began`` is the state in which its steps ran.
 
-    ``zero_was_blind``: the load cell once felt nothing when the board took its zero.
+    ``was_unbounded``: nothing that the board knew could bound the force.
     """
 
     attack: Attack
@@ -83,7 +85,7 @@ class Outcome(NamedTuple):
     peak_g: float
     limit_g: float
     broken: dict[str, str]
-    zero_was_blind: bool
+    was_unbounded: bool
 
     def __str__(self) -> str:
         return f"{'; '.join(self.broken.values()) or f'{self.peak_g:.0f} g'} <- {self.attack}"
@@ -94,21 +96,27 @@ class Attacker:
 
     def __init__(self, bench: AttackBench, is_commissioned: bool = True) -> None:
         self._bench, self._log = bench, Log(bench)
-        self.judge = Judge(partial(limit_g, bench), is_commissioned)
+        alike = is_balanced(bench.parameters)
+        self.judge = Judge(partial(limit_g, bench), is_commissioned, alike)
         self._sequence = 1000
         self._wirings: dict[str, None] = {}
 
     def run(self, attack: Attack) -> Outcome:
         """Run an attack from power-up to its end."""
         before, after = PREPARATIONS[attack.state], full_sequence(attack)
+        if not attack.commissioned:
+            after = attack.steps
         if attack.wired:
             before, after = wire_sequence(attack, before)
+            if attack.from_power_up and attack.commissioned:
+                before = (*SESSION, *before)
         self.run_steps(before)
         began = self._bench.state
         self.run_steps(after)
         judge = self.judge
-        blind = judge.zero_was_blind
-        return Outcome(attack, began, judge.peak_g, judge.limit_g, judge.broken, blind)
+        return Outcome(
+            attack, began, judge.peak_g, judge.limit_g, judge.broken, judge.was_unbounded
+        )
 
     def run_steps(self, steps: Iterable[Step]) -> None:
         """Run steps in order."""
@@ -130,6 +138,8 @@ class Attacker:
             self._advance(value, lambda: self._bench.state not in PASSING)
         elif kind is ActionKind.SLOW_ACTUATOR:
             slow_actuator(self._bench.plant)
+        elif kind is ActionKind.PUSH:
+            self._bench.push(value)
         elif kind is ActionKind.HEARTBEAT:
             self._check_log()
             self._bench.set_heartbeat(bool(value))
@@ -143,7 +153,6 @@ class Attacker:
         if step.on:
             self._wirings[step.name] = None
         circuit = circuit_of(self._wirings)
-        assert isinstance(self._bench, VirtualBench)
         self._bench.connect(circuit)
         self.judge.rewired(circuit)
 

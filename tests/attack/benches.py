@@ -14,25 +14,27 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.simulation.bench.bench import Bench
 from rigctl.simulation.bench.circuit import Circuit
-from rigctl.simulation.bench.electrics import constants
-from rigctl.simulation.bench.load_cell import LoadCellAmplifier
 from rigctl.simulation.bench.mechanics import ACTUATOR_SPEED, DRUM_MM, FORCE_G, RING_MS, Mechanics
 from rigctl.simulation.bench.world.parameters import WorldParameters, validated
 from rigctl.simulation.boards.drum_cosimulation import DrumCosimulation
-from rigctl.simulation.simulated_rig import Disturbances
 from rigctl.wire.drum.register_table import BY_NAME
 from rigctl.wire.drum.states import State
+from tests.firmware.drum.support.bare_bench import BareBench, mounted_contact
 from tests.firmware.drum.support.overshoot import overshoot_g
-from tests.firmware.drum.support.plant_drum import mounted_contact
 
 PLATE = "A"
 NEAR = validated(WorldParameters(contact_mm=10.0, actuator_start_mm=0.0))
 """Shortest plausible distance to the contact, for a short approach."""
 STIFF = validated(replace(NEAR, stiffness_g_mm=900.0))
 """The same on the stiffest plausible contact, for attacks on wires."""
+BALANCED = validated(replace(STIFF, loadcell_offset_counts=3000.0))
+"""The same with a bridge that reads about 0 under its drum: as it does when it is broken."""
+CLOSE = validated(replace(STIFF, actuator_start_mm=9.9))
+"""The stiffest contact a hair below the drum."""
 SEED = 1
+ALIKE_G = 30.0
+"""A broken cell that reads within it of the lifted drum shows nothing (decision 0040)."""
 SLOW_MM_S = 2.0
 MOST_G, OVERRUN_UM = (BY_NAME[name].address for name in ("most_force", "overrun_um"))
 
@@ -88,6 +90,12 @@ class AttackBench(Protocol):
     def estop(self, pressed: bool) -> None:
         """Press or release the emergency stop."""
 
+    def connect(self, circuit: Circuit) -> None:
+        """Connect the bench in this way."""
+
+    def push(self, force_g: float) -> None:
+        """Press on the load cell by hand."""
+
     def reset(self) -> None:
         """Press the board's reset button."""
 
@@ -112,6 +120,12 @@ class Log:
         return Span(start_ms, self._read_until_ms, force_g, place_mm, rods, self._bench.drive())
 
 
+def is_balanced(parameters: WorldParameters) -> bool:
+    """Return whether the load cell under the lifted drum reads about as a broken one."""
+    offset_g = parameters.loadcell_offset_counts * parameters.loadcell_ug_per_count * 1e-6
+    return abs(offset_g) < ALIKE_G
+
+
 def slow_actuator(plant: Mechanics) -> None:
     """Make the actuator slow, like a worn or cold one."""
     plant.constants[ACTUATOR_SPEED] = SLOW_MM_S
@@ -131,46 +145,12 @@ def _limit_g(parameters: WorldParameters, most_g: float, overrun_um: float) -> f
     return most_g + overshoot_g(overrun_um, most_g, mounted_contact(PLATE, parameters, SEED))
 
 
-class _Mechanics:
-    """A bench without skin: attacks do not read the taxels."""
-
-    def __init__(self, parameters: WorldParameters) -> None:
-        self.parameters = parameters
-        self.disturbances = Disturbances()
-        self.electrics = constants(self.disturbances.circuit)
-        self.plant = Mechanics(parameters)
-        self.plant.set_force_table(mounted_contact(PLATE, parameters, SEED))
-        self.loadcell = LoadCellAmplifier(parameters, SEED, self.plant, self.disturbances)
-        self.logged_ms = 0
-
-    def log_truth(self) -> None:
-        """Discard the log: attacks are checked in spans."""
-        self.logged_ms = self.plant.time_ms
-
-    def set_sync(self, level: int, at_us: int) -> None:
-        """Ignore the sync line, which is not connected."""
-
-    def index_at_taxels(self, level: int) -> int | None:
-        """Return the index wire's level at the taxel board, which is not there."""
-        return None
-
-    wire_drum = Bench.wire_drum
-
-    def apply_disturbances(self) -> None:
-        """Pass emergency stop and wiring, the only disturbances that are used."""
-        now = self.disturbances
-        self.electrics[:] = constants(now.circuit, has_supply=now.has_supply)
-        self.loadcell.connect(now.circuit)
-        self.plant.set_disturbances(now.motor_jammed, now.push_g)
-        self.plant.set_diameter(now.circuit.diameter)
-
-
 class VirtualBench:
     """A virtual board at power-up with direct access to its registers."""
 
     def __init__(self, library: Path | None = None, parameters: WorldParameters = NEAR) -> None:
         self.parameters = parameters
-        self._mechanics = _Mechanics(parameters)
+        self._mechanics = BareBench(parameters, PLATE, SEED)
         self._drum = DrumCosimulation(self._mechanics, library)
         self._board = self._drum.firmware
         self._silent_since_ms = 0
@@ -221,6 +201,11 @@ class VirtualBench:
     def connect(self, circuit: Circuit) -> None:
         """Connect the bench in this way."""
         self._mechanics.disturbances.circuit = circuit
+        self._drum.apply_disturbances()
+
+    def push(self, force_g: float) -> None:
+        """Press on the load cell by hand."""
+        self._mechanics.disturbances.push_g = force_g
         self._drum.apply_disturbances()
 
     def reset(self) -> None:

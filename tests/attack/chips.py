@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import struct
 
+from rigctl.simulation.bench.circuit import Circuit
 from rigctl.simulation.bench.mechanics import Mechanics
-from rigctl.simulation.chips.simavr import Input, ResetBy
+from rigctl.simulation.bench.world.parameters import WorldParameters
+from rigctl.simulation.chips.simavr import ResetBy
 from rigctl.wire.drum.register_table import BY_NAME
 from rigctl.wire.drum.states import State
 from tests.attack.benches import NEAR, PLATE, SEED
@@ -19,9 +21,9 @@ HEARTBEAT, STATE = BY_NAME["heartbeat"].address, BY_NAME["state"].address
 class _Drum(PlantDrum):
     """A drum that logs the duty of each millisecond."""
 
-    def __init__(self, image: str) -> None:
+    def __init__(self, image: str, parameters: WorldParameters) -> None:
         self.duties: list[float] = []
-        super().__init__(NEAR, PLATE, SEED, image)
+        super().__init__(parameters, PLATE, SEED, image)
 
     def _advance_bench(self, duty: float) -> None:
         self.duties.append(duty)
@@ -31,9 +33,11 @@ class _Drum(PlantDrum):
 class ChipBench:
     """A chip at power-up with simulated mechanics and a Modbus master."""
 
-    def __init__(self, image: str = "firmware/drum.elf") -> None:
-        self.parameters = NEAR
-        self._drum = _Drum(image)
+    def __init__(
+        self, image: str = "firmware/drum.elf", parameters: WorldParameters = NEAR
+    ) -> None:
+        self.parameters = parameters
+        self._drum = _Drum(image, parameters)
         self._heartbeat_on, self._heartbeats, self._heartbeat_at_ms = True, 0, 0
 
     @property
@@ -90,7 +94,18 @@ class ChipBench:
 
     def estop(self, pressed: bool) -> None:
         """Press or release the emergency stop."""
-        self._drum.pin(Input.ESTOP, int(pressed))
+        self._drum.bench.disturbances.estop_pressed = pressed
+        self._drum.connect()
+
+    def connect(self, circuit: Circuit) -> None:
+        """Connect the bench in this way."""
+        self._drum.bench.disturbances.circuit = circuit
+        self._drum.connect()
+
+    def push(self, force_g: float) -> None:
+        """Press on the load cell by hand."""
+        self._drum.bench.disturbances.push_g = force_g
+        self._drum.connect()
 
     def reset(self) -> None:
         """Press the board's reset button."""

@@ -6,8 +6,9 @@ force      the force never exceeds the compiled limit by more than the overshoot
 heartbeat  after 250 ms without a heartbeat nothing presses; the drive is off after a second if
            contact has ended by then, and after the longest lift in any case
 stop       while the emergency stop is pressed nothing drives or turns, and the state allows neither
-lift       a lift that ends without a command has ended contact; not where the potentiometer was set
-           as reversed, because then the actuator seems to be, and everything goes off
+lift       a lift that ends without a command has ended contact, also with a broken potentiometer;
+           not where it was set as reversed, because then the actuator seems to be, and everything
+           goes off
 guard      settings that determine the meaning of a force change only at rest and without contact
 bounds     the board accepts no value that the register table forbids
 tare       the board accepts no plain tare during contact
@@ -15,7 +16,8 @@ tare       the board accepts no plain tare during contact
 
 from __future__ import annotations
 
-from typing import Protocol
+from dataclasses import replace
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -44,6 +46,14 @@ STILL_MM = 0.005
 STEP_END_MS = 6
 """Time until the drum reaches its last step."""
 ESTOP_BIT, POSITION_BIT = 1 << Signal.ESTOP, 1 << Signal.POSITION
+POSITION_AS_DRAWN: dict[str, Any] = {
+    "wiper": Wiper.DRAWN,
+    "ground_end": True,
+    "supply_end": True,
+    "pull_down": True,
+}
+BOUND_SETTINGS = ("signal_polarity", "optional_signals", "scale_ug_per_count", "loadcell_slow")
+"""Settings that a commission is bound to, and with it the place of a contact."""
 WIRES = tuple(BY_NAME[name].address for name in ("signal_polarity", "optional_signals"))
 States = tuple[State, State]
 """States that the board reported before and after a request."""
@@ -66,17 +76,27 @@ class Judge:
 
     ``limit(most_g, further_um)`` returns the force of the bench where the board lifts at ``most_g``
     and ``further_um`` of travel later. After a wire was wrong only the rules ``force``,
-    ``heartbeat`` and ``stop`` hold, by the bench alone.
+    ``heartbeat`` and ``stop`` hold, by the bench alone; ``lift`` too after one of the
+    potentiometer.
 
     What no firmware can answer is left out: the force where the load cell already felt nothing when
-    the board took its zero after a boot, and an emergency stop of which neither contact works.
+    the board took its zero after a boot, and either its wire had come loose or been joined since
+    the boot, which a finger would do alike, or the board has no place of a contact that it can
+    believe; the same where it breaks later and reads as before, which ``is_balanced`` cells do; a
+    load cell, a potentiometer and an actuator that are wrong together; and an emergency stop of
+    which neither contact works.
     """
 
-    def __init__(self, limit: Limit, is_commissioned: bool = True) -> None:
+    def __init__(
+        self, limit: Limit, is_commissioned: bool = True, is_balanced: bool = False
+    ) -> None:
         self._limit, self._is_commissioned = limit, is_commissioned
+        self._is_balanced = is_balanced
         self._circuit, self._is_whole, self._least_gain = AS_DRAWN, True, 1.0
-        self._zero_is_blind = self.zero_was_blind = self._position_is_wrong = False
-        self._lift_may_press = False
+        self._zero_is_blind = self._position_is_wrong = False
+        self._place_is_kept = self._position_lied = self._cell_changed = False
+        self._only_position_broke, self._nothing_shows = True, False
+        self.was_unbounded = False
         self._highest_g = BY_NAME["over_force"].default * 0.1
         self.peak_g = self.force_g = 0.0
         self._set_limit()
@@ -105,15 +125,22 @@ class Judge:
     def booted(self) -> None:
         """Note a boot, which clears the board's knowledge of contact and zero."""
         self._booted, self._zero_is_known = True, False
+        self._zero_is_blind = self._cell_changed = False
         self._state = State.BOOT
 
     def rewired(self, circuit: Circuit) -> None:
         """Note how the bench is connected from now on."""
-        self._is_whole, self._circuit = False, circuit
+        before, self._circuit, self._is_whole = self._circuit, circuit, False
+        self._cell_changed |= bool(before.cell_gain) != bool(circuit.cell_gain)
+        self._position_lied |= _position_lies(circuit)
+        self._only_position_broke &= replace(circuit, **POSITION_AS_DRAWN) == AS_DRAWN
         is_swapped = circuit.actuator_polarity < 0
-        has_position = circuit.wiper is Wiper.DRAWN and circuit.ground_end and circuit.supply_end
-        if is_swapped and (circuit.is_position_reversed or not has_position):
-            self._lift_may_press = True
+        if (
+            is_swapped
+            and not circuit.cell_gain
+            and (_position_lies(circuit) or _is_broken(circuit))
+        ):
+            self._nothing_shows = True
         if circuit.cell_gain:
             self._least_gain = min(self._least_gain, abs(circuit.cell_gain))
         if self._stop_since_ms is not None:
@@ -122,8 +149,7 @@ class Judge:
 
     def _set_limit(self) -> None:
         if not self._is_commissioned:
-            blind_g = self._limit(UNCOMMISSIONED_G, UNFELT_UM)
-            self.limit_g = blind_g if self._lift_may_press else UNCOMMISSIONED_G
+            self.limit_g = UNCOMMISSIONED_G
         elif self._is_whole:
             self.limit_g = self._limit()
         else:
@@ -134,17 +160,20 @@ class Judge:
         """Check a span of the log and the state that the board reports at its end."""
         self.now_ms = span.end_ms
         if not (self._zero_is_known or self._circuit.cell_gain):
-            self._zero_is_blind = self.zero_was_blind = True
+            self._zero_is_blind = True
         if span.end_ms > span.start_ms:
             self._check_force(span)
             self._check_silence(span)
             self._check_stop(span, state)
-        if self._is_whole and not self._position_is_wrong:
+        broke = self._only_position_broke and not self._position_lied and state is State.ARMED
+        if (self._is_whole or broke) and not self._position_is_wrong:
             self._check_lift(span, state)
         if state is State.ARMED and self._state is State.RETRACT:
             if self._booted and self._circuit.cell_gain:
                 self._zero_is_blind = False
             self._booted, self._zero_is_known = False, True
+        if state is State.HOLD and self._state is State.APPROACH and self._is_commissioned:
+            self._place_is_kept = True
         self._state = state
 
     def _check_force(self, span: Span) -> None:
@@ -153,8 +182,21 @@ class Judge:
         pressed = np.flatnonzero(span.force_g > 0)
         if pressed.size:
             self._last_contact_ms = span.start_ms + int(pressed[-1])
-        within = highest <= self.limit_g or self._zero_is_blind
+        within = highest <= self.limit_g or self._is_unbounded
+        self.was_unbounded |= self._is_unbounded
         self._rule("force", within, f"{highest:.0f} g of {self.limit_g:.0f} g")
+
+    @property
+    def _is_unbounded(self) -> bool:
+        """Whether nothing that the board knows can bound the force."""
+        unseen = self._is_balanced and self._cell_changed and not self._has_place
+        if self._nothing_shows or unseen or not self._zero_is_blind:
+            return self._nothing_shows or unseen
+        return self._cell_changed or (self._is_commissioned and not self._has_place)
+
+    @property
+    def _has_place(self) -> bool:
+        return self._is_commissioned and self._place_is_kept and not self._position_lied
 
     def _check_silence(self, span: Span) -> None:
         silent_ms = span.start_ms - self._heartbeat_at_ms - TICKS_MS
@@ -210,6 +252,8 @@ class Judge:
         if register.name == "over_force":
             self._highest_g = max(self._highest_g, after * 0.1)
             self._set_limit()
+        if register.name in BOUND_SETTINGS and before != after:
+            self._place_is_kept = False
         if register.address in WIRES:
             self._check_wires(register, after, before != after)
         if register.guard is not Guard.NONE and before != after and self._is_whole:
@@ -237,7 +281,7 @@ class Judge:
             self._is_commissioned = True
             self._set_limit()
         if command == Command.TARE_ANYWAY and not self._circuit.cell_gain:
-            self._zero_is_blind = self.zero_was_blind = True
+            self._zero_is_blind = True
         if not self._is_whole:
             return
         if command in TARES:
@@ -248,6 +292,16 @@ class Judge:
     def _rule(self, name: str, holds: bool, what: str) -> None:
         if not holds:
             self.broken.setdefault(name, f"{name}: {what}")
+
+
+def _position_lies(circuit: Circuit) -> bool:
+    """Return whether the potentiometer shows a plausible place that is not the rod's."""
+    return circuit.is_position_reversed or (circuit.wiper is Wiper.OPEN and not circuit.pull_down)
+
+
+def _is_broken(circuit: Circuit) -> bool:
+    """Return whether the potentiometer's reading is none."""
+    return circuit.wiper is not Wiper.DRAWN or not (circuit.ground_end and circuit.supply_end)
 
 
 def _steps(span: Span) -> bool:

@@ -17,7 +17,7 @@ SHOWN = 10
 class AttackStatistics:
     """Statistics of attacks. ``worst`` is sorted by force, the highest first.
 
-    Forces that no firmware can bound, with a load cell that felt nothing at the zero, count as 0.
+    Forces that no firmware can bound count as 0.
     """
 
     def __init__(self, worst_count: int) -> None:
@@ -43,7 +43,7 @@ class AttackStatistics:
         """Add an outcome."""
         self.began[outcome.began] += 1
         self.limit_g = outcome.limit_g
-        peak_g = 0.0 if outcome.zero_was_blind else outcome.peak_g
+        peak_g = 0.0 if outcome.was_unbounded else outcome.peak_g
         wired = outcome.attack.wired
         self.wired[outcome.attack.state, wired] += 1
         self.highest_g[wired] = max(self.highest_g.get(wired, 0.0), peak_g)
@@ -68,16 +68,20 @@ class AttackStatistics:
         rows = (f"{wired}: {attacks[wired]}, {self.highest_g[wired]:.0f} g" for wired in ranked)
         return f"{len(attacks)} wirings in {states} states: {'; '.join(rows)}"
 
+    def table(self) -> str:
+        """Return the worst attacks with their forces, the highest first."""
+        return "; ".join(f"{w.attack.name}: {w.peak_g:.0f} g" for w in self.worst)
+
     def summary(self) -> str:
         """Return the first successful attacks, one per line."""
         return "\n".join(map(str, self.broken[:SHOWN]))
 
 
 def run_attacks(
-    bench: Callable[[], AttackBench], attacks: Iterable[Attack], worst_count: int = 1
+    bench: Callable[[Attack], AttackBench], attacks: Iterable[Attack], worst_count: int = 1
 ) -> AttackStatistics:
     """Run each attack on a new bench."""
     statistics = AttackStatistics(worst_count)
     for attack in attacks:
-        statistics.add(run_attack(bench(), attack))
+        statistics.add(run_attack(bench(attack), attack))
     return statistics

@@ -45,6 +45,7 @@ class ActionKind(Enum):
     WAIT = "wait ms"
     WAIT_UNTIL_IDLE = "rest ms"  # wait for a stable state, at most this long
     SLOW_ACTUATOR = "weak actuator"  # 0
+    PUSH = "finger g"  # on the load cell
 
 
 class Write(NamedTuple):
@@ -86,7 +87,8 @@ class Attack(NamedTuple):
     """Steps that run in a state of the board.
 
     ``wired``: the wiring of an attack on wires; ``from_power_up``: it is wrong before the board is
-    brought to that state; ``commissioned``: the board is, before.
+    brought to that state; where the board is ``commissioned`` it has pressed before it was switched
+    off. ``is_balanced``: its load cell under the lifted drum reads as a broken one.
     """
 
     name: str
@@ -95,6 +97,7 @@ class Attack(NamedTuple):
     wired: str = ""
     from_power_up: bool = False
     commissioned: bool = True
+    is_balanced: bool = False
 
     def __str__(self) -> str:
         board = "" if self.commissioned else ", not commissioned"
@@ -194,6 +197,16 @@ WIRES = tuple(
 )
 """Wirings of the drum's board, those that show on its chip alone left out."""
 
+FINGER: tuple[Step, ...] = (
+    wait(150),
+    Action(ActionKind.PUSH, 300),
+    wait(200),
+    Action(ActionKind.PUSH, 0),
+    wait(250),
+)
+"""A person presses on the load cell for a moment."""
+_POWER_UP: tuple[Step, ...] = (Action(ActionKind.RESET), wait(250))
+_LIFT_OFF: tuple[Step, ...] = (send(Command.RETRACT), wait_until_idle(1500))
 _TRY_AGAIN: tuple[Step, ...] = (
     Action(ActionKind.HEARTBEAT, 1),
     Action(ActionKind.ESTOP, 0),
@@ -219,21 +232,54 @@ def wire_sequence(
     Its continuation tries to press as before, changes the wires once more, tries again, and ends
     with an emergency stop. On a board that is not commissioned every approach is the set-up's.
     """
-    first = (Rewire(attack.wired, True),) if attack.from_power_up else ()
+    first = (Rewire(attack.wired, True), *_POWER_UP) if attack.from_power_up else ()
     again = tuple(step for step in attack.steps if not isinstance(step, Write))
-    before = (*first, *preparation)
-    after = (*attack.steps, *_TRY_AGAIN, *again, *_TRY_AGAIN, *_LAST_STOP)
+    force = () if attack.commissioned else (write("force_set", 1000),)
+    before = (*first, *force, *preparation)
+    after = (*attack.steps, *_LIFT_OFF, *_TRY_AGAIN, *again, *_TRY_AGAIN, *_LAST_STOP)
     if attack.commissioned:
         return before, after
-    return (write("force_set", 1000), *_for_setup(before)), tuple(_for_setup(after))
+    return tuple(_for_setup(before)), tuple(_for_setup(after))
 
 
 def _for_setup(steps: Iterable[Step]) -> Iterator[Step]:
     for step in steps:
+        if step == send(Command.ARM):
+            yield from FINGER
         if step == send(Command.APPROACH):
             yield send(Command.APPROACH_SETUP)
         elif step != send(Command.COMMISSION):
             yield step
+
+
+WHEN = POWER_UP, LIFTED, PRESSED = "power-up", "ARMED", "HOLD"
+_ARMING: tuple[Step, ...] = (
+    wait(300),
+    send(Command.CLEAR),
+    *(write("nudge_direction", 1), *(send(Command.NUDGE), wait_until_idle(1500)) * 3),
+    *(write("nudge_direction", 0), *(send(Command.NUDGE), wait_until_idle(1500)) * 3),
+    *(send(Command.CLEAR), send(Command.ARM), wait_until_idle(9000)) * 2,
+    send(Command.TARE),
+    wait(700),
+)
+_PRESSING: tuple[Step, ...] = (send(Command.APPROACH), wait_until_idle(12_000), wait(300))
+
+
+def pair_attack(first: str, second: str, when: str) -> Attack:
+    """Return an attack with two wrong wirings on a board that is not commissioned.
+
+    They are wrong from ``when`` on: one of :data:`WHEN`.
+    """
+    force = write("force_set", 1000)
+    before, after = {
+        POWER_UP: ((), (*_POWER_UP, force, *_ARMING, *_PRESSING)),
+        LIFTED: ((force, *_ARMING), _PRESSING),
+        PRESSED: ((force, *_ARMING, *_PRESSING), ()),
+    }[when]
+    wrong = (Rewire(first, True), Rewire(second, True))
+    again = (*_LIFT_OFF, *_ARMING, *_PRESSING, *_LIFT_OFF)
+    steps = tuple(_for_setup((*before, *wrong, *after, *again)))
+    return Attack(f"{first} and {second} from {when}", State.IDLE, steps, commissioned=False)
 
 
 def wire_attack(seed: int, number: int) -> Attack:
@@ -250,7 +296,8 @@ def wire_attack(seed: int, number: int) -> Attack:
     for _ in range(int(random.integers(1, 6))):
         steps += [_random_change(random, wired), _pause(random)]
     name = f"wires, seed {seed} number {number}"
-    return Attack(name, STATES[at], tuple(steps), wired, from_power_up, commissioned)
+    is_balanced = bool(number % 2)
+    return Attack(name, STATES[at], tuple(steps), wired, from_power_up, commissioned, is_balanced)
 
 
 def _random_change(random: np.random.Generator, wired: str) -> Step:

@@ -62,7 +62,7 @@ def test_inverted_end_switches_do_not_fake_a_lift() -> None:
     attacker.run_steps((*stopped, Action(ActionKind.ESTOP, 0), wait(200), send(Command.CLEAR)))
     assert bench.read(BY_NAME["signal_polarity"].address, 1) == [wires]
     assert bench.plant.force_g > 1400
-    attacker.run_steps((send(Command.ARM), wait_until_idle(2000)))
+    attacker.run_steps((send(Command.ARM), wait_until_idle(8000)))
     assert bench.state is State.ARMED
     assert bench.plant.force_g == 0
     bench.close()

@@ -41,7 +41,7 @@ def test_connect_returns_the_identity_and_reads_the_settings() -> None:
 def test_every_byte_of_a_connect_a_setting_and_a_command() -> None:
     async def main(loop: JumpingLoop) -> None:
         link = MemoryLink(loop)
-        identity = "5247 0004 0001 0100 0000 0001 0007 0001 0040 3200 0000 7a12 07d0 01ef"
+        identity = "5247 0005 0001 0100 0000 0001 0007 0001 0040 3200 0000 7a12 07d0 01ef"
         settings = "0000 0000 0009" + 48 * " 0000"
         script = Script(
             link,

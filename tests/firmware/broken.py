@@ -79,6 +79,17 @@ BROKEN: dict[str, dict[str, list[Edit]]] = {
         "bottomless": [
             ("contact.h", "return place_known_ && signals_", "return false && signals_"),
         ],
+        # The set-up presses with a load cell that has felt nothing.
+        "unfelt": [("commands.cpp", "    if (!controller_.cell_trusted()) return false;\n", "")],
+        # Each boot forgets where the drum last touched.
+        "forgetful": [("commands.cpp", "    controller_.recall_place();\n", "")],
+        "quick-lift": [
+            (
+                "controller.h",
+                "gentle() const { return !commission_.holds(); }",
+                "gentle() const { return false; }",
+            )
+        ],
         "always-commissioned": [
             ("commission.h", "return ports::commissioned() == hash_;", "return hash_ != 0;")
         ],
@@ -131,8 +142,8 @@ BROKEN: dict[str, dict[str, list[Edit]]] = {
         "tare-in-contact": [
             (
                 "taring.cpp",
-                "bool Taring::begin(bool forced) {\n",
-                "bool Taring::begin(bool forced) {\n    forced = true;\n",
+                "    if (!forced && !free) return false;\n",
+                "    static_cast<void>(free);\n",
             )
         ],
         "one-sample": [("force_sensor.cpp", "sampling.slow ? 1 : 2;", "sampling.slow ? 1 : 1;")],

@@ -191,22 +191,26 @@ this computer, and the attacks must find it.
 
 The attacks also switch each wrong wiring of the simulated bench on and off at random times in every
 state, several in a row, between the same writes, resets, silences and stops, on virtual boards with
-a contact of 900 g/mm. With a wrong wire the true force stays below the limit plus the travel of
+a contact of 900 g/mm, and the worst of them again on chips; half of them with a load cell whose
+reading under the drum is that of a broken one. With a wrong wire the true force stays below the
+limit plus the travel of
 [decision 40](../decisions/0040-force-and-motion-explain-each-other.md): where the settings
 lift at *F* (2,000 g at most, and as much more as a weak cell counts less), that is
 *F* + *k* · (1 mm + 6 mm/s · 18.5 ms + `overrun_um`). A board that is not commissioned stays below
-300 g; where the actuator's wires and the potentiometer's go wrong together, so that a lift presses,
-below 300 g and that travel. An emergency stop switches everything off. No firmware can answer
+300 g, whatever wire breaks and whenever; with any two wirings of the catalogue that are wrong from
+power-up, or once the drum is lifted, too; with two that break in one moment while the set-up
+presses, below 500 g. An emergency stop switches everything off. No firmware can answer
 these, so the attacks leave them out, and a current limit or a mechanical stop has to bound the
 force ([how to build the rig](../how-to/build-the-rig.md)):
 
 - *The bridge's enable is stuck high, or the bridge is shorted:* the board no longer switches it.
 - *Neither contact of the emergency stop works*, such as a bridged first contact and a second one
   that is not in the supply: nothing tells the board or cuts the supply.
-- *The load cell already feels nothing when the board takes its zero after a boot:* the reading is
-  that of a lifted drum, and no contact is known. The set-up has the cell pressed by a finger first.
-  The same holds for a cell that stops feeling before the first contact if its reading then changes
-  by less than 100 g (50 g in the set-up).
+- *The load cell feels nothing before the first contact of a board that knows no place of one:*
+  commissioned by hand without the set-up's press, or with a potentiometer that shows a wrong place.
+- *A loose contact of the load cell that comes and goes as a finger would*, or a cell that breaks
+  between the finger and the first contact and then reads within 30 g of what it read before.
+- *Load cell, potentiometer and actuator are wrong together:* nothing shows that a lift presses.
 """
 
 

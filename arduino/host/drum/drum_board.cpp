@@ -363,6 +363,8 @@ void save(const uint16_t *words) { running->store().save(words); }
 bool saving() { return running->store().saving(); }
 uint32_t commissioned() { return running->store().commissioned(); }
 void commission(uint32_t hash) { running->store().commission(hash); }
+Place place() { return running->store().place(); }
+void keep_place(const Place &place) { running->store().keep_place(place); }
 uint8_t stored_byte(uint16_t address) { return running->stored(address); }
 bool store_ready() { return true; }
 void store_byte(uint16_t address, uint8_t byte) { running->stored(address) = byte; }

@@ -26,7 +26,7 @@ from rigctl.wire.drum.codes import Command, CommandResult, Status
 from rigctl.wire.drum.states import STATE_TEXT, State
 
 SELF_TEST_TIMEOUT_S = 10.0
-LIFT_TIMEOUT_S = 20.0
+LIFT_TIMEOUT_S = 40.0
 TARE_TIMEOUT_S = 10.0
 COMMISSION_TIMEOUT_S = 5.0
 NUDGE_TIMEOUT_S = 10.0

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.acquisition.drum.settings import press_settings
+from rigctl.acquisition.setup.load_cell import PRESS_CELL, PRESS_S, RELEASE_CELL
 from rigctl.acquisition.setup.verdict import YES, YES_OR_NO, Question, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
 from rigctl.errors import WrongUse
@@ -46,6 +47,8 @@ async def check_first_press(bench: Workbench) -> Verdict:
     await _require_mounted(bench)
     await bench.clear()
     motion = bench.motion
+    await motion.disarm()
+    await _touch_cell(bench)
     await motion.arm()
     await motion.tare(anyway=True)
     await motion.home()
@@ -61,6 +64,13 @@ async def check_first_press(bench: Workbench) -> Verdict:
 async def _require_mounted(bench: Workbench) -> None:
     if await bench.ask(MOUNT) != YES:
         raise WrongUse("put the sensor and a plate in, then check again")
+
+
+async def _touch_cell(bench: Workbench) -> None:
+    """Let the board feel a finger: it presses on nothing that it has not felt since its boot."""
+    for question in (PRESS_CELL, RELEASE_CELL):
+        await bench.ask(question)
+        await bench.watch(PRESS_S)
 
 
 def _press_readings(

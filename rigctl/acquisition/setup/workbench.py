@@ -24,7 +24,7 @@ from rigctl.wire.drum.states import FAULT_TEXT, Fault, State
 
 Ask = Callable[[Question], Awaitable[str]]
 """Asks a person and returns the answer, which fits the question."""
-LIFT_S = 20.0
+LIFT_S = 40.0
 
 
 class Workbench:

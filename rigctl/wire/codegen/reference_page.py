@@ -109,6 +109,12 @@ from 0 as on the wire. Functions 3, 6, 16 and 23 are served; 23 writes first and
 - TARE and TARE_TURN need a lifted drum and a reading near the zero that the board knows;
   TARE_ANYWAY needs neither. APPROACH needs a lifted drum, a tare near that zero, and a set force
   that leaves a tenth below `over_force` and below the board's own limit.
+- APPROACH and APPROACH_SETUP also need `CELL_TRUSTED`: since the boot, while the board drove
+  nothing, the reading of the load cell left its level by 50 g for a tenth of a second and came
+  back, as a finger does it, and the zero is within 30 g of that level. A commissioned board needs
+  it after TARE_ANYWAY only, until a force is reached. Otherwise its first approach after a boot
+  ends in TOO_DEEP 1 mm below the place at which it last reached a force, which its EEPROM keeps.
+- Before it is commissioned, a board lifts with a ramp to 2.5 mm/s, for at most 32 s.
 - `CONTACT_MAY_STAND`: the drum may rest on something: it pressed, or a boot or a change of end
   switches or potentiometer made it unknown, and no lift has ended since. ARM lifts. `LIFT_FAILED`:
   the last lift ended without evidence that contact is gone; lift the drum by hand, or ARM again.

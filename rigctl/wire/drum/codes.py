@@ -86,6 +86,7 @@ class Status(IntEnum):
     LIFT_FAILED = 11
     COMMISSIONED = 12
     DIRECTION_KNOWN = 13
+    CELL_TRUSTED = 14
 
 
 class Guard(IntEnum):

@@ -14,7 +14,7 @@ from rigctl.values import SCALE_BAND_UG_PER_COUNT
 from rigctl.wire.drum.codes import Guard
 
 MAGIC = 0x5247
-MAP_VERSION = 4
+MAP_VERSION = 5
 BOARD_DRUM = 1
 BOARD_TAXELS = 2
 UNIT = 1

@@ -131,8 +131,9 @@ FAULT_TEXT: dict[Fault, str] = {
         "the reading of the load cell changed without motion: check its wires and what touches it"
     ),
     Fault.TOO_DEEP: (
-        "the drum went 1 mm below its last contact: check load cell, sensor and plate; another "
-        "drum or sensor needs rigctl calibrate tare --anyway"
+        "the drum went 1 mm below its last contact: check load cell, sensor and plate; for another "
+        "plate, drum or sensor run rigctl calibrate tare --anyway, disarm, and press on the load "
+        "cell with a finger"
     ),
     Fault.FORCE_UNSTEADY: (
         "the force swings about its set-point: run rigctl calibrate force, or change the actuator"

@@ -66,6 +66,13 @@ bool Bench::finish(int limit_ms) {
 
 bool Bench::commission() { return command(Command::Commission) == Answer::Ok && finish(100); }
 
+void Bench::touch_cell() {
+    for (double g : {0.0, 300.0, -300.0}) {
+        push_g += g;
+        run(300);
+    }
+}
+
 bool Bench::arm_and_tare() {
     return commission() && command(Command::Arm) == Answer::Ok && finish(8000) &&
            command(Command::Tare) == Answer::Ok && finish(2000);
@@ -209,6 +216,8 @@ void commission(uint32_t hash) {
     current->commissioned = hash;
     current->saving = true;
 }
+Place place() { return current ? current->place : Place{0, 0}; }
+void keep_place(const Place &place) { current->place = place; }
 SettingsFrom load(uint16_t *) { return SettingsFrom::Defaults; }
 void save(const uint16_t *) { current->saving = true; }
 bool saving() {

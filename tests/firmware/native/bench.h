@@ -45,6 +45,8 @@ class Bench {
 
     State state() const { return drum.machine().state(); }
     bool commission();
+    // A finger presses on the load cell for a moment, while the board drives nothing.
+    void touch_cell();
     bool arm_and_tare();
     bool hold(double force_g, int limit_ms = 15000);
 
@@ -67,6 +69,7 @@ class Bench {
     int16_t drive_permille = 0;
     bool stepper_on = false, bridge_on = false, saving = false;
     uint32_t commissioned = 0;
+    ports::Place place = {0, 0};
     std::vector<uint32_t> step_cycles;  // of the steps since clear
     bool keep_steps = false;
     StepEngine engine;

@@ -181,12 +181,15 @@ TEST(each_optional_wire_may_be_missing) {
 }
 
 TEST(with_neither_position_nor_end_switches_a_lift_goes_by_time) {
-    Bench bench;
-    CHECK(bench.write(reg::optional_signals, {19}) == Answer::Ok);
-    CHECK(bench.command(Command::Arm) == Answer::Ok);
-    bench.run(5900);
-    CHECK(bench.state() == State::Retract);
-    CHECK(bench.finish(600));
+    for (bool commissioned : {true, false}) {
+        Bench bench;
+        CHECK(bench.write(reg::optional_signals, {19}) == Answer::Ok);
+        if (commissioned) CHECK(bench.commission());
+        CHECK(bench.command(Command::Arm) == Answer::Ok);
+        bench.run(commissioned ? 5900 : 23900);
+        CHECK(bench.state() == State::Retract);
+        CHECK(bench.finish(600));
+    }
 }
 
 TEST(inverted_end_switches_and_potentiometer_are_put_right) {
@@ -203,7 +206,7 @@ TEST(inverted_end_switches_and_potentiometer_are_put_right) {
     CHECK(bench.finish(6000));
     CHECK(bench.write(reg::optional_signals, {without(Signal::Position)}) == Answer::Ok);
     CHECK(bench.command(Command::Retract) == Answer::Ok);
-    CHECK(bench.finish(6000));
+    CHECK(bench.finish(9000));
     CHECK(bench.read(reg::status_bits) >> static_cast<int>(Status::EndUp) & 1);
 }
 

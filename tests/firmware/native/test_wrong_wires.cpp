@@ -14,6 +14,10 @@ bool known(Bench &bench) {
     return bench.read(reg::status_bits) >> static_cast<int>(Status::DirectionKnown) & 1;
 }
 
+bool trusts_cell(Bench &bench) {
+    return bench.read(reg::status_bits) >> static_cast<int>(Status::CellTrusted) & 1;
+}
+
 constexpr uint16_t without(Signal signal) { return 31 & ~(1 << static_cast<int>(signal)); }
 
 // The stiffest contact, a hair below the drum.
@@ -294,6 +298,11 @@ TEST(another_drum_is_approached_after_a_forced_tare) {
     bench.p.contact_mm += 2;
     CHECK(bench.command(Command::TareAnyway) == Answer::Ok);
     CHECK(bench.finish(2000));
+    CHECK(bench.command(Command::Approach) == Answer::Refused);
+    CHECK(bench.command(Command::Disarm) == Answer::Ok);
+    bench.touch_cell();
+    CHECK(bench.command(Command::Arm) == Answer::Ok);
+    CHECK(bench.finish(8000));
     CHECK(bench.hold(250));
 }
 
@@ -380,6 +389,7 @@ TEST(an_uncommissioned_board_presses_for_the_set_up_alone) {
         BenchParameters parameters;
         parameters.stiffness_g_mm = stiffness;
         Bench bench(parameters);
+        bench.touch_cell();
         CHECK(bench.command(Command::Arm) == Answer::Ok);
         CHECK(bench.finish(8000));
         CHECK(bench.command(Command::Tare) == Answer::Ok);
@@ -414,6 +424,7 @@ TEST(the_set_up_stays_below_300_g_with_a_cell_that_opens) {
         parameters.stiffness_g_mm = stiffness;
         Bench bench(parameters);
         bench.write(reg::force_set, {1000});
+        bench.touch_cell();
         for (bool held : {true, false}) {
             CHECK(bench.command(Command::Arm) == Answer::Ok);
             CHECK(bench.finish(8000));
@@ -431,6 +442,109 @@ TEST(the_set_up_stays_below_300_g_with_a_cell_that_opens) {
             CHECK(bench.command(Command::Clear) == Answer::Ok);
         }
         std::printf("     set-up, %.0f g/mm, cell opens: at most %.0f g\n", stiffness, bench.peak_g);
+    }
+}
+
+TEST(the_set_up_presses_with_a_cell_that_has_felt_a_finger) {
+    for (bool dead : {false, true}) {
+        Bench bench;
+        bench.cell_open = dead;
+        bench.write(reg::force_set, {1000});
+        for (bool touched : {false, true}) {
+            if (touched) bench.touch_cell();
+            CHECK(bench.command(Command::Arm) == Answer::Ok);
+            CHECK(bench.finish(8000));
+            CHECK(bench.command(Command::Tare) == Answer::Ok);
+            CHECK(bench.finish(2000));
+            const Answer answer = bench.command(Command::ApproachSetup);
+            CHECK(answer == (touched && !dead ? Answer::Ok : Answer::Refused));
+            if (answer == Answer::Refused) CHECK(bench.command(Command::Disarm) == Answer::Ok);
+        }
+    }
+}
+
+// A mass that lies on the drum, a jolt and a cell that breaks are no finger.
+TEST(only_what_comes_and_goes_is_a_finger) {
+    Bench bench;
+    for (double g : {300.0, 30.0}) {
+        bench.push_g = g;
+        bench.run(4000);
+        CHECK(!trusts_cell(bench));
+    }
+    bench.push_g = 230;
+    bench.run(40);
+    bench.push_g = 30;
+    bench.run(400);
+    CHECK(!trusts_cell(bench));
+    bench.touch_cell();
+    CHECK(trusts_cell(bench));
+}
+
+TEST(an_approach_without_a_cell_ends_near_the_contact_of_the_last_boot) {
+    BenchParameters parameters;
+    parameters.stiffness_g_mm = 900;
+    uint32_t commissioned = 0;
+    ports::Place place = {0, 0};
+    {
+        Bench bench(parameters);
+        CHECK(bench.arm_and_tare());
+        CHECK(bench.hold(250));
+        CHECK_NEAR(bench.place.contact_um, 20000, 300);
+        commissioned = bench.commissioned;
+        place = bench.place;
+    }
+    for (bool touched : {false, true}) {
+        Bench bench(parameters);
+        bench.commissioned = commissioned;
+        bench.place = place;
+        if (touched) bench.touch_cell();
+        bench.p.contact_mm += touched ? 3 : 0;
+        bench.cell_open = !touched;
+        CHECK(bench.arm_and_tare());
+        CHECK_EQUAL(bench.hold(250, 12000), touched);
+        if (touched) continue;
+        CHECK(fault(bench) == Fault::TooDeep);
+        // Decision 0040: 1 mm, what is not kept, and the search until it is over.
+        CHECK(bench.peak_g < 900 * 1.2 * (1 + 0.3 + 3 * 0.0495));
+        std::printf("     900 g/mm, blind since the boot: %.0f g\n", bench.peak_g);
+    }
+}
+
+TEST(a_place_is_written_where_it_is_another_one) {
+    Bench bench;
+    CHECK(bench.arm_and_tare());
+    for (double mm : {20.0, 20.1, 20.8}) {
+        const uint16_t before_um = bench.place.contact_um;
+        bench.p.contact_mm = mm;
+        CHECK(bench.hold(250));
+        CHECK_EQUAL(bench.place.contact_um == before_um, mm == 20.1);
+        CHECK(bench.command(Command::Retract) == Answer::Ok);
+        CHECK(bench.finish(8000));
+    }
+}
+
+// The potentiometer says that the actuator lifts, and the load cell is all that is right.
+TEST(actuator_and_potentiometer_reversed_press_less_than_300_g) {
+    for (double above_mm : {0.05, 10.0}) {
+        BenchParameters parameters = close_and_stiff();
+        parameters.start_mm = parameters.contact_mm - above_mm;
+        Bench bench(parameters);
+        bench.swapped_actuator = bench.inverted_position = true;
+        for (uint16_t down : {1, 0}) {
+            bench.write(reg::nudge_direction, {down});
+            for (int i = 0; i < 3; ++i) {
+                bench.command(Command::Clear);
+                bench.command(Command::Nudge);
+                bench.run(1500);
+            }
+        }
+        arm_again(bench, 4);
+        bench.run(4000);
+        arm_again(bench, 2);
+        CHECK(fault(bench) == Fault::ForceUnexplained);
+        CHECK(!bench.bridge_on);
+        CHECK(bench.peak_g > 50 && bench.peak_g < 300);
+        std::printf("     both reversed, %.2f mm above: %.0f g\n", above_mm, bench.peak_g);
     }
 }
 

@@ -51,7 +51,7 @@ class DrumChip:
     """An image on a chip that runs in steps of a millisecond; leaving the context frees it.
 
     ``potentiometer``: share of the supply at its pin, None where it is whole. ``cell_is_dead``: its
-    excitation is broken.
+    excitation is broken. ``finger_g``: a finger presses on the load cell.
     """
 
     def __init__(self, image: str = "firmware/drum.elf", bootloader: Path | None = None) -> None:
@@ -65,6 +65,7 @@ class DrumChip:
         self.beating = True
         self.potentiometer: float | None = None
         self.cell_is_dead = False
+        self.finger_g = 0.0
         self.rod_mm, self.force_g = 5.0, 0.0
         self.actuator_mm_s = ACTUATOR_MM_S
         self.forces: list[float] = []
@@ -120,7 +121,8 @@ class DrumChip:
         depth = self.rod_mm - CONTACT_MM
         self.force_g = max(0.0, STIFFNESS_G_MM * depth)
         self.forces.append(self.force_g)
-        self._felt = [*self._felt[1:], 0.0 if self.cell_is_dead else self.force_g]
+        felt_g = 0.0 if self.cell_is_dead else self.force_g + self.finger_g
+        self._felt = [*self._felt[1:], felt_g]
         felt = sum(self._felt) / 10 + 0.3 * self._noise.standard_normal()
         self.x.loadcell_counts = OFFSET_COUNTS + round(felt / G_PER_COUNT)
         self.chip.analog[0, 0] = actuator_pins(WIRED, self.rod_mm, 50.0)[0]

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.simulation.bench.contact import ForceTable, contact_tables, draw_mounting, force_table
-from rigctl.simulation.bench.electrics import actuator_pins
-from rigctl.simulation.bench.load_cell import LoadCellAmplifier
-from rigctl.simulation.bench.mechanics import DrumTrajectory, Mechanics
+from rigctl.simulation.bench.electrics import LIFT, PRESS, actuator_pins
+from rigctl.simulation.bench.mechanics import DrumTrajectory
 from rigctl.simulation.bench.world.parameters import WorldParameters, validated
-from rigctl.simulation.chips.simavr import Output
-from rigctl.simulation.simulated_rig import Disturbances
+from rigctl.simulation.chips.simavr import Input, Output
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import State
-from tests.firmware.drum.support.chip import MS, WIRED, DrumChip
+from tests.firmware.drum.support.bare_bench import BareBench
+from tests.firmware.drum.support.chip import MS, DrumChip
 
 CYCLES_PER_US = 16
 MEAN_MS = 200
@@ -43,13 +40,6 @@ class Trial:
     window: NDArray[np.float64]
 
 
-@lru_cache(maxsize=4)
-def mounted_contact(plate: str, parameters: WorldParameters, seed: int) -> ForceTable:
-    """Return the contact of a bench's first mounting of a plate."""
-    seat = draw_mounting(parameters, seed, 0)
-    return force_table(contact_tables(plate, parameters), parameters, seat)
-
-
 class PlantDrum(DrumChip):
     """The image on its chip with the simulated actuator, contact and load cell."""
 
@@ -63,29 +53,47 @@ class PlantDrum(DrumChip):
     ) -> None:
         self._begin_mm = begin_mm
         self.parameters = validated(parameters or WorldParameters())
-        self.plant = Mechanics(self.parameters)
-        self.plant.set_force_table(mounted_contact(plate, self.parameters, seed))
-        self._cell = LoadCellAmplifier(self.parameters, seed, self.plant, Disturbances())
+        self.bench = BareBench(self.parameters, plate, seed)
+        self.plant = self.bench.plant
         super().__init__(image)
 
     def _wire_up(self) -> None:
-        p, x = self.parameters, self.x
-        x.loadcell_period_q16 = round(self._cell.period_us * CYCLES_PER_US * 65536)
-        x.steps_per_turn = round(p.steps_per_turn)
-        x.mark_length_steps = round(p.index_length_mm / p.mm_per_step)
+        p = self.parameters
+        self._levels = {Input.ESTOP: False, Input.END_UP: False, Input.END_DOWN: False}
+        self.connect()
         self.chip.place_drum(round(p.start_mm / p.mm_per_step))
-        self._start_steps = float(x.drum_place)
+        self._start_steps = float(self.x.drum_place)
+
+    def connect(self) -> None:
+        """Pass changed disturbances of the bench to its parts and to the chip's pins."""
+        bench, x = self.bench, self.x
+        circuit = bench.disturbances.circuit
+        bench.wire_drum(x)
+        bench.apply_disturbances()
+        x.loadcell_period_q16 = round(bench.loadcell.period_us * CYCLES_PER_US * 65536)
+        x.loadcell_clock_open, x.loadcell_data_open = not circuit.cell_clock, not circuit.cell_data
+        x.supply_mv = circuit.logic_mv
+        self._set_level(Input.ESTOP, bench.disturbances.estop_level())
+
+    def _set_level(self, signal: Input, level: bool) -> None:
+        if level != self._levels[signal]:
+            self._levels[signal] = level
+            self.pin(signal, int(level))
 
     def _advance_bench(self, duty: float) -> None:
         end_ms = int(self.x.cycle) // MS
         drum_mm = (self.x.drum_place - self._start_steps) * self.parameters.mm_per_step
-        self.plant.advance(end_ms, duty, DrumTrajectory(end_ms * 1000.0, drum_mm, 0.0))
+        voltage = duty * float(self.bench.electrics[PRESS if duty > 0.0 else LIFT])
+        self.plant.advance(end_ms, voltage, DrumTrajectory(end_ms * 1000.0, drum_mm, 0.0))
         self.rod_mm, self.force_g = self.plant.rod_mm, self.plant.force_g
         self.forces.append(self.force_g)
         if self.x.loadcell_ready <= (end_ms + 1) * MS:
-            self.x.loadcell_counts = self._cell.weigh(end_ms * 1000)
+            self.x.loadcell_counts = self.bench.loadcell.weigh(end_ms * 1000)
         travel_mm = self.parameters.actuator_travel_mm
-        self.chip.analog[0, 0] = actuator_pins(WIRED, self.rod_mm, travel_mm)[0]
+        share, up, down = actuator_pins(self.bench.electrics, self.rod_mm, travel_mm, end_ms)
+        self.chip.analog[0, 0] = share
+        self._set_level(Input.END_UP, up)
+        self._set_level(Input.END_DOWN, down)
 
     def prepare(self) -> None:
         """Arm, home and tare."""

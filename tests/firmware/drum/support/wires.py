@@ -5,6 +5,7 @@ Each passes on the flashed image and fails on one without the tested rule (:data
 
 from __future__ import annotations
 
+from rigctl.simulation.chips.simavr import ResetBy
 from rigctl.wire.drum.codes import Command
 from rigctl.wire.drum.states import Fault, State
 from tests.firmware.drum.support.checks import IMAGE, SET_FORCE_G, Check
@@ -15,8 +16,9 @@ SWAPPED = "firmware/drum-swapped.elf"
 UNCOMMISSIONED_G = 300
 FIRST_MM = 0.25
 """Way of a nudge the wrong way: 0.1 mm, and what a rod at a fifth of its speed still travels."""
-BEYOND_MM, STILL_MM = 1.0, 0.4
-"""Ways that a drum may go without a force: below the last contact, and where it stands still."""
+BEYOND_MM, STILL_MM, KEPT_MM = 1.0, 0.4, 0.3
+"""Ways that a drum may go without a force: below the last contact, and where it stands still; and
+how much the kept place of the last contact may be another."""
 LATE_MM = 6 * (0.0125 + 0.006 + 0.001 + 0.0305) + 6 * (0.0125 + 0.006)
 """Way at 6 mm/s until a sample, a tick and the lag are over; and what the bound grants the cell."""
 
@@ -81,6 +83,40 @@ def a_dead_cell_in_an_approach_ends_near_the_last_contact(image: str) -> None:
         assert max(drum.forces) < STIFFNESS_G_MM * (BEYOND_MM + LATE_MM)
 
 
+def a_dead_cell_after_a_reset_ends_near_the_kept_contact(image: str) -> None:
+    """The excitation breaks while the board is off; it has never felt this cell."""
+    with DrumChip(image) as drum:
+        drum.arm()
+        drum.hold(SET_FORCE_G)
+        assert drum.command(Command.RETRACT, 5000) == 0
+        drum.cell_is_dead = True
+        drum.chip.reset(ResetBy.PIN)
+        drum.run(250)
+        drum.arm()
+        assert drum.command(Command.APPROACH) == 0
+        drum.poll_for(12_000)
+        assert drum.get("fault") == Fault.TOO_DEEP
+        assert drum.force_g == 0
+        assert max(drum.forces) < STIFFNESS_G_MM * (BEYOND_MM + KEPT_MM + LATE_MM)
+
+
+def the_setup_presses_after_a_finger_only(image: str) -> None:
+    """A reset forgets the finger."""
+    with DrumChip(image) as drum:
+        for fingers_g in ((), (300.0, 0.0), ()):
+            drum.run(300)
+            for finger_g in fingers_g:
+                drum.finger_g = finger_g
+                drum.run(300)
+            assert drum.command(Command.ARM, 8000) == 0
+            assert drum.command(Command.TARE, 8000) == 0
+            assert drum.set("force_set", 1000) == 0
+            refused = drum.command(Command.APPROACH_SETUP)
+            assert refused == (0 if fingers_g else 4)
+            drum.chip.reset(ResetBy.PIN)
+            drum.run(300)
+
+
 def an_uncommissioned_board_refuses_to_press(image: str) -> None:
     """It knows its wires by a hash in the EEPROM, which a reset and another image leave alone."""
     with DrumChip(image) as drum:
@@ -100,6 +136,8 @@ WIRE_CHECKS: tuple[tuple[Check, str], ...] = (
     (a_broken_potentiometer_is_never_the_top, IMAGE),
     (a_dead_cell_in_hold_ends_the_push, IMAGE),
     (a_dead_cell_in_an_approach_ends_near_the_last_contact, IMAGE),
+    (a_dead_cell_after_a_reset_ends_near_the_kept_contact, IMAGE),
+    (the_setup_presses_after_a_finger_only, IMAGE),
     (an_uncommissioned_board_refuses_to_press, IMAGE),
 )
 """Each check, and the image that it passes on."""
@@ -114,6 +152,12 @@ WIRE_CONTROLS: tuple[tuple[str, str, Check], ...] = (
         "no bound by the last contact",
         a_dead_cell_in_an_approach_ends_near_the_last_contact,
     ),
+    (
+        "forgetful",
+        "each boot forgets the contact",
+        a_dead_cell_after_a_reset_ends_near_the_kept_contact,
+    ),
+    ("unfelt", "a cell that felt nothing is believed", the_setup_presses_after_a_finger_only),
     ("always-commissioned", "any board presses", an_uncommissioned_board_refuses_to_press),
 )
 """Broken image, what is broken in it, and the check that must fail on it."""
