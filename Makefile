@@ -63,11 +63,13 @@ firmware: $(VENV)/.ready
 	$(SAY) "firmware of all boards, and the simulated chips"
 	@$(MAKE) --no-print-directory -C arduino PYTHON=$(abspath $(BIN)/python)
 
+# Byte code is kept whatever the environment says: a test starts programs, and each would compile
+# all that it imports.
 pytest: firmware
 	@sh .ci/debian-packages $(DEBIAN_TEST)
 	$(SAY) "test suite, four workers: many tests wait for boards that run in real time"
-	@QT_QPA_PLATFORM=offscreen OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 4 --dist loadfile \
-	  --no-loadscope-reorder $(PYTEST_ARGS)
+	@PYTHONDONTWRITEBYTECODE= QT_QPA_PLATFORM=offscreen OPENBLAS_NUM_THREADS=1 \
+	  $(BIN)/python -m pytest -n 4 --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
 $(PEERS)/.ready: tests/benchmarks/encoder/peers.txt
 	$(SAY) "peers to measure against, in an environment of their own"

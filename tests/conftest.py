@@ -17,6 +17,7 @@ settings.register_profile("rigctl", deadline=None, derandomize=True)
 settings.load_profile("rigctl")
 
 BEGUN_FIRST = (
+    "attack/test_attack.py",
     "devices/test_flash.py",
     "realtime/test_finger_bench.py",
     "gui/test_joining.py",
@@ -32,6 +33,8 @@ BEGUN_FIRST = (
     "gui/bad_input/test_unplugged.py",
     "firmware/drum/test_attack_rules.py",
     "firmware/drum/test_drum_controls.py",
+    "firmware/drum/test_drum_native.py",
+    "fuzz/test_fuzz.py",
     "encoding/test_processors.py",
 )
 """Files that wait for a rig in real time, or take long: begun last, they would end alone."""
