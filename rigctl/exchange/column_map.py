@@ -9,8 +9,7 @@ from pathlib import Path
 from rigctl.config.rig_config import MAX_TAXELS
 from rigctl.config.toml_reader import TomlTable, TomlText
 from rigctl.errors import ConfigError
-from rigctl.exchange.labels import LabelRules, read_label_rules
-from rigctl.exchange.units import SECONDS, read_loadcell_unit
+from rigctl.exchange.labels import SECONDS, LabelRules, read_label_rules, read_loadcell_unit
 from rigctl.session.header import LAYER_NAMES, SensorLayout
 
 MIN_RATE_HZ, MAX_RATE_HZ = 1e-3, 1e7

@@ -14,11 +14,18 @@ from rigctl.analysis.cache import NUMPY_ERRORS
 from rigctl.config.text_file import open_file
 from rigctl.errors import WrongUse
 from rigctl.exchange.column_map import ImportMap
-from rigctl.exchange.column_names import format_names, range_ends
 from rigctl.exchange.matlab import read_mat
 from rigctl.exchange.recording_files import SUFFIXES
 from rigctl.exchange.text_table import TextFormat, read_text_table
-from rigctl.exchange.trial_tables import FileTrials, Floats, LabelColumn, TrialTable, split_trials
+from rigctl.exchange.trial_tables import (
+    FileTrials,
+    Floats,
+    LabelColumn,
+    TrialTable,
+    format_names,
+    range_ends,
+    split_trials,
+)
 from rigctl.session.hdf5_file import describe
 
 DELIMITERS = {".csv": ",", ".tsv": "\t", ".txt": "\t"}

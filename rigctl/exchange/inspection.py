@@ -14,9 +14,15 @@ import numpy as np
 from rigctl.config.text_file import open_file
 from rigctl.errors import WrongUse
 from rigctl.exchange.column_map import MAX_RATE_HZ, ImportMap
-from rigctl.exchange.column_names import format_names, range_ends
 from rigctl.exchange.file_readers import DELIMITERS, RecordingReader
-from rigctl.exchange.labels import TrialLabel, number_repeats, parse_label, refuse_collisions
+from rigctl.exchange.labels import (
+    DEPTH,
+    LEVEL,
+    TrialLabel,
+    number_repeats,
+    parse_label,
+    refuse_collisions,
+)
 from rigctl.exchange.recording_files import common_folder, refuse_unreadable_names
 from rigctl.exchange.resampling import (
     Floats,
@@ -27,8 +33,7 @@ from rigctl.exchange.resampling import (
     is_oversampled,
     resample,
 )
-from rigctl.exchange.trial_tables import TrialTable, bounded
-from rigctl.exchange.units import DEPTH, LEVEL
+from rigctl.exchange.trial_tables import TrialTable, bounded, format_names, range_ends
 from rigctl.values import SAMPLE_RATE_HZ
 
 MAX_COUNT = 65535

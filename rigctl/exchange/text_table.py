@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rigctl.config.names import shorten
 from rigctl.config.text_file import open_file
 from rigctl.errors import WrongUse
-from rigctl.exchange.column_names import find_columns, refuse_too_many
+from rigctl.exchange.trial_tables import find_columns, refuse_too_many
 
 MAX_FILE_BYTES = 2**32
 MAX_LINE_LETTERS = 1_000_000

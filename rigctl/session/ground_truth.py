@@ -279,7 +279,7 @@ def trial_truths(
 ) -> list[TrialTruth]:
     """Return the truth of each committed trial that a readable log covers, by trial id.
 
-    Calls ``on_trial`` before each trial. :func:`check_truth` raises for a damaged log.
+    Calls ``on_trial`` before each trial. :func:`check_log` raises for a damaged log.
     """
     committed = session.committed()
     rows = session.trials[committed]

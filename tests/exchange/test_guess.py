@@ -11,7 +11,7 @@ import pytest
 
 from rigctl.cli import main
 from rigctl.errors import WrongUse
-from rigctl.exchange.guess.guess import guess_map
+from rigctl.exchange.guess import guess_map
 from rigctl.exchange.recording_files import find_recordings
 from rigctl.session.session import Session
 from rigctl.session.verify import verify

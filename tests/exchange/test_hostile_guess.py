@@ -14,8 +14,7 @@ import pytest
 from rigctl.config.toml_reader import TomlText
 from rigctl.errors import ConfigError, WrongUse
 from rigctl.exchange.column_map import parse_map
-from rigctl.exchange.guess.guess import GuessedMap, guess_map
-from rigctl.exchange.guess.map_text import short_textures
+from rigctl.exchange.guess import GuessedMap, guess_map, short_textures
 from rigctl.protocol.fields import TEXTURE_BYTES
 
 NAME = "felt_12mms_1"

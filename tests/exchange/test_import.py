@@ -19,8 +19,7 @@ from rigctl.config.resources import source_commit
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.errors import ConfigError, SessionError, WrongUse
 from rigctl.exchange.column_map import load_map
-from rigctl.exchange.extra_channels import FILE
-from rigctl.exchange.importer import import_files
+from rigctl.exchange.importer import FILE, import_files
 from rigctl.exchange.inspection import Inspection
 from rigctl.session.session import Session
 from rigctl.session.verify import verify

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from rigctl.session.hdf5_file import DataSetSchema, Hdf5File
-from tests.wire.test_tracker_lines import numbers
 
 ROWS = 100_000
 WRITER = f"""
@@ -48,11 +47,11 @@ def test_rows_that_arrive_during_the_check_are_no_damage(
     """A reader once compared the new number of rows with the size from before them."""
 
     def schemas() -> Iterator[DataSetSchema]:
-        yield numbers("/small", 1)
+        yield DataSetSchema("/small", 1)
         assert writer.stdin is not None and writer.stdout is not None
         print("go on", file=writer.stdin, flush=True)
         assert writer.stdout.readline() == "grown\n"
-        yield numbers("/rows", 2)
+        yield DataSetSchema("/rows", 2)
 
     with Hdf5File(tmp_path / "growing.h5", swmr=True, libver="latest") as file:
         file.check(schemas())

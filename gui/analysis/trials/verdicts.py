@@ -10,8 +10,8 @@ LEFT_OUT = "left out"
 def shown_verdicts(session: Any) -> list[str]:
     """Return the verdict of each attempt of an open session.
 
-    An attempt that does not count though the recorder committed it (marked bad by a note, cut
-    short, listed by a recovery) is left out.
+    An attempt that does not count though the recorder committed it (marked bad by a note, or cut
+    short) is left out.
     """
     verdicts = session.trials["verdict"].tolist()
     for row in session.left_out:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rigctl.config.names import shorten
 from rigctl.errors import DiskFault, WrongUse
-from rigctl.exchange.guess.guess import GuessedMap
+from rigctl.exchange.guess import GuessedMap
 
 WIDTH = 100
 CELL, NAME = 16, 32

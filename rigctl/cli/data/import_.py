@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
 def _guess(args: argparse.Namespace, files: list[Path]) -> int:
     """Write the guessed map; return 1 if it does not work yet."""
     from rigctl.cli.data.guessed_map import print_guess, write_guess
-    from rigctl.exchange.guess.guess import guess_map
+    from rigctl.exchange.guess import guess_map
 
     if args.out is not None:
         raise WrongUse("--guess imports nothing: leave out --out")

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.io import savemat
 
 from rigctl.exchange.column_map import load_map
-from rigctl.exchange.guess.guess import guess_map
+from rigctl.exchange.guess import guess_map
 from rigctl.exchange.importer import import_files
 from tests.fuzz.kind import Kind, Mutation, Place
 from tests.fuzz.mutations.bytes import BYTES

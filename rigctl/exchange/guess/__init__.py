@@ -1,1 +1,0 @@
-"""A map for unknown recordings, guessed from their names, columns and values."""
