@@ -24,7 +24,7 @@ from rigctl.session.notes.write_note import add_note
 from rigctl.session.read.session import Session
 from rigctl.session.write.recorder import Recorder
 from rigctl.values import PlannedTrial
-from tests.analysis.learning.coverage import measure
+from tests.analysis.learning_coverage import measure
 from tests.analysis.recordings import record
 from tests.session import building
 
