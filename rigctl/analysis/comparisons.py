@@ -22,7 +22,7 @@ from rigctl.analysis import published
 from rigctl.analysis.cache import Resources
 from rigctl.analysis.representations import REPRESENTATIONS, RepresentationSet
 from rigctl.analysis.splits import Design, make_splits
-from rigctl.analysis.statistics import Difference, welch_each
+from rigctl.analysis.statistics import Difference, k_ranges, welch_each
 from rigctl.analysis.tasks import Curve, SweepSettings, TaskResult, score_splits
 
 THRESHOLDS = (0.80, 0.90, 0.95)
@@ -432,7 +432,7 @@ def _gap_sentence(pair: RepresentationPair, result: TaskResult) -> str:
     )
     if not pair.holds_at:
         return f"{gap}; it holds with no number of components up to {result.k_max}"
-    return f"{gap}; it holds with {_format_ranges(pair.holds_at)} components"
+    return f"{gap}; it holds with {k_ranges(pair.holds_at)} components"
 
 
 def _level_sentences(pair: RepresentationPair, result: TaskResult) -> list[str]:
@@ -493,17 +493,6 @@ def _ra_sentence(half: FeatureHalf, forces_g: Sequence[float]) -> str:
         "C acts on the SA current only: the mean RA count at "
         f"{forces_g[-1]:g} g is {ratio} that at {forces_g[0]:g} g"
     )
-
-
-def _format_ranges(numbers: Sequence[int]) -> str:
-    """Format ascending numbers, for example as 3–7, 12."""
-    runs: list[list[int]] = []
-    for number in numbers:
-        if runs and number == runs[-1][-1] + 1:
-            runs[-1].append(number)
-        else:
-            runs.append([number])
-    return ", ".join(f"{r[0]}–{r[-1]}" if len(r) > 1 else str(r[0]) for r in runs)
 
 
 def _percent(share: float) -> str:

@@ -94,12 +94,8 @@ class _Moments(NamedTuple):
         return cls(float(values.mean()), _variance(values), len(values))
 
 
-def cohens_d(first: Values, second: Values) -> float | None:
-    """Return the difference of means over the pooled standard deviation, None where that is 0."""
-    return _effect(_Moments.of(first), _Moments.of(second))
-
-
 def _effect(first: _Moments, second: _Moments) -> float | None:
+    """Return Cohen's d: the difference over the pooled deviation, None where that is 0."""
     if first.n + second.n < 3:
         return None
     squares = (first.n - 1) * first.variance + (second.n - 1) * second.variance
@@ -116,6 +112,17 @@ def wilson_interval(correct: Any, n: int) -> tuple[Any, Any]:
 
     low, high = proportion_confint(correct, n, method="wilson")
     return low, high
+
+
+def k_ranges(numbers: Sequence[int] | NDArray[np.intp]) -> str:
+    """Return ascending whole numbers as ranges, such as ``5–30, 34``; ``none`` for no number."""
+    runs: list[list[int]] = []
+    for number in map(int, numbers):
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return ", ".join(f"{r[0]}–{r[-1]}" if len(r) > 1 else f"{r[0]}" for r in runs) or "none"
 
 
 def describe_rule(rule: AsteriskRule, test: DifferenceTest) -> str:

@@ -14,11 +14,8 @@ from PySide6.QtWidgets import QComboBox, QTextBrowser
 from gui.analysis.figures.accuracy_page import AccuracyPage
 from gui.analysis.figures.confusion_page import ConfusionPage
 from gui.analysis.figures.picture_page import FigureView
-from gui.analysis.options_form import ENGINES
 from gui.analysis.results_view import ResultsView
-from rigctl.analysis import pca_lda as sweep_engines
-from rigctl.analysis import representations, tasks
-from rigctl.analysis.options import REPRESENTATIONS, TASKS
+from rigctl.analysis import options, pca_lda, representations, tasks
 from rigctl.cli import main
 from tests.analysis.recordings import record
 from tests.gui.steps import Harness, click, wait_until
@@ -223,6 +220,10 @@ def test_failed_analysis_shows_the_reason(opened: Harness, tmp_path: Path) -> No
 
 
 def test_form_offers_all_options_of_the_analysis() -> None:
-    assert {r.name: r.key for r in representations.REPRESENTATIONS} == REPRESENTATIONS
-    assert tuple(key for key in TASKS.values() if key) == tasks.TASK_NAMES
-    assert set(ENGINES.values()) == set(sweep_engines.SweepEngine)
+    offered = {
+        name: one.metadata for name, one in options.declared(options.AnalysisOptions).items()
+    }
+    models = [(r.key, r.name) for r in representations.REPRESENTATIONS]
+    assert list(offered["representation"]["offered"][1:]) == models
+    assert tuple(key for key, _ in offered["task"]["offered"] if key) == tasks.TASK_NAMES
+    assert set(offered["engine"]["choices"]) == set(pca_lda.SweepEngine)

@@ -19,8 +19,8 @@ from gui.protocol.learning_page import (
 from gui.protocol.protocol_panel import ProtocolPanel
 from rigctl.protocol.loader import parse_protocol
 from rigctl.session.recorder import Recorder
-from tests.analysis.learning.test_learning_curve import commit
 from tests.analysis.recordings import record
+from tests.analysis.test_learning_curve import commit
 from tests.gui.steps import Harness, click, wait_until
 from tests.gui.test_protocol_panel import RUN, open_panel
 from tests.session import building

@@ -34,7 +34,7 @@ from rigctl.analysis.finger.published import DEPLOYED, DEPLOYED_TRIALS
 from rigctl.analysis.finger.scans import KINDS, FingerDataSet, ScanKind, common_textures
 from rigctl.analysis.finger.tasks import DrawSettings, FingerResult, run_finger_tasks
 from rigctl.analysis.settings import as_plain, differences_from_paper
-from rigctl.analysis.statistics import curve_test_dict, published_share
+from rigctl.analysis.statistics import curve_test_dict, k_ranges, published_share
 from rigctl.errors import WrongUse
 
 Floats = NDArray[np.float64]
@@ -152,24 +152,6 @@ def _profiles(data_sets: Sequence[FingerDataSet], kind: ScanKind) -> ProfileDiff
     )
 
 
-def first_above(values: Floats, level: float) -> str:
-    """Return where values are above a level as ranges of k, such as ``5–30, 34``."""
-    return k_ranges(np.flatnonzero(values > level) + 1)
-
-
-def k_ranges(numbers: NDArray[np.intp]) -> str:
-    """Return whole numbers as ranges, ``none`` for no number."""
-    if not len(numbers):
-        return "none"
-    breaks = np.flatnonzero(np.diff(numbers) > 1)
-    starts = numbers[np.concatenate([[0], breaks + 1])]
-    ends = numbers[np.concatenate([breaks, [len(numbers) - 1]])]
-    return ", ".join(
-        f"{a}" if a == b else f"{a}–{b}"
-        for a, b in zip(starts.tolist(), ends.tolist(), strict=True)
-    )
-
-
 def task_dict(result: FingerResult) -> dict[str, Any]:
     """Return a task's curves, tests and comparison with the paper as values for JSON."""
     differences = result.differences()
@@ -194,7 +176,7 @@ def task_dict(result: FingerResult) -> dict[str, Any]:
             "shares": _shares_from_paper(result),
         },
         "curves": {kind.value: _curve_dict(result, kind) for kind in KINDS},
-        "above_originals_peak": first_above(scaled, float(original.max())),
+        "above_originals_peak": k_ranges(np.flatnonzero(scaled > original.max()) + 1),
         "scaled_better_double": k_ranges(np.flatnonzero(better & (stars == "**")) + 1),
         "scaled_better_single": k_ranges(np.flatnonzero(better & (stars == "*")) + 1),
         "original_better": k_ranges(np.flatnonzero(~better & (stars != "")) + 1),

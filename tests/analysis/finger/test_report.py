@@ -22,10 +22,11 @@ from rigctl.analysis.finger.report import (
     summary_lines,
     write_finger_report,
 )
-from rigctl.analysis.finger.results import FingerAnalysis, analyse_finger, k_ranges
+from rigctl.analysis.finger.results import FingerAnalysis, analyse_finger
 from rigctl.analysis.finger.scans import ScanKind
 from rigctl.analysis.finger.tasks import DrawSettings
 from rigctl.analysis.report.figure import Panel, PublishedValue
+from rigctl.analysis.statistics import k_ranges
 from rigctl.errors import WrongUse
 from tests.analysis.finger.made_scans import made_data_set
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from rigctl.analysis import executors as dask_executor
+from rigctl.analysis import executors
 from rigctl.analysis.cache import Resources
 from rigctl.analysis.representations import represent
 from rigctl.analysis.tasks import SweepSettings, TaskResult, run_tasks
@@ -46,7 +46,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Cluster]:
     process = subprocess.Popen(
-        [sys.executable, "-m", "tests.analysis.execution.local_cluster"],
+        [sys.executable, "-m", "tests.analysis.local_cluster"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -81,7 +81,7 @@ def test_results_are_equal_although_a_worker_is_killed(
             os.kill(cluster.pids[0], signal.SIGKILL)
         steps.append((stage, done))
 
-    with dask_executor.dask_executor(cluster.two) as executor:
+    with executors.dask_executor(cluster.two) as executor:
         assert executor.is_local
         executor.check_visible([session, tmp_path])
         resources = Resources(executor, progress=progress)
@@ -98,27 +98,27 @@ def test_a_worker_that_does_not_fit_is_refused_by_name(
     cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     nowhere = tmp_path / "nowhere"
-    with dask_executor.dask_executor(cluster.two) as executor:
+    with executors.dask_executor(cluster.two) as executor:
         with pytest.raises(WrongUse, match=f"worker tcp://.* does not see {nowhere}"):
             executor.check_visible([tmp_path, nowhere])
-        monkeypatch.setattr(dask_executor, "_list_folder", lambda folder: [("part-0001.h5", 7)])
+        monkeypatch.setattr(executors, "_list_folder", lambda folder: [("part-0001.h5", 7)])
         with pytest.raises(WrongUse, match=f"does not see {tmp_path} with its files"):
             executor.check_visible([tmp_path])
-        monkeypatch.setattr(dask_executor, "__version__", "9.9.9")
-        dask_executor.own_versions.cache_clear()
+        monkeypatch.setattr(executors, "__version__", "9.9.9")
+        executors.own_versions.cache_clear()
         with pytest.raises(WrongUse, match=r"worker tcp://.* has rigctl .*, this machine 9\.9\.9"):
             list(executor.map(abs, [-1]))
     with (
         pytest.raises(WrongUse, match=r"worker tcp://.* has rigctl"),
-        dask_executor.dask_executor(cluster.two),
+        executors.dask_executor(cluster.two),
     ):
         pass
-    dask_executor.own_versions.cache_clear()
+    executors.own_versions.cache_clear()
 
 
 def test_an_error_of_a_task_passes_unchanged(cluster: Cluster) -> None:
     with (
-        dask_executor.dask_executor(cluster.two) as executor,
+        executors.dask_executor(cluster.two) as executor,
         pytest.raises(FileNotFoundError, match="no-such-folder"),
     ):
         list(executor.map(os.listdir, ["/no-such-folder"]))
@@ -132,7 +132,7 @@ def test_an_interruption_cancels_the_remaining_tasks(cluster: Cluster, session: 
             raise KeyboardInterrupt
 
     trials = join_sessions([session])
-    with pytest.raises(KeyboardInterrupt), dask_executor.dask_executor(cluster.two) as executor:
+    with pytest.raises(KeyboardInterrupt), executors.dask_executor(cluster.two) as executor:
         resources = Resources(executor, progress=interrupt)
         represent(trials, DEFAULT, session.parent, resources=resources)
     with Client(cluster.two, set_as_default=False) as client:
@@ -143,7 +143,7 @@ def test_an_interruption_cancels_the_remaining_tasks(cluster: Cluster, session: 
 def test_an_address_without_workers_is_refused(
     cluster: Cluster, session: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Any
 ) -> None:
-    monkeypatch.setattr(dask_executor, "CONNECT_S", 2.0)
+    monkeypatch.setattr(executors, "CONNECT_S", 2.0)
     command = ["analyse", str(session), "--out", str(session.parent / "r"), "--dask"]
     for address, message in (
         ("nowhere", "is not the address of a Dask scheduler"),
@@ -161,9 +161,9 @@ def test_an_address_without_workers_is_refused(
 def test_a_long_wait_for_workers_ends(cluster: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
     from distributed import Client
 
-    monkeypatch.setattr(dask_executor, "POLL_S", 0.05)
+    monkeypatch.setattr(executors, "POLL_S", 0.05)
     with Client(cluster.none, set_as_default=False) as client:
-        executor = dask_executor.DaskExecutor(client, set())
+        executor = executors.DaskExecutor(client, set())
         with pytest.raises(WorkersLost, match="has had no worker"):
             list(executor.map(abs, [-1]))
 

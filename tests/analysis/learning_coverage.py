@@ -1,6 +1,6 @@
 """Measure how often the interval of a learning curve holds the accuracy that it estimates.
 
-``python -m tests.analysis.learning.coverage SESSION DRAWS`` draws trials from a large virtual
+``python -m tests.analysis.learning_coverage SESSION DRAWS`` draws trials from a large virtual
 session again and again, as if each draw were a session of its own. The true accuracy is the mean
 over the draws: that of classifiers trained with as many trials as a fold has.
 """

@@ -23,7 +23,7 @@ from rigctl.session.notes import Mark, SessionNote
 from rigctl.session.recorder import Recorder
 from rigctl.session.session import Session, add_note
 from rigctl.values import PlannedTrial
-from tests.analysis.learning.coverage import measure
+from tests.analysis.learning_coverage import measure
 from tests.analysis.recordings import record
 from tests.session import building
 
