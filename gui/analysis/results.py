@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from gui.analysis.export.value_file import data_words, rows_csv
-from gui.analysis.figures import held_out
 from gui.analysis.figures.figure_values import figures_csv
 from rigctl.analysis.notes import summarise_notes
-from rigctl.analysis.report.figure import Figure
+from rigctl.analysis.report.figure import Figure, Matrix
+from rigctl.values import SAMPLE_RATE_HZ
 
 if TYPE_CHECKING:
     from rigctl.analysis.classify_sessions import Classification
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from rigctl.analysis.report.report_folder import ReportResult
     from rigctl.session.verify import VerifyReport
 
+TRAINED = "Trials that the model was trained on; the counts say nothing about others."
+UNSEEN = "Trials that the model was not trained on."
 LATENCY_NAMES = ("latency", "number", "p50 (ms)", "p99 (ms)", "p99.9 (ms)", "largest (ms)")
 PREDICTION_NAMES = (
     "session", "trial", "true texture", "speed (mm/s)", "force (g)", "predicted texture", "right",
@@ -124,7 +126,7 @@ def quick_results(demo: DemoResult) -> AnalysisResults:
     pages = (
         plot_page("Accuracy", demo.origin, held_out_accuracy(demo.held_out)),
         plot_page("Confusion", demo.origin, held_out_confusion(demo.held_out)),
-        ResultsPage("Spikes", figure=str(demo.raster), csv=held_out.spikes_csv(demo)),
+        ResultsPage("Spikes", figure=str(demo.raster), csv=_spikes_csv(demo)),
         _words_page("In words", (demo.sentence, *demo.remarks)),
     )
     return AnalysisResults(sentence, pages, name="quick-check", simulated=demo.simulated)
@@ -151,12 +153,12 @@ def prediction_results(classification: Classification) -> AnalysisResults:
     ]  # fmt: skip
     predictions = f"<h3>{escape(summary(classification))}</h3>{table(head, cells)}"
     csv = rows_csv(PREDICTION_NAMES, classification.predictions)
-    data = held_out.data_and_model(classification)
+    data = _data_and_model(classification)
     sessions = ", ".join(path.name for path in classification.trials.paths)
     origin = f"{data} · {sessions}"
     pages = (
         ResultsPage("Predictions", predictions, csv=csv),
-        plot_page("Confusion", origin, held_out.model_confusion(classification)),
+        plot_page("Confusion", origin, _model_confusion(classification)),
         _words_page("Remarks", summarise_notes(classification.remarks)),
     )
     simulated = classification.trials.simulated or classification.model.training.simulated
@@ -192,6 +194,37 @@ def table(head: list[str], rows: list[list[str]]) -> str:
     header = "".join(f'<th align="left">{cell}</th>' for cell in head)
     body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
     return f'<table cellspacing="0" cellpadding="5"><tr>{header}</tr>{body}</table>'
+
+
+def _spikes_csv(demo: DemoResult) -> str:
+    """Return every spike of the trial in the quick check's raster."""
+    spikes = demo.shown.spikes
+    half = spikes.n_trains // 2
+    names = [f"{kind} {i + 1}" for kind in ("SA", "RA") for i in range(half)]
+    rows = [
+        (name, f"{sample / SAMPLE_RATE_HZ:.3f}")
+        for train, name in enumerate(names)
+        for sample in spikes.train(train).tolist()
+    ]
+    return rows_csv(("neuron", "spike (s)"), rows)
+
+
+def _model_confusion(classification: Classification) -> Figure:
+    """Return the matrix of the trials that the model was not trained on, else of all."""
+    unseen, model = classification.unseen, classification.model
+    shown, note = (unseen, UNSEEN) if unseen.n_scored else (classification, TRAINED)
+    lines = [f"{model.components} components", note]
+    matrix = Matrix(model.representation, lines, model.classes, shown.confusion.tolist())
+    return Figure("Trained model", [matrix])
+
+
+def _data_and_model(classification: Classification) -> str:
+    """Return where the trials come from, and the model's where that is another origin."""
+    trials, model = classification.trials.simulated, classification.model.training.simulated
+    words = data_words(simulated=trials)
+    if model == trials:
+        return words
+    return f"{words}, {'SIMULATED' if model else 'recorded'} model"
 
 
 def _report_sentence(report: ReportResult) -> str:

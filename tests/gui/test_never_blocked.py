@@ -29,7 +29,7 @@ from tests.analysis.recordings import record
 from tests.gui.fake_engine import FakeEngine
 from tests.gui.rig_window import rig_window
 from tests.gui.steps import Harness, SharedWindow, click, press_escape
-from tests.gui.texts.results_scenes import largest_accuracy, largest_confusion
+from tests.gui.texts.results_scenes import ORIGIN, largest_accuracy, largest_confusion
 from tests.gui.watchdog.qt_thread import QtThreadWatchdog
 from tests.gui.watchdog.slow_disk import slow_disk
 
@@ -202,7 +202,10 @@ def test_large_pages_are_saved_while_the_window_answers(
     window.show_panel("analysis")
     tab.panel.verify_requested.emit(str(tmp_path / "session"), "")  # sets where pages are saved
     watchdog.run_until(lambda: not tab.worker.is_busy)
-    pages = (plot_page("Accuracy", largest_accuracy()), plot_page("Confusion", largest_confusion()))
+    pages = (
+        plot_page("Accuracy", ORIGIN, largest_accuracy()),
+        plot_page("Confusion", ORIGIN, *largest_confusion()),
+    )
     tab.results_panel.show_results(AnalysisResults("done", pages, name="large"), "")
     tab._show(tab.results_panel)
     for index, page in enumerate(("accuracy", "confusion")):

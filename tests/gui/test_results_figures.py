@@ -14,7 +14,7 @@ import pytest
 from PySide6.QtCore import QAbstractEventDispatcher, QEventLoop, QPoint, QPointF, QRect, Qt
 from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QLabel
 
 from gui.analysis.export.picture_file import painted_image
 from gui.analysis.export.value_file import save_new, with_origin
@@ -141,6 +141,16 @@ def test_the_legend_switches_curves_off_and_the_keys_pass_them_over(shown: Harne
     assert page.readout.label.text().startswith("Point at a curve")
     icons = [box.icon().pixmap(68, 28).toImage() for box in page.legend.values()]
     assert icons[0] != icons[1]
+
+
+def test_the_foot_says_what_bars_diamonds_and_dots_are(qapp: QApplication) -> None:
+    """The last plot has no value of the paper, as tasks that it does not have."""
+    alone = replace(BOTH, series=[ORIGINAL, replace(SCALED, published=())])
+    page = AccuracyPage(LIGHT, replace(ACCURACY, panels=[BOTH, alone]), ORIGIN)
+    foot = [label.text() for label in page.findChildren(QLabel)]
+    words = "Mean of 4 draws; bars: standard deviation. ◆: the paper's value. Dotted: chance. "
+    assert words + ORIGIN in foot
+    page.close()
 
 
 def test_one_task_alone_is_shown_large(shown: Harness) -> None:

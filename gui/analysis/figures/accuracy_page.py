@@ -87,7 +87,7 @@ class AccuracyPage(QWidget):
 
 def _marks(figure: Figure) -> str:
     """Return what bars, marks and dots are, as far as there are any."""
-    has_paper = any(curve.published for curve in figure.legend.values())
+    has_paper = any(curve.published for panel in figure.plots for curve in panel.series)
     paper = ["◆: the paper's value."] if has_paper else []
     dotted = {panel.level[1].partition(" ")[0] for panel in figure.plots if panel.level}
     return " ".join([*figure.notes[:1], *paper, *(f"Dotted: {what}." for what in sorted(dotted))])

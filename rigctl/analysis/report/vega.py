@@ -20,6 +20,7 @@ Colours = Mapping[str, str]
 THEMED: Colours = {name: f"var(--{name})" for name in (*COLOURS, "sa", "ra")}
 EMPTY_PATH = re.compile(r'<path [^>]*d=""[^>]*/>')
 """Vega draws them in front of each group; Qt warns of them."""
+PLACES = re.compile(r' (?:d|transform|x2|y2)="[^"]*"')
 MANY_DIGITS = re.compile(r"(\.\d\d)\d{4,}")
 """Of places: a fraction of a pixel does not show."""
 FONT = "Liberation Sans, Arial, Helvetica, sans-serif"
@@ -70,7 +71,8 @@ def still(spec: Spec) -> str:
     """Return a specification drawn as SVG."""
     import vl_convert
 
-    return MANY_DIGITS.sub(r"\1", EMPTY_PATH.sub("", vl_convert.vegalite_to_svg(spec, VERSION)))
+    svg = EMPTY_PATH.sub("", vl_convert.vegalite_to_svg(spec, VERSION))
+    return PLACES.sub(lambda found: MANY_DIGITS.sub(r"\1", found[0]), svg)
 
 
 def specify(figure: Figure, colours: Colours = THEMED, *, pointer: bool = False) -> Spec:
@@ -127,7 +129,10 @@ def _lines(
     panel: Panel, number: int, legend: Sequence[Series], colours: Colours, *, pointer: bool
 ) -> Spec:
     """Return a panel of curves; the first one has the switches of the legend."""
-    x, y = _axes(panel)
+    whole = all(float(x).is_integer() for one in panel.series for x in one.x)
+    ticks = {"tickMinStep": 1} if whole else {}
+    x = _axis("x", panel.x_label, panel.x_range, **ticks)
+    y = _axis("y", panel.y_label, panel.y_range)
     shown = {"condition": {"param": "shown", "value": 1}, "value": 0.08}
     curve = {"x": x, "y": y, "color": _hues(legend, colours), "opacity": shown}
     lines = {
@@ -173,24 +178,14 @@ def _dashes(legend: Sequence[Series]) -> Spec:
     return {"field": "name", "type": "nominal", "scale": scale}
 
 
-def _axes(panel: Panel) -> tuple[Spec, Spec]:
-    whole = all(float(x).is_integer() for one in panel.series for x in one.x)
-    ticks = {"tickMinStep": 1} if whole else {}
-    x = {
-        "field": "x",
+def _axis(field: str, title: str, domain: tuple[float, float], **axis: Any) -> Spec:
+    return {
+        "field": field,
         "type": "quantitative",
-        "title": panel.x_label,
-        "scale": {"domain": panel.x_range, "nice": False},
-        "axis": {"tickCount": 6, "grid": True, **ticks},
+        "title": title,
+        "scale": {"domain": domain, "nice": False},
+        "axis": {"tickCount": 6, "grid": True, **axis},
     }
-    y = {
-        "field": "y",
-        "type": "quantitative",
-        "title": panel.y_label,
-        "scale": {"domain": panel.y_range, "nice": False},
-        "axis": {"tickCount": 6, "grid": True},
-    }
-    return x, y
 
 
 def _rows(panel: Panel) -> Iterator[Spec]:

@@ -25,7 +25,9 @@ def test_a_name_is_no_formula(tmp_path: Path, name: str) -> None:
     assert svg.count(name.replace("<", "&lt;").replace(">", "&gt;")) >= 5
 
 
-@pytest.mark.parametrize("name", ["$A$", "<script>alert(1)</script>", 'a" onload="b', "x.y[0]"])
+@pytest.mark.parametrize(
+    "name", ["$A$", "<script>alert(1)</script>", 'a" onload="b', "x.y[0]", "0.123456789"]
+)
 def test_a_name_is_no_markup_and_no_expression(tmp_path: Path, name: str) -> None:
     series = Series(name, "ink", [1.0, 2.0], [50.0, 60.0])
     panel = Panel(name, [series], name, name, (0.0, 3.0), (0.0, 100.0), level=(20.0, name))
