@@ -15,7 +15,7 @@ from rigctl.acquisition.early_end.condition_end import ConditionEnd
 from rigctl.acquisition.early_end.judge_link import JudgeLink
 from rigctl.acquisition.health.heartbeat import HeartbeatGate
 from rigctl.acquisition.live_buffer import LiveWriter
-from rigctl.acquisition.manual.manual_recorder import ManualRecorder
+from rigctl.acquisition.manual_recorder import ManualRecorder
 from rigctl.acquisition.protocol.pause_reasons import LINK
 from rigctl.acquisition.protocol.run_request import RunContext, RunRequest, open_run
 from rigctl.acquisition.protocol.runner import Run
