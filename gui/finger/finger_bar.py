@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from PySide6.QtCore import Signal
 
-from gui.engine_clients import JOIN, SIMULATED
+from gui.link.engine_clients import JOIN, SIMULATED
 from gui.operate.connection_bar import ConnectionBar
 from gui.widgets.file_browser import PathKind
 from gui.widgets.file_combo_box import FileComboBox

@@ -10,7 +10,12 @@ from PySide6.QtCore import QObject, Qt, Signal
 
 from gui.analysis.tasks.task_values import FingerSessionInfo
 from gui.analysis.tasks.worker import Worker
-from gui.engine_clients import (
+from gui.finger.finger_bar import FingerBar
+from gui.finger.finger_health import FingerHealthStrip
+from gui.finger.finger_view import FingerView
+from gui.finger.run_box import FAULTS, FingerRunBox
+from gui.finger.setup_form import CALIBRATE, RUN, TRAIN, FingerSetupForm, StartRequest
+from gui.link.engine_clients import (
     SIMULATED,
     FingerEngineSpec,
     another_on,
@@ -18,13 +23,7 @@ from gui.engine_clients import (
     open_finger_client,
     shown_rig,
 )
-from gui.engine_dialect import UNREADABLE, Dialect, other_version
-from gui.engine_link import NOT_CONNECTED, ClientFactory, EngineLink
-from gui.finger.finger_bar import FingerBar
-from gui.finger.finger_health import FingerHealthStrip
-from gui.finger.finger_view import FingerView
-from gui.finger.run_box import FAULTS, FingerRunBox
-from gui.finger.setup_form import CALIBRATE, RUN, TRAIN, FingerSetupForm, StartRequest
+from gui.link.engine_link import NOT_CONNECTED, ClientFactory, EngineLink
 from gui.operate.action_results import injected_words
 from gui.operate.prompt import PromptPanel
 from gui.widgets.layouts import container, vbox
@@ -34,9 +33,6 @@ from rigctl.realtime.finger_rig import RUN_FIRST_SLIDE
 from rigctl.realtime.live_file import FingerLiveReader
 from rigctl.realtime.messages import FingerEngineStatus, FingerRunStatus, parse_finger_status
 
-FINGER: Dialect[FingerEngineStatus, FingerLiveReader] = Dialect(
-    parse_finger_status, FingerLiveReader
-)
 ENGINE_SILENT = "the finger's engine does not answer"
 _NEXT = {TRAIN: CALIBRATE, CALIBRATE: RUN}
 _UNTOLD = ("batch", "prediction")
@@ -52,7 +48,9 @@ class FingerTab(QObject):
 
     def __init__(self, theme: Theme, factory: ClientFactory = open_finger_client) -> None:
         super().__init__()
-        self.link: EngineLink[FingerEngineStatus, FingerLiveReader] = EngineLink(factory, FINGER)
+        self.link: EngineLink[FingerEngineStatus, FingerLiveReader] = EngineLink(
+            factory, parse_finger_status, FingerLiveReader
+        )
         self.bar, self.health, self.prompt_panel = FingerBar(), FingerHealthStrip(), PromptPanel()
         self.setup, self.run_box, self.view = FingerSetupForm(), FingerRunBox(), FingerView(theme)
         column = vbox(self.setup, self.run_box, spacing=4, margins=(6, 4, 6, 6))
@@ -198,12 +196,8 @@ class FingerTab(QObject):
             self.reported.emit("lost", ENGINE_SILENT)
 
     def _on_event(self, message: dict[str, Any]) -> None:
-        kind, data = str(message.get("event")), message.get("data") or {}
-        try:
-            self._take_scan_event(kind, data, float(message["at_s"]))
-        except UNREADABLE:
-            self.reported.emit("lost", other_version(f"event {kind}"))
-        text = str(message.get("text") or "")
+        kind, text, data = message["event"], message["text"], message["data"]
+        self._take_scan_event(kind, data, message["at_s"])
         if text and kind not in _UNTOLD:
             self.reported.emit(kind, text)
         if kind == "run" and (digest := data.get("digest")):

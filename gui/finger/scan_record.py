@@ -14,8 +14,6 @@ from rigctl.values import SAMPLE_RATE_HZ, Verdict
 from rigctl.wire.finger.messages import BATCH_SAMPLES
 
 BATCH_S = BATCH_SAMPLES / SAMPLE_RATE_HZ
-ENDLESS = 1e6
-"""Of seconds and millimetres: no scan has so many."""
 
 
 class AnswerState(StrEnum):
@@ -57,14 +55,9 @@ class ScanRecord:
         self._announced = (texture, profile)
 
     def add_batch(self, data: Mapping[str, Any]) -> None:
-        """Take the event ``batch``: the velocity, and the way and time scaled so far.
-
-        Raises ValueError, KeyError or TypeError for one of another version.
-        """
+        """Take the event ``batch``: the velocity, and the way and time scaled so far."""
         names = ("scaled_s", "distance_mm", "velocity_mm_s")
         scaled_s, distance_mm, velocity_mm_s = (float(data[name]) for name in names)
-        if not max(abs(scaled_s), abs(distance_mm), abs(velocity_mm_s)) < ENDLESS:
-            raise ValueError(f"no scan comes to {scaled_s:g} s and {distance_mm:g} mm")
         self._follow(int(data["scan"]))
         if not self._edges:  # a window that joins in a scan knows nothing before this batch
             batch_s = min(BATCH_S, scaled_s)

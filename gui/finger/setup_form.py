@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from PySide6.QtCore import QDateTime, Signal
 from PySide6.QtWidgets import QCheckBox, QGroupBox, QLineEdit
 
-from gui.engine_clients import FingerEngineSpec
+from gui.link.engine_clients import FingerEngineSpec
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.formatting import duration
 from gui.widgets.labels import label

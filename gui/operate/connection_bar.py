@@ -7,8 +7,8 @@ from textwrap import shorten
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QFrame
 
-from gui.engine_clients import JOIN
-from gui.engine_link import NOT_CONNECTED
+from gui.link.engine_clients import JOIN
+from gui.link.engine_link import NOT_CONNECTED
 from gui.operate.recording_display import RecordingDisplay
 from gui.widgets.data_ages import DataAges, stale_words
 from gui.widgets.file_combo_box import FileComboBox

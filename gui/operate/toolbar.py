@@ -5,7 +5,7 @@ from __future__ import annotations
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QStackedWidget, QWidget
 
-from gui.engine_clients import JOIN
+from gui.link.engine_clients import JOIN
 from gui.operate.connection_bar import ConnectionBar
 from gui.widgets.file_browser import PathKind
 from gui.widgets.file_combo_box import FileComboBox

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from PySide6.QtCore import Signal
 
-from gui.attach.strip import Strip
 from gui.widgets.layouts import push_button
+from gui.widgets.strip import Strip
 from rigctl.acquisition.setup.boards import BOARD_NAMES
 
 

@@ -10,11 +10,11 @@ from PySide6.QtGui import QCloseEvent, QGuiApplication
 from PySide6.QtWidgets import QApplication, QStackedWidget, QWidget
 
 from gui.analysis.analysis_tab import AnalysisTab
-from gui.attach.attach_controller import AttachController, PastLine
-from gui.attach.control_lock import ControlLock
-from gui.engine_clients import joined_rig, open_client, open_finger_client
-from gui.engine_link import ClientFactory
 from gui.finger.finger_tab import FingerTab
+from gui.link.attach_controller import AttachController, PastLine
+from gui.link.control import ControlLock
+from gui.link.engine_clients import joined_rig, open_client, open_finger_client
+from gui.link.engine_link import ClientFactory
 from gui.operate.event_log import EventLog, StatusLine
 from gui.shell.actions import ActionRegistry
 from gui.shell.appearance import Appearance

@@ -14,7 +14,7 @@ from rigctl.acquisition.calibration.calibration import Calibration
 from rigctl.acquisition.early_end import JudgeLink
 from rigctl.acquisition.health.heartbeat import HeartbeatGate
 from rigctl.acquisition.live_buffer import LiveWriter
-from rigctl.acquisition.manual.manual_recorder import ManualRecorder
+from rigctl.acquisition.manual_recorder import ManualRecorder
 from rigctl.acquisition.protocol.pause_reasons import LINK
 from rigctl.acquisition.protocol.run_request import RunContext, RunRequest, open_run
 from rigctl.acquisition.protocol.runner import Run

@@ -10,8 +10,8 @@ from PySide6.QtGui import QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QPushButton, QWidget
 
-from gui.engine_clients import FingerEngineSpec
 from gui.finger.finger_tab import FingerTab
+from gui.link.engine_clients import FingerEngineSpec
 from gui.shell.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
 from rigctl.errors import RigctlError

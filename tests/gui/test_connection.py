@@ -9,8 +9,8 @@ import pytest
 from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
-from gui.engine_clients import JOIN
-from gui.engine_link import NOT_CONNECTED
+from gui.link.engine_clients import JOIN
+from gui.link.engine_link import NOT_CONNECTED
 from gui.shell.main_window import MainWindow
 from gui.widgets.status_lamp import Level
 from rigctl.errors import LinkLost, WrongUse

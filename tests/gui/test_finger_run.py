@@ -9,7 +9,7 @@ import pytest
 from PySide6.QtTest import QTest
 
 from gui.analysis.tasks.task_values import FingerSessionInfo
-from gui.engine_clients import FingerEngineSpec
+from gui.link.engine_clients import FingerEngineSpec
 from gui.widgets.status_lamp import Level
 from gui.widgets.typed_paths import NO_WHOLE_PATH
 from rigctl.errors import LinkLost

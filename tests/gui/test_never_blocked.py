@@ -19,7 +19,7 @@ from PySide6.QtWidgets import QApplication
 from gui.analysis.results import AnalysisResults, plot_page
 from gui.analysis.tasks.task_values import SessionTable, TrialData
 from gui.analysis.tasks.worker import Worker
-from gui.engine_link import STOP_TIMED_OUT
+from gui.link.engine_link import STOP_TIMED_OUT
 from gui.start.sample_box import CANCELLED
 from rigctl.acquisition.rpc.engine_files import running_engines, runtime_folder
 from rigctl.session.header import SensorLayout

@@ -10,7 +10,7 @@ import pytest
 from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
-from gui.engine_clients import JOIN
+from gui.link.engine_clients import JOIN
 from gui.shell.main_window import MainWindow
 from gui.widgets.status_lamp import Level
 from rigctl.acquisition.rpc.client import FINGER_ENGINE_COMMAND, EngineClient

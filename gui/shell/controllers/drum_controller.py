@@ -6,9 +6,8 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Signal
 
-from gui.engine_clients import another_on, shown_rig
-from gui.engine_dialect import DRUM
-from gui.engine_link import NOT_CONNECTED, ClientFactory, EngineLink
+from gui.link.engine_clients import another_on, shown_rig
+from gui.link.engine_link import NOT_CONNECTED, ClientFactory, EngineLink
 from gui.live.health.health_strip import HealthStrip
 from gui.live.page.live_page import LivePage
 from gui.operate.action_results import action_name, action_result
@@ -19,7 +18,8 @@ from gui.protocol.protocol_panel import ProtocolPanel
 from gui.shell.controllers.drum_safety import DrumSafety
 from gui.widgets.theme import Theme
 from rigctl.acquisition.health.notices import wiring_notice
-from rigctl.acquisition.rpc.messages import EngineStatus
+from rigctl.acquisition.live_buffer import LiveReader
+from rigctl.acquisition.rpc.messages import EngineStatus, parse_status
 
 ENGINE_SILENT = "the engine does not answer: press the emergency stop if the drum moves"
 
@@ -34,7 +34,7 @@ class DrumController(QObject):
 
     def __init__(self, theme: Theme, factory: ClientFactory) -> None:
         super().__init__()
-        self.link = EngineLink(factory, DRUM)
+        self.link = EngineLink(factory, parse_status, LiveReader)
         self.toolbar, self.health_strip, self.prompt_panel = Toolbar(), HealthStrip(), PromptPanel()
         self.operate_panel, self.protocol_panel = OperatePanel(), ProtocolPanel()
         self.live_page = LivePage(theme)

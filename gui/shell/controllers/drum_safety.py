@@ -7,7 +7,7 @@ from typing import Protocol
 from PySide6.QtCore import QElapsedTimer, QObject, Signal
 
 from gui.alarm.alarm_center import AlarmCenter
-from gui.engine_link import NOT_CONNECTED
+from gui.link.engine_link import NOT_CONNECTED
 from gui.widgets.data_ages import DataAges, data_ages
 from rigctl.acquisition.rpc.messages import EngineStatus
 

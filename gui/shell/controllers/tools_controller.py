@@ -8,7 +8,7 @@ from typing import Any
 from PySide6.QtCore import QObject, Signal
 
 from gui.calibrate.calibrate_page import CalibratePage
-from gui.engine_link import EngineLink
+from gui.link.engine_link import EngineLink
 from gui.setup.boards_box import BoardsBox
 from gui.setup.flash_strip import FlashStrip
 from gui.setup.setup_page import SetupPage

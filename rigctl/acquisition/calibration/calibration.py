@@ -19,8 +19,7 @@ from rigctl.acquisition.calibration.calibration_values import (
     MassReading,
 )
 from rigctl.acquisition.calibration.calibrator import Calibrator
-from rigctl.acquisition.calibration.durations import usual_duration_s
-from rigctl.acquisition.calibration.mass_readings import MassReadings
+from rigctl.acquisition.calibration.load_cell_scale import MassReadings
 from rigctl.acquisition.calibration.measurement import Measurement
 from rigctl.acquisition.calibration.rig_file import (
     BOARD,
@@ -37,8 +36,27 @@ from rigctl.acquisition.calibration.wiring_steps import (
 )
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.setup.progress import note_calibration
+from rigctl.config.rig_config import DrumGeometry
 from rigctl.config.toml_edit import replace_file
 from rigctl.errors import DiskFault, LinkLost, WrongUse
+
+HOMING_MM_S, TURN_MM_S = 60.0, 40.0
+"""Speeds of the drum's firmware: to the index mark, and of the turn."""
+PRESS_S = 14.0
+"""To nudge, lift, tare, press, make the step, hold for a while and lift."""
+LIFT_S = 3.0
+READING_S = {LOADCELL: 2.1, WIRING: 1.7}
+
+
+def usual_duration_s(part: str, drum: DrumGeometry) -> float:
+    """Return the usual time of a measurement; the index mark is half a turn away on average."""
+    home_s = drum.circumference_mm / 2 / HOMING_MM_S
+    if part == FORCE:
+        return PRESS_S + home_s
+    if part == IMBALANCE:
+        return LIFT_S + home_s + drum.circumference_mm * 17 / 16 / TURN_MM_S
+    return READING_S[part]
+
 
 NO_RIG_FILE = "a simulated rig has no rig.toml: the order is not saved"
 _Result = TypeVar("_Result")

@@ -140,9 +140,9 @@ class EngineClient:
         """
         name = new_engine_name()
         folder = runtime_folder()
-        process, log = _spawn_engine(folder, name, rig, paced, seed, run, command)
+        process, log = spawn_engine(folder, name, rig, paced, seed, run, command)
         try:
-            client = cls(_wait_for_engine_file(folder, name, process, log), process)
+            client = cls(wait_for_engine_file(folder, name, process, log), process)
         finally:
             log.close()
         try:
@@ -468,7 +468,7 @@ def _limit_waits(connection: socket.socket) -> None:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
 
 
-def _spawn_engine(
+def spawn_engine(
     folder: Path, name: str, rig: str, paced: bool, seed: int, run: Sequence[str], command: str
 ) -> tuple[subprocess.Popen[bytes], IO[bytes]]:
     """Start an engine in its own process group, so that our Ctrl-C does not reach it."""
@@ -486,7 +486,7 @@ def _spawn_engine(
     return process, log
 
 
-def _wait_for_engine_file(
+def wait_for_engine_file(
     folder: Path, name: str, process: subprocess.Popen[bytes], log: IO[bytes]
 ) -> EngineFile:
     """Wait for the engine's file. Raises EngineRefusal with its last line where it ends instead."""

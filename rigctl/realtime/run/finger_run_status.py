@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rigctl.acquisition.protocol.run_clock import RunClock
+from rigctl.acquisition.protocol.progress import RunClock
 from rigctl.protocol.finger_plan import SECONDS_PER_TRIAL, FingerPlan
 from rigctl.realtime.messages import CurrentScan, FingerRunStatus
 from rigctl.realtime.run.finger_control import FingerControl

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.acquisition.calibration.calibration_values import FORCE, IMBALANCE
-from rigctl.acquisition.calibration.durations import (
+from rigctl.acquisition.calibration.calibration import (
     HOMING_MM_S,
     LIFT_S,
     PRESS_S,
     TURN_MM_S,
     usual_duration_s,
 )
+from rigctl.acquisition.calibration.calibration_values import FORCE, IMBALANCE
 from rigctl.config.rig_config import DrumGeometry
 from rigctl.simulation.virtual_rig import open_virtual_rig
 from rigctl.wire.drum.codes import Command, CommandResult

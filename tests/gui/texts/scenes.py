@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from PySide6.QtWidgets import QApplication
 
-from gui.attach.control_strip import FOLLOWS
 from gui.live.page.live_page import ENCODER, TRIALS
 from gui.protocol.learning_page import NO_SESSION
 from gui.protocol.protocol_panel import ProtocolPanel
@@ -296,12 +295,6 @@ def _finger(stage: Stage) -> Iterator[str]:
     engine.send_status(run=RUNNING | {"textures": list("ABCDEFGHIJKL")})
     window.poll()
     yield "Finger, twelve plates"
-    strip = window.attach.controls[1]
-    strip.text.setText(FOLLOWS)
-    strip.show()
-    QApplication.processEvents()
-    yield "Finger, a followed session"
-    strip.hide()
 
 
 def _tools(stage: Stage) -> Iterator[str]:

@@ -8,13 +8,12 @@ from typing import Any, NamedTuple
 from PySide6.QtCore import QDateTime, QObject, Signal
 from PySide6.QtWidgets import QWidget
 
-from gui.attach.closing_strip import ClosingStrip
-from gui.attach.control_strip import ControlStrip
-from gui.attach.engine_finder import EngineFinder, FindEngines
-from gui.attach.engines_page import EnginesPage
-from gui.attach.shared_control import SharedControl
-from gui.engine_clients import EngineChoice
-from gui.engine_link import EngineLink
+from gui.link.control import ControlStrip, SharedControl
+from gui.link.engine_clients import EngineChoice
+from gui.link.engine_link import EngineLink
+from gui.link.engines import EngineFinder, EnginesPage, FindEngines
+from gui.widgets.layouts import push_button
+from gui.widgets.strip import Strip
 from rigctl.acquisition.rpc.client import FoundEngine, find_engines
 from rigctl.acquisition.rpc.engine_files import EngineFile
 
@@ -27,6 +26,37 @@ class PastLine(NamedTuple):
     at: QDateTime
     kind: str
     text: str
+
+
+class ClosingStrip(Strip):
+    """Asks what becomes of a run when its window closes."""
+
+    close_requested = Signal()
+    """The window closes, and the run goes on."""
+    stop_requested = Signal()
+    """The run ends safely first."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.leave = push_button("Close, the run goes on", self.close_requested.emit)
+        self.stop = push_button("End the run and close", self.stop_requested.emit)
+        self.stay = push_button("Stay", self.hide)
+        self.setLayout(self.row(self.leave, self.stop, self.stay))
+
+    def ask(self, session: str) -> None:
+        """Ask about the run into a session."""
+        self.text.setText(
+            f"A protocol runs into {session}. It goes on without this window: open the window "
+            "again to join it."
+        )
+        self.stop.setEnabled(True)
+        self.show()
+        self.leave.setFocus()
+
+    def show_stopping(self) -> None:
+        """Show that the run ends and that the window then closes."""
+        self.text.setText("The run ends safely; the window closes when its session is written.")
+        self.stop.setEnabled(False)
 
 
 class AttachController(QObject):

@@ -7,28 +7,21 @@ each :meth:`EngineLink.poll`, and a timeout reports an engine that does not answ
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from PySide6.QtCore import QElapsedTimer, QObject, QSocketNotifier, Signal
 
-from gui.engine_clients import EngineChoice
-from gui.engine_dialect import (
-    Dialect,
-    LinkedLive,
-    LinkedStatus,
-    other_version,
-    readable_event,
-    status_here,
-)
+from gui.link.engine_clients import EngineChoice
 from rigctl.acquisition.rpc.client import (
     WINDOW,
     EngineClient,
     EngineRefusal,
     EngineSilent,
     StopResult,
+    client_name,
     stop_engines,
 )
 from rigctl.acquisition.rpc.engine_files import DRUM_EXPERIMENT
@@ -38,6 +31,7 @@ SILENCE_TIMEOUT_S = 1.5
 STOP_TIMEOUT_S = 0.5
 CLOSE_TIMEOUT_S = 35.0
 NOT_CONNECTED = "not connected"
+THIS_WINDOW = "this window"
 NO_ENGINE = "STOP: no engine is running; press the rig's emergency stop if the drum moves"
 STOP_TIMED_OUT = "STOP was sent, but the engine does not answer: press the emergency stop"
 LEFT_RUNNING = "the engine of {rig} (process {pid}) does not answer and is left running: {cure}"
@@ -46,6 +40,29 @@ END_IT = "end that process if it stays"
 
 ClientFactory = Callable[..., EngineClient]
 """Opens the engine that the arguments of :meth:`EngineLink.open` name; raises if it cannot."""
+
+
+class LinkedRun(Protocol):
+    """A run as the link sees it."""
+
+    @property
+    def is_active(self) -> bool:
+        """Whether it goes on."""
+
+
+class LinkedStatus(Protocol):
+    """A status message with a run."""
+
+    @property
+    def run(self) -> LinkedRun:
+        """The run."""
+
+
+class LinkedLive(Protocol):
+    """A reader of live data."""
+
+    def close(self) -> None:
+        """Close the file."""
 
 
 _Status = TypeVar("_Status", bound=LinkedStatus)
@@ -78,10 +95,15 @@ class EngineLink(QObject, Generic[_Status, _Live]):
     reported = Signal(str, str)
     """Kind and text for the event log: the result of STOP for an engine, or of leaving one."""
 
-    def __init__(self, factory: ClientFactory, dialect: Dialect[_Status, _Live]) -> None:
+    def __init__(
+        self,
+        factory: ClientFactory,
+        parse: Callable[[Mapping[str, Any]], _Status],
+        open_live: Callable[[Path], _Live],
+    ) -> None:
+        """Take what opens an engine, and what reads the status and live data of its experiment."""
         super().__init__()
-        self._factory = factory
-        self._dialect = dialect
+        self._factory, self._parse, self._open_live = factory, parse, open_live
         self._client: EngineClient | None = None
         self._notifier: QSocketNotifier | None = None
         self._opened: SimpleQueue[tuple[int, EngineClient | Exception]] = SimpleQueue()
@@ -93,8 +115,6 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         """Command and time in ms of each request without a reply, by its number."""
         self._stop_number = 0
         """Number of the last STOP: it ends what was requested before."""
-        self._is_unreadable = False
-        """Whether the last status was."""
         self._late_stops: set[int] = set()
         """Numbers of the STOPs that the window has told to be without an answer."""
         self._clock = QElapsedTimer()
@@ -105,7 +125,7 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         """A sentence for each engine that did not end or answer when this window left it."""
         self.live: _Live | None = None
         """The live data, None without a connection."""
-        self.status: _Status = dialect.parse({})
+        self.status: _Status = parse({})
 
     @property
     def is_connected(self) -> bool:
@@ -273,7 +293,7 @@ class EngineLink(QObject, Generic[_Status, _Live]):
                 self.choice_needed.emit(result)
             return
         try:
-            self.live = self._dialect.open_live(Path(result.engine_file.live))
+            self.live = self._open_live(Path(result.engine_file.live))
         except RigctlError as error:
             result.close()
             self.closed.emit(str(error))
@@ -288,21 +308,11 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         if "reply" in message:
             self._dispatch_reply(message)
         elif message.get("event") == "status":
-            self._take_status(status_here(message.get("data") or {}))
+            self.status = self._parse(_status_here(message["data"]))
+            self.status_changed.emit(self.status)
         else:
-            self.event_received.emit(readable_event(message))
-
-    def _take_status(self, data: Any) -> None:
-        """Show a status; leave out one that another version has sent, and say so once."""
-        try:
-            self.status = self._dialect.parse(data)
-        except ValueError as error:
-            if not self._is_unreadable:
-                self.reported.emit("lost", other_version(f"status ({error})"))
-            self._is_unreadable = True
-            return
-        self._is_unreadable = False
-        self.status_changed.emit(self.status)
+            text = name_this_window(message["text"])
+            self.event_received.emit({**message, "text": text})
 
     def _dispatch_reply(self, message: dict[str, Any]) -> None:
         command, sent_ms = self._pending.pop(message["reply"], ("", 0))
@@ -364,7 +374,17 @@ class EngineLink(QObject, Generic[_Status, _Live]):
     def _reset(self) -> None:
         self._pending.clear()
         self._late_stops.clear()
-        self._is_unreadable = False
         self._stop_number = 0
-        self.status = self._dialect.parse({})
+        self.status = self._parse({})
         self._last_message_ms = self._clock.elapsed()
+
+
+def name_this_window(text: str) -> str:
+    """Return a text of the engine in which this window is not one name among others."""
+    return text.replace(client_name(WINDOW), THIS_WINDOW)
+
+
+def _status_here(data: dict[str, Any]) -> dict[str, Any]:
+    """Return the data of a status in which who ended the run may be this window."""
+    run = data.get("run", {})
+    return {**data, "run": {**run, "text": name_this_window(run.get("text", ""))}}

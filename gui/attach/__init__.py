@@ -1,1 +1,0 @@
-"""Engines that run already: found, joined, shared with other windows, left behind."""

@@ -1,1 +1,0 @@
-"""Recording while the drum is operated by hand."""
