@@ -186,8 +186,8 @@ docs: firmware
 	$(SAY) "pages and pictures that are rendered from the code"
 	@$(BIN)/python -m rigctl.wire.codegen
 	@$(BIN)/python -m rigctl.encoding.neuron_header
-	@$(BIN)/python -m rigctl.simulation.bench.world.parameter_tables
-	@$(BIN)/python -m rigctl.simulation.finger.parameter_page
+	@$(BIN)/python -m rigctl.simulation.bench.parameter_tables
+	@$(BIN)/python -m rigctl.simulation.finger.operator_parameters
 	@$(BIN)/python -m tests.acquisition.setup.wrong_wirings > docs/reference/wrong-wirings.md
 	@$(BIN)/python -m tests.architecture.picture
 	@$(BIN)/python arduino/wiring.py

@@ -16,6 +16,7 @@ from math import cos, pi, sin
 from pathlib import Path
 
 from rigctl.protocol.finger import PLATE_WIDTH_MM
+from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.bench.plate_solids import (
     BARB_MM,
     CLAMP_MM,
@@ -26,7 +27,6 @@ from rigctl.simulation.bench.plate_solids import (
     THICKNESS_MM,
 )
 from rigctl.simulation.bench.textures import OVERHANG_MM
-from rigctl.simulation.bench.world.parameters import WorldParameters
 
 HERE = Path(__file__).parent
 DRAWING = HERE / "mechanics.svg"

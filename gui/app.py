@@ -17,11 +17,25 @@ from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING
 
-from rigctl.config.visible_text import visible
+from rigctl.config.text_file import visible
 from rigctl.errors import RigctlError, WrongUse
 
 if TYPE_CHECKING:
     from gui.shell.main_window import MainWindow
+
+MIN_WIDTH_PX, MIN_HEIGHT_PX = 1024, 700
+
+
+def screen_complaint(width_px: int, height_px: int) -> str:
+    """Return why a screen is too small and what helps, empty for one that is large enough."""
+    if width_px >= MIN_WIDTH_PX and height_px >= MIN_HEIGHT_PX:
+        return ""
+    return (
+        f"the screen has {width_px} × {height_px} px, the window needs {MIN_WIDTH_PX} × "
+        f"{MIN_HEIGHT_PX}: parts of it are beyond the edge; choose a higher resolution, or "
+        "View → Text size → 90 %. Esc stops the drum in any case"
+    )
+
 
 DEBIAN_PACKAGES = "libegl1 libgl1 libxkbcommon-x11-0 libxcb-cursor0 libdbus-1-3 libfontconfig1"
 SOON_MS = 100
@@ -143,7 +157,7 @@ def _check_request(args: argparse.Namespace) -> None:
 
         part_paths(args.follow)
     if args.world is not None:
-        from rigctl.simulation.bench.world.world_file import load_world
+        from rigctl.simulation.bench.world_file import load_world
 
         if args.rig == JOIN:
             raise WrongUse("the running engine already has a world: join it without --world")
@@ -156,8 +170,7 @@ def _shown_window(theme: str | None) -> MainWindow:
 
     from gui.shell.crash_reports import REPORTS, CrashReporter
     from gui.shell.main_window import MainWindow
-    from gui.shell.memory.user_settings import UserSettings
-    from gui.shell.small_screen import screen_complaint
+    from gui.shell.user_settings import UserSettings
     from gui.widgets.theme import ThemeChoice
 
     with told_abort():

@@ -8,12 +8,12 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rigctl.config.finger_config import FingerConfig, load_finger_config
+from rigctl.config.rig_config import FingerConfig, load_finger_config
 from rigctl.config.text_file import read_text
-from rigctl.config.toml_bounds import MAX_BYTES
+from rigctl.config.toml_reader import MAX_BYTES
 from rigctl.devices.finger import Finger
 from rigctl.devices.identity import WHICH_PORT
-from rigctl.devices.links.byte_link import ByteLink
+from rigctl.devices.links import ByteLink
 from rigctl.devices.port_discovery import FINGER, TAXELS, create_link, find_boards, identify_board
 from rigctl.devices.trackers.open_tracker import open_tracker
 from rigctl.devices.trackers.plate_frame import PlateFrame, fit_plate_frame
@@ -22,7 +22,7 @@ from rigctl.errors import ConfigError, LinkLost, WrongUse
 from rigctl.realtime.finger_rig import FingerRig
 
 if TYPE_CHECKING:
-    from rigctl.simulation.bench.world.world_file import SimulatedWorld
+    from rigctl.simulation.bench.world_file import SimulatedWorld
 
 VIRTUAL, FIRMWARE, BENCH = "virtual", "firmware", "bench"
 SIMULATED = (VIRTUAL, FIRMWARE)
@@ -64,7 +64,7 @@ def _simulated(
     paced: bool,
     world: SimulatedWorld | None,
 ) -> FingerRig:
-    from rigctl.simulation.bench.world.world_file import NOMINAL_WORLD
+    from rigctl.simulation.bench.world_file import NOMINAL_WORLD
     from rigctl.simulation.clock import SimulatedTimeLoop
     from rigctl.simulation.finger.operator_parameters import OperatorParameters, TrackerParameters
     from rigctl.simulation.finger.qemu_finger import open_qemu_finger

@@ -23,7 +23,7 @@ class FingerSamples:
 
     ``counters``: int64 (n,), the board's own sample number, unwrapped since its boot.
     ``samples``: uint16 (n, 9), 0–1023. ``spikes``: uint8 (n, 9), as the board counted them.
-    ``flags``: uint8 (n,), bits of :class:`rigctl.wire.finger.messages.SampleFlag`.
+    ``flags``: uint8 (n,), bits of :class:`rigctl.wire.finger_messages.SampleFlag`.
     ``gaps``: losses found directly before or inside these samples.
     ``arrived_s``: loop time at which the bytes arrived.
     """
@@ -59,7 +59,7 @@ class TrackRow(NamedTuple):
 class BatchRow(NamedTuple):
     """One batch of a scan: the velocity that the board used, and the estimate of the tracker.
 
-    ``velocity_source`` is the board's :class:`rigctl.wire.finger.messages.VelocitySource`,
+    ``velocity_source`` is the board's :class:`rigctl.wire.finger_messages.VelocitySource`,
     ``estimate_source`` the estimator's word (measured, interpolated, held). ``start_nm`` is the
     distance at the batch's first sample. ``estimate_mm_s`` and ``sent_s`` are NaN where no velocity
     was estimated or sent.

@@ -13,20 +13,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rigctl.acquisition.rig import Rig
-from rigctl.config.names import shorten
 from rigctl.config.resources import firmware_image
 from rigctl.config.rig_config import RigConfig, load_config
-from rigctl.config.text_file import is_plain_file
+from rigctl.config.text_file import is_plain_file, shorten
 from rigctl.devices.drum import Drum
-from rigctl.devices.links.byte_link import ByteLink
+from rigctl.devices.links import ByteLink
 from rigctl.devices.port_discovery import DRUM, TAXELS, create_link, find_boards, identify_board
 from rigctl.devices.taxels import Taxels
 from rigctl.errors import ConfigError, LinkLost, WrongUse
 from rigctl.values import N_TAXELS
-from rigctl.wire.drum.codes import Signal
+from rigctl.wire.drum_codes import Signal
 
 if TYPE_CHECKING:
-    from rigctl.simulation.bench.world.world_file import SimulatedWorld
+    from rigctl.simulation.bench.world_file import SimulatedWorld
     from rigctl.simulation.simulated_rig import SimulatedRig
 
 VIRTUAL, FIRMWARE, BENCH = "virtual", "firmware", "bench"
@@ -91,7 +90,7 @@ def _simulated_rig(
     world: SimulatedWorld | None,
     wirings: Sequence[str],
 ) -> Rig:
-    from rigctl.simulation.bench.world.world_file import NOMINAL_WORLD
+    from rigctl.simulation.bench.world_file import NOMINAL_WORLD
     from rigctl.simulation.clock import SimulatedTimeLoop
     from rigctl.simulation.virtual_rig import compile_kernels
     from rigctl.simulation.wirings import find_wiring

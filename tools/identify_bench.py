@@ -26,15 +26,15 @@ from rigctl.encoding.normalisation import Normalisation
 from rigctl.errors import RigctlError
 from rigctl.simulation.bench.contact import contact_tables, draw_mounting, force_table
 from rigctl.simulation.bench.mechanics import DrumTrajectory, Mechanics
-from rigctl.simulation.bench.skin import SLOT_US, Skin
-from rigctl.simulation.bench.textures import CATALOGUE, GRID_MM
-from rigctl.simulation.bench.world.parameter_fields import ParameterInfo
-from rigctl.simulation.bench.world.parameters import (
+from rigctl.simulation.bench.parameter_fields import ParameterInfo
+from rigctl.simulation.bench.parameters import (
     IDENTIFIED,
     WorldParameters,
     parameter_infos,
     validated,
 )
+from rigctl.simulation.bench.skin import SLOT_US, Skin
+from rigctl.simulation.bench.textures import CATALOGUE, GRID_MM
 from rigctl.values import N_TAXELS
 
 SPEEDS_MM_S = (40.0, 60.0, 80.0, 100.0, 120.0)

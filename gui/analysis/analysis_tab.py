@@ -27,8 +27,8 @@ from gui.analysis.tasks.task_values import (
 )
 from gui.analysis.tasks.worker import Worker
 from gui.analysis.trials.trial_pages import TrialPages
+from gui.widgets.file_browser import typed_path
 from gui.widgets.theme import Theme
-from gui.widgets.typed_paths import typed_path
 
 FOLLOW_MS = 1000
 READING = (

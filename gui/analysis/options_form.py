@@ -11,11 +11,10 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QCheckBox, QLineEdit, QWidget
 
 from gui.analysis.tasks.task_values import DRUM, FINGER, model_path
-from gui.widgets.file_browser import PathKind, browse_button
+from gui.widgets.file_browser import PathKind, browse_button, typed_path
 from gui.widgets.labels import label, plain_tooltip, show_text
 from gui.widgets.layouts import combo_box, container, form_layout, hbox, push_button, vbox
 from gui.widgets.number_box import NumberBox, WholeNumberBox, has_refused
-from gui.widgets.typed_paths import typed_path
 from rigctl.analysis.options import DRUM as DRUM_ANALYSIS
 from rigctl.analysis.options import FINGER as FINGER_ANALYSIS
 from rigctl.analysis.options import AnalysisOptions, declared

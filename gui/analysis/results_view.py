@@ -12,7 +12,7 @@ from gui.analysis.figures.confusion_page import ConfusionPage
 from gui.analysis.figures.picture_page import FigureView
 from gui.analysis.figures.text_page import TextPage
 from gui.analysis.results import AnalysisResults, ResultsPage
-from gui.widgets.page_tabs import PageTabs
+from gui.widgets.layouts import PageTabs
 from gui.widgets.theme import Theme, applied_theme
 
 ResultWidget = AccuracyPage | ConfusionPage | FigureView | TextPage

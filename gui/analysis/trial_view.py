@@ -9,14 +9,14 @@ import pyqtgraph as pg
 from numpy.typing import NDArray
 
 from gui.analysis.tasks.task_values import BLOCK, TrialData
-from gui.live.spikes.train_rows import TrainRows
-from gui.widgets.plots.plot_axes import (
+from gui.live.raster import TrainRows
+from gui.widgets.plot_axes import (
+    PlotGrid,
     colour_axes,
     reserve_right,
     taxel_ticks,
     time_plot,
 )
-from gui.widgets.plots.plot_grid import PlotGrid
 from gui.widgets.theme import Theme
 from rigctl.session.header import SensorLayout
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ

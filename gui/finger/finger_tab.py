@@ -10,12 +10,19 @@ from PySide6.QtCore import QObject, Qt, Signal
 
 from gui.analysis.tasks.task_values import FingerSessionInfo
 from gui.analysis.tasks.worker import Worker
-from gui.finger.finger_bar import FingerBar
 from gui.finger.finger_health import FingerHealthStrip
 from gui.finger.finger_view import FingerView
-from gui.finger.run_box import FAULTS, FingerRunBox
-from gui.finger.setup_form import CALIBRATE, RUN, TRAIN, FingerSetupForm, StartRequest
+from gui.finger.setup_form import (
+    CALIBRATE,
+    FAULTS,
+    RUN,
+    TRAIN,
+    FingerRunBox,
+    FingerSetupForm,
+    StartRequest,
+)
 from gui.link.engine_clients import (
+    JOIN,
     SIMULATED,
     FingerEngineSpec,
     another_on,
@@ -25,13 +32,63 @@ from gui.link.engine_clients import (
 )
 from gui.link.engine_link import NOT_CONNECTED, ClientFactory, EngineLink
 from gui.operate.action_results import injected_words
-from gui.operate.prompt import PromptPanel
-from gui.widgets.layouts import container, vbox
+from gui.operate.connection_bar import ConnectionBar
+from gui.operate.operate_panel import PromptPanel
+from gui.widgets.file_browser import PathKind
+from gui.widgets.file_combo_box import FileComboBox
+from gui.widgets.layouts import container, hbox, vbox
 from gui.widgets.theme import Theme
 from rigctl.errors import RigctlError
 from rigctl.realtime.finger_rig import RUN_FIRST_SLIDE
 from rigctl.realtime.live_file import FingerLiveReader
 from rigctl.realtime.messages import FingerEngineStatus, FingerRunStatus, parse_finger_status
+
+RIGS = {
+    "Virtual finger": "virtual",
+    "Firmware on a simulated chip": "firmware",
+    "Join the running engine": JOIN,
+}
+
+
+class FingerBar(ConnectionBar):
+    """The connection of a rig of the moving finger."""
+
+    connect_requested = Signal(str)
+    rig_changed = Signal()
+
+    def __init__(self) -> None:
+        super().__init__(FileComboBox(RIGS, PathKind.FINGER_FILE, "Open a finger.toml …", 215))
+        self.rig.set_own_tooltip("Rig of the moving finger")
+        self.connect_clicked.connect(self._request_connection)
+        self.rig.currentIndexChanged.connect(lambda _: self.rig_changed.emit())
+        state = vbox(self.state, self.state_words)
+        row = (self.rig, self.connect_button, state, self.recording_display)
+        self.setLayout(hbox(*row, wide=2, spacing=8))
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether the chosen rig is simulated."""
+        return self.rig.currentData() in SIMULATED
+
+    def show_status(self, status: FingerEngineStatus) -> None:
+        """Show the run's state and the rig, and the recording lamp."""
+        run = status.run
+        is_whole = status.finger_connected and status.tracker_connected
+        is_good = is_whole and run.state != "failed"
+        self._show_state(run.state.upper(), _words(status), is_good=is_good)
+        self.recording_display.show_status(run.state, status.recording)
+
+    def _request_connection(self) -> None:
+        self.connect_requested.emit(self.rig.currentData())
+
+
+def _words(status: FingerEngineStatus) -> str:
+    if not status.finger_connected:
+        return "the finger board is not connected"
+    if not status.tracker_connected:
+        return "the tracker is not connected"
+    return f"{status.rig}; {status.tracker}"
+
 
 ENGINE_SILENT = "the finger's engine does not answer"
 _NEXT = {TRAIN: CALIBRATE, CALIBRATE: RUN}

@@ -3,23 +3,305 @@
 from __future__ import annotations
 
 import numpy as np
-from PySide6.QtCore import QSize
-from PySide6.QtGui import QResizeEvent
+from PySide6.QtCore import QRectF, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QFont, QPainter, QPaintEvent, QPen, QResizeEvent
 from PySide6.QtWidgets import QBoxLayout, QFrame, QWidget
 
-from gui.finger.answer_view import AnswerView
-from gui.finger.confusion_view import ConfusionView
 from gui.finger.plate_view import PlateView
-from gui.finger.probability_bars import ProbabilityBars
 from gui.finger.scan_plots import ScanPlots, velocity_title
-from gui.finger.scan_record import ScanRecord
+from gui.finger.scan_record import AnswerState, ScanRecord
+from gui.widgets.colours import blend
 from gui.widgets.formatting import capitalised
-from gui.widgets.labels import label, set_property, show_text
+from gui.widgets.labels import elastic, label, set_property, show_text
 from gui.widgets.layouts import container, hbox, scroll_area, vbox
-from gui.widgets.theme import Theme, scaled_px
-from rigctl.acquisition.protocol.pause_reasons import reason_words
+from gui.widgets.theme import Theme, applied_theme, scaled_px
+from rigctl.acquisition.pause_reasons import reason_words
+from rigctl.finger_values import PredictionRow
 from rigctl.realtime.live_file import FingerLiveReader
 from rigctl.realtime.messages import FingerEngineStatus, FingerRunStatus
+
+_AXIS_PX = 22
+_LEAST_CELL_PX = 18
+_LEAST_SIZE_PX = 150, 130
+
+
+class ConfusionMatrix(QWidget):
+    """Rows are the plates, columns the answers; right ones are on the framed diagonal."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._run = FingerRunStatus()
+
+    def show_run(self, run: FingerRunStatus) -> None:
+        """Show the counts of a run."""
+        if (run.textures, run.confusion) != (self._run.textures, self._run.confusion):
+            self._run = run
+            self.updateGeometry()
+            self.update()
+
+    def minimumSizeHint(self) -> QSize:
+        """Return the size in which each cell has room for its number."""
+        cells_px = 2 * _AXIS_PX + _LEAST_CELL_PX * len(self._run.textures)
+        return QSize(*(scaled_px(max(cells_px, least)) for least in _LEAST_SIZE_PX))
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        """Draw names and cells."""
+        painter, theme = QPainter(self), applied_theme()
+        names = self._run.textures
+        if not names:
+            return
+        axis = scaled_px(_AXIS_PX)
+        side = (min(self.width(), self.height()) - 2 * axis) / len(names)
+        self._paint_axes(painter, names, side)
+        most = max(
+            (max(row.values(), default=0) for row in self._run.confusion.values()), default=0
+        )
+        for i, true in enumerate(names):
+            for j, named in enumerate(names):
+                count = self._run.confusion.get(true, {}).get(named, 0)
+                place = QRectF(2 * axis + j * side, 2 * axis + i * side, side, side)
+                cell = place.adjusted(1, 1, -1, -1)
+                colour = theme.ok if i == j else theme.bad
+                share = 0.55 * count / most if most else 0.0
+                painter.fillRect(cell, QColor(blend(colour, theme.plot, share)))
+                painter.setPen(QPen(QColor(theme.text if i == j else theme.line), 1))
+                painter.drawRect(cell)
+                painter.setPen(QColor(theme.text if count else theme.muted))
+                painter.drawText(cell, Qt.AlignmentFlag.AlignCenter, f"{count}")
+
+    def _paint_axes(self, painter: QPainter, names: tuple[str, ...], side: float) -> None:
+        theme, centre = applied_theme(), Qt.AlignmentFlag.AlignCenter
+        length, axis = len(names) * side, scaled_px(_AXIS_PX)
+        painter.setPen(QColor(theme.muted))
+        painter.drawText(QRectF(2 * axis, 0, length, axis), centre, "named")
+        painter.save()
+        painter.translate(0, 2 * axis + length)
+        painter.rotate(-90)
+        painter.drawText(QRectF(0, 0, length, axis), centre, "plate")
+        painter.restore()
+        painter.setPen(QColor(theme.text))
+        for place, name in enumerate(names):
+            start = 2 * axis + place * side
+            painter.drawText(QRectF(start, axis, side, axis), centre, name)
+            painter.drawText(QRectF(axis, start, axis, side), centre, name)
+
+
+class ConfusionView(QWidget):
+    """The accuracy in words above the matrix."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.accuracy, self.matrix = elastic(label("", "heading")), ConfusionMatrix()
+        column = vbox(self.accuracy, spacing=2)
+        column.addWidget(self.matrix, 1)
+        self.setLayout(column)
+        self.show_run(FingerRunStatus())
+
+    def show_run(self, run: FingerRunStatus) -> None:
+        """Show the answers of a run so far."""
+        show_text(self.accuracy, accuracy_words(run))
+        self.matrix.show_run(run)
+
+
+def accuracy_words(run: FingerRunStatus) -> str:
+    """Return the running accuracy beside that of guessing."""
+    if not run.classified:
+        return "Right: no scan is named yet"
+    share = f"{run.correct / run.classified:.0%}"
+    chance = f", guessing {1 / len(run.textures):.0%}" if run.textures else ""
+    return f"Right: {run.correct} of {run.classified} ({share}{chance})".replace("%", "\u202f%")
+
+
+ROW_PX = 22
+_TITLE_PX = 18
+_LEAST_ROWS, _LEAST_ROW_PX = 5, 18
+_NAME_PX, _VALUE_PX, _LEAST_BAR_PX = 26, 106, 50
+
+
+class ProbabilityBars(QWidget):
+    """One row a texture, in a fixed order. A frame and a word mark the set."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.probabilities: dict[str, float] = {}
+        self._textures: tuple[str, ...] = ()
+        self._set: tuple[str, ...] = ()
+        self._named = ""
+
+    def show_record(self, record: ScanRecord) -> None:
+        """Show the newest answer, or none."""
+        row = record.prediction
+        self.probabilities = dict(row.probabilities) if row is not None else {}
+        self._set = tuple(row.texture_set) if row is not None else ()
+        self._named = row.texture if row is not None else ""
+        self.updateGeometry()
+        self.update()
+
+    def show_textures(self, textures: tuple[str, ...]) -> None:
+        """Show rows for the textures of a protocol, also before there is an answer."""
+        if textures != self._textures:
+            self._textures = textures
+            self.updateGeometry()
+            self.update()
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        """Draw title and rows."""
+        theme = applied_theme()
+        painter = QPainter(self)
+        painter.setPen(QColor(theme.muted))
+        title_px = scaled_px(_TITLE_PX)
+        title = QRectF(0, 0, self.width(), title_px)
+        painter.drawText(title, Qt.AlignmentFlag.AlignVCenter, "Probability, and the set")
+        names = self._names()
+        room_px = (self.height() - title_px) / max(len(names), 1)
+        height = min(room_px, 1.4 * scaled_px(ROW_PX))
+        for place, name in enumerate(names):
+            self._paint_row(painter, name, title_px + place * height, height)
+
+    def _names(self) -> tuple[str, ...]:
+        return tuple(sorted(self.probabilities)) or self._textures
+
+    def minimumSizeHint(self) -> QSize:
+        """Return rows as high as their text; the column scrolls where there is no room."""
+        rows_px = max(_LEAST_ROWS * ROW_PX, len(self._names()) * _LEAST_ROW_PX)
+        width_px = _NAME_PX + _LEAST_BAR_PX + _VALUE_PX
+        return QSize(scaled_px(width_px), scaled_px(_TITLE_PX + rows_px))
+
+    def _paint_row(self, painter: QPainter, name: str, top: float, height: float) -> None:
+        theme, share = applied_theme(), self.probabilities.get(name)
+        font = QFont(self.font())
+        font.setBold(name == self._named)
+        painter.setFont(font)
+        painter.setPen(QColor(theme.text))
+        middle = Qt.AlignmentFlag.AlignVCenter
+        name_px, value_px = scaled_px(_NAME_PX), scaled_px(_VALUE_PX)
+        painter.drawText(QRectF(0, top, name_px, height), middle, name)
+        bar = QRectF(name_px, top + 3, self.width() - name_px - value_px, height - 6)
+        painter.fillRect(bar, QColor(blend(theme.muted, theme.panel, 0.15)))
+        if share is None:
+            return
+        filled = QRectF(bar.left(), bar.top(), bar.width() * share, bar.height())
+        is_inside = name in self._set
+        painter.fillRect(filled, QColor(theme.accent if is_inside else theme.set_point))
+        if is_inside:
+            painter.setPen(QPen(QColor(theme.text), 1.2))
+            painter.drawRect(bar)
+        text = f"{share:.1%}".replace("%", "\u202f%") + (" in set" if is_inside else "")
+        place = QRectF(bar.right() + 6, top, value_px - 6, height)
+        painter.setPen(QColor(theme.text))
+        painter.drawText(place, middle, text)
+
+
+_MARKS = {
+    AnswerState.NONE: "",
+    AnswerState.GROWING: "…",
+    AnswerState.RIGHT: "✓",
+    AnswerState.WRONG: "✗",
+    AnswerState.UNKNOWN: "⚠",
+}
+
+
+class AnswerView(QFrame):
+    """A frame whose background is the verdict, as in the paper's demonstration.
+
+    Marks and words say the same as the colour.
+    """
+
+    painted = Signal(int, float)
+    """Scan and time of sending of the velocity, after an answer to it is on the screen."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setProperty("role", "answer")
+        self.caption, self.verdict = elastic(label("", "muted")), label("", "verdict", wraps=True)
+        self.mark, self.letter = label("", "mark"), label("", "letter")
+        self.decision, self.texture_set = elastic(label("", "")), elastic(label("", ""))
+        for text in (self.mark, self.letter):
+            text.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        answer = hbox(self.letter, self.mark, self.verdict, wide=2, spacing=12)
+        column = vbox(self.caption, spacing=1, margins=(10, 6, 10, 6))
+        column.addLayout(answer, 1)
+        column.addWidget(self.decision)
+        column.addWidget(self.texture_set)
+        self.setLayout(column)
+        self.coverage = FingerRunStatus().coverage
+        """Share of the sets that hold the true texture."""
+        self._unpainted: tuple[int, float] | None = None
+        self.show_record(ScanRecord())
+
+    @property
+    def state(self) -> str:
+        """The verdict that is shown."""
+        return str(self.property("verdict"))
+
+    def show_record(self, record: ScanRecord, sent_s: float | None = None) -> None:
+        """Show the newest answer; ``sent_s``: when the velocity that led to it was sent."""
+        row, state = record.prediction, record.state
+        set_property(self, "verdict", state.value)
+        show_text(self.mark, _MARKS[state])
+        show_text(self.letter, "–" if row is None else _letter(row))
+        show_text(self.caption, _caption(record))
+        show_text(self.verdict, _verdict_words(record))
+        show_text(self.decision, _decision_words(record))
+        show_text(self.texture_set, "" if row is None else _set_words(row, self.coverage))
+        if row is not None and sent_s is not None:
+            self._unpainted = (row.scan, sent_s)
+        self.update()
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        """Paint, and report an answer that was not on the screen before."""
+        super().paintEvent(event)
+        if self._unpainted is not None:
+            scan_and_time, self._unpainted = self._unpainted, None
+            self.painted.emit(*scan_and_time)
+
+
+def _letter(row: PredictionRow) -> str:
+    return row.texture if row.known else "?"
+
+
+def _caption(record: ScanRecord) -> str:
+    row = record.prediction
+    if record.scan < 0:
+        return "No scan yet"
+    if row is None:
+        return f"Scan {record.scan}"
+    windows = f"{row.windows} window{'s' if row.windows > 1 else ''}"
+    return f"Scan {record.scan}: {row.distance_mm:.0f} mm, {row.seconds:.1f} s, {windows}"
+
+
+def _verdict_words(record: ScanRecord) -> str:
+    """Return the verdict in words."""
+    row, state = record.prediction, record.state
+    if row is None:
+        return "The answer appears here while the finger moves" if record.scan < 0 else "no answer"
+    share = row.probabilities.get(row.texture, 0.0)
+    if not row.known:
+        return f"not one of these; nearest is {row.texture} ({share:.0%})".replace("%", "\u202f%")
+    words = {
+        AnswerState.GROWING: "so far",
+        AnswerState.RIGHT: "right",
+        AnswerState.WRONG: f"wrong: the plate is {record.texture}",
+    }[state]
+    return f"{words} ({share:.0%})".replace("%", "\u202f%")
+
+
+def _decision_words(record: ScanRecord) -> str:
+    """Return after how many s and mm the answer was sure."""
+    sure = record.first_sure
+    if record.prediction is None:
+        return ""
+    if sure is None:
+        return "Not sure at the end" if record.prediction.is_final else "Not sure yet"
+    return f"Sure of {sure.texture} after {sure.seconds:.2f} s, {sure.distance_mm:.0f} mm"
+
+
+def _set_words(row: PredictionRow, coverage: float) -> str:
+    """Return the set of textures; one with all of them says nothing."""
+    names, total = ", ".join(row.texture_set) or "none", len(row.probabilities)
+    share = f"{coverage:.0%}".replace("%", "\u202f%")
+    return f"{share} set: {names} ({len(row.texture_set)} of {total})"
+
 
 _RIGHT_PX, _LEFT_PX, _GAP_PX = 262, 296, 8
 """Narrower columns cut their texts; the right one then stands above the left one."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rigctl.finger_values import PredictionRow
 from rigctl.values import SAMPLE_RATE_HZ, Verdict
-from rigctl.wire.finger.messages import BATCH_SAMPLES
+from rigctl.wire.finger_messages import BATCH_SAMPLES
 
 BATCH_S = BATCH_SAMPLES / SAMPLE_RATE_HZ
 

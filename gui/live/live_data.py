@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gui.live.review.marks import EventMarks
-from gui.live.store.drum_course import DrumCourse
-from gui.live.store.timeline import Timeline
-from rigctl.acquisition.live_buffer import LiveReader
+from gui.live.drum_course import DrumCourse
+from gui.live.overlay import EventMarks
+from gui.live.timeline import Timeline
+from rigctl.acquisition.live_file import LiveReader
 from rigctl.encoding.normalisation import RunningRange
 from rigctl.encoding.reading import FULL_SCALE, Reading
 

@@ -5,22 +5,18 @@ from __future__ import annotations
 from PySide6.QtCore import QElapsedTimer, QPointF, QRectF, Signal
 from PySide6.QtGui import QResizeEvent
 
+from gui.live.earlier_trials import EarlierTrials, TrialSweep
 from gui.live.heatmap import HeatMap
 from gui.live.live_data import LiveData
-from gui.live.review.cursors import Cursors
-from gui.live.review.navigation import Navigation
-from gui.live.spikes.rate_axis import label_rates
-from gui.live.spikes.spike_rates import FULL_SCALE_HZ, WINDOW_S, RateBars
-from gui.live.sweeps.earlier_trials import EarlierTrials
-from gui.live.sweeps.trial_starts import TrialSweep
+from gui.live.navigation import Navigation
+from gui.live.overlay import Cursors
+from gui.live.spike_rates import FULL_SCALE_HZ, WINDOW_S, RateBars, label_rates
 from gui.live.time_plots import NOW, PAUSED, SINCE_START, TimePlots
 from gui.live.value_scale import ValueScale
-from gui.widgets.data_ages import DataAges
-from gui.widgets.plots.plot_axes import BOTTOM_PX, colour_axes, fixed_plot, reserve
-from gui.widgets.plots.plot_grid import PlotGrid
-from gui.widgets.plots.stale_cover import StaleCovers
+from gui.widgets.data_ages import DataAges, StaleCovers
+from gui.widgets.plot_axes import BOTTOM_PX, PlotGrid, colour_axes, fixed_plot, reserve
 from gui.widgets.theme import Theme, scaled_px, text_scale
-from rigctl.acquisition.live_buffer import LiveReader
+from rigctl.acquisition.live_file import LiveReader
 from rigctl.session.header import SensorLayout
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
 

@@ -15,9 +15,7 @@ from PySide6.QtGui import QImage, QPainter, QTransform
 from PySide6.QtWidgets import QGraphicsItem
 
 from gui.live.history import SPAN_S
-from gui.live.store.pixel_columns import PixelColumns
-from gui.live.store.time_window import TimeWindow
-from gui.live.store.timeline import Timeline
+from gui.live.timeline import PixelColumns, Timeline, TimeWindow
 from gui.widgets.colours import rgb
 from gui.widgets.theme import Theme
 from rigctl.values import SAMPLE_RATE_HZ

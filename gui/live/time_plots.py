@@ -9,18 +9,18 @@ import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import QRectF
+from PySide6.QtGui import QPainter, QPen, QPolygonF
+from PySide6.QtWidgets import QGraphicsItem
 
-from gui.live.force_speed import SetPointPlot
-from gui.live.review.overlay import MarkLine, Overlay
+from gui.live.drum_course import DrumCourse, thin_out
+from gui.live.history import SPAN_S
+from gui.live.overlay import MarkLine, Overlay
+from gui.live.raster import Raster, TrainRows
 from gui.live.scrolling_image import ScrollingImage
-from gui.live.spikes.raster import Raster
-from gui.live.spikes.train_rows import TrainRows
-from gui.live.store.drum_course import DrumCourse
-from gui.live.store.time_window import TimeWindow
-from gui.live.store.timeline import Timeline
-from gui.live.traces import Traces
+from gui.live.timeline import PixelColumns, Timeline, TimeWindow
 from gui.live.value_scale import ValueScale
-from gui.widgets.plots.plot_axes import (
+from gui.widgets.colours import blend, rgb
+from gui.widgets.plot_axes import (
     LEFT_PX,
     MAX_TICKS,
     colour_axes,
@@ -32,6 +32,206 @@ from gui.widgets.plots.plot_axes import (
 )
 from gui.widgets.theme import Theme, scaled_px
 from rigctl.session.header import SensorLayout
+
+_HEADROOM = 1.1
+_DASHES = (5, 4)
+_MARGIN = 0.04
+_ROUND_TOPS = (50, 100, 150, 200, 300, 400, 600, 800, 1200, 1600, 2000, 3000)
+
+
+class PlotLine(QGraphicsItem):
+    """A polyline with a fixed bounding rectangle, so that new points cost only their drawing."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._points = QPolygonF()
+        self.pen = QPen()
+        self._bottom, self._top = 0.0, 1.0
+        self._left_s, self._right_s = -float(SPAN_S), 0.0
+
+    def set_pen(self, colour: str, *, is_dashed: bool = False) -> None:
+        """Set the colour of the line."""
+        self.pen = pg.mkPen(colour, width=1, dash=_DASHES if is_dashed else None)
+        self.update()
+
+    def set_values(self, bottom: float, top: float) -> None:
+        """Set the lower and upper ends of the bounding rectangle, which has a small margin."""
+        self.prepareGeometryChange()
+        self._bottom, self._top = bottom, top
+
+    def set_times(self, left_s: float, right_s: float) -> None:
+        """Set the left and right ends of the bounding rectangle."""
+        if (left_s, right_s) != (self._left_s, self._right_s):
+            self.prepareGeometryChange()
+            self._left_s, self._right_s = left_s, right_s
+
+    def set_points(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:
+        """Set the points, (n,) each."""
+        self._points = pg.functions.arrayToQPolygonF(x, y) if len(x) else QPolygonF()
+        self.update()
+
+    def boundingRect(self) -> QRectF:
+        """Return the rectangle of the whole plot."""
+        width, height = self._right_s - self._left_s, self._top - self._bottom
+        return QRectF(self._left_s, self._bottom - 0.1 * height, width, 1.2 * height)
+
+    def paint(self, painter: QPainter, *_: object) -> None:
+        """Draw the line; a polyline with a thin pen costs a fifth of a path."""
+        painter.setPen(self.pen)
+        painter.drawPolyline(self._points)
+
+
+class SetPointPlot:
+    """A measured quantity over its set-point; the scale changes in round steps only."""
+
+    def __init__(self, plot: pg.PlotItem, colour: str, theme: Theme) -> None:
+        self._plot = plot
+        self._colour = colour
+        self._set_point, self._measured = PlotLine(), PlotLine()
+        for line in (self._set_point, self._measured):
+            plot.addItem(line)
+        self.values = (0.0, 0.0)
+        """Lowest and highest value on the axis."""
+        self._set_scale(0.0, 0.0)
+        self.set_theme(theme)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Apply a theme."""
+        self._set_point.set_pen(theme.set_point, is_dashed=True)
+        self._measured.set_pen(getattr(theme, self._colour))
+
+    def set_times(self, left_s: float, right_s: float) -> None:
+        """Set the ends of the time axis."""
+        for line in (self._set_point, self._measured):
+            line.set_times(left_s, right_s)
+
+    def refresh(
+        self,
+        time_s: NDArray[np.float64],
+        measured: NDArray[np.float64],
+        set_point: NDArray[np.float64],
+    ) -> None:
+        """Show (n,) values at times of the axis, ``time_s`` (ascending)."""
+        self._measured.set_points(*thin_out(time_s, measured))
+        self._set_point.set_points(*corners(time_s, set_point))
+        if len(time_s):
+            lowest, highest = float(measured.min()), float(max(measured.max(), set_point.max()))
+            self._set_scale(lowest, highest)
+
+    def _set_scale(self, lowest: float, highest: float) -> None:
+        top = _round_end(highest)
+        bottom = 0.0 if lowest >= -_MARGIN * top else -_round_end(-lowest)
+        if (bottom, top) == self.values:
+            return
+        self.values = (bottom, top)
+        height = top - bottom
+        self._plot.setYRange(bottom - _MARGIN * height, top + _MARGIN * height, padding=0)
+        ticks = [(value, f"{value:.0f}".replace("-", "−")) for value in _ticks(bottom, top)]
+        self._plot.getAxis("left").setTicks([ticks, []])
+        for line in (self._set_point, self._measured):
+            line.set_values(bottom, top)
+
+
+def corners(
+    x: NDArray[np.float64], y: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the ends of each stretch of equal values: dashes of many short lines cost more."""
+    if not len(y):
+        return x, y
+    is_end = np.ones((2, len(y)), bool)  # of a stretch's first and last value
+    is_end[0, 1:] = is_end[1, :-1] = y[1:] != y[:-1]
+    kept = np.flatnonzero(is_end[0] | is_end[1])
+    return thin_out(x[kept], y[kept])
+
+
+def _round_end(value: float) -> float:
+    """Return a round end of an axis that leaves headroom above ``value``."""
+    least = value * _HEADROOM
+    return float(next((top for top in _ROUND_TOPS if top >= least), least))
+
+
+def _ticks(bottom: float, top: float) -> tuple[float, ...]:
+    """Return 0, the ends and, where nothing is negative, the middle."""
+    return (bottom, 0.0, top) if bottom else (0.0, top / 2, top)
+
+
+FULL_SCALE = 1023
+
+
+class Traces(ScrollingImage):
+    """One band per taxel, scaled to its range; the layers differ in colour."""
+
+    def __init__(self, theme: Theme, layout: SensorLayout) -> None:
+        super().__init__(layout.n_taxels, theme)
+        self.sensor_layout = layout
+        self.taxels = np.arange(layout.n_taxels)
+        self._low = np.zeros(layout.n_taxels)
+        self._high = np.full(layout.n_taxels, float(FULL_SCALE))
+
+    def set_sensor_layout(self, layout: SensorLayout) -> None:
+        """Show all taxels of another sensor, coloured by its layers."""
+        if layout.n_taxels != len(self._low):
+            self._low = np.zeros(layout.n_taxels)
+            self._high = np.full(layout.n_taxels, float(FULL_SCALE))
+        self.sensor_layout = layout
+        self.show_taxels(range(layout.n_taxels))
+
+    def set_range(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> bool:
+        """Scale the bands to ``low … high`` counts, (n_taxels,); redraw where the change shows.
+
+        Return whether they changed.
+        """
+        is_empty = high - low < 1
+        low, high = np.where(is_empty, 0.0, low), np.where(is_empty, FULL_SCALE, high)
+        change = np.maximum(np.abs(low - self._low), np.abs(high - self._high))
+        if change.max() == 0:
+            return False
+        span = np.maximum(self._high - self._low, 1.0)
+        self._low, self._high = low, high
+        self._is_stale = self._is_stale or bool((change / span).max() > 0.02)
+        return True
+
+    def range_of(self, taxel: int) -> tuple[float, float]:
+        """Return the lowest and highest counts in the band of a taxel."""
+        return float(self._low[taxel]), float(self._high[taxel])
+
+    def show_taxels(self, taxels: Sequence[int]) -> None:
+        """Show a band for each of these taxels, from 0, in this order."""
+        self.prepareGeometryChange()
+        self.taxels, self.n_rows = np.array(taxels, np.int64), len(taxels)
+        self._is_stale = True
+
+    def prepare(self, height: int) -> None:
+        """Assign every pixel row its band and colours."""
+        layout, n = self.sensor_layout, self.n_rows
+        edges = np.arange(n + 1) * height // n
+        self._top = edges[:-1] + 1
+        self._band_height = np.maximum(np.diff(edges) - 3, 1)
+        at = np.searchsorted(edges, np.arange(height), "right") - 1
+        self._band = np.minimum(at, n - 1)
+        inks = [rgb(colour) for colour in TrainRows(layout).layer_colours(self.theme)]
+        layers = self.taxels // layout.per_layer
+        self._ink = np.array(inks, np.uint32)[layers[self._band]][:, None]
+        background = np.full(height, rgb(self.theme.plot), np.uint32)
+        between = edges[1:-1][np.diff(layers) != 0]
+        background[between] = rgb(blend(self.theme.muted, self.theme.plot, 0.5))
+        self._background = background[:, None]
+        self._row = np.arange(height, dtype=np.int32)[:, None]
+
+    def render_columns(self, timeline: Timeline, columns: PixelColumns) -> NDArray[np.uint32]:
+        """Return a vertical line in each band from the column's lowest to its highest reading."""
+        low, high = timeline.extremes(columns)
+        top = self._pixel_row(high).T[self._band]
+        bottom = self._pixel_row(low).T[self._band]
+        is_ink = (self._row >= top) & (self._row <= bottom)
+        return np.where(is_ink, self._ink, self._background)
+
+    def _pixel_row(self, counts: NDArray[np.uint16]) -> NDArray[np.int32]:
+        low, high = self._low[self.taxels], self._high[self.taxels]
+        share = (counts[:, self.taxels] - low) / (high - low)
+        down = (1.0 - np.clip(share, 0.0, 1.0)) * self._band_height
+        return np.asarray(self._top + down, np.int32)
+
 
 _ROW_LABEL_PX, _TAXEL_LABEL_PX = 10, 14
 _ROW_PX, _LAST_ROW_PX, _LONG_LABEL_PX = 48, 88, 84

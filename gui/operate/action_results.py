@@ -7,8 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from gui.operate.bench_controls import FAULTS, WIRINGS_ON_OFF
-from rigctl.acquisition.calibration.calibration_values import ForceLoopGains, MassReading
-from rigctl.acquisition.calibration.words import gains_words, imbalance_words
+from rigctl.acquisition.calibration_values import (
+    ForceLoopGains,
+    MassReading,
+    gains_words,
+    imbalance_words,
+)
 
 _NAMES = {
     "calibrate_range": "taxel range",

@@ -9,11 +9,10 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QComboBox, QGridLayout, QGroupBox, QLabel, QWidget
 
 from gui.widgets.file_combo_box import ElidedComboBox
-from gui.widgets.focus_wheel import focus_wheel
-from gui.widgets.layouts import push_button
+from gui.widgets.layouts import focus_wheel, push_button
 from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.simulation.wirings import WIRINGS
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_states import State
 
 TEXTURES = tuple(ascii_uppercase[:16])
 NOT_TOLD = "not told"

@@ -11,9 +11,9 @@ from PySide6.QtWidgets import QGridLayout, QGroupBox, QLabel, QPushButton
 from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import container, push_button
 from gui.widgets.status_lamp import Level, StatusLamp
-from rigctl.acquisition.calibration.calibration_values import LOADCELL, WIRING
+from rigctl.acquisition.calibration_values import LOADCELL, WIRING
 from rigctl.acquisition.rpc.messages import EngineStatus
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_states import State
 
 CALIBRATE_TIP = "Calibrate load cell and force loop, measure the imbalance, identify the taxels"
 STEPS, STEPS_TIP = "All steps", "List each step of the bring-up, and whether it is done"

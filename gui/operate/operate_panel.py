@@ -3,23 +3,408 @@
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple, Protocol
 
-from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QGridLayout, QGroupBox, QHBoxLayout, QWidget
+from PySide6.QtCore import QDateTime, QEvent, QSize, Qt, Signal
+from PySide6.QtGui import QFont, QFontMetrics, QKeySequence, QShortcut
+from PySide6.QtWidgets import (
+    QFrame,
+    QGridLayout,
+    QGroupBox,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QPushButton,
+    QWidget,
+)
 
-from gui.alarm.alarms import RELEASE_FIRST
+from gui.operate.alarms import RELEASE_FIRST
 from gui.operate.bench_controls import BenchControls
 from gui.operate.bring_up import BringUpBox
-from gui.operate.jog import JogButtons
-from gui.operate.readings import ReadingBox
-from gui.operate.record_box import RecordBox
-from gui.operate.set_points import SetPointBox
-from gui.widgets.data_ages import DataAges
-from gui.widgets.labels import label, set_property, show_text
-from gui.widgets.layouts import group_box, push_button, vbox
-from rigctl.acquisition.rpc.messages import EngineStatus
-from rigctl.wire.drum.states import State, StateEvent, next_state
+from gui.widgets.data_ages import DataAges, stale_words
+from gui.widgets.file_browser import PathKind, browse_button, folder_problem, new_files_folder
+from gui.widgets.flow_layout import FlowLayout
+from gui.widgets.labels import elastic, label, set_property, show_text
+from gui.widgets.layouts import (
+    container,
+    focus_wheel,
+    form_layout,
+    group_box,
+    hbox,
+    push_button,
+    vbox,
+)
+from gui.widgets.number_box import NumberBox, has_refused
+from gui.widgets.status_lamp import Level, StatusLamp
+from rigctl.acquisition.rpc.messages import EngineStatus, PromptStatus, RecordingStatus
+from rigctl.config.rig_config import RigLimits
+from rigctl.wire.drum_registers import BY_NAME
+from rigctl.wire.drum_states import State, StateEvent, next_state
+
+
+class PromptPanel(QFrame):
+    """A question and its two answers; hidden without a question."""
+
+    command_requested = Signal(str, dict)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setProperty("role", "prompt")
+        self._prompt_id = 0
+        lamp = StatusLamp(18)
+        lamp.set_level(Level.WARN)
+        self.text = label("", "heading", wraps=True)
+        self.confirm = QPushButton("Done, continue")
+        self.abort = QPushButton("Abort the run")
+        self.confirm.clicked.connect(lambda: self._answer("ok"))
+        self.abort.clicked.connect(lambda: self._answer("abort"))
+        row = (lamp, self.text, self.confirm, self.abort)
+        self.setLayout(hbox(*row, wide=1, spacing=6, margins=(10, 6, 10, 6)))
+        self.hide()
+
+    def show_prompt(self, prompt: PromptStatus | None) -> None:
+        """Show a question, or hide the panel without one."""
+        if prompt is None:
+            self.hide()
+        elif prompt.id != self._prompt_id or self.isHidden():
+            self._prompt_id = prompt.id
+            self.text.setText(prompt.text)
+            self.show()
+
+    def _answer(self, answer: str) -> None:
+        args = {"prompt_id": self._prompt_id, "answer": answer}
+        self.command_requested.emit("answer", args)
+
+
+SPEED_LATER = "The drum turns: its speed can be set once it holds still or is lifted"
+_SET_TIP = "Send speed and force to the drum, which then reports what it has"
+
+
+class SetPointBox(QGroupBox):
+    """Speed and force: asked, and what the drum has; the ranges are those of ``rig.toml``."""
+
+    command_requested = Signal(str, dict)
+
+    def __init__(self) -> None:
+        super().__init__("Set-points")
+        self.speed = _register_spin_box("speed_set", " mm/s", 5.0)
+        self.force = _register_spin_box("force_set", " g", 50.0)
+        self.drum_speed, self.drum_force = label("–"), label("–")
+        self.allowed = label("", "muted", wraps=True)
+        self.set_button = push_button("Set", self._send, _SET_TIP)
+        self._limits: RigLimits | None = None
+        self._allowed = ""
+        self._drum: tuple[float, float] | None = None
+        self._is_own = True
+        """Whether the drum should have what is asked here; a run sets it otherwise."""
+        self._turns = False
+        """Whether the drum turns in contact, at the speed that it had when it began."""
+        for box in (self.speed, self.force):
+            box.valueChanged.connect(lambda _: self._show_drum())
+        self._lay_out()
+        self.set_limits(RigLimits())
+
+    def set_limits(self, limits: RigLimits) -> None:
+        """Take the ranges that the engine accepts."""
+        if limits == self._limits:
+            return
+        self._limits = limits
+        self.speed.setRange(limits.speed_min_mm_s, limits.speed_max_mm_s)
+        self.force.setRange(limits.force_min_g, limits.force_max_g)
+        speed = f"{limits.speed_min_mm_s:g} to {limits.speed_max_mm_s:g} mm/s"
+        force = f"{limits.force_min_g:g} to {limits.force_max_g:g} g"
+        self._allowed = f"Allowed: {speed}, {force}"
+        self._show_allowed()
+
+    def show_status(self, status: EngineStatus) -> None:
+        """Show what the drum has; a status without a drum shows nothing."""
+        self._is_own = not status.run.is_active
+        self.set_button.setEnabled(status.drum_connected and self._is_own)
+        if status.drum_connected:
+            self.set_limits(status.limits)
+            self._drum = (status.speed_set_mm_s, status.force_set_g)
+            self._turns = status.state is State.RUN
+            self._show_allowed()
+            self._show_drum()
+
+    def show_nothing(self) -> None:
+        """Forget what the drum had."""
+        self._drum = None
+        self._show_drum()
+
+    def _show_allowed(self) -> None:
+        show_text(self.allowed, SPEED_LATER if self._turns else self._allowed)
+        self.allowed.setToolTip("" if self._turns else "Limits of this rig: [limits] in rig.toml")
+
+    def _show_drum(self) -> None:
+        speed, force = self._drum if self._drum is not None else (None, None)
+        _show_has(self.drum_speed, speed, self.speed, compares=self._is_own)
+        _show_has(self.drum_force, force, self.force, compares=self._is_own)
+
+    def _send(self) -> None:
+        if has_refused(self.speed, self.force):
+            return
+        args = {"speed_mm_s": self.speed.value(), "force_g": self.force.value()}
+        if self._turns and self._drum is not None and not _differs(self._drum[0], self.speed):
+            del args["speed_mm_s"]
+        self.command_requested.emit("set", args)
+
+    def _lay_out(self) -> None:
+        grid = QGridLayout(self)
+        grid.setContentsMargins(8, 6, 8, 8)
+        for column, title in enumerate(("", "Asked", "Drum has")):
+            grid.addWidget(label(title, "muted"), 0, column)
+        rows = (("Speed", self.speed, self.drum_speed), ("Force", self.force, self.drum_force))
+        for row, (name, box, has) in enumerate(rows, 1):
+            grid.addWidget(label(name), row, 0)
+            grid.addWidget(box, row, 1)
+            grid.addWidget(has, row, 2)
+        grid.addWidget(self.allowed, 3, 0, 1, 2)
+        grid.addWidget(self.set_button, 3, 2)
+        grid.setColumnStretch(1, 1)
+        grid.setColumnStretch(2, 1)
+
+
+def _show_has(has: QLabel, value: float | None, asked: NumberBox, *, compares: bool) -> None:
+    """Show a value of the drum; if that is compared, after ≠ where another one is asked for."""
+    if value is None:
+        show_text(has, "–")
+        set_property(has, "role", "muted")
+        return
+    differs = compares and _differs(value, asked)
+    text = f"{value:.{asked.decimals()}f}{asked.suffix()}"
+    show_text(has, f"≠ {text}" if differs else text)
+    set_property(has, "role", "warn" if differs else "heading")
+
+
+def _differs(value: float, asked: NumberBox) -> bool:
+    return abs(value - asked.value()) > 0.5 * 10.0 ** -asked.decimals()
+
+
+def _register_spin_box(register_name: str, suffix: str, step: float) -> NumberBox:
+    """Return a field with the default of the board's register."""
+    register = BY_NAME[register_name]
+    box = NumberBox(
+        maximum=register.high * register.scale,
+        value=register.default * register.scale,
+        suffix=suffix,
+        singleStep=step,
+        decimals=1 if register.scale < 0.1 else 0,
+    )
+    box.setAlignment(Qt.AlignmentFlag.AlignRight)
+    return focus_wheel(box)
+
+
+NAMES = ("Force", "Speed", "Actuator", "Angle", "Tared", "Homed")
+WIDEST = "199.9 mm/s"
+LIVE = "The readings are live"
+
+
+class ReadingBox(QGroupBox):
+    """Readings by name, and a line that says how old they are."""
+
+    def __init__(self) -> None:
+        super().__init__("Readings")
+        self.readings = {name: elastic(label("–", "heading")) for name in NAMES}
+        self.age = label("", "muted")
+        self._names = [label(name, "muted") for name in NAMES]
+        both = zip(self._names, self.readings.values(), strict=True)
+        pairs = [container(hbox(name, reading, wide=1)) for name, reading in both]
+        self.setLayout(vbox(FlowLayout(*pairs), self.age, spacing=2, margins=(8, 6, 8, 8)))
+        self._keep_whole()
+
+    def sizeHint(self) -> QSize:
+        """Return the size for one reading in a line; the panel decides how many there are."""
+        return QSize(self.minimumSizeHint().width(), super().sizeHint().height())
+
+    def changeEvent(self, event: QEvent) -> None:
+        """Keep the readings whole when the texts become larger."""
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.FontChange and hasattr(self, "_names"):
+            self._keep_whole()
+
+    def _keep_whole(self) -> None:
+        bold = QFont(self.font())
+        bold.setBold(True)
+        name_px = max(map(QFontMetrics(self.font()).horizontalAdvance, NAMES))
+        for name, reading in zip(self._names, self.readings.values(), strict=True):
+            name.setMinimumWidth(name_px)
+            reading.setMinimumWidth(QFontMetrics(bold).horizontalAdvance(WIDEST))
+
+    def show_status(self, status: EngineStatus) -> None:
+        """Show the readings; those of a lost drum stay, and their age tells."""
+        if not status.drum_connected:
+            return
+        texts = {
+            "Force": f"{status.force_g:.1f} g",
+            "Speed": f"{status.speed_mm_s:.1f} mm/s",
+            "Actuator": f"{status.actuator_position_um / 1000:.2f} mm",
+            "Angle": f"{status.angle_deg:.1f}°",
+            "Tared": "yes" if status.tared else "no",
+            "Homed": "yes" if status.homed else "no",
+        }
+        for name, text in texts.items():
+            self.readings[name].setText(text)
+
+    def show_ages(self, ages: DataAges) -> None:
+        """Turn the readings grey whose data are too old, and say how old they are."""
+        drum, loadcell = stale_words(ages.drum_s), stale_words(ages.loadcell_s)
+        for name, reading in self.readings.items():
+            is_old = bool(drum or (loadcell and name == "Force"))
+            set_property(reading, "role", "stale" if is_old else "heading")
+        words = f"Not live: {drum}" if drum else f"Force not live: {loadcell}" if loadcell else LIVE
+        show_text(self.age, words)
+        set_property(self.age, "role", "muted" if words == LIVE else "warn")
+
+    def show_nothing(self) -> None:
+        """Show that there is no drum."""
+        for reading in self.readings.values():
+            reading.setText("–")
+            set_property(reading, "role", "muted")
+        show_text(self.age, "")
+
+
+STEPS_MM = {-10: "Alt+Shift+Left", -1: "Alt+Left", 1: "Alt+Right", 10: "Alt+Shift+Right"}
+"""Texture travel of each button, and its shortcut."""
+
+_NOT_CONNECTED = "no drum is connected"
+_OBSTACLES = {
+    State.IDLE: "arm the drum first",
+    State.POSITION: "the drum is moving",
+    State.RETRACT: "the drum is lifting off",
+    State.APPROACH: "retract first: the drum is pressing",
+    State.HOLD: "retract first: the drum is in contact",
+    State.RUN: "retract first: the drum is in contact",
+    State.FAULT_LIFT: "clear the fault first",
+    State.FAULT_OFF: "clear the fault first",
+}
+
+
+def jog_obstacle(status: EngineStatus) -> str:
+    """Return why the drum cannot jog now; empty if it can."""
+    if not status.drum_connected or status.state is None:
+        return _NOT_CONNECTED
+    if status.run.is_active:
+        return "a protocol is running"
+    if status.state is State.ARMED:
+        return ""
+    return _OBSTACLES.get(status.state, "the drum is starting")
+
+
+class JogButtons(QWidget):
+    """Buttons for mm of texture travel; disabled during a jog, so that clicks never queue up."""
+
+    command_requested = Signal(str, dict)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.buttons = {mm: self._button(mm, keys) for mm, keys in STEPS_MM.items()}
+        self._obstacle = _NOT_CONNECTED
+        self._is_jogging = False
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(4)
+        row.addWidget(label("Jog", "muted"))
+        for button in self.buttons.values():
+            row.addWidget(button, 1)
+        row.addWidget(label("mm", "muted"))
+        self._update_buttons()
+
+    def show_status(self, status: EngineStatus) -> None:
+        """Enable the buttons if a jog is possible; otherwise their tooltips say why not."""
+        self._obstacle = jog_obstacle(status)
+        self._update_buttons()
+
+    def finish(self) -> None:
+        """End a jog: the engine has executed or refused it."""
+        self._is_jogging = False
+        self._update_buttons()
+
+    def _request(self, mm: int) -> None:
+        self._is_jogging = True
+        self._update_buttons()
+        self.command_requested.emit("jog", {"mm": float(mm)})
+
+    def _update_buttons(self) -> None:
+        obstacle = self._obstacle or ("the drum is moving" if self._is_jogging else "")
+        for mm, button in self.buttons.items():
+            button.setEnabled(not obstacle)
+            button.setToolTip(_tooltip(mm, obstacle))
+
+    def _button(self, mm: int, keys: str) -> QPushButton:
+        button = QPushButton(f"{mm:+d}".replace("-", "−"))
+        button.setMinimumWidth(30)
+        button.setAccessibleName(f"Jog {button.text()} mm")
+        button.clicked.connect(lambda: self._request(mm))
+        shortcut = QShortcut(QKeySequence(keys), self)
+        shortcut.setAutoRepeat(False)
+        shortcut.activated.connect(button.click)
+        return button
+
+
+def _tooltip(mm: int, obstacle: str) -> str:
+    direction = "forward, as in a forward trial" if mm > 0 else "backward"
+    text = f"Turn the lifted drum by {abs(mm)} mm of texture {direction} ({STEPS_MM[mm]})"
+    return f"{text}. Unavailable: {obstacle}" if obstacle else text
+
+
+MAX_NOTE_LETTERS = 500
+_TIP = "Record samples, polls and events without a protocol until you end it"
+
+
+class RecordBox(QGroupBox):
+    """Folder, note, and one button that begins and ends a recording by hand."""
+
+    command_requested = Signal(str, dict)
+    path_requested = Signal(object, object)
+    """Kind of the path, and the function that takes the chosen one."""
+
+    def __init__(self) -> None:
+        super().__init__("Record by hand")
+        self.folder = QLineEdit(str(Path.home() / "rigctl-sessions"))
+        self.folder.setToolTip("Every recording gets a new folder in here")
+        self.note = QLineEdit(maxLength=MAX_NOTE_LETTERS, placeholderText="what you try out")
+        self.button = push_button("Record", self._toggle, _TIP)
+        self.state = label("", "muted", wraps=True)
+        self._recording, self._is_possible = RecordingStatus(), False
+        self.folder.textChanged.connect(lambda _: self._show())
+        browse = browse_button(self.path_requested, PathKind.OUTPUT, self.folder.setText)
+        form = form_layout(4)
+        form.setContentsMargins(8, 6, 8, 8)
+        form.addRow("Save in", hbox(self.folder, browse))
+        form.addRow("Note", self.note)
+        form.addRow(self.button)
+        form.addRow(self.state)
+        self.setLayout(form)
+
+    def show_status(self, status: EngineStatus) -> None:
+        """Show whether this recording goes on, and how much of it is on the disk."""
+        self._recording = status.recording
+        self._is_possible = status.taxels_connected and not status.run.is_active
+        self._show()
+
+    def _show(self) -> None:
+        is_recording = self._recording.by_hand
+        problem = "" if is_recording else folder_problem(self.folder.text())
+        self.button.setText("End recording" if is_recording else "Record")
+        self.button.setEnabled(is_recording or (self._is_possible and not problem))
+        for field in (self.folder, self.note):
+            field.setEnabled(not is_recording)
+        set_property(self.state, "role", "heading" if is_recording else "bad")
+        name = Path(self._recording.folder or "").name
+        seconds = self._recording.samples_on_disk / 1000
+        text = f"{seconds:.0f} s in {name}" if is_recording else ""
+        show_text(self.state, f"Save in: {problem}" if problem else text)
+
+    def _toggle(self) -> None:
+        if self._recording.by_hand:
+            self.command_requested.emit("end_record", {})
+            return
+        time = QDateTime.currentDateTimeUtc().toString("yyyyMMdd-HHmmss")
+        folder = new_files_folder(self.folder.text()) / f"by-hand-{time}"
+        args = {"out": str(folder), "note": self.note.text().strip()}
+        self.command_requested.emit("record", args)
 
 
 class Action(NamedTuple):

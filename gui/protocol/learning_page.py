@@ -18,10 +18,12 @@ from gui.analysis.export.picture_encoder import NewFile, PictureEncoder
 from gui.analysis.export.picture_file import widget_picture
 from gui.analysis.export.value_file import yes_or_no
 from gui.analysis.tasks.worker import Worker
+from gui.widgets.file_browser import typed_path
 from gui.widgets.labels import elastic, label, show_text
 from gui.widgets.layouts import container, hbox, push_button, vbox
-from gui.widgets.plots.plot_axes import (
+from gui.widgets.plot_axes import (
     LEFT_PX,
+    PlotGrid,
     colour_axes,
     fixed_plot,
     reserve,
@@ -29,9 +31,7 @@ from gui.widgets.plots.plot_axes import (
     title_plot,
     whole_ticks,
 )
-from gui.widgets.plots.plot_grid import PlotGrid
 from gui.widgets.theme import applied_theme, scaled_px
-from gui.widgets.typed_paths import typed_path
 
 if TYPE_CHECKING:
     from rigctl.analysis.learning_curve import CurvePoint, SessionCurve

@@ -10,14 +10,13 @@ from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QLineEdit, QPushButton, QVBoxLayout, QWidget
 
 from gui.analysis.tasks.worker import Worker
-from gui.protocol.run_values import PLAN_ROWS, PlanSummary
-from gui.widgets.file_browser import PathKind, browse_button
+from gui.protocol.run_tasks import PLAN_ROWS, PlanSummary
+from gui.widgets.file_browser import PathKind, browse_button, folder_problem, new_files_folder
 from gui.widgets.file_combo_box import ElidedComboBox
 from gui.widgets.formatting import day_time, time_stamp
 from gui.widgets.labels import label, show_text
 from gui.widgets.layouts import form_layout, group_box, hbox
 from gui.widgets.number_box import WholeNumberBox
-from gui.widgets.typed_paths import folder_problem, new_files_folder
 from rigctl.config import resources
 
 MAX_SEED = 2**31 - 1

@@ -4,25 +4,243 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import Signal
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QShowEvent
-from PySide6.QtWidgets import QAbstractButton, QGridLayout, QGroupBox, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QAbstractButton,
+    QGridLayout,
+    QGroupBox,
+    QListWidget,
+    QListWidgetItem,
+    QProgressBar,
+    QVBoxLayout,
+    QWidget,
+)
 
 from gui.analysis.tasks.worker import Worker
 from gui.protocol.learning_page import LearningLink
 from gui.protocol.protocol_form import ProtocolForm
-from gui.protocol.run_queue import RunQueue
-from gui.protocol.run_state_box import RunStateBox
-from gui.protocol.run_values import PlanSummary, ProtocolText, SavedProtocol
-from gui.protocol.session_link import SessionLink
-from gui.protocol.session_page import SessionPage
+from gui.protocol.run_tasks import PlanSummary, ProtocolText, SavedProtocol
+from gui.protocol.session_page import SessionLink, SessionPage
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.flow_layout import FlowLayout
-from gui.widgets.layouts import group_box, push_button, scroll_to_top, vbox
-from rigctl.acquisition.rpc.messages import EngineStatus
+from gui.widgets.formatting import capitalised, day_time, duration, size, time_stamp
+from gui.widgets.labels import label, plain_tooltip, set_property, show_progress, show_text
+from gui.widgets.layouts import form_layout, group_box, hbox, push_button, scroll_to_top, vbox
+from rigctl.acquisition.pause_reasons import reason_words
+from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus, RunStatus
 from rigctl.config.rig_config import RigConfig
+
+_ARGUMENTS = Qt.ItemDataRole.UserRole
+_LIST_PX = 66
+WAITS = "The last run did not finish: look at it, then press Start next."
+
+
+class RunQueue(QWidget):
+    """A list of runs. The next one starts by itself where the last one is done.
+
+    ``arguments`` returns those of the command start for the fields as they are now; a queued run
+    keeps its fields, and gets the folder of the second in which it starts.
+    """
+
+    start_requested = Signal(dict)
+
+    def __init__(self, arguments: Callable[[], dict[str, Any]]) -> None:
+        super().__init__()
+        self._arguments = arguments
+        self._was_active = False
+        self._can_start = False
+        self._sent_folder = ""
+        self.list = QListWidget()
+        self.list.setFixedHeight(_LIST_PX)
+        self.add_button = push_button(
+            "Add", self._add, "Queue a run of the fields above; the window must stay open for it"
+        )
+        self.remove_button = push_button("Remove", self._remove)
+        self.next_button = push_button("Start next", self._start_next)
+        self.problem = label("", "bad", wraps=True)
+        self.problem.hide()
+        self._lay_out()
+        self.list.currentRowChanged.connect(lambda _: self._enable())
+        self.set_possible(can_add=False, can_start=False)
+
+    @property
+    def waits(self) -> bool:
+        """Whether the next run waits for Start next, as the last one did not finish."""
+        return bool(self.problem.text())
+
+    def set_possible(self, *, can_add: bool, can_start: bool) -> None:
+        """Allow to queue the fields above, and to start a run."""
+        self.add_button.setEnabled(can_add)
+        self._can_start = can_start
+        self._enable()
+
+    def show_run(self, run: RunStatus) -> None:
+        """Take a run that has begun from the list, and start the next after one that is done."""
+        if self._sent_folder and run.session == self._sent_folder:
+            self._sent_folder = ""
+            self.list.takeItem(0)
+            self._enable()
+        if self._was_active and run.has_ended and self.list.count():
+            if run.state == "done":
+                self._start_next()
+            else:
+                self._show_problem(WAITS)
+        self._was_active = run.is_active
+
+    def _add(self) -> None:
+        arguments = self._arguments()
+        item = QListWidgetItem(f"{Path(arguments['protocol']).stem}, seed {arguments['seed']}")
+        item.setData(_ARGUMENTS, arguments)
+        self.list.addItem(item)
+        self._enable()
+
+    def _remove(self) -> None:
+        self.list.takeItem(max(self.list.currentRow(), 0))
+        if not self.list.count():
+            self._show_problem("")
+        self._enable()
+
+    def _start_next(self) -> None:
+        queued = dict(self.list.item(0).data(_ARGUMENTS))
+        stem = Path(queued["protocol"]).stem
+        queued["out"] = str(Path(queued["out"]).with_name(f"{stem}-{time_stamp()}"))
+        self._sent_folder = queued["out"]
+        self._show_problem("")
+        self.start_requested.emit(queued)
+
+    def _show_problem(self, sentence: str) -> None:
+        self.problem.setText(sentence)
+        self.problem.setVisible(bool(sentence))
+
+    def _enable(self) -> None:
+        has_runs = self.list.count() > 0
+        self.remove_button.setEnabled(has_runs)
+        self.next_button.setEnabled(has_runs and self._can_start)
+
+    def _lay_out(self) -> None:
+        box, column = group_box("Queue", QVBoxLayout())
+        column.addWidget(self.problem)
+        column.addWidget(self.list)
+        column.addLayout(hbox(self.add_button, self.remove_button, self.next_button))
+        outer = QVBoxLayout(self)
+        outer.setContentsMargins(0, 0, 0, 0)
+        outer.addWidget(box)
+
+
+ROWS = ("Progress", "Finishes", "Trial", "Next plate", "Rejected", "Disk", "Session")
+MAX_NAME, STAMP = 26, 16
+"""Letters of a session's name in one line, and of the time at the end of a longer one."""
+_KEPT = ": committed trials are kept"
+_STATES = {
+    "idle": "No run",
+    "running": "Running",
+    "prompt": "Waiting for your answer above",
+    "paused": "Paused, drum lifted",
+    "done": "Done: all trials are on disk",
+    "aborted": f"Aborted{_KEPT}",
+    "failed": f"Failed{_KEPT}",
+}
+
+
+class RunStateBox(QVBoxLayout):
+    """Shows the run that the engine reports; a layout, so that its box follows its height."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.state = label("No run", "heading", wraps=True)
+        self.bar = QProgressBar(format="%p %")
+        self.rows = {name: label("–", wraps=True) for name in ROWS}
+        self.addWidget(self.state)
+        self.addWidget(self.bar)
+        form = form_layout(3)
+        for name, text in self.rows.items():
+            form.addRow(label(name, "muted"), text)
+        self.addLayout(form)
+
+    def show_status(self, status: EngineStatus) -> None:
+        """Show the run of a status."""
+        run = status.run
+        show_text(self.state, run_sentence(run))
+        set_property(self.state, "role", "bad" if run.state == "failed" else "heading")
+        planned = run.trials_planned - run.trials_ended_early
+        show_progress(self.bar, run.trials_committed, planned)
+        texts = {
+            "Progress": progress_sentence(run),
+            "Finishes": finish_sentence(run),
+            "Trial": trial_sentence(run),
+            "Next plate": plate_sentence(run),
+            "Rejected": f"{run.trials_rejected}" if run.trials_planned else "–",
+            "Disk": disk_sentence(status.recording),
+        }
+        for name, text in texts.items():
+            show_text(self.rows[name], text)
+        name = Path(run.session).name if run.session else "–"
+        self.rows["Session"].setText(name if len(name) <= MAX_NAME else f"…{name[-STAMP:]}")
+        self.rows["Session"].setToolTip(plain_tooltip(run.session or ""))
+
+
+def run_sentence(run: RunStatus) -> str:
+    """Return the run's state, with the reasons of a pause."""
+    if run.text:
+        return f"{capitalised(run.text)}{_KEPT if run.state == 'aborted' else ''}"
+    words = _STATES.get(run.state, run.state)
+    reasons = reason_words(run.reasons)
+    return f"{words} ({reasons})" if reasons else words
+
+
+def progress_sentence(run: RunStatus) -> str:
+    """Return how many trials are committed, and the time left."""
+    if not run.trials_planned:
+        return "–"
+    left = f", {duration(run.eta_s)} left" if run.is_active and run.eta_s is not None else ""
+    early = f", {run.trials_ended_early} left out by an early end" if run.trials_ended_early else ""
+    return f"{run.trials_committed} of {run.trials_planned} trials{early}{left}"
+
+
+def finish_sentence(run: RunStatus) -> str:
+    """Return the time of day at which the run ends if nothing makes it wait."""
+    if not run.is_active or run.eta_s is None:
+        return "–"
+    return day_time(run.eta_s) + (", plus plate changes" if run.next_plate else "")
+
+
+def plate_sentence(run: RunStatus) -> str:
+    """Return the next change of plates."""
+    plate = run.next_plate
+    if run.prompt is not None and run.prompt.texture:
+        return f"{run.prompt.texture} now"
+    if not run.is_active or plate is None:
+        return "no other plate" if run.is_active else "–"
+    if not plate.trials:
+        return f"{plate.texture} after {'the pause' if run.state == 'paused' else 'this trial'}"
+    trials = f"{plate.trials} trial{'' if plate.trials == 1 else 's'}"
+    return f"{plate.texture} after {trials}, in {duration(plate.left_s)}"
+
+
+def disk_sentence(recording: RecordingStatus) -> str:
+    """Return the free space, and how long it lasts."""
+    if not recording.disk_free_bytes:
+        return "–"
+    hours = recording.hours_left
+    left = f", enough for {duration(hours * 3600)}" if hours is not None else ""
+    return f"{size(recording.disk_free_bytes)} free{left}"
+
+
+def trial_sentence(run: RunStatus) -> str:
+    """Return the conditions of the present trial."""
+    if not run.current:
+        return "–"
+    trial = run.current
+    mounting = f", mounting {trial.mount}" if trial.mount > 1 else ""
+    return (
+        f"#{run.trial_id or 0}: {trial.texture}, {trial.speed_mm_s:g} mm/s, "
+        f"{trial.force_g:g} g, repeat {trial.repeat}{mounting}"
+    )
+
 
 PAGE_BUTTON, LIVE_BUTTON = "Trials and notes", "Live plots"
 _MOVED_BY_HAND = "The drum is moved by hand: wait until that has ended, or press STOP"

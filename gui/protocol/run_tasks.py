@@ -5,22 +5,137 @@ This module does not import Qt, and each task imports its own slow modules.
 
 from __future__ import annotations
 
+import re
 import shutil
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gui.protocol.run_values import BAD, COMMITTED, AttemptRow, PlanSummary, Row, SessionNews
+from gui.widgets.file_browser import typed_path
 from gui.widgets.formatting import duration, grouped, size
-from gui.widgets.typed_paths import typed_path
-from rigctl.errors import RigctlError, SessionError
+from rigctl.config import resources
+from rigctl.config.text_file import read_text
+from rigctl.config.toml_edit import replace_file
+from rigctl.config.toml_reader import MAX_BYTES
+from rigctl.errors import DiskFault, ProtocolError, RigctlError, SessionError, WrongUse
 
 if TYPE_CHECKING:
     from rigctl.protocol.plan import Plan
     from rigctl.session.session import Session
     from rigctl.values import PlannedTrial
+
+PLAN_ROWS = (
+    "Plates",
+    "Speeds",
+    "Forces",
+    "Order",
+    "Trials",
+    "Plate changes",
+    "Duration",
+    "Disk space",
+)
+ORDER_COLUMNS = (
+    "Trial",
+    "Plate",
+    "Speed (mm/s)",
+    "Force (g)",
+    "Depth (mm)",
+    "Repeat",
+    "Mounting",
+)
+TRIAL_COLUMNS = (
+    "Trial",
+    "Plate",
+    "Speed\n(mm/s)",
+    "Force\n(g)",
+    "Repeat",
+    "Attempt",
+    "Mean speed\n(mm/s)",
+    "Mean force\n(g)",
+    "Lost\nsamples",
+    "Verdict",
+    "Reasons",
+)
+COMMITTED, BAD = "✓ committed", "✗ marked bad"
+
+Row = tuple[str, ...]
+
+
+class PlanSummary(NamedTuple):
+    """The plan of a protocol: a text for each of ``PLAN_ROWS``, and the seed of its order.
+
+    ``order``: a row of ``ORDER_COLUMNS`` for each trial. ``duration_s``: with the changes of
+    plates. ``problem`` says why the protocol cannot run; it is empty if it can.
+    """
+
+    texts: Row = ("–",) * len(PLAN_ROWS)
+    seed: int = 0
+    problem: str = ""
+    description: str = ""
+    order: tuple[Row, ...] = ()
+    duration_s: float = 0.0
+
+
+class AttemptRow(NamedTuple):
+    """One attempt at a trial: its numbers, a text for each of ``TRIAL_COLUMNS``."""
+
+    trial_id: int
+    attempt: int
+    texts: Row
+
+    @property
+    def verdict(self) -> str:
+        """The text of its verdict."""
+        return self.texts[TRIAL_COLUMNS.index("Verdict")]
+
+
+class SessionNews(NamedTuple):
+    """The attempts of a session from number ``first`` on, and all its notes as lines.
+
+    Where ``first`` is 0, the rows replace those before. ``committed``: trials that count in the
+    whole session. ``problem``: why it cannot be read, empty if it can. ``early_ends``: a sentence
+    for each condition that ended early, with the trials that are not recorded.
+    """
+
+    folder: str
+    first: int = 0
+    rows: tuple[AttemptRow, ...] = ()
+    notes: tuple[str, ...] = ()
+    committed: int = 0
+    problem: str = ""
+    early_ends: tuple[str, ...] = ()
+
+
+class ProtocolText(NamedTuple):
+    """The text of a protocol's file, and the path under which a changed one is saved."""
+
+    path: str
+    text: str = ""
+    own_path: str = ""
+    problem: str = ""
+
+
+class CheckedText(NamedTuple):
+    """A text, what it plans, and why it is no protocol; empty if it is one.
+
+    ``key_path`` and ``reason``: which key is wrong, and what is wrong with it; ``line``: from 1.
+    """
+
+    text: str
+    summary: str = ""
+    problem: str = ""
+    key_path: tuple[str | int, ...] = ()
+    reason: str = ""
+    line: int = 0
+
+
+class SavedProtocol(NamedTuple):
+    """The path of a protocol that was saved, and why it was not; empty if it was."""
+
+    path: str
+    problem: str = ""
 
 
 def plan_protocol(path: str, seed: int | None, out: str = "", rig_toml: str = "") -> PlanSummary:
@@ -196,3 +311,79 @@ def _lost(row: Any, gaps: Any) -> int:
     begins = np.maximum(of_part["first_counter"], first)
     ends = np.minimum(of_part["first_counter"] + of_part["count"], end)
     return int(np.maximum(ends - begins, 0).sum())
+
+
+_LINE = re.compile(r"\bline (\d+)")
+OWN_FOLDER = "rigctl-protocols"
+
+
+def read_protocol(path: str) -> ProtocolText:
+    """Return the text of a protocol's file."""
+    file = Path(path)
+    own = Path.home() / OWN_FOLDER / file.name
+    built_in = (resources.protocols().resolve(), resources.finger_protocols().resolve())
+    is_built_in = file.parent.resolve() in built_in
+    try:
+        text = read_text(file, MAX_BYTES, ProtocolError)
+    except RigctlError as error:
+        return ProtocolText(path, problem=str(error))
+    return ProtocolText(path, text, str(own) if is_built_in else path)
+
+
+def check_text(text: str, rig_toml: str, name: str) -> CheckedText:
+    """Return whether a text is a protocol of drum or finger, and the numbers of its plan.
+
+    ``rig_toml`` describes the drum's rig, empty for the nominal one; ``name``: the text's file.
+    """
+    from rigctl.config.rig_config import parse_config
+    from rigctl.protocol.form_content import read_content
+    from rigctl.protocol.loader import parse_protocol
+
+    try:
+        config = parse_config(rig_toml)
+        if read_content(text, config, name).is_finger:
+            return CheckedText(text, _finger_summary(text, name))
+        plan = parse_protocol(text, name, config).plan()
+    except WrongUse as error:
+        return CheckedText(
+            text, "", str(error), error.key_path, error.reason, _line_of(error, name)
+        )
+    rows = dict(zip(PLAN_ROWS, summarise(plan).texts, strict=True))
+    numbers = (f"{rows[name]} {name.lower()}" for name in ("Trials", "Plate changes"))
+    return CheckedText(
+        text, f"No errors: {', '.join(numbers)}, {rows['Duration']}, {rows['Disk space']} on disk"
+    )
+
+
+def _line_of(error: WrongUse, name: str) -> int:
+    """Return the line of a mistake, 0 for none; the TOML library has it in its sentence only."""
+    found = _LINE.search(str(error).removeprefix(name))
+    return error.line or (int(found[1]) if found else 0)
+
+
+def _finger_summary(text: str, name: str) -> str:
+    from rigctl.protocol.finger import Stage
+    from rigctl.protocol.finger_plan import parse_finger_protocol
+
+    plan = parse_finger_protocol(text, name).plan(list(Stage))
+    time, disk = duration(plan.duration_s), size(plan.bytes_estimate)
+    return (
+        f"No errors: {grouped(len(plan.trials))} scans of the moving finger, {time}, {disk} on disk"
+    )
+
+
+def save_protocol(path: str, text: str, may_replace: bool) -> SavedProtocol:
+    """Save a protocol; another file than the one that was opened is never replaced."""
+    file = Path(path)
+    if not file.is_absolute() or file.suffix != ".toml":
+        return SavedProtocol(path, "Save as: give the whole path of a file that ends with .toml")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        if not may_replace and file.exists():
+            return SavedProtocol(path, f"{path} exists: choose another name")
+        replace_file(file, text)
+    except OSError as error:
+        return SavedProtocol(path, f"{path} cannot be saved: {error.strerror}")
+    except DiskFault as fault:
+        return SavedProtocol(path, str(fault))
+    return SavedProtocol(path)

@@ -2,30 +2,154 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QEvent, Signal
-from PySide6.QtWidgets import QLineEdit, QListWidget, QWidget
+from PySide6.QtCore import (
+    QAbstractTableModel,
+    QEvent,
+    QModelIndex,
+    QObject,
+    QPersistentModelIndex,
+    Qt,
+    Signal,
+)
+from PySide6.QtGui import QColor, QResizeEvent
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QHeaderView,
+    QLineEdit,
+    QListWidget,
+    QTableView,
+    QWidget,
+)
 
-from gui.protocol.editor.protocol_editor import ProtocolEditor
+from gui.analysis.tasks.worker import Worker
 from gui.protocol.learning_page import LearningPage
-from gui.protocol.rows_table import AttemptModel, OrderModel, table_view
-from gui.protocol.run_values import (
+from gui.protocol.protocol_editor import ProtocolEditor
+from gui.protocol.run_tasks import (
     BAD,
     COMMITTED,
     ORDER_COLUMNS,
     TRIAL_COLUMNS,
     AttemptRow,
     PlanSummary,
+    Row,
     SessionNews,
 )
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.labels import ElidedLabel, label, show_text
-from gui.widgets.layouts import container, hbox, push_button, vbox
-from gui.widgets.page_tabs import PageTabs
-from gui.widgets.theme import scaled_px
+from gui.widgets.layouts import PageTabs, container, hbox, push_button, vbox
+from gui.widgets.theme import applied_theme, scaled_px
 from rigctl.acquisition.rpc.messages import RunStatus
+
+_Index = QModelIndex | QPersistentModelIndex
+_ROOT = QModelIndex()
+_TEXT = Qt.ItemDataRole.DisplayRole
+_VERDICT = TRIAL_COLUMNS.index("Verdict")
+
+
+class OrderModel(QAbstractTableModel):
+    """Rows of texts under named columns."""
+
+    def __init__(self, columns: Row) -> None:
+        super().__init__()
+        self._columns = columns
+        self._texts: Sequence[Row] = ()
+
+    def set_texts(self, texts: Sequence[Row]) -> None:
+        """Show other rows."""
+        self.beginResetModel()
+        self._texts = texts
+        self.endResetModel()
+
+    def rowCount(self, parent: _Index = _ROOT) -> int:
+        """Return the number of rows."""
+        return 0 if parent.isValid() else len(self._texts)
+
+    def columnCount(self, parent: _Index = _ROOT) -> int:
+        """Return the number of columns."""
+        return 0 if parent.isValid() else len(self._columns)
+
+    def data(self, index: _Index, role: int = _TEXT) -> object:
+        """Return the text of a cell; a tooltip repeats it in full."""
+        if role in (_TEXT, Qt.ItemDataRole.ToolTipRole):
+            return self._texts[index.row()][index.column()]
+        return None
+
+    def headerData(self, section: int, orientation: Qt.Orientation, role: int = _TEXT) -> object:
+        """Return the title of a column."""
+        if orientation is Qt.Orientation.Horizontal and role == _TEXT:
+            return self._columns[section]
+        return None
+
+
+class AttemptModel(OrderModel):
+    """The attempts at a session's trials; rows are added while it grows."""
+
+    def __init__(self) -> None:
+        super().__init__(TRIAL_COLUMNS)
+        self.rows: list[AttemptRow] = []
+
+    def clear(self) -> None:
+        """Show no attempts."""
+        self.replace([])
+
+    def replace(self, rows: Sequence[AttemptRow]) -> None:
+        """Show other attempts."""
+        self.rows = list(rows)
+        self.set_texts([row.texts for row in self.rows])
+
+    def append(self, rows: Sequence[AttemptRow]) -> None:
+        """Add attempts behind the others."""
+        if not rows:
+            return
+        last = len(self.rows) + len(rows) - 1
+        self.beginInsertRows(_ROOT, len(self.rows), last)
+        self.rows += rows
+        self._texts = [*self._texts, *(row.texts for row in rows)]
+        self.endInsertRows()
+
+    def data(self, index: _Index, role: int = _TEXT) -> object:
+        """Return a cell's text; a verdict is coloured too, beside its sign."""
+        if role == Qt.ItemDataRole.ForegroundRole and index.column() == _VERDICT:
+            theme, row = applied_theme(), self.rows[index.row()]
+            return QColor(theme.ok if row.verdict == COMMITTED else theme.bad)
+        return super().data(index, role)
+
+
+class TitledHeader(QHeaderView):
+    """A header whose columns are never narrower than the title of the stretched one."""
+
+    def __init__(self, stretched: int) -> None:
+        super().__init__(Qt.Orientation.Horizontal)
+        self._stretched = stretched
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Follow a change of the texts' size, too."""
+        self.setMinimumSectionSize(self.sectionSizeFromContents(self._stretched).width())
+        super().resizeEvent(event)
+
+
+def table_view(model: OrderModel, stretched: int) -> QTableView:
+    """Return a view that selects whole rows; one column takes the spare width."""
+    view = QTableView()
+    view.setModel(model)
+    view.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+    view.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
+    view.setWordWrap(False)
+    view.verticalHeader().hide()
+    view.verticalHeader().setDefaultSectionSize(22)
+    header = TitledHeader(stretched)
+    view.setHorizontalHeader(header)
+    header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+    header.setResizeContentsPrecision(50)
+    header.setSectionResizeMode(stretched, QHeaderView.ResizeMode.Stretch)
+    view.setTabKeyNavigation(False)
+    return view
+
 
 MAX_NOTE_LETTERS = 2000
 SHOWN_ENDS = 3
@@ -208,3 +332,119 @@ def _shown_ends(ends: tuple[str, ...]) -> str:
     """Return the newest sentences on conditions that ended early, and how many there are."""
     lines = [f"Early ends: {len(ends)}, the newest below"] if len(ends) > SHOWN_ENDS else []
     return "\n".join((*lines, *ends[-SHOWN_ENDS:]))
+
+
+MAX_LOOKS = 20
+"""Reads of a session whose rows are not on the disk yet, a status apart, after each change."""
+
+
+LAST_LOOKS = 3
+"""Reads after every trial that counts was seen."""
+
+
+class SessionLink(QObject):
+    """Reads what is new in a worker process whenever the run has got further.
+
+    ``people`` returns the operator. A plain note on the session of a run goes through its engine,
+    which may be elsewhere; what is said of a trial goes straight to the session's folder.
+    """
+
+    command_requested = Signal(str, dict)
+    advanced = Signal(str, int, int)
+    """The session's folder, its trials that count, and its attempts that are read."""
+    reported = Signal(str, str)
+    """Kind and text for the event log."""
+
+    def __init__(
+        self, worker: Worker, page: SessionPage, people: Callable[[], Mapping[str, str]]
+    ) -> None:
+        super().__init__()
+        self._worker = worker
+        self._page = page
+        self._people = people
+        self._run = RunStatus()
+        self._looks = 0
+        self._notes: list[dict[str, Any]] = []
+        self._written: dict[str, Any] = {}
+        """The note that the worker writes."""
+        page.note_requested.connect(self._take_note)
+        page.opened.connect(self._open)
+
+    def show_run(self, run: RunStatus) -> None:
+        """Look for new attempts where the run has changed."""
+        before, self._run = self._run, run
+        if run.session and run.session != before.session:
+            self._show_session(run.session)
+        self._page.show_run(run)
+        if _stage(run) != _stage(before):
+            self._looks = MAX_LOOKS
+        self.submit()
+
+    def finish_task(self, task: str, news: SessionNews) -> None:
+        """Show what a task of the worker has read, and log a note that it has written."""
+        if task == "write_note":
+            self.reported.emit("note", note_line(**self._written))
+        if news.folder != self._page.folder:
+            return
+        self._page.show_news(news)
+        self.advanced.emit(news.folder, news.committed, len(self._page.attempts.rows))
+        if task == "write_note":
+            self._page.finish_note()
+        if news.committed >= self._run.trials_committed:  # an attempt that failed may follow
+            self._looks = min(self._looks, LAST_LOOKS)
+
+    def fail_task(self, sentence: str) -> None:
+        """Show why a task failed."""
+        self._page.show_problem(sentence)
+
+    def submit(self) -> None:
+        """Write the next note, or read what is new, if the worker is free."""
+        if self._worker.is_busy:
+            return
+        if self._notes:
+            self._written = self._notes.pop(0)
+            self._worker.submit("write_note", **self._written)
+        elif self._looks > 0 and self._page.folder:
+            self._looks -= 1
+            known = len(self._page.attempts.rows)
+            self._worker.submit("follow_run", folder=self._page.folder, known=known)
+
+    def _open(self, folder: str) -> None:
+        """Show a session that is not the run's."""
+        self._show_session(folder)
+        self._looks = 1
+        self.submit()
+
+    def _show_session(self, folder: str) -> None:
+        self._page.show_session(folder)
+        self.advanced.emit(folder, 0, 0)
+
+    def _take_note(self, note: dict[str, Any]) -> None:
+        is_running = self._run.is_active and self._run.session == self._page.folder
+        if note.pop("repeat"):
+            args = {"trial_id": note["trial_id"], "text": note["text"]}
+            self._send("repeat", args)
+        elif is_running and not note["trial_id"]:
+            self._send("note", {"text": note["text"]})
+        else:
+            author = self._people()["operator"]
+            self._notes.append({"folder": self._page.folder, "author": author, **note})
+            self.submit()
+
+    def _send(self, command: str, args: dict[str, Any]) -> None:
+        self.command_requested.emit(command, args)
+        self._page.finish_note()
+        self._looks = MAX_LOOKS
+
+
+def note_line(folder: str, author: str, text: str, trial_id: int, attempt: int, mark: str) -> str:
+    """Return a line on a note that was added to a session's folder: who, where and what."""
+    trial = f", trial {trial_id}, attempt {attempt}" if trial_id else ""
+    marked = f" marked {mark}" if mark else ""
+    by = f" by {author}" if author else ""
+    return f"{Path(folder).name}{trial}{marked}: “{text}”, noted{by}"
+
+
+def _stage(run: RunStatus) -> tuple[object, ...]:
+    """Return what changes when there may be a new attempt."""
+    return run.session, run.state, run.trials_committed, run.trials_rejected, run.trial_id

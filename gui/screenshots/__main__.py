@@ -20,10 +20,8 @@ from shiboken6 import delete
 from gui.screenshots.camera import Camera
 from gui.screenshots.drum_scenes import drum_scenes, page_scenes
 from gui.screenshots.film import film_session
-from gui.screenshots.finger_scenes import finger_scenes
-from gui.screenshots.recorded_scenes import recorded_scenes
-from gui.screenshots.recordings import Recordings
-from gui.screenshots.scene import Scene, Studio
+from gui.screenshots.recorded_scenes import finger_scenes, recorded_scenes
+from gui.screenshots.scene import Recordings, Scene, Studio
 from gui.shell.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
 from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE

@@ -7,7 +7,7 @@ from functools import partial
 
 from PySide6.QtWidgets import QScrollArea, QWidget
 
-from gui.calibrate.part_page import PartPage
+from gui.operate.calibrate import PartPage
 from gui.protocol.protocol_panel import LIVE_BUTTON
 from gui.screenshots.scene import SAVE_IN, Scene, Studio
 from gui.shell.main_window import MainWindow
@@ -17,7 +17,7 @@ from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.acquisition.setup.boards import installed_build
 from rigctl.devices.port_discovery import PortReport
 from rigctl.values import BoardIdentity
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_states import State
 
 RIDGES = """\
 name = "ridges"

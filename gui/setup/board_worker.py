@@ -12,7 +12,7 @@ from typing import Any
 from PySide6.QtCore import QObject, Qt, Signal
 
 from rigctl.acquisition.setup.boards import installed_build
-from rigctl.devices.flashing.flash import Flashed, flash_board
+from rigctl.devices.flash import Flashed, flash_board
 from rigctl.devices.port_discovery import DRUM, TAXELS, PortReport, probe_ports
 from rigctl.errors import RigctlError
 

@@ -10,18 +10,17 @@ from PySide6.QtWidgets import QComboBox, QLineEdit, QProgressBar, QPushButton, Q
 
 from gui.setup.board_worker import BoardWorker
 from gui.setup.part_picture import PartDrawing
-from gui.widgets.file_browser import PathKind, browse_button
+from gui.widgets.file_browser import PathKind, browse_button, typed_path
 from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.labels import label, set_property, show_progress, show_text
 from gui.widgets.layouts import container, hbox, push_button, vbox
-from gui.widgets.typed_paths import typed_path
 from rigctl.acquisition.setup.boards import (
     BOARD_NAMES,
     judge_firmware,
     judge_reports,
     write_rig_file,
 )
-from rigctl.devices.flashing.flash import Flashed
+from rigctl.devices.flash import Flashed
 from rigctl.devices.port_discovery import PortReport
 from rigctl.errors import RigctlError
 

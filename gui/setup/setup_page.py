@@ -7,7 +7,7 @@ from typing import Any
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QLineEdit, QListWidget, QListWidgetItem, QPushButton, QWidget
 
-from gui.calibrate.part_page import common_obstacle
+from gui.operate.calibrate import common_obstacle
 from gui.setup.boards_box import BoardsBox
 from gui.setup.part_picture import FORCE, CellTrace, PartDrawing
 from gui.widgets.flow_layout import FlowLayout

@@ -9,9 +9,9 @@ from PySide6.QtCore import QByteArray, QCoreApplication, QEvent, Qt, QTimer, Sig
 from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QApplication, QDockWidget, QMainWindow, QTabWidget, QWidget
 
-from gui.shell.keyboard.steady_focus import SteadyFocusDock
+from gui.shell.steady_focus import SteadyFocusDock
+from gui.widgets.labels import StopButton
 from gui.widgets.layouts import container, hbox, vbox
-from gui.widgets.stop_button import StopButton
 
 LAYOUT_VERSION = 1
 """Increased when docks change so much that a saved layout no longer fits."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
-from PySide6.QtCore import QRect, Qt, QTimer
-from PySide6.QtGui import QCloseEvent, QGuiApplication
+from PySide6.QtCore import QEvent, QObject, QRect, Qt, QTimer, Signal
+from PySide6.QtGui import QAction, QCloseEvent, QGuiApplication, QKeyEvent
 from PySide6.QtWidgets import QApplication, QStackedWidget, QWidget
 
 from gui.analysis.analysis_tab import AnalysisTab
@@ -16,32 +17,241 @@ from gui.link.control import ControlLock
 from gui.link.engine_clients import joined_rig, open_client, open_finger_client
 from gui.link.engine_link import ClientFactory
 from gui.operate.event_log import EventLog, StatusLine
+from gui.protocol.protocol_form import REMEMBERED
+from gui.protocol.protocol_panel import ProtocolPanel
 from gui.shell.actions import ActionRegistry
-from gui.shell.appearance import Appearance
 from gui.shell.button_menus import SaveMenu, add_panel_menus
-from gui.shell.controllers.drum_controller import DrumController
-from gui.shell.controllers.help_controller import HelpController
-from gui.shell.controllers.protocol_controller import ProtocolController
-from gui.shell.controllers.replay_controller import ReplayController
-from gui.shell.controllers.start_controller import StartController
-from gui.shell.controllers.tools_controller import ToolsController
 from gui.shell.crash_reports import REPORTS
 from gui.shell.docks import DockArea
-from gui.shell.keyboard.escape_key import EscapeKey
-from gui.shell.keyboard.regions import Regions
-from gui.shell.keyboard.steady_focus import SteadyFocusWindow
-from gui.shell.memory.recent_paths import RecentRigs, RecentSessions
-from gui.shell.memory.user_settings import UserSettings
-from gui.shell.memory.window_memory import WindowMemory
+from gui.shell.drum_controller import DrumController
+from gui.shell.help_page import HelpController
 from gui.shell.page_stack import PageStack
-from gui.shell.rig_controls import drum_controls, finger_controls
-from gui.shell.rig_menu import add_alarm_sound, add_rig_menu
+from gui.shell.recent_paths import RecentRigs, RecentSessions
+from gui.shell.replay_controller import ReplayController
+from gui.shell.rig_menu import add_alarm_sound, add_rig_menu, drum_controls, finger_controls
+from gui.shell.start_page import StartController
+from gui.shell.steady_focus import SteadyFocusWindow, give_focus, neighbour_of
+from gui.shell.tools_controller import ToolsController
+from gui.shell.user_settings import UserSettings
 from gui.shell.view_menus import add_live_actions, add_trial_actions
+from gui.shell.window_memory import WindowMemory
 from gui.widgets.file_browser import FileBrowser, PathKind
 from gui.widgets.layouts import container, scroll_area, vbox
-from gui.widgets.theme import Theme, ThemeChoice
-from rigctl.acquisition.drum.contact import RESTING_STATES
+from gui.widgets.theme import Theme, ThemeChoice, apply_palette, apply_theme, scale_texts
+from rigctl.acquisition.motion import RESTING_STATES
 from rigctl.acquisition.rpc.engine_files import FINGER_EXPERIMENT, EngineFile
+
+TEXT_SIZES_PERCENT = (90, 100, 115, 130, 150)
+NOT_AT_REST = (
+    "theme and text size change once the rig is at rest, lifted and without a run: they keep the "
+    "window busy for a second or more, and STOP with it"
+)
+
+
+class Appearance(QObject):
+    """Applies theme and text size to the whole program.
+
+    ``theme`` is the theme in use. Plots have colours of their own and follow ``theme_changed``.
+    All widgets are styled anew in one piece, and STOP would wait for it: choices are refused
+    unless ``is_at_rest``, and a change of the desktop's colours waits.
+    """
+
+    theme_changed = Signal(object)
+    reported = Signal(str, str)
+
+    def __init__(
+        self,
+        settings: UserSettings,
+        choice: ThemeChoice,
+        docks: DockArea,
+        is_at_rest: Callable[[], bool],
+    ) -> None:
+        super().__init__()
+        self._settings, self._choice, self._docks = settings, choice, docks
+        self._is_at_rest, self._system_changed = is_at_rest, False
+        self._themes: dict[Any, QAction] = {}
+        self._sizes: dict[Any, QAction] = {}
+        scale_texts(self._text_percent() / 100)
+        self.theme = apply_palette(choice)
+        hints = QApplication.styleHints()
+        hints.colorSchemeChanged.connect(lambda _: self._note_system())
+
+    def add_menus(self, menus: ActionRegistry) -> None:
+        """Add the choices of theme and text size to the View menu."""
+        themes = {choice.value: choice for choice in ThemeChoice}
+        self._themes = menus.add_choices("View", "&Theme", themes, self._choice, self._choose_theme)
+        sizes = {f"{percent} %": percent for percent in TEXT_SIZES_PERCENT}
+        size = self._text_percent()
+        self._sizes = menus.add_choices("View", "Te&xt size", sizes, size, self._choose_text_size)
+
+    def apply(self) -> None:
+        """Style the widgets, once they are made."""
+        apply_theme(self._choice)
+
+    def set_theme(self, choice: ThemeChoice) -> None:
+        """Apply another theme."""
+        self._choice = choice
+        self.theme = apply_theme(choice)
+        self.theme_changed.emit(self.theme)
+
+    def set_text_size(self, percent: int) -> None:
+        """Show all texts larger or smaller, in percent of the usual size."""
+        before, widths_px = self._text_percent(), self._docks.asked_widths_px()
+        self._settings.set_value("text_percent", percent)
+        scale_texts(percent / 100)
+        self.set_theme(self._choice)
+        widths_px = {name: round(px * percent / before) for name, px in widths_px.items()}
+        self._docks.set_side_widths(widths_px)
+
+    def follow_system(self) -> None:
+        """Take the desktop's colours, if they have changed, once the rig is at rest."""
+        if self._system_changed and self._is_at_rest():
+            self._system_changed = False
+            if self._choice is ThemeChoice.SYSTEM:
+                self.set_theme(self._choice)
+
+    def _choose_theme(self, choice: ThemeChoice) -> None:
+        if self._may_change(self._themes[self._choice]):
+            self._settings.set_value("theme", choice.name)
+            self.set_theme(choice)
+
+    def _choose_text_size(self, percent: int) -> None:
+        if self._may_change(self._sizes[self._text_percent()]):
+            self.set_text_size(percent)
+
+    def _may_change(self, present: QAction) -> bool:
+        """Return whether the rig is at rest; say why not, and mark the present choice again."""
+        if self._is_at_rest():
+            return True
+        present.setChecked(True)
+        self.reported.emit("refused", NOT_AT_REST)
+        return False
+
+    def _note_system(self) -> None:
+        self._system_changed = True
+        self.follow_system()
+
+    def _text_percent(self) -> int:
+        return self._settings.value("text_percent", 100, TEXT_SIZES_PERCENT.__contains__)
+
+
+class Regions:
+    """Moves the focus into a region: to its first control, so that no Tab leads through all."""
+
+    def __init__(self, heading: QWidget, strips: Sequence[QWidget], docks: DockArea) -> None:
+        self._above, self._docks = (heading, *strips), docks
+
+    def add_menus(self, menus: ActionRegistry) -> None:
+        """Add the keys of regions and panels to the View menu."""
+        tip = "Move the keyboard's focus to heading, question, panel, middle or log"
+        menus.add("View", "&Next region", self.show_next, shortcut="F6", tip=tip)
+        tip = "Move the keyboard's focus back by one region"
+        menus.add("View", "Pre&vious region", self.show_previous, shortcut="Shift+F6", tip=tip)
+        for number, (name, dock) in enumerate(self._docks.docks.items(), start=1):
+            tip = "Bring this panel to the front, with the keyboard's focus"
+            text, keys = dock.windowTitle(), f"Ctrl+{number}"
+            menus.add("View", text, lambda name=name: self.show_panel(name), shortcut=keys, tip=tip)
+        menus.add("View", "&Reset the layout", self._docks.reset, tip="Put all panels back")
+
+    def show_panel(self, name: str) -> None:
+        """Bring a panel to the front and the focus to its first control."""
+        self._docks.show_panel(name)
+        focus_first(self._docks.docks[name])
+
+    def show_next(self) -> None:
+        """Move the focus to the next region."""
+        self._move(1)
+
+    def show_previous(self) -> None:
+        """Move the focus to the region before."""
+        self._move(-1)
+
+    def _move(self, step: int) -> None:
+        regions = self._regions()
+        focus = QApplication.focusWidget()
+        inside = [n for n, region in enumerate(regions) if focus and region.isAncestorOf(focus)]
+        at = inside[0] if inside else (-1 if step > 0 else 0)
+        for n in range(1, len(regions) + 1):
+            if focus_first(regions[(at + step * n) % len(regions)]):
+                return
+
+    def _regions(self) -> list[QWidget]:
+        """Return what is on the screen now, from top to bottom."""
+        *panels, log = self._docks.docks.values()
+        fronts = [dock for dock in panels if not dock.visibleRegion().isEmpty()]
+        regions = (*self._above, *fronts, self._docks.centralWidget(), log)
+        return [region for region in regions if region is not None and region.isVisible()]
+
+
+def focus_first(region: QWidget) -> bool:
+    """Give the focus to the first control of a region; return whether it has one."""
+    first = neighbour_of(region, None)
+    if first is None:
+        return False
+    give_focus(first)
+    return True
+
+
+class EscapeKey(QObject):
+    """Reports one press of Esc once; an open menu or list still gets the key and closes."""
+
+    pressed = Signal()
+
+    def __init__(self, parent: QObject) -> None:
+        super().__init__(parent)
+        self._is_down = False
+        self._app = QApplication.instance()
+        assert self._app is not None
+        self._app.installEventFilter(self)
+
+    def release(self) -> None:
+        """Leave the key to other windows of this process."""
+        assert self._app is not None
+        self._app.removeEventFilter(self)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Take Esc before the widget with the focus gets it."""
+        if not isinstance(event, QKeyEvent) or event.key() != Qt.Key.Key_Escape:
+            return False
+        if event.type() == QEvent.Type.KeyRelease:
+            self._is_down = False
+        if event.type() != QEvent.Type.KeyPress or not isinstance(watched, QWidget):
+            return False
+        if not event.isAutoRepeat():
+            self._report_once()
+        return QApplication.activePopupWidget() is None
+
+    def _report_once(self) -> None:
+        """Report one press once: Qt passes the key of an open list to its parents as well."""
+        if not self._is_down:
+            self._is_down = True
+            QTimer.singleShot(0, self._forget)
+            self.pressed.emit()
+
+    def _forget(self) -> None:
+        self._is_down = False
+
+
+class ProtocolController(QObject):
+    """Fills in folder, operator and sensor of the last time, and remembers those of this one."""
+
+    def __init__(self, panel: ProtocolPanel, settings: UserSettings) -> None:
+        super().__init__()
+        self._form = panel.form
+        self._settings = settings
+        self._form.restore({name: settings.value(_key(name), "") for name in REMEMBERED})
+        panel.command_requested.connect(self._remember)
+
+    def _remember(self, command: str) -> None:
+        """Remember the fields with which a run starts."""
+        if command == "start":
+            for name, text in self._form.remembered().items():
+                self._settings.set_value(_key(name), text)
+
+
+def _key(name: str) -> str:
+    return f"protocol/{name}"
+
 
 FRAME_MS = 33
 WIDTH_PX, HEIGHT_PX = 1280, 800

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from gui.analysis.trials.trial_list import TrialList
-from gui.live.page.live_page import LivePage
-from gui.live.review.navigation import SPANS_S
+from gui.live.live_page import LivePage
+from gui.live.navigation import SPANS_S
 from gui.shell.actions import ActionRegistry
 from gui.shell.button_menus import add_buttons
 from gui.shell.docks import DockArea
-from gui.shell.memory.user_settings import UserSettings
-from gui.shell.memory.window_memory import SPAN_KEY, is_span
+from gui.shell.user_settings import UserSettings
+from gui.shell.window_memory import SPAN_KEY, is_span
 
 
 def add_live_actions(menus: ActionRegistry, page: LivePage, settings: UserSettings) -> None:

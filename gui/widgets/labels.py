@@ -6,7 +6,21 @@ from html import escape
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QPainter, QPaintEvent, QResizeEvent
-from PySide6.QtWidgets import QLabel, QProgressBar, QSizePolicy, QWidget
+from PySide6.QtWidgets import QLabel, QProgressBar, QPushButton, QSizePolicy, QWidget
+
+_LEAST_WIDTH_PX, _LEAST_HEIGHT_PX = 150, 46
+
+
+class StopButton(QPushButton):
+    """Stops as it goes down; it takes no focus, so that no key but Esc presses it."""
+
+    def __init__(self) -> None:
+        super().__init__("STOP")
+        self.setObjectName("stop")
+        self.setMinimumSize(_LEAST_WIDTH_PX, _LEAST_HEIGHT_PX)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.setToolTip("Stop and lift the drum, and end every run (Esc)")
+
 
 MOST_STEPS = 2**31 - 1
 """Of a progress bar."""

@@ -10,25 +10,65 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.acquisition.drum.contact import contact_sentence, is_left_in_contact
-from rigctl.acquisition.drum.motion import DrumMotion
-from rigctl.acquisition.drum.poller import RECONNECT_PERIOD_S, DrumPoller
 from rigctl.acquisition.event_bus import EventBus
-from rigctl.acquisition.health.boards import DRUM, TAXELS, BoardHealth
-from rigctl.acquisition.live_buffer import LiveWriter
+from rigctl.acquisition.health import DRUM, TAXELS, BoardHealth
+from rigctl.acquisition.live_file import LiveWriter
+from rigctl.acquisition.motion import DrumMotion, contact_sentence, is_left_in_contact
+from rigctl.acquisition.pipeline import SamplePipeline
+from rigctl.acquisition.poller import RECONNECT_PERIOD_S, DrumPoller
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.setup.boards import installed_build
-from rigctl.acquisition.taxels.followed_range import FollowedRange
-from rigctl.acquisition.taxels.pipeline import SamplePipeline
 from rigctl.encoding.encoder import Encoder
 from rigctl.encoding.normalisation import Normalisation, RunningRange
 from rigctl.encoding.parameters import preset
 from rigctl.encoding.reading import Reading, input_of_each
 from rigctl.errors import BoardRebooted, LinkLost, RigFault
-from rigctl.values import BoardIdentity, DrumState
-from rigctl.wire.drum.codes import reset_cause_text
-from rigctl.wire.drum.states import FAULT_TEXT, STATE_TEXT, Fault, State
-from rigctl.wire.taxels.self_test import SelfTest
+from rigctl.values import Block, BoardIdentity, DrumState
+from rigctl.wire.drum_codes import reset_cause_text
+from rigctl.wire.drum_states import FAULT_TEXT, STATE_TEXT, Fault, State
+from rigctl.wire.taxel_frames import SelfTest
+
+RELEASE_S = 10.0
+"""So long after the last touch by hand the sensor is at rest again."""
+
+
+class FollowedRange:
+    """Widens the range with each block; ``set_range`` gets each new one.
+
+    The encoder counts readings outside its range anyway: the range can grow only then.
+    """
+
+    def __init__(
+        self, n_taxels: int, encoder: Encoder, set_range: Callable[[Normalisation], None]
+    ) -> None:
+        reading = encoder.parameters.reading
+        self._running = RunningRange(n_taxels, reading.least_range, reading)
+        self._encoder = encoder
+        self._set_range = set_range
+        self._clipped = -1
+        self._is_held = False
+        self._resumes_s = 0.0
+        self._seen_s = 0.0
+
+    def add(self, block: Block) -> None:
+        """Widen the range to a block's readings, unless a person touches the sensor."""
+        before, self._clipped = self._clipped, int(self._encoder.clipped_counts.sum())
+        self._seen_s = block.arrived_s
+        if self._is_held or block.arrived_s < self._resumes_s:
+            return
+        if self._clipped != before and self._running.update(self._encoder.readings(block.samples)):
+            self._set_range(self._running.normalisation)
+
+    def hold(self) -> None:
+        """Keep the range as it is: a person touches the sensor, harder than any texture."""
+        self._is_held = True
+
+    def release(self) -> None:
+        """Go on once the last touch is over."""
+        if self._is_held:
+            self._is_held = False
+            self._resumes_s = self._seen_s + RELEASE_S
+
 
 Spawn = Callable[[Coroutine[Any, Any, None]], object]
 

@@ -15,16 +15,15 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
-from rigctl.acquisition.calibration.calibration import Calibration
-from rigctl.acquisition.drum.contact import (
-    PRESSING_STATES,
-    RESTING_STATES,
-    is_left_in_contact,
-)
-from rigctl.acquisition.drum.motion import DrumMotion
+from rigctl.acquisition.calibration import Calibration
 from rigctl.acquisition.engine import Engine
 from rigctl.acquisition.engine_commands import EngineCommands
-from rigctl.acquisition.protocol.run_request import RunRequest
+from rigctl.acquisition.motion import (
+    PRESSING_STATES,
+    RESTING_STATES,
+    DrumMotion,
+    is_left_in_contact,
+)
 from rigctl.acquisition.rpc.commands import (
     Amount,
     EngineCommand,
@@ -36,13 +35,14 @@ from rigctl.acquisition.rpc.commands import (
     Word,
     summary_of,
 )
+from rigctl.acquisition.run_request import RunRequest
 from rigctl.acquisition.setup.desk import SetupDesk
 from rigctl.config.rig_config import RigLimits
 from rigctl.errors import WrongUse
 from rigctl.session.session import ConditionEnd
 from rigctl.values import DrumState
-from rigctl.wire.drum.codes import Command
-from rigctl.wire.drum.states import STATE_TEXT, State
+from rigctl.wire.drum_codes import Command
+from rigctl.wire.drum_states import STATE_TEXT, State
 
 OPERATOR_SETTINGS = {
     "speed_mm_s": "speed_set",

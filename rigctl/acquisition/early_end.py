@@ -21,12 +21,11 @@ from typing import Any
 import numpy as np
 from msgspec.structs import asdict
 
-from rigctl.acquisition.protocol.progress import RunProgress
-from rigctl.acquisition.protocol.run_steps import RunSteps
+from rigctl.acquisition.progress import RunProgress
+from rigctl.acquisition.run_steps import RunSteps
 from rigctl.encoding.encoder import encode_trials
 from rigctl.errors import SessionError, WrongUse
-from rigctl.protocol.early_end import Condition, EarlyEnd, condition_of
-from rigctl.protocol.plan import Plan
+from rigctl.protocol.plan import Condition, EarlyEnd, Plan, condition_of
 from rigctl.session.part import existing_parts
 from rigctl.session.session import EARLY_END_KIND, ConditionEnd, Session
 from rigctl.values import SAMPLE_RATE_HZ

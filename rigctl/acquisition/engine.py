@@ -10,21 +10,21 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.acquisition.boards import Boards
-from rigctl.acquisition.calibration.calibration import Calibration
+from rigctl.acquisition.calibration import Calibration
 from rigctl.acquisition.early_end import JudgeLink
-from rigctl.acquisition.health.heartbeat import HeartbeatGate
-from rigctl.acquisition.live_buffer import LiveWriter
+from rigctl.acquisition.health import HeartbeatGate
+from rigctl.acquisition.live_file import LiveWriter
 from rigctl.acquisition.manual_recorder import ManualRecorder
-from rigctl.acquisition.protocol.pause_reasons import LINK
-from rigctl.acquisition.protocol.run_request import RunContext, RunRequest, open_run
-from rigctl.acquisition.protocol.runner import Run
-from rigctl.acquisition.protocol.step_runner import mountings_before
+from rigctl.acquisition.pause_reasons import LINK
+from rigctl.acquisition.pipeline import FAST_BATCH_SAMPLES, REAL_TIME_BATCH_SAMPLES
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus, RunStatus
+from rigctl.acquisition.run_request import RunContext, RunRequest, open_run
+from rigctl.acquisition.runner import Run
 from rigctl.acquisition.served_engine import ServedEngine
 from rigctl.acquisition.setup.desk import SetupDesk
 from rigctl.acquisition.status import StatusBuilder
-from rigctl.acquisition.taxels.pipeline import FAST_BATCH_SAMPLES, REAL_TIME_BATCH_SAMPLES
+from rigctl.acquisition.step_runner import mountings_before
 from rigctl.errors import DiskFault, WrongUse
 from rigctl.session.notes import SessionNote, check_note
 from rigctl.session.session import ConditionEnd

@@ -12,7 +12,6 @@ from typing import Any, ClassVar, Generic, Literal, TypeVar
 
 import msgspec
 
-from rigctl.acquisition.protocol.run_reasons import RunReasons
 from rigctl.acquisition.rpc.commands import (
     A_CLIENT,
     SENDER,
@@ -27,8 +26,9 @@ from rigctl.acquisition.rpc.commands import (
     summary_of,
 )
 from rigctl.acquisition.rpc.messages import as_dict
+from rigctl.acquisition.run_reasons import RunReasons
 from rigctl.acquisition.served_engine import ServedEngine
-from rigctl.config.names import shorten
+from rigctl.config.text_file import shorten
 from rigctl.errors import WrongUse
 
 _Engine = TypeVar("_Engine", bound=ServedEngine[Any, Any])

@@ -12,10 +12,9 @@ from pathlib import Path
 
 from rigctl.acquisition.boards import Boards
 from rigctl.acquisition.event_bus import EventBus
-from rigctl.acquisition.health.boards import END, START
-from rigctl.acquisition.health.disk import DiskMonitor
-from rigctl.acquisition.protocol.run_request import RunContext, check_disk_space, open_recorder
+from rigctl.acquisition.health import END, START, DiskMonitor
 from rigctl.acquisition.rpc.messages import RecordingStatus
+from rigctl.acquisition.run_request import RunContext, check_disk_space, open_recorder
 from rigctl.errors import WrongUse
 from rigctl.protocol.loader import parse_protocol
 from rigctl.session.layout import SessionOutcome

@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
 from rigctl.acquisition.event_bus import EventBus
-from rigctl.acquisition.health.disk import DiskMonitor
-from rigctl.acquisition.protocol.pause_reasons import DISK
-from rigctl.acquisition.protocol.run_reasons import RunReasons
+from rigctl.acquisition.health import DiskMonitor
+from rigctl.acquisition.pause_reasons import DISK
 from rigctl.acquisition.rpc.commands import RequestHandler
 from rigctl.acquisition.rpc.messages import STATUS_PERIOD_S, engine_message
 from rigctl.acquisition.rpc.server import KEPT_EVENTS, Server
+from rigctl.acquisition.run_reasons import RunReasons
 from rigctl.errors import RigctlError, RigFault
 from rigctl.values import Event
 

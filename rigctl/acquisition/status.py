@@ -7,17 +7,17 @@ from statistics import fmean, pstdev
 from typing import Any
 
 from rigctl.acquisition.boards import Boards
-from rigctl.acquisition.calibration.calibration import Calibration
-from rigctl.acquisition.calibration.calibrator import READINGS
-from rigctl.acquisition.drum.contact import contact_words, has_status
-from rigctl.acquisition.health.rate_meter import RateMeter, age_s
+from rigctl.acquisition.calibration import Calibration
+from rigctl.acquisition.calibrator import READINGS
+from rigctl.acquisition.health import RateMeter, age_s
+from rigctl.acquisition.motion import contact_words, has_status
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus, RunStatus
 from rigctl.acquisition.setup.desk import SetupDesk
 from rigctl.session.header import SensorLayout
 from rigctl.values import DrumState
-from rigctl.wire.drum.codes import Status
-from rigctl.wire.drum.states import FAULT_TEXT, STATE_TEXT, Fault, State
+from rigctl.wire.drum_codes import Status
+from rigctl.wire.drum_states import FAULT_TEXT, STATE_TEXT, Fault, State
 
 RATE_WINDOW_S = 1.0
 

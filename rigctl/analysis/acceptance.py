@@ -25,7 +25,7 @@ from rigctl.errors import SessionError
 from rigctl.session.layout import ARRIVALS as _ARRIVALS
 from rigctl.session.session import Session
 from rigctl.values import SAMPLE_RATE_HZ, Event, Verdict
-from rigctl.wire.taxels.frames import Flag
+from rigctl.wire.taxel_frames import Flag
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

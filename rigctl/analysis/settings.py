@@ -15,9 +15,14 @@ import tomlkit
 
 from rigctl.analysis import published
 from rigctl.analysis.finger import published as finger
-from rigctl.config.toml_lines import lines_of_paths
-from rigctl.config.toml_reader import TomlTable, TomlText
-from rigctl.config.toml_section import number, read_section, texts
+from rigctl.config.toml_reader import (
+    TomlTable,
+    TomlText,
+    lines_of_paths,
+    number,
+    read_section,
+    texts,
+)
 from rigctl.encoding.features import REFERENCE_SPEED_MM_S, WINDOW_MS
 from rigctl.encoding.force_matrix import REFERENCE_FORCE_G
 from rigctl.encoding.scaled_time import N_WINDOWS

@@ -45,7 +45,7 @@ from rigctl.analysis.spike_counts import (
     prepare_trials,
 )
 from rigctl.analysis.trial_set import TrialRef, TrialSet, join_sessions, open_trials
-from rigctl.config.names import shorten
+from rigctl.config.text_file import shorten
 from rigctl.encoding.encoder import encode_trials, membrane_mv
 from rigctl.encoding.force_matrix import REFERENCE_FORCE_G
 from rigctl.encoding.normalisation import Normalisation

@@ -10,9 +10,9 @@ from importlib import import_module
 from typing import Any
 
 from rigctl import __version__
-from rigctl.cli.options.command_parser import PACKAGE, CommandParser, read_summary
-from rigctl.cli.options.output import visible_output
-from rigctl.config.names import shorten
+from rigctl.cli.arguments import PACKAGE, CommandParser, read_summary
+from rigctl.cli.output import visible_output
+from rigctl.config.text_file import shorten
 from rigctl.errors import RigctlError, WrongUse
 
 MODULES = {

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rigctl.config.names import shorten
-from rigctl.config.text_file import is_plain_file, kind_of
+from rigctl.config.text_file import is_plain_file, kind_of, shorten
 from rigctl.errors import ProtocolError, WrongUse
 
 _PACKAGE = Path(__file__).resolve().parents[1]

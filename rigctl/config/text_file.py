@@ -2,12 +2,94 @@
 
 from __future__ import annotations
 
+import codecs
 import os
+import re
 import stat
+import unicodedata
 from io import BufferedReader
 from pathlib import Path
 
 from rigctl.errors import WrongUse
+
+MAX_NAME_BYTES = 100
+_MARKS = " -_.,+()"
+_RESERVED = {"CON", "PRN", "AUX", "NUL"} | {
+    f"{port}{n}" for port in ("COM", "LPT") for n in "123456789"
+}
+_RULE = f"a name has letters, digits, spaces and any of {_MARKS.strip()}"
+
+
+def name_problem(name: str, longest_bytes: int = MAX_NAME_BYTES) -> str:
+    """Return why ``name`` cannot be a name, in words that follow the name; empty if it can.
+
+    A name has letters and digits of any language, spaces and a few marks. It does not begin
+    with a dot or a space nor end with one, and no system reserves it.
+    """
+    shown = shorten(repr(name))
+    if len(name.encode("utf-8", "surrogatepass")) > longest_bytes:
+        return f"{shown} is longer than {longest_bytes} bytes"
+    refused = next((letter for letter in name if not _is_safe(letter)), None)
+    if refused is not None:
+        return f"{shown} contains {refused!r}: {_RULE}"
+    if not name or name != name.strip(" .").strip():
+        return f"{shown} is empty, or begins or ends with a dot or a space"
+    if name.partition(".")[0].strip().upper() in _RESERVED:
+        return f"{shown} is reserved by Windows: choose another name"
+    return ""
+
+
+def shorten(text: str, longest: int = 80) -> str:
+    """Return the text, cut with an ellipsis where it is longer than ``longest`` letters."""
+    return text if len(text) <= longest else f"{text[: longest - 1]}…"
+
+
+def _is_safe(letter: str) -> bool:
+    return letter in _MARKS or unicodedata.category(letter)[0] in "LMN"
+
+
+# C0 but tab and newline, DEL and C1; marks that turn the direction of writing; line and paragraph
+# separators; what stands for bytes that are no UTF-8.
+_ACTING = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ufeff\ud800-\udfff]"
+)
+UNENCODABLE = "rigctl.visible"
+"""Name of the error handler that writes a character the terminal lacks as its escape."""
+
+
+def visible(text: str, encoding: str = "utf-8") -> str:
+    """Return the text with escapes for control characters and for what ``encoding`` lacks.
+
+    ``\\x1b`` for a control character, ``\\u009b`` or ``\\u202e`` for the others: in a JSON text,
+    which has no control characters of its own, each stays what it was.
+    """
+    escaped = _ACTING.sub(lambda found: _escape(found[0]), text)
+    return escaped.encode(encoding, UNENCODABLE).decode(encoding)
+
+
+def visible_line(text: str) -> str:
+    """Return the text as :func:`visible`, with line breaks and tabs escaped too."""
+    return visible(text).replace("\n", "\\n").replace("\t", "\\t")
+
+
+def _escape(letter: str) -> str:
+    code = ord(letter)
+    if code < 0x20:
+        return f"\\x{code:02x}"
+    if code < 0x10000:
+        return f"\\u{code:04x}"
+    high, low = divmod(code - 0x10000, 0x400)
+    return f"\\u{0xD800 + high:04x}\\u{0xDC00 + low:04x}"  # as JSON writes it
+
+
+def _escape_unencodable(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(map(_escape, error.object[error.start : error.end])), error.end
+
+
+codecs.register_error(UNENCODABLE, _escape_unencodable)
+
 
 _KINDS = {
     stat.S_IFDIR: "a folder",

@@ -7,17 +7,126 @@ A :class:`TomlTable` returns values by key after a check of type and range, and
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Iterator
+import re
+import tomllib
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, fields
+from enum import Enum, auto
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
-from rigctl.config.names import MAX_NAME_BYTES, name_problem, shorten
-from rigctl.config.text_file import read_text
-from rigctl.config.toml_bounds import MAX_BYTES, KeyPath, OutOfBounds, find_excess, parse_bounded
-from rigctl.config.toml_lines import lines_of_paths
+from rigctl.config.text_file import MAX_NAME_BYTES, name_problem, read_text, shorten, visible_line
 from rigctl.config.typed_number import has_group_marks
-from rigctl.config.visible_text import visible_line
 from rigctl.errors import WrongUse
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+MAX_BYTES = 262_144
+"""Size of a TOML file: a protocol has a few kB, a rig of 1024 taxels 20 kB."""
+MAX_DEPTH = 16
+"""Tables in tables, or parts of a dotted key."""
+MAX_KEY_LETTERS = 100
+INTEGER_BITS = 63
+"""TOML's own range of whole numbers."""
+
+KeyPath = tuple[str | int, ...]
+"""The path of a key: the names of tables, the indices of repeated tables, the key."""
+
+# What is not closed reaches to the end: a shorter match would make the search quadratic.
+TEXTS_AND_COMMENTS = re.compile(
+    r'"""(?:\\[\s\S]|[^\\])*?(?:"""|\Z)'
+    r"|'''[\s\S]*?(?:'''|\Z)"
+    r'|"(?:\\.|[^"\\\n])*+"?'
+    r"|'[^'\n]*+'?"
+    r"|\#[^\n]*+"
+)
+_BETWEEN_KEYS = re.compile(r"[=,\[\]{}\n]")
+
+
+class OutOfBounds(ValueError):
+    """A TOML text that is larger or deeper than any that rigctl needs."""
+
+
+def parse_bounded(text: str) -> dict[str, Any]:
+    """Parse a TOML text. Raises OutOfBounds, and ValueError where it is no TOML."""
+    if len(text) > MAX_BYTES or len(text.encode("utf-8", "surrogatepass")) > MAX_BYTES:
+        raise OutOfBounds(f"is larger than {MAX_BYTES:,} bytes: no such file is")
+    _refuse_long_keys(text)
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise OutOfBounds(f"has more than {MAX_DEPTH} tables or lists in each other") from None
+
+
+def find_excess(data: dict[str, Any]) -> tuple[KeyPath, str] | None:
+    """Return the path of a value beyond the limits and what it exceeds; None if there is none."""
+    waiting: list[tuple[KeyPath, Any]] = [((), data)]
+    while waiting:
+        path, value = waiting.pop()
+        if excess := _excess(path, value):
+            return path, excess
+        waiting += _items(path, value)
+    return None
+
+
+def _excess(path: KeyPath, value: Any) -> str:
+    if isinstance(value, int) and value.bit_length() > INTEGER_BITS:
+        return "is a whole number of more than 64 bits"
+    if len(path) > MAX_DEPTH:
+        return f"is deeper than {MAX_DEPTH} tables or lists in each other"
+    if isinstance(value, dict) and any(len(key) > MAX_KEY_LETTERS for key in value):
+        return f"has a key of more than {MAX_KEY_LETTERS} letters"
+    return ""
+
+
+def _items(path: KeyPath, value: Any) -> Iterator[tuple[KeyPath, Any]]:
+    if isinstance(value, dict):
+        yield from (((*path, key), item) for key, item in value.items())
+    elif isinstance(value, list):
+        yield from (((*path, index), item) for index, item in enumerate(value))
+
+
+def _refuse_long_keys(text: str) -> None:
+    """Raise OutOfBounds for a dotted key of too many parts, whose parsing would take minutes."""
+    plain = TEXTS_AND_COMMENTS.sub("-", text)
+    for number, line in enumerate(plain.split("\n"), start=1):
+        if any(part.count(".") >= MAX_DEPTH for part in _BETWEEN_KEYS.split(line)):
+            raise OutOfBounds(f"has a key of more than {MAX_DEPTH} parts (about line {number})")
+
+
+_TABLE_HEADER = re.compile(r"\s*+\[\[?(?P<name>[^\[\]]++)\]\]?\s*+(#.*)?")
+_KEY = re.compile(r"\s*+(?P<name>[^#=\[\]]++)=")
+
+
+def lines_of_paths(source: str) -> dict[KeyPath, int]:
+    """Return the first line of each key and table; it may miss unusually formatted ones."""
+    found: dict[KeyPath, int] = {}
+    for number, path in _numbered_paths(source):
+        for length in range(1, len(path) + 1):
+            found.setdefault(path[:length], number)
+    return found
+
+
+def _numbered_paths(source: str) -> Iterator[tuple[int, KeyPath]]:
+    table: KeyPath = ()
+    n_tables: Counter[KeyPath] = Counter()
+    for number, line in enumerate(source.splitlines(), start=1):
+        if header := _TABLE_HEADER.fullmatch(line):
+            table = _split(header["name"])
+            if line.lstrip().startswith("[["):
+                n_tables[table] += 1
+                table = (*table, n_tables[table] - 1)
+            yield number, table
+        elif key := _KEY.match(line):
+            yield number, table + _split(key["name"])
+
+
+def _split(name: str) -> KeyPath:
+    parts = name.split(".", MAX_DEPTH)
+    return tuple(part.strip().strip("\"'") for part in parts)
+
 
 MAX_LETTERS = 1000
 """Letters of a text, unless its reader allows more."""
@@ -27,7 +136,7 @@ class TomlText:
     """One TOML text: its name for messages, its source, its error type and its root table.
 
     Raises ``error`` with the line for text that is not valid TOML, or beyond the limits of
-    :mod:`rigctl.config.toml_bounds`.
+    :mod:`rigctl.config.toml_reader`.
     """
 
     def __init__(self, name: str, text: str, error: type[WrongUse]) -> None:
@@ -155,7 +264,7 @@ class TomlTable:
         return value
 
     def name(self, key: str, default: str) -> str:
-        """Return a name that may become part of a path; see :mod:`rigctl.config.names`."""
+        """Return a name that may become part of a path; see :mod:`rigctl.config.text_file`."""
         value = self.text(key, default)
         self._refuse_unsafe(key, value, MAX_NAME_BYTES)
         return value
@@ -295,3 +404,178 @@ def _format(value: Any) -> str:
 def _suggestion(word: str, words: Iterable[str]) -> str:
     close = difflib.get_close_matches(word, tuple(words), 1)
     return f"; did you mean {close[0]!r}?" if close else ""
+
+
+class FieldType(Enum):
+    """What a key holds. Names may become part of a path; the numbers of a list are different."""
+
+    TEXT = auto()
+    NAME = auto()
+    CHOICE = auto()
+    FLAG = auto()
+    INTEGER = auto()
+    NUMBER = auto()
+    NAMES = auto()
+    CHOICES = auto()
+    NUMBERS = auto()
+    INTEGERS = auto()
+
+    @property
+    def is_list(self) -> bool:
+        """Whether the key holds a list."""
+        return self in _LISTS
+
+
+_LISTS = (FieldType.NAMES, FieldType.CHOICES, FieldType.NUMBERS, FieldType.INTEGERS)
+
+
+@dataclass(frozen=True, slots=True)
+class TomlField:
+    """One key. Without a default (None) it is required.
+
+    ``most`` counts the letters of a text or the names of a list, ``longest_bytes`` the bytes of a
+    name. ``has_lines``: people write several lines. ``title``: its name for people,
+    where that is not the key.
+    """
+
+    key: str
+    type: FieldType
+    doc: str = ""
+    default: Any = None
+    unit: str = ""
+    low: float = 0
+    high: float = 0
+    choices: tuple[str, ...] = ()
+    most: int = MAX_LETTERS
+    longest_bytes: int = 0
+    may_be_empty: bool = False
+    has_lines: bool = False
+    title: str = ""
+
+    def read(self, table: TomlTable) -> Any:
+        """Return the checked value of the key. Raises the error of the table's text."""
+        return _READERS[self.type](table, self)
+
+
+def _read_choices(table: TomlTable, item: TomlField) -> Any:
+    if item.key not in table and item.default is not None:
+        table.allow(item.key)
+        return item.default
+    given = table.texts(item.key)
+    for value in given:
+        if value not in item.choices:
+            table.fail(item.key, f"{value!r} is none of {', '.join(item.choices)}")
+    return given
+
+
+def _read_names(table: TomlTable, item: TomlField) -> Any:
+    if item.key not in table and item.default is not None:
+        table.allow(item.key)
+        return item.default
+    return table.names(
+        item.key,
+        most=item.most,
+        longest_bytes=item.longest_bytes,
+        may_be_empty=item.may_be_empty,
+    )
+
+
+def _read_numbers(table: TomlTable, item: TomlField) -> Any:
+    given = table.numbers(item.key, unit=item.unit, low=item.low, high=item.high)
+    return given or item.default
+
+
+_READERS: dict[FieldType, Callable[[TomlTable, TomlField], Any]] = {
+    FieldType.TEXT: lambda table, item: table.text(item.key, item.default, most=item.most),
+    FieldType.NAME: lambda table, item: table.name(item.key, item.default),
+    FieldType.CHOICE: lambda table, item: table.choice(item.key, item.choices, item.default),
+    FieldType.FLAG: lambda table, item: table.flag(item.key, item.default),
+    FieldType.INTEGER: lambda table, item: table.integer(
+        item.key, item.default, low=int(item.low), high=int(item.high)
+    ),
+    FieldType.NUMBER: lambda table, item: table.number(
+        item.key, item.default, unit=item.unit, low=item.low, high=item.high
+    ),
+    FieldType.NAMES: _read_names,
+    FieldType.CHOICES: _read_choices,
+    FieldType.NUMBERS: _read_numbers,
+    FieldType.INTEGERS: lambda table, item: table.integers(
+        item.key, item.default, low=int(item.low), high=int(item.high)
+    ),
+}
+
+
+_Section = TypeVar("_Section", bound="DataclassInstance")
+
+
+def number(
+    default: float | tuple[float, ...], unit: str, low: float, high: float, doc: str = ""
+) -> Any:
+    """Declare a number, a whole number or a tuple of either; the annotation says which.
+
+    Numbers in a tuple of floats are different.
+    """
+    return field(default=default, metadata={"unit": unit, "low": low, "high": high, "doc": doc})
+
+
+def text(default: str, doc: str, choices: tuple[str, ...] = ()) -> Any:
+    """Declare a text, one of ``choices`` if there are any."""
+    return field(default=default, metadata={"unit": "", "doc": doc, "choices": choices})
+
+
+def texts(default: tuple[str, ...], doc: str, choices: tuple[str, ...]) -> Any:
+    """Declare a tuple of different texts, each one of ``choices``."""
+    return field(default=default, metadata={"unit": "", "doc": doc, "choices": choices})
+
+
+def names(doc: str, most: int, longest_bytes: int) -> Any:
+    """Declare a list of different names, empty by default."""
+    limits = {"most": most, "longest_bytes": longest_bytes}
+    return field(default=(), metadata={"unit": "", "doc": doc, **limits})
+
+
+def flag(default: bool, doc: str) -> Any:
+    """Declare true or false."""
+    return field(default=default, metadata={"unit": "", "doc": doc})
+
+
+def section_fields(kind: type[Any]) -> tuple[TomlField, ...]:
+    """Return the keys of a section as its dataclass declares them."""
+    return tuple(_toml_field(item) for item in fields(kind))
+
+
+def read_section(table: TomlTable, kind: type[_Section]) -> _Section:
+    """Return the dataclass ``kind`` with the table's values; a missing key has its default.
+
+    Raises the error of the table's text for an unknown key or an invalid value.
+    """
+    values = {item.key: item.read(table) for item in section_fields(kind)}
+    table.finish()
+    return kind(**values)
+
+
+def _toml_field(item: Any) -> TomlField:
+    is_name_list = "longest_bytes" in item.metadata
+    return TomlField(
+        item.name, _field_type(item), default=item.default, may_be_empty=is_name_list,
+        **item.metadata,
+    )  # fmt: skip
+
+
+def _field_type(item: Any) -> FieldType:
+    if isinstance(item.default, bool):
+        return FieldType.FLAG
+    if isinstance(item.default, str):
+        return FieldType.CHOICE if item.metadata["choices"] else FieldType.TEXT
+    if "longest_bytes" in item.metadata:
+        return FieldType.NAMES
+    return _TYPES[item.type]
+
+
+_TYPES = {
+    "int": FieldType.INTEGER,
+    "float": FieldType.NUMBER,
+    "tuple[str, ...]": FieldType.CHOICES,
+    "tuple[int, ...]": FieldType.INTEGERS,
+    "tuple[float, ...]": FieldType.NUMBERS,
+}

@@ -7,16 +7,11 @@ queue for the line, except :meth:`Drum.stop`.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import groupby
 
 from rigctl.devices.boot_silence import BootSilence
-from rigctl.devices.drum_refusals import (
-    amplifier_text,
-    command_refusal_text,
-    settings_refusal_text,
-)
 from rigctl.devices.identity import (
     CONNECT_TIMEOUT_S,
     WHICH_PORT,
@@ -25,27 +20,133 @@ from rigctl.devices.identity import (
     no_answer,
     raise_diagnosis,
 )
-from rigctl.devices.links.byte_link import ByteLink
+from rigctl.devices.links import ByteLink
 from rigctl.devices.modbus_client import DRAIN_S, LINK_TIMEOUT_S, ModbusClient, RequestRefused
 from rigctl.errors import BoardRebooted, CommandRefused, LinkLost, WrongBoard
 from rigctl.values import BoardIdentity, DrumState
-from rigctl.wire.drum import register_table
-from rigctl.wire.drum.codes import Command, CommandResult
-from rigctl.wire.drum.poll import PollDecoder, RawPoll, RingSample
-from rigctl.wire.drum.registers import BlockLayout, RegisterWrite, plan_reads, plan_writes
-from rigctl.wire.drum.states import Fault, State
-from rigctl.wire.drum.tare_table import PLACE_NAMES, tare_table
+from rigctl.wire import drum_registers
+from rigctl.wire.drum_codes import Command, CommandResult, Guard, Status
+from rigctl.wire.drum_poll import PollDecoder, RawPoll, RingSample
+from rigctl.wire.drum_registers import BY_NAME, BlockLayout, RegisterWrite, plan_reads, plan_writes
+from rigctl.wire.drum_states import FAULT_TEXT, Fault, State, StateEvent, next_state
+from rigctl.wire.tare_table import PLACE_NAMES, tare_table
+
+REFUSED_IN_STATE = 4
+"""Modbus exception of a command or a change that the present state refuses."""
+
+_WIRING = frozenset({"optional_signals", "signal_polarity"})
+_NEEDS_LIFT = frozenset(
+    {
+        Command.TARE,
+        Command.TARE_TURN,
+        Command.APPROACH,
+        Command.APPROACH_SETUP,
+        Command.DEFAULTS,
+    }
+)
+_APPROACHES = (Command.APPROACH, Command.APPROACH_SETUP)
+_RESTING = (State.IDLE, State.ARMED)
+_EVENTS = {
+    Command.ARM: StateEvent.ARM,
+    Command.DISARM: StateEvent.DISARM,
+    Command.MOVE: StateEvent.MOVE,
+    Command.HOME: StateEvent.MOVE,
+    Command.TARE_TURN: StateEvent.MOVE,
+    Command.APPROACH: StateEvent.APPROACH,
+    Command.APPROACH_SETUP: StateEvent.APPROACH,
+    Command.NUDGE: StateEvent.NUDGE,
+    Command.RUN: StateEvent.RUN,
+    Command.RETRACT: StateEvent.RETRACT,
+    Command.CLEAR: StateEvent.CLEAR,
+}
+"""The event of the state machine that a command stands for."""
+
+
+def command_refusal_text(command: Command, state: State, fault: Fault, status_bits: int) -> str:
+    """Return which command was refused in which state and, where the status shows it, why."""
+    reason = _reason(command, state, fault, status_bits)
+    return f"the drum refused {command.name} in state {state.name}" + (reason and f" ({reason})")
+
+
+def amplifier_text(fault_bits: int, rate_hz: float) -> str:
+    """Return why the load cell forbids to arm, with its measured rate, empty where it does not."""
+    text = ""
+    if fault_bits >> Fault.LOADCELL_RATE & 1:
+        text += f": {rate_hz:.3g} samples a second: {FAULT_TEXT[Fault.LOADCELL_RATE]}"
+    if fault_bits >> Fault.LOADCELL_NOISE & 1:
+        text += f": {FAULT_TEXT[Fault.LOADCELL_NOISE]}"
+    return text
+
+
+def _reason(command: Command, state: State, fault: Fault, status_bits: int) -> str:
+    if fault is not Fault.NONE:
+        return FAULT_TEXT[fault]
+    if state in _RESTING and (reason := _resting_reason(command, state, status_bits)):
+        return reason
+    if command is Command.RUN and state is State.HOLD:
+        return "the run-in is too short for this speed: lower the speed or lengthen the run-in"
+    return _state_reason(command, state)
+
+
+def _resting_reason(command: Command, state: State, status_bits: int) -> str:
+    """Return why a command was refused though the drum stands still, lifted or switched off."""
+    if command in _NEEDS_LIFT and status_bits >> Status.CONTACT_MAY_STAND & 1:
+        return "it may rest on something: arm it or retract, so that it lifts"
+    if command in _APPROACHES and state is State.ARMED:
+        if command is Command.APPROACH and not status_bits >> Status.COMMISSIONED & 1:
+            return "it is not commissioned for these settings: run rigctl setup"
+        if not status_bits >> Status.CELL_TRUSTED & 1:
+            return (
+                "its load cell has felt nothing since it was switched on or tared for another "
+                "drum: disarm, press on the load cell with a finger for a second, and let it go"
+            )
+        tared = status_bits >> Status.TARED & 1
+        return "the force is too near a limit" if tared else "the load cell is not tared: tare it"
+    if command is Command.TARE:
+        return (
+            "the reading is far from the last zero: check what weighs on the drum; "
+            "for another drum use rigctl calibrate tare --anyway"
+        )
+    return ""
+
+
+def _state_reason(command: Command, state: State) -> str:
+    """Return in which states a command is possible, where this is none of them."""
+    if command in _EVENTS:
+        possible = [s for s in State if next_state(s, _EVENTS[command]) is not None]
+    elif command in (Command.TARE, Command.TARE_ANYWAY, Command.SAVE, Command.COMMISSION):
+        possible = list(_RESTING)
+    else:
+        return ""
+    if state in possible:
+        return ""
+    where = f"it is possible in {' or '.join(s.name for s in possible)} only"
+    return f"{where}: arm the drum first" if possible == [State.ARMED] else where
+
+
+def settings_refusal_text(names: Iterable[str], code: int) -> str:
+    """Return which settings were not set and, where the state refuses them, when they can be."""
+    refused = tuple(names)
+    text = f"{', '.join(refused)} not set"
+    guarded = any(BY_NAME[name].guard is not Guard.NONE for name in refused)
+    if code != REFUSED_IN_STATE or not guarded:
+        return text
+    text += ": lift the drum to ARMED or IDLE and release the emergency stop first"
+    if _WIRING.isdisjoint(refused):
+        return text
+    return f"{text}; one that closes when it is pressed, press instead (arduino/drum/board.h)"
+
 
 CLOCK_TOLERANCE_US, CLOCK_TOLERANCE_SHARE = 1_000_000, 0.01
 """The board rebooted where its clock deviates from the loop's by more than the sum of both."""
 RING_PART = 16
 """Load-cell samples of one read: 32 registers, a part of the ring without its wrap."""
 
-_IDENTITY = BlockLayout(*register_table.IDENTITY_BLOCK, entries=register_table.IDENTITY)
-_SETTINGS = BlockLayout(*register_table.SETTINGS_BLOCK, entries=register_table.SETTINGS)
-_HEARTBEAT = register_table.BY_NAME["heartbeat"].address
-_HEARTBEAT_SEEN = register_table.BY_NAME["heartbeat_seen"].address - register_table.POLL_BLOCK[0]
-_COMMAND = register_table.BY_NAME["command"].address
+_IDENTITY = BlockLayout(*drum_registers.IDENTITY_BLOCK, entries=drum_registers.IDENTITY)
+_SETTINGS = BlockLayout(*drum_registers.SETTINGS_BLOCK, entries=drum_registers.SETTINGS)
+_HEARTBEAT = drum_registers.BY_NAME["heartbeat"].address
+_HEARTBEAT_SEEN = drum_registers.BY_NAME["heartbeat_seen"].address - drum_registers.POLL_BLOCK[0]
+_COMMAND = drum_registers.BY_NAME["command"].address
 
 
 class Drum:
@@ -170,7 +271,7 @@ class Drum:
         deadline_s = self.silence.ask_until_s(CONNECT_TIMEOUT_S)
         while True:
             try:
-                return _IDENTITY.unpack(await self.modbus.read(*register_table.IDENTITY_BLOCK))
+                return _IDENTITY.unpack(await self.modbus.read(*drum_registers.IDENTITY_BLOCK))
             except RequestRefused as refused:
                 raise WrongBoard(
                     f"{self.link.name}: the Modbus device there is not a rigctl board: {WHICH_PORT}"
@@ -184,7 +285,7 @@ class Drum:
                     ) from None
 
     async def _read_settings(self, steps_per_turn: int) -> None:
-        raw = _SETTINGS.unpack(await self.modbus.read(*register_table.SETTINGS_BLOCK))
+        raw = _SETTINGS.unpack(await self.modbus.read(*drum_registers.SETTINGS_BLOCK))
         self._sequence = raw["command_sequence"][0]
         self._heartbeat = raw["heartbeat"][0]
         self._tare_sequence = None
@@ -198,7 +299,7 @@ class Drum:
             if heartbeat:
                 words = await self._poll_with_heartbeat()
             else:
-                words = await self.modbus.read(*register_table.POLL_BLOCK)
+                words = await self.modbus.read(*drum_registers.POLL_BLOCK)
             raw, at_s = PollDecoder.layout.unpack(words), self.modbus.received_at_s
             self._check_clock(raw, at_s)
             if not self._decoder.is_behind(raw):
@@ -216,7 +317,7 @@ class Drum:
         deadline_s = self._loop.time() + LINK_TIMEOUT_S
         while True:
             words = await self.modbus.read_write(
-                *register_table.POLL_BLOCK, _HEARTBEAT, (self._heartbeat,), retry_early=True
+                *drum_registers.POLL_BLOCK, _HEARTBEAT, (self._heartbeat,), retry_early=True
             )
             if words[_HEARTBEAT_SEEN] == self._heartbeat:
                 return words
@@ -242,8 +343,8 @@ class Drum:
     async def _read_ring_part(
         self, name: str, sequences: Sequence[int], heartbeat: bool
     ) -> tuple[int, ...]:
-        ring = register_table.BY_NAME[name]
-        address = ring.address + ring.words * (sequences[0] % register_table.RING_DEPTH)
+        ring = drum_registers.BY_NAME[name]
+        address = ring.address + ring.words * (sequences[0] % drum_registers.RING_DEPTH)
         part = replace(ring, address=address, count=len(sequences))
         layout = BlockLayout(address, part.end - address, [part])
         block = layout.address, layout.count

@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple, TypeVar
 
-from rigctl.devices.boot_silence import BootSilence
+from rigctl.devices.boot_silence import BootSilence, SilenceWatch
 from rigctl.devices.consumers import Consumers
-from rigctl.devices.finger_requests import SETTINGS_ATTEMPTS, FingerRequests, require_settings
 from rigctl.devices.identity import (
     CONNECT_TIMEOUT_S,
     PortDiagnosis,
@@ -16,19 +16,146 @@ from rigctl.devices.identity import (
     no_answer,
     raise_diagnosis,
 )
-from rigctl.devices.links.byte_link import ByteLink
-from rigctl.devices.silence_watch import SilenceWatch
-from rigctl.errors import BoardRebooted, LinkLost, RigFault, WrongUse
+from rigctl.devices.links import ByteLink
+from rigctl.errors import BoardRebooted, CommandRefused, LinkLost, RigFault, WrongUse
 from rigctl.values import BoardIdentity
-from rigctl.wire.finger import messages
-from rigctl.wire.finger.decoder import FingerBlock, FingerDecoder
-from rigctl.wire.finger.messages import (
+from rigctl.wire import finger_messages
+from rigctl.wire.finger_decoder import FingerBlock, FingerDecoder
+from rigctl.wire.finger_messages import (
+    N_TAXELS,
+    Answer,
     FingerIdentity,
     FingerSettings,
     FingerStatus,
     Message,
     RequestType,
+    Result,
 )
+
+ANSWER_TIMEOUT_S = 0.5
+"""The board answers before its next sample; the answer may queue behind samples."""
+SETTINGS_ATTEMPTS = 3
+"""Setting twice does no harm. Starting or stopping twice would: the board is asked once."""
+MAX_READING = 1023
+SLOWEST_REFERENCE_UM_PER_S, FASTEST_REFERENCE_UM_PER_S = 1_000, 10_000_000
+
+_REFUSALS = {
+    Result.WRONG_VALUE: "a value is outside its limits: see docs/reference/finger-wire.md",
+    Result.SCANNING: "a scan is under way: stop it first",
+    Result.NOT_WAITING: "no batch waits for it",
+    Result.NO_MODEL: "its image has no classifier: build one with FINGER_MODEL",
+}
+_Kind = TypeVar("_Kind", bound=Message)
+
+
+class _Expected(NamedTuple):
+    fits: Callable[[Message], bool]
+    answer: asyncio.Future[Message]
+
+
+class FingerRequests:
+    """Sends requests and returns the messages that fit them."""
+
+    def __init__(self, link: ByteLink, loop: asyncio.AbstractEventLoop) -> None:
+        self._link = link
+        self._loop = loop
+        self._expected: list[_Expected] = []
+
+    def take(self, message: Message) -> None:
+        """Pass a message of the board to those who wait for it."""
+        for expected in self._expected:
+            if not expected.answer.done() and expected.fits(message):
+                expected.answer.set_result(message)
+
+    def fail(self, fault: RigFault) -> None:
+        """Raise ``fault`` where somebody waits: the board is gone or began anew."""
+        for expected in self._expected:
+            if not expected.answer.done():
+                expected.answer.set_exception(fault)
+
+    async def change(self, request: bytes, kind: RequestType, attempts: int, scan: int = 0) -> None:
+        """Send a request that changes something and wait for the board's answer to it.
+
+        Raises CommandRefused with the board's reason, LinkLost where no answer comes.
+        """
+
+        def fits(answer: Answer) -> bool:
+            return answer.request is kind and answer.scan == scan
+
+        answer = await self._ask_in_time(request, Answer, fits, attempts)
+        if answer.result is not Result.OK:
+            what = kind.name.lower().replace("_", " ")
+            raise CommandRefused(
+                f"{self._link.name}: the finger board refused to {what}: {_REFUSALS[answer.result]}"
+            )
+
+    async def read_settings(self) -> FingerSettings:
+        """Return the settings. The board replies in order: older replies have come then, too."""
+        return await self._ask_in_time(
+            finger_messages.read_settings(), FingerSettings, lambda _: True, SETTINGS_ATTEMPTS
+        )
+
+    async def wait(self, kind: type[_Kind], fits: Callable[[_Kind], bool]) -> None:
+        """Wait for a message that the board sends unasked. Raises LinkLost where none comes."""
+        await self._ask_in_time(b"", kind, fits, 1)
+
+    async def ask(
+        self,
+        request: bytes,
+        kind: type[_Kind],
+        fits: Callable[[_Kind], bool] = lambda _: True,
+        *,
+        attempts: int,
+        each_s: float,
+    ) -> _Kind:
+        """Send a request until a message of ``kind`` comes that fits; raises TimeoutError."""
+        answer: asyncio.Future[Message] = self._loop.create_future()
+        expected = _Expected(lambda message: isinstance(message, kind) and fits(message), answer)
+        self._expected.append(expected)
+        try:
+            for _ in range(attempts):
+                if request:
+                    self._link.write(request)
+                await asyncio.wait([answer], timeout=each_s)
+                if answer.done():
+                    message = answer.result()
+                    assert isinstance(message, kind)
+                    return message
+            raise TimeoutError
+        finally:
+            self._expected.remove(expected)
+
+    async def _ask_in_time(
+        self, request: bytes, kind: type[_Kind], fits: Callable[[_Kind], bool], attempts: int
+    ) -> _Kind:
+        try:
+            return await self.ask(request, kind, fits, attempts=attempts, each_s=ANSWER_TIMEOUT_S)
+        except TimeoutError:
+            raise LinkLost(
+                f"{self._link.name}: the finger board sent no {kind.__name__} within "
+                f"{attempts * ANSWER_TIMEOUT_S:g} s: check the cable, then connect it again"
+            ) from None
+
+
+def require_settings(
+    low: Sequence[int], high: Sequence[int], reference_um_per_s: int
+) -> FingerSettings:
+    """Return the settings; raises WrongUse for values that the board would refuse or clip."""
+    if len(low) != N_TAXELS or len(high) != N_TAXELS:
+        raise WrongUse(f"the finger has {N_TAXELS} taxels: give a range for each")
+    for taxel, (lowest, highest) in enumerate(zip(low, high, strict=True), start=1):
+        if not 0 <= lowest < highest <= MAX_READING:
+            raise WrongUse(
+                f"taxel {taxel}: the range {lowest} to {highest} is empty or outside 0 to "
+                f"{MAX_READING}: repeat the normalisation"
+            )
+    if not SLOWEST_REFERENCE_UM_PER_S <= reference_um_per_s <= FASTEST_REFERENCE_UM_PER_S:
+        raise WrongUse(
+            f"the reference speed {reference_um_per_s} µm/s is outside "
+            f"{SLOWEST_REFERENCE_UM_PER_S} to {FASTEST_REFERENCE_UM_PER_S}"
+        )
+    return FingerSettings(tuple(map(int, low)), tuple(map(int, high)), int(reference_um_per_s))
+
 
 IDENTIFY_INTERVAL_S = 0.1
 LINK_TIMEOUT_S = 0.2
@@ -150,9 +277,9 @@ class Finger:
         """
         wanted = require_settings(low, high, reference_um_per_s)
         requests = self._requests
-        ranges = messages.set_ranges(wanted.low, wanted.high)
+        ranges = finger_messages.set_ranges(wanted.low, wanted.high)
         await requests.change(ranges, RequestType.SET_RANGES, SETTINGS_ATTEMPTS)
-        reference = messages.set_reference(reference_um_per_s)
+        reference = finger_messages.set_reference(reference_um_per_s)
         await requests.change(reference, RequestType.SET_REFERENCE, SETTINGS_ATTEMPTS)
         settings = await requests.read_settings()
         if settings != wanted:
@@ -167,17 +294,17 @@ class Finger:
 
         Raises CommandRefused during a scan and where the image has no classifier.
         """
-        request = messages.set_mean(window, mean_hz)
+        request = finger_messages.set_mean(window, mean_hz)
         await self._requests.change(request, RequestType.SET_MEAN, SETTINGS_ATTEMPTS)
 
     async def start(self, scan: int) -> None:
         """Start a scan with the next sample. Raises LinkLost where the board does not confirm."""
-        request = messages.start(_u32("scan", scan))
+        request = finger_messages.start(_u32("scan", scan))
         await self._requests.change(request, RequestType.START, 1, scan)
 
     async def stop(self, scan: int) -> None:
         """Close the scan's last batch; its velocity ends the scan. Raises as :meth:`start`."""
-        request = messages.stop(_u32("scan", scan))
+        request = finger_messages.stop(_u32("scan", scan))
         await self._requests.change(request, RequestType.STOP, 1, scan)
 
     async def end_scan(self) -> None:
@@ -187,7 +314,7 @@ class Finger:
         """
         # The board stops any scan, and one that has stopped at a second request.
         for _ in range(2):
-            request = messages.stop(NO_SCAN)
+            request = finger_messages.stop(NO_SCAN)
             await self._requests.change(request, RequestType.STOP, SETTINGS_ATTEMPTS, NO_SCAN)
 
     def send_start(self, scan: int) -> None:
@@ -195,7 +322,7 @@ class Finger:
 
         Raises as :meth:`set_velocity`.
         """
-        self.link.write(messages.start(_u32("scan", scan)))
+        self.link.write(finger_messages.start(_u32("scan", scan)))
 
     def send_stop(self, scan: int) -> None:
         """Close the scan's last batch and return at once; the answer is a message.
@@ -203,7 +330,7 @@ class Finger:
         A second one ends a scan whose last velocities are not known. Raises as
         :meth:`set_velocity`.
         """
-        self.link.write(messages.stop(_u32("scan", scan)))
+        self.link.write(finger_messages.stop(_u32("scan", scan)))
 
     def set_velocity(self, scan: int, batch: int, um_per_s: int) -> None:
         """Send the mean velocity of a batch and return at once.
@@ -212,14 +339,17 @@ class Finger:
         WrongUse for a value that the wire cannot hold, LinkLost where the link is closed.
         """
         values = (_u32("scan", scan), _u32("batch", batch), _u32("velocity", um_per_s))
-        self.link.write(messages.velocity(*values))
+        self.link.write(finger_messages.velocity(*values))
 
     async def _read_identity(self) -> FingerIdentity:
         left_s = self.silence.ask_until_s(CONNECT_TIMEOUT_S) - self._loop.time()
         attempts = max(1, round(left_s / IDENTIFY_INTERVAL_S))
         try:
             return await self._requests.ask(
-                messages.identify(), FingerIdentity, attempts=attempts, each_s=IDENTIFY_INTERVAL_S
+                finger_messages.identify(),
+                FingerIdentity,
+                attempts=attempts,
+                each_s=IDENTIFY_INTERVAL_S,
             )
         except TimeoutError:
             raise no_answer(self.silence, self.link, "finger", self._watch.heard_s > 0) from None

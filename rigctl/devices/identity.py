@@ -6,12 +6,12 @@ import re
 from collections.abc import Awaitable, Callable
 
 from rigctl.devices.boot_silence import ASK_S, BootSilence
-from rigctl.devices.links.byte_link import ByteLink
+from rigctl.devices.links import ByteLink
 from rigctl.errors import LinkLost, RigFault, WrongBoard
 from rigctl.values import N_TAXELS, BoardIdentity
-from rigctl.wire.drum.register_table import BOARD_DRUM, BOARD_TAXELS, MAGIC, MAP_VERSION
-from rigctl.wire.finger import messages as finger
-from rigctl.wire.taxels.frames import WIRE_VERSION, TaxelIdentity
+from rigctl.wire import finger_messages as finger
+from rigctl.wire.drum_registers import BOARD_DRUM, BOARD_TAXELS, MAGIC, MAP_VERSION
+from rigctl.wire.taxel_frames import WIRE_VERSION, TaxelIdentity
 
 CONNECT_TIMEOUT_S = 4.0
 """A board that no bootloader holds up answers within this time after a reset."""

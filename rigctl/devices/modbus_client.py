@@ -26,10 +26,10 @@ from pymodbus.pdu.register_message import (
 )
 
 from rigctl.devices.boot_silence import BootSilence
-from rigctl.devices.links.byte_link import ByteLink
+from rigctl.devices.links import ByteLink
 from rigctl.errors import CommandRefused, LinkLost
 from rigctl.wire import modbus_rtu
-from rigctl.wire.drum.register_table import UNIT
+from rigctl.wire.drum_registers import UNIT
 
 REPLY_TIMEOUT_S = 0.06
 MIN_REPLY_TIMEOUT_S = 0.02

@@ -10,15 +10,12 @@ from serial.tools import list_ports
 
 from rigctl.devices.drum import Drum
 from rigctl.devices.finger import Finger
-from rigctl.devices.links.byte_link import ByteLink
-from rigctl.devices.links.serial import SerialLink
-from rigctl.devices.links.tcp import SCHEME, TcpLink
+from rigctl.devices.links import SCHEME, ByteLink, SerialLink, TcpLink
 from rigctl.devices.taxels import Taxels
 from rigctl.errors import LinkLost, RigFault
 from rigctl.values import BoardIdentity
-from rigctl.wire.drum import register_table
-from rigctl.wire.taxels import frames
-from rigctl.wire.taxels.frames import CYCLES_PER_US
+from rigctl.wire import drum_registers, taxel_frames
+from rigctl.wire.taxel_frames import CYCLES_PER_US
 
 DRUM, TAXELS, FINGER = "drum", "taxels", "finger"
 COUNTERS = (
@@ -45,8 +42,8 @@ _DRIVERS: dict[str, type[Drum] | type[Taxels] | type[Finger]] = {
 }
 """The drum comes last: while the others are asked, a bootloader that its board may have is gone."""
 _SETTINGS = {
-    DRUM: (register_table.BAUD, 0.0),
-    TAXELS: (frames.BAUD, TAXELS_BATCH_S),
+    DRUM: (drum_registers.BAUD, 0.0),
+    TAXELS: (taxel_frames.BAUD, TAXELS_BATCH_S),
     FINGER: (FINGER_BAUD, FINGER_BATCH_S),
 }
 """Baud rate and batches of each board's port."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rigctl.config.rig_config import ADC_MAX, TaxelArray
-from rigctl.devices.boot_silence import BootSilence
+from rigctl.devices.boot_silence import BootSilence, SilenceWatch
 from rigctl.devices.consumers import Consumers
 from rigctl.devices.identity import (
     CONNECT_TIMEOUT_S,
@@ -18,20 +18,20 @@ from rigctl.devices.identity import (
     raise_diagnosis,
     taxel_identity,
 )
-from rigctl.devices.links.byte_link import ByteLink
-from rigctl.devices.silence_watch import SilenceWatch
+from rigctl.devices.links import ByteLink
 from rigctl.errors import BoardRebooted, LinkLost, RigFault
 from rigctl.values import Block, BoardIdentity
-from rigctl.wire.taxels.frames import (
+from rigctl.wire.taxel_frames import (
     IDENTIFY,
     SELF_TEST,
     Decoded,
     FrameDecoder,
+    SelfTest,
     TaxelIdentity,
     TaxelStatus,
     encode_request,
+    findings,
 )
-from rigctl.wire.taxels.self_test import SelfTest, findings
 
 IDENTIFY_INTERVAL_S = 0.1
 LINK_TIMEOUT_S = 0.2

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from math import isqrt
 from pathlib import Path
 
-from rigctl.config.names import name_problem, shorten
+from rigctl.config.text_file import name_problem, shorten
 from rigctl.config.toml_reader import TomlText
 from rigctl.errors import ConfigError, WrongUse
 from rigctl.exchange.column_map import parse_map

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.config.names import shorten
+from rigctl.config.text_file import shorten
 from rigctl.errors import WrongUse
 from rigctl.exchange.column_map import MAX_RATE_HZ
 from rigctl.exchange.file_readers import (

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from math import pi
 from pathlib import Path
 
-from rigctl.config.names import name_problem, shorten
+from rigctl.config.text_file import name_problem, shorten
 from rigctl.config.toml_reader import TomlTable
 from rigctl.errors import WrongUse
 from rigctl.protocol.fields import TEXTURE_BYTES

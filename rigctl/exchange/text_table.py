@@ -14,8 +14,7 @@ from typing import NamedTuple, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.config.names import shorten
-from rigctl.config.text_file import open_file
+from rigctl.config.text_file import open_file, shorten
 from rigctl.errors import WrongUse
 from rigctl.exchange.trial_tables import find_columns, refuse_too_many
 

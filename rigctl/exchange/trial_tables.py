@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.config.names import shorten
+from rigctl.config.text_file import shorten
 from rigctl.errors import WrongUse
 from rigctl.exchange.column_map import ImportMap
 

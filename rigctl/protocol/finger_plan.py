@@ -9,9 +9,15 @@ from itertools import pairwise, product
 from pathlib import Path
 from random import Random
 
-from rigctl.config.toml_field import FieldType, TomlField
-from rigctl.config.toml_reader import TomlTable, TomlText
-from rigctl.config.toml_section import number, read_section, section_fields
+from rigctl.config.toml_reader import (
+    FieldType,
+    TomlField,
+    TomlTable,
+    TomlText,
+    number,
+    read_section,
+    section_fields,
+)
 from rigctl.errors import ProtocolError
 from rigctl.protocol.fields import ORDER_SEED, ORDERS, TEXTURES, FieldGroup, name_group
 from rigctl.protocol.finger import PROTOCOL_KEYS, FingerTrial, Stage, VelocityProfile

@@ -7,9 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from rigctl.config.rig_config import RigConfig
-from rigctl.config.toml_bounds import KeyPath
-from rigctl.config.toml_field import TomlField
-from rigctl.config.toml_reader import TomlTable, TomlText
+from rigctl.config.toml_reader import KeyPath, TomlField, TomlTable, TomlText
 from rigctl.errors import ProtocolError
 from rigctl.protocol.fields import EVERY, KIND, PLACE, FieldGroup, field_groups, step_fields
 from rigctl.protocol.finger import PROTOCOL_KEYS

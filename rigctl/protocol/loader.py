@@ -6,10 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from rigctl.config.rig_config import RigConfig
-from rigctl.config.toml_reader import TomlTable, TomlText
-from rigctl.config.toml_section import read_section
+from rigctl.config.toml_reader import TomlTable, TomlText, read_section
 from rigctl.errors import ProtocolError
-from rigctl.protocol.early_end import EarlyEnd
 from rigctl.protocol.fields import (
     EVERY,
     FORCE_MODE,
@@ -24,7 +22,7 @@ from rigctl.protocol.fields import (
     trials_group,
 )
 from rigctl.protocol.finger import PROTOCOL_KEYS
-from rigctl.protocol.plan import FreeStep, Protocol, Quality, Settle
+from rigctl.protocol.plan import EarlyEnd, FreeStep, Protocol, Quality, Settle
 from rigctl.protocol.steps import ApproachOnly, Baseline, Message, Rest, Step, Tare, Turn, ramp_mm
 
 MAX_STEPS = 200_000

@@ -9,7 +9,7 @@ from msgspec import Meta
 from rigctl.acquisition.engine_commands import EngineCommands
 from rigctl.acquisition.rpc.commands import Number
 from rigctl.realtime.finger_engine import FingerEngine
-from rigctl.realtime.run.finger_run_request import FingerRunRequest
+from rigctl.realtime.finger_run_request import FingerRunRequest
 
 LoopTime = Annotated[float, Meta(ge=0, le=1e9)]
 

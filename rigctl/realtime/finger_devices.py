@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+from collections import deque
 from collections.abc import Callable, Coroutine
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from rigctl.acquisition.event_bus import EventBus
-from rigctl.acquisition.health.rate_meter import RateMeter
+from rigctl.acquisition.health import RateMeter
 from rigctl.devices.consumers import Consumers
 from rigctl.devices.trackers.plate_frame import PlatePosition
 from rigctl.devices.trackers.velocity import VelocityEstimator
@@ -16,11 +19,61 @@ from rigctl.encoding.normalisation import Normalisation
 from rigctl.errors import BoardRebooted, LinkLost, RigFault
 from rigctl.realtime.finger_rig import FingerRig
 from rigctl.realtime.live_file import FingerLiveWriter
-from rigctl.realtime.scan.contact_meter import ContactMeter
-from rigctl.realtime.tracking_loss import TrackingLoss
+from rigctl.realtime.slide_detector import ContactMeter
 from rigctl.values import BoardIdentity, Position
-from rigctl.wire.finger.decoder import FingerBlock
-from rigctl.wire.finger.messages import N_TAXELS, FingerStatus, Message
+from rigctl.wire.finger_decoder import FingerBlock
+from rigctl.wire.finger_messages import N_TAXELS, FingerStatus, Message
+
+FEATURES, PREDICTION, SCREEN = "features", "prediction", "screen"
+KINDS = (FEATURES, PREDICTION, SCREEN)
+LIMITS_MS = {FEATURES: ((100.0, 5.0),), SCREEN: ((99.0, 50.0), (99.9, 100.0))}
+"""Percentiles and their limits in ms: every velocity to its features, predictions on screen."""
+KEPT = 4096
+
+
+class LatencyLog:
+    """The newest latencies in ms, by kind; a session stores all of them."""
+
+    def __init__(self) -> None:
+        self._ms: dict[str, deque[float]] = {kind: deque(maxlen=KEPT) for kind in KINDS}
+
+    def add(self, kind: str, ms: float) -> None:
+        """Add one latency."""
+        self._ms[kind].append(ms)
+
+    def percentile(self, kind: str, percent: float) -> float | None:
+        """Return a percentile in ms, None without a latency of this kind."""
+        return float(np.percentile(self._ms[kind], percent)) if self._ms[kind] else None
+
+    def percentiles(self, percent: float) -> dict[str, float]:
+        """Return a percentile in ms of each kind that was measured."""
+        found = {kind: self.percentile(kind, percent) for kind in KINDS}
+        return {kind: ms for kind, ms in found.items() if ms is not None}
+
+
+LOSS_S = 0.5
+"""A tracker without its reference for longer finds it again with another offset: published for the
+VIVE by Niehorster et al. 2017, see docs/reference/virtual-finger.md."""
+
+
+class TrackingLoss:
+    """Follows the validity of positions; what came before the first valid one is no loss."""
+
+    def __init__(self) -> None:
+        self._valid_s: float | None = None
+        self._invalid_s: float | None = None
+
+    def add(self, position: Position) -> float | None:
+        """Return the length of a loss in seconds with the first valid position after it."""
+        since_s = self._invalid_s
+        if not position.valid:
+            if since_s is None and self._valid_s is not None:
+                self._invalid_s = position.at_s
+            return None
+        self._valid_s, self._invalid_s = position.at_s, None
+        lost_s = 0.0 if since_s is None else position.at_s - since_s
+        return lost_s if lost_s > LOSS_S else None
+
 
 BOARD, TRACKER = "finger", "tracker"
 RECONNECT_PERIOD_S = 1.0

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rigctl.acquisition.protocol.pause_reasons import LINK
+from rigctl.acquisition.pause_reasons import LINK
 from rigctl.acquisition.rpc.messages import BoardStatus, RecordingStatus
 from rigctl.acquisition.served_engine import ServedEngine
 from rigctl.errors import RigFault
-from rigctl.realtime.finger_devices import BOARD, TRACKER, FingerDevices
+from rigctl.realtime.finger_devices import BOARD, TRACKER, FingerDevices, LatencyLog
 from rigctl.realtime.finger_rig import FingerRig
-from rigctl.realtime.latency import LatencyLog
+from rigctl.realtime.finger_run import FingerRun
+from rigctl.realtime.finger_run_request import FingerRunRequest, open_finger_run
 from rigctl.realtime.live_file import FingerLiveWriter
 from rigctl.realtime.messages import FingerEngineStatus, FingerRunStatus
-from rigctl.realtime.run.finger_run import FingerRun
-from rigctl.realtime.run.finger_run_request import FingerRunRequest, open_finger_run
 
 
 class FingerEngine(ServedEngine[FingerRun, FingerRunRequest]):

@@ -7,7 +7,7 @@ from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Any
 
-from rigctl.config.finger_config import FingerConfig
+from rigctl.config.rig_config import FingerConfig
 from rigctl.devices.finger import Finger
 from rigctl.devices.trackers.plate_frame import PlateFrame
 from rigctl.devices.trackers.tracker import Tracker

@@ -16,8 +16,8 @@ from rigctl.acquisition.live_file import (
 )
 from rigctl.devices.trackers.plate_frame import PlatePosition
 from rigctl.values import SAMPLE_RATE_HZ
-from rigctl.wire.finger.decoder import FingerBlock
-from rigctl.wire.finger.messages import N_TAXELS
+from rigctl.wire.finger_decoder import FingerBlock
+from rigctl.wire.finger_messages import N_TAXELS
 
 MAGIC = 0x3152_474E_4947_4952  # "RIGINGR1", low byte first
 TAXEL_ROWS = 1 << 15

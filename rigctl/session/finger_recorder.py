@@ -31,8 +31,8 @@ from rigctl.session.header import SessionHeader
 from rigctl.session.layout import Row, SessionLayout, TableLayout
 from rigctl.session.recorder import SessionRecorder
 from rigctl.values import Gap
-from rigctl.wire.finger.decoder import FingerBlock
-from rigctl.wire.finger.messages import SampleFlag
+from rigctl.wire.finger_decoder import FingerBlock
+from rigctl.wire.finger_messages import SampleFlag
 
 LOST_BEFORE_BOARD = "lost before the finger board"
 LOST_AFTER_BOARD = "lost on the finger board's line"

@@ -21,8 +21,8 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from rigctl.config.names import name_problem, shorten
 from rigctl.config.rig_config import LAYER_NAME_BYTES, MAX_TAXELS, TaxelArray
+from rigctl.config.text_file import name_problem, shorten
 from rigctl.config.toml_reader import TomlText
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, PRESETS, EncoderParameters

@@ -21,8 +21,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
-from rigctl.config.text_file import read_bytes, refuse_link_outside
-from rigctl.config.visible_text import visible
+from rigctl.config.text_file import read_bytes, refuse_link_outside, visible
 from rigctl.errors import DiskFault, SessionError
 from rigctl.session.writer_lock import sync_folder
 

@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 from rigctl.config.rig_config import RigConfig, parse_config
 from rigctl.encoding.reading import Reading, conductance, input_of_each
 from rigctl.errors import RigctlError, SessionError
-from rigctl.protocol.early_end import QUANTITY_NAMES, Condition, EarlyEnd, condition_of
 from rigctl.protocol.loader import parse_protocol
-from rigctl.protocol.plan import Plan
+from rigctl.protocol.plan import QUANTITY_NAMES, Condition, EarlyEnd, Plan, condition_of
 from rigctl.session import layout
 from rigctl.session.finger_session import FingerSession, is_finger_session
 from rigctl.session.header import ADC_COUNTS, IMPORTED, session_wiring

@@ -18,7 +18,7 @@ from rigctl.session.session import Session, describe_ends, ended_early
 from rigctl.session.session_reader import SessionReader, read_closing_digest
 from rigctl.session.writer_lock import is_being_written, lock_owner_pid
 from rigctl.values import Verdict
-from rigctl.wire.finger.messages import VelocitySource
+from rigctl.wire.finger_messages import VelocitySource
 
 BOARD_KIND = "board"
 """Kind of the events with a board's own counts at the start and the end of a sitting."""

@@ -33,7 +33,7 @@ from rigctl.session.verify_part import (
     read_columns,
     window_rows,
 )
-from rigctl.wire.finger.messages import BATCH_SAMPLES, SampleFlag
+from rigctl.wire.finger_messages import BATCH_SAMPLES, SampleFlag
 
 MAX_MISSING = 1000
 """Missing batches that are listed: more than a minute of a scan."""

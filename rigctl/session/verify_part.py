@@ -15,7 +15,7 @@ from rigctl.session.header import CUT_BY_CLOCK
 from rigctl.session.layout import COUNTER, EDGES, FLAGS, parse_trial
 from rigctl.session.part import BufferedArray, PartReader, StructuredArray, read_blocks
 from rigctl.values import Verdict
-from rigctl.wire.taxels.frames import Flag
+from rigctl.wire.taxel_frames import Flag
 
 Columns = dict[str, BufferedArray]
 """Small columns of a part's samples, read about once for trials in their order."""

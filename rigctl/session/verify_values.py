@@ -18,9 +18,9 @@ from rigctl.session.header import IMPORTED
 from rigctl.session.layout import COUNTER, EDGES, FLAGS, SAMPLES, TableLayout
 from rigctl.session.part import PartReader, StructuredArray, read_blocks
 from rigctl.values import SCALE_BAND_UG_PER_COUNT, Verdict
-from rigctl.wire.drum.codes import Status
-from rigctl.wire.drum.states import Fault, State
-from rigctl.wire.finger.messages import BATCH_SAMPLES, SampleFlag, VelocitySource
+from rigctl.wire.drum_codes import Status
+from rigctl.wire.drum_states import Fault, State
+from rigctl.wire.finger_messages import BATCH_SAMPLES, SampleFlag, VelocitySource
 
 Column = NDArray[Any]
 Mask = NDArray[np.bool_]

@@ -12,16 +12,22 @@ from functools import cache
 from rigctl.errors import BoardFault
 from rigctl.simulation.bench.bench import LOG_EVERY_MS, Bench
 from rigctl.simulation.bench.ground_truth import GroundTruth
-from rigctl.simulation.bench.world.parameters import WorldParameters
+from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.boards.drum_cosimulation import NOMINAL_HZ, DrumCosimulation
 from rigctl.simulation.boards.drum_firmware import ACCEPTED
 from rigctl.simulation.boards.taxels import VirtualTaxels
 from rigctl.values import DrumState
-from rigctl.wire.drum.codes import Command, CommandResult
-from rigctl.wire.drum.poll import PollDecoder, RingSample
-from rigctl.wire.drum.register_table import POLL_BLOCK, RING_DEPTH
-from rigctl.wire.drum.registers import BlockLayout, find_register, pack_value, plan_writes
-from rigctl.wire.drum.states import Fault, State
+from rigctl.wire.drum_codes import Command, CommandResult
+from rigctl.wire.drum_poll import PollDecoder, RingSample
+from rigctl.wire.drum_registers import (
+    POLL_BLOCK,
+    RING_DEPTH,
+    BlockLayout,
+    find_register,
+    pack_value,
+    plan_writes,
+)
+from rigctl.wire.drum_states import Fault, State
 
 POLL_MS = 100
 CYCLES_PER_US = NOMINAL_HZ // 1_000_000

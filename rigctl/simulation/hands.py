@@ -7,7 +7,7 @@ from collections.abc import Callable
 from rigctl.simulation.bench.bench import Bench
 from rigctl.simulation.bench.circuit import TestPoints
 from rigctl.simulation.simulated_rig import FaultInjection
-from rigctl.wire.drum.codes import Signal
+from rigctl.wire.drum_codes import Signal
 
 FINGER_G = 300.0
 MASSES_G = (200.0, 500.0)

@@ -26,7 +26,7 @@ from rigctl.simulation.bench.circuit import (
 from rigctl.simulation.bench.ground_truth import GroundTruth
 from rigctl.simulation.bench.touch import N_PLACES, NO_TOUCH, Touch
 from rigctl.simulation.wirings import circuit_of, find_wiring
-from rigctl.wire.drum.codes import Signal
+from rigctl.wire.drum_codes import Signal
 
 DRUM = "drum"
 TAXELS = "taxels"

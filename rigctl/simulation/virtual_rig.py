@@ -10,7 +10,7 @@ from pathlib import Path
 from rigctl.simulation.bench.bench import LOG_EVERY_MS, Bench
 from rigctl.simulation.bench.circuit import TestPoints
 from rigctl.simulation.bench.ground_truth import GroundTruth
-from rigctl.simulation.bench.world.parameters import WorldParameters
+from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.boards.drum_cosimulation import DrumCosimulation
 from rigctl.simulation.boards.taxels import FLUSH_US, VirtualTaxels
 from rigctl.simulation.hands import SimulatedHands

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from typing import Any, Literal
 
-from rigctl.config.names import shorten
+from rigctl.config.text_file import shorten
 from rigctl.errors import WrongUse
 from rigctl.simulation.bench.circuit import AS_DRAWN, Circuit, Direction, Wiper, Wire
 

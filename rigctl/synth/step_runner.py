@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from rigctl.acquisition.protocol.trial_quality import MeasuredTrial, judge, measure, trial_row
-from rigctl.acquisition.taxels.trial_cutter import TrialCutter
-from rigctl.errors import DiskFault
-from rigctl.protocol.plan import Protocol
+from rigctl.acquisition.settings import (
+    MAX_TARGET_STEPS,
+    nearest_steps,
+    press_settings,
+    rig_settings,
+    settle_settings,
+    trial_settings,
+    trial_start_steps,
+)
+from rigctl.acquisition.step_runner import MeasuredTrial, judge, measure, trial_row
+from rigctl.acquisition.trial_cutter import TrialCutter
+from rigctl.config.rig_config import RigConfig
+from rigctl.errors import BoardFault, DiskFault
+from rigctl.protocol.plan import Protocol, Settle
 from rigctl.protocol.steps import (
     ApproachOnly,
     Baseline,
@@ -23,13 +36,242 @@ from rigctl.protocol.steps import (
     Turn,
 )
 from rigctl.session.ground_truth import TruthLog, TruthRows
-from rigctl.simulation.bench.world.parameters import WorldParameters
-from rigctl.simulation.direct_rig import DirectRig
-from rigctl.synth.operator import DrumOperator
+from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.direct_rig import POLL_MS, DirectRig
 from rigctl.synth.resume import ResumedRecorder
-from rigctl.synth.trial_recording import TrialRecording
 from rigctl.values import Block, DrumState, Event, LoadcellSample, PlannedTrial, Verdict
-from rigctl.wire.drum.codes import Status
+from rigctl.wire.drum_codes import Command, CommandResult, Status
+from rigctl.wire.drum_states import Fault, State
+
+LEAD_US = 110_000
+"""Recorded before the rise of sync; longer than the polling period, so that it contains a poll."""
+
+SEAM_US = 2_000
+"""Polls this soon after the start of a stretch are left out: they could precede earlier ones."""
+
+POLLS_KEPT = 3
+
+
+class TrialRecording:
+    """Records one stretch at a time and passes it to ``on_block`` and ``on_drum``."""
+
+    def __init__(
+        self,
+        rig: DirectRig,
+        on_block: Callable[[Block], None],
+        on_drum: Callable[[DrumState], None],
+    ) -> None:
+        self._rig = rig
+        self._taxels = rig.taxels
+        self._on_block = on_block
+        self._on_drum = on_drum
+        self._clock_rate = 1.0 + rig.parameters.drum_clock_ppm * 1e-6
+        self._next_frame = 0
+        self._skipped_frames = 0
+        self._recent_polls: list[DrumState] = []
+        self._conversions = 0
+        self._edges_us = [0, 0]
+        self._start_us = 0.0
+        self._truth_rows = 0
+
+    @property
+    def now_s(self) -> float:
+        """Session time of the end of the samples."""
+        return self._session_s(self._taxels.start_us(self._next_frame))
+
+    def buffer_poll(self, poll: DrumState) -> None:
+        """Keep a poll outside of a stretch; the next stretch may begin before it."""
+        self._recent_polls = [*self._recent_polls[1 - POLLS_KEPT :], poll]
+
+    def begin(self, at_us: float) -> None:
+        """Begin a stretch ``LEAD_US`` before this simulated time, which is less than 2 s ago."""
+        first = max(self._next_frame, self._taxels.first_frame_from(at_us - LEAD_US))
+        self._skipped_frames += first - self._next_frame
+        self._next_frame = first
+        self._start_us = self._taxels.start_us(first)
+        polls, self._recent_polls = self._recent_polls, []
+        self._record_polls(polls)
+
+    def record(self, polls: Sequence[DrumState]) -> None:
+        """Record these polls, and the samples up to the last of them."""
+        end = self._taxels.ended_frames(polls[-1].at_s * 1e6)
+        samples, flags, edges = self._taxels.read_frames(self._next_frame, end)
+        numbers = np.arange(self._next_frame, end, dtype=np.int64) - self._skipped_frames
+        self._next_frame = end
+        at_s = self._session_s(polls[-1].at_s * 1e6)
+        self._on_block(Block(numbers, samples, flags, edges, (), at_s))
+        self._record_polls(polls)
+
+    def end(self) -> TruthRows:
+        """End the stretch at the last :meth:`record`; return its ground truth."""
+        log = self._rig.truth.take()
+        shift_ms = round(self._skipped_us / 1000)
+        first, end = self._truth_rows, int(self.now_s * 1000)
+        self._truth_rows = end
+        rows = slice(first + shift_ms - log.first_ms, end + shift_ms - log.first_ms)
+        return first, log.speed_mm_s[rows], log.force_g[rows], log.sync[rows]
+
+    @property
+    def _skipped_us(self) -> float:
+        return self._skipped_frames * self._taxels.frame_us
+
+    def _session_s(self, simulated_us: float) -> float:
+        return (simulated_us - self._skipped_us) * 1e-6
+
+    def _session_board_us(self, board_us: int) -> int:
+        return math.floor(board_us - self._skipped_us * self._clock_rate)
+
+    def _record_polls(self, polls: Sequence[DrumState]) -> None:
+        """Record the polls that belong to this stretch."""
+        for poll in polls:
+            if poll.at_s * 1e6 >= self._start_us + SEAM_US:
+                self._on_drum(self._in_session_time(poll))
+
+    def _in_session_time(self, poll: DrumState) -> DrumState:
+        rise_us, fall_us = self._edges(poll)
+        return replace(
+            poll,
+            at_s=self._session_s(poll.at_s * 1e6),
+            board_time_us=self._session_board_us(poll.board_time_us),
+            sync_rise_us=rise_us,
+            sync_fall_us=fall_us,
+            loadcell=tuple(self._loadcell_samples(poll.loadcell)),
+            loadcell_lost=0,
+            values={},
+        )
+
+    def _edges(self, poll: DrumState) -> list[int]:
+        """Return session times of the last edges; edges before this stretch keep theirs."""
+        for index, at_us in enumerate((poll.sync_rise_us, poll.sync_fall_us)):
+            if at_us >= self._start_us * self._clock_rate:
+                self._edges_us[index] = self._session_board_us(at_us)
+        return self._edges_us
+
+    def _loadcell_samples(self, samples: Sequence[LoadcellSample]) -> Iterator[LoadcellSample]:
+        """Yield the samples of this stretch, with the session's numbers and times."""
+        first_us = (self._start_us + SEAM_US) * self._clock_rate
+        for _, at_us, counts, force_g in samples:
+            if at_us >= first_us:
+                self._conversions += 1
+                board_us = self._session_board_us(at_us)
+                yield LoadcellSample(self._conversions, board_us, counts, force_g)
+
+
+MAX_STEP_US = 700_000
+"""Longest time between two reads of the polls; the board's ring of conversions holds 0.8 s."""
+
+UNPOLLED_STEP_US = 10_000_000
+"""Longest simulated step without polling."""
+
+TIMEOUT_US = 300_000_000
+OnPolls = Callable[[list[DrumState]], None]
+
+
+class DrumOperator:
+    """Drives one drum. Every method returns when its move has ended. Raises BoardFault."""
+
+    def __init__(self, rig: DirectRig, config: RigConfig, settle: Settle) -> None:
+        self.rig = rig
+        self._config = config
+        self._homed = False
+        self._wait_until(lambda: rig.state is State.IDLE, "booting")
+        rig.write_settings(
+            **rig_settings(config),
+            **settle_settings(settle),
+            clock_trim_ppm=round(rig.parameters.drum_clock_ppm),
+        )
+        self._send(Command.COMMISSION)
+        self._wait_until(lambda: rig.result is not CommandResult.RUNNING, "keeping the settings")
+        self._run_command(Command.ARM, State.ARMED)
+
+    def wait(self, seconds: float, on_polls: OnPolls = lambda polls: None) -> None:
+        """Let time pass; ``on_polls`` as in :meth:`run_window`."""
+        end_us = self.rig.time_us + round(seconds * 1e6)
+        self.rig.start_polling()
+        while self.rig.time_us < end_us:
+            self._advance(min(end_us, self.rig.time_us + MAX_STEP_US))
+            on_polls(self.rig.take_polls())
+        self.rig.stop_polling()
+
+    def tare(self) -> None:
+        """Tare the load cell, lifted and at rest."""
+        self._send(Command.TARE)
+        self._wait_until(lambda: self.rig.result is not CommandResult.RUNNING, "the tare")
+
+    def prepare(self, trial: PlannedTrial) -> None:
+        """Write a trial's set-points and move, lifted, to the start of its run-in."""
+        self.rig.write_settings(**trial_settings(trial, self._config.drum))
+        steps, target = self._start(trial)
+        if not self._homed or abs(target) > MAX_TARGET_STEPS:
+            self._run_command(Command.HOME, State.ARMED)
+            self._homed = True
+            steps, target = self._start(trial)
+        self.rig.write_settings(move_target=target)
+        if target != steps:
+            self._run_command(Command.MOVE, State.ARMED)
+
+    def approach(self) -> None:
+        """Press until the force has settled."""
+        self._run_command(Command.APPROACH, State.HOLD)
+
+    def press(self, force_g: float) -> None:
+        """Approach with this force instead of a trial's."""
+        self.rig.write_settings(**press_settings(force_g))
+        self.approach()
+
+    def run_window(self, on_polls: OnPolls) -> None:
+        """Run in, pass the window and ramp down; ``on_polls`` gets the polls at intervals."""
+        self._send(Command.RUN)
+        # The run-in takes at least its length over the speed; until then nothing needs polling.
+        run_in_us = self.rig.read("run_in_set") / self.rig.read("speed_set") * 1e6
+        self._advance(self.rig.time_us + round(run_in_us) - MAX_STEP_US, stop_on_change=False)
+        self.rig.start_polling()
+        self._wait_until(
+            self._has_ended(State.HOLD), "the travel", lambda: on_polls(self.rig.take_polls())
+        )
+        # The last poll shows the closed window, however short the ramp down was.
+        self._advance(self.rig.time_us + 1000 * POLL_MS)
+        on_polls(self.rig.take_polls())
+        self.rig.stop_polling()
+
+    def lift(self) -> None:
+        """Lift off."""
+        self._run_command(Command.RETRACT, State.ARMED)
+
+    def _start(self, trial: PlannedTrial) -> tuple[int, int]:
+        """Return the drum's present position and the start of the run-in, steps."""
+        p, steps_now = self.rig.parameters, int(self.rig.read("steps"))
+        within_turn = trial_start_steps(trial, self._config.drum, p.mm_per_step)
+        return steps_now, nearest_steps(within_turn, steps_now, round(p.steps_per_turn))
+
+    def _send(self, command: Command) -> None:
+        if not self.rig.command(command):
+            raise BoardFault(f"the simulated drum refused {command.name} in {self.rig.state.name}")
+
+    def _run_command(self, command: Command, end: State) -> None:
+        self._send(command)
+        self._wait_until(self._has_ended(end), command.name)
+
+    def _has_ended(self, end: State) -> Callable[[], bool]:
+        return lambda: self.rig.state is end and self.rig.result is not CommandResult.RUNNING
+
+    def _wait_until(
+        self, ended: Callable[[], bool], what: str, on_step: Callable[[], None] | None = None
+    ) -> None:
+        deadline_us = self.rig.time_us + TIMEOUT_US
+        while not ended():
+            if self.rig.time_us > deadline_us:
+                raise BoardFault(f"the simulated drum did not end {what}")
+            self._advance(self.rig.time_us + (MAX_STEP_US if on_step else UNPOLLED_STEP_US))
+            if on_step is not None:
+                on_step()
+
+    def _advance(self, until_us: int, stop_on_change: bool = True) -> None:
+        """Advance to a time, or until a move ends. Raises BoardFault on a fault."""
+        self.rig.advance(until_us, stop_on_change)
+        if self.rig.fault is not Fault.NONE:
+            raise BoardFault(f"the simulated drum stopped with {self.rig.fault.name}")
+
 
 QUEUE_SAMPLES = 100_000
 """The simulation waits for the disk when more samples are queued."""

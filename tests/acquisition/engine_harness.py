@@ -9,11 +9,11 @@ from pathlib import Path
 
 from rigctl.acquisition.drum_commands import DrumCommands
 from rigctl.acquisition.engine import Engine
-from rigctl.acquisition.live_buffer import LiveWriter
-from rigctl.acquisition.protocol.run_request import RunRequest
-from rigctl.acquisition.protocol.runner import Run
+from rigctl.acquisition.live_file import LiveWriter
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.rpc.commands import RequestHandler
+from rigctl.acquisition.run_request import RunRequest
+from rigctl.acquisition.runner import Run
 from rigctl.config.rig_config import RigConfig
 from rigctl.rig import open_rig
 from rigctl.session.session import Session

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.acquisition.live_buffer import LiveReader, LiveWriter
+from rigctl.acquisition.live_file import LiveReader, LiveWriter
 from rigctl.errors import DiskFault, RigFault
 
 ROWS = 256

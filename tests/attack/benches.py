@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from rigctl.simulation.bench.circuit import Circuit
 from rigctl.simulation.bench.mechanics import ACTUATOR_SPEED, DRUM_MM, FORCE_G, RING_MS, Mechanics
-from rigctl.simulation.bench.world.parameters import WorldParameters, validated
+from rigctl.simulation.bench.parameters import WorldParameters, validated
 from rigctl.simulation.boards.drum_cosimulation import DrumCosimulation
-from rigctl.wire.drum.register_table import BY_NAME
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_registers import BY_NAME
+from rigctl.wire.drum_states import State
 from tests.firmware.drum.support.bare_bench import BareBench, mounted_contact
 from tests.firmware.drum.support.overshoot import overshoot_g
 

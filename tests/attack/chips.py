@@ -6,10 +6,10 @@ import struct
 
 from rigctl.simulation.bench.circuit import Circuit
 from rigctl.simulation.bench.mechanics import Mechanics
-from rigctl.simulation.bench.world.parameters import WorldParameters
+from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.chips.simavr import ResetBy
-from rigctl.wire.drum.register_table import BY_NAME
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_registers import BY_NAME
+from rigctl.wire.drum_states import State
 from tests.attack.benches import NEAR, PLATE, SEED
 from tests.firmware.drum.support.plant_drum import PlantDrum
 

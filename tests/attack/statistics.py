@@ -6,7 +6,7 @@ import heapq
 from collections import Counter
 from collections.abc import Callable, Iterable
 
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_states import State
 from tests.attack.attacker import Outcome, run_attack
 from tests.attack.benches import AttackBench
 from tests.attack.steps import Attack

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from rigctl.simulation.wirings import WIRINGS
-from rigctl.wire.drum.codes import Command, Guard
-from rigctl.wire.drum.register_table import BY_NAME, SETTINGS, Register
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_codes import Command, Guard
+from rigctl.wire.drum_registers import BY_NAME, SETTINGS, Register
+from rigctl.wire.drum_states import State
 
 VALUES = (0, 1, 0x7FFF, 0x8000, 0xFFFF)
 STATES = tuple(State)

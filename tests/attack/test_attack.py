@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.simulation.bench.world.parameters import WorldParameters
-from rigctl.wire.drum.states import State
+from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.wire.drum_states import State
 from tests.attack.attacker import run_attack
 from tests.attack.benches import BALANCED, CLOSE, STIFF, VirtualBench
 from tests.attack.chips import ChipBench

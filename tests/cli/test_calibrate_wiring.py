@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.cli import main
-from rigctl.cli.rig import calibrate_wiring
+from rigctl.cli import calibrate_wiring, main
 from rigctl.config.rig_config import RigConfig, load_config
 from rigctl.errors import LinkLost, RigFault
 from rigctl.values import DRAWN_WIRING, Block

@@ -18,9 +18,8 @@ import pytest
 
 from rigctl.acquisition.rpc.client import spawn_engine, wait_for_engine_file
 from rigctl.acquisition.rpc.engine_files import LOG
-from rigctl.cli import main
-from rigctl.cli.rig import doctor
-from rigctl.cli.rig.doctor import ATTENTION, OK, UNKNOWN, Finding
+from rigctl.cli import doctor, main
+from rigctl.cli.doctor import ATTENTION, OK, UNKNOWN, Finding
 from rigctl.config.rig_config import RigConfig
 from rigctl.devices.port_discovery import PortReport
 from rigctl.host_build import image_hash
@@ -379,7 +378,7 @@ class TestCrashes:
 
     def test_the_reports_of_the_window_are_looked_for_where_it_writes_them(self) -> None:
         from gui.shell.crash_reports import REPORTS
-        from gui.shell.memory.user_settings import UserSettings
+        from gui.shell.user_settings import UserSettings
 
         folder = UserSettings.of_user().folder / REPORTS
         assert doctor.crash_reports_folder() == folder

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from rigctl.cli import OUTPUT_CLOSED, main
-from rigctl.cli.options.output import VisibleOutput
+from rigctl.cli.output import VisibleOutput
 
 RIGCTL = f"{sys.executable} -m rigctl"
 

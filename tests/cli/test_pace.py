@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.cli.options.progress import PACE_S, Pace
+from rigctl.cli.progress import PACE_S, Pace
 
 
 def test_a_slow_begin_does_not_count() -> None:

@@ -16,7 +16,7 @@ import pytest
 from rigctl.acquisition.rpc.client import EngineClient, EngineRefusal
 from rigctl.acquisition.rpc.engine_files import EngineFile, running_engines, runtime_folder
 from rigctl.acquisition.rpc.messages import EngineStatus, RunStatus
-from rigctl.cli.rig.run import _status_line
+from rigctl.cli.run import _status_line
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
 

@@ -74,7 +74,7 @@ def test_a_person_answers_mends_keeps_and_leaves(
 ) -> None:
     asked = answer_with(monkeypatch, iter(["", "ok", "", "what", "again", "", "", "", "keep"]))
     words = ("setup", "--rig", "virtual", "--part", "ends", "--wire", "end switches normally open")
-    monkeypatch.setattr("rigctl.cli.rig.setup.open_rig", _as_fast_as_possible())
+    monkeypatch.setattr("rigctl.cli.setup.open_rig", _as_fast_as_possible())
     assert main(words) == 0
     printed = capsys.readouterr().out
     assert (
@@ -94,7 +94,7 @@ def test_whoever_leaves_at_a_question_hears_where(
         return way
 
     monkeypatch.setattr("builtins.input", answer)
-    monkeypatch.setattr("rigctl.cli.rig.setup.open_rig", _as_fast_as_possible())
+    monkeypatch.setattr("rigctl.cli.setup.open_rig", _as_fast_as_possible())
     assert main(("setup", "--rig", "virtual")) == 130
     assert "left at Drum and microsteps: a simulated rig" in capsys.readouterr().out
 
@@ -106,7 +106,7 @@ def test_where_nobody_can_answer_the_command_says_it_once(
         raise EOFError
 
     monkeypatch.setattr("builtins.input", answer)
-    monkeypatch.setattr("rigctl.cli.rig.setup.open_rig", _as_fast_as_possible())
+    monkeypatch.setattr("rigctl.cli.setup.open_rig", _as_fast_as_possible())
     assert main(("setup", "--rig", "virtual")) == 2
     printed = capsys.readouterr()
     assert "WRONG" not in printed.out
@@ -129,8 +129,8 @@ def test_boards_with_another_build_are_flashed_and_the_setup_goes_on(
         monkeypatch.setattr("rigctl.acquisition.setup.boards.image_hash", image_hash)
 
     monkeypatch.setattr("rigctl.acquisition.setup.boards.image_hash", lambda board: "0badc0de")
-    monkeypatch.setattr("rigctl.cli.rig.setup._flash", flash)
-    monkeypatch.setattr("rigctl.cli.rig.setup.open_rig", _as_fast_as_possible())
+    monkeypatch.setattr("rigctl.cli.setup._flash", flash)
+    monkeypatch.setattr("rigctl.cli.setup.open_rig", _as_fast_as_possible())
     asked = answer_with(monkeypatch, iter(["flash"]))
     assert main(("setup", "--rig", "virtual", "--part", "firmware")) == 0
     assert flashed == [("drum", "drum"), ("taxels", "taxels")] and len(asked) == 1
@@ -143,7 +143,7 @@ def test_a_rig_toml_with_every_key_is_written_where_there_is_none(
     async def no_ports(_: object) -> list[object]:
         return []
 
-    monkeypatch.setattr("rigctl.cli.rig.setup.probe_ports", no_ports)
+    monkeypatch.setattr("rigctl.cli.setup.probe_ports", no_ports)
     path = tmp_path / "rig.toml"
     assert main(("setup", "--rig", str(path))) == 1
     assert "there is no serial port: plug both boards in" in capsys.readouterr().out

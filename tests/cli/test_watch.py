@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from rigctl.cli import main
-from rigctl.cli.data.watch import NOTHING_YET, Look, looks
+from rigctl.cli.watch import NOTHING_YET, Look, looks
 from rigctl.errors import SessionError
 from rigctl.session.finger_session import FingerSession
 from rigctl.session.session import Session

@@ -15,7 +15,7 @@ import serial
 from gui.app import main as window
 from rigctl.cli import main
 from rigctl.session.session import Session
-from rigctl.wire.taxels.frames import FrameDecoder
+from rigctl.wire.taxel_frames import FrameDecoder
 
 ONE = """
 name = "one"

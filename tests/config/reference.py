@@ -8,8 +8,7 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any
 
-from rigctl.config.finger_config import FingerConfig
-from rigctl.config.rig_config import RigConfig
+from rigctl.config.rig_config import FingerConfig, RigConfig
 from rigctl.protocol.finger_plan import ScanQuality, StageRepeats
 
 

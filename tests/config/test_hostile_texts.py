@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from rigctl.config.text_file import read_bytes
-from rigctl.config.toml_bounds import MAX_BYTES
-from rigctl.config.toml_reader import TomlText
+from rigctl.config.toml_reader import MAX_BYTES, TomlText
 from rigctl.errors import ConfigError
 
 

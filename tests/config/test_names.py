@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.config.names import name_problem
+from rigctl.config.text_file import name_problem
 from rigctl.errors import ProtocolError
 from rigctl.protocol.finger_plan import parse_finger_protocol
 from rigctl.protocol.loader import parse_protocol

@@ -26,9 +26,9 @@ try:
 except Exception as error:
     print(error)
 from rigctl.simulation.boards.drum_firmware import DrumFirmware
-from rigctl.simulation.boards.taxel_firmware import TaxelFirmware
-from rigctl.devices.flashing.flash import installed_image, read_image
-from rigctl.devices.flashing.sketches import write_sketches
+from rigctl.simulation.boards.taxels import TaxelFirmware
+from rigctl.devices.flash import installed_image, read_image
+from rigctl.devices.flash import write_sketches
 for board in ("drum", "taxels"):
     image, build_hash = installed_image(board)
     print(image, build_hash, read_image(image)[0][0])

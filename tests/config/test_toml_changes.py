@@ -7,8 +7,8 @@ import tomllib
 import pytest
 
 from rigctl.config.resources import protocols
-from rigctl.config.toml_bounds import KeyPath
 from rigctl.config.toml_edit import Value, insert_table, remove_table, set_key, swap_tables
+from rigctl.config.toml_reader import KeyPath
 from rigctl.errors import WrongUse
 
 MINE = """\

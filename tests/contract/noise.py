@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rigctl.simulation.simulated_rig import DRUM
-from rigctl.wire.drum.states import Fault, State
+from rigctl.wire.drum_states import Fault, State
 from tests.contract.operator import Operator
 
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from rigctl.acquisition.rig import Rig
 from rigctl.errors import LinkLost, RigFault
-from rigctl.simulation.bench.world.parameters import WorldParameters
+from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.values import Block, DrumState
-from rigctl.wire.drum.codes import Command, CommandResult, Status
-from rigctl.wire.drum.states import Fault, State
+from rigctl.wire.drum_codes import Command, CommandResult, Status
+from rigctl.wire.drum_states import Fault, State
 
 Result = TypeVar("Result")
 POLL_S = 0.04

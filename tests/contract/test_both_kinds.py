@@ -12,10 +12,10 @@ import pytest
 from numpy.typing import NDArray
 
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
-from rigctl.wire.drum.codes import Command
-from rigctl.wire.drum.register_table import SETTINGS
-from rigctl.wire.drum.states import State
-from rigctl.wire.taxels.frames import Flag
+from rigctl.wire.drum_codes import Command
+from rigctl.wire.drum_registers import SETTINGS
+from rigctl.wire.drum_states import State
+from rigctl.wire.taxel_frames import Flag
 from tests.contract.operator import NOMINAL, Operator
 from tests.firmware.drum.support.plant_drum import evaluate_trial
 

@@ -7,14 +7,14 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from rigctl.acquisition.drum.motion import DrumMotion
-from rigctl.acquisition.drum.poller import DrumPoller
-from rigctl.acquisition.drum.settings import jog_target_steps
+from rigctl.acquisition.motion import DrumMotion
+from rigctl.acquisition.poller import DrumPoller
+from rigctl.acquisition.settings import jog_target_steps
 from rigctl.config.rig_config import DrumGeometry, RigConfig
 from rigctl.errors import CommandRefused, WrongUse
-from rigctl.wire.drum.codes import Command
-from rigctl.wire.drum.register_table import BY_NAME
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_codes import Command
+from rigctl.wire.drum_registers import BY_NAME
+from rigctl.wire.drum_states import State
 from tests.contract.operator import Operator
 
 STEP_MM = 0.03125

@@ -10,10 +10,10 @@ import pytest
 
 from rigctl.errors import CommandRefused
 from rigctl.simulation.simulated_rig import DRUM
-from rigctl.wire.drum.codes import Command, CommandResult, ForceMode, SettingsFrom, Signal, Status
-from rigctl.wire.drum.states import Fault, State
-from rigctl.wire.drum.tare_table import PLACE_NAMES
-from rigctl.wire.taxels.frames import Flag
+from rigctl.wire.drum_codes import Command, CommandResult, ForceMode, SettingsFrom, Signal, Status
+from rigctl.wire.drum_states import Fault, State
+from rigctl.wire.tare_table import PLACE_NAMES
+from rigctl.wire.taxel_frames import Flag
 from tests.contract.operator import Operator
 
 ALL = sum(1 << signal for signal in Signal)

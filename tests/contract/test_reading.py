@@ -9,11 +9,11 @@ import pytest
 
 from rigctl.devices.modbus_client import RequestRefused
 from rigctl.errors import CommandRefused
-from rigctl.wire.drum import register_table
-from rigctl.wire.drum.codes import Command, Status
-from rigctl.wire.drum.register_table import BY_NAME
-from rigctl.wire.drum.states import State
-from rigctl.wire.taxels.frames import WIRE_VERSION
+from rigctl.wire import drum_registers
+from rigctl.wire.drum_codes import Command, Status
+from rigctl.wire.drum_registers import BY_NAME
+from rigctl.wire.drum_states import State
+from rigctl.wire.taxel_frames import WIRE_VERSION
 from tests.contract.operator import Operator
 
 UNTOUCHED = ("heartbeat", "command", "command_sequence")
@@ -23,7 +23,7 @@ SELF_TEST_S = 2.0
 
 def test_the_drum_reports_its_identity(operator: Operator) -> None:
     identity = operator.drum.identity
-    assert (identity.board, identity.wire_version) == ("drum", register_table.MAP_VERSION)
+    assert (identity.board, identity.wire_version) == ("drum", drum_registers.MAP_VERSION)
     assert identity.details == {"ring_depth": 64, "steps_per_turn": 12800, "nm_per_step": 31250}
     assert identity.boot_count >= 1
     assert identity.reset_cause & 1
@@ -52,7 +52,7 @@ def test_the_drum_boots_to_idle_with_the_defaults_of_the_table(operator: Operato
     assert settings == pytest.approx(
         {
             e.name: settings[e.name] if e.name in UNTOUCHED else e.default * e.scale
-            for e in register_table.SETTINGS
+            for e in drum_registers.SETTINGS
         }
     )
 
@@ -81,7 +81,7 @@ def test_settings_are_read_back(operator: Operator) -> None:
 def words_out_of_range() -> list[tuple[str, int]]:
     """Return a word just out of bounds for every bounded 16-bit setting."""
     out = []
-    for entry in register_table.SETTINGS:
+    for entry in drum_registers.SETTINGS:
         most = 32767 if entry.kind == "i16" else 65535
         if entry.words == 1 and entry.high < most:
             out.append((entry.name, entry.high + 1))
@@ -93,23 +93,23 @@ def test_one_value_out_of_range_is_refused_and_nothing_changes(
     operator: Operator, name: str, word: int
 ) -> None:
     async def main() -> None:
-        before = await operator.drum.modbus.read(*register_table.SETTINGS_BLOCK)
+        before = await operator.drum.modbus.read(*drum_registers.SETTINGS_BLOCK)
         with pytest.raises(RequestRefused, match="a value is out of range") as refusal:
             await operator.drum.modbus.write(BY_NAME[name].address, (word,))
         assert refusal.value.code == 3
-        assert await operator.drum.modbus.read(*register_table.SETTINGS_BLOCK) == before
+        assert await operator.drum.modbus.read(*drum_registers.SETTINGS_BLOCK) == before
 
     operator.run(main())
 
 
 def test_one_value_out_of_range_refuses_all_values(operator: Operator) -> None:
     async def main() -> None:
-        before = await operator.drum.modbus.read(*register_table.SETTINGS_BLOCK)
+        before = await operator.drum.modbus.read(*drum_registers.SETTINGS_BLOCK)
         address = BY_NAME["speed_set"].address
         with pytest.raises(RequestRefused) as refusal:
             await operator.drum.modbus.write(address, (6000, 2500, 1))
         assert refusal.value.code == 3
-        assert await operator.drum.modbus.read(*register_table.SETTINGS_BLOCK) == before
+        assert await operator.drum.modbus.read(*drum_registers.SETTINGS_BLOCK) == before
 
     operator.run(main())
 
@@ -131,8 +131,8 @@ def test_unused_addresses_read_as_zero_and_those_beyond_the_end_fail(
         assert await operator.drum.modbus.read(14, 2) == [0, 0]
         assert await operator.drum.modbus.read(115, 1) == [0]
         assert await operator.drum.modbus.read(141, 19) == [0] * 19
-        assert len(await operator.drum.modbus.read(register_table.END - 2, 2)) == 2
-        for address, count in ((register_table.END, 1), (register_table.END - 1, 2)):
+        assert len(await operator.drum.modbus.read(drum_registers.END - 2, 2)) == 2
+        for address, count in ((drum_registers.END, 1), (drum_registers.END - 1, 2)):
             with pytest.raises(RequestRefused) as refusal:
                 await operator.drum.modbus.read(address, count)
             assert refusal.value.code == 2

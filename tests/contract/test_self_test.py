@@ -8,8 +8,8 @@ import pytest
 
 from rigctl.config.rig_config import RigConfig, TaxelArray
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
-from rigctl.simulation.bench.world.parameters import WorldParameters
-from rigctl.simulation.bench.world.world_file import SimulatedWorld
+from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.bench.world_file import SimulatedWorld
 
 WIRING = tuple(range(17, -1, -1))
 

@@ -16,8 +16,8 @@ from rigctl.errors import CommandRefused, RigctlError, WrongUse
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
 from rigctl.simulation.chips.simavr import Input
 from rigctl.simulation.wirings import WIRINGS
-from rigctl.wire.drum.codes import Command
-from rigctl.wire.drum.states import Fault, State
+from rigctl.wire.drum_codes import Command
+from rigctl.wire.drum_states import Fault, State
 from tests.contract.operator import NOMINAL, Operator
 
 SEED = 5

@@ -9,7 +9,7 @@ from typing import Any
 
 from rigctl.devices.drum import Drum
 from rigctl.devices.taxels import Taxels
-from rigctl.simulation.bench.world.parameters import WorldParameters
+from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.chips.rig import ChipSimulation, open_chip_simulation
 from rigctl.simulation.clock import SimulatedTimeLoop
 from tests.firmware.building import built

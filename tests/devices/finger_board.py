@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from rigctl.simulation.boards.finger_firmware import FingerFirmware
-from rigctl.wire.finger.messages import N_TAXELS
+from rigctl.wire.finger_messages import N_TAXELS
 from tests.devices.memory_link import JumpingLoop, MemoryLink
 
 TICK_S = 0.002

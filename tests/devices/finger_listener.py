@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from rigctl.devices.finger import Finger
 from rigctl.errors import RigFault
-from rigctl.wire.finger.decoder import FingerBlock
-from rigctl.wire.finger.messages import Message
+from rigctl.wire.finger_decoder import FingerBlock
+from rigctl.wire.finger_messages import Message
 from tests.devices.finger_board import FirmwareBoard
 from tests.devices.memory_link import JumpingLoop, MemoryLink
 

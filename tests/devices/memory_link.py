@@ -10,14 +10,14 @@ from typing import Any, TypeVar
 from pymodbus.framer import FramerRTU
 
 from rigctl.devices.drum import Drum
-from rigctl.devices.links.byte_link import OnBytes, OnLost
+from rigctl.devices.links import OnBytes, OnLost
 from rigctl.errors import LinkLost
-from rigctl.wire.drum import register_table
-from rigctl.wire.drum.codes import CommandResult
-from rigctl.wire.drum.registers import pack_value
+from rigctl.wire import drum_registers
+from rigctl.wire.drum_codes import CommandResult
+from rigctl.wire.drum_registers import pack_value
 
 Result = TypeVar("Result")
-BYTE_S = 10 / register_table.BAUD
+BYTE_S = 10 / drum_registers.BAUD
 
 
 class _JumpingSelector(selectors.DefaultSelector):
@@ -98,7 +98,7 @@ class MemoryLink:
             self._on_bytes(data, self._loop.time())
 
 
-def rtu(payload: bytes, unit: int = register_table.UNIT) -> bytes:
+def rtu(payload: bytes, unit: int = drum_registers.UNIT) -> bytes:
     """One Modbus RTU frame."""
     body = bytes([unit]) + payload
     return body + FramerRTU.compute_CRC(body).to_bytes(2, "big")
@@ -112,7 +112,7 @@ class RegisterBoard:
     """
 
     def __init__(self, loop: JumpingLoop, link: MemoryLink) -> None:
-        self.words = [0] * register_table.END
+        self.words = [0] * drum_registers.END
         self.refuse: int | None = None
         self.silent = False
         self.garble = 0
@@ -121,14 +121,14 @@ class RegisterBoard:
         self._loop = loop
         self._link = link
         link.board = self.receive
-        for entry in register_table.SETTINGS:
+        for entry in drum_registers.SETTINGS:
             self.put(entry.name, entry.default)
         for name, value in _IDENTITY.items():
             self.put(name, value)
 
     def put(self, name: str, *values: int) -> None:
         """Set a register; the state of a real board would."""
-        entry = register_table.BY_NAME[name]
+        entry = drum_registers.BY_NAME[name]
         for i, value in enumerate(values):
             words = pack_value(entry, value)
             at = entry.address + i * entry.words
@@ -183,7 +183,7 @@ class LoadCellBoard(RegisterBoard):
         self.put("loadcell_sequence", n % 65536)
         self.put("loadcell_time_us", n * self.PERIOD_US % 2**32)
         self.put("loadcell_recent", *(10 * (n - i) for i in range(5)))
-        if int.from_bytes(data[:2], "big") >= register_table.BY_NAME["ring_raw"].address:
+        if int.from_bytes(data[:2], "big") >= drum_registers.BY_NAME["ring_raw"].address:
             self._fill_ring(n)
         return super()._read(function, data)
 
@@ -208,17 +208,17 @@ class Script:
         self._link.say(answered, 0.002)
 
 
-_SEQUENCE = register_table.BY_NAME["command_sequence"].address
-_HEARTBEAT = register_table.BY_NAME["heartbeat"].address
+_SEQUENCE = drum_registers.BY_NAME["command_sequence"].address
+_HEARTBEAT = drum_registers.BY_NAME["heartbeat"].address
 _IDENTITY = {
-    "magic": register_table.MAGIC,
-    "map_version": register_table.MAP_VERSION,
-    "board_id": register_table.BOARD_DRUM,
+    "magic": drum_registers.MAGIC,
+    "map_version": drum_registers.MAP_VERSION,
+    "board_id": drum_registers.BOARD_DRUM,
     "firmware_version": 0x0103,
     "build_hash": 0x00C0FFEE,
     "boot_count": 41,
     "reset_cause": 1,
-    "ring_depth": register_table.RING_DEPTH,
+    "ring_depth": drum_registers.RING_DEPTH,
     "steps_per_turn": 12800,
     "nm_per_step": 31250,
 }

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.drum.poller import DrumPoller
+from rigctl.acquisition.poller import DrumPoller
 from rigctl.devices import boot_silence
 from rigctl.errors import LinkLost, RigFault
 from rigctl.simulation.simulated_rig import DRUM, TAXELS

@@ -9,9 +9,9 @@ import pytest
 
 from rigctl.devices.drum import Drum
 from rigctl.errors import BoardRebooted, CommandRefused, LinkLost, WrongBoard, WrongUse
-from rigctl.wire.drum.codes import Command
-from rigctl.wire.drum.register_table import BY_NAME
-from rigctl.wire.drum.states import Fault, State
+from rigctl.wire.drum_codes import Command
+from rigctl.wire.drum_registers import BY_NAME
+from rigctl.wire.drum_states import Fault, State
 from tests.devices.memory_link import (
     JumpingLoop,
     LoadCellBoard,

@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from rigctl.devices.modbus_client import PreemptedByStop
-from rigctl.wire.drum.codes import Command
+from rigctl.wire.drum_codes import Command
 from tests.devices.memory_link import (
     JumpingLoop,
     rtu,

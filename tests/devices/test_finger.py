@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rigctl.devices.finger import Finger
-from rigctl.devices.links.byte_link import ByteLink
+from rigctl.devices.links import ByteLink
 from rigctl.errors import (
     CommandRefused,
     LinkLost,
@@ -16,8 +16,8 @@ from rigctl.errors import (
     WrongBoard,
     WrongUse,
 )
-from rigctl.wire.finger import messages
-from rigctl.wire.finger.messages import (
+from rigctl.wire import finger_messages
+from rigctl.wire.finger_messages import (
     Answer,
     BatchReport,
     FingerSettings,
@@ -27,7 +27,7 @@ from rigctl.wire.finger.messages import (
     VelocitySource,
     WindowReport,
 )
-from rigctl.wire.taxels.frames import frame
+from rigctl.wire.taxel_frames import frame
 from tests.devices.finger_listener import HIGH, LOW, unconnected
 from tests.devices.memory_link import JumpingLoop, MemoryLink, run
 
@@ -41,7 +41,7 @@ def test_connecting_gives_identity_and_whole_counters() -> None:
             board.run(4000)
             board.firmware.take_sent()
         identity = await finger.connect()
-        assert (identity.board, identity.wire_version) == ("finger", messages.WIRE_VERSION)
+        assert (identity.board, identity.wire_version) == ("finger", finger_messages.WIRE_VERSION)
         assert identity.details == {"rate_hz": 1000, "batch_samples": 100}
         await asyncio.sleep(1.0)
         first = listener.counters[0]
@@ -86,8 +86,8 @@ def test_a_board_that_uses_other_settings_is_reported() -> None:
     async def main(loop: JumpingLoop) -> None:
         finger, board, link, _ = unconnected(loop)
         await finger.connect()
-        ranges = messages.set_ranges(LOW, HIGH)
-        other = messages.set_ranges(LOW, (*HIGH[:8], 700))
+        ranges = finger_messages.set_ranges(LOW, HIGH)
+        other = finger_messages.set_ranges(LOW, (*HIGH[:8], 700))
         link.board = lambda data: board.receive(data.replace(ranges, other))
         with pytest.raises(RigFault, match=r"uses FingerSettings.*700.* after it was set to"):
             await finger.configure(LOW, HIGH, 100_000)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from rigctl.errors import BoardRebooted, LinkLost
-from rigctl.wire.finger import messages
-from rigctl.wire.finger.messages import BatchReport
+from rigctl.wire import finger_messages
+from rigctl.wire.finger_messages import BatchReport
 from tests.devices.finger_listener import HIGH, LOW, unconnected
 from tests.devices.memory_link import JumpingLoop, run
 
@@ -45,7 +45,11 @@ def test_requests_that_are_lost_are_repeated_only_where_that_does_no_harm() -> N
     async def main(loop: JumpingLoop) -> None:
         finger, board, link, _ = unconnected(loop)
         await finger.connect()
-        lose = [messages.set_ranges(LOW, HIGH), messages.read_settings(), messages.start(5)]
+        lose = [
+            finger_messages.set_ranges(LOW, HIGH),
+            finger_messages.read_settings(),
+            finger_messages.start(5),
+        ]
 
         def receive(data: bytes) -> None:
             if data in lose:
@@ -57,7 +61,7 @@ def test_requests_that_are_lost_are_repeated_only_where_that_does_no_harm() -> N
         await finger.configure(LOW, HIGH, 100_000)
         with pytest.raises(LinkLost, match=r"sent no Answer within 0\.5 s: check the cable"):
             await finger.start(5)
-        assert link.written.count(messages.start(5)) == 1
+        assert link.written.count(finger_messages.start(5)) == 1
         assert lose == []
         finger.close()
 

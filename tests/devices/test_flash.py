@@ -14,10 +14,9 @@ import pytest
 from rigctl.cli import main
 from rigctl.config.intel_hex import Segments, format_intel_hex, parse_intel_hex
 from rigctl.config.resources import checkout
-from rigctl.devices.flashing import avr_flash, programs
-from rigctl.devices.flashing.avr_flash import ATMEGA2560, WAIT_FOR_EVER, guarded_parts, write_image
-from rigctl.devices.flashing.bootloader import MEGA as MEGA_KIND
-from rigctl.devices.flashing.flash import find_port
+from rigctl.devices import flash
+from rigctl.devices.flash import ATMEGA2560, WAIT_FOR_EVER, find_port, guarded_parts, write_image
+from rigctl.devices.flash import MEGA as MEGA_KIND
 from rigctl.errors import LinkLost, WrongUse
 from rigctl.simulation.chips.simavr import Kind
 from tests.devices.flash_board import FlashBoard
@@ -31,8 +30,8 @@ OLD = {"drum": "firmware/drum-hangs.elf", "taxels": "firmware/taxels-never-kick.
 @pytest.fixture(autouse=True)
 def patience(monkeypatch: pytest.MonkeyPatch) -> None:
     """Give a bootloader more time than on a bench: chips run slower on a busy computer."""
-    monkeypatch.setattr("rigctl.devices.flashing.bootloader.ANSWER_S", 0.5)
-    monkeypatch.setattr("rigctl.devices.flashing.bootloader.CLOSED_S", 0.5)
+    monkeypatch.setattr("rigctl.devices.flash.ANSWER_S", 0.5)
+    monkeypatch.setattr("rigctl.devices.flash.CLOSED_S", 0.5)
     monkeypatch.setattr("rigctl.devices.boot_silence.ASK_S", 4.0)
 
 
@@ -121,7 +120,7 @@ def test_the_board_is_found_by_its_name_else_by_the_signature_of_its_chip(
 def test_an_interrupted_flash_begins_again(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(avr_flash, "STALL_S", 6.0)
+    monkeypatch.setattr(flash, "STALL_S", 6.0)
     image = image_of("taxels")
     with new_board("taxels", UNO) as there:
         interrupted_at: list[int] = []
@@ -142,8 +141,8 @@ def test_an_interrupted_flash_begins_again(
 def test_a_board_whose_flash_stays_interrupted_runs_nothing_and_can_be_flashed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(avr_flash, "STALL_S", 6.0)
-    monkeypatch.setattr(avr_flash, "ATTEMPTS", 1)
+    monkeypatch.setattr(flash, "STALL_S", 6.0)
+    monkeypatch.setattr(flash, "ATTEMPTS", 1)
     with new_board("taxels", UNO) as there:
 
         def interrupt() -> None:
@@ -181,14 +180,14 @@ def test_without_avrdude_its_installation_is_named(
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setattr(programs.sys, "platform", "linux")
+    monkeypatch.setattr(flash.sys, "platform", "linux")
     with pytest.raises(WrongUse, match="avrdude is not installed: sudo apt install avrdude"):
-        programs.find_program("avrdude")
+        flash.find_program("avrdude")
     tool = tmp_path / ".arduino15/packages/arduino/tools/avrdude/6.3/bin/avrdude"
     tool.parent.mkdir(parents=True)
     tool.write_text("")
     conf = tool.parents[1] / "etc/avrdude.conf"
-    assert programs.find_program("avrdude") == [str(tool), "-C", str(conf)]
+    assert flash.find_program("avrdude") == [str(tool), "-C", str(conf)]
 
 
 def script(folder: Path, name: str, text: str) -> Path:
@@ -204,8 +203,8 @@ def test_a_port_that_vanishes_during_the_flash_is_named(
 ) -> None:
     script(tmp_path, "avrdude", "echo 'avrdude: error: programmer is not responding'; exit 1")
     monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
-    monkeypatch.setattr(avr_flash, "RETURN_S", 0.0)
-    monkeypatch.setattr(avr_flash, "LOOK_AGAIN_S", 0.01)
+    monkeypatch.setattr(flash, "RETURN_S", 0.0)
+    monkeypatch.setattr(flash, "LOOK_AGAIN_S", 0.01)
     write = partial(write_image, "/dev/ttyUSB7", ATMEGA2560, MEGA_KIND, [(0, b"\0" * 8)])
     with pytest.raises(LinkLost, match=r"the port vanished while .* plug it in, then run the same"):
         asyncio.run(write(lambda what, share: None, lambda port: False))
@@ -272,7 +271,7 @@ def test_the_loader_of_a_teensy_gets_every_byte(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    from rigctl.devices.flashing import flash
+    from rigctl.devices import flash
 
     monkeypatch.setattr(flash, "RETURN_S", 0.0)
     image = tmp_path / "finger.ino.hex"

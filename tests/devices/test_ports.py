@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from rigctl.cli import create_parser
-from rigctl.cli.rig import ports as ports_command
+from rigctl.cli import ports as ports_command
 from rigctl.devices import boot_silence
 from rigctl.devices import drum as drum_module
 from rigctl.devices import finger as finger_module
@@ -24,7 +24,7 @@ from rigctl.devices import taxels as taxels_module
 from rigctl.devices.port_discovery import find_boards, probe_ports
 from rigctl.errors import ConfigError, LinkLost, WrongBoard, WrongUse
 from rigctl.rig import open_rig
-from rigctl.wire.taxels import frames
+from rigctl.wire import taxel_frames
 from tests.devices.finger_board import FirmwareBoard
 from tests.devices.memory_link import RegisterBoard
 from tests.devices.test_taxels import StreamingBoard
@@ -65,7 +65,7 @@ def warm_kernels() -> None:
     """Compile before the clock runs."""
     empty = np.zeros(0, np.uint8)
     taxel_encoder.encode_data(np.zeros(0, np.int64), np.zeros((0, 18), np.uint16), empty, empty)
-    frames.FrameDecoder()
+    taxel_frames.FrameDecoder()
 
 
 class Terminals:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.devices.links.serial import SerialLink
+from rigctl.devices.links import SerialLink
 from rigctl.errors import LinkLost
 
 

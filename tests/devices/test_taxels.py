@@ -12,17 +12,17 @@ from rigctl.config.rig_config import TaxelArray
 from rigctl.devices.taxels import Taxels
 from rigctl.errors import BoardRebooted, LinkLost, RigFault, WrongBoard
 from rigctl.values import N_TAXELS, Block
-from rigctl.wire.drum.register_table import BOARD_TAXELS, MAGIC
-from rigctl.wire.taxels import frames
-from rigctl.wire.taxels.self_test import SelfTest
+from rigctl.wire import taxel_frames
+from rigctl.wire.drum_registers import BOARD_TAXELS, MAGIC
+from rigctl.wire.taxel_frames import SelfTest
 from tests.devices.memory_link import JumpingLoop, MemoryLink, run
 from tests.wire import taxel_encoder
 
-IDENTITY = frames.TaxelIdentity(
-    *(MAGIC, frames.WIRE_VERSION, BOARD_TAXELS, 0x0102, 0xDEADBEEF),
+IDENTITY = taxel_frames.TaxelIdentity(
+    *(MAGIC, taxel_frames.WIRE_VERSION, BOARD_TAXELS, 0x0102, 0xDEADBEEF),
     *(N_TAXELS, 1000, 7, 2, 800, 20),
 )
-STATUS = frames.TaxelStatus(0, 0, 0, 320, 5012, 2, 7, 900, 480, 3, 8)
+STATUS = taxel_frames.TaxelStatus(0, 0, 0, 320, 5012, 2, 7, 900, 480, 3, 8)
 EVERY_S = 0.01
 
 
@@ -31,7 +31,7 @@ class StreamingBoard:
 
     def __init__(self, loop: JumpingLoop, link: MemoryLink, counter: int = 0) -> None:
         self.counter = counter
-        self.identity: frames.TaxelIdentity | None = IDENTITY
+        self.identity: taxel_frames.TaxelIdentity | None = IDENTITY
         self.silent = False
         self.tested = SelfTest(1, 15, lines_low=0b010)
         self._loop = loop
@@ -40,10 +40,14 @@ class StreamingBoard:
         loop.call_later(EVERY_S, self.tick)
 
     def on_request(self, data: bytes) -> None:
-        if data == frames.encode_request(frames.IDENTIFY) and self.identity and not self.silent:
+        if (
+            data == taxel_frames.encode_request(taxel_frames.IDENTIFY)
+            and self.identity
+            and not self.silent
+        ):
             self._link.say(taxel_encoder.encode_identity(self.identity), 0.001)
             self._link.say(taxel_encoder.encode_self_test(self.tested), 0.001)
-        elif data == frames.encode_request(frames.SELF_TEST) and not self.silent:
+        elif data == taxel_frames.encode_request(taxel_frames.SELF_TEST) and not self.silent:
             self.tested = replace(self.tested, count=self.tested.count + 1)
             self._link.say(taxel_encoder.encode_self_test(self.tested), 0.021)
 

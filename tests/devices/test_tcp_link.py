@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from rigctl.devices.links.tcp import TcpLink
+from rigctl.devices.links import TcpLink
 from rigctl.errors import ConfigError, LinkLost
 
 

@@ -11,11 +11,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from rigctl.encoding.divider_table import divider_table, quantisation_error
 from rigctl.encoding.encoder import Encoder, encode_trial, encode_trials
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, EncoderParameters, override, preset
-from rigctl.encoding.reading import HIGHEST, STEPS, Reading, conductance, input_of_each
+from rigctl.encoding.reading import (
+    HIGHEST,
+    STEPS,
+    Reading,
+    conductance,
+    divider_table,
+    input_of_each,
+    quantisation_error,
+)
 from rigctl.errors import WrongUse
 from rigctl.simulation.bench.skin import divider_share
 from rigctl.values import DRAWN_WIRING
@@ -139,7 +146,7 @@ def test_ranges_and_encoders_of_different_readings_are_not_mixed() -> None:
 
 def test_the_page_shows_what_each_divider_gives_and_costs() -> None:
     page = (Path(__file__).parents[2] / "docs" / "reference" / "encoding.md").read_text("utf-8")
-    assert divider_table() in page, "run python -m rigctl.encoding.divider_table"
+    assert divider_table() in page, "run python -m rigctl.encoding.reading"
     assert "| 10 | 44 | 660 | 292 | 56% |" in divider_table()
     own = np.repeat([2.0, 0.05, 0.05], 6)  # 10 kΩ over 5 and 200 kΩ
     found = quantisation_error(2.0, 2.1) + HALF_STEP

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.config.resources import checkout
-from rigctl.wire.drum.states import State, StateEvent
+from rigctl.wire.drum_states import State, StateEvent
 from tests.benchmarks.firmware._force_map import (
     FORCES_G,
     GRID,

@@ -12,11 +12,11 @@ import pytest
 
 from rigctl.config.resources import checkout
 from rigctl.config.rig_config import TaxelArray
-from rigctl.devices.flashing.sketches import write_sketches
+from rigctl.devices.flash import write_sketches
 from rigctl.errors import WrongUse
 from rigctl.values import DRAWN_WIRING
-from rigctl.wire.finger.model_header import model_header
-from rigctl.wire.taxels.self_test import INPUT_PINS, LINE_PINS
+from rigctl.wire.finger_messages import model_header
+from rigctl.wire.taxel_frames import INPUT_PINS, LINE_PINS
 from tests.firmware.building import built
 
 ROOT = checkout()

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from msgspec.structs import asdict
 
-from rigctl.protocol.early_end import EarlyEnd
 from rigctl.protocol.loader import parse_protocol
+from rigctl.protocol.plan import EarlyEnd
 from rigctl.session.recorder import Recorder
 from rigctl.session.session import EARLY_END_KIND, ConditionEnd
 from rigctl.values import Event

@@ -9,8 +9,8 @@ import numpy as np
 
 from rigctl.devices.trackers.plate_frame import PlatePosition
 from rigctl.realtime.live_file import FingerLiveWriter
-from rigctl.wire.finger.decoder import FingerBlock
-from rigctl.wire.finger.messages import SampleFlag
+from rigctl.wire.finger_decoder import FingerBlock
+from rigctl.wire.finger_messages import SampleFlag
 from tests.gui.fake_engine import FakeClient
 
 TEXTURES = ("A", "B", "D", "L", "N")

@@ -15,7 +15,7 @@ from gui.operate.bring_up import READY
 from gui.shell.main_window import MainWindow
 from gui.widgets.layouts import PanelArea
 from gui.widgets.status_lamp import Level
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_states import State
 from tests.gui.fake_engine import STATUS
 from tests.gui.steps import Harness, click
 

@@ -8,11 +8,9 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
-from gui.calibrate.calibrate_page import CalibratePage
-from gui.calibrate.load_cell_part import EMPTY, MORE, NEXT
-from gui.calibrate.wiring_part import ALL_KNOWN, REHEARSED
+from gui.operate.calibrate import ALL_KNOWN, EMPTY, MORE, NEXT, REHEARSED, CalibratePage
 from rigctl.acquisition.rpc.messages import parse_status
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_states import State
 from tests.gui.fake_engine import STATUS
 from tests.gui.steps import Harness, click
 

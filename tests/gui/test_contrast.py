@@ -13,7 +13,7 @@ from gui.analysis.figures.cell_numbers import cell_colour, number_colour
 from gui.analysis.figures.curve_looks import COLOURS
 from gui.live.heatmap import DARK_INK_SHARE
 from gui.widgets.colours import blend, contrast
-from gui.widgets.plots.stale_cover import VEIL_ALPHA
+from gui.widgets.data_ages import VEIL_ALPHA
 from gui.widgets.theme import DARK, LIGHT, STOP_BACKS, Theme
 
 TEXT, LARGE = 4.5, 3.0

@@ -10,8 +10,7 @@ from PySide6.QtCore import QCoreApplication, QEvent, QSize
 from PySide6.QtWidgets import QApplication, QWidget
 
 from gui.analysis.figures.accuracy_plots import AccuracyPlots
-from gui.shell.appearance import TEXT_SIZES_PERCENT
-from gui.shell.main_window import MainWindow
+from gui.shell.main_window import TEXT_SIZES_PERCENT, MainWindow
 from gui.widgets.theme import ThemeChoice
 from tests.analysis.recordings import record
 from tests.gui.fake_finger import FakeFinger

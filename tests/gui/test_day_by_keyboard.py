@@ -10,10 +10,10 @@ from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
 
-from gui.live.page.live_page import SAVE
+from gui.live.live_page import SAVE
 from gui.operate.bring_up import READY
 from rigctl.session.verify import verify
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_states import State
 from tests.gui.rig_window import RigWindow, opened_window
 from tests.gui.steps import wait_until
 

@@ -10,8 +10,8 @@ from PySide6.QtTest import QTest
 
 from gui.analysis.tasks.task_values import FingerSessionInfo
 from gui.link.engine_clients import FingerEngineSpec
+from gui.widgets.file_browser import NO_WHOLE_PATH
 from gui.widgets.status_lamp import Level
-from gui.widgets.typed_paths import NO_WHOLE_PATH
 from rigctl.errors import LinkLost
 from rigctl.realtime.finger_rig import RUN_FIRST_SLIDE
 from tests.gui.fake_finger import RUNNING, FakeFinger

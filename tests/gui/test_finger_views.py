@@ -11,7 +11,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QLabel, QScrollArea
 
 from gui.finger.finger_health import finger_readings
-from gui.finger.scaled_raster import SPAN_MM
+from gui.finger.scan_plots import SPAN_MM
 from gui.widgets.status_lamp import Level
 from rigctl.realtime.messages import parse_finger_status
 from tests.gui.fake_finger import RUNNING, STATUS

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from gui.live.health.health_strip import board_lines, readings
+from gui.live.health_strip import board_lines, readings
 from gui.widgets.status_lamp import Level
 from rigctl.acquisition.rpc.messages import parse_status
 from tests.gui.fake_engine import STATUS

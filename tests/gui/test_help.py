@@ -10,8 +10,7 @@ from PySide6.QtGui import QAction, QDesktopServices
 from PySide6.QtWidgets import QApplication, QMenuBar
 
 from gui.shell.actions import ActionRegistry
-from gui.shell.controllers.help_controller import DOCS, HelpController
-from gui.shell.help_page import shortcut_table
+from gui.shell.help_page import DOCS, HelpController, shortcut_table
 from tests.gui.steps import SharedWindow
 
 

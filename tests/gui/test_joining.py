@@ -17,7 +17,7 @@ from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
 from rigctl.errors import WrongUse
 from rigctl.session.verify import verify
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_states import State
 from tests.gui.rig_window import TIMEOUT_MS, RigWindow, opened_window
 from tests.gui.steps import click, wait_until
 

@@ -10,11 +10,11 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QComboBox, QPlainTextEdit, QWidget
 
-from gui.protocol.editor.key_row import KeyRow
-from gui.protocol.editor.protocol_editor import ProtocolEditor
+from gui.protocol.key_form import KeyRow
+from gui.protocol.protocol_editor import ProtocolEditor
 from gui.protocol.protocol_panel import ProtocolPanel
 from rigctl.config import resources
-from rigctl.config.toml_bounds import KeyPath
+from rigctl.config.toml_reader import KeyPath
 from tests.gui.steps import Harness, click, wait_until
 from tests.gui.test_protocol_editor import write
 from tests.gui.test_protocol_panel import open_panel

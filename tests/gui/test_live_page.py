@@ -15,12 +15,10 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from gui.analysis.export.picture_foot import FOOT_PX
-from gui.live.export.saver import _serve_table
-from gui.live.export.shown_samples import shown_samples
-from gui.live.page.live_bar import CONDUCTANCE, VOLTS
-from gui.live.page.live_page import ENCODER, SAVE, TAXELS, LivePage
+from gui.live.live_page import CONDUCTANCE, ENCODER, SAVE, TAXELS, VOLTS, LivePage
+from gui.live.saver import _serve_table, shown_samples
+from gui.widgets.file_browser import NO_FOLDER, NO_WHOLE_PATH
 from gui.widgets.theme import LIGHT
-from gui.widgets.typed_paths import NO_FOLDER, NO_WHOLE_PATH
 from rigctl.acquisition.rpc.messages import EngineStatus, parse_status
 from rigctl.encoding.encoder import Encoder
 from rigctl.encoding.force_matrix import ForceMatrix

@@ -13,12 +13,12 @@ from PySide6.QtGui import QAction
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
-from gui.live.page.live_page import TRIALS, LivePage
-from gui.live.review.navigation import Navigation
-from gui.live.store.time_window import TimeWindow
-from gui.live.sweeps.earlier_trials import BIN_S, mean_rate_hz
-from gui.live.sweeps.sweep_strip import WAITS
+from gui.live.earlier_trials import BIN_S, mean_rate_hz
+from gui.live.live_page import TRIALS, LivePage
+from gui.live.navigation import Navigation
+from gui.live.sweep_mode import WAITS
 from gui.live.time_plots import NOW, SINCE_START
+from gui.live.timeline import TimeWindow
 from gui.widgets.theme import LIGHT
 from rigctl.acquisition.rpc.messages import parse_status
 from rigctl.session.session import Session

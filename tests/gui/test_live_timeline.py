@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 from PySide6.QtWidgets import QApplication
 
+from gui.live.drum_course import thin_out
+from gui.live.raster import Raster
 from gui.live.scrolling_image import ScrollingImage
-from gui.live.spikes.raster import Raster
-from gui.live.store.drum_course import thin_out
-from gui.live.store.ring import Ring
-from gui.live.store.time_window import TimeWindow
-from gui.live.store.timeline import Timeline
-from gui.live.traces import Traces
+from gui.live.time_plots import Traces
+from gui.live.timeline import Ring, Timeline, TimeWindow
 from gui.widgets.theme import LIGHT
 from rigctl.session.header import SensorLayout
 from tests.gui.fake_engine import FakeEngine

@@ -11,16 +11,14 @@ from PySide6.QtWidgets import QApplication
 
 from gui.live.history import History
 from gui.live.live_plots import LivePlots
+from gui.live.raster import Raster, TrainRows, layer_titles
 from gui.live.scrolling_image import ScrollingImage
-from gui.live.spikes.raster import Raster
-from gui.live.spikes.spike_rates import RateBars
-from gui.live.spikes.train_rows import TrainRows, layer_titles
-from gui.live.store.time_window import TimeWindow
-from gui.live.store.timeline import Timeline
-from gui.live.traces import Traces
+from gui.live.spike_rates import RateBars
+from gui.live.time_plots import Traces
+from gui.live.timeline import Timeline, TimeWindow
 from gui.widgets.colours import rgb
 from gui.widgets.theme import DARK, LIGHT
-from rigctl.acquisition.live_buffer import LiveReader, LiveWriter
+from rigctl.acquisition.live_file import LiveReader, LiveWriter
 from rigctl.session.header import SensorLayout
 from tests.gui.fake_engine import FakeEngine
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from PySide6.QtWidgets import QApplication
 
-from gui.protocol.rows_table import AttemptModel, table_view
-from gui.protocol.run_values import TRIAL_COLUMNS
+from gui.protocol.run_tasks import TRIAL_COLUMNS
+from gui.protocol.session_page import AttemptModel, table_view
 from tests.gui.steps import SharedWindow, wait_until
 
 NAME = "dense-coding-of-surface-textures-all-plates-and-speeds.toml"

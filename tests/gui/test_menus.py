@@ -14,13 +14,13 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from gui.live.export.save_strip import SaveStrip
-from gui.live.page.taxel_strip import TaxelStrip
-from gui.live.replay.replay_page import ReplayPage
-from gui.operate.prompt import PromptPanel
+from gui.live.live_page import TaxelStrip
+from gui.live.replay_page import ReplayPage
+from gui.live.saver import SaveStrip
+from gui.operate.operate_panel import PromptPanel
 from gui.shell.main_window import MainWindow
 from gui.widgets.strip import Strip
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_states import State
 from tests.gui.steps import Harness
 
 

@@ -20,11 +20,11 @@ from gui.analysis.results import AnalysisResults, plot_page
 from gui.analysis.tasks.task_values import SessionTable, TrialData
 from gui.analysis.tasks.worker import Worker
 from gui.link.engine_link import STOP_TIMED_OUT
-from gui.start.sample_box import CANCELLED
+from gui.shell.sample_maker import CANCELLED
 from rigctl.acquisition.rpc.engine_files import running_engines, runtime_folder
 from rigctl.session.header import SensorLayout
 from rigctl.synth.sample_session import MAKING
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_states import State
 from tests.analysis.recordings import record
 from tests.gui.fake_engine import FakeEngine
 from tests.gui.rig_window import rig_window

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gui.protocol.editor.protocol_editor import ProtocolEditor
+from gui.protocol.protocol_editor import ProtocolEditor
 from gui.protocol.protocol_panel import ProtocolPanel
 from rigctl.config import resources
 from rigctl.config.rig_config import RigConfig

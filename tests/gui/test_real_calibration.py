@@ -7,9 +7,8 @@ from collections.abc import Iterator
 import pytest
 from PySide6.QtWidgets import QApplication, QPushButton
 
-from gui.calibrate.calibrate_page import CalibratePage
-from gui.calibrate.wiring_part import ALL_KNOWN
-from rigctl.wire.drum.states import State
+from gui.operate.calibrate import ALL_KNOWN, CalibratePage
+from rigctl.wire.drum_states import State
 from tests.gui.rig_window import RigWindow, rig_window
 from tests.gui.steps import click
 

@@ -15,7 +15,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
-from gui.live.page.live_page import SAVE
+from gui.live.live_page import SAVE
 from gui.operate.bench_controls import AS_DRAWN, WRONGLY
 from gui.operate.bring_up import READY, BringUpBox
 from gui.shell.main_window import MainWindow
@@ -23,7 +23,7 @@ from gui.widgets.status_lamp import Level
 from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE, running_engines, runtime_folder
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_states import State
 from tests.gui.steps import click, press_escape, wait_until
 
 TIMEOUT_MS = 120_000

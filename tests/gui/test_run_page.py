@@ -11,9 +11,9 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from gui.protocol.protocol_panel import ProtocolPanel
-from gui.protocol.run_values import BAD, COMMITTED, TRIAL_COLUMNS
-from gui.shell.controllers.protocol_controller import ProtocolController
-from gui.shell.memory.user_settings import UserSettings
+from gui.protocol.run_tasks import BAD, COMMITTED, TRIAL_COLUMNS
+from gui.shell.main_window import ProtocolController
+from gui.shell.user_settings import UserSettings
 from rigctl.session.session import Session
 from tests.gui.ended_early import record_early_ends
 from tests.gui.steps import Harness, click, wait_until

@@ -10,10 +10,9 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
-from gui.shell.controllers.start_controller import READY
 from gui.shell.main_window import MainWindow
-from gui.start.sample_box import CANCELLED, REMEDY
-from gui.start.start_page import SAMPLE
+from gui.shell.sample_maker import CANCELLED, REMEDY
+from gui.shell.start_page import READY, SAMPLE
 from gui.widgets.theme import ThemeChoice
 from rigctl.session.session import open_session
 from rigctl.session.verify import verify

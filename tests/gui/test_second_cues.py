@@ -8,8 +8,8 @@ from PySide6.QtCore import QRectF, Qt
 from PySide6.QtGui import QImage, QPainter
 from PySide6.QtWidgets import QApplication
 
-from gui.live.force_speed import PlotLine, corners
 from gui.live.heatmap import HeatMap
+from gui.live.time_plots import PlotLine, corners
 from gui.widgets.theme import DARK, LIGHT, Theme
 from rigctl.session.header import SensorLayout
 

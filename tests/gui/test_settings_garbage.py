@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
-from gui.live.review.navigation import SPANS_S
+from gui.live.navigation import SPANS_S
 from gui.shell.main_window import MainWindow
-from gui.shell.memory.user_settings import UserSettings
+from gui.shell.user_settings import UserSettings
 from gui.widgets.theme import ThemeChoice, scale_texts
 from tests.gui.fake_engine import FakeEngine
 

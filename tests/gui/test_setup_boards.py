@@ -13,14 +13,13 @@ from gui.setup.boards_box import FLASH_CANCELLED, NO_WHOLE_PATH, RELEASED, Board
 from gui.setup.setup_page import SetupPage
 from rigctl.config.intel_hex import parse_intel_hex
 from rigctl.config.rig_config import load_config
-from rigctl.devices.flashing.avr_flash import WAIT_FOR_EVER
-from rigctl.devices.flashing.flash import Flashed
+from rigctl.devices.flash import WAIT_FOR_EVER, Flashed
 from rigctl.devices.identity import drum_identity, offered_flash, taxel_identity
 from rigctl.errors import LinkLost, RigFault, WrongBoard, WrongUse
 from rigctl.simulation.chips.simavr import Kind
 from rigctl.values import BoardIdentity
-from rigctl.wire.drum.register_table import BOARD_DRUM, BOARD_TAXELS, MAGIC
-from rigctl.wire.taxels.frames import TaxelIdentity
+from rigctl.wire.drum_registers import BOARD_DRUM, BOARD_TAXELS, MAGIC
+from rigctl.wire.taxel_frames import TaxelIdentity
 from tests.devices.flash_board import FlashBoard
 from tests.devices.test_flash import Usb
 from tests.firmware.bootloaders import MEGA, UNO
@@ -37,8 +36,8 @@ REFUSAL = (
 @pytest.fixture(autouse=True)
 def patience(monkeypatch: pytest.MonkeyPatch) -> None:
     """Give a bootloader more time than on a bench: chips run slower on a busy computer."""
-    monkeypatch.setattr("rigctl.devices.flashing.bootloader.ANSWER_S", 0.5)
-    monkeypatch.setattr("rigctl.devices.flashing.bootloader.CLOSED_S", 0.5)
+    monkeypatch.setattr("rigctl.devices.flash.ANSWER_S", 0.5)
+    monkeypatch.setattr("rigctl.devices.flash.CLOSED_S", 0.5)
     monkeypatch.setattr("rigctl.devices.boot_silence.ASK_S", 4.0)
 
 

@@ -9,11 +9,10 @@ from PySide6.QtCore import QPoint, QRect, QSize, Qt
 from PySide6.QtGui import QAccessible, QGuiApplication
 from PySide6.QtWidgets import QApplication, QScrollArea, QWidget
 
-from gui.shell.appearance import NOT_AT_REST
-from gui.shell.main_window import MainWindow
+from gui.shell.main_window import NOT_AT_REST, MainWindow
 from gui.widgets.layouts import PanelArea
 from gui.widgets.theme import DARK, LIGHT, ThemeChoice, applied_theme, text_scale
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_states import State
 from tests.gui.fake_engine import FakeEngine
 from tests.gui.steps import Harness, wait_until
 

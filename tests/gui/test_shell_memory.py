@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QApplication
 
 from gui.shell.crash_reports import CrashReporter
 from gui.shell.main_window import MainWindow
-from gui.shell.memory.user_settings import MAX_RECENT, UserSettings
+from gui.shell.user_settings import MAX_RECENT, UserSettings
 from gui.widgets.theme import ThemeChoice
 from tests.gui.fake_engine import FakeEngine
 from tests.gui.steps import Harness, wait_until

@@ -9,8 +9,8 @@ import pytest
 from PySide6.QtWidgets import QApplication, QLabel
 
 from gui.shell.main_window import MainWindow
-from gui.shell.memory.user_settings import UserSettings
-from gui.start.start_page import PANELS
+from gui.shell.start_page import PANELS
+from gui.shell.user_settings import UserSettings
 from gui.widgets.theme import ThemeChoice
 from tests.gui.fake_engine import FakeEngine
 from tests.gui.steps import Harness, SharedWindow, click, wait_until

@@ -19,7 +19,7 @@ from rigctl.acquisition.rpc.engine_files import (
     write_engine_file,
 )
 from rigctl.acquisition.rpc.server import open_listener
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_states import State
 from tests.gui.running_engine import start_protocol, wait_ended
 from tests.gui.steps import Harness, click, press_escape, wait_until
 

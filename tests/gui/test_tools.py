@@ -10,7 +10,7 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
-from gui.shell.controllers.tools_controller import IN_USE
+from gui.shell.tools_controller import IN_USE
 from rigctl import cli
 from tests.analysis.recordings import record
 from tests.gui.steps import Harness, SharedWindow, click, wait_until

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from rigctl.config.rig_config import RigConfig
-from rigctl.config.toml_field import TomlField
+from rigctl.config.toml_reader import TomlField
 from rigctl.protocol.fields import STEP_KINDS, field_groups, step_fields
 from rigctl.protocol.finger_plan import ORDER_GROUP, SCANS_GROUP
 

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.cli import create_parser
-from rigctl.cli.rig import check
+from rigctl.cli import check, create_parser
 from rigctl.errors import CheckFailed, ConfigError, ProtocolError
 
 

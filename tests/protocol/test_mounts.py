@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.protocol.step_runner import mountings_before, remaining_steps
+from rigctl.acquisition.step_runner import mountings_before, remaining_steps
 from rigctl.cli import main
 from rigctl.errors import ProtocolError
 from rigctl.protocol.loader import parse_protocol

@@ -10,12 +10,12 @@ from contextlib import closing, contextmanager, suppress
 
 import numpy as np
 
-from rigctl.simulation.boards.taxel_firmware import TaxelFirmware
+from rigctl.simulation.boards.taxels import TaxelFirmware
 from rigctl.values import N_TAXELS
-from rigctl.wire.drum.register_table import MAGIC
-from rigctl.wire.finger.messages import BATCH_SAMPLES, BOARD_FINGER, WIRE_VERSION
-from rigctl.wire.finger.messages import N_TAXELS as FINGER_TAXELS
-from rigctl.wire.taxels.frames import frame
+from rigctl.wire.drum_registers import MAGIC
+from rigctl.wire.finger_messages import BATCH_SAMPLES, BOARD_FINGER, WIRE_VERSION
+from rigctl.wire.finger_messages import N_TAXELS as FINGER_TAXELS
+from rigctl.wire.taxel_frames import frame
 
 TICK_S = 0.01
 IDENTITY_TYPE = 0x30

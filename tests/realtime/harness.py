@@ -13,9 +13,9 @@ from rigctl.finger_rig import open_finger_rig
 from rigctl.realtime.finger_commands import FingerCommands
 from rigctl.realtime.finger_engine import FingerEngine
 from rigctl.realtime.finger_rig import FingerRig
+from rigctl.realtime.finger_run import FingerRun
+from rigctl.realtime.finger_run_request import FingerRunRequest
 from rigctl.realtime.live_file import FingerLiveWriter
-from rigctl.realtime.run.finger_run import FingerRun
-from rigctl.realtime.run.finger_run_request import FingerRunRequest
 from rigctl.session.finger_session import FingerSession
 from tests.acquisition.served_harness import ServedHarness
 

@@ -16,9 +16,9 @@ from rigctl.protocol.finger import Stage
 from rigctl.session.finger_model_file import FingerModel, load_finger_model
 from rigctl.session.finger_session import FingerSession
 from rigctl.simulation.boards.finger_firmware import FingerFirmware
-from rigctl.wire.finger import messages
-from rigctl.wire.finger.decoder import FingerDecoder
-from rigctl.wire.finger.messages import BoardPrediction
+from rigctl.wire import finger_messages
+from rigctl.wire.finger_decoder import FingerDecoder
+from rigctl.wire.finger_messages import BoardPrediction
 from tests.firmware.finger.scans import SyntheticScan, through_host_build
 from tests.realtime.conftest import Trained
 
@@ -40,7 +40,7 @@ def board_answers(
     library = host_build.build("finger", folder / "finger.so", [f'FINGER_MODEL="{header}"'])
     ranges = model.normalisation
     board = FingerFirmware(library)
-    settings = messages.set_ranges(ranges.low.tolist(), ranges.high.tolist())
+    settings = finger_messages.set_ranges(ranges.low.tolist(), ranges.high.tolist())
     _, decoded = FingerDecoder().feed(through_host_build(scans, board, settings))
     board.close()
     return [message for message in decoded if isinstance(message, BoardPrediction)]

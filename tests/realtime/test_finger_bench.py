@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.cli import main
-from rigctl.cli.realtime import plate_frame
+from rigctl.cli import main, plate_frame
 from rigctl.devices.trackers.plate_frame import PlateFrame
 from rigctl.errors import LinkLost, RigctlError, WrongBoard
 from rigctl.finger_rig import open_finger_rig

@@ -13,12 +13,12 @@ from rigctl.analysis.finger.scans import read_scans
 from rigctl.devices.finger import Finger
 from rigctl.errors import WrongUse
 from rigctl.realtime.finger_commands import FingerCommands
-from rigctl.realtime.run.finger_run_request import FingerRunRequest
-from rigctl.realtime.scan.scan_in_progress import ScanInProgress
-from rigctl.realtime.scan.slide_detector import SlideDetector
+from rigctl.realtime.finger_run_request import FingerRunRequest
+from rigctl.realtime.scan_in_progress import ScanInProgress
+from rigctl.realtime.slide_detector import SlideDetector
 from rigctl.session.verify import verify
 from rigctl.session.writer import SessionWriter
-from rigctl.simulation.finger.faults import FingerFaults
+from rigctl.simulation.finger.virtual_finger import FingerFaults
 from tests.realtime.harness import (
     ONE_SCAN,
     SMALL,

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.realtime.run.finger_run_request import FingerRunRequest
+from rigctl.realtime.finger_run_request import FingerRunRequest
 from rigctl.session.finger_model_file import load_finger_model
 from rigctl.session.verify import verify
 from tests.realtime.conftest import Trained

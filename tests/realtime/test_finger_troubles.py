@@ -11,10 +11,10 @@ import pytest
 
 from rigctl.errors import WrongUse
 from rigctl.realtime.finger_models import calibrate_models
-from rigctl.realtime.run.finger_run_request import FingerRunRequest
+from rigctl.realtime.finger_run_request import FingerRunRequest
 from rigctl.session.finger_model_file import FingerModel, load_finger_model, save_finger_model
 from rigctl.session.verify import verify
-from rigctl.simulation.finger.faults import FingerFaults
+from rigctl.simulation.finger.virtual_finger import FingerFaults
 from tests.realtime.conftest import Trained
 from tests.realtime.harness import (
     ONE_SCAN,

@@ -9,10 +9,10 @@ import pytest
 
 from rigctl.acquisition.event_bus import EventBus
 from rigctl.devices.trackers.velocity import BatchVelocity, EstimateSource
-from rigctl.realtime.latency import LatencyLog
-from rigctl.realtime.scan.scan_in_progress import ScanData, SentVelocity
-from rigctl.realtime.scan.scan_output import ScanOutput
-from rigctl.wire.finger.messages import BatchReport, VelocitySource, WindowReport
+from rigctl.realtime.finger_devices import LatencyLog
+from rigctl.realtime.scan_in_progress import ScanData, SentVelocity
+from rigctl.realtime.scan_recording import ScanOutput
+from rigctl.wire.finger_messages import BatchReport, VelocitySource, WindowReport
 
 
 class _Recorder:

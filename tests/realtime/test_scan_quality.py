@@ -11,10 +11,10 @@ import pytest
 from rigctl.devices.trackers.velocity import BatchVelocity, EstimateSource
 from rigctl.protocol.finger import FingerTrial, Stage, VelocityProfile
 from rigctl.protocol.finger_plan import ScanQuality
-from rigctl.realtime.scan.contact_meter import ContactMeter
-from rigctl.realtime.scan.scan_in_progress import ScanData, SentVelocity
-from rigctl.realtime.scan.scan_quality import judge_scan, measure_scan
-from rigctl.wire.finger.messages import BatchReport, VelocitySource, WindowReport
+from rigctl.realtime.scan_in_progress import ScanData, SentVelocity
+from rigctl.realtime.scan_quality import judge_scan, measure_scan
+from rigctl.realtime.slide_detector import ContactMeter
+from rigctl.wire.finger_messages import BatchReport, VelocitySource, WindowReport
 
 SLOW_UM_S, MEDIUM_UM_S, FAST_UM_S = 50_000, 100_000, 200_000
 NO_SPIKES = (0,) * 9

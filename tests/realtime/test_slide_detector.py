@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.realtime.scan.slide_detector import SlideDetector, SlideState
+from rigctl.realtime.slide_detector import SlideDetector, SlideState
 
 STEP_S = 0.01
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.realtime.tracking_loss import TrackingLoss
+from rigctl.realtime.finger_devices import TrackingLoss
 from rigctl.values import Position
 
 

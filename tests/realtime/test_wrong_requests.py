@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rigctl.realtime.finger_commands import FingerCommands
-from rigctl.simulation.finger.faults import FingerFaults
+from rigctl.simulation.finger.virtual_finger import FingerFaults
 from tests.acquisition.rpc.wrong_requests import Attacker, declared, wrong_requests
 from tests.realtime.harness import ONE_SCAN, FingerHarness, until_ended
 

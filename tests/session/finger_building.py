@@ -24,9 +24,9 @@ from rigctl.session.finger_recorder import FingerRecorder
 from rigctl.session.header import SessionHeader
 from rigctl.simulation.boards.finger_firmware import FingerFirmware
 from rigctl.values import BoardIdentity, Verdict
-from rigctl.wire.finger import messages
-from rigctl.wire.finger.decoder import FingerBlock, FingerDecoder
-from rigctl.wire.finger.messages import (
+from rigctl.wire import finger_messages
+from rigctl.wire.finger_decoder import FingerBlock, FingerDecoder
+from rigctl.wire.finger_messages import (
     BATCH_SAMPLES,
     DEFAULT_REFERENCE_UM_PER_S,
     N_TAXELS,
@@ -34,7 +34,7 @@ from rigctl.wire.finger.messages import (
     Message,
     WindowReport,
 )
-from rigctl.wire.taxels.frames import frame
+from rigctl.wire.taxel_frames import frame
 
 PROTOCOL = """\
 name = "small"
@@ -96,7 +96,7 @@ class SyntheticFinger:
         self.rec = rec
         self.board = FingerFirmware()
         self.board.boot(0)
-        self.board.receive(messages.set_ranges(LOW, HIGH))
+        self.board.receive(finger_messages.set_ranges(LOW, HIGH))
         self._decoder = FingerDecoder()
         self._rng = np.random.default_rng(1)
         self.scans = 0
@@ -121,15 +121,15 @@ class SyntheticFinger:
         started_s = self.now_s
         self._samples(IDLE_MS)
         self.scans += 1
-        self.board.receive(messages.start(self.scans))
+        self.board.receive(finger_messages.start(self.scans))
         first = round(self.now_s * 1000)
         self._lose = range(first + lose.start, first + lose.stop)
         self._miss = range(first + miss.start, first + miss.stop)
         for batch, velocity in enumerate(VELOCITIES_UM_S):
             self._samples(min(BATCH_SAMPLES, SCAN_MS - batch * BATCH_SAMPLES))
             if batch == len(VELOCITIES_UM_S) - 1:
-                self.board.receive(messages.stop(self.scans))
-            self.board.receive(messages.velocity(self.scans, batch, velocity))
+                self.board.receive(finger_messages.stop(self.scans))
+            self.board.receive(finger_messages.velocity(self.scans, batch, velocity))
             self._take()
             self._predict(batch, trial)
         self._samples(IDLE_MS)

@@ -12,8 +12,7 @@ import h5py
 import numpy as np
 import pytest
 
-from rigctl.cli import create_parser, main
-from rigctl.cli.data import info
+from rigctl.cli import create_parser, info, main
 from rigctl.encoding.scaled_time import scale_windows
 from rigctl.errors import SessionError, WrongUse
 from rigctl.finger_values import PredictionRow
@@ -23,7 +22,7 @@ from rigctl.session.finger_session import FingerSession, is_finger_session
 from rigctl.session.recorder import Recorder
 from rigctl.session.session import Session
 from rigctl.values import Event, Gap, Verdict
-from rigctl.wire.finger.decoder import FingerBlock
+from rigctl.wire.finger_decoder import FingerBlock
 from tests.session import building
 from tests.session.finger_building import (
     HIGH,

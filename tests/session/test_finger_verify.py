@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from rigctl.cli import create_parser
-from rigctl.cli.data import verify as command
+from rigctl.cli import verify as command
 from rigctl.session.finger_recorder import FingerRecorder
 from rigctl.session.hdf5_file import write_attributes
 from rigctl.session.verify import verify

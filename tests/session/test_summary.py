@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rigctl.cli import create_parser
-from rigctl.cli.data import info as command
+from rigctl.cli import info as command
 from rigctl.errors import SessionError
 from rigctl.session.ground_truth import begin_log, open_truth, trial_truths
 from rigctl.session.recorder import Recorder

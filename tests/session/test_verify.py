@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rigctl.cli import create_parser
-from rigctl.cli.data import verify as command
+from rigctl.cli import verify as command
 from rigctl.errors import SessionError
 from rigctl.session.recorder import Recorder
 from rigctl.session.verify import verify

@@ -7,12 +7,10 @@ from collections.abc import Callable
 
 from rigctl.simulation.simulated_rig import SimulatedRig
 from rigctl.values import Block
-from rigctl.wire.drum.codes import Command, CommandResult
-from rigctl.wire.drum.register_table import BY_NAME, POLL_BLOCK, REGISTERS, UNIT
-from rigctl.wire.drum.registers import BlockLayout, pack_value
-from rigctl.wire.drum.states import Fault, State
-from rigctl.wire.taxels.frames import FrameDecoder, TaxelIdentity, TaxelStatus
-from rigctl.wire.taxels.self_test import SelfTest
+from rigctl.wire.drum_codes import Command, CommandResult
+from rigctl.wire.drum_registers import BY_NAME, POLL_BLOCK, REGISTERS, UNIT, BlockLayout, pack_value
+from rigctl.wire.drum_states import Fault, State
+from rigctl.wire.taxel_frames import FrameDecoder, SelfTest, TaxelIdentity, TaxelStatus
 
 ANSWER_US = 60_000
 POLL_US = 20_000

@@ -20,8 +20,8 @@ from rigctl.simulation.bench.mechanics import (
     RING_MS,
     DrumTrajectory,
 )
+from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.bench.textures import CATALOGUE, printed_heights
-from rigctl.simulation.bench.world.parameters import WorldParameters
 from rigctl.simulation.simulated_rig import LoadcellFault
 from rigctl.values import DRAWN_WIRING
 

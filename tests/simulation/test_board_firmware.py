@@ -12,14 +12,14 @@ from rigctl import host_build
 from rigctl.config.resources import checkout
 from rigctl.errors import RigFault
 from rigctl.simulation.bench.bench import Bench
-from rigctl.simulation.bench.world.parameters import WorldParameters
+from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.boards.drum_cosimulation import DrumCosimulation
 from rigctl.simulation.boards.drum_firmware import DrumFirmware
-from rigctl.simulation.boards.taxel_firmware import TaxelFirmware
+from rigctl.simulation.boards.taxels import TaxelFirmware
 from rigctl.simulation.virtual_rig import open_virtual_rig
-from rigctl.wire.drum.codes import Command
-from rigctl.wire.drum.register_table import BY_NAME
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_codes import Command
+from rigctl.wire.drum_registers import BY_NAME
+from rigctl.wire.drum_states import State
 
 ROOT = checkout()
 assert ROOT is not None

@@ -18,8 +18,8 @@ from pymodbus import FramerType
 from pymodbus.client import AsyncModbusTcpClient, ModbusSerialClient
 
 from rigctl.cli import main
-from rigctl.wire.drum.register_table import BY_NAME, MAGIC
-from rigctl.wire.taxels.frames import FrameDecoder
+from rigctl.wire.drum_registers import BY_NAME, MAGIC
+from rigctl.wire.taxel_frames import FrameDecoder
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are of POSIX")
 DEADLINE_S = 60

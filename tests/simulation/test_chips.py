@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 
 from rigctl.errors import RigFault
-from rigctl.simulation.bench.world.parameters import WorldParameters
-from rigctl.simulation.chips.board import BoardClock
-from rigctl.simulation.chips.rig import ChipSimulation, open_chip_simulation
-from rigctl.wire.drum.codes import Command
-from rigctl.wire.drum.states import Fault, State
-from rigctl.wire.taxels.frames import IDENTIFY, encode_request
+from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.chips.rig import BoardClock, ChipSimulation, open_chip_simulation
+from rigctl.wire.drum_codes import Command
+from rigctl.wire.drum_states import Fault, State
+from rigctl.wire.taxel_frames import IDENTIFY, encode_request
 from tests.firmware.building import built
 from tests.firmware.taxels.chip import TaxelChip
 from tests.simulation.host import BOOT_US, Host

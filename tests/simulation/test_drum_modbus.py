@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rigctl.simulation.virtual_rig import open_virtual_rig
-from rigctl.wire.drum.codes import Command
-from rigctl.wire.drum.register_table import END
+from rigctl.wire.drum_codes import Command
+from rigctl.wire.drum_registers import END
 from tests.simulation.host import Host, Refused, crc, framed
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rigctl.analysis import published
-from rigctl.simulation.bench.world.parameters import IDENTIFIED, WorldParameters, parameter_infos
+from rigctl.simulation.bench.parameters import IDENTIFIED, WorldParameters, parameter_infos
 from tools import identify_bench
 from tools.identify_bench import Slider, main, simulate_slides
 

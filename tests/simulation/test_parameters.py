@@ -7,8 +7,8 @@ import dataclasses
 import pytest
 
 from rigctl.errors import WrongUse
-from rigctl.simulation.bench.world import parameter_tables
-from rigctl.simulation.bench.world.parameters import WorldParameters, parameter_infos
+from rigctl.simulation.bench import parameter_tables
+from rigctl.simulation.bench.parameters import WorldParameters, parameter_infos
 from rigctl.simulation.virtual_rig import open_virtual_rig
 
 KINDS = ("published", "measured", "identified", "plausible")
@@ -36,5 +36,5 @@ def test_a_rig_at_either_end_of_every_range_opens_and_runs(end: str) -> None:
 
 def test_the_page_shows_the_table() -> None:
     assert parameter_tables.main(["--check"]) == 0, (
-        "run python -m rigctl.simulation.bench.world.parameter_tables"
+        "run python -m rigctl.simulation.bench.parameter_tables"
     )

@@ -11,8 +11,8 @@ import trimesh
 
 from rigctl.cli import main
 from rigctl.simulation.bench import plate_solids
+from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.bench.textures import CATALOGUE, OVERHANG_MM, printed_heights
-from rigctl.simulation.bench.world.parameters import WorldParameters
 
 NOMINAL = WorldParameters()
 BACK_MM = plate_solids.THICKNESS_MM

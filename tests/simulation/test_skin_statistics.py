@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from rigctl.simulation.bench.world import parameter_tables
-from rigctl.simulation.bench.world.parameters import WorldParameters
+from rigctl.simulation.bench import parameter_tables
+from rigctl.simulation.bench.parameters import WorldParameters
 from tools.identify_bench import RANGES, SkinMeasures, measure_skin, simulate_slides
 
 SEED, REPEATS = 1, 8

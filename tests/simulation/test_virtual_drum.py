@@ -7,9 +7,9 @@ import pytest
 
 from rigctl.simulation.bench.mechanics import DRUM_MM
 from rigctl.simulation.virtual_rig import VirtualRig, open_virtual_rig
-from rigctl.wire.drum.codes import Command, CommandResult, Status
-from rigctl.wire.drum.register_table import MAGIC
-from rigctl.wire.drum.states import Fault, State
+from rigctl.wire.drum_codes import Command, CommandResult, Status
+from rigctl.wire.drum_registers import MAGIC
+from rigctl.wire.drum_states import Fault, State
 from tests.simulation.host import Host, Refused
 
 STEPS_PER_TURN = 12800

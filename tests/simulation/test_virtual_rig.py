@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from rigctl.errors import LinkLost, WrongUse
-from rigctl.simulation.bench.world.parameters import WorldParameters
+from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.virtual_rig import VirtualRig, open_virtual_rig
-from rigctl.wire.drum.codes import Command
-from rigctl.wire.drum.states import Fault, State
-from rigctl.wire.taxels.frames import IDENTIFY, SELF_TEST, Flag, SelfTestBit, encode_request
+from rigctl.wire.drum_codes import Command
+from rigctl.wire.drum_states import Fault, State
+from rigctl.wire.taxel_frames import IDENTIFY, SELF_TEST, Flag, SelfTestBit, encode_request
 from tests.simulation.host import Host, framed
 
 

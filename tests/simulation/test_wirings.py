@@ -13,13 +13,12 @@ import pytest
 from rigctl.errors import WrongUse
 from rigctl.simulation.bench.circuit import AS_DRAWN, Circuit
 from rigctl.simulation.bench.electrics import actuator_pins, constants, terminal_drive
-from rigctl.simulation.bench.world.parameters import WorldParameters
+from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.simulated_rig import SimulatedRig
 from rigctl.simulation.virtual_rig import VirtualRig, open_virtual_rig
 from rigctl.simulation.wirings import WIRINGS, circuit_of, find_wiring
-from rigctl.wire.drum.codes import Command
-from rigctl.wire.drum.register_table import BY_NAME, POLL_BLOCK, UNIT
-from rigctl.wire.drum.registers import pack_value
+from rigctl.wire.drum_codes import Command
+from rigctl.wire.drum_registers import BY_NAME, POLL_BLOCK, UNIT, pack_value
 from tests.simulation.host import framed
 
 SEED = 5

@@ -15,14 +15,14 @@ from rigctl.config.resources import find_protocol
 from rigctl.config.toml_reader import TomlText
 from rigctl.errors import ConfigError, SessionError
 from rigctl.protocol.loader import load_protocol
-from rigctl.simulation.bench.textures import CATALOGUE, find_texture, printed_heights
-from rigctl.simulation.bench.world.parameter_fields import ParameterInfo
-from rigctl.simulation.bench.world.parameters import (
+from rigctl.simulation.bench.parameter_fields import ParameterInfo
+from rigctl.simulation.bench.parameters import (
     Plate,
     WorldParameters,
     parameter_infos,
 )
-from rigctl.simulation.bench.world.world_file import (
+from rigctl.simulation.bench.textures import CATALOGUE, find_texture, printed_heights
+from rigctl.simulation.bench.world_file import (
     NOMINAL_WORLD,
     SimulatedWorld,
     format_world,

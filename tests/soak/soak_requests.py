@@ -11,7 +11,7 @@ from typing import Any
 from rigctl.acquisition.drum_commands import DrumCommands
 from rigctl.acquisition.engine_commands import EngineCommands
 from rigctl.realtime.finger_commands import FingerCommands
-from rigctl.simulation.finger.faults import FingerFaults
+from rigctl.simulation.finger.virtual_finger import FingerFaults
 from rigctl.simulation.simulated_rig import FaultInjection
 from tests.acquisition.engine_harness import EngineHarness, open_harness
 from tests.acquisition.rpc.wrong_requests import Attacker, declared, mutated, wrong_requests

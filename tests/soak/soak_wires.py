@@ -9,8 +9,8 @@ import pytest
 
 from rigctl.acquisition.rig import Rig
 from rigctl.rig import open_rig
-from rigctl.wire.drum.register_table import SETTINGS
-from rigctl.wire.taxels.frames import FrameDecoder
+from rigctl.wire.drum_registers import SETTINGS
+from rigctl.wire.taxel_frames import FrameDecoder
 from tests.wire.taxel_encoder import encode_data
 
 DECODER_BYTES = 20_000_000

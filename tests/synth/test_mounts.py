@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
-from rigctl.simulation.bench.world.parameters import WorldParameters
-from rigctl.simulation.bench.world.world_file import SimulatedWorld
+from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.bench.world_file import SimulatedWorld
 from rigctl.synth.dataset import DatasetRequest, generate, load_plan
 
 TEXT = """

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.wire.drum.register_table import BOARD_TAXELS, MAGIC
-from rigctl.wire.finger.decoder import FingerDecoder
-from rigctl.wire.finger.messages import BOARD_FINGER, DATA_TYPE
-from rigctl.wire.taxels.frames import (
+from rigctl.wire.drum_registers import BOARD_TAXELS, MAGIC
+from rigctl.wire.finger_decoder import FingerDecoder
+from rigctl.wire.finger_messages import BOARD_FINGER, DATA_TYPE
+from rigctl.wire.taxel_frames import (
     FRAME_BYTES,
     WIRE_VERSION,
     FrameDecoder,

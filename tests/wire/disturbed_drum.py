@@ -10,7 +10,7 @@ import numpy as np
 from rigctl.devices.drum import Drum
 from rigctl.errors import LinkLost
 from rigctl.values import DrumState
-from rigctl.wire.drum.codes import Command
+from rigctl.wire.drum_codes import Command
 from tests.devices.memory_link import JumpingLoop, LoadCellBoard, MemoryLink, run
 from tests.wire.disturbance import Disturbance
 from tests.wire.disturbed_boards import Judgement

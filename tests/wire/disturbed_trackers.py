@@ -7,12 +7,14 @@ from operator import xor
 
 import numpy as np
 
-from rigctl.devices.links.byte_link import OnBytes, OnLost
-from rigctl.devices.trackers.imu_integrator import ImuIntegrator
-from rigctl.devices.trackers.imu_tracker import ImuTracker
-from rigctl.devices.trackers.serial_tracker import SerialTracker
-from rigctl.devices.trackers.streaming_tracker import StreamingTracker
-from rigctl.devices.trackers.udp_tracker import LOOPBACK, UdpTracker
+from rigctl.devices.links import OnBytes, OnLost
+from rigctl.devices.trackers.imu_tracker import ImuIntegrator, ImuTracker
+from rigctl.devices.trackers.streaming_tracker import (
+    LOOPBACK,
+    SerialTracker,
+    StreamingTracker,
+    UdpTracker,
+)
 from rigctl.values import Position
 from tests.devices.memory_link import JumpingLoop, run
 from tests.wire.disturbance import Disturbance, cut

@@ -10,9 +10,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rigctl.wire.taxels import frames, kernels, wire_constants
-from rigctl.wire.taxels.frames import TaxelIdentity, TaxelStatus, frame
-from rigctl.wire.taxels.self_test import SelfTest
+from rigctl.wire import taxel_constants, taxel_frames, taxel_kernels
+from rigctl.wire.taxel_frames import SelfTest, TaxelIdentity, TaxelStatus, frame
 
 _STATUS = struct.Struct("<BBIIHHHBHHHHB")
 _IDENTITY = struct.Struct("<BHBBHIBHHBHB")
@@ -55,7 +54,7 @@ def encode_data(
     edges: NDArray[np.uint8],
 ) -> bytes:
     """Return the frames of n samples; the arrays are those of :class:`rigctl.values.Block`."""
-    wire = np.empty((counters.shape[0], frames.FRAME_BYTES), np.uint8)
+    wire = np.empty((counters.shape[0], taxel_frames.FRAME_BYTES), np.uint8)
     _encode_rows(counters, samples, flags, edges, wire)
     return wire.tobytes()
 
@@ -64,20 +63,22 @@ def encode_status(status: TaxelStatus) -> bytes:
     """Return a status frame; its counters wrap."""
     counter, dropped, *values, rises, bits = astuple(status)
     counter, dropped, rises = counter & 0xFFFFFFFF, dropped & 0xFFFFFFFF, rises & 0xFFFF
-    head = (wire_constants.STATUS, frames.WIRE_VERSION, counter, dropped)
+    head = (taxel_constants.STATUS, taxel_frames.WIRE_VERSION, counter, dropped)
     return frame(_STATUS.pack(*head, *values, rises, bits))
 
 
 def encode_identity(identity: TaxelIdentity) -> bytes:
     """Return an identity frame."""
-    return frame(_IDENTITY.pack(wire_constants.IDENTITY, *astuple(identity)))
+    return frame(_IDENTITY.pack(taxel_constants.IDENTITY, *astuple(identity)))
 
 
 def encode_self_test(test: SelfTest) -> bytes:
     """Return a frame with the outcome of a self-test."""
     *small, silent, full = astuple(test)
     wide = (silent.to_bytes(3, "little"), full.to_bytes(3, "little"))
-    return frame(_SELF_TEST.pack(wire_constants.SELF_TEST, frames.WIRE_VERSION, *small, *wide))
+    return frame(
+        _SELF_TEST.pack(taxel_constants.SELF_TEST, taxel_frames.WIRE_VERSION, *small, *wide)
+    )
 
 
 @njit(cache=True)
@@ -89,21 +90,21 @@ def _encode_rows(
     wire: NDArray[np.uint8],
 ) -> None:
     """Encode data frames into ``wire``, uint8 (n, 33)."""
-    body = np.empty(wire_constants.DATA_BODY + 4, np.uint8)
+    body = np.empty(taxel_constants.DATA_BODY + 4, np.uint8)
     for row in range(counters.shape[0]):
         body[:] = 0
-        body[0] = wire_constants.DATA
+        body[0] = taxel_constants.DATA
         body[1] = counters[row] & 0xFF
         body[2] = counters[row] >> 8 & 0xFF
         body[3] = flags[row]
-        for i in range(wire_constants.N_READINGS):
+        for i in range(taxel_constants.N_READINGS):
             value = np.uint32(samples[row, i] & 0x3FF) << np.uint32(10 * i & 7)
             body[4 + (10 * i >> 3)] |= value & 0xFF
             body[5 + (10 * i >> 3)] |= value >> 8 & 0xFF
         body[26] |= (edges[row] & 0xF) << 4
-        crc = np.int64(kernels.crc32(body, wire_constants.DATA_BODY))
+        crc = np.int64(taxel_kernels.crc32(body, taxel_constants.DATA_BODY))
         for i in range(4):
-            body[wire_constants.DATA_BODY + i] = crc >> (8 * i) & 0xFF
+            body[taxel_constants.DATA_BODY + i] = crc >> (8 * i) & 0xFF
         _stuff(body, wire, row)
 
 

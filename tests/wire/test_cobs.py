@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rigctl.wire.taxels.frames import cobs_encode
+from rigctl.wire.taxel_frames import cobs_encode
 from tests.wire.taxel_encoder import cobs_decode
 
 

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigctl.wire.finger.decoder import FingerBlock, FingerDecoder
-from rigctl.wire.taxels.frames import Decoded, FrameDecoder
+from rigctl.wire.finger_decoder import FingerBlock, FingerDecoder
+from rigctl.wire.taxel_frames import Decoded, FrameDecoder
 from tests.wire.disturbance import DISTURBANCES, Disturbance, cut
 from tests.wire.disturbed_boards import (
     QUIET,

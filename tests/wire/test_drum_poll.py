@@ -9,9 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rigctl.values import DrumState, LoadcellSample
-from rigctl.wire.drum.poll import PollDecoder
-from rigctl.wire.drum.register_table import BY_NAME, POLL_BLOCK, RING_DEPTH
-from rigctl.wire.drum.registers import pack_value
+from rigctl.wire.drum_poll import PollDecoder
+from rigctl.wire.drum_registers import BY_NAME, POLL_BLOCK, RING_DEPTH, pack_value
 
 PERIOD_US = 12_500
 

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rigctl.simulation.boards.finger_firmware import FingerFirmware
-from rigctl.wire.finger import messages
-from rigctl.wire.finger.decoder import FingerBlock, FingerDecoder
-from rigctl.wire.finger.messages import (
+from rigctl.wire import finger_messages
+from rigctl.wire.finger_decoder import FingerBlock, FingerDecoder
+from rigctl.wire.finger_messages import (
     BATCH_SAMPLES,
     N_TAXELS,
     Answer,
@@ -22,7 +22,7 @@ from rigctl.wire.finger.messages import (
     Result,
     decode_message,
 )
-from rigctl.wire.taxels.frames import frame
+from rigctl.wire.taxel_frames import frame
 
 LOW, HIGH = tuple(range(9)), tuple(range(900, 909))
 
@@ -33,19 +33,19 @@ def stream() -> bytes:
     rng = np.random.default_rng(3)
     board = FingerFirmware()
     board.boot(0)
-    board.receive(messages.set_ranges(LOW, HIGH) + messages.read_settings())
+    board.receive(finger_messages.set_ranges(LOW, HIGH) + finger_messages.read_settings())
     for scan in range(2):
-        board.receive(messages.start(scan))
+        board.receive(finger_messages.start(scan))
         for batch in range(2):
             board.run(rng.integers(0, 1024, (BATCH_SAMPLES, N_TAXELS), np.uint16))
-            board.receive(messages.velocity(scan, batch, 80_000))
-        board.receive(messages.stop(scan))
+            board.receive(finger_messages.velocity(scan, batch, 80_000))
+        board.receive(finger_messages.stop(scan))
     sent = board.take_sent()
     board.close()
     return sent
 
 
-def _values(pieces: list[tuple[FingerBlock, list[messages.Message]]]) -> tuple[object, ...]:
+def _values(pieces: list[tuple[FingerBlock, list[finger_messages.Message]]]) -> tuple[object, ...]:
     blocks = [block for block, _ in pieces]
     arrays = (np.concatenate([block[i] for block in blocks]).tolist() for i in range(4))
     texts = [repr(message) for _, decoded in pieces for message in decoded]
@@ -104,16 +104,16 @@ def _answers(board: FingerFirmware) -> list[Result]:
 def test_the_board_refuses_impossible_settings_whole() -> None:
     board = FingerFirmware()
     board.boot(0)
-    board.receive(messages.set_ranges(LOW, HIGH))
-    board.receive(messages.set_ranges((*LOW[:8], 1000), (*HIGH[:8], 999)))
+    board.receive(finger_messages.set_ranges(LOW, HIGH))
+    board.receive(finger_messages.set_ranges((*LOW[:8], 1000), (*HIGH[:8], 999)))
     for reference in (0, 999, 10_000_001, 0xFFFFFFFF):
-        board.receive(messages.set_reference(reference))
+        board.receive(finger_messages.set_reference(reference))
     assert _answers(board) == [Result.OK] + [Result.WRONG_VALUE] * 5
-    board.receive(messages.start(1) + messages.set_ranges(HIGH, HIGH))
-    board.receive(messages.set_reference(5000))
-    board.receive(messages.velocity(1, 0, 10_000_001))
+    board.receive(finger_messages.start(1) + finger_messages.set_ranges(HIGH, HIGH))
+    board.receive(finger_messages.set_reference(5000))
+    board.receive(finger_messages.velocity(1, 0, 10_000_001))
     assert _answers(board) == [Result.OK, Result.SCANNING, Result.SCANNING, Result.WRONG_VALUE]
-    board.receive(messages.read_settings())
+    board.receive(finger_messages.read_settings())
     _, decoded = FingerDecoder().feed(board.take_sent())
     assert decoded == [FingerSettings(LOW, HIGH, 100_000)]
     board.close()
@@ -124,7 +124,7 @@ def test_the_board_refuses_impossible_settings_whole() -> None:
 def test_noise_on_the_line_changes_no_setting_and_starts_no_scan(noise: bytes) -> None:
     board = FingerFirmware()
     board.boot(0)
-    board.receive(noise + b"\0" + frame(b"\x99") + messages.read_settings())
+    board.receive(noise + b"\0" + frame(b"\x99") + finger_messages.read_settings())
     board.run(np.full((BATCH_SAMPLES, N_TAXELS), 500, np.uint16))
     block, decoded = FingerDecoder().feed(board.take_sent())
     assert FingerSettings((0,) * 9, (1023,) * 9, 100_000) in decoded

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rigctl.errors import WrongUse
-from rigctl.wire.drum import registers
-from rigctl.wire.drum.register_table import BY_NAME, END, REGISTERS, SETTINGS, SETTINGS_BLOCK
+from rigctl.wire import drum_registers
+from rigctl.wire.drum_registers import BY_NAME, END, REGISTERS, SETTINGS, SETTINGS_BLOCK
 
 WRITABLE = [entry.name for entry in SETTINGS]
 
@@ -26,8 +26,8 @@ def test_the_table_has_no_overlap_and_ends_where_it_says() -> None:
 def test_every_value_in_bounds_comes_back(name: str, data: st.DataObject) -> None:
     entry = BY_NAME[name]
     raw = data.draw(st.integers(entry.low, entry.high).filter(entry.accepts))
-    words = registers.pack_value(entry, registers.to_raw(name, raw * entry.scale))
-    layout = registers.BlockLayout(entry.address, entry.words)
+    words = drum_registers.pack_value(entry, drum_registers.to_raw(name, raw * entry.scale))
+    layout = drum_registers.BlockLayout(entry.address, entry.words)
     assert layout.unpack(words)[name] == (raw,)
     assert layout.values(words)[name] == pytest.approx(raw * entry.scale)
 
@@ -37,12 +37,12 @@ def test_every_value_out_of_bounds_is_refused_by_name(name: str, data: st.DataOb
     entry = BY_NAME[name]
     raw = data.draw(st.integers().filter(lambda n: not entry.accepts(n)))
     with pytest.raises(WrongUse, match=name):
-        registers.to_raw(name, float(raw) * entry.scale)
+        drum_registers.to_raw(name, float(raw) * entry.scale)
 
 
 def test_a_refusal_names_register_value_bounds_and_unit() -> None:
     with pytest.raises(WrongUse) as refusal:
-        registers.to_raw("speed_set", 300)
+        drum_registers.to_raw("speed_set", 300)
     assert str(refusal.value) == "speed_set cannot be 300 mm/s: the drum takes 5 to 200 mm/s"
 
 
@@ -57,35 +57,35 @@ def test_a_refusal_names_register_value_bounds_and_unit() -> None:
 )
 def test_unsettable_values_are_refused(name: str, value: float, sentence: str) -> None:
     with pytest.raises(WrongUse, match=sentence):
-        registers.to_raw(name, value)
+        drum_registers.to_raw(name, value)
 
 
 @given(st.sets(st.sampled_from(WRITABLE), min_size=1))
 def test_planned_writes_hold_every_name_once_and_stay_short(names: set[str]) -> None:
     values = {name: BY_NAME[name].default * BY_NAME[name].scale for name in names}
-    writes = registers.plan_writes(values)
+    writes = drum_registers.plan_writes(values)
     assert sorted(n for w in writes for n in w.names) == sorted(names)
     for write in writes:
         assert 9 + 2 * len(write.words) < 64
-        layout = registers.BlockLayout(write.address, len(write.words))
+        layout = drum_registers.BlockLayout(write.address, len(write.words))
         assert layout.values(write.words) == pytest.approx({n: values[n] for n in write.names})
 
 
 def test_one_bad_value_plans_nothing() -> None:
     with pytest.raises(WrongUse, match="force_set"):
-        registers.plan_writes({"speed_set": 80, "force_set": 1e6})
+        drum_registers.plan_writes({"speed_set": 80, "force_set": 1e6})
 
 
 @given(st.sets(st.sampled_from([e.name for e in REGISTERS if e.count == 1]), min_size=1))
 def test_reads_cover_every_name_in_short_blocks(names: set[str]) -> None:
-    layouts = registers.plan_reads(names)
+    layouts = drum_registers.plan_reads(names)
     assert sorted(e.name for layout in layouts for e in layout.entries) == sorted(names)
     assert all(layout.count <= 40 for layout in layouts)
 
 
 def test_a_block_is_read_by_name_and_a_short_one_is_refused() -> None:
-    layout = registers.BlockLayout(*SETTINGS_BLOCK)
-    words = [word for entry in SETTINGS for word in registers.pack_value(entry, entry.default)]
+    layout = drum_registers.BlockLayout(*SETTINGS_BLOCK)
+    words = [word for entry in SETTINGS for word in drum_registers.pack_value(entry, entry.default)]
     assert layout.unpack(words) == {entry.name: (entry.default,) for entry in SETTINGS}
     with pytest.raises(ValueError, match="expected 51 registers, received 3"):
         layout.unpack((1, 2, 3))

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from rigctl.values import N_TAXELS, Block
-from rigctl.wire.drum.register_table import BOARD_TAXELS, MAGIC
-from rigctl.wire.taxels import frames as taxels
-from rigctl.wire.taxels.frames import Decoded, Flag, FrameDecoder
+from rigctl.wire import taxel_frames as taxels
+from rigctl.wire.drum_registers import BOARD_TAXELS, MAGIC
+from rigctl.wire.taxel_frames import Decoded, Flag, FrameDecoder
 from tests.wire import taxel_encoder
 
 IDENTITY = taxels.TaxelIdentity(

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rigctl.wire.taxels.frames import FrameDecoder
-from rigctl.wire.taxels.self_test import SelfTest, findings
+from rigctl.wire.taxel_frames import FrameDecoder, SelfTest, findings
 from tests.wire import taxel_encoder
 
 SMALL = st.integers(0, 255)

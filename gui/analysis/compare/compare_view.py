@@ -13,7 +13,7 @@ from gui.analysis.compare.responses import NeuronResponse, ResponseGrid
 from gui.analysis.export.value_file import data_words
 from gui.widgets.labels import label
 from gui.widgets.layouts import hbox, push_button, vbox
-from gui.widgets.plots.plot_axes import (
+from gui.widgets.plot_axes import (
     colour_axes,
     fixed_plot,
     reserve,

@@ -14,8 +14,7 @@ from PySide6.QtWidgets import QGraphicsView
 
 from gui.analysis.figures.accuracy_curves import MARGIN, ROOM, AccuracyCurves, last_x
 from gui.analysis.figures.figure_values import point_words
-from gui.widgets.plots.plot_axes import BOTTOM_PX, colour_axes, reserve, title_plot
-from gui.widgets.plots.plot_grid import PlotGrid
+from gui.widgets.plot_axes import BOTTOM_PX, PlotGrid, colour_axes, reserve, title_plot
 from gui.widgets.theme import Theme, scaled_px
 from rigctl.analysis.report.figure import Figure, Panel
 

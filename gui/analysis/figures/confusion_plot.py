@@ -9,8 +9,7 @@ from PySide6.QtGui import QColor, QKeyEvent
 from PySide6.QtWidgets import QGraphicsRectItem
 
 from gui.analysis.figures.cell_numbers import CellNumbers, cell_colour
-from gui.widgets.plots.plot_axes import colour_axes
-from gui.widgets.plots.plot_grid import PlotGrid
+from gui.widgets.plot_axes import PlotGrid, colour_axes
 from gui.widgets.theme import Theme
 from rigctl.analysis.report.figure import Matrix
 

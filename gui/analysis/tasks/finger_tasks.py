@@ -17,7 +17,7 @@ from gui.analysis.tasks.task_values import (
 )
 from gui.analysis.trials.trial_table import AttemptColumn
 from gui.analysis.trials.verdicts import shown_reasons, shown_verdicts
-from gui.widgets.typed_paths import typed_path
+from gui.widgets.file_browser import typed_path
 from rigctl.errors import WrongUse
 
 if TYPE_CHECKING:

@@ -35,22 +35,21 @@ from gui.analysis.tasks.task_values import (
 )
 from gui.analysis.trials.open_sessions import OpenSessions
 from gui.protocol import run_tasks
-from gui.protocol.editor import text_tasks
-from gui.protocol.run_values import (
+from gui.protocol.run_tasks import (
     CheckedText,
     PlanSummary,
     ProtocolText,
     SavedProtocol,
     SessionNews,
 )
-from gui.widgets.typed_paths import typed_path
+from gui.widgets.file_browser import typed_path
 from rigctl.errors import RigctlError
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from gui.live.replay.replay_tasks import ReplayTrial
+    from gui.live.replay_tasks import ReplayTrial
     from rigctl.analysis.executors import Progress
     from rigctl.analysis.learning_curve import SessionCurve, SessionCurves
     from rigctl.analysis.options import AnalysisOptions
@@ -102,15 +101,15 @@ class WorkerTasks:
 
     def read_protocol(self, path: str) -> ProtocolText:
         """Return the text of a protocol's file."""
-        return text_tasks.read_protocol(path)
+        return run_tasks.read_protocol(path)
 
     def check_text(self, text: str, rig_toml: str, name: str) -> CheckedText:
         """Return whether a text is a protocol for a rig."""
-        return text_tasks.check_text(text, rig_toml, name)
+        return run_tasks.check_text(text, rig_toml, name)
 
     def save_protocol(self, path: str, text: str, may_replace: bool) -> SavedProtocol:
         """Save a protocol as a file of the user."""
-        return text_tasks.save_protocol(path, text, may_replace)
+        return run_tasks.save_protocol(path, text, may_replace)
 
     def follow_run(self, folder: str, known: int) -> SessionNews:
         """Read the attempts of a session after the first ``known`` ones, and its notes."""
@@ -160,7 +159,7 @@ class WorkerTasks:
     def load_replay(self, path: str, row: int) -> ReplayTrial:
         """Read an attempt of an open session of the drum for the live views."""
         from gui.analysis.trials.read_trial import read_trial
-        from gui.live.replay.replay_tasks import replay_trial
+        from gui.live.replay_tasks import replay_trial
 
         session = self._sessions.drum_session(path)
         return replay_trial(read_trial(session, row, self._sessions.taxel_range(path)))
@@ -183,7 +182,7 @@ class WorkerTasks:
 
     def neuron_voltage(self, path: str, row: int, taxel: int) -> NDArray[np.float64]:
         """Return v(t) of SA and RA of a taxel in an attempt of an open session, mV."""
-        from gui.live.replay.replay_tasks import neuron_voltage
+        from gui.live.replay_tasks import neuron_voltage
 
         ranges = self._sessions.taxel_range(path)
         return neuron_voltage(self._sessions.drum_session(path), row, taxel, ranges)
@@ -192,7 +191,7 @@ class WorkerTasks:
         self, path: str, row: int, taxel: int, section_s: tuple[float, float], out: str
     ) -> str:
         """Write the movie of a taxel as ``rigctl encode --movie`` does; return its path."""
-        from gui.live.replay.replay_tasks import write_movie
+        from gui.live.replay_tasks import write_movie
 
         session = self._sessions.drum_session(path)
         return write_movie(session, row, taxel, section_s, out, self._progress)

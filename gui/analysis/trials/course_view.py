@@ -9,9 +9,8 @@ from PySide6.QtCore import Qt
 
 from gui.analysis.tasks.task_values import TrialCourse
 from gui.analysis.trial_view import LEAST_PX
-from gui.live.store.drum_course import thin_out
-from gui.widgets.plots.plot_axes import colour_axes, reserve_right, time_plot
-from gui.widgets.plots.plot_grid import PlotGrid
+from gui.live.drum_course import thin_out
+from gui.widgets.plot_axes import PlotGrid, colour_axes, reserve_right, time_plot
 from gui.widgets.theme import Theme
 
 

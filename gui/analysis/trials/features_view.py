@@ -9,7 +9,8 @@ from PySide6.QtCore import QPointF
 from gui.analysis.tasks.task_values import TrialFeatures
 from gui.analysis.trial_view import LEAST_PX
 from gui.widgets.labels import label
-from gui.widgets.plots.plot_axes import (
+from gui.widgets.plot_axes import (
+    PlotGrid,
     colour_axes,
     label_axis,
     reserve,
@@ -17,7 +18,6 @@ from gui.widgets.plots.plot_axes import (
     time_plot,
     whole_ticks,
 )
-from gui.widgets.plots.plot_grid import PlotGrid
 from gui.widgets.theme import Theme
 
 HINT = "Point at a window to read its value"

@@ -12,7 +12,7 @@ from gui.analysis.tasks import finger_tasks
 from gui.analysis.tasks.task_values import DRUM, FINGER, ScanPicture, SessionTable, TrialData
 from gui.analysis.trials.trial_table import AttemptColumn
 from gui.analysis.trials.verdicts import shown_reasons, shown_verdicts
-from gui.widgets.typed_paths import typed_path
+from gui.widgets.file_browser import typed_path
 from rigctl.errors import SessionError
 
 if TYPE_CHECKING:

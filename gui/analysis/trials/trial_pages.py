@@ -17,7 +17,7 @@ from gui.analysis.tasks.task_values import TrialData
 from gui.analysis.trial_view import TrialView
 from gui.analysis.trials.course_view import CourseView
 from gui.analysis.trials.features_view import FeaturesView
-from gui.widgets.page_tabs import PageTabs
+from gui.widgets.layouts import PageTabs
 from gui.widgets.theme import Theme
 from rigctl.values import SAMPLE_RATE_HZ
 

@@ -26,7 +26,7 @@ from typing import IO, Any, NamedTuple
 import msgspec
 
 from rigctl import __version__
-from rigctl.acquisition.live_buffer import LiveReader
+from rigctl.acquisition.live_file import LiveReader
 from rigctl.acquisition.rpc.engine_files import (
     DRUM_EXPERIMENT,
     LOG,

@@ -17,7 +17,7 @@ import msgspec
 from msgspec import Meta
 
 from rigctl.acquisition.rpc.messages import SHOWN_LETTERS
-from rigctl.config.names import shorten
+from rigctl.config.text_file import shorten
 from rigctl.errors import WrongUse
 from rigctl.protocol.plan import MAX_SEED
 from rigctl.session.notes import MAX_AUTHOR_LETTERS, MAX_LETTERS

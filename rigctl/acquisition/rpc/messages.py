@@ -23,17 +23,17 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from rigctl.acquisition.calibration.calibration_values import (
+from rigctl.acquisition.calibration_values import (
     CalibrationStatus,
 )
 from rigctl.acquisition.setup.setup_status import SetupStatus
-from rigctl.config.names import shorten
 from rigctl.config.rig_config import RigLimits
+from rigctl.config.text_file import shorten
 from rigctl.encoding.reading import Reading
 from rigctl.errors import WrongUse
 from rigctl.session.header import SensorLayout
 from rigctl.values import N_TAXELS
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_states import State
 
 LINE_LIMIT_BYTES = 1 << 20
 REQUEST_LIMIT_BYTES = 1 << 16

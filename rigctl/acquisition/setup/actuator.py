@@ -7,7 +7,7 @@ from typing import NamedTuple
 from rigctl.acquisition.setup.verdict import Question, Remedy, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
 from rigctl.errors import BoardFault, WrongUse
-from rigctl.wire.drum.states import Fault
+from rigctl.wire.drum_states import Fault
 
 CLEARANCE_MM = 5.0
 NUDGES = 6

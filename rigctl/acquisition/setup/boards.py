@@ -7,7 +7,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import NamedTuple
 
-from rigctl.acquisition.calibration.rig_file import edited_rig_file
+from rigctl.acquisition.calibrator import edited_rig_file
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.setup.verdict import YES, YES_OR_NO, Question, Verdict
 from rigctl.acquisition.setup.workbench import Workbench

@@ -6,10 +6,9 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import replace
 
-from rigctl.acquisition.calibration.calibrator import Calibrator
-from rigctl.acquisition.calibration.measurement import Measurement
-from rigctl.acquisition.drum.contact import PRESSING_STATES, has_status
-from rigctl.acquisition.drum.motion import DrumMotion
+from rigctl.acquisition.calibration import Measurement
+from rigctl.acquisition.calibrator import Calibrator
+from rigctl.acquisition.motion import PRESSING_STATES, DrumMotion, has_status
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.setup.progress import COMMISSION
 from rigctl.acquisition.setup.setup import Setup, SetupStep
@@ -17,7 +16,7 @@ from rigctl.acquisition.setup.setup_status import PartStatus, SetupStatus
 from rigctl.acquisition.setup.verdict import Question, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
 from rigctl.errors import CommandRefused, WrongUse
-from rigctl.wire.drum.codes import Status
+from rigctl.wire.drum_codes import Status
 
 SETUP = "setup"
 NOT_OPEN = "the setup is not open: open it first"

@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rigctl.acquisition.drum.contact import has_status
+from rigctl.acquisition.motion import has_status
 from rigctl.acquisition.setup.verdict import Question, Remedy, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
 from rigctl.values import Block, DrumState
-from rigctl.wire.drum.codes import Status
+from rigctl.wire.drum_codes import Status
 
 TURNS = 2
 TURN_MM_S = 80.0

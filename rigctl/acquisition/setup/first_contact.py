@@ -9,13 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.acquisition.drum.settings import press_settings
+from rigctl.acquisition.settings import press_settings
 from rigctl.acquisition.setup.load_cell import PRESS_CELL, PRESS_S, RELEASE_CELL
 from rigctl.acquisition.setup.verdict import YES, YES_OR_NO, Question, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
 from rigctl.errors import WrongUse
 from rigctl.values import Block, DrumState
-from rigctl.wire.taxels.frames import Flag
+from rigctl.wire.taxel_frames import Flag
 
 FORCE_G = 100.0
 BAND_G = 20.0

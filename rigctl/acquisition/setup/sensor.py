@@ -9,14 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.acquisition.calibration.wiring_steps import WiringStep, WiringSteps, mean_readings
-from rigctl.acquisition.calibration.words import wiring_words
+from rigctl.acquisition.calibration_values import wiring_words
 from rigctl.acquisition.setup.verdict import DONE, Question, Remedy, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
+from rigctl.acquisition.wiring_identification import WiringStep, WiringSteps, mean_readings
 from rigctl.config.rig_config import ADC_MAX
 from rigctl.errors import WrongUse
 from rigctl.values import N_TAXELS
-from rigctl.wire.taxels.self_test import INPUT_PINS, N_INPUTS, SelfTest
+from rigctl.wire.taxel_frames import INPUT_PINS, N_INPUTS, SelfTest
 
 LEAST_SUPPLY_V, MOST_SUPPLY_V = 4.6, 5.4
 MOST_NOISE_COUNTS = 8.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
-from rigctl.acquisition.drum.contact import has_status
+from rigctl.acquisition.motion import has_status
 from rigctl.acquisition.setup.actuator import check_actuator
 from rigctl.acquisition.setup.boards import check_drum, check_firmware, check_fitted, check_ports
 from rigctl.acquisition.setup.drum_turn import check_turn
@@ -21,8 +21,8 @@ from rigctl.acquisition.setup.switches import check_ends, check_stop, check_supp
 from rigctl.acquisition.setup.verdict import Verdict
 from rigctl.acquisition.setup.workbench import Workbench
 from rigctl.errors import LinkLost, RigFault, WrongUse
-from rigctl.wire.drum.codes import Status
-from rigctl.wire.drum.states import FAULT_TEXT, Fault
+from rigctl.wire.drum_codes import Status
+from rigctl.wire.drum_states import FAULT_TEXT, Fault
 
 CELL = "mega#load-cell-amplifier-hx711"
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import NamedTuple
 
-from rigctl.acquisition.drum.contact import has_status
+from rigctl.acquisition.motion import has_status
 from rigctl.acquisition.setup.verdict import YES, YES_OR_NO, Question, Remedy, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
 from rigctl.config.toml_edit import Value
 from rigctl.errors import BoardFault
-from rigctl.wire.drum.codes import Status
-from rigctl.wire.drum.states import Fault
+from rigctl.wire.drum_codes import Status
+from rigctl.wire.drum_states import Fault
 
 QUIET_S = 3.0
 PRESS_STOP = Question("press_estop", "Press the emergency stop, and leave it pressed.")

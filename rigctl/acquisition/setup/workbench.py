@@ -9,18 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.acquisition.calibration.calibrator import Calibrator
-from rigctl.acquisition.calibration.rig_file import edited_rig_file
-from rigctl.acquisition.drum.contact import has_status
-from rigctl.acquisition.drum.motion import DrumMotion
+from rigctl.acquisition.calibrator import Calibrator, edited_rig_file
+from rigctl.acquisition.motion import DrumMotion, has_status
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.setup.progress import Progress, load_progress
 from rigctl.acquisition.setup.verdict import Question
 from rigctl.config.toml_edit import Value, replace_file
 from rigctl.errors import BoardFault, CommandRefused, LinkLost
 from rigctl.values import DrumState
-from rigctl.wire.drum.codes import Command, Status
-from rigctl.wire.drum.states import FAULT_TEXT, Fault, State
+from rigctl.wire.drum_codes import Command, Status
+from rigctl.wire.drum_states import FAULT_TEXT, Fault, State
 
 Ask = Callable[[Question], Awaitable[str]]
 """Asks a person and returns the answer, which fits the question."""

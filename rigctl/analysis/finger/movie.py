@@ -32,7 +32,7 @@ from rigctl.session.finger_layout import spike_counts
 from rigctl.session.finger_session import FingerSession
 from rigctl.session.header import SensorLayout, SessionHeader
 from rigctl.simulation.bench.textures import CATALOGUE, find_texture, printed_heights
-from rigctl.simulation.bench.world.world_file import world_from_header
+from rigctl.simulation.bench.world_file import world_from_header
 from rigctl.values import SAMPLE_RATE_HZ, Verdict
 
 if TYPE_CHECKING:

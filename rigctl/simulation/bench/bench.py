@@ -14,10 +14,10 @@ from rigctl.simulation.bench.contact import contact_tables, draw_mounting, force
 from rigctl.simulation.bench.ground_truth import GroundTruth
 from rigctl.simulation.bench.load_cell import LoadCellAmplifier
 from rigctl.simulation.bench.mechanics import DRUM_MM, FORCE_G, RING_MS, DrumTrajectory, Mechanics
+from rigctl.simulation.bench.parameters import WorldParameters, validated
 from rigctl.simulation.bench.skin import Skin
-from rigctl.simulation.bench.world.parameters import WorldParameters, validated
 from rigctl.simulation.simulated_rig import Disturbances
-from rigctl.wire.drum.codes import Signal
+from rigctl.wire.drum_codes import Signal
 
 LOG_EVERY_MS = 1000
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
-from rigctl.wire.drum.codes import Signal
+from rigctl.wire.drum_codes import Signal
 
 N_LINES, N_INPUTS = 3, 6
 

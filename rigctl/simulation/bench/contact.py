@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.simulation.bench.noise import NoiseStream, random_generator
-from rigctl.simulation.bench.numba_options import compiled
+from rigctl.simulation.bench.noise import NoiseStream, compiled, random_generator
+from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.bench.textures import (
     GRID_MM,
     Texture,
@@ -25,7 +25,6 @@ from rigctl.simulation.bench.textures import (
     hann_window,
     odd_cell_count,
 )
-from rigctl.simulation.bench.world.parameters import WorldParameters
 from rigctl.values import N_TAXELS
 
 N_SITES = 9

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.simulation.bench.circuit import N_INPUTS, N_LINES, Circuit, Wiper, wire_of
-from rigctl.simulation.bench.numba_options import compiled, inlined
+from rigctl.simulation.bench.noise import compiled, inlined
 from rigctl.values import N_TAXELS
-from rigctl.wire.drum.codes import Signal
+from rigctl.wire.drum_codes import Signal
 
 END_MM = 0.05
 """Distance to the actuator's end at which the end switch opens."""

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from rigctl.simulation.bench.circuit import Circuit
 from rigctl.simulation.bench.mechanics import LOADCELL_G, RING_MS, Mechanics
-from rigctl.simulation.bench.noise import NoiseRows, NoiseStream
-from rigctl.simulation.bench.numba_options import compiled, inlined
-from rigctl.simulation.bench.world.parameters import WorldParameters
+from rigctl.simulation.bench.noise import NoiseRows, NoiseStream, compiled, inlined
+from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.simulated_rig import Disturbances, LoadcellFault
 
 FULL_SCALE = 8_388_607

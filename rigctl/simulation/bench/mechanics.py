@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.simulation.bench.contact import ForceTable
-from rigctl.simulation.bench.numba_options import compiled, inlined, modulo
+from rigctl.simulation.bench.noise import compiled, inlined, modulo
+from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.bench.textures import GRID_MM
-from rigctl.simulation.bench.world.parameters import WorldParameters
 
 RING_MS = 4096
 """Length of the ring; no reader goes back further."""

@@ -5,11 +5,37 @@ Row *n* of a stream depends only on the seed, the stream and *n*.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from enum import IntEnum
+from typing import Any, TypeVar, cast
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def compiled(function: F) -> F:
+    """Compile a kernel at its first call; it releases the GIL while it runs."""
+    return cast(F, njit(nogil=True, cache=True, error_model="numpy")(function))
+
+
+def inlined(function: F) -> F:
+    """Compile a small function that kernels inline."""
+    return cast(F, njit(nogil=True, error_model="numpy")(function))
+
+
+@inlined
+def modulo(position_mm: float, turn_mm: float) -> float:
+    """Return ``position_mm % turn_mm`` to the bit; faster for a turn of whole millimetres."""
+    if turn_mm != math.floor(turn_mm):
+        return position_mm % turn_mm
+    within = position_mm - math.floor(position_mm / turn_mm) * turn_mm
+    return within + turn_mm if within < 0.0 else within
+
 
 BLOCK_ROWS = 1024
 

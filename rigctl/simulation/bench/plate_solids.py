@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.protocol.finger import PLATE_MM, PLATE_WIDTH_MM, TEXTURES
+from rigctl.simulation.bench.parameters import WorldParameters, validated
 from rigctl.simulation.bench.textures import (
     CATALOGUE,
     OVERHANG_MM,
@@ -28,7 +29,6 @@ from rigctl.simulation.bench.textures import (
     find_texture,
     printed_heights,
 )
-from rigctl.simulation.bench.world.parameters import WorldParameters, validated
 
 THICKNESS_MM = 3.0
 FOOT_MM, FOOT_THICKNESS_MM, BARB_MM = 5.0, 2.0, 0.8

@@ -32,11 +32,17 @@ from rigctl.simulation.bench.mechanics import (
     RING_MS,
     Mechanics,
 )
-from rigctl.simulation.bench.noise import NoiseRows, NoiseStream, random_generator
-from rigctl.simulation.bench.numba_options import compiled, inlined, modulo
+from rigctl.simulation.bench.noise import (
+    NoiseRows,
+    NoiseStream,
+    compiled,
+    inlined,
+    modulo,
+    random_generator,
+)
+from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.bench.textures import GRID_MM
 from rigctl.simulation.bench.touch import NO_TOUCH
-from rigctl.simulation.bench.world.parameters import WorldParameters
 from rigctl.values import DRAWN_WIRING, N_TAXELS
 
 FULL_COUNTS = 1023

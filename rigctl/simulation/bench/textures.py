@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.errors import WrongUse
-from rigctl.simulation.bench.world.parameters import WorldParameters
+from rigctl.simulation.bench.parameters import WorldParameters
 
 GRID_MM = 0.05
 """Spacing of the height tables."""

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from rigctl.simulation.bench.bench import LOG_EVERY_MS, Bench
 from rigctl.simulation.boards import kernel
 from rigctl.simulation.boards.drum_firmware import SYNC, DrumFirmware
-from rigctl.wire.drum.codes import ResetCause
-from rigctl.wire.drum.register_table import POLL_BLOCK
+from rigctl.wire.drum_codes import ResetCause
+from rigctl.wire.drum_registers import POLL_BLOCK
 
 NOMINAL_HZ = 16_000_000
 MAX_CONVERSIONS = LOG_EVERY_MS

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.simulation.boards.firmware_library import I32, I64, POINTER, FirmwareLibrary
-from rigctl.wire.drum.register_table import POLL_BLOCK
+from rigctl.wire.drum_registers import POLL_BLOCK
 
 MAX_BYTES, MAX_EDGES, MAX_POLL_WORDS = 8192, 4096, 64
 SYNC, INDEX = 0, 1

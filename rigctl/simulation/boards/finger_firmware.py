@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.simulation.boards.firmware_library import I32, I64, POINTER, FirmwareLibrary
-from rigctl.wire.finger.messages import N_TAXELS
+from rigctl.wire.finger_messages import N_TAXELS
 
 MAX_SAMPLES, MAX_BYTES = 4096, 262144
 

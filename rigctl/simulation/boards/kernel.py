@@ -34,7 +34,7 @@ from rigctl.simulation.bench.mechanics import (
     MechanicsArrays,
     step_millisecond,
 )
-from rigctl.simulation.bench.numba_options import compiled, inlined
+from rigctl.simulation.bench.noise import compiled, inlined
 from rigctl.simulation.boards.drum_firmware import FLOAT_FIELDS, INTEGER_FIELDS
 
 FULL_READING = 1023

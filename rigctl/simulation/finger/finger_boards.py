@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.simulation.boards.finger_firmware import FingerFirmware
-from rigctl.simulation.boards.taxel_firmware import TaxelFirmware
+from rigctl.simulation.boards.taxels import TaxelFirmware
 from rigctl.simulation.finger.finger_skin import TOP_LAYER
 
 POWER_ON = 1

@@ -25,11 +25,11 @@ from rigctl.simulation.bench.mechanics import (
     RING_MS,
     Mechanics,
 )
-from rigctl.simulation.bench.numba_options import compiled
+from rigctl.simulation.bench.noise import compiled
+from rigctl.simulation.bench.parameters import WorldParameters, validated
 from rigctl.simulation.bench.skin import SLOT_US, Skin
-from rigctl.simulation.bench.world.parameters import WorldParameters, validated
 from rigctl.values import DRAWN_WIRING
-from rigctl.wire.finger.messages import N_TAXELS
+from rigctl.wire.finger_messages import N_TAXELS
 
 TABLE_MM = 400.0
 """Length of the tables of plate and clamp; a flat plate ends where a drum's clamp would begin."""

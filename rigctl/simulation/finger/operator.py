@@ -11,12 +11,34 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 
 from rigctl.protocol.finger import MARKS_MM, PLATE_MM, VelocityProfile
 from rigctl.simulation.bench.contact import Mounting
 from rigctl.simulation.finger.operator_parameters import OperatorParameters
-from rigctl.simulation.finger.wander import wander
 from rigctl.values import N_TAXELS
+
+_STEP_S = 0.02
+_REACH = 4.0
+
+
+def wander(n: int, correlation_s: float, random: np.random.Generator) -> NDArray[np.float64]:
+    """Return a stationary Gaussian process of unit variance, one value a millisecond, float64 (n,).
+
+    Its correlation falls to exp(-1/4) in ``correlation_s``: white noise under a Gaussian window.
+    Unlike a first-order process it has a finite rate of change, as a moving limb has.
+    """
+    sigma = correlation_s / _STEP_S
+    margin = int(np.ceil(_REACH * sigma))
+    points = int(n * 1e-3 / _STEP_S) + 2
+    noise = random.standard_normal(points + 2 * margin)
+    smooth = gaussian_filter1d(noise, sigma, truncate=_REACH)[margin : margin + points]
+    smooth *= np.sqrt(2.0 * np.sqrt(np.pi) * sigma)
+    values: NDArray[np.float64] = np.interp(
+        np.arange(n) * 1e-3, np.arange(points) * _STEP_S, smooth
+    )
+    return values
+
 
 ALONG, ACROSS, HEIGHT, FORCE, WRIST_ALONG, WRIST_ACROSS, WRIST_HEIGHT = range(7)
 """Columns of a movement: the fingertip on the plate in mm (across from the middle, height over the

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.errors import RigFault
-from rigctl.simulation.bench.world.parameters import WorldParameters
+from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.boards.finger_firmware import FingerFirmware
-from rigctl.simulation.boards.taxel_firmware import TaxelFirmware
+from rigctl.simulation.boards.taxels import TaxelFirmware
 from rigctl.simulation.chips.qemu import FingerImage
 from rigctl.simulation.finger.finger_boards import POWER_ON
 from rigctl.simulation.finger.operator_parameters import OperatorParameters, TrackerParameters

@@ -13,15 +13,18 @@ from __future__ import annotations
 
 from collections import deque
 from functools import cache
+from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
 
 from rigctl.errors import WrongUse
 from rigctl.protocol.finger import PLATE_CORNERS_MM, VelocityProfile
+from rigctl.simulation.bench.parameter_fields import checked
+from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.bench.textures import CATALOGUE
-from rigctl.simulation.bench.world.parameter_fields import checked
-from rigctl.simulation.bench.world.parameters import WorldParameters
-from rigctl.simulation.finger.faults import FingerFaults
+from rigctl.simulation.finger import hand
 from rigctl.simulation.finger.finger_boards import ConverterBoard, FingerBoard, TaxelLineBoard
 from rigctl.simulation.finger.finger_skin import FingerSkin
 from rigctl.simulation.finger.hand import Change, Hand
@@ -35,8 +38,160 @@ from rigctl.simulation.finger.operator import (
 )
 from rigctl.simulation.finger.operator_parameters import OperatorParameters, TrackerParameters
 from rigctl.simulation.finger.tracker import SimulatedTracker
-from rigctl.simulation.finger.truth import FingerTruth
-from rigctl.simulation.simulated_rig import SimulatedLink
+from rigctl.simulation.simulated_rig import Direction, Rate, SimulatedLink
+
+FaultSeconds = Annotated[float, Meta(ge=0, le=60)]
+PlateName = Annotated[str, Meta(max_length=16)]
+
+
+class DisturbedFinger(Protocol):
+    """What the faults act on."""
+
+    time_us: int
+    finger: SimulatedLink
+    tracker: SimulatedTracker
+
+    def change_slide(self, change: hand.Change) -> None:
+        """Change the slide from now on, or in the middle of the next one if there is none."""
+
+    def swap_plate(self, texture: str) -> None:
+        """Lay this plate out for the next slide, whatever is announced."""
+
+    def reset(self) -> None:
+        """Boot the board."""
+
+
+class FingerFaults:
+    """Injects faults. Those of the person act on the slide that is under way, from now on; without
+    one, they act in the middle of the next slide.
+    """
+
+    def __init__(self, disturbed: DisturbedFinger) -> None:
+        self._disturbed = disturbed
+
+    def unplug(self) -> None:
+        """Unplug the board's cable, which also powers the board."""
+        self._disturbed.finger.unplug()
+
+    def replug(self) -> None:
+        """Plug the cable in; the board boots."""
+        self._disturbed.finger.replug()
+        self._disturbed.reset()
+
+    def reset(self) -> None:
+        """Press the board's reset button."""
+        self._disturbed.reset()
+
+    def stall(self, on: bool = True) -> None:
+        """Silence the cable in both directions without closing the port."""
+        self._disturbed.finger.stalled = on
+
+    def drop_bytes(self, direction: Direction, rate: Rate) -> None:
+        """Drop this share of bytes; ``direction`` is ``"to_host"`` or ``"to_board"``."""
+        self._disturbed.finger.noise[direction].drop_rate = rate
+
+    def corrupt_bytes(self, direction: Direction, rate: Rate) -> None:
+        """Flip one bit in this share of bytes."""
+        self._disturbed.finger.noise[direction].corrupt_rate = rate
+
+    def unplug_tracker(self) -> None:
+        """Switch the tracker off."""
+        self._disturbed.tracker.unplug()
+
+    def replug_tracker(self) -> None:
+        """Switch the tracker on."""
+        self._disturbed.tracker.replug()
+
+    def lose_tracker(self, seconds: FaultSeconds) -> None:
+        """Hide the tracker from its base stations: it says that its positions are not valid."""
+        self._disturbed.tracker.lose(self._disturbed.time_us, seconds)
+
+    def lift(self, seconds: FaultSeconds) -> None:
+        """Lift the finger for a time while the hand moves on."""
+        self._disturbed.change_slide(hand.lift_for(seconds))
+
+    def reverse(self) -> None:
+        """Run back for about half a second, then go on."""
+        self._disturbed.change_slide(hand.reverse)
+
+    def stand_still(self, seconds: FaultSeconds) -> None:
+        """Stop for a time with the finger on the plate, then go on."""
+        self._disturbed.change_slide(hand.stand_still(seconds))
+
+    def too_fast(self) -> None:
+        """Make the rest of the slide at 600 mm/s."""
+        self._disturbed.change_slide(hand.too_fast)
+
+    def short_scan(self) -> None:
+        """Stop and lift the finger before the end."""
+        self._disturbed.change_slide(hand.stop_early)
+
+    def wrong_plate(self, texture: PlateName) -> None:
+        """Lay another plate out for the next slide. Raises WrongUse for an unknown one."""
+        if texture not in CATALOGUE:
+            raise WrongUse(f"no plate {texture!r}: the catalogue has A to P")
+        self._disturbed.swap_plate(texture)
+
+
+KEPT_MS = 600_000
+"""What nobody takes is kept for ten minutes."""
+
+
+class FingerTruthArrays(NamedTuple):
+    """True values, one row a millisecond; row ``i`` holds at ``first_ms + i + 1`` ms world time.
+
+    ``along_mm``, ``across_mm``, ``height_mm``: float32 (n,), the fingertip on the plate, the middle
+    across being 0. ``force_g``: float32 (n,). ``plate``: S1 (n,), the plate under the finger, and
+    ``slide``: int32 (n,), the slide's number; before the first slide they are "-" and -1.
+    """
+
+    first_ms: int
+    along_mm: NDArray[np.float32]
+    across_mm: NDArray[np.float32]
+    height_mm: NDArray[np.float32]
+    force_g: NDArray[np.float32]
+    plate: NDArray[np.bytes_]
+    slide: NDArray[np.int32]
+
+
+class FingerTruth:
+    """Log of the truth. ``plate`` and ``slide`` are those of the next rows."""
+
+    def __init__(self) -> None:
+        self.plate = "-"
+        self.slide = -1
+        self._first_ms = 0
+        self._kept_ms = 0
+        self._parts: deque[tuple[NDArray[np.float32], str, int]] = deque()
+
+    def append(self, rows: NDArray[np.float64]) -> None:
+        """Append milliseconds: along, across, height, force, float64 (n, 4)."""
+        self._parts.append((rows.astype(np.float32), self.plate, self.slide))
+        self._kept_ms += len(rows)
+        while self._kept_ms > KEPT_MS:
+            self._drop(len(self._parts.popleft()[0]))
+
+    def arrays(self) -> FingerTruthArrays:
+        """Return everything that is kept and not yet taken."""
+        parts = [rows for rows, _, _ in self._parts]
+        rows = np.concatenate([np.empty((0, 4), np.float32), *parts])
+        sizes = [len(part) for part in parts]
+        plates = np.repeat(np.array([plate for _, plate, _ in self._parts], "S1"), sizes)
+        slides = np.repeat(np.array([slide for _, _, slide in self._parts], np.int32), sizes)
+        along, across, height, force = rows.T.copy()
+        return FingerTruthArrays(self._first_ms, along, across, height, force, plates, slides)
+
+    def take(self) -> FingerTruthArrays:
+        """Return and discard everything that is kept."""
+        taken = self.arrays()
+        self._parts.clear()
+        self._drop(self._kept_ms)
+        return taken
+
+    def _drop(self, count: int) -> None:
+        self._first_ms += count
+        self._kept_ms -= count
+
 
 FINGER = "finger"
 FLUSH_US = 10_000

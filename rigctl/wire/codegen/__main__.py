@@ -6,8 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from rigctl.wire.codegen.cpp_headers import register_header, state_header
-from rigctl.wire.codegen.reference_page import reference_page
+from rigctl.wire.codegen.cpp_headers import reference_page, register_header, state_header
 
 CHECKOUT = Path(__file__).resolve().parents[3]
 GENERATED = {

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.acquisition.calibration.calibration import (
+from rigctl.acquisition.calibration import (
     HOMING_MM_S,
     LIFT_S,
     PRESS_S,
     TURN_MM_S,
     usual_duration_s,
 )
-from rigctl.acquisition.calibration.calibration_values import FORCE, IMBALANCE
+from rigctl.acquisition.calibration_values import FORCE, IMBALANCE
 from rigctl.config.rig_config import DrumGeometry
 from rigctl.simulation.virtual_rig import open_virtual_rig
-from rigctl.wire.drum.codes import Command, CommandResult
-from rigctl.wire.drum.register_table import BY_NAME
+from rigctl.wire.drum_codes import Command, CommandResult
+from rigctl.wire.drum_registers import BY_NAME
 from tests.simulation.host import Host
 
 TURN_S_TOLERANCE = 0.3

@@ -9,17 +9,17 @@ from typing import Any
 
 import pytest
 
+from rigctl.acquisition.boards import RELEASE_S
 from rigctl.acquisition.rpc.messages import (
     as_dict,
     decode_message,
     encode_message,
     parse_status,
 )
-from rigctl.acquisition.taxels.followed_range import RELEASE_S
 from rigctl.config.rig_config import LoadCell, RigConfig, load_config
 from rigctl.errors import CommandRefused, DiskFault, RigFault, WrongUse
 from rigctl.values import DRAWN_WIRING
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_states import State
 from tests.acquisition.engine_harness import EngineHarness, open_harness
 
 Handle = Callable[[str, dict[str, Any]], Awaitable[dict[str, Any]]]

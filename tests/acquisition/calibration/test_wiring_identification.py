@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from rigctl.acquisition.calibration.wiring_identification import PER_LAYER, WiringIdentification
+from rigctl.acquisition.wiring_identification import PER_LAYER, WiringIdentification
 from rigctl.errors import WrongUse
 from rigctl.values import DRAWN_WIRING
 from tests.acquisition.calibration.pressed_sensor import PressedSensor, wiring_of

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.acquisition.drum import motion
+from rigctl.acquisition import motion
 from rigctl.errors import CommandRefused, WrongUse
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_states import State
 from tests.acquisition.engine_harness import EngineHarness
 
 LIFT = "off and still in contact with the sensor: arm it, which lifts it off"

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rigctl.session.verify import verify
-from rigctl.wire.drum.codes import Status
+from rigctl.wire.drum_codes import Status
 from tests.acquisition.engine_harness import EngineHarness, open_harness, open_session, until_ended
 
 ONE = """

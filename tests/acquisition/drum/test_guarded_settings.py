@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.drum.settings import GUARDED_SETTINGS
 from rigctl.acquisition.drum_commands import DrumCommands
 from rigctl.acquisition.rig import Rig
+from rigctl.acquisition.settings import GUARDED_SETTINGS
 from rigctl.config.rig_config import LoadCell, RigConfig, RigLimits
 from rigctl.errors import CommandRefused, RigFault
 from rigctl.rig import FIRMWARE, VIRTUAL
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_states import State
 from tests.acquisition.engine_harness import EngineHarness, open_harness, until_ended
 
 MINE = RigConfig(limits=RigLimits(over_force_g=1350), loadcell=LoadCell(scale_ug_per_count=2390))

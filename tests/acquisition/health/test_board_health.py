@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.acquisition.drum.poller import POLL_PERIOD_S
-from rigctl.acquisition.health.boards import LateTickCounter
+from rigctl.acquisition.health import LateTickCounter
+from rigctl.acquisition.poller import POLL_PERIOD_S
 from rigctl.session.session import Session
 from rigctl.session.summary import summarise_session
 from rigctl.session.verify import verify
-from rigctl.wire.drum.register_table import BY_NAME
-from rigctl.wire.taxels.frames import Flag
+from rigctl.wire.drum_registers import BY_NAME
+from rigctl.wire.taxel_frames import Flag
 from tests.acquisition.engine_harness import TINY, EngineHarness, open_harness, open_session
 
 ONE = TINY.replace('"A", "L"', '"D"').replace("100, 120", "120")

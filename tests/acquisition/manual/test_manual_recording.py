@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.health.disk import DiskMonitor
+from rigctl.acquisition.health import DiskMonitor
 from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.session.verify import verify
 from tests.acquisition.engine_harness import EngineHarness, open_session

@@ -14,11 +14,11 @@ from typing import Any
 import pytest
 
 from rigctl.acquisition.early_end import judge_folder
-from rigctl.acquisition.protocol.run_request import RunRequest
+from rigctl.acquisition.run_request import RunRequest
 from rigctl.cli import main
 from rigctl.config.rig_config import RigConfig
 from rigctl.errors import SessionError, WrongUse
-from rigctl.protocol.early_end import EarlyEnd
+from rigctl.protocol.plan import EarlyEnd
 from rigctl.session.notes import Mark, SessionNote
 from rigctl.session.session import EARLY_END_KIND, Session, add_note, ended_early
 from rigctl.session.summary import summarise_session

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.protocol.run_request import RunRequest
+from rigctl.acquisition.run_request import RunRequest
 from rigctl.errors import SessionError
 from rigctl.session.verify import verify
 from rigctl.session.writer import PartWriter
-from rigctl.wire.drum.codes import Command
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_codes import Command
+from rigctl.wire.drum_states import State
 from tests.acquisition.engine_harness import EngineHarness, open_harness, open_session, until_ended
 
 PAIR = """

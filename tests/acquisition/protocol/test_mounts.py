@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rigctl.acquisition.protocol.run_request import RunRequest
+from rigctl.acquisition.run_request import RunRequest
 from tests.acquisition.engine_harness import EngineHarness, open_harness, open_session, until_ended
 
 TWICE = """

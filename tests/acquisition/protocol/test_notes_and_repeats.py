@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rigctl.acquisition.drum_commands import DrumCommands
-from rigctl.acquisition.protocol.run_request import RunRequest
+from rigctl.acquisition.run_request import RunRequest
 from rigctl.errors import RigctlError, WrongUse
 from rigctl.session.verify import verify
 from tests.acquisition.engine_harness import EngineHarness, open_session, until_ended

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.protocol.run_request import RunRequest
+from rigctl.acquisition.run_request import RunRequest
 from rigctl.config.rig_config import RecordingConfig, RigConfig
 from rigctl.session.verify import verify
 from tests.acquisition.engine_harness import open_harness, until_ended

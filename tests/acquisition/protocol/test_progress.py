@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rigctl.acquisition.protocol.progress import RunProgress
+from rigctl.acquisition.progress import RunProgress
 from rigctl.values import PlannedTrial
 from tests.acquisition.engine_harness import EngineHarness, until_ended
 

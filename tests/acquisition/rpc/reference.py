@@ -30,7 +30,7 @@ from rigctl.acquisition.rpc.commands import (
 )
 from rigctl.acquisition.rpc.server import ClientCommands
 from rigctl.realtime.finger_commands import FingerCommands
-from rigctl.simulation.finger.faults import FingerFaults
+from rigctl.simulation.finger.virtual_finger import FingerFaults
 from rigctl.simulation.simulated_rig import FaultInjection
 
 HEAD = ["| command | arguments | what it does |", "|---|---|---|"]

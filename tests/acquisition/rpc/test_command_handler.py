@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from rigctl.acquisition.drum_commands import DrumCommands
-from rigctl.acquisition.protocol.run_control import RunControl
 from rigctl.acquisition.rpc.messages import CurrentTrial, RunStatus, decode_request
+from rigctl.acquisition.run_control import RunControl
 from rigctl.errors import CommandRefused, WrongUse
-from rigctl.wire.drum import register_table
-from rigctl.wire.drum.states import State
+from rigctl.wire import drum_registers
+from rigctl.wire.drum_states import State
 from tests.acquisition.engine_harness import EngineHarness, until_ended
 
 
@@ -179,9 +179,9 @@ def test_only_operator_settings_can_be_set(harness: EngineHarness) -> None:
     async def scenario(harness: EngineHarness) -> None:
         handle = handler_of(harness)
         await handle("arm", {})
-        names = [entry.name for entry in register_table.SETTINGS]
+        names = [entry.name for entry in drum_registers.SETTINGS]
         before = await harness.rig.drum.get(*names)
-        for entry in register_table.SETTINGS:
+        for entry in drum_registers.SETTINGS:
             values = {"speed_mm_s": 100, entry.name: entry.low * entry.scale}
             with pytest.raises(WrongUse, match=f"unknown field {entry.name}; it takes speed_mm_s"):
                 await handle("set", values)

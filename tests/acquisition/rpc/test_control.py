@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_states import State
 from tests.acquisition.engine_harness import EngineHarness
 from tests.acquisition.rpc.client_connection import ClientConnection
 

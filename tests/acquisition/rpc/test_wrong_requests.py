@@ -6,7 +6,7 @@ import pytest
 
 from rigctl.acquisition.drum_commands import DrumCommands
 from rigctl.simulation.simulated_rig import FaultInjection
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_states import State
 from tests.acquisition.engine_harness import EngineHarness
 from tests.acquisition.rpc.wrong_requests import Attacker, declared, wrong_requests
 

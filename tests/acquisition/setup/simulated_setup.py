@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from rigctl.acquisition.calibration.calibrator import Calibrator, calibrate_alone
+from rigctl.acquisition.calibrator import Calibrator, calibrate_alone
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.setup.boards import find_boards
 from rigctl.acquisition.setup.progress import PassedStep

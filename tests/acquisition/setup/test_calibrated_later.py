@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.calibration.rig_file import edited_rig_file
+from rigctl.acquisition.calibrator import edited_rig_file
 from rigctl.acquisition.setup.progress import COMMISSION, PassedStep, note_calibration
 from rigctl.acquisition.setup.setup import Setup
 from rigctl.config.rig_config import RigConfig, load_config
 from rigctl.config.toml_edit import replace_file
 from rigctl.errors import CommandRefused
-from rigctl.wire.drum.codes import Command
+from rigctl.wire.drum_codes import Command
 from tests.acquisition.setup.simulated_setup import DAY, simulated_setup
 
 SCALE = RigConfig().loadcell.scale_ug_per_count

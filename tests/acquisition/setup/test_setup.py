@@ -13,7 +13,7 @@ from rigctl.acquisition.setup.verdict import DONE, YES_OR_NO, Question
 from rigctl.config.rig_config import SLOW_GAINS, Actuator, LoadCell, RigConfig, load_config
 from rigctl.errors import WrongUse
 from rigctl.values import BoardIdentity
-from rigctl.wire.drum.codes import Status
+from rigctl.wire.drum_codes import Status
 from tests.acquisition.setup.simulated_setup import DAY, SimulatedSetup, simulated_setup
 
 MINE = "# My rig.\n[inverted]\n# The stop is as drawn.\nestop = false\n"

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.acquisition.live_buffer import LiveReader
+from rigctl.acquisition.live_file import LiveReader
 from rigctl.analysis.learning_curve import GrowingFeatures
 from rigctl.config.rig_config import EncoderConfig, RigConfig, TaxelArray
 from rigctl.encoding.encoder import encode_trial

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.acquisition.live_buffer import LiveReader, LiveWriter
-from rigctl.acquisition.taxels.pipeline import SamplePipeline
+from rigctl.acquisition.live_file import LiveReader, LiveWriter
+from rigctl.acquisition.pipeline import SamplePipeline
 from rigctl.encoding.encoder import Encoder, encode_trial
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rigctl.acquisition.taxels.trial_cutter import CutTrial, TrialCutter
+from rigctl.acquisition.trial_cutter import CutTrial, TrialCutter
 from rigctl.values import Block
-from rigctl.wire.taxels.frames import Flag
+from rigctl.wire.taxel_frames import Flag
 
 N = 400
 RISE_IN = 100

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from rigctl.acquisition.rig import Rig
-from rigctl.acquisition.taxels.trial_start_by_clock import (
+from rigctl.acquisition.step_runner import (
     FRAME_WIRE_S,
     POLL_WIRE_S,
     estimate_trial_start,
 )
 from rigctl.cli import main
-from rigctl.cli.rig.run import _rig
+from rigctl.cli.run import _rig
 from rigctl.config.rig_config import Ports, RigConfig, Signals
 from rigctl.devices.clock_fit import ClockFit
 from rigctl.rig import open_rig
@@ -27,8 +27,8 @@ from rigctl.session.summary import summarise_session
 from rigctl.session.verify import verify
 from rigctl.simulation.chips.rig import ChipSimulation
 from rigctl.simulation.virtual_rig import VirtualRig
-from rigctl.wire.drum.codes import Signal
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_codes import Signal
+from rigctl.wire.drum_states import State
 from tests.acquisition.engine_harness import TINY, EngineHarness, open_harness, open_session
 from tests.firmware.taxels.chip import TaxelChip
 

@@ -13,7 +13,7 @@ from rigctl.finger_values import BatchRow, FingerTrialRow, LatencyRow
 from rigctl.session.finger_recorder import FingerRecorder
 from rigctl.session.header import SessionHeader
 from rigctl.values import BoardIdentity, Verdict
-from rigctl.wire.finger.decoder import FingerBlock
+from rigctl.wire.finger_decoder import FingerBlock
 
 PROTOCOL = 'name = "made up"\n'
 HEADER = SessionHeader(

@@ -36,7 +36,7 @@ from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.finger_values import PredictionRow
 from rigctl.session.finger_session import FingerSession
 from rigctl.session.header import SensorLayout
-from rigctl.simulation.bench.world.world_file import NOMINAL_WORLD
+from rigctl.simulation.bench.world_file import NOMINAL_WORLD
 from rigctl.values import Verdict
 from tests.session import finger_building
 from tests.session.finger_building import SCAN_MS, VELOCITIES_UM_S, SyntheticFinger

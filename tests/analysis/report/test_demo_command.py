@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from rigctl.acquisition.rpc.messages import RunStatus
-from rigctl.cli import main
-from rigctl.cli.analysis import demo
+from rigctl.cli import demo, main
 from rigctl.session.verify import VerifyReport
 from tests.analysis.recordings import record
 

@@ -20,7 +20,7 @@ from rigctl.analysis.report.html_page import describe_p
 from rigctl.analysis.representations import REPRESENTATIONS
 from rigctl.analysis.tasks import Curve, TaskResult
 from rigctl.cli import main
-from rigctl.cli.options.progress import ProgressLine
+from rigctl.cli.progress import ProgressLine
 from tests.analysis.recordings import record
 from tests.analysis.report.chromium import CHROMIUM, ask_page
 

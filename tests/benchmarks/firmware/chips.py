@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-from rigctl.simulation.bench.world.parameters import WorldParameters
+from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.chips.rig import open_chip_simulation
 from tests.firmware.building import built
 from tests.simulation.host import BOOT_US, Host

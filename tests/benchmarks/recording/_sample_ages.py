@@ -12,7 +12,7 @@ from unittest.mock import patch
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.acquisition.live_buffer import LiveReader
+from rigctl.acquisition.live_file import LiveReader
 from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
 
 if TYPE_CHECKING:

@@ -24,11 +24,11 @@ from shiboken6 import delete
 from gui.analysis.results import AnalysisResults, plot_page
 from gui.analysis.tasks.task_values import TrialCourse, TrialData
 from gui.analysis.trials.read_trial import block_extremes
-from gui.live.replay.replay_tasks import replay_trial
+from gui.live.replay_tasks import replay_trial
 from gui.shell.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
 from rigctl.session.header import SensorLayout
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_states import State
 from tests.gui.texts.results_scenes import ORIGIN, largest_accuracy, largest_confusion
 
 SIZE = (1400, 900)

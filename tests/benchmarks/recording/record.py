@@ -16,7 +16,7 @@ from typing import Any
 
 from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_states import State
 
 SECONDS = 20.0
 TICKS_A_SECOND = os.sysconf("SC_CLK_TCK")

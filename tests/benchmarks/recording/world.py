@@ -13,7 +13,7 @@ from rigctl.config.resources import find_protocol
 from rigctl.protocol.finger import TEXTURES, VelocityProfile
 from rigctl.simulation.clock import SimulatedTimeLoop
 from rigctl.simulation.finger.virtual_finger import open_virtual_finger
-from rigctl.wire.finger import messages
+from rigctl.wire import finger_messages
 from tests.acquisition.engine_harness import open_harness
 
 SEED = 1
@@ -65,12 +65,12 @@ def finger_factor() -> float:
     async def slide(texture: str, profile: VelocityProfile) -> None:
         scan, batch = rig.next_slide, 0
         rig.slide(texture, profile)
-        rig.finger.write(messages.start(scan))
+        rig.finger.write(finger_messages.start(scan))
         while rig.sliding:
             await asyncio.sleep(VELOCITY_S)
-            rig.finger.write(messages.velocity(scan, batch, 100_000))
+            rig.finger.write(finger_messages.velocity(scan, batch, 100_000))
             batch += 1
-        rig.finger.write(messages.stop(scan))
+        rig.finger.write(finger_messages.stop(scan))
         await asyncio.sleep(IDLE_S)
 
     loop = SimulatedTimeLoop(rig)

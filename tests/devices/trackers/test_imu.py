@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rigctl.devices.trackers.imu_integrator import ImuIntegrator
-from rigctl.devices.trackers.imu_tracker import ImuTracker
+from rigctl.devices.trackers.imu_tracker import ImuIntegrator, ImuTracker
 from rigctl.values import Position
 from tests.devices.memory_link import JumpingLoop, MemoryLink, run
 

@@ -9,7 +9,7 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from rigctl.devices.trackers.openvr_tracker import OpenVrTracker
+from rigctl.devices.trackers.streaming_tracker import OpenVrTracker
 from rigctl.errors import LinkLost, RigFault
 from rigctl.values import Position
 from tests.devices.trackers.steamvr import SteamVR

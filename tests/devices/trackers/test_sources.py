@@ -11,11 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.devices.trackers.open_tracker import open_tracker
-from rigctl.devices.trackers.recorded_track import RecordedTrack, read_track
-from rigctl.devices.trackers.serial_tracker import SerialTracker
-from rigctl.devices.trackers.source_clock import SourceClock
-from rigctl.devices.trackers.udp_tracker import UdpTracker
+from rigctl.devices.trackers.open_tracker import RecordedTrack, open_tracker, read_track
+from rigctl.devices.trackers.streaming_tracker import SerialTracker, SourceClock, UdpTracker
 from rigctl.errors import LinkLost, WrongUse
 from rigctl.values import Position
 from tests.devices.memory_link import JumpingLoop, MemoryLink, run

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from rigctl.simulation.bench.contact import ForceTable, contact_tables, draw_mounting, force_table
-from rigctl.simulation.bench.world.parameters import WorldParameters
+from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.chips.simavr import Input, ResetBy
-from rigctl.wire.drum.codes import Command, Status
-from rigctl.wire.drum.register_table import BY_NAME
-from rigctl.wire.drum.states import Fault, State
+from rigctl.wire.drum_codes import Command, Status
+from rigctl.wire.drum_registers import BY_NAME
+from rigctl.wire.drum_states import Fault, State
 from tests.firmware.drum.support.attacks import (
     ATTACK_CHECKS,
     ATTACK_CONTROLS,

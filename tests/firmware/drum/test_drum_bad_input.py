@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from rigctl.simulation.chips.simavr import Output
-from rigctl.wire.drum.codes import Command
-from rigctl.wire.drum.register_table import (
+from rigctl.wire.drum_codes import Command
+from rigctl.wire.drum_registers import (
     BY_NAME,
     END,
     MAGIC,
@@ -18,9 +18,9 @@ from rigctl.wire.drum.register_table import (
     SETTINGS,
     SETTINGS_BLOCK,
     Register,
+    pack_value,
 )
-from rigctl.wire.drum.registers import pack_value
-from rigctl.wire.drum.states import Fault, State
+from rigctl.wire.drum_states import Fault, State
 from tests.firmware.drum.support.checks import enter_from_idle
 from tests.firmware.drum.support.chip import DrumChip, crc16
 

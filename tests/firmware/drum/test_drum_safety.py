@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from rigctl.simulation.chips.simavr import Input, Output, ResetBy
-from rigctl.wire.drum.codes import Command
-from rigctl.wire.drum.register_table import BY_NAME, MAGIC
-from rigctl.wire.drum.states import Fault, State
+from rigctl.wire.drum_codes import Command
+from rigctl.wire.drum_registers import BY_NAME, MAGIC
+from rigctl.wire.drum_states import Fault, State
 from tests.firmware.drum.support.checks import (
     ESTOP_LIMIT,
     HANGS,

@@ -11,9 +11,9 @@ from rigctl.encoding.encoder import Encoder
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.simulation.boards.finger_firmware import FingerFirmware
 from rigctl.simulation.chips.qemu import InstructionCount, Line, Script, run_script
-from rigctl.wire.finger import messages
-from rigctl.wire.finger.decoder import FingerBlock, FingerDecoder
-from rigctl.wire.finger.messages import BATCH_SAMPLES, N_TAXELS, SampleFlag, WindowReport
+from rigctl.wire import finger_messages
+from rigctl.wire.finger_decoder import FingerBlock, FingerDecoder
+from rigctl.wire.finger_messages import BATCH_SAMPLES, N_TAXELS, SampleFlag, WindowReport
 
 LOW = tuple(range(40, 40 + N_TAXELS))
 HIGH = tuple(range(700, 700 + N_TAXELS))
@@ -25,7 +25,7 @@ PROFILES = {
     "fast-to-slow": (200, 50),
 }
 """Velocities in mm/s at the start and at the end of the scan."""
-SETTINGS = messages.set_ranges(LOW, HIGH) + messages.read_settings()
+SETTINGS = finger_messages.set_ranges(LOW, HIGH) + finger_messages.read_settings()
 
 
 @dataclass(frozen=True)
@@ -61,15 +61,15 @@ def synthetic_scan(number: int, seed: int = 1) -> SyntheticScan:
 def steps(scan: SyntheticScan) -> list[tuple[Line, bytes]]:
     """Return what reaches the board in a scan: start, samples, velocities, stop."""
     whole = len(scan.readings) // BATCH_SAMPLES
-    done: list[tuple[Line, bytes]] = [(Line.HOST, messages.start(scan.number))]
+    done: list[tuple[Line, bytes]] = [(Line.HOST, finger_messages.start(scan.number))]
     for batch, velocity in enumerate(scan.velocities_um_per_s):
         rows = scan.readings[batch * BATCH_SAMPLES : (batch + 1) * BATCH_SAMPLES]
         done.append((Line.CONVERTER, rows.tobytes()))
         if batch == whole:  # the last, short one
-            done.append((Line.HOST, messages.stop(scan.number)))
-        done.append((Line.HOST, messages.velocity(scan.number, batch, velocity)))
+            done.append((Line.HOST, finger_messages.stop(scan.number)))
+        done.append((Line.HOST, finger_messages.velocity(scan.number, batch, velocity)))
     if len(scan.velocities_um_per_s) == whole:
-        done.append((Line.HOST, messages.stop(scan.number)))
+        done.append((Line.HOST, finger_messages.stop(scan.number)))
     return done
 
 

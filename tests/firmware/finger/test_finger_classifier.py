@@ -12,18 +12,20 @@ from numpy.typing import NDArray
 from rigctl import host_build
 from rigctl.errors import WrongUse
 from rigctl.simulation.boards.finger_firmware import FingerFirmware
-from rigctl.wire.finger import messages
-from rigctl.wire.finger.decoder import FingerDecoder
-from rigctl.wire.finger.messages import (
+from rigctl.wire import finger_messages
+from rigctl.wire.finger_decoder import FingerDecoder
+from rigctl.wire.finger_messages import (
+    N_FEATURES,
     N_TAXELS,
+    N_WINDOWS,
     Answer,
     BoardPrediction,
     Message,
     RequestType,
     Result,
     WindowReport,
+    model_header,
 )
-from rigctl.wire.finger.model_header import N_FEATURES, N_WINDOWS, model_header
 from tests.firmware.finger.scans import synthetic_scan, through_host_build
 
 Floats = NDArray[np.float64]
@@ -110,7 +112,7 @@ def test_a_calibrations_mean_replaces_the_training_mean(
 ) -> None:
     mean = model.mean + np.random.default_rng(6).uniform(-30, 30, N_FEATURES)
     requests = [
-        messages.set_mean(window, row.tolist())
+        finger_messages.set_mean(window, row.tolist())
         for window, row in enumerate(mean.reshape(N_TAXELS, N_WINDOWS).T)
     ]
     board = FingerFirmware(library)
@@ -122,7 +124,7 @@ def test_a_calibrations_mean_replaces_the_training_mean(
 def test_a_board_without_a_model_refuses_a_mean() -> None:
     board = FingerFirmware()
     board.boot(0)
-    board.receive(messages.set_mean(0, [0.0] * N_TAXELS))
+    board.receive(finger_messages.set_mean(0, [0.0] * N_TAXELS))
     _, decoded = FingerDecoder().feed(board.take_sent())
     assert decoded[-1] == Answer(RequestType.SET_MEAN, Result.NO_MODEL, 0)
     board.close()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rigctl.simulation.boards.finger_firmware import FingerFirmware
-from rigctl.wire.finger.decoder import FingerDecoder
+from rigctl.wire.finger_decoder import FingerDecoder
 from tests.firmware.broken import BROKEN
 from tests.firmware.building import host_library
 from tests.firmware.finger.scans import (

@@ -9,8 +9,8 @@ import pytest
 
 from rigctl.encoding.neuron_header import HEADER, neuron_header
 from rigctl.simulation.boards.finger_firmware import FingerFirmware
-from rigctl.wire.finger.decoder import FingerDecoder
-from rigctl.wire.finger.messages import ScanEnded
+from rigctl.wire.finger_decoder import FingerDecoder
+from rigctl.wire.finger_messages import ScanEnded
 from tests.firmware.building import built
 from tests.firmware.finger.scans import (
     differing_trains,

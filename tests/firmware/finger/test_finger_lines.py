@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from rigctl.simulation.boards.finger_firmware import FingerFirmware
-from rigctl.simulation.boards.taxel_firmware import TaxelFirmware
+from rigctl.simulation.boards.taxels import TaxelFirmware
 from rigctl.simulation.chips.qemu import FingerImage
 from rigctl.values import N_TAXELS
-from rigctl.wire.finger import messages
-from rigctl.wire.finger.decoder import FingerDecoder
-from rigctl.wire.finger.messages import BATCH_SAMPLES, BatchReport, ScanEnded, VelocitySource
+from rigctl.wire import finger_messages
+from rigctl.wire.finger_decoder import FingerDecoder
+from rigctl.wire.finger_messages import BATCH_SAMPLES, BatchReport, ScanEnded, VelocitySource
 from tests.firmware.building import built
 from tests.firmware.finger.scans import SETTINGS, SyntheticScan, synthetic_scan
 
@@ -77,13 +77,13 @@ def test_a_scan_over_the_lines_equals_the_host_build(
     with FingerImage() as image:
         boards = TwoBuilds(host_build, image)
         boards.receive(SETTINGS)
-        boards.receive(messages.start(scan.number))
+        boards.receive(finger_messages.start(scan.number))
         for batch, piece in enumerate(taxel_frames(scan)):
             boards.receive_taxels(piece)
             if len(scan.readings) < (batch + 1) * BATCH_SAMPLES:
-                boards.receive(messages.stop(scan.number))
+                boards.receive(finger_messages.stop(scan.number))
             velocity = scan.velocities_um_per_s[batch]
-            boards.receive(messages.velocity(scan.number, batch, velocity))
+            boards.receive(finger_messages.velocity(scan.number, batch, velocity))
     block, decoded = FingerDecoder().feed(boards.sent)
     assert np.array_equal(block.readings, scan.readings)
     assert isinstance(decoded[-2], ScanEnded)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rigctl.finger_values import N_FINGER_TAXELS
 from rigctl.simulation.boards.finger_firmware import FingerFirmware
-from rigctl.wire.finger.decoder import FingerBlock, FingerDecoder
+from rigctl.wire.finger_decoder import FingerBlock, FingerDecoder
 from tests.session.finger_building import taxel_frame
 
 FRAMES = 400

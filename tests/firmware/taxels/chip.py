@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from rigctl.simulation.chips.simavr import Chip, Input, Kind, Output, load_library
 from rigctl.values import Block
-from rigctl.wire.taxels.frames import FrameDecoder, TaxelIdentity, TaxelStatus
-from rigctl.wire.taxels.self_test import SelfTest
+from rigctl.wire.taxel_frames import FrameDecoder, SelfTest, TaxelIdentity, TaxelStatus
 from tests.firmware.building import built
 
 FRAME_CYCLES = 16_000

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rigctl.simulation.chips.simavr import Input
-from rigctl.wire.taxels.frames import Flag
+from rigctl.wire.taxel_frames import Flag
 from tests.firmware.taxels.chip import FRAME_CYCLES, TaxelChip
 
 UNSURE_CYCLES = 4

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rigctl.simulation.chips.simavr import Input
-from rigctl.wire.taxels.frames import IDENTIFY, SELF_TEST, encode_request
+from rigctl.wire.taxel_frames import IDENTIFY, SELF_TEST, encode_request
 from tests.firmware.taxels.chip import TaxelChip
 
 FRAMES = 100_000

@@ -7,8 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rigctl.wire.taxels.frames import IDENTIFY, SELF_TEST, SelfTestBit, encode_request
-from rigctl.wire.taxels.self_test import Coverage, SelfTest, findings
+from rigctl.wire.taxel_frames import (
+    IDENTIFY,
+    SELF_TEST,
+    Coverage,
+    SelfTest,
+    SelfTestBit,
+    encode_request,
+    findings,
+)
 from tests.firmware.taxels.chip import FRAME_CYCLES, TaxelChip
 
 TEST_FRAMES = 21

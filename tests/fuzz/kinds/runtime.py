@@ -9,7 +9,7 @@ from random import Random
 
 import numpy as np
 
-from rigctl.acquisition.live_buffer import LiveReader, LiveWriter
+from rigctl.acquisition.live_file import LiveReader, LiveWriter
 from rigctl.acquisition.rpc.engine_files import (
     EngineFile,
     running_engines,

@@ -10,7 +10,7 @@ import pytest
 from PySide6.QtWidgets import QApplication, QLabel
 
 from gui.shell.main_window import MainWindow
-from gui.shell.memory.user_settings import UserSettings
+from gui.shell.user_settings import UserSettings
 from gui.widgets.theme import ThemeChoice
 from tests.analysis.recordings import record
 from tests.gui.fake_engine import FakeEngine

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from gui.shell.small_screen import screen_complaint
+from gui.app import screen_complaint
 
 OPEN = """
 import json

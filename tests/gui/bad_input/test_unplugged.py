@@ -10,7 +10,7 @@ import pytest
 from gui.analysis.trials.open_sessions import OpenSessions
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_states import State
 from tests.gui.rig_window import RigWindow
 from tests.gui.steps import click, press_escape
 

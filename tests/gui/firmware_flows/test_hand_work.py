@@ -6,7 +6,7 @@ from pathlib import Path
 
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_states import State
 from tests.gui.rig_window import RigWindow
 from tests.gui.steps import click
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from PySide6.QtWidgets import QApplication
 
 from gui.protocol.protocol_panel import ProtocolPanel
-from gui.protocol.run_values import SessionNews
+from gui.protocol.run_tasks import SessionNews
 from tests.gui.steps import wait_until
 
 END = (

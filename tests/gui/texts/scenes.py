@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from PySide6.QtWidgets import QApplication
 
-from gui.live.page.live_page import ENCODER, TRIALS
+from gui.live.live_page import ENCODER, TRIALS
 from gui.protocol.learning_page import NO_SESSION
 from gui.protocol.protocol_panel import ProtocolPanel
 from gui.shell.main_window import MainWindow
@@ -21,7 +21,7 @@ from rigctl.analysis.learning_curve import CurvePoint, SessionCurve, describe_sh
 from rigctl.devices.port_discovery import PortReport
 from rigctl.synth.sample_session import MAKING
 from rigctl.values import BoardIdentity
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_states import State
 from tests.gui.fake_engine import STATUS, FakeEngine
 from tests.gui.fake_finger import RUNNING, FakeFinger
 from tests.gui.steps import click, wait_until

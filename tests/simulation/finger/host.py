@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.protocol.finger import VelocityProfile
-from rigctl.simulation.finger.truth import FingerTruthArrays
-from rigctl.simulation.finger.virtual_finger import VirtualFinger
+from rigctl.simulation.finger.virtual_finger import FingerTruthArrays, VirtualFinger
 from rigctl.values import Position
-from rigctl.wire.finger.decoder import FingerBlock, FingerDecoder
-from rigctl.wire.finger.messages import Message
+from rigctl.wire.finger_decoder import FingerBlock, FingerDecoder
+from rigctl.wire.finger_messages import Message
 
 IDLE_US = 1_500_000
 """Longer than the hand needs back to the start."""

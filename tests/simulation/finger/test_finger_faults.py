@@ -9,12 +9,15 @@ import pytest
 
 from rigctl.errors import LinkLost, WrongUse
 from rigctl.protocol.finger import VelocityProfile
-from rigctl.simulation.finger.truth import FingerTruthArrays
-from rigctl.simulation.finger.virtual_finger import VirtualFinger, open_virtual_finger
+from rigctl.simulation.finger.virtual_finger import (
+    FingerTruthArrays,
+    VirtualFinger,
+    open_virtual_finger,
+)
 from rigctl.simulation.simulated_rig import TO_BOARD, TO_HOST
-from rigctl.wire.finger import messages
-from rigctl.wire.finger.decoder import FingerDecoder
-from rigctl.wire.finger.messages import FingerIdentity, FingerStatus
+from rigctl.wire import finger_messages
+from rigctl.wire.finger_decoder import FingerDecoder
+from rigctl.wire.finger_messages import FingerIdentity, FingerStatus
 from tests.simulation.finger.host import FingerHost, on_plate
 
 MEDIUM = VelocityProfile.MEDIUM
@@ -165,7 +168,7 @@ def test_a_stalled_cable_is_silent_both_ways(host: FingerHost) -> None:
     host.wait(100_000)
     received = len(host.pieces)
     host.rig.faults.stall()
-    host.rig.finger.write(messages.identify())
+    host.rig.finger.write(finger_messages.identify())
     host.wait(200_000)
     assert len(host.pieces) == received
     host.rig.faults.stall(False)
@@ -195,7 +198,7 @@ def test_a_bad_cable_damages_frames_to_the_host(host: FingerHost, fault: str) ->
 def test_a_bad_cable_damages_requests_to_the_board(host: FingerHost) -> None:
     host.rig.faults.corrupt_bytes(TO_BOARD, 0.2)
     for _ in range(20):
-        host.rig.finger.write(messages.read_settings())
+        host.rig.finger.write(finger_messages.read_settings())
         host.wait(10_000)
     host.wait(200_000)
     status = [m for m in host.decode()[1] if isinstance(m, FingerStatus)][-1]

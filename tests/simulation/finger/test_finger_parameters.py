@@ -8,9 +8,9 @@ import pytest
 
 from rigctl.errors import WrongUse
 from rigctl.protocol.finger import VelocityProfile
-from rigctl.simulation.bench.world.parameter_fields import describe
-from rigctl.simulation.bench.world.parameters import WorldParameters
-from rigctl.simulation.finger import parameter_page
+from rigctl.simulation.bench.parameter_fields import describe
+from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.simulation.finger import operator_parameters
 from rigctl.simulation.finger.operator_parameters import OperatorParameters, TrackerParameters
 from rigctl.simulation.finger.virtual_finger import open_virtual_finger
 from tests.simulation.finger.host import FingerHost
@@ -56,6 +56,6 @@ def test_a_finger_at_either_end_of_every_range_slides_over_both_marks(end: str) 
 
 
 def test_the_page_shows_the_tables() -> None:
-    assert parameter_page.main(["--check"]) == 0, (
-        "run python -m rigctl.simulation.finger.parameter_page"
+    assert operator_parameters.main(["--check"]) == 0, (
+        "run python -m rigctl.simulation.finger.operator_parameters"
     )

@@ -19,9 +19,9 @@ from rigctl.simulation.finger.operator import (
     draw_habits,
     draw_slide,
     intended_speeds,
+    wander,
 )
 from rigctl.simulation.finger.operator_parameters import OperatorParameters
-from rigctl.simulation.finger.wander import wander
 
 P = OperatorParameters()
 SLIDES = 40

@@ -8,7 +8,7 @@ from rigctl.errors import RigFault
 from rigctl.protocol.finger import VelocityProfile
 from rigctl.simulation.finger.qemu_finger import ImageBoard, open_qemu_finger
 from rigctl.simulation.finger.virtual_finger import VirtualFinger, open_virtual_finger
-from rigctl.wire.finger import messages
+from rigctl.wire import finger_messages
 from tests.firmware.building import built
 from tests.simulation.finger.host import FingerHost
 
@@ -16,14 +16,14 @@ from tests.simulation.finger.host import FingerHost
 def _scan(rig: VirtualFinger) -> list[tuple[bytes, float]]:
     """Begin a slide and a scan of three batches, and return what reaches the host, and when."""
     host = FingerHost(rig)
-    rig.finger.write(messages.set_ranges((20,) * 9, (250,) * 9))
+    rig.finger.write(finger_messages.set_ranges((20,) * 9, (250,) * 9))
     rig.slide("B", VelocityProfile.FAST)
     host.wait(500_000)
-    rig.finger.write(messages.start(1))
+    rig.finger.write(finger_messages.start(1))
     for batch in range(3):
         host.wait(103_000)
-        rig.finger.write(messages.velocity(1, batch, 150_000))
-    rig.finger.write(messages.stop(1))
+        rig.finger.write(finger_messages.velocity(1, batch, 150_000))
+    rig.finger.write(finger_messages.stop(1))
     host.wait(50_000)
     rig.close()
     return host.pieces
@@ -52,5 +52,5 @@ def test_the_image_boots_again_after_the_cable() -> None:
 def test_a_board_that_is_not_booted_says_so() -> None:
     board = ImageBoard()
     with pytest.raises(RigFault, match="boot the board"):
-        board.receive(messages.identify())
+        board.receive(finger_messages.identify())
     board.close()

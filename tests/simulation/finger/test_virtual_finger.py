@@ -12,20 +12,21 @@ from numpy.typing import NDArray
 
 from rigctl.errors import WrongUse
 from rigctl.protocol.finger import VelocityProfile
-from rigctl.simulation.bench.world.parameters import WorldParameters
+from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.clock import SimulatedTimeLoop
 from rigctl.simulation.finger.finger_boards import ConverterBoard
 from rigctl.simulation.finger.finger_skin import TOP_LAYER
 from rigctl.simulation.finger.operator_parameters import OperatorParameters, TrackerParameters
-from rigctl.simulation.finger.truth import KEPT_MS, FingerTruth
 from rigctl.simulation.finger.virtual_finger import (
     FLUSH_US,
+    KEPT_MS,
     USB_US,
+    FingerTruth,
     VirtualFinger,
     open_virtual_finger,
 )
-from rigctl.wire.finger import messages
-from rigctl.wire.finger.messages import Answer, BatchReport, FingerIdentity
+from rigctl.wire import finger_messages
+from rigctl.wire.finger_messages import Answer, BatchReport, FingerIdentity
 from tests.simulation.finger.host import FingerHost
 
 FAST = VelocityProfile.FAST
@@ -42,7 +43,7 @@ def _digest(step_us: int, seed: int = 1, session: int = 0) -> str:
     rig = open_virtual_finger(seed=seed, session=session)
     host = FingerHost(rig)
     rig.slide("B", FAST)
-    rig.finger.write(messages.start(1))
+    rig.finger.write(finger_messages.start(1))
     while rig.time_us < 1_800_000:
         rig.advance(rig.time_us + step_us)
     rig.close()
@@ -140,7 +141,7 @@ def test_a_sample_reaches_the_host_within_a_flush_and_the_cables_time(rig: Virtu
 def test_an_answer_takes_the_cable_twice(rig: VirtualFinger) -> None:
     host = FingerHost(rig)
     host.wait(123_400)
-    rig.finger.write(messages.identify())
+    rig.finger.write(finger_messages.identify())
     host.wait(2 * USB_US - 1)
     assert not any(isinstance(m, FingerIdentity) for m in host.decode()[1][1:])
     host.wait(1)
@@ -150,9 +151,9 @@ def test_an_answer_takes_the_cable_twice(rig: VirtualFinger) -> None:
 
 def test_a_velocity_brings_its_batch_after_a_millisecond(rig: VirtualFinger) -> None:
     host = FingerHost(rig)
-    rig.finger.write(messages.start(5))
+    rig.finger.write(finger_messages.start(5))
     host.wait(150_000)
-    rig.finger.write(messages.velocity(5, 0, 80_000))
+    rig.finger.write(finger_messages.velocity(5, 0, 80_000))
     written_us = rig.time_us
     host.wait(2 * USB_US)
     assert [m.batch for m in host.decode()[1] if isinstance(m, BatchReport)] == [0]
@@ -218,6 +219,6 @@ def test_a_closed_finger_only_passes_time(rig: VirtualFinger) -> None:
 
 def test_settings_are_answered_over_the_cable(rig: VirtualFinger) -> None:
     host = FingerHost(rig)
-    rig.finger.write(messages.set_ranges((10,) * 9, (300,) * 9))
+    rig.finger.write(finger_messages.set_ranges((10,) * 9, (300,) * 9))
     host.wait(2_000)
     assert any(isinstance(message, Answer) for message in host.decode()[1])

@@ -9,7 +9,7 @@ from rigctl.simulation.bench.contact import ForceTable, contact_tables, draw_mou
 from rigctl.simulation.bench.electrics import constants
 from rigctl.simulation.bench.load_cell import LoadCellAmplifier
 from rigctl.simulation.bench.mechanics import Mechanics
-from rigctl.simulation.bench.world.parameters import WorldParameters
+from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.simulated_rig import Disturbances
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from rigctl.simulation.chips.simavr import ResetBy
-from rigctl.wire.drum.codes import Command
-from rigctl.wire.drum.states import Fault, State
+from rigctl.wire.drum_codes import Command
+from rigctl.wire.drum_states import Fault, State
 from tests.firmware.drum.support.checks import IMAGE, SET_FORCE_G, Check
 from tests.firmware.drum.support.chip import G_PER_COUNT, MS, DrumChip
 

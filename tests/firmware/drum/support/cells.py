@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from rigctl.simulation.chips.simavr import Input
-from rigctl.wire.drum.codes import Command
-from rigctl.wire.drum.states import State, StateEvent
+from rigctl.wire.drum_codes import Command
+from rigctl.wire.drum_states import State, StateEvent
 from tests.firmware.drum.support.checks import enter_from_idle
 from tests.firmware.drum.support.chip import DrumChip
 

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.simulation.chips.simavr import Input, Output
-from rigctl.wire.drum.codes import Command, ResetCause
-from rigctl.wire.drum.register_table import BY_NAME
-from rigctl.wire.drum.states import Fault, State
+from rigctl.wire.drum_codes import Command, ResetCause
+from rigctl.wire.drum_registers import BY_NAME
+from rigctl.wire.drum_states import Fault, State
 from tests.firmware.drum.support.chip import MS, DrumChip
 
 IMAGE = "firmware/drum.elf"

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from rigctl.simulation.bench.circuit import AS_DRAWN
 from rigctl.simulation.bench.electrics import actuator_pins, constants
 from rigctl.simulation.chips.simavr import Chip, Input, Kind, Output, load_library
-from rigctl.wire.drum.codes import Command, CommandResult, Status
-from rigctl.wire.drum.register_table import BY_NAME, Register
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_codes import Command, CommandResult, Status
+from rigctl.wire.drum_registers import BY_NAME, Register
+from rigctl.wire.drum_states import State
 from tests.firmware.building import built
 
 MS = 16_000

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from rigctl.simulation.bench.load_cell import LoadCellAmplifier
-from rigctl.simulation.bench.world.parameters import WorldParameters
+from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.simulated_rig import Disturbances
-from rigctl.wire.drum.codes import Command
+from rigctl.wire.drum_codes import Command
 from tests.firmware.drum.support.plant_drum import PlantDrum
 
 IMAGE = "firmware/drum-other.elf"

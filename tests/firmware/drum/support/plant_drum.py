@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from rigctl.simulation.bench.electrics import LIFT, PRESS, actuator_pins
 from rigctl.simulation.bench.mechanics import DrumTrajectory
-from rigctl.simulation.bench.world.parameters import WorldParameters, validated
+from rigctl.simulation.bench.parameters import WorldParameters, validated
 from rigctl.simulation.chips.simavr import Input, Output
-from rigctl.wire.drum.codes import Command
-from rigctl.wire.drum.states import State
+from rigctl.wire.drum_codes import Command
+from rigctl.wire.drum_states import State
 from tests.firmware.drum.support.bare_bench import BareBench
 from tests.firmware.drum.support.chip import MS, DrumChip
 

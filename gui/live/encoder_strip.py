@@ -1,0 +1,240 @@
+"""Choose the encoder of the live views, and the factor on its SA current."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QCheckBox, QLineEdit, QWidget
+
+from gui.live.live_data import LiveData
+from gui.widgets.file_browser import PathKind, browse_button, typed_path
+from gui.widgets.flow_layout import FlowLayout
+from gui.widgets.labels import ElidedLabel, label, show_text
+from gui.widgets.layouts import combo_box, vbox
+from gui.widgets.number_box import NumberBox
+from rigctl.acquisition.rpc.messages import EngineStatus
+from rigctl.encoding.force_matrix import ForceMatrix
+from rigctl.encoding.normalisation import Normalisation
+from rigctl.encoding.parameters import PRESETS, EncoderParameters, preset
+from rigctl.encoding.reading import Reading
+from rigctl.errors import RigctlError, WrongUse
+from rigctl.wire.taxel_frames import Flag
+
+
+class Recoder:
+    """Encodes samples as they arrive; starts from rest after a gap and where sync rises.
+
+    ``sa_scale``: float64 (n_taxels,), C, or None for 1; ``inputs``: the input of each taxel, for
+    conductances.
+    """
+
+    def __init__(
+        self,
+        ranges: Normalisation,
+        parameters: EncoderParameters,
+        sa_scale: NDArray[np.float64] | None,
+        inputs: tuple[int, ...] = (),
+    ) -> None:
+        # The compiler of the encoder takes long to load: not before somebody encodes anew.
+        from rigctl.encoding.encoder import Encoder
+
+        self._encoder = Encoder(ranges, parameters, sa_scale, inputs)
+        self._encoder.warm_up()
+        self._next = -1
+        self._has_sync = True
+
+    def set_ranges(self, ranges: Normalisation) -> None:
+        """Use other ranges from the next sample on."""
+        if not ranges.has_ranges_of(self._encoder.normalisation):
+            self._encoder.normalisation = ranges
+
+    def __call__(
+        self,
+        positions: NDArray[np.int64],
+        samples: NDArray[np.uint16],
+        flags: NDArray[np.uint8],
+    ) -> NDArray[np.uint8]:
+        """Return the spikes of n samples, uint8 (n, 2·n_taxels): SA, then RA."""
+        sync = (flags & Flag.SYNC) > 0
+        rises = sync & ~np.concatenate([[self._has_sync], sync[:-1]])
+        apart = np.diff(positions, prepend=self._next - 1) != 1
+        bounds = [*np.flatnonzero(rises | apart).tolist(), len(positions)]
+        self._next, self._has_sync = int(positions[-1]) + 1, bool(sync[-1])
+        parts = [self._encode(samples[: bounds[0]])]
+        for first, end in pairwise(bounds):
+            self._encoder.reset()
+            parts.append(self._encode(samples[first:end]))
+        return np.concatenate(parts)
+
+    def _encode(self, samples: NDArray[np.uint16]) -> NDArray[np.uint8]:
+        if not len(samples):
+            return np.zeros((0, 2 * samples.shape[1]), np.uint8)
+        return self._encoder.encode(np.ascontiguousarray(samples))
+
+
+ENGINE, NO_C, BLIND, OF_PLATE, TYPED = "engine", "none", "blind", "plate", "typed"
+_HIGHEST_C = 20.0
+_LIVE_PRESETS = tuple(name for name, known in PRESETS.items() if not known.filters_whole_trials)
+
+
+_LONGEST_NAME = 14  # letters
+
+
+class EncoderStrip(QWidget):
+    """Replaces the spikes of the views from now on; the record and its spikes stay as they are."""
+
+    path_requested = Signal(object, object)
+    """A :class:`PathKind`, and the function that takes the chosen path."""
+    changed = Signal(str)
+    """What the views show from now on, in words."""
+    per_mm_toggled = Signal(bool)
+    """Whether to show spikes per mm of texture instead of per second."""
+    _loaded = Signal(object)
+
+    def __init__(self, data: LiveData) -> None:
+        super().__init__()
+        self._data = data
+        self._force: ForceMatrix | None = None
+        self._thread: threading.Thread | None = None
+        self._condition = ("", 0.0, 0.0)
+        self.preset = combo_box({"the engine's": ENGINE, **{name: name for name in _LIVE_PRESETS}})
+        scalings = {"no C": NO_C, "C, blind": BLIND, "C of the plate": OF_PLATE, "C, typed": TYPED}
+        self.scaling = combo_box(scalings)
+        for box in (self.preset, self.scaling):
+            box.setMinimumContentsLength(_LONGEST_NAME)
+        self.c = NumberBox(minimum=0.01, maximum=_HIGHEST_C, value=1.0, singleStep=0.1)
+        self.c.setPrefix("C = ")
+        self.c.setToolTip("One factor on the SA current of all taxels, without a unit")
+        self.c.setKeyboardTracking(False)
+        self.model = QLineEdit()
+        self.model.setPlaceholderText("model file with C")
+        self.sentence = ElidedLabel("", "muted")
+        browse = browse_button(self.path_requested, PathKind.MODEL, self._choose_model)
+        self._of_model = (self.model, browse)
+        first = (label("Encoder"), self.preset, label("Force scaling"), self.scaling)
+        self.model.setMinimumWidth(130)
+        row = FlowLayout(*first, self.c, self.model, browse)
+        self.per_mm = QCheckBox("speed scaling: rates per mm")
+        self.per_mm.setToolTip(
+            "Spikes in the last second divided by the texture that passed in it, so that rates at\n"
+            "different speeds compare; nothing while less than 1 mm passes"
+        )
+        self.per_mm.toggled.connect(self.per_mm_toggled)
+        self.setLayout(vbox(row, self.per_mm, self.sentence, spacing=2, margins=(6, 0, 6, 0)))
+        self.preset.activated.connect(lambda _: self._apply())
+        self.scaling.activated.connect(lambda _: self._choose_scaling())
+        self.c.valueChanged.connect(lambda _: self._apply())
+        self.model.editingFinished.connect(self._load)
+        self._loaded.connect(self._take)
+        self._show_fields()
+
+    def show_status(self, status: EngineStatus) -> None:
+        """Take plate, speed and force, of which C depends."""
+        condition = (status.texture or "", status.speed_set_mm_s, status.force_set_g)
+        if condition != self._condition:
+            self._condition = condition
+            if self._force is not None and self.scaling.currentData() != NO_C:
+                self._apply()
+
+    def set_ranges(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> None:
+        """Use these ranges of the taxels, in counts, (n_taxels,) each."""
+        if isinstance(recode := self._data.timeline.recode, Recoder):
+            recode.set_ranges(_ranges(low, high, self._data.reading))
+
+    def apply_reading(self) -> None:
+        """Encode the reading that the views show from now on; a C is of one reading."""
+        if self.scaling.currentData() in (BLIND, OF_PLATE):
+            self._load()
+        elif self._data.timeline.recode is not None or self._data.has_own_range:
+            self._apply()
+
+    def wait(self) -> None:
+        """Wait for a model that is being read, as before the window closes."""
+        if self._thread is not None:
+            self._thread.join()
+
+    def _choose_scaling(self) -> None:
+        self._show_fields()
+        self._load()
+
+    def _show_fields(self) -> None:
+        """Show the number to type or the file to read C from."""
+        is_typed = self.scaling.currentData() == TYPED
+        self.c.setVisible(is_typed)
+        for field in self._of_model:
+            field.setVisible(not is_typed)
+
+    def _choose_model(self, path: str) -> None:
+        self.model.setText(path)
+        self._load()
+
+    def _load(self) -> None:
+        """Read C in a thread, as a disk may be slow."""
+        path = self.model.text().strip()
+        if self.scaling.currentData() in (NO_C, TYPED) or not path:
+            self._take(None)
+            return
+        self.wait()
+        self._thread = threading.Thread(target=self._read, args=(path,), name="rigctl-live-c")
+        self._thread.start()
+
+    def _read(self, path: str) -> None:
+        from rigctl.session.analysis_file import load_force
+
+        try:
+            force, _ = load_force(typed_path(path), self._data.reading)
+        except RigctlError as error:
+            self._loaded.emit(str(error))
+            return
+        n_taxels = force.c.shape[1]
+        fits = n_taxels == len(self._data.low)
+        self._loaded.emit(force if fits else f"C of {path} is for {n_taxels} taxels")
+
+    def _take(self, read: object) -> None:
+        self._force = read if isinstance(read, ForceMatrix) else None
+        self._apply("" if not isinstance(read, str) else read)
+
+    def _apply(self, problem: str = "") -> None:
+        scaling, name = self.scaling.currentData(), self.preset.currentData()
+        scale, words = None, "without C"
+        if scaling != NO_C and not problem:
+            try:
+                scale, words = self._scale(scaling)
+            except WrongUse as error:
+                problem = str(error)
+        if name == ENGINE and scale is None and not self._data.has_own_range:
+            self._data.timeline.recode = None
+            text = "The spikes are the engine's."
+        else:
+            reading = self._data.reading
+            parameters = replace(preset("default" if name == ENGINE else name), reading=reading)
+            ranges = _ranges(self._data.low, self._data.high, reading)
+            inputs = self._data.timeline.inputs
+            self._data.timeline.recode = Recoder(ranges, parameters, scale, inputs)
+            of = "" if reading is Reading.COUNTS else f" of the {reading}"
+            chosen = f"encoder {parameters.name}{of}, {words}"
+            text = f"From here on {chosen}; the record stays as it is."
+        show_text(self.sentence, f"{text} {problem}".strip())
+        self.changed.emit(text)
+
+    def _scale(self, scaling: str) -> tuple[NDArray[np.float64], str]:
+        """Return C of the present condition, and words. Raises WrongUse without one."""
+        if scaling == TYPED:
+            c = self.c.value()
+            return np.full(len(self._data.low), c), f"C = {c:g} for all taxels"
+        if self._force is None:
+            raise WrongUse("name a model file that has C")
+        plate, speed_mm_s, force_g = self._condition
+        if scaling == OF_PLATE:
+            return self._force.c_at(plate, speed_mm_s, force_g), f"C of plate {plate}"
+        return self._force.texture_blind(speed_mm_s, force_g), "C blind to the plate"
+
+
+def _ranges(low: NDArray[np.float64], high: NDArray[np.float64], reading: Reading) -> Normalisation:
+    limits = low.astype(np.uint16), high.astype(np.uint16)
+    return Normalisation(*limits, "range of the live views", reading)

@@ -1,1 +1,0 @@
-"""What is on the screen as a picture or a table."""

@@ -1,1 +1,0 @@
-"""The health strip: supply, losses, rates and disk of the rig, each with its state."""

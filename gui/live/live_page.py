@@ -1,0 +1,389 @@
+"""The page of the live plots."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import datetime
+from functools import partial
+from typing import Any
+
+from PySide6.QtCore import QElapsedTimer, QSignalBlocker, Qt, QTimer, Signal
+from PySide6.QtWidgets import QComboBox, QGridLayout, QPushButton, QScrollBar, QWidget
+
+from gui.analysis.export.picture_foot import foot_text, image_with_foot
+from gui.live.encoder_strip import EncoderStrip
+from gui.live.live_plots import LivePlots
+from gui.live.navigation import SPANS_S, Navigation
+from gui.live.pointer import Pointer, cursor_text, difference_text
+from gui.live.saver import Saver, SaveStrip, shown_samples
+from gui.live.sweep_mode import SweepMode, SweepStrip
+from gui.live.value_scale import NOMINAL_SUPPLY_V, ValueScale
+from gui.widgets.flow_layout import FlowLayout
+from gui.widgets.labels import ElidedLabel, label, show_text
+from gui.widgets.layouts import container, hbox, push_button, vbox
+from gui.widgets.theme import Theme
+from rigctl.acquisition.live_file import LiveReader
+from rigctl.acquisition.rpc.messages import EngineStatus
+from rigctl.encoding.reading import Reading, input_of_each
+from rigctl.errors import WrongUse
+from rigctl.session.header import SensorLayout
+
+_COLUMNS = 9
+_BUTTON_PX = 44
+
+
+class TaxelStrip(QWidget):
+    """Toggle buttons in rows of nine, and buttons for all and for each layer."""
+
+    chosen = Signal(tuple)
+    """The taxels to show, from 0; never empty."""
+
+    def __init__(self, layout: SensorLayout) -> None:
+        super().__init__()
+        self._grid = QGridLayout()
+        self._grid.setSpacing(3)
+        self._grid.setContentsMargins(6, 0, 6, 0)
+        self.setLayout(hbox(container(self._grid), label(), wide=1))
+        self.buttons: list[QPushButton] = []
+        self.groups: list[QPushButton] = []
+        self.set_sensor_layout(layout)
+
+    def set_sensor_layout(self, layout: SensorLayout) -> None:
+        """Offer the taxels of another sensor."""
+        for button in (*self.buttons, *self.groups):
+            self._grid.removeWidget(button)
+            button.deleteLater()
+        self.buttons = [self._taxel_button(taxel) for taxel in range(layout.n_taxels)]
+        for taxel, button in enumerate(self.buttons):
+            self._grid.addWidget(button, taxel // _COLUMNS, taxel % _COLUMNS)
+        every = tuple(range(layout.n_taxels))
+        groups = {"All": every}
+        if len(layout.layers) > 1:
+            layers = range(len(layout.layers))
+            groups |= {f"Layer {layout.layers[i]}": tuple(layout.taxels_of(i)) for i in layers}
+        self.groups = [
+            push_button(name, partial(self._choose, taxels)) for name, taxels in groups.items()
+        ]
+        rows = -(-len(self.buttons) // _COLUMNS)
+        for i, button in enumerate(self.groups):
+            self._grid.addWidget(button, i % rows, _COLUMNS + i // rows)
+        self.show_chosen(every)
+
+    def show_chosen(self, taxels: tuple[int, ...]) -> None:
+        """Press the buttons of these taxels."""
+        for taxel, button in enumerate(self.buttons):
+            button.setChecked(taxel in taxels)
+
+    def _taxel_button(self, taxel: int) -> QPushButton:
+        button = push_button(f"T{taxel + 1}", self._emit, f"Show taxel {taxel + 1}")
+        button.setCheckable(True)
+        button.setFixedWidth(_BUTTON_PX)
+        return button
+
+    def _choose(self, taxels: tuple[int, ...]) -> None:
+        self.show_chosen(taxels)
+        self._emit()
+
+    def _emit(self) -> None:
+        taxels = tuple(i for i, button in enumerate(self.buttons) if button.isChecked())
+        if taxels:
+            self.chosen.emit(taxels)
+
+
+COUNTS, VOLTS, CONDUCTANCE = "counts", "volts", "conductance"
+_STEP = 10  # samples in one step of the scroll bar, whose numbers have 32 bits
+
+
+class LiveBar(QWidget):
+    """Controls of a navigation; ``strips``: names of buttons that show a strip each."""
+
+    strip_toggled = Signal(str, bool)
+    """The name of a strip's button, and whether the strip is to be shown."""
+
+    def __init__(self, navigation: Navigation, strips: dict[str, str]) -> None:
+        super().__init__()
+        self._navigation = navigation
+        self.pause = push_button("Pause", self._toggle, "Look back while samples go on (Space)")
+        self.span = QComboBox()
+        for span_s in SPANS_S:
+            self.span.addItem(f"{span_s} s", span_s)
+        self.span.setToolTip("Length of the time axis (+ and −)")
+        self.unit = QComboBox()
+        self.unit.addItems([COUNTS, VOLTS, CONDUCTANCE])
+        self.unit.setToolTip(
+            "Unit of the readings. Conductance is free of the load of the other taxels of an\n"
+            "input, in multiples of the divider's; the encoder of the strip takes it, too"
+        )
+        self.buttons = {name: self._strip_button(name, tip) for name, tip in strips.items()}
+        self.scroll_bar = QScrollBar(Qt.Orientation.Horizontal)
+        self.scroll_bar.setAccessibleName("Place in the last minutes")
+        self.place = label("live", "muted")
+        self.place.setMinimumWidth(self.place.fontMetrics().horizontalAdvance("10:00 min ago"))
+        first = FlowLayout(self.pause, self.span, self.unit, *self.buttons.values())
+        self.setLayout(vbox(first, hbox(self.scroll_bar, self.place), spacing=3))
+        self.span.activated.connect(lambda _: navigation.set_span(self.span.currentData()))
+        self.scroll_bar.valueChanged.connect(self._move)
+        navigation.changed.connect(self.show_place)
+        self.show_place()
+
+    def show_place(self) -> None:
+        """Show where the views look."""
+        navigation = self._navigation
+        window, is_paused = navigation.window, navigation.is_paused
+        self.pause.setText("Live" if is_paused else "Pause")
+        with QSignalBlocker(self.scroll_bar):
+            room = max(navigation.newest - window.span - navigation.oldest, 0)
+            self.scroll_bar.setRange(0, room // _STEP)
+            self.scroll_bar.setPageStep(max(1, window.span // _STEP))
+            self.scroll_bar.setSingleStep(max(1, window.span // _STEP // 10))
+            self.scroll_bar.setValue((window.left - navigation.oldest) // _STEP)
+        behind_s = (navigation.newest - window.right) / 1000
+        minutes, seconds = divmod(round(behind_s), 60)
+        self.place.setText(f"{minutes}:{seconds:02d} min ago" if is_paused else "live")
+        if (index := self.span.findData(navigation.span_s)) >= 0:
+            self.span.setCurrentIndex(index)
+
+    def close_strips(self, except_for: str = "") -> None:
+        """Release the buttons of all strips but one."""
+        for name, button in self.buttons.items():
+            if name != except_for and button.isChecked():
+                button.setChecked(False)
+
+    def _strip_button(self, name: str, tip: str) -> QPushButton:
+        button = QPushButton(name)
+        button.setCheckable(True)
+        button.setToolTip(tip)
+        button.toggled.connect(lambda is_on: self.strip_toggled.emit(name, is_on))
+        return button
+
+    def _toggle(self) -> None:
+        navigation = self._navigation
+        (navigation.resume if navigation.is_paused else navigation.pause)()
+
+    def _move(self, value: int) -> None:
+        navigation = self._navigation
+        navigation.pause()
+        navigation.move_to(navigation.oldest + value * _STEP + navigation.window.span)
+        navigation.changed.emit()
+
+
+TAXELS, TRIALS, ENCODER, SAVE = "Taxels", "Trials", "Encoder", "Save"
+_STRIPS = {
+    TAXELS: "Choose the taxels to show",
+    TRIALS: "Begin each trial at the left edge, with earlier ones behind it",
+    ENCODER: "Show the spikes of another encoder from now on",
+    SAVE: "Save what is on the screen as a picture or a table",
+}
+LOOK_MS = 4
+"""Period in which the page looks for new samples, which costs microseconds."""
+_DRAW_MS = 10
+"""Between two redraws, so that a board with small blocks does not fill the processor."""
+_SILENT_MS = 60
+"""Without samples for so long, force and speed are drawn alone."""
+_TEXT_MS = 100
+
+
+class LivePage(QWidget):
+    """Controls, plots and readings at the cursor; it takes samples also while it is hidden."""
+
+    reported = Signal(str, str)
+    """Kind and text for the event log."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self.plots = LivePlots(theme)
+        self.pointer = Pointer(self.plots)
+        self.bar = LiveBar(self.plots.navigation, _STRIPS)
+        self.taxel_strip = TaxelStrip(self.plots.sensor_layout)
+        self.encoder_strip, self.save_strip = EncoderStrip(self.plots.data), SaveStrip()
+        self.sweep_strip = SweepStrip()
+        self.sweeps = SweepMode(self.plots, self.sweep_strip)
+        self.saver = Saver()
+        self.cursor_label, self.difference_label = ElidedLabel(), ElidedLabel()
+        self._strips: dict[str, QWidget] = {
+            TAXELS: self.taxel_strip,
+            TRIALS: self.sweep_strip,
+            ENCODER: self.encoder_strip,
+            SAVE: self.save_strip,
+        }
+        self._supply_v, self._is_simulated = NOMINAL_SUPPLY_V, False
+        self._engine_reading = Reading.COUNTS
+        self._wiring: tuple[int, ...] | None = None
+        self._live: LiveReader | None = None
+        self._head = 0
+        self._since_draw, self._since_texts = QElapsedTimer(), QElapsedTimer()
+        self._since_samples = QElapsedTimer()
+        self.timer = QTimer(self)
+        self.timer.setTimerType(Qt.TimerType.PreciseTimer)
+        self.timer.timeout.connect(self._look)
+        texts = vbox(self.cursor_label, self.difference_label, margins=(6, 0, 6, 0))
+        column = vbox(self.bar, *self._strips.values(), self.plots, texts, spacing=3)
+        column.setStretch(1 + len(self._strips), 1)
+        self.setLayout(column)
+        for strip in self._strips.values():
+            strip.hide()
+        self._connect()
+        self.show_texts()
+
+    def follow(self, live: LiveReader | None) -> None:
+        """Draw samples as soon as they come, from now on; None ends it."""
+        self._live = live
+        if live is None:
+            self.timer.stop()
+        else:
+            self.timer.start(LOOK_MS)
+
+    def refresh(self, live: LiveReader) -> None:
+        """Take new samples; draw them if the page is shown and follows them."""
+        if live.taxel_head != self._head:
+            self._since_samples.start()
+        self._head = live.taxel_head
+        self.plots.pull(live)
+        self.sweeps.follow()
+        self.encoder_strip.set_ranges(self.plots.data.low, self.plots.data.high)
+        if not self.isVisible():
+            return
+        self.plots.draw_new()
+        self._since_draw.start()
+        if not self._since_texts.isValid() or self._since_texts.hasExpired(_TEXT_MS):
+            self._since_texts.start()
+            self.show_texts()
+            self.bar.show_place()
+
+    def refresh_slowly(self, live: LiveReader) -> None:
+        """Take and draw what came without new samples, such as force without a taxel board."""
+        is_new = live.taxel_head != self._head
+        is_silent = not self._since_samples.isValid() or self._since_samples.hasExpired(_SILENT_MS)
+        if not self.isVisible() or (is_silent and not is_new):
+            self.refresh(live)
+
+    def _look(self) -> None:
+        live = self._live
+        if live is None or live.taxel_head == self._head or not self.isVisible():
+            return
+        if not self._since_draw.isValid() or self._since_draw.hasExpired(_DRAW_MS):
+            self.refresh(live)
+
+    def show_status(self, status: EngineStatus) -> None:
+        """Take the sensor's layout, the supply of its board, and whether the rig is simulated."""
+        if status.rig:  # plots of before stay while no rig is connected
+            self._is_simulated = status.simulated
+        layout = status.sensor_layout
+        if layout != self.plots.sensor_layout:
+            self.plots.set_sensor_layout(layout)
+            if self.plots.sensor_layout == layout:
+                self.taxel_strip.set_sensor_layout(layout)
+        self.encoder_strip.show_status(status)
+        self.sweeps.show_status(status)
+        board = status.boards.get("taxels")
+        supply_v = board.supply_v if board is not None else None
+        self._supply_v = supply_v or NOMINAL_SUPPLY_V
+        if status.rig:
+            self._wiring = status.wiring
+            if status.reading is not self._engine_reading:
+                self._engine_reading = status.reading
+                self.bar.unit.setCurrentText(status.reading)
+        self._set_unit()
+
+    def add_event(self, at_s: float, kind: str, text: str, data: Mapping[str, Any]) -> None:
+        """Mark an event at its engine time."""
+        self.plots.data.add_event(at_s, kind, text, data)
+
+    def toggle_pause(self) -> None:
+        """Look back, or follow the newest samples again."""
+        navigation = self.plots.navigation
+        (navigation.resume if navigation.is_paused else navigation.pause)()
+
+    def toggle_sweeps(self) -> None:
+        """Begin each trial at the left, or scroll again."""
+        self.sweep_strip.align.toggle()
+
+    def save_picture(self) -> None:
+        """Save the plots as they are now into the folder of the strip Save."""
+        now = f"{datetime.now():%Y-%m-%d %H:%M:%S}"
+        foot = foot_text("live views", now, simulated=self._is_simulated)
+        image = image_with_foot(self.plots.grab().toImage(), foot)
+        self.saver.save_picture(image, self.save_strip.folder.text())
+
+    def close_files(self) -> None:
+        """Wait until all files are written and read, as before the window closes."""
+        self.saver.wait()
+        self.encoder_strip.wait()
+
+    def set_theme(self, theme: Theme) -> None:
+        """Apply a theme."""
+        self.plots.set_theme(theme)
+
+    def show_texts(self) -> None:
+        """Show the values at the cursor."""
+        plots, taxel = self.plots, self.pointer.taxel
+        window, scale = plots.navigation.window, plots.value_scale
+        position = plots.cursors.position(window)
+        reference = plots.cursors.reference
+        texts = (
+            cursor_text(plots.data, window, position, taxel, scale),
+            difference_text(plots.data, position, reference, taxel, scale),
+        )
+        for widget, text in zip((self.cursor_label, self.difference_label), texts, strict=True):
+            show_text(widget, text)
+
+    def _connect(self) -> None:
+        self.bar.strip_toggled.connect(self._show_strip)
+        self.bar.unit.currentTextChanged.connect(lambda _: self._set_unit())
+        self.encoder_strip.changed.connect(self._mark_encoder)
+        self.encoder_strip.per_mm_toggled.connect(self.plots.set_rates_per_mm)
+        self.save_strip.picture_requested.connect(lambda _: self.save_picture())
+        self.save_strip.table_requested.connect(self._save_table)
+        self.saver.saved.connect(lambda path: self.reported.emit("saved", f"saved {path}"))
+        self.saver.failed.connect(lambda sentence: self.reported.emit("refused", sentence))
+        self.taxel_strip.chosen.connect(self.plots.show_taxels)
+        self.pointer.enlarge_requested.connect(self._enlarge)
+        self.pointer.taxel_changed.connect(lambda _: self.show_texts())
+        self.pointer.taxel_changed.connect(self.sweeps.show_taxel)
+        self.plots.lines_changed.connect(self.show_texts)
+        self.plots.navigation.changed.connect(self.show_texts)
+
+    def _show_strip(self, name: str, is_shown: bool) -> None:
+        if is_shown:
+            self.bar.close_strips(except_for=name)
+        self._strips[name].setVisible(is_shown)
+
+    def _set_unit(self) -> None:
+        unit = self.bar.unit.currentText()
+        reading = Reading.CONDUCTANCE if unit == CONDUCTANCE else Reading.COUNTS
+        if self._wiring is None:  # no rig has been connected: what the window remembers waits
+            reading = Reading.COUNTS
+        before, inputs = self.plots.data.reading, tuple[int, ...]()
+        try:
+            if reading is Reading.CONDUCTANCE:
+                inputs = input_of_each(self._wiring or (), "this rig")
+        except WrongUse as error:
+            self.reported.emit("refused", str(error))
+            self.bar.unit.setCurrentText(Reading.COUNTS)
+            return
+        self.plots.data.show_reading(reading, self._engine_reading, inputs)
+        if reading is not before:
+            self.encoder_strip.apply_reading()
+        supply_v = self._supply_v if unit == VOLTS else None
+        self.plots.set_value_scale(ValueScale(supply_v, reading is Reading.CONDUCTANCE))
+        self.show_texts()
+
+    def _mark_encoder(self, text: str) -> None:
+        self.add_event(self.plots.data.timeline.newest_s, "encoder", text, {})
+        self.plots.draw()
+
+    def _save_table(self, folder: str) -> None:
+        plots = self.plots
+        window, taxels = plots.navigation.window, plots.time_plots.taxels
+        shown = shown_samples(plots.data, window, taxels, simulated=self._is_simulated)
+        if len(shown.position):
+            self.saver.save_table(shown, folder)
+        else:
+            self.reported.emit("refused", "no table was saved: there are no samples in view yet")
+
+    def _enlarge(self, taxel: int) -> None:
+        """Show one taxel alone, or all again."""
+        self.pointer.taxel = taxel
+        self.sweeps.show_taxel(taxel)
+        self.plots.toggle_alone(taxel)
+        self.taxel_strip.show_chosen(self.plots.time_plots.taxels)

@@ -1,1 +1,0 @@
-"""Spikes of another encoder than the engine's, computed as the samples arrive."""

@@ -1,1 +1,0 @@
-"""Looking back while recording goes on: pause, scroll, zoom, cursors and marks."""

@@ -1,1 +1,0 @@
-"""Spike trains on the screen: raster, rates, and the order of their rows."""

@@ -1,0 +1,239 @@
+"""The drum rig in the window: its link, its panels, and what passes between them."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from PySide6.QtCore import QElapsedTimer, QObject, Signal
+
+from gui.link.engine_clients import another_on, shown_rig
+from gui.link.engine_link import NOT_CONNECTED, ClientFactory, EngineLink
+from gui.live.health_strip import HealthStrip
+from gui.live.live_page import LivePage
+from gui.operate.action_results import action_name, action_result
+from gui.operate.alarms import AlarmCenter
+from gui.operate.connection_bar import Toolbar
+from gui.operate.operate_panel import OperatePanel, PromptPanel
+from gui.protocol.protocol_panel import ProtocolPanel
+from gui.widgets.data_ages import DataAges, data_ages
+from gui.widgets.theme import Theme
+from rigctl.acquisition.health import wiring_notice
+from rigctl.acquisition.live_file import LiveReader
+from rigctl.acquisition.rpc.messages import EngineStatus, parse_status
+
+
+class AgeView(Protocol):
+    """A view that turns grey what is no longer live."""
+
+    def show_ages(self, ages: DataAges) -> None:
+        """Show how old the newest data are."""
+
+
+class DrumSafety(QObject):
+    """Follows one engine: passes the ages of its data to the views, and its alarms to the strip.
+
+    After a loss the ages of the last data go on growing, so that nothing old looks live.
+    ``connected_views`` show nothing without an engine, ``other_views`` keep the last data.
+    """
+
+    title_changed = Signal(str)
+    """Title of the first alarm, empty without one."""
+
+    def __init__(
+        self, connected_views: tuple[AgeView, ...], other_views: tuple[AgeView, ...]
+    ) -> None:
+        super().__init__()
+        self.alarms = AlarmCenter()
+        self.alarms.title_changed.connect(self.title_changed)
+        self._connected_views, self._other_views = connected_views, other_views
+        self._is_connected = False
+        self._status = EngineStatus()
+        self._since_status = QElapsedTimer()
+
+    def show_status(self, status: EngineStatus) -> None:
+        """Take a status that came now."""
+        self._status = status
+        self._since_status.start()
+        self._is_connected = True
+        self.alarms.show_status(status)
+        self.poll()
+
+    def show_opened(self) -> None:
+        """Forget the last engine: another one is connected."""
+        self._status = EngineStatus()
+        self._since_status.invalidate()
+        self.alarms.forget()
+        for view in (*self._connected_views, *self._other_views):
+            view.show_ages(DataAges())
+
+    def show_closed(self, reason: str) -> None:
+        """Raise the alarm unless the user has disconnected or no engine was there."""
+        was_connected, self._is_connected = self._is_connected, False
+        if reason == NOT_CONNECTED:
+            self.alarms.forget()
+        elif was_connected:
+            self.alarms.show_lost(reason)
+
+    def poll(self) -> None:
+        """Let the ages grow; the window's timer calls this."""
+        if not self._since_status.isValid():
+            return
+        ages = data_ages(self._status, self._since_status.elapsed() / 1000)
+        for view in self._other_views:
+            view.show_ages(ages)
+        if self._is_connected:
+            for view in self._connected_views:
+                view.show_ages(ages)
+
+
+ENGINE_SILENT = "the engine does not answer: press the emergency stop if the drum moves"
+
+
+class DrumController(QObject):
+    """Makes the drum's panels and connects them to its engine."""
+
+    reported = Signal(str, str)
+    """Kind and text for the event log."""
+    title_changed = Signal(str)
+    """The window's title: the connected rig."""
+
+    def __init__(self, theme: Theme, factory: ClientFactory) -> None:
+        super().__init__()
+        self.link = EngineLink(factory, parse_status, LiveReader)
+        self.toolbar, self.health_strip, self.prompt_panel = Toolbar(), HealthStrip(), PromptPanel()
+        self.operate_panel, self.protocol_panel = OperatePanel(), ProtocolPanel()
+        self.live_page = LivePage(theme)
+        connected_views = (self.toolbar, self.health_strip, self.operate_panel)
+        self.safety = DrumSafety(connected_views, (self.live_page.plots,))
+        self._title, self._alarm = "rigctl", ""
+        self._is_silent = False
+        self._connect_engine()
+        self._connect_panels()
+
+    def poll(self) -> None:
+        """Process messages; take the live data, and draw them while the plots are visible."""
+        self.link.poll()
+        self.safety.poll()
+        self.protocol_panel.poll()
+        if self.link.live is not None:
+            self.live_page.refresh_slowly(self.link.live)
+
+    def connect_rig(self, rig: str, world: str = "") -> None:
+        """Start or join the engine of a rig; a world file is for a simulated rig."""
+        self.toolbar.rig.choose(shown_rig(rig))
+        self.toolbar.world.choose(world)
+        self.toolbar.show_connecting()
+        with_world = f" with world {world}" if world else ""
+        self.reported.emit("rig", f"connecting to {shown_rig(rig)}{with_world} …")
+        if notice := wiring_notice(rig):
+            self.reported.emit("check", notice)
+        self.link.open(rig, world)
+
+    def start_another(self) -> None:
+        """Start another engine on the chosen simulated rig, beside those that run."""
+        self.connect_rig(another_on(self.toolbar.rig.currentData()), self.toolbar.chosen_world)
+
+    def close(self) -> None:
+        """Leave the engine, which continues a run, and end the worker processes."""
+        self.protocol_panel.close_workers()
+        self.live_page.close_files()
+        self.link.close()
+
+    def _connect_engine(self) -> None:
+        link = self.link
+        link.opening.connect(self.toolbar.show_opening)
+        link.opened.connect(self._on_opened)
+        link.closed.connect(self._on_closed)
+        link.replied.connect(self.operate_panel.finish_command)
+        link.refused.connect(self._on_refused)
+        link.answered.connect(self._on_answered)
+        link.interrupted.connect(self._on_interrupted)
+        link.event_received.connect(self._on_event)
+        link.status_changed.connect(self._on_status)
+        link.silent.connect(self._on_silent)
+        link.reported.connect(self.reported)
+
+    def _connect_panels(self) -> None:
+        self.toolbar.connect_requested.connect(self.connect_rig)
+        self.toolbar.disconnect_requested.connect(self.link.close)
+        self.live_page.reported.connect(self.reported)
+        self.protocol_panel.reported.connect(self.reported)
+        self.safety.title_changed.connect(self._show_alarm)
+        strip = self.safety.alarms.strip
+        for panel in (self.operate_panel, self.protocol_panel, self.prompt_panel, strip):
+            panel.command_requested.connect(self._request)
+
+    def _request(self, command: str, args: dict[str, Any]) -> None:
+        self.link.request(command, **args)
+
+    def _on_opened(self) -> None:
+        self._is_silent = False
+        self.live_page.plots.clear_history()
+        self.live_page.follow(self.link.live)
+        self.safety.show_opened()
+        self.toolbar.show_connected()
+        self.reported.emit("rig", "connected")
+
+    def _on_closed(self, reason: str) -> None:
+        self.live_page.follow(None)
+        self._show_title("rigctl")
+        self.toolbar.show_disconnected(reason)
+        self.health_strip.show_nothing()
+        self.operate_panel.show_nothing()
+        self.protocol_panel.show_status(EngineStatus())
+        self.protocol_panel.set_rig("")
+        self.prompt_panel.show_prompt(None)
+        self.safety.show_closed(reason)
+        self.reported.emit("rig" if reason == NOT_CONNECTED else "lost", reason)
+
+    def _on_refused(self, command: str, sentence: str) -> None:
+        self.operate_panel.finish_command(command)
+        self.reported.emit("refused", f"{action_name(command)}: {sentence}")
+
+    def _on_event(self, message: dict[str, Any]) -> None:
+        kind, data = str(message.get("event")), message.get("data") or {}
+        if text := str(message.get("text") or ""):
+            self.reported.emit(kind, text)
+            self.live_page.add_event(float(message.get("at_s") or 0.0), kind, text, data)
+        if kind == "ready":
+            self.protocol_panel.set_rig(str(data.get("rig_toml") or ""))
+        if kind == "run" and (digest := data.get("digest")):
+            self.reported.emit("digest", str(digest))
+
+    def _on_status(self, status: EngineStatus) -> None:
+        self._is_silent = False
+        self._show_title(f"rigctl: {status.rig}{', simulated' if status.simulated else ''}")
+        self.toolbar.show_status(status)
+        self.health_strip.show_status(status)
+        self.live_page.show_status(status)
+        self.operate_panel.show_status(status)
+        self.protocol_panel.show_status(status)
+        self.prompt_panel.show_prompt(status.run.prompt)
+        self.safety.show_status(status)
+
+    def _on_silent(self, seconds: float) -> None:
+        self.toolbar.show_silent(seconds)
+        if not self._is_silent:
+            self._is_silent = True
+            self.health_strip.show_nothing()
+            self.safety.alarms.show_silent()
+            self.reported.emit("lost", ENGINE_SILENT)
+
+    def _on_answered(self, command: str, result: dict[str, Any]) -> None:
+        if text := action_result(command, result):
+            self.reported.emit("done", text)
+
+    def _on_interrupted(self, command: str) -> None:
+        self.operate_panel.finish_command(command)
+        self.reported.emit("log", f"{action_name(command)}: ended by STOP")
+
+    def _show_title(self, title: str) -> None:
+        self._title = title
+        self.title_changed.emit(f"{self._alarm} – {title}" if self._alarm else title)
+
+    def _show_alarm(self, alarm: str) -> None:
+        """Show the first alarm in the heading and the window's title, where the task bar has it."""
+        if alarm != self._alarm:
+            self._alarm = alarm
+            self.toolbar.show_alarm(is_on=bool(alarm))
+            self._show_title(self._title)

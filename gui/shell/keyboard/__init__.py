@@ -1,1 +1,0 @@
-"""The window by keyboard alone: STOP by Esc, a focus that never jumps, and the regions."""

@@ -1,1 +1,0 @@
-"""What the window remembers for its user between two starts."""

@@ -1,1 +1,0 @@
-"""What a user sees who opens the window for the first time."""

@@ -1,1 +1,0 @@
-"""Commands of the command line as pages of the window, with the same words."""

@@ -1,0 +1,180 @@
+"""Create plots with fixed ranges and aligned axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from math import ceil, floor, log10
+
+import pyqtgraph as pg
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QFontMetrics
+from PySide6.QtWidgets import QApplication, QGraphicsItem, QWidget
+
+from gui.widgets.layouts import vbox
+from gui.widgets.theme import Theme, scaled_px, text_scale
+
+LEFT_PX = 62
+MAX_TICKS = 10
+_ROUND_STEPS_S = (
+    0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0, 120.0,
+)  # fmt: skip
+BOTTOM_PX = 34
+_BEYOND_PX, RIGHT_PX = 24, 20
+"""How far a number may reach beyond the end of its axis, and the room for it right of a plot."""
+_USUAL_PX = "usual_px"
+_LONG_TIME = "−10.0 "
+
+
+def fixed_plot(layout: pg.GraphicsLayout, row: int, column: int) -> pg.PlotItem:
+    """Return a plot that the mouse cannot move and that never rescales itself."""
+    plot = layout.addPlot(row=row, col=column, enableMenu=False)
+    plot.hideButtons()
+    plot.setMouseEnabled(x=False, y=False)
+    plot.disableAutoRange()
+    for side in ("left", "bottom"):
+        # Drawing nine axes in each frame takes longer than all curves; cached pixmaps do not.
+        plot.getAxis(side).setStyle(hideOverlappingLabels=_BEYOND_PX)
+        plot.getAxis(side).enableAutoSIPrefix(False)
+        plot.getAxis(side).setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)
+    return plot
+
+
+def reserve(plot: pg.PlotItem, side: str, usual_px: float) -> None:
+    """Give an axis its width or height, which grows with the texts."""
+    axis = plot.getAxis(side)
+    axis.setProperty(_USUAL_PX, usual_px)
+    _fit_axis(axis)
+
+
+def reserve_right(layout: pg.GraphicsLayout) -> None:
+    """Leave room right of the plots for half a number at the end of their axes."""
+    left, top, _, bottom = layout.layout.getContentsMargins()
+    layout.layout.setContentsMargins(left, top, scaled_px(RIGHT_PX), bottom)
+
+
+def label_axis(plot: pg.PlotItem, side: str, text: str, theme: Theme) -> None:
+    """Write a label in the middle of an axis, also where it is longer than the one before."""
+    plot.setLabel(side, text, color=theme.muted)
+    plot.getAxis(side).resizeEvent()  # pyqtgraph places the label only there
+
+
+def title_plot(plot: pg.PlotItem, text: str, colour: str, usual_pt: float = 9.0) -> None:
+    """Write a title above a plot."""
+    plot.setTitle(text or " ", color=colour, size=f"{usual_pt * text_scale():g}pt")
+
+
+def _fit_axis(axis: pg.AxisItem) -> None:
+    font, usual_px = QApplication.font(), axis.property(_USUAL_PX)
+    axis.setTickFont(font)
+    axis.label.setFont(font)
+    if axis.style["hideOverlappingLabels"] not in (True, False):
+        axis.setStyle(hideOverlappingLabels=scaled_px(_BEYOND_PX))
+    if usual_px is not None:
+        upright = axis.orientation in ("left", "right")
+        (axis.setWidth if upright else axis.setHeight)(scaled_px(usual_px))
+    axis.resizeEvent()
+
+
+def time_plot(layout: pg.GraphicsLayout, row: int, label: str, last: bool) -> pg.PlotItem:
+    """Return a plot over time, with the same left margin as the others; the last shows times."""
+    plot = fixed_plot(layout, row, 0)
+    plot.setLabel("left", label)
+    reserve(plot, "left", LEFT_PX)
+    plot.getAxis("bottom").setStyle(showValues=last)
+    if last:
+        plot.setLabel("bottom", "Time relative to now (s)")
+        reserve(plot, "bottom", BOTTOM_PX)
+    else:
+        plot.getAxis("bottom").setHeight(6)
+    return plot
+
+
+def colour_axes(plot: pg.PlotItem, theme: Theme, sides: Sequence[str] = ("left", "bottom")) -> None:
+    """Apply a theme and the size of the texts to a plot's axes, labels and background."""
+    plot.getViewBox().setBackgroundColor(theme.plot)
+    for side in sides:
+        axis = plot.getAxis(side)
+        axis.setPen(pg.mkPen(theme.line, width=1))
+        axis.setTextPen(pg.mkPen(theme.muted))
+        axis.setLabel(axis.labelText, units=None, color=theme.muted)
+        _fit_axis(axis)
+
+
+def taxel_ticks(n_taxels: int) -> list[tuple[float, str]]:
+    """Return ticks for every second taxel, or for ten: the middle of its band, and its name."""
+    step = max(2, -(-n_taxels // MAX_TICKS))
+    return [(taxel + 0.5, f"T{taxel + 1}") for taxel in range(0, n_taxels, step)]
+
+
+def most_ticks(width_px: float) -> int:
+    """Return how many steps an axis of times has room for in the present size of the texts."""
+    return max(1, min(MAX_TICKS, int(width_px / text_width_px(_LONG_TIME))))
+
+
+def text_width_px(text: str) -> int:
+    """Return the width of a label of an axis."""
+    return QFontMetrics(QApplication.font()).horizontalAdvance(text)
+
+
+def time_ticks(left_s: float, right_s: float, most: int = MAX_TICKS) -> list[tuple[float, str]]:
+    """Return ticks at round times between two ends of an axis, in at most ``most`` steps.
+
+    pyqtgraph's own ticks cost more than the plots themselves while an axis scrolls.
+    """
+    least_s = (right_s - left_s) / most
+    step_s = next((step for step in _ROUND_STEPS_S if step >= least_s), _ROUND_STEPS_S[-1])
+    digits = max(0, -floor(log10(step_s)))
+    numbers = range(ceil(left_s / step_s), floor(right_s / step_s) + 1)
+    return [(n * step_s, f"{n * step_s:.{digits}f}".replace("-", "−")) for n in numbers]
+
+
+def whole_ticks(top: float, most: int = 6) -> list[tuple[float, str]]:
+    """Return ticks at whole numbers from 0 to the top of an axis, with ``most`` round steps."""
+    step = next(
+        factor * 10**power
+        for power in range(len(f"{top:.0f}"))
+        for factor in (1, 2, 5, 10)
+        if top <= most * factor * 10**power
+    )
+    return [(float(number), f"{number}") for number in range(0, int(top) + 1, step)]
+
+
+HEADING_PT = 10.0
+
+
+class PlotGrid(QWidget):
+    """Holds a pyqtgraph view: pyqtgraph has no types, so that a subclass of its would have none.
+
+    ``graphics``: the view, which fills the widget. ``cells``: the layout of its plots.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.graphics = pg.GraphicsLayoutWidget()
+        self.cells = self.graphics.ci
+        self.setLayout(vbox(self.graphics, spacing=0, margins=(0, 0, 0, 0)))
+        self.setFocusProxy(self.graphics)
+
+    def reserve_plots(self, width_px: float, *heights_px: float) -> None:
+        """Keep room for the texts of the first column, whose rows have these heights."""
+        self.cells.layout.setColumnMinimumWidth(0, scaled_px(width_px))
+        for row, height_px in enumerate(heights_px):
+            self.cells.layout.setRowMinimumHeight(row, scaled_px(height_px))
+        self.keep_readable()
+
+    def keep_readable(self) -> None:
+        """Let the view become no smaller than its plots, in the present size of the texts."""
+        self.cells.layout.invalidate()
+        needs = self.cells.layout.effectiveSizeHint(Qt.SizeHint.MinimumSize)
+        self.graphics.setMinimumSize(ceil(needs.width()), ceil(needs.height()))
+
+    def show_heading(self, plot: pg.PlotItem, text: str, theme: Theme) -> None:
+        """Write what all plots show above the first one, and keep room for it."""
+        title_plot(plot, escape(text), theme.muted, HEADING_PT)
+        plot.layout.addItem(plot.titleLabel, 0, 0, 1, 3)  # over the axis, too
+        self.keep_readable()
+
+    def colour_background(self, theme: Theme) -> None:
+        """Give the space around the plots the colour of a panel."""
+        self.graphics.setBackground(theme.panel)

@@ -1,1 +1,0 @@
-"""Calibration of load cell, force loop, imbalance and wiring, by any client."""

@@ -1,1 +1,0 @@
-"""Polls, moves, settings and calibration of the drum."""

@@ -1,1 +1,0 @@
-"""Checks of boards, disk and heartbeat while the engine runs."""

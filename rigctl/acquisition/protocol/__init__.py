@@ -1,1 +1,0 @@
-"""The runner: a plan step by step, trial by trial, with pauses and verdicts."""

@@ -1,1 +1,0 @@
-"""Taxel samples from the driver to recorder, encoder and live buffer, and cut into trials."""

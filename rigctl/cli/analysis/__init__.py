@@ -1,1 +1,0 @@
-"""Commands that encode, analyse and classify recorded sessions."""

@@ -1,0 +1,184 @@
+"""Types of arguments: numbers within limits, and paths that a file can have.
+
+Each refuses in one sentence that names the argument. Limits are far beyond any use, and near
+enough that nothing is allocated for them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import os
+from collections.abc import Callable
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from rigctl.config.text_file import kind_of, shorten
+from rigctl.errors import WrongUse
+from rigctl.protocol.plan import MAX_SEED
+
+PACKAGE = "rigctl.cli"
+
+
+class CommandParser(argparse.ArgumentParser):
+    """The parser of a command, whose ``module`` adds its arguments when words are parsed.
+
+    Without a module it is a plain parser, such as that of a part of a command.
+    """
+
+    def __init__(self, *args: Any, module: str = "", **options: Any) -> None:
+        super().__init__(*args, **options)
+        self._module = module
+        self._is_intermixed = False
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Load the command, then parse its words.
+
+        Options may stand between a word and an optional one: argparse by itself takes the latter
+        for left out, and then refuses it.
+        """
+        self.load()
+        words = [action.nargs for action in self._get_positional_actions()]
+        if self._is_intermixed or len(words) < 2 or words[-1] != "?":
+            return super().parse_known_args(args, namespace)
+        self._is_intermixed = True  # it calls this method for the options, then for the words
+        try:
+            return self.parse_known_intermixed_args(args, namespace)
+        finally:
+            self._is_intermixed = False
+
+    def load(self) -> None:
+        """Add the description and the arguments of the command, once."""
+        if not self._module:
+            return
+        command: Any = import_module(self._module, PACKAGE)
+        self._module = ""
+        self.description = command.__doc__.partition("\n\n")[2] or None
+        command.add_arguments(self)
+
+
+def read_summary(module: str) -> str:
+    """Return the first line of a module's docstring as it stands in a list, without loading it."""
+    spec = find_spec(module, PACKAGE)
+    if spec is None or spec.origin is None:
+        raise ModuleNotFoundError(module)
+    source = Path(spec.origin).read_bytes()
+    summary = (ast.get_docstring(ast.parse(source)) or "").partition("\n\n")[0]
+    return summary[:1].lower() + summary[1:].rstrip(".")
+
+
+MAX_WORKERS = 1024
+MAX_REPEATS = 100_000
+MAX_NUMBER = 1_000_000_000
+"""Of trials, taxels, sessions, components: what they choose from is smaller."""
+_MAX_PART_BYTES = 255
+_MAX_PATH_BYTES = 4000
+_MORE_WORKERS = "--more-workers-than-cores"
+
+
+def whole_number(option: str, low: int, high: int = MAX_NUMBER) -> Callable[[str], int]:
+    """Return a type of whole numbers from ``low`` to ``high``; it raises WrongUse for others."""
+
+    def parse(text: str) -> int:
+        value = _number(text, int)
+        if value is None or not low <= value <= high:
+            given = f"{option} {shorten(text, 40)}"
+            raise WrongUse(f"{given}: give a whole number from {low:,} to {high:,}")
+        return int(value)
+
+    return parse
+
+
+def number(option: str, low: float, high: float) -> Callable[[str], float]:
+    """Return a type of numbers from ``low`` to ``high``; it raises WrongUse for others."""
+
+    def parse(text: str) -> float:
+        value = _number(text, float)
+        if value is None or not low <= value <= high:
+            raise WrongUse(f"{option} {shorten(text, 40)}: give a number from {low:g} to {high:g}")
+        return value
+
+    return parse
+
+
+def a_path(option: str) -> Callable[[str], Path]:
+    """Return a type of paths to a file or folder; it raises WrongUse for a pipe or a device."""
+
+    def parse(text: str) -> Path:
+        return Path(_checked_path(option, text))
+
+    return parse
+
+
+def path_or_name(option: str) -> Callable[[str], str]:
+    """Return a type as :func:`a_path` for what may be a name, too, such as ``virtual``."""
+
+    def parse(text: str) -> str:
+        return _checked_path(option, text)
+
+    return parse
+
+
+def add_seed(
+    parser: argparse.ArgumentParser,
+    help_text: str,
+    default: int | None = None,
+    required: bool = False,
+) -> None:
+    """Add ``--seed``."""
+    parser.add_argument(
+        "--seed",
+        type=whole_number("--seed", 0, MAX_SEED),
+        default=default,
+        required=required,
+        help=help_text,
+    )
+
+
+def add_more_workers(parser: argparse.ArgumentParser, default: int) -> None:
+    """Add the option to use more workers than this computer has cores."""
+    parser.set_defaults(default_workers=default)
+    parser.add_argument(
+        _MORE_WORKERS, action="store_true", help="allow --workers beyond the cores of this computer"
+    )
+
+
+def worker_type() -> Callable[[str], int]:
+    """Return the type of ``--workers``."""
+    return whole_number("--workers", 1, MAX_WORKERS)
+
+
+def workers_of(args: argparse.Namespace) -> int:
+    """Return the number of workers. Raises WrongUse for more than cores, unless asked for twice."""
+    cores = os.cpu_count() or 1
+    workers = int(args.workers)
+    if workers > max(cores, args.default_workers) and not args.more_workers_than_cores:
+        raise WrongUse(
+            f"--workers {workers}: this computer has {cores} cores; add {_MORE_WORKERS} if you "
+            "mean it"
+        )
+    return workers
+
+
+def _number(text: str, kind: Callable[[str], float]) -> float | None:
+    try:
+        return kind(text)
+    except ValueError:  # also for more digits than Python converts
+        return None
+
+
+def _checked_path(option: str, text: str) -> str:
+    name = os.fsencode(text)
+    shown = f"{option} {shorten(text)}"
+    if not text or b"\0" in name:
+        raise WrongUse(f"{shown}: a path is not empty and has no zero byte")
+    if len(name) > _MAX_PATH_BYTES or any(
+        len(os.fsencode(part)) > _MAX_PART_BYTES for part in Path(text).parts
+    ):
+        raise WrongUse(f"{shown}: the path is longer than a file system allows")
+    kind = kind_of(Path(text))
+    if kind not in ("", "a folder"):
+        raise WrongUse(f"{shown} is {kind}: give a file or a folder")
+    return text

@@ -1,0 +1,184 @@
+"""Calibrate load cell, force loop, imbalance or wiring.
+
+Calibrate a rig and save the result on the drum's board and in rig.toml. Exit code 0: done; 2:
+the measurement is implausible; 3: rig fault.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from contextlib import closing
+from datetime import UTC, datetime
+from typing import Any
+
+from rigctl.acquisition.calibration import fit_scale, validate_masses
+from rigctl.acquisition.calibration_values import (
+    MassReading,
+    gains_words,
+    imbalance_words,
+    scale_words,
+)
+from rigctl.acquisition.calibrator import (
+    BOARD,
+    CalibratedValues,
+    Calibrator,
+    calibrate_alone,
+    force_values,
+    loadcell_values,
+)
+from rigctl.acquisition.health import wiring_notice
+from rigctl.acquisition.rig import Rig
+from rigctl.acquisition.setup.progress import note_calibration
+from rigctl.cli import calibrate_wiring
+from rigctl.cli.arguments import add_seed, number, path_or_name
+from rigctl.cli.progress import ask
+from rigctl.cli.world import add_world, chosen_world
+from rigctl.config.toml_edit import replace_file
+from rigctl.rig import open_rig
+
+MAX_LOAD_G = 1e6
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    parser.add_argument(
+        "--rig",
+        type=path_or_name("--rig"),
+        required=True,
+        help="virtual, firmware, or a rig.toml",
+    )
+    add_world(parser)
+    add_seed(parser, "seed of a simulated rig", default=0)
+    parser.add_argument("--yes", action="store_true", help="do not ask for confirmation")
+    parser.add_argument(
+        "--dry", action="store_true", help="save nothing, neither on the board nor in files"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object at the end")
+    parts = parser.add_subparsers(dest="part", required=True, metavar="PART")
+    cell = parts.add_parser("loadcell", help="find the scale of the load cell from known masses")
+    cell.add_argument(
+        "--mass",
+        type=number("--mass", -MAX_LOAD_G, MAX_LOAD_G),
+        action="append",
+        required=True,
+        metavar="G",
+    )
+    force = parts.add_parser(
+        "force", help="find the gains of the force loop from a step at a held force"
+    )
+    force.add_argument("--force", type=number("--force", 0, MAX_LOAD_G), default=500.0, metavar="G")
+    parts.add_parser("imbalance", help="measure the load-cell error over the drum's angle")
+    tare = parts.add_parser("tare", help="set the reading of the lifted drum to 0 g")
+    tare.add_argument(
+        "--anyway",
+        action="store_true",
+        help="accept a zero far from the last one, such as after a change of the drum",
+    )
+    parts.add_parser("wiring", help="find which reading is which taxel by unplugging and pressing")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Calibrate one part; the last line gives the result and where it is saved."""
+    if args.part == "wiring":
+        return calibrate_wiring.run(args)
+    if args.part == "loadcell":
+        validate_masses(args.mass)
+    world = chosen_world(args.world)
+    if notice := wiring_notice(args.rig):
+        print(f"rigctl: {notice}", file=sys.stderr, flush=True)
+    with closing(open_rig(args.rig, seed=args.seed, paced=False, world=world)) as rig:
+        session = _CalibrationSession(args, rig)
+        rig.loop.run_until_complete(calibrate_alone(rig, session.run))
+    session.report()
+    return 0
+
+
+class _CalibrationSession:
+    """A calibration with a method for each part: ask the user, measure, save the result."""
+
+    def __init__(self, args: argparse.Namespace, rig: Rig) -> None:
+        self._args = args
+        self._rig = rig
+        self.result: dict[str, Any] = {"part": args.part, "rig": args.rig}
+        self._lines: list[str] = []
+
+    async def run(self, calibrator: Calibrator) -> None:
+        """Calibrate the part that the arguments name."""
+        await getattr(self, self._args.part)(calibrator)
+
+    async def loadcell(self, calibrator: Calibrator) -> None:
+        """Measure without a mass and with each mass; save the scale."""
+        await calibrator.lift()
+        masses_g = (0.0, *sorted(self._args.mass))
+        points = [await self._point(calibrator, mass_g) for mass_g in masses_g]
+        self._rig.lay_mass(0.0)
+        scale = fit_scale(points)
+        self.result |= {
+            "scale_ug_per_count": scale.ug_per_count,
+            "curve_share": scale.nonlinearity_share,
+        }
+        self._lines.append(scale_words(scale.ug_per_count, scale.nonlinearity_share))
+        today = datetime.now(UTC).strftime("%Y-%m-%d")
+        await self._save(calibrator, loadcell_values(scale, self._args.mass, today))
+
+    async def tare(self, calibrator: Calibrator) -> None:
+        """Set the zero; the board keeps it until it is switched off."""
+        self._ask("Take everything off the drum and let it come to rest.")
+        counts = await calibrator.tare(self._args.anyway)
+        self.result["tare_counts"] = counts
+        self._lines.append(f"{counts} counts are 0 g")
+
+    async def force(self, calibrator: Calibrator) -> None:
+        """Press, make a small step, and save the gains."""
+        self._ask("Mount a plate and keep clear of the drum.")
+        found = await calibrator.tune_gains(self._args.force)
+        self.result |= found._asdict()
+        self._lines.append(gains_words(found))
+        await self._save(calibrator, force_values(found))
+
+    async def imbalance(self, calibrator: Calibrator) -> None:
+        """Turn the lifted drum once; the board keeps the table."""
+        self._ask("Take the plate off, or leave it on as in use, and keep clear of the drum.")
+        table_g = await calibrator.measure_imbalance()
+        self.result["table_g"] = [round(value, 3) for value in table_g]
+        self._lines.append(imbalance_words(table_g))
+        await self._save(calibrator, CalibratedValues())
+
+    def report(self) -> None:
+        """Print the result."""
+        text = "\n".join(self._lines)
+        print(json.dumps(self.result, ensure_ascii=False) if self._args.json else text)
+
+    async def _point(self, calibrator: Calibrator, mass_g: float) -> MassReading:
+        if not self._rig.lay_mass(mass_g):
+            what = f"Lay {mass_g:g} g on the drum" if mass_g else "Take everything off the drum"
+            self._ask(f"{what} and let it come to rest.")
+        point = await calibrator.read_mass(mass_g)
+        if not self._args.json:
+            print(f"{mass_g:g} g: {point.mean_counts:.0f} counts ± {point.sd_counts:.0f}")
+        return point
+
+    async def _save(self, calibrator: Calibrator, values: CalibratedValues) -> None:
+        if self._args.dry:
+            self._lines.append("nothing was saved (--dry)")
+            return
+        path = self._rig.path if values.keys else None
+        text = values.edited(path) if path else ""
+        remark = await calibrator.save_settings(**values.settings)
+        places = [BOARD]
+        if path:
+            replace_file(path, text)
+            places.append(str(path))
+            if values.table != "loadcell" or await calibrator.motion.is_commissioned():
+                note_calibration(path, values.table, values.keys)
+        self.result["kept_in"] = places
+        self._lines.append(f"saved in {' and '.join(places)}")
+        if remark:
+            self.result["remark"] = remark
+            self._lines.append(remark)
+
+    def _ask(self, text: str) -> None:
+        if not self._args.yes:
+            ask(text, "--yes confirms that everything is in place")

@@ -1,1 +1,0 @@
-"""Commands that make, import, check or describe data."""

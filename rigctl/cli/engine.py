@@ -1,0 +1,64 @@
+"""``rigctl engine``: the process that holds a rig. Other commands and the window start it."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rigctl.acquisition.drum_commands import DrumCommands
+from rigctl.acquisition.engine import Engine
+from rigctl.acquisition.live_file import LiveWriter
+from rigctl.acquisition.run_request import RunRequest
+from rigctl.cli.arguments import path_or_name, whole_number
+from rigctl.cli.engine_process import EngineProcess, utc_now
+from rigctl.cli.world import add_wirings, add_world, chosen_world, session_world
+from rigctl.protocol.plan import MAX_SEED
+from rigctl.rig import open_rig
+
+if TYPE_CHECKING:
+    from rigctl.simulation.bench.world_file import SimulatedWorld
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    parser.add_argument("--rig", type=path_or_name("--rig"), required=True)
+    parser.add_argument("--name", default=None)
+    parser.add_argument("--seed", type=whole_number("--seed", 0, MAX_SEED), default=0)
+    parser.add_argument("--paced", action="store_true")
+    parser.add_argument("--protocol", type=path_or_name("--protocol"), default=None)
+    parser.add_argument("--out", type=path_or_name("--out"), default=None)
+    parser.add_argument("--resume", type=path_or_name("--resume"), default=None)
+    parser.add_argument(
+        "--order-seed", type=whole_number("--order-seed", 0, MAX_SEED), default=None
+    )
+    parser.add_argument("--yes", action="store_true")
+    add_world(parser)
+    add_wirings(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Open the rig, announce the engine, wait for its first client, serve."""
+    rig = open_rig(
+        args.rig, seed=args.seed, paced=args.paced, world=_world(args), wirings=args.wire
+    )
+    with closing(rig):
+        process = EngineProcess(args.name, args.rig, is_bench=not rig.simulated)
+        live = LiveWriter(process.live_path)
+        engine = Engine(rig, live, utc_now, real_time=args.paced or not rig.simulated)
+        with closing(live):
+            return process.serve(engine, DrumCommands(engine).handle, _run_request(args))
+
+
+def _run_request(args: argparse.Namespace) -> RunRequest | None:
+    if args.protocol is None and args.resume is None:
+        return None
+    return RunRequest(args.protocol, args.out, args.resume, args.order_seed, args.yes)
+
+
+def _world(args: argparse.Namespace) -> SimulatedWorld | None:
+    """Return the world of the named file, or that of the session to resume."""
+    if args.world is None and args.resume is not None:
+        return session_world(Path(args.resume))
+    return chosen_world(args.world)

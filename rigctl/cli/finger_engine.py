@@ -1,0 +1,73 @@
+"""``rigctl finger-engine``: the process that holds a rig of the moving finger."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import closing
+
+from rigctl.acquisition.rpc.engine_files import FINGER_EXPERIMENT
+from rigctl.analysis.finger.classifier import COVERAGE, ERROR_RATE
+from rigctl.cli.arguments import number, path_or_name, whole_number
+from rigctl.cli.engine_process import EngineProcess, utc_now
+from rigctl.cli.world import add_world, chosen_world
+from rigctl.finger_rig import open_finger_rig
+from rigctl.protocol.plan import MAX_SEED
+from rigctl.realtime.finger_commands import FingerCommands
+from rigctl.realtime.finger_engine import FingerEngine
+from rigctl.realtime.finger_run_request import DEFAULT_PROTOCOL, FingerRunRequest
+from rigctl.realtime.live_file import FingerLiveWriter
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    parser.add_argument("--rig", type=path_or_name("--rig"), required=True)
+    parser.add_argument("--name", default=None)
+    parser.add_argument("--seed", type=whole_number("--seed", 0, MAX_SEED), default=0)
+    parser.add_argument("--session", type=whole_number("--session", 0), default=0)
+    parser.add_argument("--first-slide", type=whole_number("--first-slide", 0), default=0)
+    parser.add_argument("--paced", action="store_true")
+    parser.add_argument("--stage", action="append", default=[])
+    parser.add_argument("--protocol", type=path_or_name("--protocol"), default=DEFAULT_PROTOCOL)
+    parser.add_argument("--model", type=path_or_name("--model"), default=None)
+    parser.add_argument("--out", type=path_or_name("--out"), default=None)
+    parser.add_argument("--resume", type=path_or_name("--resume"), default=None)
+    parser.add_argument(
+        "--order-seed", type=whole_number("--order-seed", 0, MAX_SEED), default=None
+    )
+    parser.add_argument("--error-rate", type=number("--error-rate", 0, 1), default=ERROR_RATE)
+    parser.add_argument("--coverage", type=number("--coverage", 0, 1), default=COVERAGE)
+    parser.add_argument("--yes", action="store_true")
+    add_world(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Open the rig, announce the engine, wait for its first client, serve."""
+    rig = open_finger_rig(
+        args.rig,
+        seed=args.seed,
+        session=args.session,
+        first_slide=args.first_slide,
+        paced=args.paced,
+        world=chosen_world(args.world),
+    )
+    with closing(rig):
+        process = EngineProcess(args.name, args.rig, FINGER_EXPERIMENT, not rig.simulated)
+        with closing(FingerLiveWriter(process.live_path)) as live:
+            engine = FingerEngine(rig, live, utc_now)
+            return process.serve(engine, FingerCommands(engine).handle, _request(args))
+
+
+def _request(args: argparse.Namespace) -> FingerRunRequest | None:
+    if not args.stage and args.resume is None:
+        return None
+    return FingerRunRequest(
+        tuple(args.stage),
+        args.protocol,
+        args.model,
+        args.out,
+        args.resume,
+        args.order_seed,
+        args.yes,
+        args.error_rate,
+        args.coverage,
+    )

@@ -1,1 +1,0 @@
-"""Options, progress lines and prompts that several commands share."""

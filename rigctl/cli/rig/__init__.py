@@ -1,1 +1,0 @@
-"""Commands that drive a rig, find its ports, calibrate it or judge it."""

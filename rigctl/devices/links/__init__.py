@@ -1,1 +1,0 @@
-"""Byte links to a board: serial port, TCP."""

@@ -1,1 +1,0 @@
-"""A run of the protocol: its request, its scans in order, its status."""

@@ -1,1 +1,0 @@
-"""One scan: between the marks on the board, judged, recorded and answered."""

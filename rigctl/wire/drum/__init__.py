@@ -1,1 +1,0 @@
-"""The drum's registers, safety states, polls and tare table."""

@@ -1,1 +1,0 @@
-"""The finger board's frames: samples with spikes, scaled windows, requests and settings."""

@@ -1,1 +1,0 @@
-"""Frames of the taxel board: bytes to samples, status and self-test."""
