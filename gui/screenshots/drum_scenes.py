@@ -78,7 +78,7 @@ def setup_scenes(studio: Studio) -> Iterator[Scene]:
     window, page, wait = studio.window, studio.window.tools.setup_page, studio.camera.wait
     window.tools.show_setup()
     yield from _boards_scene(window)
-    wait(lambda: bool(window.engine_link.status.setup.parts))
+    wait(lambda: page.list.count() > 0)
     for number in range(page.list.count()):
         page.list.setCurrentRow(number)
         wait(page.check_button.isEnabled)

@@ -97,7 +97,9 @@ def number(option: str, low: float, high: float) -> Callable[[str], float]:
     def parse(text: str) -> float:
         value = _number(text, float)
         if value is None or not low <= value <= high:
-            raise WrongUse(f"{option} {shorten(text, 40)}: give a number from {low:g} to {high:g}")
+            raise WrongUse(
+                f"{option} {shorten(text, 40)}: give a number from {low:,.10g} to {high:,.10g}"
+            )
         return value
 
     return parse

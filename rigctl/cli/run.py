@@ -199,7 +199,7 @@ class RunWatcher(Generic[_Status]):
 
     def _end_unanswered(self) -> None:
         self._progress.say(
-            "there is no terminal to answer at, so the run ends; --yes answers automatically"
+            "there is no terminal to answer at, so the run ends; --yes answers for a simulated rig"
         )
         self._client.send("abort")
 

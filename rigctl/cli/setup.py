@@ -20,7 +20,7 @@ from typing import Any
 from rigctl.acquisition.calibrator import Calibrator, calibrate_alone
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.setup.boards import find_boards, judge_reports, write_rig_file
-from rigctl.acquisition.setup.setup import STEPS, Setup, SetupStep
+from rigctl.acquisition.setup.setup import STEPS, Setup, SetupStep, TooEarly
 from rigctl.acquisition.setup.verdict import Question, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
 from rigctl.cli.arguments import add_seed, path_or_name
@@ -38,6 +38,7 @@ FIRMWARE_PART = "firmware"
 NO_TERMINAL = (
     "there is no terminal to answer at: run this command at one, or open Set up in the window"
 )
+SET_UP = "the rig is set up: run a protocol, or protocols/acceptance.toml for rigctl accept"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -68,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Take the steps that are left; the last line says what is next."""
-    _write_new_file(args.rig)
+    _write_new_file(args)
     if not _find_boards(args):
         return 1
     world = chosen_world(args.world)
@@ -90,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
             verdict = rig.loop.run_until_complete(find_boards(rig))
             if verdict.passed:
                 raise
-            _print_verdict(verdict)
+            _report_ports(args, verdict)
             return 1
     if session.ports_to_flash:
         for board, port in session.ports_to_flash.items():
@@ -108,11 +109,14 @@ async def _flash(board: str, port: str) -> None:
     line.end()
 
 
-def _write_new_file(rig: str) -> None:
+def _write_new_file(args: argparse.Namespace) -> None:
     """Write a rig.toml with every key and its meaning where there is none."""
-    path = Path(rig)
-    if rig not in (VIRTUAL, FIRMWARE) and path.suffix == ".toml":
-        write_rig_file(path, {})
+    path = Path(args.rig)
+    if args.rig in (VIRTUAL, FIRMWARE) or path.suffix != ".toml" or path.exists():
+        return
+    write_rig_file(path, {})
+    if not args.json:
+        print(f"{path} is new: it has every key and its meaning")
 
 
 def _find_boards(args: argparse.Namespace) -> bool:
@@ -126,8 +130,18 @@ def _find_boards(args: argparse.Namespace) -> bool:
     with asyncio.Runner(loop_factory=asyncio.SelectorEventLoop) as runner:
         verdict = judge_reports(runner.run(probe_ports(runner.get_loop())))
     if not verdict.passed:
-        _print_verdict(verdict)
+        _report_ports(args, verdict)
     return verdict.passed
+
+
+def _report_ports(args: argparse.Namespace, verdict: Verdict) -> None:
+    """Print what answered on the ports of a rig that is not connected."""
+    if not args.json:
+        _print_verdict(verdict)
+        return
+    first = STEPS[0]
+    step = {"part": first.name, "title": first.title, "passed": False, **verdict._asdict()}
+    print(json.dumps(_json_object([step], first.name, (), []), ensure_ascii=False))
 
 
 class _NoTerminal(WrongUse):
@@ -195,7 +209,7 @@ class _SetupSession:
                 self._print(f"next is {left.title}: rigctl setup --rig {self._args.rig}")
             return 0 if verdict is not None and verdict.passed else 1
         if left is None:
-            self._print("the rig is set up: run a protocol, or rigctl accept")
+            self._print(SET_UP)
             return 0
         self.say_left()
         return 1
@@ -209,6 +223,8 @@ class _SetupSession:
                 verdict = await setup.check(step.name)
             except _NoTerminal:
                 raise
+            except TooEarly as refusal:
+                raise WrongUse(f"{refusal}; without --part, the setup goes on there") from None
             except WrongUse as refusal:
                 verdict = Verdict("", "", str(refusal))
             if not self._args.json:
@@ -258,6 +274,8 @@ def _answer(question: Question, known: str) -> str:
         try:
             given = input(visible(f"  {question.text} [{hint}; Ctrl-C leaves] "))
         except EOFError:
+            if sys.stdin.isatty():  # Ctrl-D
+                raise KeyboardInterrupt from None
             raise _NoTerminal(NO_TERMINAL) from None
         if given.strip().lower() == LEAVE and LEAVE not in question.choices:
             raise KeyboardInterrupt
@@ -285,20 +303,22 @@ def _picture(step: SetupStep) -> str:
 def _as_dict(setup: Setup, skipped: tuple[str, ...]) -> dict[str, Any]:
     """Return the state of the setup as values for JSON."""
     left = setup.next
-    return {
-        "steps": [
-            {
-                "part": step.name,
-                "title": step.title,
-                "passed": step.name in setup.progress.passed,
-                **(setup.verdicts[step.name]._asdict() if step.name in setup.verdicts else {}),
-            }
-            for step in setup.steps
-        ],
-        "next": left.name if left else None,
-        "not_checked": list(skipped),
-        "remarks": setup.progress.remarks,
-    }
+    steps = [
+        {
+            "part": step.name,
+            "title": step.title,
+            "passed": step.name in setup.progress.passed,
+            **(setup.verdicts[step.name]._asdict() if step.name in setup.verdicts else {}),
+        }
+        for step in setup.steps
+    ]
+    return _json_object(steps, left.name if left else None, skipped, setup.progress.remarks)
+
+
+def _json_object(
+    steps: list[dict[str, Any]], left: str | None, skipped: tuple[str, ...], remarks: list[str]
+) -> dict[str, Any]:
+    return {"steps": steps, "next": left, "not_checked": list(skipped), "remarks": remarks}
 
 
 def _no_print(_: str) -> None:

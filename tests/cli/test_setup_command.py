@@ -31,7 +31,9 @@ def test_a_simulated_rig_is_set_up_to_its_first_trial(capsys: pytest.CaptureFixt
     assert main(YES) == 0
     printed = capsys.readouterr().out
     assert "17/17 First trial" in printed and "expected: 1 window at the taxel board" in printed
-    assert printed.endswith("the rig is set up: run a protocol, or rigctl accept\n")
+    assert printed.endswith(
+        "the rig is set up: run a protocol, or protocols/acceptance.toml for rigctl accept\n"
+    )
 
 
 def test_a_wrong_wiring_is_one_sentence_and_the_next_command(
@@ -84,17 +86,24 @@ def test_a_person_answers_mends_keeps_and_leaves(
     assert sum("Hold the upper end switch" in text for text in asked) == 2
 
 
-@pytest.mark.parametrize("way", ["leave", "Ctrl-C"])
+@pytest.mark.parametrize("way", ["leave", "Ctrl-C", "Ctrl-D"])
 def test_whoever_leaves_at_a_question_hears_where(
     way: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def answer(_: str) -> str:
         if way == "Ctrl-C":
             raise KeyboardInterrupt
+        if way == "Ctrl-D":
+            raise EOFError
         return way
 
     monkeypatch.setattr("builtins.input", answer)
+<<<<<<< HEAD
     monkeypatch.setattr("rigctl.cli.setup.open_rig", _as_fast_as_possible())
+=======
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True)
+    monkeypatch.setattr("rigctl.cli.rig.setup.open_rig", _as_fast_as_possible())
+>>>>>>> main
     assert main(("setup", "--rig", "virtual")) == 130
     assert "left at Drum and microsteps: a simulated rig" in capsys.readouterr().out
 
@@ -111,6 +120,16 @@ def test_where_nobody_can_answer_the_command_says_it_once(
     printed = capsys.readouterr()
     assert "WRONG" not in printed.out
     assert printed.err.count("there is no terminal to answer at") == 1
+
+
+def test_a_part_that_moves_too_early_is_refused_with_the_way_on(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main((*YES, "--part", "actuator")) == 2
+    assert capsys.readouterr().err == (
+        "rigctl: Actuator and potentiometer moves the drum: first check Boards and ports; "
+        "without --part, the setup goes on there\n"
+    )
 
 
 def _as_fast_as_possible() -> Callable[..., object]:
@@ -146,9 +165,14 @@ def test_a_rig_toml_with_every_key_is_written_where_there_is_none(
     monkeypatch.setattr("rigctl.cli.setup.probe_ports", no_ports)
     path = tmp_path / "rig.toml"
     assert main(("setup", "--rig", str(path))) == 1
-    assert "there is no serial port: plug both boards in" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert printed.startswith(f"{path} is new: it has every key and its meaning\n")
+    assert "there is no serial port: plug both boards in" in printed
     assert load_config(path) == RigConfig()
     assert path.read_text().startswith("# Written by rigctl setup")
+    assert main(("setup", "--rig", str(path), "--json")) == 1
+    result = json.loads(capsys.readouterr().out)
+    assert result["next"] == "ports" and "plug both boards in" in result["steps"][0]["problem"]
 
 
 def test_at_a_bench_somebody_must_answer(capsys: pytest.CaptureFixture[str]) -> None:

@@ -167,8 +167,9 @@ def _missing_way(ways: tuple[str, str]) -> tuple[str, tuple[str, ...]]:
     if ways == (NOT_AT_ALL, NOT_AT_ALL):
         return (
             "the actuator did not move: its bridge has no supply, or a wire between bridge and "
-            "actuator is open, which look alike; look at the lamp of the 24 V, then measure at the "
-            "actuator's plug during a nudge: no voltage means supply or bridge, a voltage its wire",
+            "actuator is open, which look alike; look at the lamp of its supply, then measure at "
+            "the actuator's plug during a nudge: no voltage means supply or bridge, a voltage its "
+            "wire",
             ("actuator supply missing", "actuator unplugged"),
         )
     lacks_press = ways[0] == NOT_AT_ALL

@@ -153,7 +153,7 @@ def judge_reports(reports: Sequence[PortReport], expected: Sequence[str] = ()) -
     )
     twice = next((kind for kind in (DRUM, TAXELS) if kinds.count(kind) > 1), "")
     missing = next((kind for kind in (DRUM, TAXELS) if kind not in kinds), "")
-    problem, *causes = _ports_problem(twice, missing, bool(reports))
+    problem, *causes = _ports_problem(twice, missing, reports)
     if not problem and expected and kinds != list(expected):
         problem = (
             "the two boards are exchanged: exchange their cables, or the ports drum and taxels in "
@@ -163,14 +163,17 @@ def judge_reports(reports: Sequence[PortReport], expected: Sequence[str] = ()) -
     return Verdict("a drum board and a taxel board", found or "no port", problem, tuple(causes))
 
 
-def _ports_problem(twice: str, missing: str, has_ports: bool) -> tuple[str, ...]:
+def _ports_problem(twice: str, missing: str, reports: Sequence[PortReport]) -> tuple[str, ...]:
     if twice:
         cure = f"flash one of them with {_flash(missing)}" if missing else "unplug one of them"
         return f"two boards answer as the {BOARD_NAMES[twice]}: {cure}", "two boards of one kind"
     if not missing:
         return ("",)
-    if not has_ports:
+    if not reports:
         return ("there is no serial port: plug both boards in, and see what rigctl doctor says",)
+    shut = next((r for r in reports if "in use" in r.error or "not be opened" in r.error), None)
+    if shut is not None:  # the missing board may be behind it
+        return (f"{shut.port}: {shut.error}",)
     return (
         f"no port answers as the {BOARD_NAMES[missing]}: plug it in; if it is, load its firmware "
         f"with {_flash(missing)}, and if that fails, see what rigctl doctor says",

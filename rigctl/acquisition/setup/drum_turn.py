@@ -129,8 +129,10 @@ def _mark_share(polls: Sequence[DrumState]) -> float:
 
 def judge_turn(seen: TurnReadings, has_index: bool = True, is_inverted: bool = False) -> Verdict:
     """Judge motor, direction, mark and steps by :data:`TURNS` commanded turns."""
-    expected = f"{TURNS} turns {FORWARD}" + (f", {TURNS} marks" if has_index else "")
-    found = f"{seen.turns:g} turns {seen.seen}" + (f", {seen.marks} marks" if has_index else "")
+    expected, found = f"{TURNS} turns {FORWARD}", f"{seen.turns:g} turns {seen.seen}"
+    if has_index:
+        expected += f", {TURNS} marks, less than half of the way"
+        found += f", {seen.marks} marks, {seen.mark_share * 100:.0f} % of the way"
     problem, causes, remedy = _turn_problem(seen, has_index, is_inverted)
     return Verdict(expected, found, problem, causes, remedy)
 

@@ -95,6 +95,10 @@ FAULT_CAUSES: dict[Fault, tuple[str, ...]] = {
 """Wrong wirings behind a fault that the board latches by itself, in whatever step."""
 
 
+class TooEarly(WrongUse):
+    """A part that moves the drum was asked for before all parts before it have passed."""
+
+
 class Setup:
     """The setup of one rig: which steps there are, which have passed, what each has found."""
 
@@ -125,7 +129,7 @@ class Setup:
     async def check(self, name: str) -> Verdict:
         """Take a step and return what it found; a step that fails loses the pass it had.
 
-        Raises WrongUse for a step that moves before the others have passed, LinkLost.
+        Raises TooEarly for a step that moves before the others have passed, LinkLost.
         """
         step = self.step(name)
         self._require_earlier(step)
@@ -180,10 +184,7 @@ class Setup:
             if earlier is step:
                 return
             if earlier.name not in self.progress.passed:
-                raise WrongUse(
-                    f"{step.title} moves the drum: first check {earlier.title} "
-                    f"(rigctl setup --part {earlier.name})"
-                )
+                raise TooEarly(f"{step.title} moves the drum: first check {earlier.title}")
 
     async def _note(self, step: SetupStep, verdict: Verdict) -> None:
         self.verdicts[step.name] = verdict

@@ -134,7 +134,8 @@ def judge_supply_cut(is_cut: bool, is_bridge_off: bool) -> Verdict:
             expected,
             found,
             "the stop does not cut the motors' supply, so a hung board or a shorted bridge would "
-            "go on pressing: put its second normally closed contact into the 24 V of both drivers",
+            "go on pressing: put its second normally closed contact into the supply of both "
+            "drivers",
             ("E-stop second contact not in the supply",),
         )
     if not is_bridge_off:

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.setup.boards import judge_firmware
+from rigctl.acquisition.setup.boards import judge_firmware, judge_reports
 from rigctl.acquisition.setup.progress import COMMISSION, load_progress, progress_path
 from rigctl.acquisition.setup.setup import STEPS, Setup
 from rigctl.acquisition.setup.verdict import DONE, YES_OR_NO, Question
 from rigctl.config.rig_config import SLOW_GAINS, Actuator, LoadCell, RigConfig, load_config
+from rigctl.devices.port_discovery import PortReport
 from rigctl.errors import WrongUse
 from rigctl.values import BoardIdentity
 from rigctl.wire.drum_codes import Status
@@ -39,6 +40,14 @@ def test_nothing_moves_before_the_parts_before_have_passed() -> None:
     with simulated_setup() as setup:
         setup.run(steps)
         assert setup.peak_g == 0 and "watch_rod" not in setup.asked
+
+
+def test_a_port_that_another_program_holds_is_what_the_setup_names() -> None:
+    held = PortReport(
+        "/dev/ttyACM0", "", error="the port is in use: close the program that holds it"
+    )
+    verdict = judge_reports([PortReport("/dev/ttyS0", "", error="no rigctl board answered"), held])
+    assert verdict.problem == "/dev/ttyACM0: the port is in use: close the program that holds it"
 
 
 def test_without_room_the_actuator_does_not_move() -> None:
