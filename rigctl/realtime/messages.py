@@ -75,8 +75,8 @@ class FingerEngineStatus:
 
     Ages are loop time since the newest data, or the last loss, None before any. Positions are
     plate coordinates. ``late_velocities``: velocities that reached the board after their batch.
-    ``latency_p99_ms``: 99th percentile of each kind of :mod:`rigctl.realtime.finger_devices` that was
-    measured.
+    ``latency_p99_ms``: 99th percentile of each kind of :mod:`rigctl.realtime.finger_devices` that
+    was measured.
     """
 
     at_s: float = 0.0

@@ -98,12 +98,8 @@ def test_whoever_leaves_at_a_question_hears_where(
         return way
 
     monkeypatch.setattr("builtins.input", answer)
-<<<<<<< HEAD
-    monkeypatch.setattr("rigctl.cli.setup.open_rig", _as_fast_as_possible())
-=======
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
-    monkeypatch.setattr("rigctl.cli.rig.setup.open_rig", _as_fast_as_possible())
->>>>>>> main
+    monkeypatch.setattr("rigctl.cli.setup.open_rig", _as_fast_as_possible())
     assert main(("setup", "--rig", "virtual")) == 130
     assert "left at Drum and microsteps: a simulated rig" in capsys.readouterr().out
 
