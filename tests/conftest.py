@@ -23,7 +23,6 @@ BEGUN_FIRST = (
     "gui/test_joining.py",
     "gui/test_never_blocked.py",
     "cli/test_run_command.py",
-    "gui/test_finger_elsewhere.py",
     "gui/test_day_by_keyboard.py",
     "gui/test_real_finger.py",
     "gui/test_day_on_the_virtual_rig.py",

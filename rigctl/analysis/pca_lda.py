@@ -389,7 +389,7 @@ def fit_classifier(features: Matrix, labels: Labels, components: int) -> Classif
     """Return the arrays of a model of ``components``, or of as many as are not rounding.
 
     Its mean, axes, variance, factor, whitened means, log priors and dropped components, as in
-    :class:`rigctl.session.files.model_file.Model`.
+    :class:`rigctl.session.model_file.Model`.
     """
     pca = fit_pca(features, components)
     k = count_real_components(pca)
@@ -404,7 +404,7 @@ def fit_classifier(features: Matrix, labels: Labels, components: int) -> Classif
 
 
 class TrainedClassifier(Protocol):
-    """Principal components and discriminants, as :class:`rigctl.session.files.model_file.Model`."""
+    """Principal components and discriminants, as :class:`rigctl.session.model_file.Model`."""
 
     @property
     def mean(self) -> Floats: ...

@@ -1,6 +1,6 @@
 """Render the tables of ``docs/reference/world.md`` from parameters, plates and wirings.
 
-``python -m rigctl.simulation.bench.world.parameter_tables`` writes them; ``--check`` only compares.
+``python -m rigctl.simulation.bench.parameter_tables`` writes them; ``--check`` only compares.
 """
 
 from __future__ import annotations
