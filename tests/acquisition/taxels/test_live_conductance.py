@@ -60,7 +60,7 @@ def test_live_spikes_equal_those_of_the_recorded_counts(tmp_path: Path) -> None:
         growing = GrowingFeatures(harness.session)
         growing.update()
         assert len(growing.features) == 4
-        growing.close()
+        growing.session.close()
 
 
 def test_an_early_end_needs_ranges_in_counts(tmp_path: Path) -> None:
