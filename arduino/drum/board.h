@@ -47,8 +47,6 @@ constexpr float ACTUATOR_MAX_MM_S = 10.0f;
 constexpr float ACTUATOR_LAG_S = 0.030f;
 constexpr uint16_t ACTUATOR_TRAVEL_UM = 50000;
 constexpr uint16_t ACTUATOR_END_UM = 300;
-// How fast it lifts before the board is commissioned: decision 0040 derives it.
-constexpr float GENTLE_LIFT_MM_S = ACTUATOR_MAX_MM_S < 2.5f ? ACTUATOR_MAX_MM_S : 2.5f;
 
 // Its potentiometer of 10 kOhm with 470 Ohm at each end and 1 MOhm from the wiper to ground: readings
 // at the ends of the travel, and readings that only a broken or shorted wire gives.

@@ -29,21 +29,27 @@ bool Contact::close(uint16_t zone_um) const {
     return signals_.position_um() + static_cast<uint32_t>(zone_um) >= contact_um_;
 }
 
+// An open wire of the upper switch reads as the upper end. What the cell feels there after a whole lift
+// is another drum.
+bool Contact::at_every_top() const {
+    return signals_.at_upper_end() && (signals_.at_top() || !signals_.reads_position());
+}
+
 bool Contact::high_enough(bool to_the_top, const Lift &lift) const {
+    const bool whole = lift.ms > (lift.gentle ? GENTLE_LIFT_MS : FULL_LIFT_MS);
+    if (sensor_.reads_contact()) return whole && at_every_top();
     if (signals_.at_upper_end()) return true;
-    if (sensor_.reads_contact()) return false;
-    if (!signals_.reads_position())
-        return !signals_.fitted(Signal::EndSwitches) &&
-               lift.ms > (lift.gentle ? GENTLE_LIFT_MS : FULL_LIFT_MS);
+    if (!signals_.reads_position()) return !signals_.fitted(Signal::EndSwitches) && whole;
     if (signals_.at_top()) return true;
     return !to_the_top && lifted_by(lift.clearance_um);
 }
 
 // By the upper end, by the reading, or by the way above the last contact.
 bool Contact::seems_gone() const {
-    if (signals_.at_upper_end() || free_run_ >= FREE_READINGS) return true;
-    if (!signals_.reads_position() || sensor_.reads_contact()) return false;
-    return signals_.at_top() || lifted_by(GONE_UM);
+    if (free_run_ >= FREE_READINGS) return true;
+    if (sensor_.reads_contact()) return false;
+    if (signals_.at_upper_end()) return true;
+    return signals_.reads_position() && (signals_.at_top() || lifted_by(GONE_UM));
 }
 
 void Contact::watch() {

@@ -174,10 +174,10 @@ void Controller::enter(State state) {
 }
 
 void Controller::drive_actuator() {
-    const bool nudging = machine_.drive() == Drive::Nudge;
-    const bool slowly = machine_.drive() == Drive::Lift && gentle();
-    duty_ = nudging ? nudge_.tick(signals_.position_um())
-                    : motion_.limited(actuator_.tick(), slowly);
+    const Drive drive = machine_.drive();
+    const bool slowly = drive == Drive::Lift && gentle();
+    duty_ = drive == Drive::Nudge ? nudge_.tick(signals_.position_um())
+                                  : motion_.limited(actuator_.tick(), slowly);
     ports::drive(duty_);
 }
 

@@ -35,14 +35,14 @@ void Store::keep_place(const ports::Place &place) {
 }
 
 void Store::tick() {
-    Slots *const all[] = {&boot_, &settings_, &hash_, &place_};
-    for (Slots *slots : all) {
-        if (!slots->saving()) continue;
-        if (!ports::store_ready()) return;
-        uint16_t address;
-        const uint8_t byte = slots->next(address);
-        return ports::store_byte(address, byte);
-    }
+    Slots &slots = boot_.saving()       ? boot_
+                   : settings_.saving() ? settings_
+                   : hash_.saving()     ? hash_
+                                        : place_;
+    if (!slots.saving() || !ports::store_ready()) return;
+    uint16_t address;
+    const uint8_t byte = slots.next(address);
+    ports::store_byte(address, byte);
 }
 
 SettingsFrom Store::load(uint16_t *words) const {

@@ -22,6 +22,9 @@ constexpr uint8_t FIRMWARE_MINOR = 1;
 constexpr uint32_t CLOCK_HZ = 16000000UL;
 constexpr uint32_t NM_PER_STEP = NM_PER_TURN / STEPS_PER_TURN;
 
+// How fast the actuator lifts before the board is commissioned: decision 0040 derives it.
+constexpr float GENTLE_LIFT_MM_S = ACTUATOR_MAX_MM_S < 2.5f ? ACTUATOR_MAX_MM_S : 2.5f;
+
 // Grams as counts of the load cell that the board is built for.
 constexpr int32_t counts_of(uint16_t grams) { return grams * 1000000LL / UG_PER_COUNT; }
 constexpr int32_t MOST_COUNTS = counts_of(MOST_FORCE_G);

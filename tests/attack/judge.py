@@ -103,6 +103,7 @@ class Judge:
         self.broken: dict[str, str] = {}
         self.now_ms = self._heartbeat_at_ms = self._last_contact_ms = self._lifting_ms = 0
         self._stop_since_ms: int | None = None
+        self._button_ms = -1
         self._stop_wiring_is_default, self._booted, self._zero_is_known = True, True, False
         self._state = State.BOOT
 
@@ -117,6 +118,7 @@ class Judge:
 
     def set_stop(self, pressed: bool) -> None:
         """Note a change of the emergency stop; ignore one that was configured away before."""
+        self._button_ms = self.now_ms
         if not pressed:
             self._stop_since_ms = None
         elif self._stop_since_ms is None and self._stop_wiring_is_default:
@@ -238,6 +240,9 @@ class Judge:
         if state in LIFT_STATES and state is not self._state:
             self._lifting_ms = span.start_ms
         if self._stop_since_ms is not None or LIFT_STATES.get(self._state) is not state:
+            return
+        # An emergency stop that was configured before ends a lift all the same.
+        if self._button_ms >= self._lifting_ms:
             return
         lasted_ms = span.end_ms - self._lifting_ms
         is_over = self.force_g < TOUCH_G or lasted_ms >= LIFT_LIMIT_MS

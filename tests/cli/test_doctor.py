@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.rpc.client import spawn_engine, wait_for_engine_file
+from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.engine_files import LOG
 from rigctl.cli import doctor, main
 from rigctl.cli.doctor import ATTENTION, OK, UNKNOWN, Finding
@@ -365,14 +365,15 @@ class TestCrashes:
         found = doctor.find_engines()
         assert not isinstance(found, Finding)
         folder = found[0]
-        process, log = spawn_engine(folder, "e1", "virtual", False, 1, [], "engine")
-        with log:
-            engine = wait_for_engine_file(folder, "e1", process, log)
-            assert doctor.engine_logs(folder, [engine]) == []
-            process.send_signal(signal.SIGSEGV)
-            process.wait()
+        client = EngineClient.start("virtual", paced=False, seed=1)
+        engine, process = client.engine_file, client.process
+        assert process is not None
+        assert doctor.engine_logs(folder, [engine]) == []
+        process.send_signal(signal.SIGSEGV)
+        process.wait()
+        client.close()
         (left,) = doctor.engine_logs(folder, [])
-        assert left.name == f"e1{LOG}"
+        assert left.name == f"{engine.name}{LOG}"
         crash = doctor.check_crash(tmp_path, [left], left.stat().st_mtime)
         assert crash.state is ATTENTION and str(left) in crash.sentence
 

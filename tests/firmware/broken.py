@@ -61,12 +61,25 @@ BROKEN: dict[str, dict[str, list[Edit]]] = {
         ],
         "swapped-at-once": [
             _SWAPPED,
-            ("motion_watch.cpp", "    if (known_ || !way) return duty;", "    return duty;"),
+            ("motion_watch.cpp", "    ramp_ += RAMP_PERMILLE;\n", "    ramp_ = Actuator::FULL;\n"),
         ],
         "position-believed": [
             ("signals.h", "fitted(Signal::Position) && !broken_ms_;", "fitted(Signal::Position);"),
             ("signals.h", "return broken_ms_ >= BROKEN_MS;", "return false;"),
+            (
+                "contact.cpp",
+                "    if (sensor_.reads_contact()) return whole && at_every_top();\n",
+                "",
+            ),
             ("contact.cpp", "    if (sensor_.reads_contact()) return false;\n", ""),
+        ],
+        "switch-believed": [
+            (
+                "contact.cpp",
+                "    if (sensor_.reads_contact()) return whole && at_every_top();\n",
+                "    if (signals_.at_upper_end()) return true;\n"
+                "    if (sensor_.reads_contact()) return false;\n",
+            )
         ],
         "blind-push": [
             (

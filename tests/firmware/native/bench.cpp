@@ -146,7 +146,7 @@ void Bench::move_actuator() {
     rod_mm += velocity_ * 1e-3;
     if (rod_mm <= 0 || rod_mm >= 50) velocity_ = 0;
     rod_mm = std::clamp(rod_mm, 0.0, 50.0);
-    end_up = rod_mm <= 0.01;
+    end_up = rod_mm <= 0.01 || upper_end_open;
     end_down = rod_mm >= 49.99;
     const double angle = 2 * M_PI * drum_mm / TURN_MM;
     const double inertia = p.moved_mass_g * (velocity_ - before) / 9.81;

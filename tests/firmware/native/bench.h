@@ -60,6 +60,7 @@ class Bench {
     bool out_of_step = false, mark_hidden = false, actuator_jammed = false;
     bool cell_open = false;  // its excitation: it reads noise about its zero
     bool swapped_actuator = false, swapped_ends = false;
+    bool upper_end_open = false;  // its wire, which reads as the upper end
     int broken_position = -1;  // a reading, where its wires are broken
     bool inverted_ends = false, inverted_position = false;
     double push_g = 0;

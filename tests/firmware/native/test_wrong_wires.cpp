@@ -200,6 +200,57 @@ TEST(a_lift_does_not_end_while_the_cell_feels_contact) {
     CHECK_EQUAL(bench.force_g, 0);
 }
 
+TEST(an_open_wire_of_the_upper_switch_ends_no_lift_in_contact) {
+    for (bool position : {true, false}) {
+        Bench bench;
+        if (!position) CHECK(bench.write(reg::optional_signals, {without(Signal::Position)}) == Answer::Ok);
+        CHECK(bench.arm_and_tare());
+        CHECK(bench.hold(500));
+        bench.upper_end_open = true;
+        CHECK(bench.command(Command::Retract) == Answer::Ok);
+        CHECK(bench.finish(8000));
+        CHECK(bench.state() == State::Armed);
+        CHECK_EQUAL(bench.force_g, 0);
+        CHECK_NEAR(bench.read_wide(reg::tare_counts), 80000, 300);
+    }
+}
+
+TEST(over_force_lifts_with_an_open_wire_of_the_upper_switch) {
+    Bench bench;
+    CHECK(bench.arm_and_tare());
+    CHECK(bench.hold(500));
+    bench.upper_end_open = true;
+    bench.push_g = 2500;
+    bench.run(60);
+    bench.push_g = 0;
+    bench.run(9000);
+    CHECK(fault(bench) == Fault::OverForce);
+    CHECK_EQUAL(bench.force_g, 0);
+}
+
+TEST(a_jammed_drum_with_an_open_wire_of_the_upper_switch_is_never_lifted) {
+    Bench bench;
+    CHECK(bench.arm_and_tare());
+    CHECK(bench.hold(500));
+    bench.upper_end_open = bench.actuator_jammed = true;
+    CHECK(bench.command(Command::Retract) == Answer::Ok);
+    bench.run(12000);
+    CHECK(bench.state() == State::FaultOff);
+    CHECK(bench.read(reg::status_bits) >> static_cast<int>(Status::ContactMayStand) & 1);
+}
+
+// At the top the cell feels what is mounted, and no contact.
+TEST(another_drum_at_the_upper_end_is_armed_after_a_whole_lift) {
+    Bench bench;
+    CHECK(bench.arm_and_tare());
+    CHECK(bench.command(Command::Disarm) == Answer::Ok);
+    bench.push_g = 60;
+    bench.run(300);
+    CHECK(bench.command(Command::Arm) == Answer::Ok);
+    CHECK(bench.finish(8000));
+    CHECK(bench.state() == State::Armed);
+}
+
 TEST(a_boot_in_contact_with_a_broken_potentiometer_learns_no_zero) {
     BenchParameters parameters;
     parameters.start_mm = 20.8;

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from rigctl.simulation.bench.load_cell import LoadCellAmplifier
 from rigctl.simulation.bench.parameters import WorldParameters
-from rigctl.simulation.simulated_rig import Disturbances
+from rigctl.simulation.chips.simavr import Input
 from rigctl.wire.drum_codes import Command
 from tests.firmware.drum.support.plant_drum import PlantDrum
 
@@ -20,6 +20,8 @@ BENCH = WorldParameters(
     actuator_travel_mm=40,
 )
 STEP_MM = 0.05625
+OTHER_WAY_ROUND = {Input.END_UP: Input.END_DOWN, Input.END_DOWN: Input.END_UP}
+"""Inputs of the default variant, to which this one's end switches are connected."""
 SELFTEST_MS = 1800
 """The amplifier settles for four conversions, the firmware for four more, and it tests eight."""
 GAINS = 400, 150
@@ -38,10 +40,13 @@ class OtherDrum(PlantDrum):
 
     def _wire_up(self) -> None:
         slow = replace(self.parameters, loadcell_rate_hz=10.0, loadcell_average_ms=100.0)
-        self._cell = LoadCellAmplifier(slow, 1, self.plant, Disturbances())
+        self.bench.loadcell = LoadCellAmplifier(slow, 1, self.plant, self.bench.disturbances)
         self.x.enable_high = 1
         self.x.port_a_first = 3
         super()._wire_up()
+
+    def _set_level(self, signal: Input, level: bool) -> None:
+        super()._set_level(OTHER_WAY_ROUND.get(signal, signal), level)
 
     def tune(self) -> None:
         """Home and tare, and set the gains that the board proposes."""

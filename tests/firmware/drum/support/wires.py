@@ -5,7 +5,7 @@ Each passes on the flashed image and fails on one without the tested rule (:data
 
 from __future__ import annotations
 
-from rigctl.simulation.chips.simavr import ResetBy
+from rigctl.simulation.chips.simavr import Input, ResetBy
 from rigctl.wire.drum_codes import Command
 from rigctl.wire.drum_states import Fault, State
 from tests.firmware.drum.support.checks import IMAGE, SET_FORCE_G, Check
@@ -24,7 +24,10 @@ LATE_MM = 6 * (0.0125 + 0.006 + 0.001 + 0.0305) + 6 * (0.0125 + 0.006)
 
 
 def a_swapped_actuator_presses_less_than_300_g(image: str) -> None:
-    """The drum is armed a hair above the sensor, three times; each time all is off at once."""
+    """The drum is armed a hair above the sensor, three times; each time all is off at once.
+
+    The board is commissioned after the first, so that the later ones lift at full duty.
+    """
     with DrumChip(image) as drum:
         drum.rod_mm = CONTACT_MM - 0.05
         drum.run(60)
@@ -37,6 +40,7 @@ def a_swapped_actuator_presses_less_than_300_g(image: str) -> None:
             assert drum.command(Command.CLEAR) == 0
             drum.rod_mm = CONTACT_MM - 0.05
             drum.run(60)
+            assert drum.command(Command.COMMISSION, 500) == 0
         assert max(drum.forces) < UNCOMMISSIONED_G
 
 
@@ -55,6 +59,17 @@ def a_broken_potentiometer_is_never_the_top(image: str) -> None:
             drum.poll_for(9000)
             assert drum.state is State.FAULT_OFF
             assert drum.force_g == 0
+
+
+def an_open_upper_switch_is_not_the_top_in_contact(image: str) -> None:
+    """Its wire breaks in HOLD; the lift goes on until the sensor is free."""
+    with DrumChip(image) as drum:
+        drum.arm()
+        drum.hold(SET_FORCE_G)
+        drum.pin(Input.END_UP, 1)
+        assert drum.command(Command.RETRACT, 8000) == 0
+        assert drum.state is State.ARMED
+        assert drum.force_g == 0
 
 
 def a_dead_cell_in_hold_ends_the_push(image: str) -> None:
@@ -134,6 +149,7 @@ def an_uncommissioned_board_refuses_to_press(image: str) -> None:
 WIRE_CHECKS: tuple[tuple[Check, str], ...] = (
     (a_swapped_actuator_presses_less_than_300_g, SWAPPED),
     (a_broken_potentiometer_is_never_the_top, IMAGE),
+    (an_open_upper_switch_is_not_the_top_in_contact, IMAGE),
     (a_dead_cell_in_hold_ends_the_push, IMAGE),
     (a_dead_cell_in_an_approach_ends_near_the_last_contact, IMAGE),
     (a_dead_cell_after_a_reset_ends_near_the_kept_contact, IMAGE),
@@ -146,6 +162,11 @@ WIRE_CONTROLS: tuple[tuple[str, str, Check], ...] = (
     ("swapped-unwatched", "direction not checked", a_swapped_actuator_presses_less_than_300_g),
     ("swapped-at-once", "the first motion is no ramp", a_swapped_actuator_presses_less_than_300_g),
     ("position-believed", "every reading is a place", a_broken_potentiometer_is_never_the_top),
+    (
+        "switch-believed",
+        "the upper switch is believed in contact",
+        an_open_upper_switch_is_not_the_top_in_contact,
+    ),
     ("blind-push", "force need not follow motion", a_dead_cell_in_hold_ends_the_push),
     (
         "bottomless",
