@@ -99,7 +99,7 @@ def _table_row(row: ActionRow) -> str:
     return "<tr>" + "".join(f"<td>{escape(text)}</td>" for text in row) + "</tr>"
 
 
-DOCS = Path(__file__).parents[3] / "docs" / "README.md"
+DOCS = Path(__file__).parents[2] / "docs" / "README.md"
 
 
 class HelpController(QObject):

@@ -13,7 +13,7 @@ from rigctl.simulation.bench.parameters import WorldParameters, parameter_infos
 from rigctl.simulation.bench.textures import CATALOGUE
 from rigctl.simulation.wirings import catalogue_table
 
-PAGE = Path(__file__).parents[4] / "docs" / "reference" / "world.md"
+PAGE = Path(__file__).parents[3] / "docs" / "reference" / "world.md"
 
 TABLE_HEAD = (
     "| parameter | nominal | range | unit | meaning | source |\n|---|---|---|---|---|---|\n"

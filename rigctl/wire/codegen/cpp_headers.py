@@ -251,7 +251,7 @@ def register_header() -> str:
         "enum class Kind : uint8_t { U16, I16, U32, I32 };\n",
     ]
     body = ["\n".join(constants) + "\n", *enums, _addresses(), _settings_table()]
-    return _header("DRUM_MAP_H", "drum/register_table.py", body)
+    return _header("DRUM_MAP_H", "drum_registers.py", body)
 
 
 def _transition_row(state: State) -> str:
@@ -301,4 +301,4 @@ def state_header() -> str:
         _transitions(),
         _outputs(),
     ]
-    return _header("DRUM_STATES_H", "drum/states.py", body)
+    return _header("DRUM_STATES_H", "drum_states.py", body)
