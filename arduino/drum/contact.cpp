@@ -29,15 +29,15 @@ bool Contact::close(uint16_t zone_um) const {
     return signals_.position_um() + static_cast<uint32_t>(zone_um) >= contact_um_;
 }
 
-// An open wire of the upper switch reads as the upper end. What the cell feels there after a whole lift
-// is another drum.
-bool Contact::at_every_top() const {
-    return signals_.at_upper_end() && (signals_.at_top() || !signals_.reads_position());
+// An open wire of the upper switch reads as the upper end. What the cell feels where the potentiometer
+// agrees, or without one after a whole lift, is another drum.
+bool Contact::at_every_top(bool whole) const {
+    return signals_.at_upper_end() && (signals_.reads_position() ? signals_.at_top() : whole);
 }
 
 bool Contact::high_enough(bool to_the_top, const Lift &lift) const {
     const bool whole = lift.ms > (lift.gentle ? GENTLE_LIFT_MS : FULL_LIFT_MS);
-    if (sensor_.reads_contact()) return whole && at_every_top();
+    if (sensor_.reads_contact()) return at_every_top(whole);
     if (signals_.at_upper_end()) return true;
     if (!signals_.reads_position()) return !signals_.fitted(Signal::EndSwitches) && whole;
     if (signals_.at_top()) return true;

@@ -76,7 +76,7 @@ class Contact {
     enum class Rests : uint8_t { No, Unknown, Maybe };
 
     bool seems_gone() const;
-    bool at_every_top() const;
+    bool at_every_top(bool whole) const;
     bool lifted_by(uint16_t um) const {
         return contact_known_ && signals_.position_um() + static_cast<uint32_t>(um) <= contact_um_;
     }

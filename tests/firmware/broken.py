@@ -68,7 +68,7 @@ BROKEN: dict[str, dict[str, list[Edit]]] = {
             ("signals.h", "return broken_ms_ >= BROKEN_MS;", "return false;"),
             (
                 "contact.cpp",
-                "    if (sensor_.reads_contact()) return whole && at_every_top();\n",
+                "    if (sensor_.reads_contact()) return at_every_top(whole);\n",
                 "",
             ),
             ("contact.cpp", "    if (sensor_.reads_contact()) return false;\n", ""),
@@ -76,7 +76,7 @@ BROKEN: dict[str, dict[str, list[Edit]]] = {
         "switch-believed": [
             (
                 "contact.cpp",
-                "    if (sensor_.reads_contact()) return whole && at_every_top();\n",
+                "    if (sensor_.reads_contact()) return at_every_top(whole);\n",
                 "    if (signals_.at_upper_end()) return true;\n"
                 "    if (sensor_.reads_contact()) return false;\n",
             )

@@ -240,7 +240,7 @@ TEST(a_jammed_drum_with_an_open_wire_of_the_upper_switch_is_never_lifted) {
 }
 
 // At the top the cell feels what is mounted, and no contact.
-TEST(another_drum_at_the_upper_end_is_armed_after_a_whole_lift) {
+TEST(another_drum_at_the_upper_end_is_armed) {
     Bench bench;
     CHECK(bench.arm_and_tare());
     CHECK(bench.command(Command::Disarm) == Answer::Ok);
