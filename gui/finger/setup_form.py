@@ -1,4 +1,4 @@
-"""What is to be recorded: stage, protocol, model, folder, and the simulated person."""
+"""The settings of a finger run and the simulated person; start, pause, abort, progress."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Force, speed, traces and raster over one time axis, with marks and cursors over them."""
+"""Force, speed, traces and raster over one time axis, each plot with its marks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which alarms there are, which are new, and which the user has taken note of."""
+"""Alarms: what is wrong and what to do, the strip that shows it, sound and desktop notice."""
 
 from __future__ import annotations
 

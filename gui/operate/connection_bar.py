@@ -1,4 +1,4 @@
-"""Choice of a rig, its connection, a state in words, and the recording lamp."""
+"""The toolbar: choice of the rig, connection, drum state, recording lamp and STOP."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One key of a protocol as a row of a form: its name, a field, its unit, and a sentence of help."""
+"""The keys of a protocol as a form: a row for each key, and a list for the free steps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Health counters of both boards: late ticks, longest interrupt, free stack, idle time.
+"""Health of a running engine: board counters, sample rate, disk, heartbeat, notices.
 
 The taxel board sends its counters ten times a second. Those of the drum are read once a second,
 after all other code that waited for the same poll.

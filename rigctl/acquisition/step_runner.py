@@ -1,4 +1,4 @@
-"""The steps of a plan on the rig; an interrupted step can be repeated."""
+"""The steps of a plan on the rig; a trial attempt, and the quality by which it is judged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The steps of a flash: find the board, ask its bootloader, write, and read the identity back."""
+"""Write firmware onto boards: bootloaders, avrdude and the Teensy loader, sketches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The interface of a link to a board: bytes both ways, and a report when it is lost."""
+"""Links to boards: the interface, serial ports and TCP sockets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all trackers share: callbacks, counters, and the one report that the source is gone."""
+"""Trackers that stream positions: over a serial line, UDP or OpenVR, in one clock."""
 
 from __future__ import annotations
 
