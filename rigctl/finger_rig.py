@@ -14,12 +14,13 @@ from rigctl.config.toml_reader import MAX_BYTES
 from rigctl.devices.finger import Finger
 from rigctl.devices.identity import WHICH_PORT
 from rigctl.devices.links import ByteLink
-from rigctl.devices.port_discovery import FINGER, TAXELS, create_link, find_boards, identify_board
+from rigctl.devices.port_discovery import create_link, find_boards, identify_board
 from rigctl.devices.trackers.open_tracker import open_tracker
 from rigctl.devices.trackers.plate_frame import PlateFrame, fit_plate_frame
 from rigctl.devices.trackers.tracker import Tracker
 from rigctl.errors import ConfigError, LinkLost, WrongUse
 from rigctl.realtime.finger_rig import FingerRig
+from rigctl.values import FINGER, TAXELS
 
 if TYPE_CHECKING:
     from rigctl.simulation.bench.world_file import SimulatedWorld

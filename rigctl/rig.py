@@ -18,10 +18,10 @@ from rigctl.config.rig_config import RigConfig, load_config
 from rigctl.config.text_file import is_plain_file, shorten
 from rigctl.devices.drum import Drum
 from rigctl.devices.links import ByteLink
-from rigctl.devices.port_discovery import DRUM, TAXELS, create_link, find_boards, identify_board
+from rigctl.devices.port_discovery import create_link, find_boards, identify_board
 from rigctl.devices.taxels import Taxels
 from rigctl.errors import ConfigError, LinkLost, WrongUse
-from rigctl.values import N_TAXELS
+from rigctl.values import DRUM, N_TAXELS, TAXELS
 from rigctl.wire.drum_codes import Signal
 
 if TYPE_CHECKING:

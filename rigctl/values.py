@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+DRUM, TAXELS, FINGER = "drum", "taxels", "finger"
+"""The boards, as they name themselves."""
 N_TAXELS = 18
 SAMPLE_RATE_HZ = 1000
 

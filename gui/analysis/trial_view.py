@@ -18,7 +18,7 @@ from gui.widgets.plot_axes import (
     time_plot,
 )
 from gui.widgets.theme import Theme
-from rigctl.session.header import SensorLayout
+from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
 
 NO_TRIAL = "Open a session and choose a trial on the left"

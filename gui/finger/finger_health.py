@@ -14,7 +14,7 @@ from gui.live.health_cell import (
     loss_reading,
 )
 from gui.widgets.status_lamp import Level
-from rigctl.realtime.finger_devices import FEATURES, SCREEN
+from rigctl.realtime.latency import FEATURES, SCREEN
 from rigctl.realtime.messages import FingerEngineStatus
 from rigctl.values import SAMPLE_RATE_HZ
 

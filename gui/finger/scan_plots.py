@@ -28,7 +28,7 @@ from rigctl.finger_values import N_FINGER_TAXELS
 from rigctl.protocol.finger import VelocityProfile
 from rigctl.protocol.finger_plan import ScanQuality
 from rigctl.realtime.live_file import FingerLiveReader
-from rigctl.session.header import SensorLayout
+from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import SAMPLE_RATE_HZ
 from rigctl.wire.finger_messages import SampleFlag
 

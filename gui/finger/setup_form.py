@@ -20,9 +20,9 @@ from rigctl.config import resources
 from rigctl.errors import RigctlError
 from rigctl.protocol.finger import Stage
 from rigctl.protocol.finger_plan import load_finger_protocol
-from rigctl.realtime.finger_models import ORIGINAL, SPEED_SCALED, model_path
 from rigctl.realtime.finger_rig import RUN_FIRST_SLIDE
 from rigctl.realtime.messages import FingerEngineStatus, FingerRunStatus
+from rigctl.realtime.model_files import ORIGINAL, SPEED_SCALED, model_path
 
 _ROWS = ("Progress", "Stage", "Scan", "Rejected", "Session")
 _STATES = {

@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QGraphicsWidget
 from gui.live.raster import layer_titles
 from gui.live.value_scale import ValueScale
 from gui.widgets.theme import Theme, scaled_px, text_scale
-from rigctl.session.header import SensorLayout
+from rigctl.session.sensor_layout import SensorLayout
 
 _TITLE_PX, _LAYER_PX = 18, 78
 _MEAN_SAMPLES = 32

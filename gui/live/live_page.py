@@ -26,7 +26,7 @@ from rigctl.acquisition.live_file import LiveReader
 from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.encoding.reading import Reading, input_of_each
 from rigctl.errors import WrongUse
-from rigctl.session.header import SensorLayout
+from rigctl.session.sensor_layout import SensorLayout
 
 _COLUMNS = 9
 _BUTTON_PX = 44

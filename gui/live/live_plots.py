@@ -17,7 +17,7 @@ from gui.widgets.data_ages import DataAges, StaleCovers
 from gui.widgets.plot_axes import BOTTOM_PX, PlotGrid, colour_axes, fixed_plot, reserve
 from gui.widgets.theme import Theme, scaled_px, text_scale
 from rigctl.acquisition.live_file import LiveReader
-from rigctl.session.header import SensorLayout
+from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
 
 _RIGHT_PX, _MORE_FOR_TEXTS_PX = 216, 130

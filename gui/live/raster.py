@@ -11,7 +11,7 @@ from gui.live.scrolling_image import ScrollingImage
 from gui.live.timeline import PixelColumns, Timeline
 from gui.widgets.colours import blend, rgb
 from gui.widgets.theme import Theme
-from rigctl.session.header import LAYER_NAMES, SensorLayout
+from rigctl.session.sensor_layout import LAYER_NAMES, SensorLayout
 
 
 class TrainRows:

@@ -12,7 +12,7 @@ from gui.live.drum_course import DrumCourse
 from gui.live.timeline import Timeline
 from gui.widgets.file_browser import typed_path
 from rigctl.errors import WrongUse
-from rigctl.session.header import SensorLayout
+from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import SAMPLE_RATE_HZ
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QGraphicsItem
 from gui.live.raster import TrainRows
 from gui.widgets.plot_axes import label_axis
 from gui.widgets.theme import Theme
-from rigctl.session.header import SensorLayout
+from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import SAMPLE_RATE_HZ
 
 FULL_SCALE_HZ = 300.0

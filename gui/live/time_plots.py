@@ -31,7 +31,7 @@ from gui.widgets.plot_axes import (
     time_ticks,
 )
 from gui.widgets.theme import Theme, scaled_px
-from rigctl.session.header import SensorLayout
+from rigctl.session.sensor_layout import SensorLayout
 
 _HEADROOM = 1.1
 _DASHES = (5, 4)

@@ -25,7 +25,6 @@ from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import focus_wheel, hbox, push_button, scroll_area, vbox
 from gui.widgets.number_box import NumberBox, has_refused
 from gui.widgets.theme import Theme, applied_theme, scaled_px
-from rigctl.acquisition.calibration import MAX_SPREAD_SHARE, fit_line
 from rigctl.acquisition.calibration_values import (
     FORCE,
     IMBALANCE,
@@ -38,6 +37,7 @@ from rigctl.acquisition.calibration_values import (
     scale_words,
     wiring_words,
 )
+from rigctl.acquisition.load_cell_scale import MAX_SPREAD_SHARE, fit_line
 from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.acquisition.wiring_identification import (
     N_STEPS,

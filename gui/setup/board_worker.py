@@ -12,9 +12,8 @@ from typing import Any
 from PySide6.QtCore import QObject, Qt, Signal
 
 from rigctl.acquisition.setup.boards import installed_build
-from rigctl.devices.flash import Flashed, flash_board
-from rigctl.devices.port_discovery import DRUM, TAXELS, PortReport, probe_ports
 from rigctl.errors import RigctlError
+from rigctl.values import DRUM, TAXELS
 
 JOIN_LIMIT_S = 10.0
 UNEXPECTED = "the boards could not be asked: Help → Crash reports says why"
@@ -77,13 +76,18 @@ class BoardWorker(QObject):
             self._thread.join(JOIN_LIMIT_S)
 
     async def _find(self) -> Callable[[], None]:
+        # Drivers are loaded when a board is asked for, not at the start of the window.
+        from rigctl.devices.port_discovery import probe_ports
+
         builds = {board: installed_build(board) for board in (DRUM, TAXELS)}
         self.progressed.emit("asking the ports: silent for 2 s first", 0.0)
-        reports: list[PortReport] = await probe_ports(asyncio.get_running_loop())
+        reports = await probe_ports(asyncio.get_running_loop())
         return lambda: self.found.emit(reports, builds)
 
     async def _flash(self, board: str, port: str) -> Callable[[], None]:
-        flashed: Flashed = await flash_board(board, self.progressed.emit, port)
+        from rigctl.devices.flash import flash_board
+
+        flashed = await flash_board(board, self.progressed.emit, port)
         return lambda: self.flashed.emit(flashed)
 
     def _start(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QLineEdit, QProgressBar, QPushButton, QWidget
@@ -20,9 +21,11 @@ from rigctl.acquisition.setup.boards import (
     judge_reports,
     write_rig_file,
 )
-from rigctl.devices.flash import Flashed
-from rigctl.devices.port_discovery import PortReport
 from rigctl.errors import RigctlError
+
+if TYPE_CHECKING:
+    from rigctl.devices.flash import Flashed
+    from rigctl.devices.port_discovery import PortReport
 
 INTRODUCTION = (
     "Plug both boards into USB. Opening a port resets its board, whose bootloader is left in peace "
@@ -184,6 +187,8 @@ class BoardsBox(QWidget):
         self._show_end("", "muted")
 
     def _show_flashed(self, flashed: Flashed) -> None:
+        from rigctl.devices.port_discovery import PortReport
+
         text = f"{flashed.text} is written and verified."
         self._show_end(f"{text} {flashed.remark}".strip(), "heading")
         new = PortReport(flashed.port, "", flashed.identity)

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.acquisition.contact import contact_sentence, is_left_in_contact
 from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.health import DRUM, TAXELS, BoardHealth
 from rigctl.acquisition.live_file import LiveWriter
-from rigctl.acquisition.motion import DrumMotion, contact_sentence, is_left_in_contact
+from rigctl.acquisition.motion import DrumMotion
 from rigctl.acquisition.pipeline import SamplePipeline
 from rigctl.acquisition.poller import RECONNECT_PERIOD_S, DrumPoller
 from rigctl.acquisition.rig import Rig

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from rigctl.acquisition.calibration_values import ForceLoopGains, LoadCellScale, MassReading
-from rigctl.acquisition.motion import PRESSING_STATES, DrumMotion, has_status
+from rigctl.acquisition.contact import PRESSING_STATES, has_status
+from rigctl.acquisition.motion import DrumMotion
 from rigctl.acquisition.poller import DrumPoller
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.settings import press_settings

@@ -16,14 +16,10 @@ import msgspec
 from msgspec import Meta
 
 from rigctl.acquisition.calibration import Calibration
+from rigctl.acquisition.contact import PRESSING_STATES, RESTING_STATES, is_left_in_contact
 from rigctl.acquisition.engine import Engine
 from rigctl.acquisition.engine_commands import EngineCommands
-from rigctl.acquisition.motion import (
-    PRESSING_STATES,
-    RESTING_STATES,
-    DrumMotion,
-    is_left_in_contact,
-)
+from rigctl.acquisition.motion import DrumMotion
 from rigctl.acquisition.rpc.commands import (
     Amount,
     EngineCommand,

@@ -10,59 +10,16 @@ import asyncio
 from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from hashlib import sha256
-from pathlib import Path
 from typing import Any
-
-import platformdirs
 
 from rigctl.acquisition.poller import DrumPoller
 from rigctl.acquisition.rpc.messages import BoardStatus, RecordingStatus
-from rigctl.config.rig_config import load_config
 from rigctl.devices.taxels import Taxels
-from rigctl.errors import ConfigError, RigFault
+from rigctl.errors import RigFault
 from rigctl.session.recorder import SessionRecorder
-from rigctl.values import DRAWN_WIRING, N_TAXELS, BoardIdentity, Event
+from rigctl.values import BoardIdentity, Event
 from rigctl.wire.drum_codes import is_abnormal_reset, reset_cause_text
 from rigctl.wire.taxel_frames import CYCLES_PER_US
-
-
-def wiring_notice(rig: str) -> str:
-    """Return the notice for a rig, empty where none applies or it was shown before.
-
-    ``rig`` is as :func:`rigctl.rig.open_rig` takes it; a simulated one has no wires to solder.
-    """
-    path = Path(rig)
-    try:
-        config = load_config(path) if path.is_file() else None
-    except ConfigError:
-        return ""  # opening the rig reports more than this
-    if config is None or config.ports.simulate or config.taxels.wiring:
-        return ""
-    if not _is_first_time(f"empty wiring: {path.resolve()}"):
-        return ""
-    ranges = ", and low and high, which count places, must be calibrated again"
-    return (
-        f"{path}: [taxels] wiring is empty, which means the order of the wiring drawing, "
-        f"{list(DRAWN_WIRING)}, and no longer that of the wire: a sensor soldered to suit the old "
-        f"order needs wiring = {list(range(N_TAXELS))}{ranges if config.taxels.low else ''}; "
-        f"rigctl calibrate --rig {path} wiring finds the true one (shown once)"
-    )
-
-
-def _is_first_time(notice: str) -> bool:
-    """Record a notice as shown; return whether it was not recorded before."""
-    state_folder = platformdirs.user_state_path("rigctl", appauthor=False)
-    record = state_folder / "told" / sha256(notice.encode()).hexdigest()[:16]
-    try:
-        record.parent.mkdir(parents=True, exist_ok=True)
-        with record.open("x", encoding="utf-8") as file:
-            file.write(notice + "\n")
-    except FileExistsError:
-        return False
-    except OSError:
-        return True
-    return True
 
 
 class RateMeter:

@@ -21,8 +21,9 @@ from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.protocol.loader import load_protocol
 from rigctl.protocol.plan import Plan
 from rigctl.session import layout
-from rigctl.session.header import CUT_BY_CLOCK, CUT_BY_WIRE, SensorLayout, SessionHeader
+from rigctl.session.header import CUT_BY_CLOCK, CUT_BY_WIRE, SessionHeader
 from rigctl.session.recorder import Recorder, check_same_world, keep_private
+from rigctl.session.sensor_layout import SensorLayout
 from rigctl.session.session import Session, ended_early
 from rigctl.values import BoardIdentity
 

@@ -9,12 +9,12 @@ from typing import Any
 from rigctl.acquisition.boards import Boards
 from rigctl.acquisition.calibration import Calibration
 from rigctl.acquisition.calibrator import READINGS
+from rigctl.acquisition.contact import contact_words, has_status
 from rigctl.acquisition.health import RateMeter, age_s
-from rigctl.acquisition.motion import contact_words, has_status
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus, RunStatus
 from rigctl.acquisition.setup.desk import SetupDesk
-from rigctl.session.header import SensorLayout
+from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import DrumState
 from rigctl.wire.drum_codes import Status
 from rigctl.wire.drum_states import FAULT_TEXT, STATE_TEXT, Fault, State

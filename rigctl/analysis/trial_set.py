@@ -20,15 +20,9 @@ from rigctl.encoding.reading import Reading, conductance
 from rigctl.errors import SessionError
 from rigctl.session.analysis_file import load_inputs
 from rigctl.session.digests import damaged_trials
-from rigctl.session.header import (
-    SensorLayout,
-    describe_difference,
-    describe_mismatch,
-    layouts_match,
-    source_wiring,
-    wirings_match,
-)
+from rigctl.session.header import describe_mismatch, source_wiring, wirings_match
 from rigctl.session.sample_index import SampleFile, SampleFiles, SampleRange, SampleReader
+from rigctl.session.sensor_layout import SensorLayout, describe_difference, layouts_match
 from rigctl.session.session import Session
 from rigctl.session.session_reader import read_closing_digest
 from rigctl.values import SAMPLE_RATE_HZ, Verdict

@@ -13,7 +13,6 @@ from contextlib import closing
 from datetime import UTC, datetime
 from typing import Any
 
-from rigctl.acquisition.calibration import fit_scale, validate_masses
 from rigctl.acquisition.calibration_values import (
     MassReading,
     gains_words,
@@ -28,7 +27,8 @@ from rigctl.acquisition.calibrator import (
     force_values,
     loadcell_values,
 )
-from rigctl.acquisition.health import wiring_notice
+from rigctl.acquisition.load_cell_scale import fit_scale, validate_masses
+from rigctl.acquisition.notices import wiring_notice
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.setup.progress import note_calibration
 from rigctl.cli import calibrate_wiring

@@ -13,9 +13,8 @@ from rigctl.acquisition.calibration_values import wiring_words
 from rigctl.acquisition.calibrator import wiring_values
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.setup.progress import note_calibration
-from rigctl.acquisition.wiring_identification import (
-    ContradictoryPresses,
-    MeanReadings,
+from rigctl.acquisition.wiring_identification import ContradictoryPresses, MeanReadings
+from rigctl.acquisition.wiring_steps import (
     WiringStep,
     WiringSteps,
     mean_readings,

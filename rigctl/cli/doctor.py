@@ -43,8 +43,7 @@ from rigctl.devices.port_discovery import PortReport, probe_ports
 from rigctl.errors import RigctlError, RigFault, WrongUse
 from rigctl.host_build import image_hash
 from rigctl.protocol.plan import recorded_bytes_per_s
-from rigctl.session.layout import LOCK_FILE
-from rigctl.session.writer_lock import Writer, try_lock, writer_of
+from rigctl.session.writer_lock import LOCK_FILE, Writer, try_lock, writer_of
 from rigctl.simulation.boards.drum_firmware import DrumFirmware
 from rigctl.simulation.boards.finger_firmware import FingerFirmware
 from rigctl.simulation.boards.firmware_library import FirmwareLibrary

@@ -17,14 +17,15 @@ from rigctl.cli.verify import print_missing, print_session
 from rigctl.errors import CheckFailed, WrongUse
 from rigctl.finger_rig import SIMULATED
 from rigctl.finger_values import PredictionRow
-from rigctl.realtime.finger_devices import KINDS, LIMITS_MS
-from rigctl.realtime.finger_models import SPEED_SCALED, calibrate_models, model_path, train_models
+from rigctl.realtime.finger_models import calibrate_models, train_models
 from rigctl.realtime.finger_rig import RUN_FIRST_SLIDE
+from rigctl.realtime.latency import KINDS, LIMITS_MS
 from rigctl.realtime.messages import (
     FingerEngineStatus,
     FingerRunStatus,
     parse_finger_status,
 )
+from rigctl.realtime.model_files import SPEED_SCALED, model_path
 from rigctl.session.finger_model_file import load_finger_model
 from rigctl.session.finger_session import FingerSession
 

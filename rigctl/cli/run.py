@@ -17,7 +17,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, Generic, Protocol, TypeVar
 
-from rigctl.acquisition.health import wiring_notice
+from rigctl.acquisition.notices import wiring_notice
 from rigctl.acquisition.rpc.client import COMMAND_LINE, EngineClient, EngineRefusal, client_name
 from rigctl.acquisition.rpc.messages import (
     EngineStatus,

@@ -29,9 +29,10 @@ from rigctl.cli.world import add_wirings, add_world, chosen_world
 from rigctl.config.resources import wiring_drawing
 from rigctl.config.rig_config import load_config
 from rigctl.config.text_file import visible
-from rigctl.devices.port_discovery import DRUM, TAXELS, probe_ports
+from rigctl.devices.port_discovery import probe_ports
 from rigctl.errors import RigFault, WrongUse
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
+from rigctl.values import DRUM, TAXELS
 
 AGAIN, KEEP, FLASH, LEAVE = "again", "keep", "flash", "leave"
 FIRMWARE_PART = "firmware"

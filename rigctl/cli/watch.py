@@ -20,11 +20,11 @@ from rigctl.config.text_file import is_plain_file
 from rigctl.errors import CheckFailed, SessionError
 from rigctl.session import layout
 from rigctl.session.finger_session import FingerSession, is_finger_session
-from rigctl.session.layout import LOCK_FILE, PROTOCOL_FILE, parse_event
+from rigctl.session.layout import PROTOCOL_FILE, parse_event
 from rigctl.session.part import existing_parts
 from rigctl.session.session import Session
 from rigctl.session.session_reader import SessionReader
-from rigctl.session.writer_lock import Writer, lock_owner_pid, writer_of
+from rigctl.session.writer_lock import LOCK_FILE, Writer, lock_owner_pid, writer_of
 from rigctl.values import Verdict
 
 LOOK_EVERY_S = 0.5

@@ -13,11 +13,10 @@ from rigctl.devices.finger import Finger
 from rigctl.devices.links import SCHEME, ByteLink, SerialLink, TcpLink
 from rigctl.devices.taxels import Taxels
 from rigctl.errors import LinkLost, RigFault
-from rigctl.values import BoardIdentity
+from rigctl.values import DRUM, FINGER, TAXELS, BoardIdentity
 from rigctl.wire import drum_registers, taxel_frames
 from rigctl.wire.taxel_frames import CYCLES_PER_US
 
-DRUM, TAXELS, FINGER = "drum", "taxels", "finger"
 COUNTERS = (
     "late_ticks",
     "longest_isr_us",

@@ -26,8 +26,9 @@ from rigctl.exchange.inspection import (
     inspect_files,
 )
 from rigctl.exchange.resampling import Floats, ResampledSeries, TimeSeries, resample
-from rigctl.session.header import IMPORTED, SensorLayout, SessionHeader
+from rigctl.session.header import IMPORTED, SessionHeader
 from rigctl.session.recorder import Recorder
+from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import (
     SAMPLE_RATE_HZ,
     Block,

@@ -8,10 +8,11 @@ from rigctl.acquisition.pause_reasons import LINK
 from rigctl.acquisition.rpc.messages import BoardStatus, RecordingStatus
 from rigctl.acquisition.served_engine import ServedEngine
 from rigctl.errors import RigFault
-from rigctl.realtime.finger_devices import BOARD, TRACKER, FingerDevices, LatencyLog
+from rigctl.realtime.finger_devices import BOARD, TRACKER, FingerDevices
 from rigctl.realtime.finger_rig import FingerRig
 from rigctl.realtime.finger_run import FingerRun
 from rigctl.realtime.finger_run_request import FingerRunRequest, open_finger_run
+from rigctl.realtime.latency import LatencyLog
 from rigctl.realtime.live_file import FingerLiveWriter
 from rigctl.realtime.messages import FingerEngineStatus, FingerRunStatus
 

@@ -13,22 +13,8 @@ from rigctl.analysis.finger.classifier import (
     train_finger_model,
 )
 from rigctl.analysis.finger.scans import ScanKind, read_scans, training_info
-from rigctl.errors import WrongUse
 from rigctl.protocol.finger import Stage
 from rigctl.session.finger_model_file import FingerModel, load_finger_model, save_finger_model
-
-SPEED_SCALED, ORIGINAL = REPRESENTATIONS = ("speed-scaled", "original")
-
-
-def model_path(path: Path, representation: str) -> Path:
-    """Return the model file that a file or a session's folder names. Raises WrongUse."""
-    file = path / f"model-{representation}.h5" if path.is_dir() else path
-    if file.is_file():
-        return file
-    raise WrongUse(
-        f"there is no model {file}: train one with `rigctl realtime train`, or name its file; an "
-        "unfinished training or calibration makes its model at the end of --resume"
-    )
 
 
 def model_name(kind: ScanKind) -> str:

@@ -31,10 +31,11 @@ from rigctl.errors import LinkLost, RigctlError, RigFault
 from rigctl.finger_values import PredictionRow
 from rigctl.protocol.finger import FingerTrial, Stage
 from rigctl.realtime.finger_control import FingerControl
-from rigctl.realtime.finger_devices import FingerDevices, LatencyLog
+from rigctl.realtime.finger_devices import FingerDevices
 from rigctl.realtime.finger_rig import FingerRig
 from rigctl.realtime.finger_run_request import MODEL_KIND, OpenedFingerRun
 from rigctl.realtime.finger_run_status import FingerProgress, run_status
+from rigctl.realtime.latency import LatencyLog
 from rigctl.realtime.live_answers import LiveAnswers
 from rigctl.realtime.messages import CurrentScan, FingerRunStatus
 from rigctl.realtime.scan_attempt import ScanAttempt

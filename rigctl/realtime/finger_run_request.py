@@ -28,8 +28,9 @@ from rigctl.session import layout
 from rigctl.session.finger_model_file import FingerModel, load_finger_model
 from rigctl.session.finger_recorder import FingerRecorder
 from rigctl.session.finger_session import FingerSession
-from rigctl.session.header import SensorLayout, SessionHeader
+from rigctl.session.header import SessionHeader
 from rigctl.session.recorder import check_same_world, keep_private
+from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import BoardIdentity, Verdict
 from rigctl.wire.finger_messages import N_TAXELS
 

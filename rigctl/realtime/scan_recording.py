@@ -16,7 +16,7 @@ from rigctl.finger_values import (
     WindowRow,
 )
 from rigctl.protocol.finger import FingerTrial
-from rigctl.realtime.finger_devices import FEATURES, PREDICTION, SCREEN, LatencyLog
+from rigctl.realtime.latency import FEATURES, PREDICTION, SCREEN, LatencyLog
 from rigctl.realtime.live_answers import LiveAnswers
 from rigctl.realtime.scan_in_progress import ScanInProgress
 from rigctl.realtime.scan_quality import ScanMeasures

@@ -37,9 +37,9 @@ from rigctl.session.hdf5_file import (
     write_text,
     write_texts,
 )
-from rigctl.session.header import ATTRIBUTE, SensorLayout
 from rigctl.session.layout import LIBVER
 from rigctl.session.part import part_paths
+from rigctl.session.sensor_layout import ATTRIBUTE, SensorLayout
 
 MODEL_LAYOUT, SPIKES_LAYOUT = "rigctl-model", "rigctl-spikes"
 FINGER_MODEL_LAYOUT = "rigctl-finger-model"

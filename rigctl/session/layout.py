@@ -323,7 +323,6 @@ class SessionOutcome(StrEnum):
 
 PROTOCOL_FILE = "protocol.toml"
 RIG_FILE = "rig.toml"
-LOCK_FILE = "writer.lock"
 PART_PATTERN = "part-*.h5"
 """Matches every part, and copies such as ``part-0002 (copy).h5``, which are none."""
 MAX_PARTS = 32_767

@@ -28,17 +28,11 @@ from typing import Any, ClassVar, Self
 from rigctl.errors import DiskFault, SessionError
 from rigctl.session import layout
 from rigctl.session.digests import FIRST_DIGEST
-from rigctl.session.header import (
-    SessionHeader,
-    describe_difference,
-    describe_mismatch,
-    layouts_match,
-    session_wiring,
-    wirings_match,
-)
+from rigctl.session.header import SessionHeader, describe_mismatch, session_wiring, wirings_match
 from rigctl.session.layout import SessionLayout, SessionOutcome, drum_row, trial_row
 from rigctl.session.notes import SessionNote, check_note, write_note
 from rigctl.session.part import check_experiment, existing_parts, layout_of, open_part, part_paths
+from rigctl.session.sensor_layout import describe_difference, layouts_match
 from rigctl.session.session import open_session
 from rigctl.session.session_reader import highest_number, open_parts
 from rigctl.session.writer import (

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rigctl.errors import SessionError
 from rigctl.session import layout
-from rigctl.session.header import SensorLayout, SessionHeader
+from rigctl.session.header import SessionHeader
 from rigctl.session.layout import (
     SessionLayout,
     SessionOutcome,
@@ -34,6 +34,7 @@ from rigctl.session.part import (
     part_paths,
 )
 from rigctl.session.sample_index import SAMPLES, locate_windows
+from rigctl.session.sensor_layout import SensorLayout
 from rigctl.session.writer_lock import is_being_written
 from rigctl.values import Event, Verdict
 

@@ -27,7 +27,7 @@ from rigctl.session.digests import (
 )
 from rigctl.session.finger_session import FingerSession, is_finger_session
 from rigctl.session.ground_truth import PARTIAL, log_number, log_paths, open_truth, summarise_truth
-from rigctl.session.header import layouts_match, session_wiring
+from rigctl.session.header import session_wiring
 from rigctl.session.layout import PROTOCOL_FILE, RIG_FILE, parse_trial, part_name, part_number
 from rigctl.session.notes import damaged_notes
 from rigctl.session.part import (
@@ -37,6 +37,7 @@ from rigctl.session.part import (
     part_paths,
     stray_files,
 )
+from rigctl.session.sensor_layout import layouts_match
 from rigctl.session.session import Session, describe_ends, ended_early
 from rigctl.session.session_reader import SessionReader, session_end
 from rigctl.session.verify_part import check_part

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from rigctl.config.text_file import kind_of, read_bytes
 from rigctl.errors import DiskFault, SessionError
-from rigctl.session.layout import LOCK_FILE
 
+LOCK_FILE = "writer.lock"
 LONGEST_TEXT = 320
 """Bytes of a lock file: a process id and a computer's name, in a line each."""
 NAMELESS = "localhost"

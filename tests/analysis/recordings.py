@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.protocol.loader import parse_protocol
-from rigctl.session.header import SensorLayout, SessionHeader
+from rigctl.session.header import SessionHeader
 from rigctl.session.recorder import Recorder
+from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import Block, DrumState, Gap, PlannedTrial
 from tests.session.building import drum_state, trial_row
 

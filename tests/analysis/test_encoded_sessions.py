@@ -24,7 +24,8 @@ from rigctl.encoding.parameters import DEFAULT, EncoderParameters, override, pre
 from rigctl.encoding.reading import Reading, conductance, input_of_each
 from rigctl.errors import WrongUse
 from rigctl.session.analysis_file import load_force, load_ranges
-from rigctl.session.header import IMPORTED, SensorLayout
+from rigctl.session.header import IMPORTED
+from rigctl.session.sensor_layout import SensorLayout
 from rigctl.session.session import Session
 from tests.analysis.recordings import record
 

@@ -8,7 +8,7 @@ import pytest
 
 from rigctl.analysis.trial_set import join_sessions
 from rigctl.errors import SessionError
-from rigctl.session.header import SensorLayout
+from rigctl.session.sensor_layout import SensorLayout
 from tests.analysis.recordings import record
 
 ONE_LAYER = SensorLayout(3, 6, ("skin",))

@@ -24,8 +24,7 @@ from rigctl.config.rig_config import RigConfig
 from rigctl.devices.port_discovery import PortReport
 from rigctl.host_build import image_hash
 from rigctl.protocol.plan import recorded_bytes_per_s
-from rigctl.session.layout import LOCK_FILE
-from rigctl.session.writer_lock import WriterLock
+from rigctl.session.writer_lock import LOCK_FILE, WriterLock
 from rigctl.simulation.boards.drum_firmware import DrumFirmware
 from rigctl.values import BoardIdentity
 

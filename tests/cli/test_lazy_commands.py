@@ -35,8 +35,8 @@ def test_the_help_and_a_mistake_load_no_command(words: list[str]) -> None:
 
 
 def test_a_command_loads_no_other() -> None:
-    assert loaded_by("stop", "--help")[0] == "loaded: rig.stop"
-    assert loaded_by("--odd", "stop", "x", "y")[0] == "loaded: rig.stop"
+    assert loaded_by("stop", "--help")[0] == "loaded: stop"
+    assert loaded_by("--odd", "stop", "x", "y")[0] == "loaded: stop"
 
 
 def test_the_help_lists_each_command_with_its_first_line(

@@ -12,7 +12,7 @@ from scipy.io import savemat
 
 from rigctl.analysis.trial_set import join_sessions
 from rigctl.errors import ConfigError, WrongUse
-from rigctl.session.header import SensorLayout
+from rigctl.session.sensor_layout import SensorLayout
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
 from tests.exchange.test_import import run_import, write_csv

@@ -12,7 +12,7 @@ from gui.live.scrolling_image import ScrollingImage
 from gui.live.time_plots import Traces
 from gui.live.timeline import Ring, Timeline, TimeWindow
 from gui.widgets.theme import LIGHT
-from rigctl.session.header import SensorLayout
+from rigctl.session.sensor_layout import SensorLayout
 from tests.gui.fake_engine import FakeEngine
 
 PAPER = SensorLayout.default(18)

@@ -19,7 +19,7 @@ from gui.live.timeline import Timeline, TimeWindow
 from gui.widgets.colours import rgb
 from gui.widgets.theme import DARK, LIGHT
 from rigctl.acquisition.live_file import LiveReader, LiveWriter
-from rigctl.session.header import SensorLayout
+from rigctl.session.sensor_layout import SensorLayout
 from tests.gui.fake_engine import FakeEngine
 
 WIDTH, HEIGHT = 500, 180

@@ -22,7 +22,7 @@ from gui.analysis.tasks.worker import Worker
 from gui.link.engine_link import STOP_TIMED_OUT
 from gui.shell.sample_maker import CANCELLED
 from rigctl.acquisition.rpc.engine_files import running_engines, runtime_folder
-from rigctl.session.header import SensorLayout
+from rigctl.session.sensor_layout import SensorLayout
 from rigctl.synth.sample_session import MAKING
 from rigctl.wire.drum_states import State
 from tests.analysis.recordings import record

@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QApplication
 from gui.live.heatmap import HeatMap
 from gui.live.time_plots import PlotLine, corners
 from gui.widgets.theme import DARK, LIGHT, Theme
-from rigctl.session.header import SensorLayout
+from rigctl.session.sensor_layout import SensorLayout
 
 LOW, HIGH = np.full(9, 200.0), np.full(9, 800.0)
 

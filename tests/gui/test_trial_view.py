@@ -12,7 +12,7 @@ from gui.analysis.tasks.task_values import BLOCK, TrialCourse, TrialData
 from gui.analysis.trial_view import TrialView
 from gui.analysis.trials.course_view import CourseView
 from gui.widgets.theme import LIGHT
-from rigctl.session.header import SensorLayout
+from rigctl.session.sensor_layout import SensorLayout
 
 
 @pytest.mark.parametrize(

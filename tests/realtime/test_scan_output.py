@@ -9,7 +9,7 @@ import pytest
 
 from rigctl.acquisition.event_bus import EventBus
 from rigctl.devices.trackers.velocity import BatchVelocity, EstimateSource
-from rigctl.realtime.finger_devices import LatencyLog
+from rigctl.realtime.latency import LatencyLog
 from rigctl.realtime.scan_in_progress import ScanData, SentVelocity
 from rigctl.realtime.scan_recording import ScanOutput
 from rigctl.wire.finger_messages import BatchReport, VelocitySource, WindowReport

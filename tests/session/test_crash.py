@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.session import layout
 from rigctl.session.recorder import Recorder
 from rigctl.session.session import Session
-from rigctl.session.writer_lock import lock_owner_pid
+from rigctl.session.writer_lock import LOCK_FILE, lock_owner_pid
 from tests.session.building import PROTOCOL, RIG, header, value_of
 
 
@@ -109,6 +108,6 @@ def test_a_full_disk_raises_one_sentence_and_keeps_committed_trials(
     *reports, last = out.splitlines()
     assert "the file may not grow further (file size limit)" in last
     assert writer.returncode == 3
-    assert not (tmp_path / "s" / layout.LOCK_FILE).exists()
+    assert not (tmp_path / "s" / LOCK_FILE).exists()
     if reports:
         assert check_every_trial(tmp_path / "s") >= int(reports[-1].removeprefix("trials "))

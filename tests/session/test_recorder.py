@@ -17,6 +17,7 @@ from rigctl.session.recorder import Recorder
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
 from rigctl.session.writer import CounterMap, SessionWriter
+from rigctl.session.writer_lock import LOCK_FILE
 from rigctl.values import Event, Gap, Verdict
 from tests.session.building import (
     BLOCK,
@@ -215,7 +216,7 @@ def test_a_second_writer_is_refused_and_the_first_process_is_named(tmp_path: Pat
         rec.wait_written()
         with pytest.raises(SessionError, match=r"is being written by process \d+: stop that run"):
             Recorder(tmp_path / "s", header(), PROTOCOL, RIG, resume=True)
-    assert not (tmp_path / "s" / layout.LOCK_FILE).exists()
+    assert not (tmp_path / "s" / LOCK_FILE).exists()
 
 
 def test_a_session_is_not_overwritten(tmp_path: Path) -> None:
@@ -235,7 +236,7 @@ def test_what_a_run_without_parts_left_is_not_taken_for_that_of_another_run(
     Recorder(tmp_path, header(), PROTOCOL, RIG).close()
     with pytest.raises(SessionError, match=r"rig.toml is there already and is not that of this"):
         Recorder(tmp_path, header(), PROTOCOL, RIG + "# other\n")
-    assert not (tmp_path / layout.LOCK_FILE).exists()
+    assert not (tmp_path / LOCK_FILE).exists()
 
 
 def test_resuming_needs_the_same_plan(tmp_path: Path) -> None:

@@ -10,8 +10,9 @@ import pytest
 
 from rigctl.config.rig_config import TaxelArray, parse_config
 from rigctl.errors import ConfigError, SessionError
-from rigctl.session.header import SensorLayout, SessionHeader
+from rigctl.session.header import SessionHeader
 from rigctl.session.recorder import Recorder
+from rigctl.session.sensor_layout import SensorLayout
 from rigctl.session.session import Session
 from rigctl.session.summary import summarise_session
 from rigctl.session.verify import verify

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gui.analysis.export.value_file import data_words
 from gui.analysis.trials.trial_table import AttemptColumn
-from rigctl.session.header import SensorLayout
+from rigctl.session.sensor_layout import SensorLayout
 
 if TYPE_CHECKING:
     from rigctl.analysis.options import AnalysisOptions

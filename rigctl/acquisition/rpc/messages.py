@@ -31,7 +31,7 @@ from rigctl.config.rig_config import RigLimits
 from rigctl.config.text_file import shorten
 from rigctl.encoding.reading import Reading
 from rigctl.errors import WrongUse
-from rigctl.session.header import SensorLayout
+from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import N_TAXELS
 from rigctl.wire.drum_states import State
 

@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from rigctl.acquisition.calibrator import edited_rig_file
-from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.setup.verdict import YES, YES_OR_NO, Question, Verdict
-from rigctl.acquisition.setup.workbench import Workbench
 from rigctl.config.resources import checkout, flash_image
 from rigctl.config.rig_config import RigConfig, Signals
 from rigctl.config.toml_edit import replace_file
-from rigctl.devices.port_discovery import DRUM, TAXELS, PortReport, probe_link
 from rigctl.errors import WrongUse
 from rigctl.host_build import image_hash
+from rigctl.values import DRUM, TAXELS
+
+if TYPE_CHECKING:  # the window judges boards without their drivers
+    from rigctl.acquisition.rig import Rig
+    from rigctl.acquisition.setup.workbench import Workbench
+    from rigctl.devices.port_discovery import PortReport
 
 SAME_SHARE = 0.005
 MOTOR_STEPS = 200
@@ -87,6 +89,8 @@ def write_rig_file(path: Path, ports: Mapping[str, str]) -> None:
     if not path.exists():
         replace_file(path, NEW_FILE + RigConfig().to_toml())
     if ports:
+        from rigctl.acquisition.calibrator import edited_rig_file
+
         replace_file(path, edited_rig_file(path, "ports", ports))
 
 
@@ -139,6 +143,8 @@ async def find_boards(rig: Rig) -> Verdict:
     """Say which board answers at which port of a rig that could not connect."""
     rig.drum.close()
     rig.taxels.close()
+    from rigctl.devices.port_discovery import probe_link
+
     links = {DRUM: rig.drum.link, TAXELS: rig.taxels.link}
     reports = {board: await probe_link(link, rig.loop) for board, link in links.items()}
     return judge_reports(list(reports.values()), list(reports))

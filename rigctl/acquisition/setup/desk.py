@@ -8,7 +8,8 @@ from dataclasses import replace
 
 from rigctl.acquisition.calibration import Measurement
 from rigctl.acquisition.calibrator import Calibrator
-from rigctl.acquisition.motion import PRESSING_STATES, DrumMotion, has_status
+from rigctl.acquisition.contact import PRESSING_STATES, has_status
+from rigctl.acquisition.motion import DrumMotion
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.setup.progress import COMMISSION
 from rigctl.acquisition.setup.setup import Setup, SetupStep

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rigctl.acquisition.motion import has_status
+from rigctl.acquisition.contact import has_status
 from rigctl.acquisition.setup.verdict import Question, Remedy, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
 from rigctl.values import Block, DrumState

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rigctl.acquisition.calibration import FULL_SCALE_COUNTS, fit_scale
 from rigctl.acquisition.calibration_values import MassReading
 from rigctl.acquisition.calibrator import loadcell_values
+from rigctl.acquisition.load_cell_scale import FULL_SCALE_COUNTS, fit_scale
 from rigctl.acquisition.setup.verdict import Question, Remedy, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
 from rigctl.errors import WrongUse

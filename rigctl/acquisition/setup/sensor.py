@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rigctl.acquisition.calibration_values import wiring_words
 from rigctl.acquisition.setup.verdict import DONE, Question, Remedy, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
-from rigctl.acquisition.wiring_identification import WiringStep, WiringSteps, mean_readings
+from rigctl.acquisition.wiring_steps import WiringStep, WiringSteps, mean_readings
 from rigctl.config.rig_config import ADC_MAX
 from rigctl.errors import WrongUse
 from rigctl.values import N_TAXELS

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
-from rigctl.acquisition.motion import has_status
+from rigctl.acquisition.contact import has_status
 from rigctl.acquisition.setup.actuator import check_actuator
 from rigctl.acquisition.setup.boards import check_drum, check_firmware, check_fitted, check_ports
 from rigctl.acquisition.setup.drum_turn import check_turn

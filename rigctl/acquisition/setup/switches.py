@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import NamedTuple
 
-from rigctl.acquisition.motion import has_status
+from rigctl.acquisition.contact import has_status
 from rigctl.acquisition.setup.verdict import YES, YES_OR_NO, Question, Remedy, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
 from rigctl.config.toml_edit import Value

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.acquisition.calibrator import Calibrator, edited_rig_file
-from rigctl.acquisition.motion import DrumMotion, has_status
+from rigctl.acquisition.contact import has_status
+from rigctl.acquisition.motion import DrumMotion
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.setup.progress import Progress, load_progress
 from rigctl.acquisition.setup.verdict import Question

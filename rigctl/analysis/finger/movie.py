@@ -30,7 +30,8 @@ from rigctl.finger_values import N_FINGER_TAXELS, FingerTrialRow, PredictionRow
 from rigctl.protocol.finger import MARKS_MM, PLATE_MM, PLATE_WIDTH_MM
 from rigctl.session.finger_layout import spike_counts
 from rigctl.session.finger_session import FingerSession
-from rigctl.session.header import SensorLayout, SessionHeader
+from rigctl.session.header import SessionHeader
+from rigctl.session.sensor_layout import SensorLayout
 from rigctl.simulation.bench.textures import CATALOGUE, find_texture, printed_heights
 from rigctl.simulation.bench.world_file import world_from_header
 from rigctl.values import SAMPLE_RATE_HZ, Verdict

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rigctl.session.header import SensorLayout
+from rigctl.session.sensor_layout import SensorLayout
 
 _CHANNELS = (("slow", ("#00629e", "#3c9bd1"), 0.82), ("fast", ("#c24e00", "#c08400"), 0.5))
 """Of SA and RA: words, colours of the top and of the bottom layer, height of a tick."""

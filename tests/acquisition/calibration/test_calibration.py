@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.calibration import fit_scale, validate_masses
 from rigctl.acquisition.calibration_values import MassReading
+from rigctl.acquisition.load_cell_scale import fit_scale, validate_masses
 from rigctl.cli import main
 from rigctl.errors import WrongUse
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.health import wiring_notice
+from rigctl.acquisition.notices import wiring_notice
 from rigctl.cli import main
 
 

@@ -35,7 +35,7 @@ from rigctl.encoding.scaled_time import scale_windows
 from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.finger_values import PredictionRow
 from rigctl.session.finger_session import FingerSession
-from rigctl.session.header import SensorLayout
+from rigctl.session.sensor_layout import SensorLayout
 from rigctl.simulation.bench.world_file import NOMINAL_WORLD
 from rigctl.values import Verdict
 from tests.session import finger_building

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rigctl.analysis.report.train_groups import train_groups
-from rigctl.session.header import SensorLayout
+from rigctl.session.sensor_layout import SensorLayout
 
 
 def test_the_papers_sensor_has_four_groups() -> None:

@@ -27,7 +27,7 @@ from gui.analysis.trials.read_trial import block_extremes
 from gui.live.replay_tasks import replay_trial
 from gui.shell.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
-from rigctl.session.header import SensorLayout
+from rigctl.session.sensor_layout import SensorLayout
 from rigctl.wire.drum_states import State
 from tests.gui.texts.results_scenes import ORIGIN, largest_accuracy, largest_confusion
 

@@ -51,7 +51,7 @@ def test_commands_and_faults_follow_the_table(state: State) -> None:
 @pytest.mark.parametrize(
     ("state", "limit_ms"),
     [
-        (State.RETRACT, 3000),
+        (State.RETRACT, 6000),
         (State.POSITION, 8000),
         (State.APPROACH, 12_000),
         (State.RUN, 6000),

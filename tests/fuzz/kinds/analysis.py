@@ -29,8 +29,8 @@ from rigctl.session.finger_model_file import (
     load_finger_model,
     save_finger_model,
 )
-from rigctl.session.header import SensorLayout
 from rigctl.session.model_file import Model, TrainingInfo, load_model, save_model
+from rigctl.session.sensor_layout import SensorLayout
 from tests.fuzz.kind import Kind, Place
 from tests.fuzz.mutations.bytes import BYTES
 from tests.fuzz.mutations.hdf5 import HDF5

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
+from dataclasses import asdict
 from pathlib import Path
 from random import Random
 
@@ -12,8 +14,8 @@ import numpy as np
 from rigctl.acquisition.live_file import LiveReader, LiveWriter
 from rigctl.acquisition.rpc.engine_files import (
     EngineFile,
+    engine_file_path,
     running_engines,
-    write_engine_file,
 )
 from rigctl.devices.trackers.plate_frame import PlatePosition
 from rigctl.realtime.live_file import FingerLiveReader, FingerLiveWriter
@@ -35,7 +37,8 @@ def build_engines(folder: Path) -> None:
         live.write_bytes(b"live")
         port, token = 40_000 + number, "ab" * 16
         engine = EngineFile(f"engine{number}", pid, port, token, "virtual", f"{PLACE}/{live.name}")
-        write_engine_file(folder, engine)
+        # Writing it as an engine does removes those where nothing answers.
+        engine_file_path(folder, engine.name).write_text(json.dumps(asdict(engine)))
 
 
 def settle_engines(folder: Path) -> None:

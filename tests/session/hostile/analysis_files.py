@@ -17,8 +17,8 @@ from rigctl.session.finger_model_file import (
     WindowClassifier,
     save_finger_model,
 )
-from rigctl.session.header import SensorLayout
 from rigctl.session.model_file import Model, TrainingInfo, save_model
+from rigctl.session.sensor_layout import SensorLayout
 
 TEXTURES = ("A", "B")
 TRAINING = TrainingInfo(
