@@ -147,7 +147,7 @@ def test_what_hinders_a_flash_is_one_sentence(
     async def fail(*_: Any) -> Flashed:
         raise error
 
-    monkeypatch.setattr("gui.setup.board_worker.flash_board", fail)
+    monkeypatch.setattr("rigctl.devices.flash.flash_board", fail)
     click(page.boards.flash_buttons["drum"])
     rest(page.boards)
     assert page.boards.state.text() == str(error)
@@ -190,7 +190,7 @@ def test_a_board_that_does_not_match_is_offered_to_be_flashed(
         asked.append((board, port))
         return Flashed(port, BoardIdentity(board, "0.1", "0badc0de", 4, 2, 0, {}), "")
 
-    monkeypatch.setattr("gui.setup.board_worker.flash_board", flash)
+    monkeypatch.setattr("rigctl.devices.flash.flash_board", flash)
     window, strip = disconnected.window, disconnected.window.tools.flash_strip
     disconnected.error = WrongBoard(REFUSAL)
     window.connect_rig("virtual")
