@@ -14,7 +14,7 @@ from markupsafe import Markup
 from rigctl.analysis.comparisons import NAME_OF
 from rigctl.analysis.notes import summarise_notes
 from rigctl.analysis.report.figure import Figure
-from rigctl.analysis.report.vega import specify, still
+from rigctl.analysis.report.vega import scripts, specify, still
 
 TEMPLATES = Path(__file__).with_name("templates")
 ABSENT = "–"
@@ -35,6 +35,7 @@ def render_page(template: str, **context: Any) -> str:
     environment.globals |= {
         "absent": ABSENT,
         "names": NAME_OF,
+        "scripts": lambda: Markup(scripts()),
         "source": lambda name: Markup((TEMPLATES / name).read_text(encoding="utf-8")),
     }
     environment.filters |= {

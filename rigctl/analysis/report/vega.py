@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from textwrap import wrap
@@ -26,7 +27,7 @@ MANY_DIGITS = re.compile(r"(\.\d\d)\d{4,}")
 FONT = "Liberation Sans, Arial, Helvetica, sans-serif"
 SCHEMA = "https://vega.github.io/schema/vega-lite/v6.json"
 VERSION = "6.4"
-"""Of Vega-Lite; the page's ``vega.js`` has it too."""
+"""Of Vega-Lite, for drawings and for the scripts of the page."""
 LICENCES = (
     "/* Vega, Vega-Lite, Vega-Embed: BSD-3-Clause, University of Washington Interactive Data Lab. "
     "D3: ISC, Mike Bostock. */"
@@ -326,12 +327,9 @@ def _cells(matrix: Matrix) -> list[Spec]:
     return cells
 
 
-def bundle() -> str:
-    """Return the scripts of Vega, Vega-Lite and Vega-Embed as they are kept in ``vega.js``."""
+@cache
+def scripts() -> str:
+    """Return the scripts of Vega, Vega-Lite and Vega-Embed that vl-convert has in it."""
     import vl_convert
 
     return f"{LICENCES}\n{vl_convert.javascript_bundle('window.vegaEmbed = vegaEmbed;', VERSION)}"
-
-
-if __name__ == "__main__":
-    Path(__file__).with_name("templates").joinpath("vega.js").write_text(bundle(), "utf-8")
