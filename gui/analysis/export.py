@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
-from itertools import count
+from pathlib import Path
 from typing import NamedTuple
 
 from PySide6.QtCore import (
@@ -24,9 +23,10 @@ from PySide6.QtGui import QImage, QImageWriter, QPageLayout, QPageSize, QPainter
 from PySide6.QtSvg import QSvgGenerator
 from PySide6.QtWidgets import QGraphicsView, QMenu, QToolButton, QWidget
 
-from gui.analysis.value_file import data_words
+from gui.analysis.value_file import data_words, save_new
+from gui.widgets.background import Background
 from gui.widgets.theme import scaled_px
-from rigctl.errors import RigctlError, WrongUse
+from rigctl.errors import WrongUse
 
 FOOT_PX = 20
 _MARGIN_PX = 8
@@ -88,14 +88,22 @@ class PaintedPicture(NamedTuple):
     def encode(self) -> bytes:
         """Return the bytes of the file; any thread may do that. Raises WrongUse without memory."""
         if self.image is not None:
-            writer = QImageWriter(self.buffer, QByteArray(b"png"))
-            if not writer.write(self.image):
-                reason = writer.errorString()
-                raise WrongUse(f"the picture cannot be encoded ({reason}): make the window smaller")
-        elif self.painter is not None:
+            return encoded_png(self.image)
+        if self.painter is not None:
             self.painter.end()
         self.buffer.close()
         return bytes(self.buffer.data().data())
+
+
+def encoded_png(image: QImage) -> bytes:
+    """Return the bytes of a PNG. Raises WrongUse without memory."""
+    buffer = QBuffer()
+    buffer.open(QIODevice.OpenModeFlag.WriteOnly)
+    writer = QImageWriter(buffer, QByteArray(b"png"))
+    if not writer.write(image):
+        reason = writer.errorString()
+        raise WrongUse(f"the picture cannot be encoded ({reason}): make the window smaller")
+    return bytes(buffer.data().data())
 
 
 def widget_picture(widget: QWidget) -> Picture:
@@ -164,63 +172,34 @@ def _pdf(buffer: QBuffer, size: QSize, title: str) -> QPdfWriter:
     return device
 
 
-_CLOSE_TIMEOUT_S = 30.0
+class FileSaver(QObject):
+    """Saves new files beside the Qt thread, which only paints their pictures.
 
+    Compressing a large picture takes a tenth of a second and more, a slow disk any time.
+    """
 
-class NewFile(NamedTuple):
-    """Where a file goes: its folder, the beginning of its name, and its suffix."""
-
-    folder: str
-    stem: str
-    suffix: str
-
-
-class PictureEncoder(QObject):
-    """Each picture has a thread: compressing a large one takes a tenth of a second and more."""
-
-    encoded = Signal(object, object)
-    """The :class:`NewFile`, and its content in bytes."""
+    saved = Signal(str)
+    """The path of a file that is complete."""
     failed = Signal(str)
-    """Why a picture was not encoded, and the cure."""
-    _ended = Signal(int, object, str)
+    """Why a file was not saved, and the cure."""
 
     def __init__(self) -> None:
         super().__init__()
-        self._numbers = count()
-        self._jobs: dict[int, tuple[NewFile, PaintedPicture]] = {}
-        self._threads: list[threading.Thread] = []
-        self._ended.connect(self._finish)
+        self._background = Background("rigctl-files")
 
-    def encode(self, picture: Picture, file: NewFile) -> None:
-        """Paint a picture now; :attr:`encoded` or :attr:`failed` follows."""
-        number, painted = next(self._numbers), paint_picture(picture, file.suffix, file.stem)
-        self._jobs[number] = file, painted  # Qt's objects end in the thread that made them
-        self._threads = [thread for thread in self._threads if thread.is_alive()]
-        thread = threading.Thread(
-            target=self._encode, args=(number, painted), name="rigctl-picture-encoder"
-        )
-        self._threads.append(thread)
-        thread.start()
+    def save(self, folder: str, stem: str, suffix: str, content: Picture | bytes) -> None:
+        """Paint a picture now, and save it or a text; a signal follows."""
+        done = content if isinstance(content, bytes) else paint_picture(content, suffix, stem)
 
-    def wait(self) -> None:
-        """Wait until every picture is encoded, as before the window closes."""
-        for thread in self._threads:
-            thread.join(_CLOSE_TIMEOUT_S)
+        def write() -> str:
+            file = done if isinstance(done, bytes) else done.encode()
+            return str(save_new(Path(folder), stem, suffix, file))
 
-    def _encode(self, number: int, painted: PaintedPicture) -> None:
-        content, problem = b"", ""
-        try:
-            content = painted.encode()
-        except RigctlError as error:
-            problem = str(error)
-        self._ended.emit(number, content, problem)
+        self._background.run(write, self.saved.emit, self.failed.emit)
 
-    def _finish(self, number: int, content: bytes, problem: str) -> None:
-        file, _ = self._jobs.pop(number)
-        if problem:
-            self.failed.emit(problem)
-        else:
-            self.encoded.emit(file, content)
+    def close(self) -> None:
+        """Wait until every file is complete, as before the window closes."""
+        self._background.close()
 
 
 TABLE = "csv"

@@ -16,17 +16,25 @@ SIMULATED = "simulated"
 """Name of the column with the origin of the data."""
 
 
-def save_new(folder: Path, stem: str, suffix: str, content: bytes) -> Path:
-    """Write a new file into a folder, which is made; no file is ever overwritten.
+def new_path(folder: Path, stem: str, suffix: str) -> Path:
+    """Return the path of a file that is not there yet, in a folder, which is made.
 
-    Raises DiskFault; then there is no file.
+    Raises DiskFault.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DiskFault(f"{folder} cannot be made ({error}): choose another place") from error
     names = (f"{stem}{f'-{n}' if n > 1 else ''}.{suffix}" for n in count(1))
-    path = next(folder / name for name in names if not (folder / name).exists())
+    return next(folder / name for name in names if not (folder / name).exists())
+
+
+def save_new(folder: Path, stem: str, suffix: str, content: bytes) -> Path:
+    """Write a new file into a folder, which is made; no file is ever overwritten.
+
+    Raises DiskFault; then there is no file.
+    """
+    path = new_path(folder, stem, suffix)
     with atomic_file(path) as partial:
         partial.write_bytes(content)
     return path

@@ -10,10 +10,11 @@ import threading
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from PySide6.QtCore import QElapsedTimer, QObject, QSocketNotifier, Signal
 
+from rigctl.acquisition.live_file import LiveReader
 from rigctl.acquisition.rpc.client import (
     FINGER_ENGINE_COMMAND,
     WINDOW,
@@ -34,7 +35,10 @@ from rigctl.acquisition.rpc.engine_files import (
     running_engines,
     runtime_folder,
 )
+from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.errors import LinkLost, RigctlError, WrongUse
+from rigctl.realtime.live_file import FingerLiveReader
+from rigctl.realtime.messages import FingerEngineStatus
 
 JOIN = "join"
 ANOTHER = "another"
@@ -183,31 +187,8 @@ ClientFactory = Callable[..., EngineClient]
 """Opens the engine that the arguments of :meth:`EngineLink.open` name; raises if it cannot."""
 
 
-class LinkedRun(Protocol):
-    """A run as the link sees it."""
-
-    @property
-    def is_active(self) -> bool:
-        """Whether it goes on."""
-
-
-class LinkedStatus(Protocol):
-    """A status message with a run."""
-
-    @property
-    def run(self) -> LinkedRun:
-        """The run."""
-
-
-class LinkedLive(Protocol):
-    """A reader of live data."""
-
-    def close(self) -> None:
-        """Close the file."""
-
-
-_Status = TypeVar("_Status", bound=LinkedStatus)
-_Live = TypeVar("_Live", bound=LinkedLive)
+_Status = TypeVar("_Status", bound=EngineStatus | FingerEngineStatus)
+_Live = TypeVar("_Live", bound=LiveReader | FingerLiveReader)
 
 
 class EngineLink(QObject, Generic[_Status, _Live]):

@@ -317,9 +317,16 @@ class LivePage(QWidget):
         self.timer.setTimerType(Qt.TimerType.PreciseTimer)
         self.timer.timeout.connect(self._look)
         texts = vbox(self.cursor_label, self.difference_label, margins=(6, 0, 6, 0))
-        column = vbox(self.bar, *self._strips.values(), self.plots, texts, spacing=3)
-        column.setStretch(1 + len(self._strips), 1)
-        self.setLayout(column)
+        self.setLayout(
+            vbox(
+                self.bar,
+                *self._strips.values(),
+                self.plots,
+                texts,
+                spacing=3,
+                tall=1 + len(self._strips),
+            )
+        )
         for strip in self._strips.values():
             strip.hide()
         self._connect()
@@ -407,8 +414,8 @@ class LivePage(QWidget):
 
     def close_files(self) -> None:
         """Wait until all files are written and read, as before the window closes."""
-        self.saver.wait()
-        self.encoder_strip.wait()
+        self.saver.close()
+        self.encoder_strip.close_files()
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""

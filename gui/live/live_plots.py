@@ -6,10 +6,9 @@ from PySide6.QtCore import QElapsedTimer, QPointF, QRectF, Signal
 from PySide6.QtGui import QResizeEvent
 
 from gui.live.earlier_trials import EarlierTrials, TrialSweep
-from gui.live.heatmap import HeatMap
 from gui.live.live_data import LiveData, ValueScale
 from gui.live.navigation import Cursors, Navigation
-from gui.live.raster import FULL_SCALE_HZ, WINDOW_S, RateBars, label_rates
+from gui.live.raster import FULL_SCALE_HZ, MEAN_SAMPLES, WINDOW_S, HeatMap, RateBars, label_rates
 from gui.live.time_plots import NOW, PAUSED, SINCE_START, TimePlots
 from gui.widgets.data_ages import DataAges, StaleCovers
 from gui.widgets.plot_axes import BOTTOM_PX, PlotGrid, colour_axes, fixed_plot, reserve
@@ -23,7 +22,6 @@ _RIGHT_PX, _MORE_FOR_TEXTS_PX = 216, 130
 _GAP_PX = 26
 """Between the columns: half a number of the time axis, and half of one of the rates, meet there."""
 _SLOW_REFRESH_MS = 100  # numbers that change thirty times a second are unreadable
-_MAP_SAMPLES = 32
 
 
 def gap_px() -> int:
@@ -221,7 +219,7 @@ class LivePlots(PlotGrid):
 
     def _refresh_right_column(self, position: int) -> None:
         data = self.data
-        self.heat_map.refresh(data.samples_before(position, _MAP_SAMPLES), data.low, data.high)
+        self.heat_map.refresh(data.samples_before(position, MEAN_SAMPLES), data.low, data.high)
         n_samples = round(WINDOW_S * SAMPLE_RATE_HZ)
         travelled_mm = data.drum.travelled_mm(position, n_samples) if self._is_per_mm else None
         self.rate_bars.refresh(data.spikes_before(position, n_samples), travelled_mm)

@@ -15,13 +15,20 @@ from PySide6.QtWidgets import (
     QTableWidget,
     QTableWidgetItem,
     QTabWidget,
-    QVBoxLayout,
     QWidget,
 )
 
 from gui.widgets.formatting import age, grouped
 from gui.widgets.labels import label, set_property, show_text
-from gui.widgets.layouts import FlowLayout, focus_wheel, hbox, push_button, scroll_area, vbox
+from gui.widgets.layouts import (
+    EventWatch,
+    FlowLayout,
+    focus_wheel,
+    hbox,
+    push_button,
+    scroll_area,
+    vbox,
+)
 from gui.widgets.number_box import NumberBox, has_refused
 from gui.widgets.theme import Theme, applied_theme, scaled_px
 from rigctl.acquisition.calibration_values import (
@@ -260,13 +267,14 @@ class PartPage(QWidget):
         """Put the rows between the task and the buttons."""
         self.buttons.extend(extra)
         buttons = FlowLayout(self.measure_button, *extra, *self.buttons[1:4])
-        column: QVBoxLayout = vbox(
-            *(self.task, *rows, buttons, self.state, self.result_label),
-            spacing=6,
-            margins=(9, 6, 9, 6),
+        self.setLayout(
+            vbox(
+                *(self.task, *rows, buttons, self.state, self.result_label),
+                spacing=6,
+                margins=(9, 6, 9, 6),
+                tall=-1,
+            )
         )
-        column.addStretch(1)
-        self.setLayout(column)
 
     def _show_state(self, obstacle: str, found: CalibrationStatus) -> None:
         text, role = obstacle, "muted"
@@ -399,8 +407,7 @@ class WiringPart(PartPage):
         self._found_before: int | None = None
         """Number of the step that followed what was found, None before a status tells it."""
         self.repeat_button = push_button("Repeat last", self._repeat, REPEAT_TIP)
-        beside = vbox(label(LEGEND, "muted", wraps=True), self.found, spacing=8)
-        beside.addStretch(1)
+        beside = vbox(label(LEGEND, "muted", wraps=True), self.found, spacing=8, tall=-1)
         self.lay_out(hbox(self.map, beside, spacing=12, wide=1), extra=(self.repeat_button,))
 
     def measure(self) -> None:
@@ -506,16 +513,10 @@ class LoadCellPart(PartPage):
         self.remove_button = push_button("Remove", self._remove, REMOVE_TIP)
         self._readings: tuple[MassReading, ...] = ()
         field = hbox(label("Mass"), self.mass, wide=-1, spacing=6)
-        field.addStretch(1)
         both = FlowLayout(self.table, self.plot)
         self._fit_texts()
+        EventWatch(self, self._fit_texts, QEvent.Type.FontChange)
         self.lay_out(field, self.live, both, extra=(self.remove_button,))
-
-    def changeEvent(self, event: QEvent) -> None:
-        """Keep the numbers whole when the texts become larger."""
-        super().changeEvent(event)
-        if event.type() == QEvent.Type.FontChange and hasattr(self, "plot"):
-            self._fit_texts()
 
     def _fit_texts(self) -> None:
         self.table.horizontalHeader().setMinimumSectionSize(scaled_px(COLUMN_PX))
@@ -621,7 +622,6 @@ class ForcePart(PartPage):
         self._set_limits(RigLimits())
         self.force.setValue(500.0)
         field = hbox(label("Force"), self.force, wide=-1, spacing=6)
-        field.addStretch(1)
         show_text(self.task, FORCE_TASK)
         self.lay_out(field)
 
@@ -709,9 +709,7 @@ class CalibratePage(QWidget):
             part.command_requested.connect(self._request)
         self.close_button = push_button("Close", self.closed.emit)
         heading = hbox(label("Calibrate", "heading"), self.close_button, spacing=8)
-        column = vbox(heading, self.tabs, spacing=4, margins=(9, 4, 9, 4))
-        column.setStretch(1, 1)
-        self.setLayout(column)
+        self.setLayout(vbox(heading, self.tabs, spacing=4, margins=(9, 4, 9, 4), tall=1))
         self.show_status(EngineStatus())
 
     @property

@@ -266,8 +266,6 @@ class ProtocolEditor(QWidget):
         self.text.textChanged.connect(self._on_changed)
         for form in (self.form, self.finger_form):
             form.edited.connect(self._edit)
-            form.undo_requested.connect(self.text.undo)
-            form.redo_requested.connect(self.text.redo)
         _add_shortcut(self.views, QKeySequence.StandardKey.Undo, self.text.undo)
         _add_shortcut(self.views, QKeySequence.StandardKey.Redo, self.text.redo)
         steps.insert_requested.connect(self._insert_step)
@@ -287,14 +285,11 @@ class ProtocolEditor(QWidget):
             self.views.addWidget(view)
         top = hbox(
             self.form_button, self.text_button, self.undo_button, self.redo_button,
-            wide=4, spacing=6,
+            wide=-1, spacing=6,
         )  # fmt: skip
-        top.addStretch(1)
         bottom = hbox(label("Save as"), self.path, self.save_button, wide=1, spacing=6)
         rows = (container(top), self.waiting, self.views, self.verdict, container(bottom))
-        column = vbox(*rows, spacing=4)
-        column.setStretch(2, 1)
-        self.setLayout(column)
+        self.setLayout(vbox(*rows, spacing=4, tall=2))
 
 
 def _config_of(rig_toml: str) -> RigConfig:

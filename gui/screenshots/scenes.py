@@ -130,9 +130,9 @@ def drum_scenes(studio: Studio) -> Iterator[Scene]:
     """Show the start page and a connected rig, then a run; it goes on at the end."""
     window = studio.window
     window.show_panel("operate")
-    window.start.show()
+    window.start.show_page()
     yield Scene("start")
-    window.start.page.back.click()
+    window.start.back.click()
     _scroll_to(window.operate_panel.bring_up)
     yield Scene("bring-up")
     yield from _calibration_scenes(studio)

@@ -22,8 +22,7 @@ from gui.protocol.protocol_panel import ProtocolPanel
 from gui.shell.actions import ActionRegistry
 from gui.shell.docks import DockArea
 from gui.shell.drum_controller import DrumController
-from gui.shell.user_settings import UserSettings
-from gui.shell.window_memory import SPAN_KEY, is_span
+from gui.shell.user_settings import SPAN_KEY, UserSettings, is_span
 
 _CHANGES = (
     QEvent.Type.EnabledChange,
@@ -209,7 +208,7 @@ def add_rig_menu(
 
 def add_alarm_sound(menus: ActionRegistry, drum: DrumController, settings: UserSettings) -> None:
     """Add the switch of the sound, which the settings keep."""
-    announcer = drum.safety.alarms.announcer
+    announcer = drum.alarms.announcer
 
     def switch(sounds: bool) -> None:
         announcer.sounds = sounds

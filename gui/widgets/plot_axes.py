@@ -191,9 +191,7 @@ class Readout(QWidget):
         super().__init__()
         self._described, self._hint = described, hint
         self.label = label("", wraps=True)
-        column = vbox(self.label, margins=(8, 2, 8, 2))
-        column.addStretch(1)
-        self.setLayout(column)
+        self.setLayout(vbox(self.label, margins=(8, 2, 8, 2), tall=-1))
         self.show_words("")
 
     def show_words(self, words: str) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import h5py
@@ -18,13 +18,7 @@ from tests.gui.full_disk import full_disk
 from tests.gui.steps import Harness, click, wait_until
 from tests.session.damage import record_four_parts, zero
 
-
-@pytest.fixture(autouse=True)
-def leave_nothing(harness: Harness) -> Iterator[None]:
-    """Leave no session and no long sentence in the window that the tests share."""
-    yield
-    harness.window.analysis_tab.panel.show_unopened("No session is open.")
-    harness.window.status_line.clear()
+pytestmark = pytest.mark.usefixtures("leave_nothing")
 
 
 def _newer(folder: Path) -> None:

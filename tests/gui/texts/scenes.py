@@ -156,16 +156,16 @@ def _not_connected(stage: Stage) -> Iterator[str]:
 
 
 def _start(stage: Stage) -> Iterator[str]:
-    stage.window.start.show()
+    stage.window.start.show_page()
     QApplication.processEvents()
     yield "Start page"
-    box = stage.window.start.page.sample_box
+    box = stage.window.start.sample_box
     box.show_progress(MAKING, "12/32 trials · 123 × real time · 0:01:23 left")
     yield "Start page, the sample session is made"
     box.show_failure(NO_SAMPLE)
     yield "Start page, the sample session failed"
     box.clear()
-    click(stage.window.start.page.back)
+    click(stage.window.start.back)
 
 
 def _operate(stage: Stage) -> Iterator[str]:
