@@ -5,8 +5,7 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import Signal, SignalInstance
-from PySide6.QtGui import QShowEvent
+from PySide6.QtCore import QEvent, Signal, SignalInstance
 from PySide6.QtWidgets import QLineEdit, QWidget
 
 from gui.analysis.run_box import AnalysisRunBox
@@ -15,7 +14,7 @@ from gui.analysis.trial_list import TrialList
 from gui.analysis.trial_table import AttemptTable, join_tables
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import label, set_property
-from gui.widgets.layouts import container, hbox, push_button, vbox
+from gui.widgets.layouts import EventWatch, container, hbox, push_button, vbox
 
 
 class SessionPanel(QWidget):
@@ -50,6 +49,7 @@ class SessionPanel(QWidget):
         self.run_box = AnalysisRunBox()
         self.sessions: dict[str, SessionTable] = {}
         self._is_busy = False
+        EventWatch(self, self.shown.emit, QEvent.Type.Show)
         self._set_up()
         self._lay_out()
         self.show_idle()
@@ -63,11 +63,6 @@ class SessionPanel(QWidget):
     def growing(self) -> tuple[str, ...]:
         """The open sessions that are still being recorded."""
         return tuple(path for path, table in self.sessions.items() if table.is_growing)
-
-    def showEvent(self, event: QShowEvent) -> None:
-        """Say that the panel is used."""
-        super().showEvent(event)
-        self.shown.emit()
 
     def open_session(self, folder: str) -> None:
         """Request the trials of a session folder, in place of the sessions that are open."""

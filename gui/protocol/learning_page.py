@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QEvent, QPointF, Signal
-from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QWidget
 
 from gui.analysis.export import TABLE, ExportButton, FileSaver, widget_picture
@@ -219,6 +218,7 @@ class LearningPage(QWidget):
         self._is_cancelled = False
         self.files.saved.connect(lambda path: self.reported.emit("analysis", f"saved {path}"))
         self.files.failed.connect(lambda text: self.reported.emit("refused", text))
+        EventWatch(self, self.submit, QEvent.Type.Show)
         self.worker.progressed.connect(self.show_progress)
         self.worker.finished.connect(self._finish)
         self.worker.failed.connect(self._fail)
@@ -263,11 +263,6 @@ class LearningPage(QWidget):
         self.button.setText(COMPUTE)
         self.button.setEnabled(bool(text))
         show_text(self.progress, text)
-
-    def showEvent(self, event: QShowEvent) -> None:
-        """Compute the curve once somebody looks at it."""
-        super().showEvent(event)
-        self.submit()
 
     def show_session(self, folder: str, committed: int, attempts: int) -> None:
         """Take note of how far the session of the page is."""

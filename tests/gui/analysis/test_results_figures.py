@@ -27,7 +27,7 @@ from rigctl.analysis.report.figure import Figure, Matrix, PublishedValue, Series
 from rigctl.analysis.report.result_figures import accuracy_panel
 from rigctl.errors import DiskFault
 from tests.gui.full_disk import full_disk
-from tests.gui.steps import Harness, click, wait_until
+from tests.gui.steps import Harness, click, save_page, wait_until
 from tests.gui.texts.plots import cut_plot_texts
 
 _Key = Qt.Key
@@ -277,14 +277,8 @@ def test_both_themes_draw_the_point_anew(shown: Harness) -> None:
 
 
 def save(harness: Harness, suffix: str) -> Path:
-    """Save the page in front; return the file that the log names."""
-    log = harness.window.event_log
-    before = log.toPlainText()
-    button = harness.window.analysis_tab.results_view.save_button
-    actions = {action.text(): action for action in button.formats.actions()}
-    actions[suffix.upper()].trigger()
-    wait_until(lambda: f".{suffix}" in log.toPlainText()[len(before) :])
-    return Path(log.toPlainText().rpartition("saved ")[2].strip())
+    """Save the page in front; return the file."""
+    return save_page(harness, harness.window.analysis_tab.results_view.save_button, suffix)
 
 
 def test_every_page_is_saved_in_every_format_under_new_names(

@@ -19,7 +19,7 @@ from gui.analysis.trial_pages import trial_ticks
 from gui.shell.docks import PageArea
 from tests.analysis.recordings import record
 from tests.gui.full_disk import full_disk
-from tests.gui.steps import Harness, click, wait_until
+from tests.gui.steps import Harness, click, save_page, wait_until
 
 HEADING = "SIMULATED data · Trial 1: plate B, 40 mm/s, 250 g, committed"
 
@@ -51,12 +51,7 @@ def turn_to(harness: Harness, name: str) -> None:
 
 def save(harness: Harness, suffix: str) -> Path:
     """Save the page in front; return the file."""
-    tab = harness.window.analysis_tab
-    before = harness.window.event_log.toPlainText()
-    actions = {action.text(): action for action in tab.trial_view.save_button.formats.actions()}
-    actions[suffix.upper()].trigger()
-    wait_until(lambda: f".{suffix}" in harness.window.event_log.toPlainText()[len(before) :])
-    return Path(harness.window.event_log.toPlainText().rpartition("saved ")[2].strip())
+    return save_page(harness, harness.window.analysis_tab.trial_view.save_button, suffix)
 
 
 def test_force_and_speed_stand_beside_what_was_planned(shown: Harness) -> None:
