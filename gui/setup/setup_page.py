@@ -9,12 +9,12 @@ from PySide6.QtWidgets import QLineEdit, QListWidget, QListWidgetItem, QPushButt
 
 from gui.operate.calibrate import common_obstacle
 from gui.setup.boards_box import BoardsBox
-from gui.setup.part_picture import FORCE, CellTrace, PartDrawing
+from gui.setup.part_picture import CellTrace, PartDrawing
 from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import container, hbox, push_button, vbox
 from rigctl.acquisition.rpc.messages import EngineStatus
-from rigctl.acquisition.setup.setup_status import PartStatus, SetupStatus
+from rigctl.acquisition.setup.setup_status import FORCE, PartStatus, SetupStatus
 
 COMMANDS = frozenset(
     {

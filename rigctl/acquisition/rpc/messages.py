@@ -26,14 +26,14 @@ from msgspec import Meta
 from rigctl.acquisition.calibration_values import (
     CalibrationStatus,
 )
-from rigctl.acquisition.setup.setup_status import SetupStatus
+from rigctl.acquisition.setup.setup_status import STOP_PARTS, SetupStatus
 from rigctl.config.rig_config import RigLimits
 from rigctl.config.text_file import shorten
 from rigctl.encoding.reading import Reading
 from rigctl.errors import WrongUse
 from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import N_TAXELS
-from rigctl.wire.drum_states import State
+from rigctl.wire.drum_states import Fault, State
 
 LINE_LIMIT_BYTES = 1 << 20
 REQUEST_LIMIT_BYTES = 1 << 16
@@ -249,6 +249,11 @@ class EngineStatus:
         """Whether the drum was switched off where it pressed; no tare is from before a boot."""
         is_off = self.drum_connected and self.state in (State.IDLE, State.FAULT_OFF)
         return is_off and self.contact_may_stand and self.tared
+
+    @property
+    def is_stop_asked_for(self) -> bool:
+        """Whether the emergency stop is pressed because the setup asks for it."""
+        return self.fault == Fault.ESTOP and self.setup.checking in STOP_PARTS
 
 
 def as_dict(status: Any) -> dict[str, Any]:
