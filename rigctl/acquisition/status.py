@@ -78,6 +78,7 @@ class StatusBuilder:
             sensor_layout=self._layout,
             reading=boards.encoder.parameters.reading,
             wiring=self._rig.config.taxels.order,
+            taxel_inputs=self._rig.config.taxels.inputs,
             limits=self._rig.config.limits,
             has_taxel_range=boards.has_taxel_range,
             loadcell_calibrated=self._rig.config.loadcell.calibrated,
