@@ -189,6 +189,7 @@ class EngineStatus:
     the sensor. ``reading``: what the live encoder takes of the samples, and the unit of its ranges;
     ``wiring``: the reading of the taxel wire at each place, empty where it is not known;
     ``taxel_inputs``: analog inputs of the board, a reading is inputs · line + input.
+    ``registers``: those of the drum that its table marks as shown, by name, in their units.
     ``wrong_wirings``: names of those of a simulated rig that are on.
     """
 
@@ -238,6 +239,7 @@ class EngineStatus:
     reading: Reading = Reading.COUNTS
     wiring: tuple[int, ...] = ()
     taxel_inputs: int = PAPER_ARRAY.inputs
+    registers: dict[str, float] = field(default_factory=dict)
     limits: RigLimits = NOMINAL_LIMITS
     recording: RecordingStatus = RecordingStatus()
     run: RunStatus = RunStatus()
