@@ -161,7 +161,7 @@ class ScanPlots(PlotGrid):
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
-        self.history = History(HISTORY_S * SAMPLE_RATE_HZ, N_FINGER_TAXELS, N_FINGER_TAXELS)
+        self.history = History(N_FINGER_TAXELS, N_FINGER_TAXELS, HISTORY_S * SAMPLE_RATE_HZ)
         self._frame = -1
         self._version = -1
         self._quality = ScanQuality()

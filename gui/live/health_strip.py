@@ -20,6 +20,7 @@ from gui.widgets.formatting import ago
 from gui.widgets.status_lamp import Level
 from rigctl.acquisition.rpc.messages import BoardStatus, EngineStatus
 from rigctl.values import SAMPLE_RATE_HZ
+from rigctl.wire.drum_registers import SHOWN, Register
 
 RATE_TOLERANCE = 0.02
 BLOCK_AGE_LIMIT_S = 0.3
@@ -29,6 +30,7 @@ TRIAL_AGE_LIMIT_S = 180.0
 SUPPLY_LIMITS_V = (4.6, 5.4)
 MIN_FREE_STACK_PERCENT = 25
 """Of a chip's RAM that its stack has never used; with less, the stack may overwrite data."""
+_REGISTER_PX = 96
 
 
 CELLS = {
@@ -74,6 +76,9 @@ CELLS = {
         93,
         "Time since the last committed trial of this sitting: at most 3 min during a run",
     ),
+    **{
+        entry.name: CellSpec(entry.shown, _REGISTER_PX, f"The drum: {entry.doc}") for entry in SHOWN
+    },
 }
 
 
@@ -114,7 +119,16 @@ def readings(status: EngineStatus) -> dict[str, Reading]:
         "boards": _boards(status.boards),
         "ticks": _ticks(status.boards),
         "trial": _trial(status.run.trial_age_s, status.run.state == "running"),
+        **{entry.name: _register(entry, status) for entry in SHOWN},
     }
+
+
+def _register(entry: Register, status: EngineStatus) -> Reading:
+    """Return the value of a register; none is judged."""
+    value = status.registers.get(entry.name)
+    if value is None or not status.drum_connected:
+        return Reading("–", Level.OFF)
+    return Reading(f"{value:g} {entry.unit}".strip(), Level.OFF)
 
 
 def _sample_rate(status: EngineStatus) -> Reading:

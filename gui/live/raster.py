@@ -11,7 +11,8 @@ from gui.live.scrolling_image import ScrollingImage
 from gui.live.timeline import PixelColumns, Timeline
 from gui.widgets.colours import blend, rgb
 from gui.widgets.theme import Theme
-from rigctl.session.sensor_layout import LAYER_NAMES, SensorLayout
+from rigctl.config.rig_config import LAYER_NAMES
+from rigctl.session.sensor_layout import SensorLayout
 
 
 class TrainRows:

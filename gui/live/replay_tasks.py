@@ -40,7 +40,7 @@ def replay_trial(data: TrialData) -> ReplayTrial:
     """Return a trial for the live views, with what draws any part of it quickly."""
     n, n_taxels = data.samples.shape
     counters = np.arange(n, dtype=np.int64)
-    timeline = Timeline(max(n, 1), n_taxels, 2 * n_taxels)
+    timeline = Timeline(n_taxels, 2 * n_taxels, max(n, 1))
     flags = np.zeros(n, np.uint8)
     spikes = data.spike_counts
     timeline.append(counters / SAMPLE_RATE_HZ, counters, data.samples, flags, spikes)

@@ -38,8 +38,15 @@ def _start(register: Register) -> tuple[str, ...]:
 
 
 def _read_rows(registers: Iterable[Register]) -> str:
-    rows = [(*_start(r), r.doc) for r in registers]
+    rows = [(*_start(r), _meaning(r)) for r in registers]
     return _table(("address", "name", "kind", "one count is", "meaning"), rows)
+
+
+def _meaning(register: Register) -> str:
+    """Return what a register is and, where it is not named there by hand, where it is seen."""
+    shown = f"shown as *{register.shown}*" if register.shown else ""
+    stored = f"column `{register.name}` of `/drum`" if register.stored else ""
+    return "; ".join(filter(None, (register.doc, shown, stored)))
 
 
 def _write_rows(registers: Iterable[Register]) -> str:
