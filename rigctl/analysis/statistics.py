@@ -155,23 +155,17 @@ def welch_each(
     one, other = _Moments.of(first), _Moments.of(second)
     varies = (one.variance > 0) | (other.variance > 0)
     defined = varies if min(one.n, other.n) > 1 else np.zeros_like(varies)
-    tested = iter(
-        _welch(
-            *(
-                side._replace(mean=side.mean[defined], variance=side.variance[defined])
-                for side in (one, other)
-            )
-        )
-    )
+    both = [
+        side._replace(mean=side.mean[defined], variance=side.variance[defined])
+        for side in (one, other)
+    ]
+    tested, found = iter(_welch(*both)), []
     highest = np.maximum(one.mean, other.mean).tolist()
-    return tuple(
-        Difference(
-            *(next(tested) if is_defined else (None, None, None)),
-            _weak_assumptions(most, min(one.n, other.n), is_defined),
-            rule,
-        )
-        for is_defined, most in zip(defined.tolist(), highest, strict=True)
-    )
+    for is_defined, most in zip(defined.tolist(), highest, strict=True):
+        statistic, p, effect = next(tested) if is_defined else (None, None, None)
+        weak = _weak_assumptions(most, min(one.n, other.n), is_defined)
+        found.append(Difference(statistic, p, effect, weak, rule))
+    return tuple(found)
 
 
 def _welch(one: _Moments, other: _Moments) -> list[tuple[float, float, float]]:
