@@ -34,23 +34,13 @@ from tests.session.finger_building import (
     SyntheticFinger,
     header,
     plan,
-    record_plan,
     recorder,
 )
 
 
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("finger") / "s"
-    record_plan(folder)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def drum(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("drum") / "s"
-    building.record_plan(folder)
-    return folder
+@pytest.fixture
+def recorded(finger: Path) -> Path:
+    return finger
 
 
 def test_all_recorded_data_is_read_back(recorded: Path) -> None:

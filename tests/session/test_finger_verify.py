@@ -23,7 +23,6 @@ from tests.session.finger_building import (
     finger_trial_row,
     header,
     plan,
-    record_plan,
     recorder,
 )
 from tests.session.forging import rewrite_digests
@@ -33,21 +32,9 @@ FIRST = 30
 """Row of the first sample of a part's first scan, after the idle ones."""
 
 
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("finger") / "s"
-    record_plan(folder)
-    return folder
-
-
 @pytest.fixture
-def session(recorded: Path, tmp_path: Path) -> Path:
-    """Return a copy of the session to damage."""
-    copy = tmp_path / "s"
-    copy.mkdir()
-    for file in recorded.iterdir():
-        (copy / file.name).write_bytes(file.read_bytes())
-    return copy
+def recorded(finger: Path) -> Path:
+    return finger
 
 
 def test_a_complete_session_has_no_problem(

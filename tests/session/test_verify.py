@@ -29,23 +29,6 @@ from tests.session.forging import rewrite_digests
 from tests.session.spoiling import Spoil, set_array, set_row
 
 
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("recorded") / "s"
-    record_plan(folder)
-    return folder
-
-
-@pytest.fixture
-def session(recorded: Path, tmp_path: Path) -> Path:
-    """Return a copy of the session to damage."""
-    copy = tmp_path / "s"
-    copy.mkdir()
-    for file in recorded.iterdir():
-        (copy / file.name).write_bytes(file.read_bytes())
-    return copy
-
-
 def run(*words: str) -> int:
     return command.run(create_parser(["verify"]).parse_args(["verify", *words]))
 
