@@ -19,7 +19,7 @@ from rigctl.errors import WrongUse
 if TYPE_CHECKING:
     from rigctl.analysis.cache import Cache
     from rigctl.analysis.encoded_sessions import Encoded
-    from rigctl.analysis.taxel import TaxelRequest
+    from rigctl.analysis.taxel import EncodeRequest
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -79,9 +79,10 @@ def _add_taxel(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the files; the last lines on standard output name them."""
+    from rigctl.analysis.encoded_sessions import encode_sessions
     from rigctl.analysis.taxel import encode_taxel
 
-    request = _taxel_request(args)
+    request = _request(args)
     if args.out is None and not request.files:
         raise WrongUse(
             "nothing to write: give --out DIR for the spikes of all trials, or --figure, --csv or "
@@ -89,7 +90,10 @@ def run(args: argparse.Namespace) -> int:
         )
     request.check_files()
     if args.out is not None:
-        _write_spikes(args)
+        now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+        with resources_of(args) as resources:
+            encoded = encode_sessions(request, args.out, now, resources)
+        print("\n".join(_summary(encoded, resources.cache)), flush=True)
     if request.files:
         with resources_of(args) as resources:
             remarks = encode_taxel(request, resources)
@@ -99,12 +103,12 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _taxel_request(args: argparse.Namespace) -> TaxelRequest:
+def _request(args: argparse.Namespace) -> EncodeRequest:
     from rigctl.analysis.force_scaling import ScaledBy
-    from rigctl.analysis.taxel import TaxelRequest
+    from rigctl.analysis.taxel import EncodeRequest
 
     options = options_of(args, EncoderOptions)
-    return TaxelRequest(
+    return EncodeRequest(
         options.sessions,
         options.parameters,
         reference_g=options.reference_g,
@@ -118,27 +122,6 @@ def _taxel_request(args: argparse.Namespace) -> TaxelRequest:
         csv=args.csv,
         movie=args.movie,
     )
-
-
-def _write_spikes(args: argparse.Namespace) -> None:
-    from rigctl.analysis.encoded_sessions import EncodeRequest, encode_sessions
-    from rigctl.analysis.force_scaling import ScaledBy
-
-    options = options_of(args, EncoderOptions)
-    request = EncodeRequest(
-        options.sessions,
-        args.out,
-        options.parameters,
-        reference_g=options.reference_g,
-        ranges=options.load_ranges(),
-        scaled_by=ScaledBy(args.scaled_by),
-        trial=args.trial,
-        taxel=args.taxel,
-    )
-    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    with resources_of(args) as resources:
-        encoded = encode_sessions(request, now, resources)
-    print("\n".join(_summary(encoded, resources.cache)), flush=True)
 
 
 def _summary(encoded: Encoded, cache: Cache) -> list[str]:
