@@ -94,7 +94,7 @@ class ResultsView(PageTabs):
             return
         is_made = self._is_drawn or not self.isVisible()
         self._rested_turns = self._rested_turns + 1 if is_made else 0
-        if 0 < self.count() and self._rested_turns <= TURNS_OF_A_PAGE:
+        if self.count() > 0 and self._rested_turns <= TURNS_OF_A_PAGE:
             return
         self._rested_turns = 0
         page = self.results.pages[self.count()]

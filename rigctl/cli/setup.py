@@ -24,7 +24,7 @@ from rigctl.acquisition.setup.setup import STEPS, Setup, SetupStep, TooEarly
 from rigctl.acquisition.setup.setup_status import FORCE
 from rigctl.acquisition.setup.verdict import Question, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
-from rigctl.cli.arguments import add_seed, path_or_name
+from rigctl.cli.arguments import add_option, add_seed, path_or_name
 from rigctl.cli.progress import ProgressLine
 from rigctl.cli.world import add_wirings, add_world, chosen_world
 from rigctl.config.resources import part_title, wiring_drawing
@@ -45,11 +45,12 @@ SET_UP = "the rig is set up: run a protocol, or protocols/acceptance.toml for ri
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument(
+    add_option(
+        parser,
         "--rig",
-        type=path_or_name("--rig"),
+        path_or_name,
+        help_text="a rig.toml, written if there is none; virtual or firmware to rehearse",
         default="rig.toml",
-        help="a rig.toml, written if there is none; virtual or firmware to rehearse",
     )
     add_world(parser)
     add_wirings(parser)

@@ -32,9 +32,9 @@ from tests.attack.steps import (
     WIRES,
     Attack,
     pair_attack,
+    restart_attacks,
     wire_attack,
 )
-    restart_attacks,
 from tests.firmware.building import host_library
 
 WIRE_ATTACKS = int(os.environ.get("RIGCTL_WIRE_ATTACKS", str(len(STATES) * len(WIRES))))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -186,7 +187,7 @@ def test_what_is_no_number_within_limits_is_refused(
 
 
 def test_both_decimal_marks_are_understood_and_marks_between_groups_refused() -> None:
-    parse = number("--mass", -5000, 5000)
+    parse = partial(number(-5000, 5000), "--mass")
     assert (parse("0,5"), parse("200.5"), parse("−3"), parse("1e3")) == (0.5, 200.5, -3.0, 1000.0)
     for wrong, reason in {"1,000": "may mean 1000 or 1", "1.000,5": "between groups"}.items():
         with pytest.raises(WrongUse, match=f"--mass {wrong} .*{reason}"):

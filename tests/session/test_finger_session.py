@@ -38,8 +38,13 @@ from tests.session.finger_building import (
 )
 
 
-def test_all_recorded_data_is_read_back(finger: Path) -> None:
-    with FingerSession.open(finger) as session:
+@pytest.fixture
+def recorded(finger: Path) -> Path:
+    return finger
+
+
+def test_all_recorded_data_is_read_back(recorded: Path) -> None:
+    with FingerSession.open(recorded) as session:
         assert session.finished
         assert session.header == replace(header(), experiment="finger")
         assert session.protocol_text == PROTOCOL

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
 
 import h5py
@@ -28,12 +27,6 @@ from tests.session.building import (
 )
 from tests.session.forging import rewrite_digests
 from tests.session.spoiling import Spoil, set_array, set_row
-
-
-@pytest.fixture
-def session(drum: Path, tmp_path: Path) -> Path:
-    """Return a copy of the session to damage."""
-    return Path(shutil.copytree(drum, tmp_path / "s"))
 
 
 def run(*words: str) -> int:

@@ -27,9 +27,8 @@ Record = Callable[[Path], Any]
 
 
 @pytest.fixture
-def session(drum_blocks: Path, tmp_path: Path) -> Path:
-    """A copy of the drum's session to damage."""
-    return Path(shutil.copytree(drum_blocks, tmp_path / "s"))
+def recorded(in_blocks: Path) -> Path:
+    return in_blocks
 
 
 def data_bytes(path: Path) -> list[range]:
@@ -67,7 +66,7 @@ def flip(path: Path, at: int, mask: int) -> None:
         file.write(bytes([value ^ mask]))
 
 
-@pytest.mark.parametrize("kind", ["drum_blocks", "finger"])
+@pytest.mark.parametrize("kind", ["in_blocks", "finger"])
 def test_no_flipped_bit_of_the_rows_is_called_whole(
     kind: str, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
