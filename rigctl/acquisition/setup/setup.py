@@ -89,7 +89,11 @@ FAULT_CAUSES: dict[Fault, tuple[str, ...]] = {
     Fault.LOADCELL_NOISE: ("cell unplugged", "E− not connected to ground"),
     Fault.ACTUATOR_REVERSED: ("actuator swapped", "potentiometer reversed"),
     Fault.ACTUATOR_STUCK: ("actuator unplugged", "actuator supply missing"),
-    Fault.POSITION_WIRE: ("potentiometer wiper open", "potentiometer shorted to ground"),
+    Fault.POSITION_WIRE: (
+        "potentiometer wiper open",
+        "potentiometer shorted to ground",
+        "upper end switch unplugged",
+    ),
     Fault.FORCE_MISSING: ("cell excitation open", "cell on channel B"),
 }
 """Wrong wirings behind a fault that the board latches by itself, in whatever step."""
