@@ -8,7 +8,7 @@ import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
 
-from gui.analysis.tasks.task_values import BLOCK, TrialData
+from gui.analysis.task_values import BLOCK, TrialData
 from gui.live.raster import TrainRows
 from gui.widgets.plot_axes import (
     PlotGrid,

@@ -7,12 +7,10 @@ from PySide6.QtGui import QResizeEvent
 
 from gui.live.earlier_trials import EarlierTrials, TrialSweep
 from gui.live.heatmap import HeatMap
-from gui.live.live_data import LiveData
-from gui.live.navigation import Navigation
-from gui.live.overlay import Cursors
-from gui.live.spike_rates import FULL_SCALE_HZ, WINDOW_S, RateBars, label_rates
+from gui.live.live_data import LiveData, ValueScale
+from gui.live.navigation import Cursors, Navigation
+from gui.live.raster import FULL_SCALE_HZ, WINDOW_S, RateBars, label_rates
 from gui.live.time_plots import NOW, PAUSED, SINCE_START, TimePlots
-from gui.live.value_scale import ValueScale
 from gui.widgets.data_ages import DataAges, StaleCovers
 from gui.widgets.plot_axes import BOTTOM_PX, PlotGrid, colour_axes, fixed_plot, reserve
 from gui.widgets.theme import Theme, scaled_px, text_scale

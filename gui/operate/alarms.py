@@ -10,9 +10,8 @@ from PySide6.QtCore import QObject, QTimer, Signal
 from PySide6.QtWidgets import QApplication, QFrame, QStyle, QSystemTrayIcon
 
 from gui.widgets.formatting import capitalised
-from gui.widgets.labels import label
+from gui.widgets.labels import Level, StatusLamp, label
 from gui.widgets.layouts import hbox, push_button
-from gui.widgets.status_lamp import Level, StatusLamp
 from rigctl.acquisition.rpc.messages import DISCONNECTED_TEXT, EngineStatus, RunStatus
 from rigctl.wire.drum_states import State
 

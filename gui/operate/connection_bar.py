@@ -7,15 +7,21 @@ from textwrap import shorten
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QFrame, QStackedWidget, QWidget
 
-from gui.link.engine_clients import JOIN
-from gui.link.engine_link import NOT_CONNECTED
+from gui.link.engine_link import JOIN, NOT_CONNECTED
 from gui.widgets.data_ages import DataAges, stale_words
-from gui.widgets.file_browser import PathKind
-from gui.widgets.file_combo_box import FileComboBox
+from gui.widgets.file_browser import FileComboBox, PathKind
 from gui.widgets.formatting import grouped
-from gui.widgets.labels import StopButton, elastic, label, plain_tooltip, set_property, show_text
+from gui.widgets.labels import (
+    Level,
+    StatusLamp,
+    StopButton,
+    elastic,
+    label,
+    plain_tooltip,
+    set_property,
+    show_text,
+)
 from gui.widgets.layouts import container, hbox, push_button, vbox
-from gui.widgets.status_lamp import Level, StatusLamp
 from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus
 from rigctl.wire.drum_states import Fault
 

@@ -14,7 +14,7 @@ from PySide6.QtGui import QImage, QMouseEvent, QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
-from gui.analysis.export.picture_foot import FOOT_PX
+from gui.analysis.export import FOOT_PX
 from gui.live.live_page import CONDUCTANCE, ENCODER, SAVE, TAXELS, VOLTS, LivePage
 from gui.live.saver import _serve_table, shown_samples
 from gui.widgets.file_browser import NO_FOLDER, NO_WHOLE_PATH

@@ -7,8 +7,7 @@ import pytest
 from PySide6.QtWidgets import QApplication
 
 from gui.live.drum_course import thin_out
-from gui.live.raster import Raster
-from gui.live.scrolling_image import ScrollingImage
+from gui.live.raster import Raster, ScrollingImage
 from gui.live.time_plots import Traces
 from gui.live.timeline import Ring, Timeline, TimeWindow
 from gui.widgets.theme import LIGHT

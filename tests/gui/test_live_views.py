@@ -11,13 +11,10 @@ from PySide6.QtWidgets import QApplication
 
 from gui.live.history import History
 from gui.live.live_plots import LivePlots
-from gui.live.raster import Raster, TrainRows, layer_titles
-from gui.live.scrolling_image import ScrollingImage
-from gui.live.spike_rates import RateBars
+from gui.live.raster import Raster, RateBars, ScrollingImage, TrainRows, layer_titles
 from gui.live.time_plots import Traces
 from gui.live.timeline import Timeline, TimeWindow
-from gui.widgets.colours import rgb
-from gui.widgets.theme import DARK, LIGHT
+from gui.widgets.theme import DARK, LIGHT, rgb
 from rigctl.acquisition.live_file import LiveReader, LiveWriter
 from rigctl.session.sensor_layout import SensorLayout
 from tests.gui.fake_engine import FakeEngine

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from PySide6.QtTest import QTest
 
-from gui.setup.boards_box import FLASH_CANCELLED, NO_WHOLE_PATH, RELEASED, BoardsBox
-from gui.setup.setup_page import SetupPage
+from gui.operate.boards_box import FLASH_CANCELLED, NO_WHOLE_PATH, RELEASED, BoardsBox
+from gui.operate.setup_page import SetupPage
 from rigctl.config.intel_hex import parse_intel_hex
 from rigctl.config.rig_config import load_config
 from rigctl.devices.flash import WAIT_FOR_EVER, Flashed

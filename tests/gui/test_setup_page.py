@@ -9,7 +9,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QPushButton
 
-from gui.setup.setup_page import DRUM_LOST, SetupPage
+from gui.operate.setup_page import DRUM_LOST, SetupPage
 from tests.gui.rig_window import RigWindow, rig_window
 from tests.gui.steps import Harness, click
 
