@@ -40,7 +40,7 @@ RECORD = """
 import json, sys
 from pathlib import Path
 from PySide6.QtWidgets import QApplication
-from gui.live.health_strip import HealthStrip
+from gui.live.health import HealthStrip
 from rigctl.errors import SessionError
 from rigctl.session import layout
 from rigctl.session.session import Session
