@@ -591,11 +591,11 @@ def write_movie(
     attempt that does not count.
     """
     from rigctl.analysis.cache import Resources
-    from rigctl.analysis.taxel import TaxelRequest, encode_taxel
+    from rigctl.analysis.taxel import EncodeRequest, encode_taxel
 
     if row not in session.committed():
         raise WrongUse("this attempt does not count: choose a committed one for a movie")
-    request = TaxelRequest(
+    request = EncodeRequest(
         (session.path,),
         trial=int(session.trials[row]["trial_id"]),
         taxel=taxel + 1,

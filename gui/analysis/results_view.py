@@ -117,6 +117,10 @@ class TextPage(QTextBrowser):
 
 ResultWidget = AccuracyPage | ConfusionPage | FigureView | TextPage
 
+TURNS_OF_A_PAGE = 2
+"""Turns of the event loop that paint a page that was made. A page more in the same turn would hold
+a press of STOP for longer."""
+
 
 class ResultsView(PageTabs):
     """One tab per page of the latest results, made one in each turn of the event loop."""
@@ -129,6 +133,7 @@ class ResultsView(PageTabs):
         self.results = AnalysisResults("", ())
         self._timer = QTimer(self, interval=0)
         self._timer.timeout.connect(self._add_next)
+        self._rested_turns = 0
 
     @property
     def page(self) -> ResultWidget:
@@ -183,12 +188,15 @@ class ResultsView(PageTabs):
         return not isinstance(page, AccuracyPage) or page.plots.is_whole
 
     def _add_next(self) -> None:
-        """Add the next page, if one is missing, once the one in view has had its turns."""
+        """Add the next page, if one is missing, once the one in view is made and painted."""
         if self.count() == len(self.results.pages):
             self._timer.stop()
             return
-        if self.isVisible() and not self._is_drawn:
+        is_made = self._is_drawn or not self.isVisible()
+        self._rested_turns = self._rested_turns + 1 if is_made else 0
+        if self.count() > 0 and self._rested_turns <= TURNS_OF_A_PAGE:
             return
+        self._rested_turns = 0
         page = self.results.pages[self.count()]
         self.addTab(_view(page, applied_theme()), page.name)
 

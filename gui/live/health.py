@@ -18,6 +18,7 @@ from rigctl.acquisition.rpc.messages import BoardStatus, EngineStatus, Recording
 from rigctl.realtime.latency import FEATURES, SCREEN
 from rigctl.realtime.messages import FingerEngineStatus
 from rigctl.values import SAMPLE_RATE_HZ
+from rigctl.wire.drum_registers import SHOWN, Register
 
 VERDICTS_PX = 1240
 _CELL_GAP_PX, _SIDES_PX = 2, 16
@@ -187,6 +188,7 @@ TRIAL_AGE_LIMIT_S = 180.0
 SUPPLY_LIMITS_V = (4.6, 5.4)
 MIN_FREE_STACK_PERCENT = 25
 """Of a chip's RAM that its stack has never used; with less, the stack may overwrite data."""
+_REGISTER_PX = 96
 
 
 CELLS = {
@@ -232,6 +234,9 @@ CELLS = {
         93,
         "Time since the last committed trial of this sitting: at most 3 min during a run",
     ),
+    **{
+        entry.name: CellSpec(entry.shown, _REGISTER_PX, f"The drum: {entry.doc}") for entry in SHOWN
+    },
 }
 
 
@@ -272,7 +277,16 @@ def readings(status: EngineStatus) -> dict[str, Reading]:
         "boards": _boards(status.boards),
         "ticks": _ticks(status.boards),
         "trial": _trial(status.run.trial_age_s, status.run.state == "running"),
+        **{entry.name: _register(entry, status) for entry in SHOWN},
     }
+
+
+def _register(entry: Register, status: EngineStatus) -> Reading:
+    """Return the value of a register; none is judged."""
+    value = status.registers.get(entry.name)
+    if value is None or not status.drum_connected:
+        return Reading("–", Level.OFF)
+    return Reading(f"{value:g} {entry.unit}".strip(), Level.OFF)
 
 
 def _sample_rate(status: EngineStatus) -> Reading:

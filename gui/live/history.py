@@ -7,9 +7,6 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.values import N_TAXELS
-
-N_ROWS = 2 * N_TAXELS
 SPAN_S = 10
 
 

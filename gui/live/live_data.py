@@ -64,11 +64,22 @@ class LiveData:
         self, n_taxels: int, timeline: Timeline | None = None, drum: DrumCourse | None = None
     ) -> None:
         if timeline is None:
-            timeline = Timeline(n_taxels=n_taxels, n_rows=2 * n_taxels)
+            timeline = Timeline(n_taxels, 2 * n_taxels)
         self.timeline = timeline
         self.drum, self.marks = drum or DrumCourse(), EventMarks()
         self.reading = self._engine_reading = Reading.COUNTS
         self._own_range: RunningRange | None = None
+        self._fit_range(n_taxels)
+
+    def set_sensor(self, n_taxels: int) -> None:
+        """Begin anew with counts of a sensor of another number of taxels."""
+        self.clear()
+        self.timeline = Timeline(n_taxels, 2 * n_taxels)
+        self.reading = self._engine_reading = Reading.COUNTS
+        self._own_range = None
+        self._fit_range(n_taxels)
+
+    def _fit_range(self, n_taxels: int) -> None:
         self.low = np.zeros(n_taxels)
         self.high = np.full(n_taxels, float(FULL_SCALE))
 

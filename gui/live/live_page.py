@@ -309,6 +309,7 @@ class LivePage(QWidget):
         self._supply_v, self._is_simulated = NOMINAL_SUPPLY_V, False
         self._engine_reading = Reading.COUNTS
         self._wiring: tuple[int, ...] | None = None
+        self._taxel_inputs = 1
         self._live: LiveReader | None = None
         self._head = 0
         self._since_draw, self._since_texts = QElapsedTimer(), QElapsedTimer()
@@ -378,15 +379,14 @@ class LivePage(QWidget):
         layout = status.sensor_layout
         if layout != self.plots.sensor_layout:
             self.plots.set_sensor_layout(layout)
-            if self.plots.sensor_layout == layout:
-                self.taxel_strip.set_sensor_layout(layout)
+            self.taxel_strip.set_sensor_layout(layout)
         self.encoder_strip.show_status(status)
         self.sweeps.show_status(status)
         board = status.boards.get("taxels")
         supply_v = board.supply_v if board is not None else None
         self._supply_v = supply_v or NOMINAL_SUPPLY_V
         if status.rig:
-            self._wiring = status.wiring
+            self._wiring, self._taxel_inputs = status.wiring, status.taxel_inputs
             if status.reading is not self._engine_reading:
                 self._engine_reading = status.reading
                 self.bar.unit.setCurrentText(status.reading)
@@ -463,7 +463,7 @@ class LivePage(QWidget):
         before, inputs = self.plots.data.reading, tuple[int, ...]()
         try:
             if reading is Reading.CONDUCTANCE:
-                inputs = input_of_each(self._wiring or (), "this rig")
+                inputs = input_of_each(self._wiring or (), self._taxel_inputs, "this rig")
         except WrongUse as error:
             self.reported.emit("refused", str(error))
             self.bar.unit.setCurrentText(Reading.COUNTS)

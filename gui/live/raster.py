@@ -16,7 +16,8 @@ from gui.live.live_data import ValueScale
 from gui.live.timeline import PixelColumns, Timeline, TimeWindow
 from gui.widgets.plot_axes import label_axis
 from gui.widgets.theme import Theme, blend, rgb, scaled_px, text_scale
-from rigctl.session.sensor_layout import LAYER_NAMES, SensorLayout
+from rigctl.config.rig_config import LAYER_NAMES
+from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import SAMPLE_RATE_HZ
 
 _STRIPE_AT, _STRIPE_STEP = 3, 6

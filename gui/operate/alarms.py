@@ -61,7 +61,7 @@ def silent_engine(last: EngineStatus) -> Alarm:
 
 
 def _fault(status: EngineStatus) -> Alarm | None:
-    if not status.fault:
+    if not status.fault or status.is_stop_asked_for:
         return None
     contact = " The drum is still in contact with the sensor." if status.is_left_in_contact else ""
     words = f"{capitalised(status.fault_words)}.{contact}"

@@ -212,7 +212,8 @@ class Toolbar(ConnectionBar):
     def show_status(self, status: EngineStatus) -> None:
         """Show the drum's state and the recording lamp."""
         name = status.state.name.replace("_", " ") if status.state is not None else "–"
-        is_good = not status.fault and not status.is_left_in_contact
+        has_fault = bool(status.fault) and not status.is_stop_asked_for
+        is_good = not has_fault and not status.is_left_in_contact
         self._show_state(name, _state_words(status), is_good=is_good)
         self.recording_display.show_status(status.run.state, status.recording)
 

@@ -12,9 +12,8 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from gui.widgets.theme import applied_theme, scaled_px
 from rigctl.acquisition.rpc.messages import EngineStatus
-from rigctl.config.resources import wiring_drawing
+from rigctl.config.resources import part_title, wiring_drawing
 
-FORCE = "force"
 MARGIN = 8.0
 SHOWN_S = 30.0
 LEAST_SPAN_G = 20.0
@@ -39,12 +38,10 @@ class PartDrawing(QWidget):
         return QSize(scaled_px(160), scaled_px(90))
 
     def show_part(self, picture: str) -> None:
-        """Show a part, ``page#id``, or a whole page."""
+        """Show a part, ``page#id``, or nothing."""
         if picture != self._picture:
             self._picture = picture
-            page, _, part = picture.partition("#")
-            what = part.replace("-", " ") or "the whole board"
-            self.setAccessibleName(f"Wiring of the {page.capitalize()}: {what}")
+            self.setAccessibleName(f"Wiring: {part_title(picture)}" if picture else "")
             self.update()
 
     def paintEvent(self, event: QPaintEvent) -> None:
@@ -56,16 +53,11 @@ class PartDrawing(QWidget):
         drawing = self._drawing(page)
         if not drawing.isValid():
             return
-        has_part = bool(part) and drawing.elementExists(part)
-        shown = drawing.boundsOnElement(part) if has_part else drawing.viewBoxF()
         room = QRectF(self.rect()).adjusted(MARGIN, MARGIN, -MARGIN, -MARGIN)
-        size = shown.size().scaled(room.size(), Qt.AspectRatioMode.KeepAspectRatio)
-        place = QRectF(QPointF(), size)
+        shown = drawing.boundsOnElement(part).size()
+        place = QRectF(QPointF(), shown.scaled(room.size(), Qt.AspectRatioMode.KeepAspectRatio))
         place.moveCenter(room.center())
-        if has_part:
-            drawing.render(painter, part, place)
-        else:
-            drawing.render(painter, place)
+        drawing.render(painter, part, place)
 
     def _drawing(self, page: str) -> QSvgRenderer:
         """Return a page of the drawing, which is read once."""

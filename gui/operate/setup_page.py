@@ -9,11 +9,11 @@ from PySide6.QtWidgets import QLineEdit, QListWidget, QListWidgetItem, QPushButt
 
 from gui.operate.boards_box import BoardsBox
 from gui.operate.calibrate import common_obstacle
-from gui.operate.part_picture import FORCE, CellTrace, PartDrawing
+from gui.operate.part_picture import CellTrace, PartDrawing
 from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import FlowLayout, container, hbox, push_button, vbox
 from rigctl.acquisition.rpc.messages import EngineStatus
-from rigctl.acquisition.setup.setup_status import PartStatus, SetupStatus
+from rigctl.acquisition.setup.setup_status import FORCE, PartStatus, SetupStatus
 
 COMMANDS = frozenset(
     {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,7 +23,6 @@ from rigctl.analysis.report.example_taxel import check_selection
 from rigctl.analysis.spike_counts import (
     ConditionTask,
     PreparedTrials,
-    RangesOver,
     count_conditions,
     count_with_given_c,
     encoder_items,
@@ -35,34 +33,27 @@ from rigctl.analysis.spike_counts import (
     prepare_trials,
     replace_sa_counts,
 )
-from rigctl.analysis.taxel import SHOWN_S, Section, draw_every_signal, load_course, write_course
+from rigctl.analysis.taxel import (
+    SHOWN_S,
+    EncodeRequest,
+    Section,
+    draw_every_signal,
+    load_course,
+    write_course,
+)
 from rigctl.analysis.trial_set import TrialRef, TrialSet, join_sessions, open_trials
 from rigctl.config.resources import source_commit
 from rigctl.encoding.batch import window_counts
 from rigctl.encoding.encoder import encode_trials
 from rigctl.encoding.features import FeatureLayout
-from rigctl.encoding.force_matrix import REFERENCE_FORCE_G, ForceMatrix
+from rigctl.encoding.force_matrix import ForceMatrix
 from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import DEFAULT, EncoderParameters
+from rigctl.encoding.parameters import EncoderParameters
 from rigctl.session.analysis_file import EncodingInfo, SpikeFileWriter
 from rigctl.session.sample_index import SampleFiles
 
 CHUNK = 64
 FILE = "spikes.h5"
-
-
-@dataclass(frozen=True, slots=True)
-class EncodeRequest:
-    """What to encode and how. ``trial``, ``taxel``: of a figure and a table, or None."""
-
-    sessions: tuple[Path, ...]
-    out: Path
-    parameters: EncoderParameters = DEFAULT
-    reference_g: float = REFERENCE_FORCE_G
-    ranges: RangesOver | Normalisation = RangesOver.ALL
-    scaled_by: ScaledBy = ScaledBy.NONE
-    trial: int | None = None
-    taxel: int | None = None
 
 
 class Encoded(NamedTuple):
@@ -89,8 +80,10 @@ class _SpikeTask(NamedTuple):
     order: list[int]
 
 
-def encode_sessions(request: EncodeRequest, made_utc: str, resources: Resources) -> Encoded:
-    """Encode sessions and write the folder ``request.out``, which appears whole or not at all.
+def encode_sessions(
+    request: EncodeRequest, out: Path, made_utc: str, resources: Resources
+) -> Encoded:
+    """Encode sessions and write the folder ``out``, which appears whole or not at all.
 
     Raises SessionError or WrongUse for what cannot be encoded, DiskFault where the folder cannot
     be written. The cache keeps the results of an interrupted run.
@@ -98,7 +91,7 @@ def encode_sessions(request: EncodeRequest, made_utc: str, resources: Resources)
     trials = join_sessions(request.sessions, resources.progress, request.parameters.reading)
     check_selection(trials, request.trial, request.taxel)
     resources.executor.check_visible(trials.paths)
-    with atomic_directory(request.out) as folder:
+    with atomic_directory(out) as folder:
         trials = trials_to_encode(trials, request.reference_g, request.scaled_by)
         obstacle = force_scaling_obstacle(trials, request.reference_g)
         prepared = prepare_trials(trials, resources, request.ranges)
@@ -119,7 +112,7 @@ def encode_sessions(request: EncodeRequest, made_utc: str, resources: Resources)
                 request, prepared, sa_factors(prepared, force, request.scaled_by), folder
             )
     remarks = (*remarks, *resources.cache.remarks)
-    return Encoded(request.out / FILE, len(prepared.trials.trials), n_spikes, force, remarks)
+    return Encoded(out / FILE, len(prepared.trials.trials), n_spikes, force, remarks)
 
 
 def _encode(task: _SpikeTask) -> Arrays:

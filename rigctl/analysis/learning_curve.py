@@ -32,14 +32,9 @@ STEPS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 
 SEED = 0
 
 
-class CompleteBlock(NamedTuple):
-    """Plates that all have some conditions, each with as many trials as asked for."""
-
-    plates: tuple[str, ...]
-    conditions: tuple[Condition, ...]
-
-
-def largest_block(trials: RecordedTrials, n_trials: int) -> CompleteBlock:
+def largest_block(
+    trials: RecordedTrials, n_trials: int
+) -> tuple[tuple[str, ...], tuple[Condition, ...]]:
     """Return the most plates × conditions with at least ``n_trials`` each; empty for one plate.
 
     A plate that is still being recorded takes part as soon as the block grows by it: a classifier
@@ -49,13 +44,13 @@ def largest_block(trials: RecordedTrials, n_trials: int) -> CompleteBlock:
         plate: frozenset(key for key, rows in cells.items() if len(rows) >= n_trials)
         for plate, cells in trials.items()
     }
-    blocks = [CompleteBlock((), ())]
+    blocks: list[tuple[tuple[str, ...], tuple[Condition, ...]]] = [((), ())]
     for conditions in set(full.values()) - {frozenset()}:
         plates = tuple(sorted(plate for plate, has in full.items() if has >= conditions))
         if len(plates) > 1:
-            blocks.append(CompleteBlock(plates, tuple(sorted(conditions))))
+            blocks.append((plates, tuple(sorted(conditions))))
     # By their cells, then their plates, then something fixed.
-    return max(blocks, key=lambda b: (len(b.plates) * len(b.conditions), len(b.plates), b[1]))
+    return max(blocks, key=lambda b: (len(b[0]) * len(b[1]), len(b[0]), b[1]))
 
 
 class CurvePoint(NamedTuple):
@@ -85,50 +80,52 @@ class CurvePoint(NamedTuple):
         return 1 / len(self.plates)
 
 
-class LearningCurve:
-    """Points for the trials so far; a point whose trials are the same as before is kept."""
+KnownPoints = dict[tuple[int, ...], CurvePoint | None]
+"""Points by the rows of their trials; None where these are too few to train on."""
 
-    def __init__(self) -> None:
-        self._known: dict[tuple[int, ...], CurvePoint | None] = {}
 
-    def points(
-        self, trials: RecordedTrials, features: Mapping[int, Matrix]
-    ) -> tuple[CurvePoint, ...]:
-        """Return the points that the trials allow; ``features``: float64 (p,) by row."""
-        known, self._known = self._known, {}
-        most = max((len(rows) for cells in trials.values() for rows in cells.values()), default=0)
-        while most and not largest_block(trials, most).plates:
-            most -= 1
-        for n_trials in sorted({*(n for n in STEPS if n < most), most} - {0}):
-            block = largest_block(trials, n_trials)
-            rows = tuple(
-                row
-                for plate in block.plates
-                for condition in block.conditions
-                for row in trials[plate][condition][:n_trials]
-            )
-            found = known.get(rows) or _point(block, n_trials, rows, features)
-            self._known[rows] = found
-        return tuple(point for point in self._known.values() if point is not None)
+def learning_curve(
+    trials: RecordedTrials, features: Mapping[int, Matrix], known: KnownPoints
+) -> tuple[CurvePoint, ...]:
+    """Return the points that the trials allow; ``features``: float64 (p,) by row.
+
+    ``known``: those of before, replaced by these; one whose trials are the same is kept.
+    """
+    before = dict(known)
+    known.clear()
+    most = max((len(rows) for cells in trials.values() for rows in cells.values()), default=0)
+    while most and not largest_block(trials, most)[0]:
+        most -= 1
+    for n_trials in sorted({*(n for n in STEPS if n < most), most} - {0}):
+        plates, conditions = largest_block(trials, n_trials)
+        each = [trials[plate][key][:n_trials] for plate in plates for key in conditions]
+        rows = tuple(row for some in each for row in some)
+        point = before.get(rows) or _point(plates, len(conditions), n_trials, rows, features)
+        known[rows] = point
+    return tuple(point for point in known.values() if point is not None)
 
 
 def _point(
-    block: CompleteBlock, n_trials: int, rows: tuple[int, ...], features: Mapping[int, Matrix]
+    plates: tuple[str, ...],
+    n_conditions: int,
+    n_trials: int,
+    rows: tuple[int, ...],
+    features: Mapping[int, Matrix],
 ) -> CurvePoint | None:
     """Return the point of some trials; None where they are too few to train on."""
-    each = n_trials * len(block.conditions)
-    labels = np.repeat(np.arange(len(block.plates)), each).astype(np.int64)
+    each = n_trials * n_conditions
+    labels = np.repeat(np.arange(len(plates)), each).astype(np.int64)
     if not rows or each < 2:
         return None
     folds = stratified_folds(labels, min(N_FOLDS, each), SEED)
     trained = min(len(train) for train, _ in folds)
-    if trained <= len(block.plates):
+    if trained <= len(plates):
         return None
     matrix = np.array([features[row] for row in rows])
     right = int(np.sum(predict_held_out(matrix, labels, folds) == labels))
     low, high = wilson_interval(right, len(rows))
-    counts = (len(block.conditions), trained, len(rows), right)
-    return CurvePoint(n_trials, block.plates, *counts, float(low), float(high))
+    counts = (n_conditions, trained, len(rows), right)
+    return CurvePoint(n_trials, plates, *counts, float(low), float(high))
 
 
 def predict_held_out(features: Matrix, labels: Labels, folds: list[Fold]) -> Labels:
@@ -152,17 +149,16 @@ class GrowingFeatures:
 
     Without a calibrated range, that of the first 1, 2, 4, 8, … trials holds until there are twice
     as many; then all are encoded again, with the range of twice as many. ``features``: float64 (p,)
-    by row of /trials, scaled to speed. ``changes``: how often all of them became others.
+    by row of /trials, scaled to speed. ``points``: those of the curve so far.
     """
 
     def __init__(self, folder: Path) -> None:
         self.session = Session.open(folder)
         self.features: dict[int, Matrix] = {}
-        self.changes = 0
+        self.points: KnownPoints = {}
         self.has_calibrated_range = self.session.header.calibrated_ranges is not None
         self._parameters = self.session.header.encoder_parameters
         self._complete: dict[int, bool] = {}
-        self._ends: dict[int, tuple[NDArray[np.uint16], NDArray[np.uint16]]] = {}
         self._n_ranged = 0
         self._ranges = self.session.header.calibrated_ranges
         self._layout: FeatureLayout | None = None
@@ -215,19 +211,18 @@ class GrowingFeatures:
         first = 1 << (len(rows).bit_length() - 1)
         if self._ranges is not None and (self.has_calibrated_range or first == self._n_ranged):
             return self._ranges
-        ends = [np.stack(self._ends_of(row)) for row in rows[:first]]
+        ends = [self._ends_of(row) for row in rows[:first]]
         source = f"the first {first} trials"
         self._ranges = Normalisation.from_samples(ends, source, self._parameters.reading)
         self._n_ranged, self._layout = first, self._covering(rows)
         self.features.clear()
-        self.changes += 1
+        self.points.clear()
         return self._ranges
 
-    def _ends_of(self, row: int) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
-        if row not in self._ends:
-            samples = self.session.readings(row)
-            self._ends[row] = samples.min(axis=0), samples.max(axis=0)
-        return self._ends[row]
+    def _ends_of(self, row: int) -> NDArray[np.uint16]:
+        """Return each taxel's lowest and highest reading in a trial, uint16 (2, n_taxels)."""
+        samples = self.session.readings(row)
+        return np.stack((samples.min(axis=0), samples.max(axis=0)))
 
     def _covering(self, rows: Sequence[int]) -> FeatureLayout:
         table = self.session.trials[list(rows)]
@@ -256,7 +251,6 @@ class SessionCurves:
 
     def __init__(self) -> None:
         self._growing: GrowingFeatures | None = None
-        self._curve, self._changes = LearningCurve(), 0
 
     def curve(
         self, folder: str, progress: Progress = lambda stage, done, total: None
@@ -264,11 +258,9 @@ class SessionCurves:
         """Return the curve of the trials so far. Raises SessionError."""
         growing = self._open(Path(folder))
         growing.update(progress)
-        if growing.changes != self._changes:
-            self._curve, self._changes = LearningCurve(), growing.changes
         trials = growing.by_condition()
         progress("classifying", 0, 1)
-        points = self._curve.points(trials, growing.features)
+        points = learning_curve(trials, growing.features, growing.points)
         used = len(growing.usable_rows())
         committed = len(growing.session.committed())
         shortfall = "" if points else describe_shortfall(trials)
@@ -286,7 +278,6 @@ class SessionCurves:
         if self._growing is None or self._growing.session.path != folder:
             self.close()
             self._growing = GrowingFeatures(folder)
-            self._curve, self._changes = LearningCurve(), 0
         return self._growing
 
 

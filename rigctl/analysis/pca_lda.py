@@ -13,13 +13,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
 from rigctl.errors import WrongUse
+from rigctl.session.model_file import Classifier
 
 Matrix = NDArray[np.float64]
 Labels = NDArray[np.int64]
@@ -389,7 +390,7 @@ def fit_classifier(features: Matrix, labels: Labels, components: int) -> Classif
     """Return the arrays of a model of ``components``, or of as many as are not rounding.
 
     Its mean, axes, variance, factor, whitened means, log priors and dropped components, as in
-    :class:`rigctl.session.model_file.Model`.
+    :class:`rigctl.session.model_file.Classifier`.
     """
     pca = fit_pca(features, components)
     k = count_real_components(pca)
@@ -403,24 +404,7 @@ def fit_classifier(features: Matrix, labels: Labels, components: int) -> Classif
     return mean, axes, variance, factor, means, priors, np.array(lda.dropped, np.int64)
 
 
-class TrainedClassifier(Protocol):
-    """Principal components and discriminants, as :class:`rigctl.session.model_file.Model`."""
-
-    @property
-    def mean(self) -> Floats: ...
-    @property
-    def axes(self) -> Floats: ...
-    @property
-    def factor(self) -> Floats: ...
-    @property
-    def whitened_means(self) -> Floats: ...
-    @property
-    def log_priors(self) -> Floats: ...
-    @property
-    def dropped(self) -> NDArray[np.int64]: ...
-
-
-def log_posteriors(model: TrainedClassifier, features: Floats) -> Floats:
+def log_posteriors(model: Classifier, features: Floats) -> Floats:
     """Return the log posterior of each class: features float64 (n, p) → (n, classes)."""
     means = model.whitened_means
     constant = model.log_priors - 0.5 * (means * means).sum(axis=0)
@@ -432,7 +416,7 @@ def log_posteriors(model: TrainedClassifier, features: Floats) -> Floats:
     return normal
 
 
-def whiten(model: TrainedClassifier, features: Floats) -> Floats:
+def whiten(model: Classifier, features: Floats) -> Floats:
     """Return the scores in units of the within-class spread, float64 (n, p) → (n, components)."""
     components = model.axes.shape[1]
     factor, used = model.factor.copy(), np.ones(components)

@@ -306,24 +306,6 @@ def c_per_trial(
     )
 
 
-def join_force_matrix(conditions: Sequence[ConditionTask], found: Sequence[Arrays]) -> ForceMatrix:
-    """Return the C of all conditions; those that were not searched have none (ABSENT)."""
-    textures = tuple(sorted({condition.texture for condition in conditions}))
-    speeds = tuple(sorted({condition.speed_mm_s for condition in conditions}))
-    pairs = zip(conditions, found, strict=True)
-    searched = [(condition, arrays) for condition, arrays in pairs if "c" in arrays]
-    first, of_first = searched[0]
-    n_taxels, n_forces = of_first["c"].shape
-    shape = (len(textures), n_taxels, len(speeds), n_forces)
-    joined: Arrays = {name: np.zeros(shape) for name in ("residual_hz", "evaluations", "rate_hz")}
-    joined |= {"c": np.ones(shape), "status": np.full(shape, SearchStatus.ABSENT, np.int8)}
-    for condition, arrays in searched:
-        t, v = textures.index(condition.texture), speeds.index(condition.speed_mm_s)
-        for name, values in joined.items():
-            values[t, :, v] = arrays[name]
-    return ForceMatrix(textures, speeds, first.forces_g, first.reference_g, **joined)
-
-
 class RangesOver(StrEnum):
     """The trials that determine the taxel ranges."""
 
@@ -417,9 +399,26 @@ def count_conditions(
 def join_searched_c(
     conditions: Sequence[ConditionTask], counted: Sequence[Arrays]
 ) -> ForceMatrix | None:
-    """Return the C that :func:`count_conditions` found, None without a search."""
-    searched = any("c" in arrays for arrays in counted)
-    return join_force_matrix(conditions, counted) if searched else None
+    """Return the C that :func:`count_conditions` found, None without a search.
+
+    Conditions that were not searched have none (ABSENT).
+    """
+    pairs = zip(conditions, counted, strict=True)
+    searched = [(condition, arrays) for condition, arrays in pairs if "c" in arrays]
+    if not searched:
+        return None
+    textures = tuple(sorted({condition.texture for condition in conditions}))
+    speeds = tuple(sorted({condition.speed_mm_s for condition in conditions}))
+    first, of_first = searched[0]
+    n_taxels, n_forces = of_first["c"].shape
+    shape = (len(textures), n_taxels, len(speeds), n_forces)
+    joined: Arrays = {name: np.zeros(shape) for name in ("residual_hz", "evaluations", "rate_hz")}
+    joined |= {"c": np.ones(shape), "status": np.full(shape, SearchStatus.ABSENT, np.int8)}
+    for condition, arrays in searched:
+        t, v = textures.index(condition.texture), speeds.index(condition.speed_mm_s)
+        for name, values in joined.items():
+            values[t, :, v] = arrays[name]
+    return ForceMatrix(textures, speeds, first.forces_g, first.reference_g, **joined)
 
 
 def count_with_given_c(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import sqrt
 from typing import Any, NamedTuple
@@ -83,24 +83,20 @@ def asterisks(p: float, effect: float, rule: AsteriskRule = ASTERISKS) -> str:
 
 
 class _Moments(NamedTuple):
-    """Mean, variance (divisor n − 1; 0 for a single value) and number of some values."""
+    """Mean and variance (divisor n − 1; 0 for a single value) of each column, and its length."""
 
-    mean: float
-    variance: float
+    mean: Values
+    variance: Values
     n: int
 
     @classmethod
     def of(cls, values: Values) -> _Moments:
-        return cls(float(values.mean()), _variance(values), len(values))
-
-
-def _effect(first: _Moments, second: _Moments) -> float | None:
-    """Return Cohen's d: the difference over the pooled deviation, None where that is 0."""
-    if first.n + second.n < 3:
-        return None
-    squares = (first.n - 1) * first.variance + (second.n - 1) * second.variance
-    pooled = sqrt(squares / (first.n + second.n - 2))
-    return (first.mean - second.mean) / pooled if pooled > 0 else None
+        # Rows in memory have the same sums as columns that are given alone.
+        rows, n = np.ascontiguousarray(values.T), len(values)
+        variance = rows.var(axis=1, ddof=1) if n > 1 else np.zeros(len(rows))
+        # Exactly 0 for equal values, whatever the rounding.
+        variance[(rows == rows[:, :1]).all(axis=1)] = 0.0
+        return cls(rows.mean(axis=1), variance, n)
 
 
 def wilson_interval(correct: Any, n: int) -> tuple[Any, Any]:
@@ -146,70 +142,56 @@ def standard_error(values: Values) -> Values | None:
     return None if deviation is None else deviation / sqrt(len(values))
 
 
-def welch(first: Values, second: Values, rule: AsteriskRule = ASTERISKS) -> Difference:
-    """Return the two-tailed Welch t-test of accuracies (0–1) over repeated draws of one set.
-
-    Raises :class:`WrongUse` for values that are not numbers.
-    """
-    return welch_each(first[:, None], second[:, None], rule)[0]
-
-
 def welch_each(
     first: Values, second: Values, rule: AsteriskRule = ASTERISKS
 ) -> tuple[Difference, ...]:
-    """Return :func:`welch` for each column: float64 (draws, k) both, such as k components."""
+    """Return the two-tailed Welch t-test and Cohen's d of accuracies (0–1) over draws of one set.
+
+    One for each column: float64 (draws, k) both, such as k components. Raises :class:`WrongUse` for
+    values that are not numbers.
+    """
     if not (np.isfinite(first).all() and np.isfinite(second).all()):
         raise WrongUse("a test of difference has a value that is not a number: leave it out")
-    # Copied columns have the same sums as values that were given alone.
-    pairs = [
-        (_Moments.of(a.copy()), _Moments.of(b.copy()))
-        for a, b in zip(first.T, second.T, strict=True)
+    one, other = _Moments.of(first), _Moments.of(second)
+    varies = (one.variance > 0) | (other.variance > 0)
+    defined = varies if min(one.n, other.n) > 1 else np.zeros_like(varies)
+    both = [
+        side._replace(mean=side.mean[defined], variance=side.variance[defined])
+        for side in (one, other)
     ]
-    return tuple(_welch_differences(pairs, rule))
+    tested, found = iter(_welch(*both)), []
+    highest = np.maximum(one.mean, other.mean).tolist()
+    for is_defined, most in zip(defined.tolist(), highest, strict=True):
+        statistic, p, effect = next(tested) if is_defined else (None, None, None)
+        weak = _weak_assumptions(most, min(one.n, other.n), is_defined)
+        found.append(Difference(statistic, p, effect, weak, rule))
+    return tuple(found)
 
 
-def _welch_differences(
-    pairs: Sequence[tuple[_Moments, _Moments]], rule: AsteriskRule
-) -> Iterator[Difference]:
-    tested = iter(_welch_statistics([pair for pair in pairs if _can_test(*pair)]))
-    for pair in pairs:
-        weak = _weak_assumptions(*pair)
-        if _can_test(*pair):
-            statistic, p = next(tested)
-            yield Difference(statistic, p, _effect(*pair), weak, rule)
-        else:
-            yield Difference(None, None, None, weak, rule)
-
-
-def _welch_statistics(pairs: Sequence[tuple[_Moments, _Moments]]) -> list[tuple[float, float]]:
-    """Return t and p of each pair; SciPy is called once, as a call costs more than its numbers."""
+def _welch(one: _Moments, other: _Moments) -> list[tuple[float, float, float]]:
+    """Return t, p and Cohen's d, the difference over the pooled deviation, of each column."""
     from scipy import stats
 
-    if not pairs:
+    if not len(one.mean):
         return []
-    sides = [
-        (np.array([x.mean for x in side]), np.sqrt([x.variance for x in side]), side[0].n)
-        for side in zip(*pairs, strict=True)
-    ]
+    sides = [(side.mean, np.sqrt(side.variance), side.n) for side in (one, other)]
     found = stats.ttest_ind_from_stats(*sides[0], *sides[1], equal_var=False)
-    both = np.stack([found.statistic, found.pvalue], axis=1)
-    return [(float(statistic), float(p)) for statistic, p in both]
+    squares = (one.n - 1) * one.variance + (other.n - 1) * other.variance
+    effect = (one.mean - other.mean) / np.sqrt(squares / (one.n + other.n - 2))
+    columns = (found.statistic, found.pvalue, effect)
+    return list(zip(*(np.asarray(column).tolist() for column in columns), strict=True))
 
 
-def _can_test(first: _Moments, second: _Moments) -> bool:
-    return min(first.n, second.n) > 1 and (first.variance > 0 or second.variance > 0)
-
-
-def _weak_assumptions(first: _Moments, second: _Moments) -> tuple[str, ...]:
+def _weak_assumptions(highest: float, fewest: int, is_defined: bool) -> tuple[str, ...]:
     weak = [REDRAWN]
-    if max(first.mean, second.mean) > CEILING_SHARE:
+    if highest > CEILING_SHARE:
         weak.append(
             "One side is close to 100 %, where accuracies cannot be normally distributed: "
             "p is a rough guide."
         )
-    if min(first.n, second.n) < 2:
+    if fewest < 2:
         weak.append("One value on a side has no spread: Welch's test needs two or more.")
-    elif not _can_test(first, second):
+    elif not is_defined:
         weak.append("Neither side varies at all: Welch's t and Cohen's d are not defined.")
     return tuple(weak)
 
@@ -240,13 +222,6 @@ def two_proportions(
         return Difference(None, None, effect, weak, rule, TWO_PROPORTIONS)
     statistic, p = proportions_ztest([first, second], [n, others])
     return Difference(float(statistic), float(p), effect, weak, rule, TWO_PROPORTIONS)
-
-
-def _variance(values: Values) -> float:
-    """Return the variance with divisor n − 1, exactly 0 for equal values whatever the rounding."""
-    if len(values) < 2 or bool(np.all(values == values[0])):
-        return 0.0
-    return float(values.var(ddof=1))
 
 
 def curve_test_dict(

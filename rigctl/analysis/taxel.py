@@ -423,10 +423,12 @@ def _pace(section: Section, movie_s: float) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class TaxelRequest:
-    """Which taxel of which trial, how it is encoded, and the files to write.
+class EncodeRequest:
+    """What to encode and how, and the files to write.
 
-    ``start_s``, ``seconds``: the section of figure and movie; the table has the whole trial.
+    ``figure``, ``csv``, ``movie``: files of one
+    ``taxel`` of one ``trial``; ``start_s``, ``seconds``: the section of figure and movie, the table
+    has the whole trial.
     """
 
     sessions: tuple[Path, ...]
@@ -444,7 +446,7 @@ class TaxelRequest:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """The files to write."""
+        """The files of one taxel."""
         return tuple(filter(None, (self.figure, self.csv, self.movie)))
 
     def check_files(self) -> None:
@@ -457,7 +459,7 @@ class TaxelRequest:
             check_movie_file(self.movie)
 
 
-def encode_taxel(request: TaxelRequest, resources: Resources) -> tuple[str, ...]:
+def encode_taxel(request: EncodeRequest, resources: Resources) -> tuple[str, ...]:
     """Write the files of a request; return remarks on the trials.
 
     Raises WrongUse for a trial, taxel or section that is not there and for files that exist,
@@ -482,7 +484,7 @@ def encode_taxel(request: TaxelRequest, resources: Resources) -> tuple[str, ...]
     return prepared.trials.remarks
 
 
-def _section_of(request: TaxelRequest, course: TaxelCourse) -> Section:
+def _section_of(request: EncodeRequest, course: TaxelCourse) -> Section:
     if request.start_s >= course.duration_s:
         raise WrongUse(
             f"--start {request.start_s:g} is behind the end of the trial, which has "
@@ -492,7 +494,7 @@ def _section_of(request: TaxelRequest, course: TaxelCourse) -> Section:
 
 
 def _searched_factors(
-    request: TaxelRequest, prepared: PreparedTrials, resources: Resources
+    request: EncodeRequest, prepared: PreparedTrials, resources: Resources
 ) -> NDArray[np.float64] | None:
     """Return the factors on the SA current; C is searched only where the request asks for it."""
     if request.scaled_by is ScaledBy.NONE:

@@ -70,16 +70,16 @@ def train_model(
     if n_classes < 2 or most < 1:
         raise WrongUse(f"cannot train a model on {n} trials of {n_classes} textures: record more")
     model = Model(
-        representation.name,
-        representation.key,
-        representation.force,
-        design.textures,
-        encoded.parameters,
-        encoded.normalisation,
-        encoded.layout(representation),
         *fit_classifier(np.asarray(features), design.texture, most),
-        encoded.force if representation.force else None,
-        _training(encoded, made_utc, seed, progress),
+        representation=representation.name,
+        key=representation.key,
+        force=representation.force,
+        classes=design.textures,
+        parameters=encoded.parameters,
+        normalisation=encoded.normalisation,
+        features=encoded.layout(representation),
+        c=encoded.force if representation.force else None,
+        training=_training(encoded, made_utc, seed, progress),
     )
     return model, _sentence(model, request)
 

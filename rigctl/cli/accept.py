@@ -12,7 +12,7 @@ import json
 from contextlib import closing
 from typing import TYPE_CHECKING
 
-from rigctl.cli.arguments import a_path, number, path_or_name
+from rigctl.cli.arguments import a_path, add_option, number, path_or_name
 from rigctl.cli.progress import ask
 from rigctl.errors import WrongUse
 
@@ -29,21 +29,13 @@ ASK_FOR_MASS = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("session", type=a_path("SESSION"), help="a session's folder")
-    parser.add_argument(
-        "--out",
-        type=a_path("--out"),
-        metavar="DIR",
-        help="also write a report to this new folder",
+    add_option(parser, "session", a_path, help_text="a session's folder")
+    add_option(parser, "--out", a_path, "DIR", "also write a report to this new folder")
+    add_option(
+        parser, "--rig", path_or_name, help_text="weigh a known mass on this rig: a rig.toml"
     )
-    parser.add_argument(
-        "--rig", type=path_or_name("--rig"), help="weigh a known mass on this rig: a rig.toml"
-    )
-    parser.add_argument(
-        "--mass",
-        type=number("--mass", 1, MAX_MASS_G),
-        metavar="G",
-        help="the known mass, in grams; it needs --rig",
+    add_option(
+        parser, "--mass", number(1, MAX_MASS_G), "G", "the known mass, in grams; it needs --rig"
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 

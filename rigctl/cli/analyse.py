@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from rigctl.analysis.options import DRUM, AnalysisOptions, declared
-from rigctl.cli.arguments import a_path
+from rigctl.cli.arguments import a_path, add_option
 from rigctl.cli.encoder_options import add_declared, add_resources, options_of, resources_of
 from rigctl.errors import WrongUse
 
@@ -22,12 +22,8 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument(
-        "sessions", nargs="+", type=a_path("SESSION"), metavar="SESSION", help="session folders"
-    )
-    parser.add_argument(
-        "--out", type=a_path("--out"), required=True, metavar="REPORT", help="new folder"
-    )
+    add_option(parser, "sessions", a_path, "SESSION", "session folders", nargs="+")
+    add_option(parser, "--out", a_path, "REPORT", "new folder", required=True)
     add_declared(parser, AnalysisOptions)
     add_resources(parser)
 

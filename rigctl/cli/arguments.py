@@ -1,4 +1,4 @@
-"""Types of arguments: numbers within limits, and paths that a file can have.
+"""Options and arguments of commands: numbers within limits, and paths that a file can have.
 
 Each refuses in one sentence that names the argument. Limits are far beyond any use, and near
 enough that nothing is allocated for them.
@@ -9,12 +9,17 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from rigctl.config.text_file import kind_of, shorten
+from rigctl.config.typed_number import number_in_steps, typed_number
 from rigctl.errors import WrongUse
 from rigctl.protocol.plan import MAX_SEED
 
+Kind = Callable[[str, str], Any]
+"""Takes the name of an option and its text; returns the value or raises WrongUse."""
 MAX_WORKERS = 1024
 MAX_REPEATS = 100_000
 MAX_NUMBER = 1_000_000_000
@@ -24,100 +29,67 @@ _MAX_PATH_BYTES = 4000
 _MORE_WORKERS = "--more-workers-than-cores"
 
 
-def whole_number(option: str, low: int, high: int = MAX_NUMBER) -> Callable[[str], int]:
-    """Return a type of whole numbers from ``low`` to ``high``; it raises WrongUse for others."""
+def add_option(
+    parser: argparse._ActionsContainer,
+    name: str,
+    kind: Kind,
+    metavar: str | None = None,
+    help_text: str | None = None,
+    **settings: Any,
+) -> None:
+    """Add an option or argument whose text a ``kind`` turns into a value."""
+    shown = name if name.startswith("-") else metavar or name.upper()
+    parser.add_argument(
+        name, type=partial(kind, shown), metavar=metavar, help=help_text, **settings
+    )
 
-    def parse(text: str) -> int:
-        value = _number(text, int)
-        if value is None or not low <= value <= high:
+
+def whole_number(low: int, high: int = MAX_NUMBER) -> Kind:
+    """Return the kind of whole numbers from ``low`` to ``high``; it raises WrongUse for others."""
+
+    def parse(option: str, text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:  # also for more digits than Python converts
+            value = low - 1
+        if not low <= value <= high:
             given = f"{option} {shorten(text, 40)}"
             raise WrongUse(f"{given}: give a whole number from {low:,} to {high:,}")
-        return int(value)
-
-    return parse
-
-
-def number(option: str, low: float, high: float) -> Callable[[str], float]:
-    """Return a type of numbers from ``low`` to ``high``; it raises WrongUse for others."""
-
-    def parse(text: str) -> float:
-        value = _number(text, float)
-        if value is None or not low <= value <= high:
-            raise WrongUse(
-                f"{option} {shorten(text, 40)}: give a number from {low:,.10g} to {high:,.10g}"
-            )
         return value
 
     return parse
 
 
-def a_path(option: str) -> Callable[[str], Path]:
-    """Return a type of paths to a file or folder; it raises WrongUse for a pipe or a device."""
+def number(low: float, high: float) -> Kind:
+    """Return the kind of numbers from ``low`` to ``high``; it raises WrongUse for others.
 
-    def parse(text: str) -> Path:
-        return Path(_checked_path(option, text))
+    "." and "," are both decimal marks, "1,000" is refused: it may mean 1 or 1000.
+    """
+
+    def parse(option: str, text: str) -> float:
+        given = shorten(text, 40)
+        wrong = WrongUse(f"{option} {given}: give a number from {low:,.10g} to {high:,.10g}")
+        try:
+            value = number_in_steps(given, 2) if "," in given else typed_number(given)
+        except WrongUse as reason:
+            raise (WrongUse(f"{option} {reason}") if "," in given else wrong) from reason
+        if not low <= value <= high:
+            raise wrong
+        return float(value)
 
     return parse
 
 
-def path_or_name(option: str) -> Callable[[str], str]:
-    """Return a type as :func:`a_path` for what may be a name, too, such as ``virtual``."""
-
-    def parse(text: str) -> str:
-        return _checked_path(option, text)
-
-    return parse
+WORKERS = whole_number(1, MAX_WORKERS)
 
 
-def add_seed(
-    parser: argparse.ArgumentParser,
-    help_text: str,
-    default: int | None = None,
-    required: bool = False,
-) -> None:
-    """Add ``--seed``."""
-    parser.add_argument(
-        "--seed",
-        type=whole_number("--seed", 0, MAX_SEED),
-        default=default,
-        required=required,
-        help=help_text,
-    )
+def a_path(option: str, text: str) -> Path:
+    """Return the path to a file or folder. Raises WrongUse for a pipe or a device."""
+    return Path(path_or_name(option, text))
 
 
-def add_more_workers(parser: argparse.ArgumentParser, default: int) -> None:
-    """Add the option to use more workers than this computer has cores."""
-    parser.set_defaults(default_workers=default)
-    parser.add_argument(
-        _MORE_WORKERS, action="store_true", help="allow --workers beyond the cores of this computer"
-    )
-
-
-def worker_type() -> Callable[[str], int]:
-    """Return the type of ``--workers``."""
-    return whole_number("--workers", 1, MAX_WORKERS)
-
-
-def workers_of(args: argparse.Namespace) -> int:
-    """Return the number of workers. Raises WrongUse for more than cores, unless asked for twice."""
-    cores = os.cpu_count() or 1
-    workers = int(args.workers)
-    if workers > max(cores, args.default_workers) and not args.more_workers_than_cores:
-        raise WrongUse(
-            f"--workers {workers}: this computer has {cores} cores; add {_MORE_WORKERS} if you "
-            "mean it"
-        )
-    return workers
-
-
-def _number(text: str, kind: Callable[[str], float]) -> float | None:
-    try:
-        return kind(text)
-    except ValueError:  # also for more digits than Python converts
-        return None
-
-
-def _checked_path(option: str, text: str) -> str:
+def path_or_name(option: str, text: str) -> str:
+    """Check as :func:`a_path` what may be a name, too, such as ``virtual``."""
     name = os.fsencode(text)
     shown = f"{option} {shorten(text)}"
     if not text or b"\0" in name:
@@ -130,3 +102,34 @@ def _checked_path(option: str, text: str) -> str:
     if kind not in ("", "a folder"):
         raise WrongUse(f"{shown} is {kind}: give a file or a folder")
     return text
+
+
+def add_seed(
+    parser: argparse.ArgumentParser,
+    help_text: str,
+    default: int | None = None,
+    required: bool = False,
+) -> None:
+    """Add ``--seed``."""
+    kind = whole_number(0, MAX_SEED)
+    add_option(parser, "--seed", kind, None, help_text, default=default, required=required)
+
+
+def add_more_workers(parser: argparse.ArgumentParser, default: int) -> None:
+    """Add the option to use more workers than this computer has cores."""
+    parser.set_defaults(default_workers=default)
+    parser.add_argument(
+        _MORE_WORKERS, action="store_true", help="allow --workers beyond the cores of this computer"
+    )
+
+
+def workers_of(args: argparse.Namespace) -> int:
+    """Return the number of workers. Raises WrongUse for more than cores, unless asked for twice."""
+    cores = os.cpu_count() or 1
+    workers = int(args.workers)
+    if workers > max(cores, args.default_workers) and not args.more_workers_than_cores:
+        raise WrongUse(
+            f"--workers {workers}: this computer has {cores} cores; add {_MORE_WORKERS} if you "
+            "mean it"
+        )
+    return workers

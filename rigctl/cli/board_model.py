@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rigctl.cli.arguments import a_path
+from rigctl.cli.arguments import a_path, add_option
 from rigctl.errors import WrongUse
 
 REPRESENTATION = "Speed Scaled"
@@ -14,13 +14,8 @@ REPRESENTATION = "Speed Scaled"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the part."""
-    parser.add_argument(
-        "model",
-        type=a_path("MODEL"),
-        metavar="MODEL",
-        help="session with a trained model, or a model file",
-    )
-    parser.add_argument("--out", type=a_path("--out"), required=True, metavar="FILE.h")
+    add_option(parser, "model", a_path, "MODEL", "session with a trained model, or a model file")
+    add_option(parser, "--out", a_path, "FILE.h", required=True)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -32,7 +32,7 @@ from rigctl.acquisition.notices import wiring_notice
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.setup.progress import note_calibration
 from rigctl.cli import calibrate_wiring
-from rigctl.cli.arguments import add_seed, number, path_or_name
+from rigctl.cli.arguments import add_option, add_seed, number, path_or_name
 from rigctl.cli.progress import ask
 from rigctl.cli.world import add_world, chosen_world
 from rigctl.config.toml_edit import replace_file
@@ -43,11 +43,8 @@ MAX_LOAD_G = 1e6
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument(
-        "--rig",
-        type=path_or_name("--rig"),
-        required=True,
-        help="virtual, firmware, or a rig.toml",
+    add_option(
+        parser, "--rig", path_or_name, help_text="virtual, firmware, or a rig.toml", required=True
     )
     add_world(parser)
     add_seed(parser, "seed of a simulated rig", default=0)
@@ -58,17 +55,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object at the end")
     parts = parser.add_subparsers(dest="part", required=True, metavar="PART")
     cell = parts.add_parser("loadcell", help="find the scale of the load cell from known masses")
-    cell.add_argument(
-        "--mass",
-        type=number("--mass", -MAX_LOAD_G, MAX_LOAD_G),
-        action="append",
-        required=True,
-        metavar="G",
-    )
+    add_option(cell, "--mass", number(-MAX_LOAD_G, MAX_LOAD_G), "G", action="append", required=True)
     force = parts.add_parser(
         "force", help="find the gains of the force loop from a step at a held force"
     )
-    force.add_argument("--force", type=number("--force", 0, MAX_LOAD_G), default=500.0, metavar="G")
+    add_option(force, "--force", number(0, MAX_LOAD_G), "G", default=500.0)
     parts.add_parser("imbalance", help="measure the load-cell error over the drum's angle")
     tare = parts.add_parser("tare", help="set the reading of the lifted drum to 0 g")
     tare.add_argument(

@@ -15,7 +15,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from rigctl.cli.arguments import a_path, add_seed, path_or_name
+from rigctl.cli.arguments import a_path, add_option, add_seed, path_or_name
 from rigctl.config.resources import find_any_protocol
 from rigctl.config.rig_config import RigConfig, load_config, load_finger_config
 from rigctl.errors import CheckFailed
@@ -71,25 +71,19 @@ SIMULATED = ("virtual", "firmware")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument(
-        "protocol",
-        type=path_or_name("PROTOCOL"),
-        help="a file, or the name of a built-in protocol",
+    add_option(
+        parser, "protocol", path_or_name, help_text="a file, or the name of a built-in protocol"
     )
     add_seed(parser, "seed of the trial order, instead of the protocol's")
-    parser.add_argument(
+    add_option(
+        parser,
         "--rig",
-        type=path_or_name("--rig"),
+        path_or_name,
+        "RIG",
+        "virtual, firmware, a rig.toml or a finger.toml: whose limits hold (virtual)",
         default=SIMULATED[0],
-        metavar="RIG",
-        help="virtual, firmware, a rig.toml or a finger.toml: whose limits hold (virtual)",
     )
-    parser.add_argument(
-        "--out",
-        type=a_path("--out"),
-        metavar="DIR",
-        help="exit with 1 if the disk of DIR is too small",
-    )
+    add_option(parser, "--out", a_path, "DIR", "exit with 1 if the disk of DIR is too small")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 

@@ -9,27 +9,18 @@ from __future__ import annotations
 import argparse
 import json
 
-from rigctl.cli.arguments import a_path, add_more_workers, worker_type
+from rigctl.cli.arguments import WORKERS, a_path, add_more_workers, add_option
 from rigctl.cli.encoder_options import resources_of
 from rigctl.config.toml_edit import replace_file
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("model", type=a_path("MODEL"), metavar="MODEL", help="a model file")
-    parser.add_argument(
-        "sessions", nargs="+", type=a_path("SESSION"), metavar="SESSION", help="folders"
-    )
+    add_option(parser, "model", a_path, "MODEL", "a model file")
+    add_option(parser, "sessions", a_path, "SESSION", "folders", nargs="+")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.add_argument(
-        "--out",
-        type=a_path("--out"),
-        metavar="FILE",
-        help="write the predictions: JSON to .json, else CSV",
-    )
-    parser.add_argument(
-        "--workers", type=worker_type(), default=1, metavar="N", help="processors to use (1)"
-    )
+    add_option(parser, "--out", a_path, "FILE", "write the predictions: JSON to .json, else CSV")
+    add_option(parser, "--workers", WORKERS, "N", "processors to use (1)", default=1)
     add_more_workers(parser, default=1)
     parser.set_defaults(dask=None, no_cache=True)  # options that resources_of reads
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.messages import RunStatus
-from rigctl.cli.arguments import a_path, add_seed
+from rigctl.cli.arguments import a_path, add_option, add_seed
 from rigctl.cli.progress import ProgressLine
 from rigctl.cli.run import EXIT_CODES, watch_run
 from rigctl.cli.verify import print_session
@@ -29,9 +29,7 @@ FIGURES = "figures"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument(
-        "--out", type=a_path("--out"), metavar="DIR", help="folder of the new session"
-    )
+    add_option(parser, "--out", a_path, "DIR", "folder of the new session")
     add_seed(parser, "seed of the simulated rig (1)", default=1)
     parser.add_argument("--rig", choices=("virtual", "firmware"), default="virtual")
     add_world(parser)

@@ -35,7 +35,7 @@ from platformdirs.unix import Unix
 from gui.app import DEBIAN_PACKAGES
 from rigctl.acquisition.health import ACTIVE_WINDOW_S, RESERVE_BYTES
 from rigctl.acquisition.rpc.engine_files import LOG, EngineFile, running_engines, runtime_folder
-from rigctl.cli.arguments import a_path
+from rigctl.cli.arguments import a_path, add_option
 from rigctl.cli.ports import SILENT_FIRST
 from rigctl.config.resources import checkout, flash_image
 from rigctl.config.rig_config import RigConfig
@@ -154,18 +154,20 @@ class Finding:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument(
+    add_option(
+        parser,
         "--out",
-        type=a_path("--out"),
-        metavar="DIR",
+        a_path,
+        "DIR",
+        "the folder where sessions go, whose disk is tested (sessions)",
         default=Path("sessions"),
-        help="the folder where sessions go, whose disk is tested (sessions)",
     )
-    parser.add_argument(
+    add_option(
+        parser,
         "--write-udev-rule",
-        type=a_path("--write-udev-rule"),
-        metavar="FILE",
-        help="write the rule for the boards' serial ports to FILE, and say how to install it",
+        a_path,
+        "FILE",
+        "write the rule for the boards' serial ports to FILE, and say how to install it",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 

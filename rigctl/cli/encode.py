@@ -12,24 +12,20 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from rigctl.analysis.options import EncoderOptions
-from rigctl.cli.arguments import a_path, number, whole_number
+from rigctl.cli.arguments import a_path, add_option, number, whole_number
 from rigctl.cli.encoder_options import add_declared, add_resources, options_of, resources_of
 from rigctl.errors import WrongUse
 
 if TYPE_CHECKING:
     from rigctl.analysis.cache import Cache
     from rigctl.analysis.encoded_sessions import Encoded
-    from rigctl.analysis.taxel import TaxelRequest
+    from rigctl.analysis.taxel import EncodeRequest
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument(
-        "sessions", nargs="+", type=a_path("SESSION"), metavar="SESSION", help="session folders"
-    )
-    parser.add_argument(
-        "--out", type=a_path("--out"), metavar="DIR", help="new folder for the spikes"
-    )
+    add_option(parser, "sessions", a_path, "SESSION", "session folders", nargs="+")
+    add_option(parser, "--out", a_path, "DIR", "new folder for the spikes")
     parser.add_argument(
         "--scaled-by",
         choices=("none", "texture", "blind"),
@@ -46,17 +42,15 @@ def _add_taxel(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group(
         "one taxel of one trial, from the reading to its spikes (the paper's Fig. 2D, Movie S2)"
     )
-    group.add_argument(
+    add_option(
+        group,
         "--trial",
-        type=whole_number("--trial", 0),
-        metavar="ID",
-        help="number of the trial (the nearest to that of Fig. 2C); with --out: DIR/taxel.*",
+        whole_number(0),
+        "ID",
+        "number of the trial (the nearest to that of Fig. 2C); with --out: DIR/taxel.*",
     )
-    group.add_argument(
-        "--taxel",
-        type=whole_number("--taxel", 1),
-        metavar="N",
-        help="number of the taxel, from 1 (the most active one)",
+    add_option(
+        group, "--taxel", whole_number(1), "N", "number of the taxel, from 1 (the most active one)"
     )
     files = (
         ("--figure", "new .svg, .png or .pdf of every signal"),
@@ -64,28 +58,31 @@ def _add_taxel(parser: argparse.ArgumentParser) -> None:
         ("--movie", "new .gif or .mp4 in which the signals grow, or .png of its last frame"),
     )
     for name, words in files:
-        group.add_argument(name, type=a_path(name), metavar="FILE", help=words)
-    group.add_argument(
+        add_option(group, name, a_path, "FILE", words)
+    add_option(
+        group,
         "--start",
-        type=number("--start", 0, 3600),
+        number(0, 3600),
+        "S",
+        "time in the trial at which figure and movie begin (0)",
         default=0.0,
-        metavar="S",
-        help="time in the trial at which figure and movie begin (0)",
     )
-    group.add_argument(
+    add_option(
+        group,
         "--seconds",
-        type=number("--seconds", 0.01, 3600),
+        number(0.01, 3600),
+        "S",
+        "how much of the trial they show (1); a movie plays for 10 s",
         default=1.0,
-        metavar="S",
-        help="how much of the trial they show (1); a movie plays for 10 s",
     )
 
 
 def run(args: argparse.Namespace) -> int:
     """Write the files; the last lines on standard output name them."""
+    from rigctl.analysis.encoded_sessions import encode_sessions
     from rigctl.analysis.taxel import encode_taxel
 
-    request = _taxel_request(args)
+    request = _request(args)
     if args.out is None and not request.files:
         raise WrongUse(
             "nothing to write: give --out DIR for the spikes of all trials, or --figure, --csv or "
@@ -93,7 +90,10 @@ def run(args: argparse.Namespace) -> int:
         )
     request.check_files()
     if args.out is not None:
-        _write_spikes(args)
+        now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+        with resources_of(args) as resources:
+            encoded = encode_sessions(request, args.out, now, resources)
+        print("\n".join(_summary(encoded, resources.cache)), flush=True)
     if request.files:
         with resources_of(args) as resources:
             remarks = encode_taxel(request, resources)
@@ -103,12 +103,12 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _taxel_request(args: argparse.Namespace) -> TaxelRequest:
+def _request(args: argparse.Namespace) -> EncodeRequest:
     from rigctl.analysis.force_scaling import ScaledBy
-    from rigctl.analysis.taxel import TaxelRequest
+    from rigctl.analysis.taxel import EncodeRequest
 
     options = options_of(args, EncoderOptions)
-    return TaxelRequest(
+    return EncodeRequest(
         options.sessions,
         options.parameters,
         reference_g=options.reference_g,
@@ -122,27 +122,6 @@ def _taxel_request(args: argparse.Namespace) -> TaxelRequest:
         csv=args.csv,
         movie=args.movie,
     )
-
-
-def _write_spikes(args: argparse.Namespace) -> None:
-    from rigctl.analysis.encoded_sessions import EncodeRequest, encode_sessions
-    from rigctl.analysis.force_scaling import ScaledBy
-
-    options = options_of(args, EncoderOptions)
-    request = EncodeRequest(
-        options.sessions,
-        args.out,
-        options.parameters,
-        reference_g=options.reference_g,
-        ranges=options.load_ranges(),
-        scaled_by=ScaledBy(args.scaled_by),
-        trial=args.trial,
-        taxel=args.taxel,
-    )
-    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    with resources_of(args) as resources:
-        encoded = encode_sessions(request, now, resources)
-    print("\n".join(_summary(encoded, resources.cache)), flush=True)
 
 
 def _summary(encoded: Encoded, cache: Cache) -> list[str]:

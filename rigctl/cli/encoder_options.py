@@ -7,16 +7,18 @@ import sys
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import Field, fields
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rigctl.analysis.options import EncoderOptions, declared
 from rigctl.cli.arguments import (
+    WORKERS,
     a_path,
     add_more_workers,
+    add_option,
     number,
     path_or_name,
     whole_number,
-    worker_type,
     workers_of,
 )
 from rigctl.cli.progress import ProgressLine
@@ -60,25 +62,22 @@ def _how(option: str, one: Field[Any]) -> dict[str, Any]:
     if kind == "tuple[str, ...]":
         return {**how, "action": "append", "default": []}
     if kind == "int":
-        how["type"] = whole_number(option, int(declared_as["low"]), int(declared_as["high"]))
+        limits = int(declared_as["low"]), int(declared_as["high"])
+        how["type"] = partial(whole_number(*limits), option)
     elif kind == "float":
-        how["type"] = number(option, declared_as["low"], declared_as["high"])
+        how["type"] = partial(number(declared_as["low"], declared_as["high"]), option)
     elif kind == "Path":
-        how["type"] = a_path(option)
+        how["type"] = partial(a_path, option)
     elif kind == "Path | str":
-        how["type"] = path_or_name(option)
+        how["type"] = partial(path_or_name, option)
     return how
 
 
 def add_resources(parser: argparse.ArgumentParser) -> None:
     """Add the options of the workers and the cache."""
     workers = parser.add_mutually_exclusive_group()
-    workers.add_argument(
-        "--workers",
-        type=worker_type(),
-        default=1,
-        metavar="N",
-        help="processors to use on this computer (1)",
+    add_option(
+        workers, "--workers", WORKERS, "N", "processors to use on this computer (1)", default=1
     )
     workers.add_argument(
         "--dask",
@@ -88,11 +87,12 @@ def add_resources(parser: argparse.ArgumentParser) -> None:
     )
     add_more_workers(parser, default=1)
     cache = parser.add_mutually_exclusive_group()
-    cache.add_argument(
+    add_option(
+        cache,
         "--cache",
-        type=a_path("--cache"),
-        metavar="DIR",
-        help="folder that keeps encoded conditions for later runs (at most 4 GiB; the least "
+        a_path,
+        "DIR",
+        "folder that keeps encoded conditions for later runs (at most 4 GiB; the least "
         "recently used are removed first; remove the folder to clear it). Default: rigctl in the "
         "system's cache folder, on Linux $XDG_CACHE_HOME or ~/.cache",
     )

@@ -11,7 +11,7 @@ from rigctl.acquisition.drum_commands import DrumCommands
 from rigctl.acquisition.engine import Engine
 from rigctl.acquisition.live_file import LiveWriter
 from rigctl.acquisition.run_request import RunRequest
-from rigctl.cli.arguments import path_or_name, whole_number
+from rigctl.cli.arguments import add_option, path_or_name, whole_number
 from rigctl.cli.engine_process import EngineProcess, utc_now
 from rigctl.cli.world import add_wirings, add_world, chosen_world, session_world
 from rigctl.protocol.plan import MAX_SEED
@@ -23,16 +23,14 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("--rig", type=path_or_name("--rig"), required=True)
+    add_option(parser, "--rig", path_or_name, required=True)
     parser.add_argument("--name", default=None)
-    parser.add_argument("--seed", type=whole_number("--seed", 0, MAX_SEED), default=0)
+    add_option(parser, "--seed", whole_number(0, MAX_SEED), default=0)
     parser.add_argument("--paced", action="store_true")
-    parser.add_argument("--protocol", type=path_or_name("--protocol"), default=None)
-    parser.add_argument("--out", type=path_or_name("--out"), default=None)
-    parser.add_argument("--resume", type=path_or_name("--resume"), default=None)
-    parser.add_argument(
-        "--order-seed", type=whole_number("--order-seed", 0, MAX_SEED), default=None
-    )
+    add_option(parser, "--protocol", path_or_name, default=None)
+    add_option(parser, "--out", path_or_name, default=None)
+    add_option(parser, "--resume", path_or_name, default=None)
+    add_option(parser, "--order-seed", whole_number(0, MAX_SEED), default=None)
     parser.add_argument("--yes", action="store_true")
     add_world(parser)
     add_wirings(parser)
@@ -45,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     )
     with closing(rig):
         process = EngineProcess(args.name, args.rig, is_bench=not rig.simulated)
-        live = LiveWriter(process.live_path)
+        live = LiveWriter(process.live_path, rig.config.taxels.count)
         engine = Engine(rig, live, utc_now, real_time=args.paced or not rig.simulated)
         with closing(live):
             return process.serve(engine, DrumCommands(engine).handle, _run_request(args))

@@ -7,7 +7,7 @@ from contextlib import closing
 
 from rigctl.acquisition.rpc.engine_files import FINGER_EXPERIMENT
 from rigctl.analysis.finger.classifier import COVERAGE, ERROR_RATE
-from rigctl.cli.arguments import number, path_or_name, whole_number
+from rigctl.cli.arguments import add_option, number, path_or_name, whole_number
 from rigctl.cli.engine_process import EngineProcess, utc_now
 from rigctl.cli.world import add_world, chosen_world
 from rigctl.finger_rig import open_finger_rig
@@ -20,22 +20,20 @@ from rigctl.realtime.live_file import FingerLiveWriter
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("--rig", type=path_or_name("--rig"), required=True)
+    add_option(parser, "--rig", path_or_name, required=True)
     parser.add_argument("--name", default=None)
-    parser.add_argument("--seed", type=whole_number("--seed", 0, MAX_SEED), default=0)
-    parser.add_argument("--session", type=whole_number("--session", 0), default=0)
-    parser.add_argument("--first-slide", type=whole_number("--first-slide", 0), default=0)
+    add_option(parser, "--seed", whole_number(0, MAX_SEED), default=0)
+    add_option(parser, "--session", whole_number(0), default=0)
+    add_option(parser, "--first-slide", whole_number(0), default=0)
     parser.add_argument("--paced", action="store_true")
     parser.add_argument("--stage", action="append", default=[])
-    parser.add_argument("--protocol", type=path_or_name("--protocol"), default=DEFAULT_PROTOCOL)
-    parser.add_argument("--model", type=path_or_name("--model"), default=None)
-    parser.add_argument("--out", type=path_or_name("--out"), default=None)
-    parser.add_argument("--resume", type=path_or_name("--resume"), default=None)
-    parser.add_argument(
-        "--order-seed", type=whole_number("--order-seed", 0, MAX_SEED), default=None
-    )
-    parser.add_argument("--error-rate", type=number("--error-rate", 0, 1), default=ERROR_RATE)
-    parser.add_argument("--coverage", type=number("--coverage", 0, 1), default=COVERAGE)
+    add_option(parser, "--protocol", path_or_name, default=DEFAULT_PROTOCOL)
+    add_option(parser, "--model", path_or_name, default=None)
+    add_option(parser, "--out", path_or_name, default=None)
+    add_option(parser, "--resume", path_or_name, default=None)
+    add_option(parser, "--order-seed", whole_number(0, MAX_SEED), default=None)
+    add_option(parser, "--error-rate", number(0, 1), default=ERROR_RATE)
+    add_option(parser, "--coverage", number(0, 1), default=COVERAGE)
     parser.add_argument("--yes", action="store_true")
     add_world(parser)
 

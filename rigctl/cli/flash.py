@@ -14,7 +14,7 @@ import argparse
 import asyncio
 import sys
 
-from rigctl.cli.arguments import a_path
+from rigctl.cli.arguments import a_path, add_option
 from rigctl.cli.progress import ProgressLine
 from rigctl.errors import WrongUse
 
@@ -25,24 +25,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.add_argument("board", nargs="?", choices=BOARDS, help="which board")
     parser.add_argument("--port", help="its port, such as /dev/ttyACM0 or COM4; default: find it")
-    parser.add_argument(
+    add_option(
+        parser,
         "--image",
-        type=a_path("--image"),
-        metavar="FILE.hex",
-        help="another image than that of this installation; the finger's is exported by the "
-        "Arduino IDE",
+        a_path,
+        "FILE.hex",
+        "another image than that of this installation; the finger's is exported by the Arduino IDE",
     )
-    parser.add_argument(
+    add_option(
+        parser,
         "--sketches",
-        type=a_path("--sketches"),
-        metavar="DIR",
-        help="write the sketches of all boards below this folder, and flash nothing",
+        a_path,
+        "DIR",
+        "write the sketches of all boards below this folder, and flash nothing",
     )
-    parser.add_argument(
+    add_option(
+        parser,
         "--model",
-        type=a_path("--model"),
-        metavar="FILE.h",
-        help="with --sketches: a model of `rigctl realtime board` for the finger's sketch",
+        a_path,
+        "FILE.h",
+        "with --sketches: a model of `rigctl realtime board` for the finger's sketch",
     )
 
 

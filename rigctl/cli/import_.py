@@ -17,7 +17,7 @@ from pathlib import Path
 
 from rigctl.analysis.notes import summarise_notes
 from rigctl.cli import INTERRUPTED
-from rigctl.cli.arguments import a_path
+from rigctl.cli.arguments import a_path, add_option
 from rigctl.cli.progress import Interrupts, ProgressLine
 from rigctl.cli.verify import print_session
 from rigctl.config.text_file import shorten
@@ -96,19 +96,18 @@ GUESSED = Path("map.toml")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument(
-        "files", nargs="+", type=a_path("FILE"), metavar="FILE", help="a recording, or a folder"
-    )
+    add_option(parser, "files", a_path, "FILE", "a recording, or a folder", nargs="+")
     parser.add_argument(
         "--guess", action="store_true", help="write a map for these files; import nothing"
     )
-    parser.add_argument(
+    add_option(
+        parser,
         "--map",
-        type=a_path("--map"),
-        metavar="MAP",
-        help=f"a TOML file; with --guess the new one (default: {GUESSED})",
+        a_path,
+        "MAP",
+        f"a TOML file; with --guess the new one (default: {GUESSED})",
     )
-    parser.add_argument("--out", type=a_path("--out"), metavar="DIR", help="the new session")
+    add_option(parser, "--out", a_path, "DIR", "the new session")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 

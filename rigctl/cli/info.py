@@ -10,13 +10,13 @@ import argparse
 import json
 from typing import Any
 
-from rigctl.cli.arguments import a_path
+from rigctl.cli.arguments import a_path, add_option
 from rigctl.session.summary import summarise_session
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("session", type=a_path("SESSION"), help="a session's folder")
+    add_option(parser, "session", a_path, help_text="a session's folder")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 

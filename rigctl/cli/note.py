@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 from datetime import UTC, datetime
 
-from rigctl.cli.arguments import a_path, whole_number
+from rigctl.cli.arguments import a_path, add_option, whole_number
 from rigctl.errors import WrongUse
 from rigctl.session.notes import Mark, SessionNote
 from rigctl.session.session import add_note, open_session
@@ -19,18 +19,17 @@ from rigctl.session.session import add_note, open_session
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("session", type=a_path("SESSION"), help="a session's folder")
+    add_option(parser, "session", a_path, help_text="a session's folder")
     parser.add_argument(
         "text", nargs="?", type=str.strip, help="the note; without it, the notes are listed"
     )
-    parser.add_argument(
-        "--trial", type=whole_number("--trial", 1), metavar="N", help="the trial that it is about"
-    )
-    parser.add_argument(
+    add_option(parser, "--trial", whole_number(1), "N", "the trial that it is about")
+    add_option(
+        parser,
         "--attempt",
-        type=whole_number("--attempt", 1),
-        metavar="N",
-        help="which attempt at it; without it the one that counts",
+        whole_number(1),
+        "N",
+        "which attempt at it; without it the one that counts",
     )
     verdict = parser.add_mutually_exclusive_group()
     verdict.add_argument("--bad", action="store_true", help="the trial does not count")

@@ -9,21 +9,13 @@ from __future__ import annotations
 import argparse
 from datetime import UTC, datetime
 
-from rigctl.cli.arguments import a_path
+from rigctl.cli.arguments import a_path, add_option
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument(
-        "reports",
-        nargs="+",
-        type=a_path("REPORT"),
-        metavar="REPORT",
-        help="report folders of analyse",
-    )
-    parser.add_argument(
-        "--out", type=a_path("--out"), required=True, metavar="DIR", help="new folder"
-    )
+    add_option(parser, "reports", a_path, "REPORT", "report folders of analyse", nargs="+")
+    add_option(parser, "--out", a_path, "DIR", "new folder", required=True)
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
 
 

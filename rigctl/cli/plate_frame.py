@@ -8,7 +8,7 @@ import os
 from pathlib import Path
 from statistics import fmean
 
-from rigctl.cli.arguments import a_path
+from rigctl.cli.arguments import a_path, add_option
 from rigctl.cli.progress import ask
 from rigctl.config.rig_config import load_finger_config
 from rigctl.devices.trackers.plate_frame import PlateFrame, Vector, fit_plate_frame
@@ -27,18 +27,10 @@ CHECK_PERIOD_S = 0.01
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the part."""
-    parser.add_argument(
-        "--rig",
-        type=a_path("--rig"),
-        required=True,
-        help="finger.toml that names the tracker",
+    add_option(
+        parser, "--rig", a_path, help_text="finger.toml that names the tracker", required=True
     )
-    parser.add_argument(
-        "--out",
-        type=a_path("--out"),
-        metavar="FILE",
-        help=f"file to write ({FRAME_FILE} beside finger.toml)",
-    )
+    add_option(parser, "--out", a_path, "FILE", f"file to write ({FRAME_FILE} beside finger.toml)")
 
 
 def run(args: argparse.Namespace) -> int:

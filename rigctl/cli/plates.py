@@ -10,7 +10,7 @@ import argparse
 from math import pi
 from typing import TYPE_CHECKING
 
-from rigctl.cli.arguments import a_path, number
+from rigctl.cli.arguments import a_path, add_option, number
 from rigctl.cli.world import add_world, chosen_world
 from rigctl.errors import WrongUse
 
@@ -20,14 +20,13 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument(
-        "--out", type=a_path("--out"), required=True, metavar="DIR", help="a new folder"
-    )
-    parser.add_argument(
+    add_option(parser, "--out", a_path, "DIR", "a new folder", required=True)
+    add_option(
+        parser,
         "--drum-radius",
-        type=number("--drum-radius", 50, 92),
-        metavar="MM",
-        help="radius of your drum below its plates; default: that of the bench",
+        number(50, 92),
+        "MM",
+        "radius of your drum below its plates; default: that of the bench",
     )
     add_world(parser)
 

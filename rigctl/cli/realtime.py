@@ -16,7 +16,7 @@ import argparse
 from pathlib import Path
 
 from rigctl.cli import board_model, plate_frame, realtime_movie, realtime_stages
-from rigctl.cli.arguments import a_path, add_seed, number, path_or_name, whole_number
+from rigctl.cli.arguments import a_path, add_option, add_seed, number, path_or_name, whole_number
 from rigctl.cli.world import add_world
 from rigctl.realtime.model_files import REPRESENTATIONS
 
@@ -26,13 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parts = parser.add_subparsers(dest="part", required=True, metavar="PART")
     train = parts.add_parser("train", help="record normalisation and training scans, and train")
     _add_recording(train)
-    train.add_argument(
-        "--components",
-        type=whole_number("--components", 1),
-        default=25,
-        metavar="K",
-        help="principal components (25)",
-    )
+    add_option(train, "--components", whole_number(1), "K", "principal components (25)", default=25)
     calibrate = parts.add_parser("calibrate", help="record the scans that centre the classifier")
     _add_recording(calibrate)
     _add_model(calibrate, "session of `rigctl realtime train`, or a model file")
@@ -44,30 +38,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=REPRESENTATIONS,
         help="with or without speed scaling (speed-scaled, or that of the model file)",
     )
-    run_part.add_argument(
+    add_option(
+        run_part,
         "--error-rate",
-        type=number("--error-rate", 0, 1),
-        metavar="SHARE",
-        help="share of wrong answers among those given before the end (0.05)",
+        number(0, 1),
+        "SHARE",
+        "share of wrong answers among those given before the end (0.05)",
     )
-    run_part.add_argument(
+    add_option(
+        run_part,
         "--coverage",
-        type=number("--coverage", 0, 1),
-        metavar="SHARE",
-        help="share of the texture sets that hold the true texture (0.95)",
+        number(0, 1),
+        "SHARE",
+        "share of the texture sets that hold the true texture (0.95)",
     )
     demo = parts.add_parser("demo", help="train, calibrate and run with the virtual finger")
-    demo.add_argument(
-        "--protocol",
-        type=path_or_name("--protocol"),
-        default="quick",
-        help="built-in name or file (quick)",
+    add_option(
+        demo, "--protocol", path_or_name, help_text="built-in name or file (quick)", default="quick"
     )
-    demo.add_argument(
-        "--rig", type=path_or_name("--rig"), default="virtual", help="virtual or firmware"
-    )
+    add_option(demo, "--rig", path_or_name, help_text="virtual or firmware", default="virtual")
     add_seed(demo, "seed of the virtual finger (0)", default=0)
-    demo.add_argument("--out", type=a_path("--out"), default=Path("realtime-demo"), metavar="DIR")
+    add_option(demo, "--out", a_path, "DIR", default=Path("realtime-demo"))
     plate_frame.add_arguments(
         parts.add_parser("frame", help="find the place of the plate from its touched corners")
     )
@@ -92,32 +83,22 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _add_recording(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
+    add_option(
+        parser,
         "--rig",
-        type=path_or_name("--rig"),
+        path_or_name,
+        help_text="virtual, firmware, or a finger.toml",
         default="virtual",
-        help="virtual, firmware, or a finger.toml",
     )
-    parser.add_argument(
-        "--protocol", type=path_or_name("--protocol"), help="built-in name or file (paper)"
-    )
-    parser.add_argument(
-        "--out", type=a_path("--out"), metavar="DIR", help="folder of the new session"
-    )
-    parser.add_argument(
-        "--resume", type=a_path("--resume"), metavar="DIR", help="continue a session"
-    )
+    add_option(parser, "--protocol", path_or_name, help_text="built-in name or file (paper)")
+    add_option(parser, "--out", a_path, "DIR", "folder of the new session")
+    add_option(parser, "--resume", a_path, "DIR", "continue a session")
     add_seed(parser, "seed of order and virtual finger")
-    parser.add_argument(
-        "--session",
-        type=whole_number("--session", 0),
-        metavar="N",
-        help="session of the virtual finger",
-    )
+    add_option(parser, "--session", whole_number(0), "N", "session of the virtual finger")
     parser.add_argument("--yes", action="store_true", help="lay simulated plates without asking")
     parser.add_argument("--paced", action="store_true", help="simulate at the speed of real time")
     add_world(parser)
 
 
 def _add_model(parser: argparse.ArgumentParser, text: str) -> None:
-    parser.add_argument("--model", type=a_path("--model"), required=True, metavar="PATH", help=text)
+    add_option(parser, "--model", a_path, "PATH", text, required=True)

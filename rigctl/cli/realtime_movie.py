@@ -7,26 +7,24 @@ import sys
 
 from rigctl.analysis.finger.movie import read_timeline, write_movie
 from rigctl.analysis.movies import check_movie_file
-from rigctl.cli.arguments import a_path, whole_number
+from rigctl.cli.arguments import a_path, add_option, whole_number
 from rigctl.cli.progress import ProgressLine
 from rigctl.cli.verify import print_missing
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the part."""
-    parser.add_argument("session", type=a_path("SESSION"), metavar="SESSION", help="session folder")
-    parser.add_argument(
-        "--trial",
-        type=whole_number("--trial", 0),
-        metavar="N",
-        help="number of the trial (the last committed one)",
+    add_option(parser, "session", a_path, "SESSION", "session folder")
+    add_option(
+        parser, "--trial", whole_number(0), "N", "number of the trial (the last committed one)"
     )
-    parser.add_argument(
+    add_option(
+        parser,
         "--out",
-        type=a_path("--out"),
+        a_path,
+        "FILE",
+        "new .gif or .mp4 that plays in real time, or .png of its last frame",
         required=True,
-        metavar="FILE",
-        help="new .gif or .mp4 that plays in real time, or .png of its last frame",
     )
 
 

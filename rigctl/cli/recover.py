@@ -11,13 +11,13 @@ import argparse
 import json
 from dataclasses import asdict
 
-from rigctl.cli.arguments import a_path
+from rigctl.cli.arguments import a_path, add_option
 from rigctl.session.recover import recover
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("session", type=a_path("SESSION"), help="a session's folder")
+    add_option(parser, "session", a_path, help_text="a session's folder")
     parser.add_argument(
         "--dry-run", action="store_true", help="only say what would be done, change nothing"
     )

@@ -27,7 +27,7 @@ from rigctl.acquisition.rpc.messages import (
     parse_status,
 )
 from rigctl.cli import INTERRUPTED
-from rigctl.cli.arguments import a_path, add_seed, path_or_name
+from rigctl.cli.arguments import a_path, add_option, add_seed, path_or_name
 from rigctl.cli.progress import Interrupts, ProgressLine, clock
 from rigctl.cli.verify import print_missing, print_session
 from rigctl.cli.world import add_wirings, add_world
@@ -46,30 +46,27 @@ KEYS = "p pause · r resume · a abort · c clear a fault · t take control · e
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument(
+    add_option(
+        parser,
         "protocol",
+        path_or_name,
+        "PROTOCOL",
+        "a file, or the name of a built-in protocol",
         nargs="?",
-        type=path_or_name("PROTOCOL"),
-        metavar="PROTOCOL",
-        help="a file, or the name of a built-in protocol",
     )
-    parser.add_argument(
+    add_option(
+        parser,
         "--rig",
-        type=path_or_name("--rig"),
-        metavar="RIG",
-        help="virtual, firmware, or a rig.toml (default: that of the session, else virtual)",
+        path_or_name,
+        "RIG",
+        "virtual, firmware, or a rig.toml (default: that of the session, else virtual)",
     )
     add_world(parser)
     add_wirings(parser)
-    parser.add_argument(
-        "--out",
-        type=a_path("--out"),
-        metavar="DIR",
-        help="folder of the new session (default: sessions/TIME-NAME)",
+    add_option(
+        parser, "--out", a_path, "DIR", "folder of the new session (default: sessions/TIME-NAME)"
     )
-    parser.add_argument(
-        "--resume", type=a_path("--resume"), metavar="DIR", help="continue a session"
-    )
+    add_option(parser, "--resume", a_path, "DIR", "continue a session")
     add_seed(parser, "seed of the trial order and of a simulated rig")
     parser.add_argument("--yes", action="store_true", help="change simulated plates without asking")
     parser.add_argument(

@@ -18,7 +18,7 @@ from contextlib import closing
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from rigctl.cli.arguments import add_seed, whole_number
+from rigctl.cli.arguments import add_option, add_seed, whole_number
 from rigctl.cli.world import add_wirings, add_world, chosen_world
 from rigctl.errors import WrongUse
 from rigctl.finger_rig import open_finger_rig
@@ -53,18 +53,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     finger.add_argument(
         "--finger", action="store_true", help="offer the moving finger instead of the drum"
     )
-    finger.add_argument(
+    add_option(
+        finger,
         "--udp",
-        type=whole_number("--udp", 1, 65_535),
-        metavar="PORT",
-        help="send the tracker's positions to this port, too",
+        whole_number(1, 65_535),
+        "PORT",
+        "send the tracker's positions to this port, too",
     )
-    finger.add_argument(
-        "--session",
-        type=whole_number("--session", 0),
-        metavar="N",
-        help="session of the person (0)",
-    )
+    add_option(finger, "--session", whole_number(0), "N", "session of the person (0)")
 
 
 def run(args: argparse.Namespace) -> int:

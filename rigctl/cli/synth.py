@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING
 from rigctl.cli import INTERRUPTED
 from rigctl.cli.arguments import (
     MAX_REPEATS,
+    WORKERS,
     a_path,
     add_more_workers,
+    add_option,
     add_seed,
     path_or_name,
     whole_number,
-    worker_type,
     workers_of,
 )
 from rigctl.cli.progress import Interrupts, Pace, ProgressLine, clock
@@ -37,37 +38,32 @@ MAX_SESSIONS = 1000
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument(
+    add_option(
+        parser,
         "--plan",
-        type=path_or_name("--plan"),
+        path_or_name,
+        "PROTOCOL",
+        "a file, or the name of a built-in protocol",
         required=True,
-        metavar="PROTOCOL",
-        help="a file, or the name of a built-in protocol",
     )
-    parser.add_argument(
+    add_option(
+        parser,
         "--repeats",
-        type=whole_number("--repeats", 1, MAX_REPEATS),
-        metavar="N",
-        help="number of repeats, instead of the protocol's",
+        whole_number(1, MAX_REPEATS),
+        "N",
+        "number of repeats, instead of the protocol's",
     )
     add_seed(parser, "seed of the simulated bench and of the trial order", required=True)
     add_world(parser)
-    parser.add_argument(
-        "--out", type=a_path("--out"), required=True, metavar="DIR", help="the new session"
-    )
-    parser.add_argument(
+    add_option(parser, "--out", a_path, "DIR", "the new session", required=True)
+    add_option(
+        parser,
         "--sessions",
-        type=whole_number("--sessions", 1, MAX_SESSIONS),
-        metavar="N",
-        help="spread the repeats over N sessions below DIR, each with its own gains",
+        whole_number(1, MAX_SESSIONS),
+        "N",
+        "spread the repeats over N sessions below DIR, each with its own gains",
     )
-    parser.add_argument(
-        "--workers",
-        type=worker_type(),
-        default=2,
-        metavar="N",
-        help="processors to use (default 2)",
-    )
+    add_option(parser, "--workers", WORKERS, "N", "processors to use (default 2)", default=2)
     add_more_workers(parser, default=2)
     parser.add_argument(
         "--resume", action="store_true", help="continue the data set in DIR, if there is one"

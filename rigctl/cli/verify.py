@@ -13,7 +13,7 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from rigctl.cli.arguments import a_path
+from rigctl.cli.arguments import a_path, add_option
 from rigctl.cli.progress import ProgressLine, remaining
 from rigctl.session.session import describe_missing
 from rigctl.session.session_reader import read_closing_digest
@@ -40,7 +40,7 @@ QUIET_S = 2.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("session", type=a_path("SESSION"), help="a session's folder")
+    add_option(parser, "session", a_path, help_text="a session's folder")
     parser.add_argument(
         "--digest",
         type=parse_digest,

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from rigctl.cli.arguments import a_path
+from rigctl.cli.arguments import a_path, add_option
 from rigctl.cli.progress import ProgressLine
 from rigctl.config.text_file import is_plain_file
 from rigctl.errors import CheckFailed, SessionError
@@ -48,7 +48,7 @@ class Look(NamedTuple):
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("session", type=a_path("SESSION"), help="a session's folder")
+    add_option(parser, "session", a_path, help_text="a session's folder")
 
 
 def run(args: argparse.Namespace) -> int:

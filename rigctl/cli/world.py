@@ -10,7 +10,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rigctl.cli.arguments import a_path
+from rigctl.cli.arguments import a_path, add_option
 from rigctl.errors import SessionError
 
 if TYPE_CHECKING:
@@ -19,11 +19,12 @@ if TYPE_CHECKING:
 
 def add_world(parser: argparse.ArgumentParser) -> None:
     """Add ``--world FILE`` to a command that opens a simulated rig."""
-    parser.add_argument(
+    add_option(
+        parser,
         "--world",
-        type=a_path("--world"),
-        metavar="FILE",
-        help="a simulated rig's plates, sensor and mechanics; `rigctl world` prints them",
+        a_path,
+        "FILE",
+        "a simulated rig's plates, sensor and mechanics; `rigctl world` prints them",
     )
 
 
@@ -65,12 +66,13 @@ def _wiring_name(text: str) -> str:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument(
+    add_option(
+        parser,
         "source",
-        type=a_path("FILE"),
+        a_path,
+        "FILE|SESSION",
+        "a world file to complete, or a session; default: the nominal bench",
         nargs="?",
-        metavar="FILE|SESSION",
-        help="a world file to complete, or a session; default: the nominal bench",
     )
 
 

@@ -105,8 +105,7 @@ def _from_text(path: Path, mapping: ImportMap) -> FileTrials:
         table = read_text_table(path, form, mapping.channels, mapping.label_columns)
     except OSError as error:
         raise WrongUse(f"cannot read {path}: {error.strerror or error}") from error
-    rows = table.first_row + np.arange(len(table.values))
-    whole = TrialTable(path, str(path), table.names, table.values, rows)
+    whole = TrialTable(path, str(path), table.names, table.values, table.row_numbers)
     keys = [
         LabelColumn(column, *whole.texts_of(column, table.texts))
         for column in mapping.label_columns

@@ -32,6 +32,7 @@ from rigctl.exchange.text_table import (
     HEAD_ROWS,
     TextFormat,
     count_header_rows,
+    first_rows,
     is_number,
     read_first_lines,
     read_text_table,
@@ -84,7 +85,12 @@ _FORCE_UNITS = {
     "kg": "kg|kgf",
     "g": "g|gf|grams?",
 }
-_TIME_UNITS = {"ms": "ms|msec|millis", "us": "us|µs|usec|micros", "ns": "ns", "s": "s|sec|seconds"}
+_TIME_UNITS = {
+    "ms": "ms|msec|millis",
+    "us": "us|[µμ]s|usec|micros",
+    "ns": "ns",
+    "s": "s|sec|seconds",
+}
 UNITS = {"speed": _SPEED_UNITS, "force": {**_FORCE_UNITS, "mm": "mm"}, "time": _TIME_UNITS}
 """Expressions of the units of each role."""
 ANY_UNIT = "|".join([*_SPEED_UNITS.values(), *_FORCE_UNITS.values(), "mm"])
@@ -194,10 +200,10 @@ def _read_text(paths: Sequence[Path]) -> RecordingSample:
                 f"{path} has {_describe(other)}, but {paths[0].name} has {_describe(head)}: guess "
                 "a map for each layout"
             )
-    rows = _first_rows(paths[0], form, FIRST_LINES)
-    rows = rows[count_header_rows(rows[:HEAD_ROWS]) :]
+    rows = [row for _, row in first_rows(paths[0], form, FIRST_LINES)]
+    rows = rows[count_header_rows(rows[:HEAD_ROWS], form.decimal) :]
     columns = [[row[k] for row in rows if k < len(row)] for k in range(head[1])]
-    labels = [str(k + 1) for k, cells in enumerate(columns) if _are_labels(cells)]
+    labels = [str(k + 1) for k, cells in enumerate(columns) if _are_labels(cells, form.decimal)]
     table = read_text_table(paths[0], form, (), labels)
     return RecordingSample(
         paths[0], table.names, bounded(table.values), bool(head[0]), table.texts, form=form
@@ -227,11 +233,6 @@ def _find_format(path: Path) -> TextFormat:
     return best._replace(decimal=",") if has_commas else best
 
 
-def _first_rows(path: Path, form: TextFormat, count: int) -> list[list[str]]:
-    lines = read_first_lines(path, count, form.skip_lines)
-    return [form.cells(_cells(line, form.delimiter)) for _, line in lines]
-
-
 def _cells(line: str, delimiter: str) -> list[str]:
     """Return the cells of a line, the whole line where this letter leaves too long a cell."""
     try:
@@ -242,11 +243,11 @@ def _cells(line: str, delimiter: str) -> list[str]:
 
 def _head(path: Path, form: TextFormat) -> tuple[tuple[str, ...], int]:
     """Return the names in a table's header, none without one, and its number of columns."""
-    rows = _first_rows(path, form, HEAD_ROWS)
+    rows = [row for _, row in first_rows(path, form, HEAD_ROWS)]
     if not rows:
         raise WrongUse(f"{path} is empty")
     refuse_too_many(path, len(rows[0]))
-    return tuple(rows[0]) if count_header_rows(rows) else (), len(rows[0])
+    return tuple(rows[0]) if count_header_rows(rows, form.decimal) else (), len(rows[0])
 
 
 def _describe(head: tuple[tuple[str, ...], int]) -> str:
@@ -255,9 +256,9 @@ def _describe(head: tuple[tuple[str, ...], int]) -> str:
     return f"the columns {shown} ({count})" if names else f"{count} columns without names"
 
 
-def _are_labels(cells: Sequence[str]) -> bool:
+def _are_labels(cells: Sequence[str], decimal: str) -> bool:
     """Return whether a column has texts that repeat, so that they may be labels."""
-    is_text = any(not is_number(cell) for cell in cells)
+    is_text = any(not is_number(cell.replace(decimal, ".")) for cell in cells)
     return is_text and (len(cells) < 4 or len(set(cells)) <= len(cells) / 2)
 
 

@@ -34,6 +34,7 @@ GRAMS = {"g": 1.0, "kg": 1000.0, "N": 101.971621, "mN": 0.101971621, KPA: 0.1019
 """Factors to g; that of ``kPa`` for an area of 1 mm²."""
 LABEL_GRAMS = {**GRAMS, LEVEL: 1.0, DEPTH: 1.0}
 MAX_FACTOR = 1e9
+SIZE_UNITS = {"radius_mm": "mm", "area_mm2": "mm²"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,52 +45,47 @@ class Conversion:
     unit: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class _Choice:
-    """Keys of a table that say a unit: the unit, a length or area for one of them, a factor."""
-
-    unit: str
-    size: str
-    size_unit: str
-    sized: str
-    factor: str
-
-
 def read_speed_unit(labels: TomlTable) -> Conversion:
     """Return the unit of speed labels. Raises ConfigError for ``rpm`` without a radius."""
-    keys = _Choice("speed_unit", "radius_mm", "mm", RPM, "speed_factor")
-    return _read(labels, keys, MM_PER_S, "mm/s")
+    return _read(labels, "speed_unit", MM_PER_S, "mm/s", RPM, "radius_mm")
 
 
 def read_force_unit(labels: TomlTable) -> Conversion:
     """Return the unit of force labels. Raises ConfigError for ``kPa`` without an area."""
-    keys = _Choice("force_unit", "area_mm2", "mm²", KPA, "force_factor")
-    return _read(labels, keys, LABEL_GRAMS, "g")
+    return _read(labels, "force_unit", LABEL_GRAMS, "g", KPA, "area_mm2")
 
 
 def read_loadcell_unit(loadcell: TomlTable) -> Conversion:
     """Return the unit of the load cell. Raises ConfigError for ``kPa`` without an area."""
-    keys = _Choice("unit", "area_mm2", "mm²", KPA, "factor")
-    return _read(loadcell, keys, GRAMS, "g")
+    return _read(loadcell, "unit", GRAMS, "g", KPA, "area_mm2")
 
 
 def _read(
-    table: TomlTable, keys: _Choice, factors: Mapping[str, float], default: str
+    table: TomlTable,
+    key: str,
+    factors: Mapping[str, float],
+    default: str,
+    sized: str,
+    size_key: str,
 ) -> Conversion:
-    """Return the factor of the unit, of its length or area, or the map's own."""
-    unit = table.choice(keys.unit, factors, default)
-    table.allow(keys.size, keys.factor)
-    if keys.factor in table:
-        if keys.unit in table or keys.size in table:
-            table.fail(keys.factor, f"stands in place of {keys.unit}: give one of them")
-        return Conversion(table.number(keys.factor, low=1 / MAX_FACTOR, high=MAX_FACTOR), default)
-    if keys.size in table and unit != keys.sized:
-        table.fail(keys.size, f"belongs to {keys.unit} = {keys.sized!r}, not to {unit!r}")
-    if unit != keys.sized:
+    """Return the factor of the unit, or the map's own; the unit ``sized`` needs a length or area.
+
+    Raises ConfigError.
+    """
+    unit, factor_key = table.choice(key, factors, default), key.replace("unit", "factor")
+    table.allow(size_key, factor_key)
+    if factor_key in table:
+        if key in table or size_key in table:
+            table.fail(factor_key, f"stands in place of {key}: give one of them")
+        return Conversion(table.number(factor_key, low=1 / MAX_FACTOR, high=MAX_FACTOR), default)
+    if unit != sized:
+        if size_key in table:
+            table.fail(size_key, f"belongs to {key} = {sized!r}, not to {unit!r}")
         return Conversion(factors[unit], unit)
-    if keys.size not in table:
-        table.fail(keys.unit, f"{unit} needs {keys.size}, in {keys.size_unit}")
-    size = table.number(keys.size, unit=keys.size_unit, low=1e-3, high=1e6)
+    size_unit = SIZE_UNITS[size_key]
+    if size_key not in table:
+        table.fail(key, f"{unit} needs {size_key}, in {size_unit}")
+    size = table.number(size_key, unit=size_unit, low=1e-3, high=1e6)
     return Conversion(factors[unit] * size, unit)
 
 

@@ -119,15 +119,14 @@ class TrialTable:
 
         ``texts``: those of columns that hold places already. A row without a value has -1.
         """
+        import pandas
+
         (index,) = self.indices([column])
-        values = self.values[:, index]
-        known = np.isfinite(values)
+        values = np.where(np.isfinite(self.values[:, index]), self.values[:, index], np.nan)
         if index in texts:
-            return np.where(known, values, NO_TRIAL).astype(np.int64), texts[index]
-        different, places = np.unique(values[known], return_inverse=True)
-        codes = np.full(len(values), NO_TRIAL, np.int64)
-        codes[known] = places
-        return codes, tuple(f"{value:.12g}" for value in different)
+            return np.nan_to_num(values, nan=NO_TRIAL).astype(np.int64), texts[index]
+        codes, different = pandas.factorize(values, sort=True)
+        return codes.astype(np.int64), tuple(f"{value:.12g}" for value in different)
 
 
 def bounded(values: Floats) -> Floats:
@@ -165,26 +164,25 @@ def split_trials(
     """
     if not keys:
         return FileTrials((whole,), tuple(remarks))
-    codes = np.stack([key.codes for key in keys], axis=1)
-    inside = (codes != NO_TRIAL).all(axis=1)
-    rows = np.flatnonzero(inside)
-    if not len(rows):
+    import pandas
+
+    codes = pandas.DataFrame({number: key.codes for number, key in enumerate(keys)})
+    inside = codes[(codes != NO_TRIAL).all(axis=1)]
+    if inside.empty:
         raise WrongUse(f"{whole.place}: no row has a value in {', '.join(k.name for k in keys)}")
-    found, first, place = np.unique(codes[rows], axis=0, return_index=True, return_inverse=True)
-    if len(found) > MAX_FILE_TRIALS:
+    found = inside.groupby(list(inside), sort=False)
+    if found.ngroups > MAX_FILE_TRIALS:
         columns = shorten(", ".join(key.name for key in keys))
         raise WrongUse(
-            f"{whole.place}: {columns} tell {len(found):,} trials apart, more than "
+            f"{whole.place}: {columns} tell {found.ngroups:,} trials apart, more than "
             f"{MAX_FILE_TRIALS:,}: these columns are no labels"
         )
-    by_trial = np.split(
-        rows[np.argsort(place.reshape(-1), kind="stable")],
-        np.cumsum(np.bincount(place.reshape(-1)))[:-1],
+    trials = tuple(
+        _cut(whole, rows.index.to_numpy(), keys, places, mapping) for places, rows in found
     )
-    trials = tuple(_cut(whole, by_trial[k], keys, found[k], mapping) for k in np.argsort(first))
     if len(trials) == 1:
         trials = (replace(trials[0], place=whole.place),)
-    lost = len(inside) - len(rows)
+    lost = len(codes) - len(inside)
     left_out = [f"{lost} rows without a label belong to no trial: left out"] if lost else []
     return FileTrials(trials, (*remarks, *left_out))
 
@@ -193,7 +191,7 @@ def _cut(
     whole: TrialTable,
     rows: NDArray[np.int64],
     keys: Sequence[LabelColumn],
-    codes: NDArray[np.int64],
+    codes: tuple[int, ...],
     mapping: ImportMap,
 ) -> TrialTable:
     """Return the rows of one trial with its labels."""

@@ -317,7 +317,7 @@ class FingerRun:
 
     def _record_position(self, position: Position, plate: PlatePosition) -> None:
         if self._recording:
-            self._recorder.add_position(track_row(position, plate))
+            self._recorder.add_row(track_row(position, plate))
 
     def _pass(self, message: Message, arrived_s: float) -> None:
         """Take no message: the attempt records what belongs to a scan."""

@@ -130,7 +130,7 @@ class ScanOutput:
 
     def add_window(self, report: WindowReport, arrived_s: float) -> None:
         """Record a window; the report of its batch follows it."""
-        self._recorder.add_window(window_row(report, arrived_s))
+        self._recorder.add_row(window_row(report, arrived_s))
         self._closed_windows += 1
 
     def add_batch(self, scan: ScanInProgress, report: BatchReport, arrived_s: float) -> None:
@@ -139,7 +139,7 @@ class ScanOutput:
         Windows that were closed with another velocity than the batch's own have no latency: its
         own came later, or never, and counts as late.
         """
-        self._recorder.add_batch(batch_row(scan, report, arrived_s))
+        self._recorder.add_row(batch_row(scan, report, arrived_s))
         sent = scan.data.sent.get(report.batch)
         is_own = report.source is VelocitySource.RECEIVED
         if self._closed_windows and sent is not None and is_own:
@@ -167,7 +167,7 @@ class ScanOutput:
         if row is None:
             return
         self.prediction = row
-        self._recorder.add_prediction(row)
+        self._recorder.add_row(row)
         sent = max((velocity.sent_s for velocity in scan.data.sent.values()), default=None)
         if sent is not None:
             self._add_latency(scan.number, PREDICTION, row.at_s, sent)
@@ -180,4 +180,4 @@ class ScanOutput:
     def _add_latency(self, scan: int, kind: str, at_s: float, since_s: float) -> None:
         ms = 1000.0 * (at_s - since_s)
         self._latencies.add(kind, ms)
-        self._recorder.add_latency(LatencyRow(at_s, scan, kind, ms))
+        self._recorder.add_row(LatencyRow(at_s, scan, kind, ms))

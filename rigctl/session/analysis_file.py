@@ -13,10 +13,12 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, TypedDict
 
 import h5py
+import msgspec
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from rigctl.config.rig_config import MAX_TAXELS
@@ -137,8 +139,20 @@ def read_inputs(file: Hdf5File) -> tuple[dict[str, Any], ...]:
     return read_source_sessions(file, "training/inputs" if file.has("training") else "inputs")
 
 
-_TEXTS = ("path", "content", "rig", "plan_hash", "begun_utc")
-_INTEGERS = ("seed", "simulation_seed", "trials_committed", "n_taxels")
+class SourceSession(TypedDict, total=False):
+    """The values of a source session that the program uses."""
+
+    path: str
+    content: str
+    rig: str
+    plan_hash: str
+    begun_utc: str
+    seed: int | None
+    simulation_seed: int | None
+    trials_committed: int | None
+    n_taxels: Annotated[int, Meta(ge=0, le=MAX_TAXELS)] | None
+    wiring: list[int] | None
+    scaling: list[list[float]]
 
 
 def read_source_sessions(file: Hdf5File, path: str) -> tuple[dict[str, Any], ...]:
@@ -147,29 +161,11 @@ def read_source_sessions(file: Hdf5File, path: str) -> tuple[dict[str, Any], ...
     Raises SessionError for damage and for values of another type than the program uses.
     """
     sources = parse_objects(file.text(path), file.path, path)
-    for source in sources:
-        for name, value in source.items():
-            if not _is_valid(name, value):
-                raise damage(file.path, path, f"has a wrong {name} of a session")
+    try:
+        msgspec.convert(sources, tuple[SourceSession, ...])
+    except msgspec.ValidationError as error:
+        raise damage(file.path, path, f"has a wrong value of a session: {error}") from error
     return sources
-
-
-def _is_valid(name: str, value: Any) -> bool:
-    """Return whether the program can use a value; it does not use those of other names."""
-    if name in _TEXTS:
-        return isinstance(value, str)
-    if name in _INTEGERS:
-        limit = MAX_TAXELS if name == "n_taxels" else None
-        return value is None or (type(value) is int and (limit is None or 0 <= value <= limit))
-    if name == "wiring":
-        return value is None or _is_list(value, int)
-    if name == "scaling":
-        return isinstance(value, list) and all(_is_list(pair, int, float) for pair in value)
-    return True
-
-
-def _is_list(value: Any, *types: type) -> bool:
-    return isinstance(value, list) and all(type(item) in types for item in value)
 
 
 HIGHEST_RATE_HZ = 1e6

@@ -210,24 +210,26 @@ PROBABILITY_DIGITS = 6
 _TEXT_BYTES = {column.name: column.text_bytes for column in PREDICTIONS.columns}
 
 
-def track_row(row: TrackRow) -> Row:
-    """Return one row of /track."""
-    return encode_row(row, TRACK)
+FingerRow = TrackRow | BatchRow | WindowRow | PredictionRow | LatencyRow
+_TABLES: dict[type[FingerRow], tuple[TableLayout, str]] = {
+    TrackRow: (TRACK, "at_s"),
+    BatchRow: (BATCHES, "reported_s"),
+    WindowRow: (WINDOWS, "arrived_s"),
+    PredictionRow: (PREDICTIONS, "at_s"),
+    LatencyRow: (LATENCIES, "at_s"),
+}
+"""The table of each kind of row, and the value that is its loop time."""
 
 
-def batch_row(row: BatchRow) -> Row:
-    """Return one row of /batches."""
-    return encode_row(row, BATCHES)
-
-
-def window_row(row: WindowRow) -> Row:
-    """Return one row of /windows."""
-    return encode_row((*row[:3], *row.spikes, row.arrived_s), WINDOWS)
-
-
-def latency_row(row: LatencyRow) -> Row:
-    """Return one row of /latencies."""
-    return encode_row(row, LATENCIES)
+def finger_row(row: FingerRow) -> tuple[TableLayout, float, Row]:
+    """Return the table of a row, its loop time and its values as stored."""
+    table, at = _TABLES[type(row)]
+    at_s = float(getattr(row, at))
+    if isinstance(row, PredictionRow):
+        return table, at_s, prediction_row(row)
+    if isinstance(row, WindowRow):
+        return table, at_s, encode_row((*row[:3], *row.spikes, row.arrived_s), table)
+    return table, at_s, encode_row(row, table)
 
 
 def prediction_row(row: PredictionRow) -> Row:

@@ -34,6 +34,7 @@ from rigctl.session.hdf5_file import (
     write_texts,
 )
 from rigctl.session.model_file import (
+    Classifier,
     TrainingInfo,
     check_arrays,
     read_arrays,
@@ -61,28 +62,6 @@ _CALIBRATION_ARRAYS = (
     ("logs", "", "log posteriors, centred by the other trials", "windows, trial, class"),
     ("distances", "", "squared distance from the nearest class", "windows, trial"),
 )
-
-
-@dataclass(frozen=True, slots=True)
-class WindowClassifier:
-    """PCA and LDA of the first k windows of a scan; arrays as in a drum's ``Model``.
-
-    ``mean`` float64 (p,), p = taxels · k; ``axes`` (p, c); ``variance`` (c,); ``factor`` (c, c);
-    ``whitened_means`` (c, classes); ``log_priors`` (classes,); ``dropped`` int64.
-    """
-
-    mean: Floats
-    axes: Floats
-    variance: Floats
-    factor: Floats
-    whitened_means: Floats
-    log_priors: Floats
-    dropped: Integers
-
-    @property
-    def components(self) -> int:
-        """Number of principal components."""
-        return int(self.axes.shape[1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +94,7 @@ class FingerModel:
     normalisation: Normalisation
     reference_um_per_s: int
     sensor: str
-    stages: tuple[WindowClassifier, ...]
+    stages: tuple[Classifier, ...]
     training: TrainingInfo
     calibration: FingerCalibration | None = None
 
@@ -181,10 +160,10 @@ def _read(file: Hdf5File) -> FingerModel:
     return model
 
 
-def _read_stages(file: Hdf5File) -> tuple[WindowClassifier, ...]:
+def _read_stages(file: Hdf5File) -> tuple[Classifier, ...]:
     numbers = range(1, len(file.members("windows")) + 1)
     arrays = (read_arrays(file, _stage(number), _WINDOW_ARRAYS) for number in numbers)
-    return tuple(WindowClassifier(**each) for each in arrays)
+    return tuple(Classifier(**each) for each in arrays)
 
 
 def _read_calibration(file: Hdf5File) -> FingerCalibration:

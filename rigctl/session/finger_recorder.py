@@ -9,26 +9,11 @@ from typing import ClassVar
 import numpy as np
 
 from rigctl.errors import WrongUse
-from rigctl.finger_values import (
-    BatchRow,
-    FingerSamples,
-    FingerTrialRow,
-    LatencyRow,
-    PredictionRow,
-    TrackRow,
-    WindowRow,
-)
+from rigctl.finger_values import FingerSamples, FingerTrialRow
 from rigctl.session import finger_layout
-from rigctl.session.finger_layout import (
-    batch_row,
-    finger_trial_row,
-    latency_row,
-    prediction_row,
-    track_row,
-    window_row,
-)
+from rigctl.session.finger_layout import FingerRow, finger_row, finger_trial_row
 from rigctl.session.header import SessionHeader
-from rigctl.session.layout import Row, SessionLayout, TableLayout
+from rigctl.session.layout import SessionLayout
 from rigctl.session.recorder import SessionRecorder
 from rigctl.values import Gap
 from rigctl.wire.finger_decoder import FingerBlock
@@ -89,25 +74,10 @@ class FingerRecorder(SessionRecorder):
         self._next_counter = int(block.counters[-1]) + 1
         self._put_block(samples)
 
-    def add_position(self, row: TrackRow) -> None:
-        """Record a position of the tracker."""
-        self._put_row(finger_layout.TRACK, row.at_s, track_row(row))
-
-    def add_batch(self, row: BatchRow) -> None:
-        """Record a batch that the board has scaled."""
-        self._put_row(finger_layout.BATCHES, row.reported_s, batch_row(row))
-
-    def add_window(self, row: WindowRow) -> None:
-        """Record a window of scaled time."""
-        self._put_row(finger_layout.WINDOWS, row.arrived_s, window_row(row))
-
-    def add_prediction(self, row: PredictionRow) -> None:
-        """Record an answer of the classifier."""
-        self._put_row(finger_layout.PREDICTIONS, row.at_s, prediction_row(row))
-
-    def add_latency(self, row: LatencyRow) -> None:
-        """Record a latency."""
-        self._put_row(finger_layout.LATENCIES, row.at_s, latency_row(row))
+    def add_row(self, row: FingerRow) -> None:
+        """Record a position, a batch, a window of scaled time, an answer or a latency."""
+        table, at_s, values = finger_row(row)
+        self._put(partial(self._writer.add_rows, table, at_s, [values]))
 
     def commit_trial(self, row: FingerTrialRow) -> None:
         """Record an attempt after its last sample, batch and window, and sync it immediately.
@@ -116,9 +86,6 @@ class FingerRecorder(SessionRecorder):
         """
         self._put_trial(row, partial(finger_trial_row, row))
         self._wake.set()
-
-    def _put_row(self, table: TableLayout, at_s: float, row: Row) -> None:
-        self._put(partial(self._writer.add_rows, table, at_s, [row]))
 
 
 def find_gaps(block: FingerBlock, next_counter: int | None) -> tuple[Gap, ...]:

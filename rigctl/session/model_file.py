@@ -86,15 +86,35 @@ class TrainingInfo:
 
 
 @dataclass(frozen=True, slots=True)
-class Model:
-    """Encoder, windows, principal components and discriminants of one representation.
+class Classifier:
+    """Principal components and discriminants; all arrays are in C order.
 
-    ``force``: how C scales the SA current: by the trial's own ``texture``, ``blind`` to it, or
-    empty for no scaling; a scaling needs ``c``.
     ``mean`` float64 (p,), ``axes`` (p, k), ``variance`` (k,), divisor n − 1: principal components.
     ``factor`` (k, k), lower Cholesky factor of the pooled within-class covariance of the scores
     (divisor n − classes); ``whitened_means`` (k, classes); ``log_priors`` (classes,); ``dropped``
-    int64, 0-based components that the classifier ignores. All arrays are in C order.
+    int64, 0-based components that the classifier ignores.
+    """
+
+    mean: Floats
+    axes: Floats
+    variance: Floats
+    factor: Floats
+    whitened_means: Floats
+    log_priors: Floats
+    dropped: NDArray[np.int64]
+
+    @property
+    def components(self) -> int:
+        """Number of principal components of a prediction."""
+        return int(self.axes.shape[1])
+
+
+@dataclass(frozen=True, slots=True)
+class Model(Classifier):
+    """The classifier of one representation, with encoder and windows.
+
+    ``force``: how C scales the SA current: by the trial's own ``texture``, ``blind`` to it, or
+    empty for no scaling; a scaling needs ``c``.
     """
 
     representation: str
@@ -104,13 +124,6 @@ class Model:
     parameters: EncoderParameters
     normalisation: Normalisation
     features: FeatureLayout
-    mean: Floats
-    axes: Floats
-    variance: Floats
-    factor: Floats
-    whitened_means: Floats
-    log_priors: Floats
-    dropped: NDArray[np.int64]
     c: ForceMatrix | None
     training: TrainingInfo
     sample_rate_hz: int = SAMPLE_RATE_HZ
@@ -119,11 +132,6 @@ class Model:
     def n_taxels(self) -> int:
         """Number of taxels of a sample."""
         return self.normalisation.n_taxels
-
-    @property
-    def components(self) -> int:
-        """Number of principal components of a prediction."""
-        return int(self.axes.shape[1])
 
 
 def save_model(model: Model, path: Path) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import astuple, dataclass, field
+from dataclasses import astuple, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,30 +73,20 @@ class RecordedScan:
         return self.counters - self.first_counter + lost_first
 
 
-@dataclass(slots=True)
-class ScanFindings:
-    """Problems and notes of a scan, sentences without its name."""
-
-    problems: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-
-
-def check_scan(scan: RecordedScan) -> ScanFindings:
-    """Return what does not agree in a scan."""
-    found = ScanFindings([*_check_flags(scan), *_check_batches(scan)])
-    if found.problems:  # without whole batches, nothing tells which samples the board had
-        found.problems += _check_spikes(scan, len(scan.counters))
-        return found
+def check_scan(scan: RecordedScan) -> tuple[list[str], list[str]]:
+    """Return problems and notes on what does not agree in a scan, sentences without its name."""
+    problems = [*_check_flags(scan), *_check_batches(scan)]
+    if problems:  # without whole batches, nothing tells which samples the board had
+        return [*problems, *_check_spikes(scan, len(scan.counters))], []
     known = _rows_before_a_loss(scan)
-    found.problems += _check_spikes(scan, known)
+    problems += _check_spikes(scan, known)
     if known == len(scan.counters):
-        found.problems += _check_windows(scan)
-    else:
-        found.notes.append(
-            f"samples from counter {scan.counters[known - 1] + 1 if known else scan.first_counter} "
-            "on were lost between board and host: later spikes and windows cannot be recomputed"
-        )
-    return found
+        return [*problems, *_check_windows(scan)], []
+    first = scan.counters[known - 1] + 1 if known else scan.first_counter
+    return problems, [
+        f"samples from counter {first} on were lost between board and host: later spikes and "
+        "windows cannot be recomputed"
+    ]
 
 
 def _check_flags(scan: RecordedScan) -> Iterator[str]:
@@ -199,9 +189,9 @@ def check_finger_part(part: PartReader, trials: StructuredArray) -> tuple[list[s
         window = window_rows(columns, part.n_samples, row)
         lines = [*check_attempt(row), *check_window(columns, part.n_samples, row)]
         if window:
-            found = check_scan(_recorded_scan(part, window, stored, tables))
-            lines += found.problems
-            notes += [f"{row.name}: {line}" for line in found.notes]
+            wrong, noted = check_scan(_recorded_scan(part, window, stored, tables))
+            lines += wrong
+            notes += [f"{row.name}: {line}" for line in noted]
         problems += [f"{row.name}: {line}" for line in lines]
     return [*problems, *check_overlap(rows)], notes
 

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from rigctl.analysis.learning_curve import (
     CurvePoint,
     GrowingFeatures,
-    LearningCurve,
     RecordedTrials,
+    learning_curve,
 )
 
 Features = dict[int, NDArray[np.float64]]
@@ -52,7 +52,7 @@ def _last_point(
         plate: {key: random.permutation(rows)[:n_trials].tolist() for key, rows in cells.items()}
         for plate, cells in trials.items()
     }
-    return LearningCurve().points(drawn, features)[-1]
+    return learning_curve(drawn, features, {})[-1]
 
 
 def main() -> None:

@@ -12,7 +12,12 @@ from rigctl.analysis import published
 from rigctl.analysis.comparisons import Agreement, compare_task, curve_differences
 from rigctl.analysis.representations import REPRESENTATIONS
 from rigctl.analysis.settings import AsteriskThresholds
-from rigctl.analysis.statistics import confusion_shares, task_curve_tests, two_proportions, welch
+from rigctl.analysis.statistics import (
+    confusion_shares,
+    task_curve_tests,
+    two_proportions,
+    welch_each,
+)
 from rigctl.analysis.tasks import Curve, TaskResult
 
 CLASSES = tuple("ABCDEFGHIJKLMNOP")
@@ -45,7 +50,7 @@ def test_each_number_of_components_has_welchs_test_and_its_asterisks() -> None:
     assert found["speed"]["stars"] == ["", "", "**"]
     assert found["force"]["stars"] == ["**", "", "**"] and found["force"]["effect"][0] < 0
     original, speed = (RESULT.curves[number].accuracy for number in (0, 1))
-    third = welch(speed[:, 2], original[:, 2])
+    third = welch_each(speed[:, 2:3], original[:, 2:3])[0]
     assert found["speed"]["p"][2] == pytest.approx(third.p, rel=1e-5)
     assert found["speed"]["effect"][2] == pytest.approx(third.effect, rel=1e-5)
     assert found["speed"]["rule"] == "* p < 0.05 and d > 0.5; ** p < 0.01 and d > 1"

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from rigctl.analysis.cache import Cache, Resources
-from rigctl.analysis.encoded_sessions import EncodeRequest, encode_sessions
+from rigctl.analysis.encoded_sessions import encode_sessions
 from rigctl.analysis.force_scaling import ScaledBy
 from rigctl.analysis.spike_counts import c_per_trial
+from rigctl.analysis.taxel import EncodeRequest
 from rigctl.analysis.trial_set import join_sessions, open_trials
 from rigctl.cli import main
 from rigctl.encoding.encoder import encode_trials
@@ -46,8 +47,8 @@ def days(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 def encode(days: list[Path], out: Path, **options: object) -> h5py.File:
-    request = EncodeRequest(tuple(days), out, **options)  # type: ignore[arg-type]  # the options are its fields, by name
-    return h5py.File(encode_sessions(request, WHEN, Resources()).file)
+    request = EncodeRequest(tuple(days), **options)  # type: ignore[arg-type]  # the options are its fields, by name
+    return h5py.File(encode_sessions(request, out, WHEN, Resources()).file)
 
 
 def test_conductances_are_encoded_as_a_named_choice(days: list[Path], tmp_path: Path) -> None:
@@ -55,7 +56,7 @@ def test_conductances_are_encoded_as_a_named_choice(days: list[Path], tmp_path: 
     with open_trials(trials.files) as reader:
         counts = [reader.read(trial) for trial in trials.trials]
     with Session.open(days[0]) as session:
-        inputs = input_of_each(session.wiring, "")
+        inputs = input_of_each(session.wiring, 6, "")
     samples = [conductance(one, inputs) for one in counts]
     ranges = Normalisation.from_samples(samples, "", Reading.CONDUCTANCE)
     with encode(days, tmp_path / "out", parameters=CONDUCTANCE) as file:
@@ -176,14 +177,13 @@ def test_an_interrupted_run_leaves_no_folder_and_can_be_continued(
         if stage == "writing spikes":
             raise KeyboardInterrupt
 
-    request = EncodeRequest(tuple(days), tmp_path / "out")
+    request = EncodeRequest(tuple(days))
     with pytest.raises(KeyboardInterrupt):
-        encode_sessions(
-            request, WHEN, Resources(cache=Cache(tmp_path / "cache"), progress=interrupt)
-        )
+        resources = Resources(cache=Cache(tmp_path / "cache"), progress=interrupt)
+        encode_sessions(request, tmp_path / "out", WHEN, resources)
     assert not (tmp_path / "out").exists() and not (tmp_path / "out.partial").exists()
     again = Cache(tmp_path / "cache")
-    encode_sessions(request, WHEN, Resources(cache=again))
+    encode_sessions(request, tmp_path / "out", WHEN, Resources(cache=again))
     assert again.hits == 2 + 6 and (tmp_path / "out" / "spikes.h5").is_file()
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.analysis.report.findings import findings
+from rigctl.analysis.report.html_report import findings
 from rigctl.analysis.representations import RepresentationSet, represent
 from rigctl.analysis.result_tables import describe_mountings, mounting_gaps, table_rows
 from rigctl.analysis.tasks import SweepSettings, run_tasks

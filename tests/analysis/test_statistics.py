@@ -10,21 +10,26 @@ from rigctl.analysis.statistics import (
     PROPORTION_ASTERISKS,
     TWO_PROPORTIONS,
     WELCH,
+    Difference,
     asterisks,
     describe_rule,
     standard_deviation,
     standard_error,
     two_proportions,
-    welch,
+    welch_each,
     wilson_interval,
 )
 from rigctl.errors import WrongUse
 
 
+def welch(first: list[float], second: list[float]) -> Difference:
+    (found,) = welch_each(np.array(first)[:, None], np.array(second)[:, None])
+    return found
+
+
 def test_welch_and_d_are_those_worked_by_hand() -> None:
     """Means 0.5 and 0.3, variances 0.01 and 0.04, n = 3 each: t = 0.2 / sqrt(0.05 / 3)."""
-    first, second = np.array([0.4, 0.5, 0.6]), np.array([0.1, 0.3, 0.5])
-    found = welch(first, second)
+    found = welch([0.4, 0.5, 0.6], [0.1, 0.3, 0.5])
     assert found.statistic == pytest.approx(0.2 / np.sqrt(0.05 / 3))
     assert found.effect == pytest.approx(0.2 / np.sqrt(0.025))
     assert found.p is not None and 0.19 < found.p < 0.25  # 2.94 degrees of freedom
@@ -53,18 +58,17 @@ def test_asterisks_need_both_bounds(p: float, effect: float, stars: str) -> None
 
 
 def test_an_undefined_test_has_a_sentence_and_no_number() -> None:
-    alike = np.full(20, 0.1 + 0.2)
-    found = welch(alike, alike - 0.1)
+    found = welch([0.1 + 0.2] * 20, [0.2] * 20)
     assert (found.statistic, found.p, found.effect, found.stars) == (None, None, None, "")
     assert any("Neither side varies" in sentence for sentence in found.assumptions)
-    lonely = welch(np.array([0.5]), np.array([0.6]))
+    lonely = welch([0.5], [0.6])
     assert lonely.p is None and any("One value" in s for s in lonely.assumptions)
     with pytest.raises(WrongUse, match="not a number"):
-        welch(np.array([0.5, np.nan]), np.array([0.6, 0.7]))
+        welch([0.5, np.nan], [0.6, 0.7])
 
 
 def test_weak_assumptions_are_reported() -> None:
-    high = welch(np.array([0.991, 0.993, 0.995]), np.array([0.90, 0.91, 0.92]))
+    high = welch([0.991, 0.993, 0.995], [0.90, 0.91, 0.92])
     assert any("close to 100 %" in s for s in high.assumptions)
     assert any("not independent" in s for s in high.assumptions)
 

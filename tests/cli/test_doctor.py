@@ -11,7 +11,6 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -94,15 +93,12 @@ class TestProgram:
         assert found.state is ATTENTION and found.sentence == "newcomer is missing"
         assert doctor.requirements(None)[0] == ">=3.11"
 
-    def test_a_package_that_is_missing_or_of_another_version_is_named(self) -> None:
-        found = doctor.check_packages(NEEDED, {"pymodbus": "3.16.0"}, "")
-        assert found.state is ATTENTION
-        assert "numpy is missing; pymodbus 3.16.0 is not " in found.sentence
-        assert "requirements.lock" in found.cure
-
-    def test_packages_are_listed_with_their_versions(self) -> None:
+    def test_packages_are_listed_or_named_with_what_is_wrong(self) -> None:
         found = doctor.check_packages(NEEDED, {"numpy": "2.4.6", "pymodbus": "3.16.1"}, "")
         assert found == Finding("packages", OK, "numpy 2.4.6, pymodbus 3.16.1")
+        found = doctor.check_packages(NEEDED, {"pymodbus": "3.16.0"}, "")
+        assert "numpy is missing; pymodbus 3.16.0 is not " in found.sentence
+        assert found.state is ATTENTION and "requirements.lock" in found.cure
 
     def test_a_package_that_cannot_be_imported_is_named_with_its_error(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -121,29 +117,28 @@ class TestProgram:
         monkeypatch.setenv("PYTHONPATH", str(tmp_path))
         assert doctor.import_error(["deadly"]) == f"it died with code -{signal.SIGABRT.value}"
 
-    def test_the_virtual_boards_of_this_computer_load(self) -> None:
+    def test_virtual_boards_load_or_are_not_compiled(self, tmp_path: Path) -> None:
         assert doctor.check_virtual_boards().state is OK
-
-    def test_virtual_boards_that_are_not_compiled_are_named(self, tmp_path: Path) -> None:
         found = doctor.check_virtual_boards([lambda: DrumFirmware(tmp_path / "none.so")])
         assert found.state is ATTENTION and "is not compiled" in found.sentence
         assert "g++" in found.cure and "python -m rigctl.host_build" in found.cure
 
-    def test_qt_that_does_not_start_on_the_display_is_told_in_its_own_words(self) -> None:
-        found = doctor.check_qt("linux", {**os.environ, "QT_QPA_PLATFORM": "nowhere"})
-        assert found.state is ATTENTION
-        assert "Qt does not start" in found.sentence and "nowhere" in found.sentence
-        assert "libxcb-cursor0" in found.cure
-
-    def test_qt_starts(self) -> None:
-        offscreen = {**os.environ, "QT_QPA_PLATFORM": "offscreen"}
-        assert doctor.check_qt("linux", offscreen).state is OK
-
-    def test_a_terminal_without_a_display_is_no_fault_of_qt(self) -> None:
-        names = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
+    @pytest.mark.parametrize(
+        ("platform", "state", "words"),
+        [
+            ("nowhere", ATTENTION, ["Qt does not start", "nowhere", "libxcb-cursor0"]),
+            ("offscreen", OK, ["starts on this display"]),
+            ("", UNKNOWN, ["ssh -X"]),
+        ],
+    )
+    def test_qt_is_started_on_the_display_that_there_is(
+        self, platform: str, state: doctor.State, words: list[str]
+    ) -> None:
+        names = ("DISPLAY", "WAYLAND_DISPLAY")
         without = {name: text for name, text in os.environ.items() if name not in names}
-        found = doctor.check_qt("linux", without)
-        assert found.state is UNKNOWN and "ssh -X" in found.cure
+        found = doctor.check_qt("linux", {**without, "QT_QPA_PLATFORM": platform})
+        assert found.state is state
+        assert all(word in f"{found.sentence} {found.cure}" for word in words)
 
     def test_a_computer_without_a_font_is_named(self, tmp_path: Path) -> None:
         put(tmp_path, {"usr/share/fonts/misc/fixed.pcf.gz": ""})
@@ -168,25 +163,23 @@ class TestPorts:
         found = doctor.check_permissions(root, 1000, [1000])
         assert found == Finding("port permissions", OK, "ada may open /dev/ttyACM0")
 
-    def test_a_user_outside_the_ports_group_is_told_to_join_it(self, root: Path) -> None:
-        self.plug(root)
+    @pytest.mark.parametrize(
+        ("members", "mode", "cure"),
+        [
+            ("bob", 0o660, "sudo usermod -aG dialout ada, then log out and in again; or "),
+            ("bob,ada", 0o660, "log out and in again: only then is ada in group dialout"),
+            ("bob", 0o600, "rigctl doctor --write-udev-rule"),
+        ],
+        ids=["outside the group", "joined since the login", "closed to the group"],
+    )
+    def test_a_port_that_does_not_open_has_a_cure(
+        self, root: Path, members: str, mode: int, cure: str
+    ) -> None:
+        self.plug(root, members, mode)
         found = doctor.check_permissions(root, 1000, [1000], closed)
         assert found.state is ATTENTION
-        assert found.sentence == "ada may not open /dev/ttyACM0 of group dialout"
-        assert found.cure.startswith("sudo usermod -aG dialout ada, then log out and in again; or ")
-        assert "--write-udev-rule" in found.cure
-
-    def test_who_has_joined_since_the_login_is_told_to_log_in_again(self, root: Path) -> None:
-        self.plug(root, "bob,ada")
-        found = doctor.check_permissions(root, 1000, [1000], closed)
-        assert found.state is ATTENTION and "log out and in again" in found.cure
-        assert "usermod" not in found.cure
-
-    def test_a_port_that_its_group_may_not_open_needs_the_rule(self, root: Path) -> None:
-        self.plug(root, mode=0o600)
-        found = doctor.check_permissions(root, 1000, [1000], closed)
-        assert found.state is ATTENTION
-        assert found.cure.startswith("rigctl doctor --write-udev-rule")
+        assert found.sentence.startswith("ada may not open /dev/ttyACM0")
+        assert found.cure.startswith(cure)
 
     def test_before_the_first_board_the_missing_group_is_told(self, root: Path) -> None:
         put(root, {"etc/group": "dialout:x:20:bob\n"})
@@ -246,23 +239,20 @@ class TestPorts:
 
 
 class TestClock:
-    def test_a_clock_that_is_synchronised_is_fine(self, tmp_path: Path) -> None:
-        put(tmp_path, {"run/systemd/timesync/synchronized": ""})
-        assert doctor.check_clock(tmp_path, "linux", NOW_S, 0.0).state is OK
-
-    def test_a_clock_that_nothing_keeps_is_named(self, tmp_path: Path) -> None:
-        found = doctor.check_clock(tmp_path, "linux", NOW_S, 0.0)
-        assert (found.state, found.cure) == (ATTENTION, "sudo timedatectl set-ntp true")
-
-    def test_a_service_that_has_reached_no_server_is_named(self, tmp_path: Path) -> None:
-        put(tmp_path, {"proc/300/comm": "systemd-timesyn\n"})
-        found = doctor.check_clock(tmp_path, "linux", NOW_S, 0.0)
-        assert found.state is ATTENTION and "timesync-status" in found.cure
-
-    def test_chrony_keeps_a_clock(self, tmp_path: Path) -> None:
-        put(tmp_path, {"proc/300/comm": "chronyd\n"})
-        found = doctor.check_clock(tmp_path, "linux", NOW_S, 0.0)
-        assert found == Finding("clock", OK, "chronyd keeps it")
+    @pytest.mark.parametrize(
+        ("files", "state", "words"),
+        [
+            ({"run/systemd/timesync/synchronized": ""}, OK, "is synchronised"),
+            ({}, ATTENTION, "sudo timedatectl set-ntp true"),
+            ({"proc/300/comm": "systemd-timesyn\n"}, ATTENTION, "timesync-status"),
+            ({"proc/300/comm": "chronyd\n"}, OK, "chronyd keeps it"),
+        ],
+    )
+    def test_who_keeps_the_clock_is_told(
+        self, tmp_path: Path, files: dict[str, str], state: doctor.State, words: str
+    ) -> None:
+        found = doctor.check_clock(put(tmp_path, files), "linux", NOW_S, 0.0)
+        assert found.state is state and words in f"{found.sentence} {found.cure}"
 
     def test_a_clock_that_went_back_is_named(self, tmp_path: Path) -> None:
         name = "var/lib/systemd/timesync/clock"
@@ -283,28 +273,34 @@ class TestClock:
 
 
 class TestDisk:
-    def disk(self, per_s: float, longest_s: float, folder: Path) -> tuple[float, float, int]:
-        return per_s, longest_s, 2 * 10**9
+    NEEDED_PER_S = recorded_bytes_per_s(RigConfig())
 
-    def test_a_disk_is_judged_by_what_a_session_needs(self, tmp_path: Path) -> None:
-        needed = recorded_bytes_per_s(RigConfig())
-        assert 18 * 2 * 1000 < needed < 100_000
-        assert doctor.check_disk(tmp_path, lambda _: (11.0 * needed, 0.9, 2 * 10**9)).state is OK
-        for per_s, longest_s in ((9.0 * needed, 0.01), (1e9, 1.1)):
-            measured = partial(self.disk, per_s, longest_s)
-            slow = doctor.check_disk(tmp_path, measured)
-            assert slow.state is ATTENTION and "too slow" in slow.sentence
-            assert "local disk" in slow.cure
+    @pytest.mark.parametrize(
+        ("per_s", "longest_s", "free_bytes", "state", "words"),
+        [
+            (11.0 * NEEDED_PER_S, 0.9, 2 * 10**9, OK, "has room for"),
+            (9.0 * NEEDED_PER_S, 0.01, 2 * 10**9, ATTENTION, "too slow: record on a local disk"),
+            (1e9, 1.1, 2 * 10**9, ATTENTION, "too slow: record on a local disk"),
+            (1e9, 0.001, 10**9, ATTENTION, "has room for 5 h"),
+        ],
+    )
+    def test_a_disk_is_judged_by_what_a_session_needs(
+        self,
+        tmp_path: Path,
+        per_s: float,
+        longest_s: float,
+        free_bytes: int,
+        state: doctor.State,
+        words: str,
+    ) -> None:
+        assert 18 * 2 * 1000 < self.NEEDED_PER_S < 100_000
+        found = doctor.check_disk(tmp_path, lambda _: (per_s, longest_s, free_bytes))
+        assert found.state is state and words in f"{found.sentence}: {found.cure}"
 
     def test_the_speed_is_measured_and_nothing_stays(self, tmp_path: Path) -> None:
         per_s, longest_s, free_bytes = doctor.measure_disk(tmp_path)
         assert per_s > 0 and longest_s > 0 and free_bytes > 0
         assert list(tmp_path.iterdir()) == []
-
-    def test_a_full_disk_is_named(self, tmp_path: Path) -> None:
-        found = doctor.check_disk(tmp_path, lambda _: (1e9, 0.001, 10**9))
-        assert found.state is ATTENTION and "make room" in found.cure
-        assert "has room for 5 h" in found.sentence
 
     def test_a_folder_that_cannot_be_written_is_named(self) -> None:
         found = doctor.check_disk(Path("/proc"), doctor.measure_disk)
@@ -412,20 +408,16 @@ class TestBoards:
         )
         return PortReport("/dev/ttyACM0", "Arduino Mega", identity)
 
-    def test_a_board_with_this_programs_firmware_is_fine(self) -> None:
-        found = doctor.check_board(self.board("drum", image_hash("drum")), doctor.installed_build)
-        assert found.state is OK and image_hash("drum") in found.sentence
-
     def test_another_build_is_named_with_the_line_that_flashes_it(self) -> None:
-        found = doctor.check_board(self.board("taxels", "00c0ffee"), doctor.installed_build)
+        own, build = image_hash("drum"), doctor.installed_build
+        found = doctor.check_board(self.board("drum", own), build)
+        assert found.state is OK and own in found.sentence
+        found = doctor.check_board(self.board("taxels", "00c0ffee"), build)
         assert found.state is ATTENTION and image_hash("taxels") in found.sentence
         assert found.cure == "rigctl flash taxels --port /dev/ttyACM0"
         assert doctor.check_board(self.board("taxels", "00c0ffee"), lambda _: "").state is OK
-
-    def test_the_fingers_build_differs_by_its_model(self) -> None:
-        assert (
-            doctor.check_board(self.board("finger", "00c0ffee"), doctor.installed_build).state is OK
-        )
+        # The finger's build differs by its model.
+        assert doctor.check_board(self.board("finger", "00c0ffee"), build).state is OK
 
     @pytest.mark.parametrize(
         ("error", "state", "cure"),

@@ -147,6 +147,23 @@ def test_rows_with_empty_cells_are_skipped(tmp_path: Path) -> None:
     assert inspection.remarks[0].endswith("1 rows lack a value, the first is row 9: left out")
 
 
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("\n", ",\n"), ("\n", "\n\n"), ("\n", "\r\n"), (",", " , "), (",", "§")],
+    ids=["delimiter at the end", "empty lines", "Windows", "spaces", "no ASCII"],
+)
+def test_other_forms_of_a_table_are_read_alike(tmp_path: Path, old: str, new: str) -> None:
+    path = write_csv(tmp_path / "silk_6cm_5N_1.csv", np.arange(50.0), ramp(50))
+    head, _, rows = path.read_text().partition("\n")
+    divided = head.replace(",", "§") if new == "§" else head
+    path.write_text(f"{divided}\n{rows.replace(old, new)}", newline="")
+    text = TIMED.replace("[files]\n", '[files]\ndelimiter = "§"\n') if new == "§" else TIMED
+    folder, inspection = run_import(tmp_path, text, [path])
+    assert inspection.remarks == ()
+    with Session.open(folder) as session:
+        np.testing.assert_array_equal(session.samples(0), ramp(50))
+
+
 def test_a_gap_at_a_block_edge_is_a_gap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rigctl.exchange.importer.BLOCK_ROWS", 100)
     time_ms = np.arange(300.0)

@@ -76,6 +76,16 @@ def test_a_table_without_header_may_have_textures(tmp_path: Path) -> None:
     assert trials_of(folder) == EXPECTED
 
 
+def test_a_single_column_divides_a_table_in_the_order_of_its_rows(tmp_path: Path) -> None:
+    text = (
+        '[labels]\ntexture = "felt"\nspeed_mm_s = 20\n[trials]\ncolumn = "run"\n'
+        '[time]\nrate_hz = 1000\n[taxels]\ncolumns = ["a", "b"]\n'
+    )
+    rows = [("felt", 20, 7), ("felt", 20, 2), ("felt", 20, 5)]
+    folder, _ = run_import(tmp_path, text, [write_table(tmp_path / "all.csv", rows)])
+    assert trials_of(folder) == [("felt", 20.0, "forward", k + 1, k) for k in range(3)]
+
+
 def test_rows_without_a_trial_are_left_out(tmp_path: Path) -> None:
     rows = [ROWS[0], ("", "", ""), ROWS[2]]
     folder, inspection = run_import(tmp_path, TABLE, [write_table(tmp_path / "all.csv", rows)])

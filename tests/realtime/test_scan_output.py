@@ -9,6 +9,7 @@ import pytest
 
 from rigctl.acquisition.event_bus import EventBus
 from rigctl.devices.trackers.velocity import BatchVelocity, EstimateSource
+from rigctl.finger_values import LatencyRow
 from rigctl.realtime.latency import LatencyLog
 from rigctl.realtime.scan_in_progress import ScanData, SentVelocity
 from rigctl.realtime.scan_recording import ScanOutput
@@ -21,12 +22,9 @@ class _Recorder:
     def __init__(self) -> None:
         self.latencies_ms: list[float] = []
 
-    def add_window(self, row: Any) -> None: ...
-
-    def add_batch(self, row: Any) -> None: ...
-
-    def add_latency(self, row: Any) -> None:
-        self.latencies_ms.append(row.ms)
+    def add_row(self, row: Any) -> None:
+        if isinstance(row, LatencyRow):
+            self.latencies_ms.append(row.ms)
 
 
 @pytest.mark.parametrize(

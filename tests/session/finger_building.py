@@ -148,7 +148,7 @@ class SyntheticFinger:
             self.now_s += size / 1000
             self._take()
             place = 50 + 200 * self.now_s
-            self.rec.add_position(TrackRow(self.now_s, place, 0.5, 2.0, place, 0.5, 1.0, True))
+            self.rec.add_row(TrackRow(self.now_s, place, 0.5, 2.0, place, 0.5, 1.0, True))
 
     def _frames(self, count: int) -> bytes:
         first = round(self.now_s * 1000)
@@ -169,15 +169,15 @@ class SyntheticFinger:
     def _record(self, received: Sequence[Message]) -> None:
         for message in received:
             if isinstance(message, BatchReport):
-                self.rec.add_batch(batch_row(message, self.now_s))
+                self.rec.add_row(batch_row(message, self.now_s))
             elif isinstance(message, WindowReport):
                 row = (message.scan, message.window, message.real_ms, message.spikes)
-                self.rec.add_window(WindowRow(*row, self.now_s))
+                self.rec.add_row(WindowRow(*row, self.now_s))
 
     def _predict(self, batch: int, trial: FingerTrial) -> None:
         answer = {trial.texture: 0.75, "other": 0.25}
         final = batch == len(VELOCITIES_UM_S) - 1
-        self.rec.add_prediction(
+        self.rec.add_row(
             PredictionRow(
                 self.scans,
                 self.now_s,
@@ -192,7 +192,7 @@ class SyntheticFinger:
                 is_final=final,
             )
         )
-        self.rec.add_latency(LatencyRow(self.now_s, self.scans, "features", 1.5))
+        self.rec.add_row(LatencyRow(self.now_s, self.scans, "features", 1.5))
 
 
 def taxel_frame(counter: int, readings: NDArray[np.uint16]) -> bytes:

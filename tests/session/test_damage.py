@@ -17,16 +17,12 @@ from rigctl.session.layout import SAMPLES, TRIALS
 from rigctl.session.part import PartReader
 from rigctl.session.session import Session
 from tests.session import building, finger_building
-from tests.session.block_session import record_in_blocks
 from tests.session.building import SyntheticRig, plan
 
 
 @pytest.fixture
-def drum(tmp_path: Path) -> Path:
-    """A session whose trials were flushed one by one, in two parts."""
-    folder = tmp_path / "s"
-    record_in_blocks(folder)
-    return folder
+def recorded(in_blocks: Path) -> Path:
+    return in_blocks
 
 
 def flip_sample(folder: Path, part: int, row: int) -> None:
@@ -34,53 +30,53 @@ def flip_sample(folder: Path, part: int, row: int) -> None:
         file[SAMPLES][row, 0] ^= 1
 
 
-def test_an_intact_session_has_no_damage(drum: Path) -> None:
-    with Session.open(drum) as session:
-        assert damaged_trials(session) == {}
-        assert [check_digests(part) for part in session.parts] == [PartDamage()] * 2
+def test_an_intact_session_has_no_damage(session: Path) -> None:
+    with Session.open(session) as opened:
+        assert damaged_trials(opened) == {}
+        assert [check_digests(part) for part in opened.parts] == [PartDamage()] * 2
 
 
-def test_altered_samples_are_those_of_one_trial(drum: Path) -> None:
-    with Session.open(drum) as session:
-        row = session.trials[5]
+def test_altered_samples_are_those_of_one_trial(session: Path) -> None:
+    with Session.open(session) as opened:
+        row = opened.trials[5]
         at = int(row["first_sample"]) + 20
-    flip_sample(drum, int(row["part"]), at)
-    with Session.open(drum) as session:
-        assert list(damaged_trials(session)) == [5]
-        (rows,) = check_digests(session.parts[1], {SAMPLES}).altered
+    flip_sample(session, int(row["part"]), at)
+    with Session.open(session) as opened:
+        assert list(damaged_trials(opened)) == [5]
+        (rows,) = check_digests(opened.parts[1], {SAMPLES}).altered
         assert rows.table == SAMPLES and rows.first_row <= at < rows.end
 
 
-def test_tables_that_no_analysis_needs_cost_no_trial(drum: Path) -> None:
-    with h5py.File(drum / "part-0001.h5", "r+") as file:
+def test_tables_that_no_analysis_needs_cost_no_trial(session: Path) -> None:
+    with h5py.File(session / "part-0001.h5", "r+") as file:
         rows = file["/drum"][:]
         rows["speed_mm_s"] += 1
         file["/drum"][:] = rows
-    with Session.open(drum) as session:
-        assert damaged_trials(session) == {}
-        assert {rows.table for rows in check_digests(session.parts[0]).altered} == {"/drum"}
+    with Session.open(session) as opened:
+        assert damaged_trials(opened) == {}
+        assert {rows.table for rows in check_digests(opened.parts[0]).altered} == {"/drum"}
 
 
-def test_an_altered_description_concerns_all_trials_of_its_part(drum: Path) -> None:
-    with h5py.File(drum / "part-0001.h5", "r+") as file:
+def test_an_altered_description_concerns_all_trials_of_its_part(session: Path) -> None:
+    with h5py.File(session / "part-0001.h5", "r+") as file:
         file.attrs.create("sensor", text_scalar("another"))
-    with Session.open(drum) as session:
-        found = damaged_trials(session)
-        assert set(found) == set(np.flatnonzero(session.trials["part"] == 1).tolist())
+    with Session.open(session) as opened:
+        found = damaged_trials(opened)
+        assert set(found) == set(np.flatnonzero(opened.trials["part"] == 1).tolist())
         assert "attributes or texts are not those" in found[0]
 
 
-def test_an_altered_row_of_the_trials_is_left_out(drum: Path) -> None:
-    with h5py.File(drum / "part-0001.h5", "r+") as file:
+def test_an_altered_row_of_the_trials_is_left_out(session: Path) -> None:
+    with h5py.File(session / "part-0001.h5", "r+") as file:
         row = file[TRIALS.path][1]
         row["force_g"] = 300
         file[TRIALS.path][1] = row
-    with Session.open(drum) as session:
-        assert list(damaged_trials(session)) == [1]
+    with Session.open(session) as opened:
+        assert list(damaged_trials(opened)) == [1]
 
 
-def test_rows_that_were_added_to_a_closed_part_are_damage(drum: Path) -> None:
-    path = drum / "part-0001.h5"
+def test_rows_that_were_added_to_a_closed_part_are_damage(session: Path) -> None:
+    path = session / "part-0001.h5"
     with h5py.File(path, "r+") as file:
         trials = file[TRIALS.path]
         trials.resize(len(trials) + 1, axis=0)
@@ -90,11 +86,11 @@ def test_rows_that_were_added_to_a_closed_part_are_damage(drum: Path) -> None:
     part.close()
 
 
-def test_analyses_of_the_drum_leave_out_just_the_altered_trial(drum: Path) -> None:
-    whole = join_sessions([drum])
-    flip_sample(drum, 1, whole.trials[1].sample_range.start + 3)
+def test_analyses_of_the_drum_leave_out_just_the_altered_trial(session: Path) -> None:
+    whole = join_sessions([session])
+    flip_sample(session, 1, whole.trials[1].sample_range.start + 3)
     stages: list[str] = []
-    rest = join_sessions([drum], lambda stage, done, total: stages.append(stage))
+    rest = join_sessions([session], lambda stage, done, total: stages.append(stage))
     left_out = {trial.trial_id for trial in whole.trials} - {t.trial_id for t in rest.trials}
     assert left_out == {whole.trials[1].trial_id}
     (remark,) = [line for line in rest.remarks if "left out" in line]
@@ -115,8 +111,8 @@ def test_analyses_of_the_finger_leave_out_just_the_altered_scan(tmp_path: Path) 
             finger.trial(trial)
             rec.wait_written()
     whole = read_scans(folder)
-    with FingerSession.open(folder) as session:
-        at = int(session.trials[2]["first_sample"]) + 50
+    with FingerSession.open(folder) as opened:
+        at = int(opened.trials[2]["first_sample"]) + 50
     with h5py.File(folder / "part-0001.h5", "r+") as file:
         file["/taxels/spikes"][at, 0] ^= 1
     rest = read_scans(folder)
@@ -129,5 +125,5 @@ def test_a_growing_session_is_not_held_up(tmp_path: Path) -> None:
         rec.begin_part("start", "A")
         SyntheticRig(rec).trial(plan().trials[0])
         rec.wait_written()
-        with Session.open(tmp_path / "s") as session:
-            assert damaged_trials(session) == {}
+        with Session.open(tmp_path / "s") as opened:
+            assert damaged_trials(opened) == {}

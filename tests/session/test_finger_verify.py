@@ -23,7 +23,6 @@ from tests.session.finger_building import (
     finger_trial_row,
     header,
     plan,
-    record_plan,
     recorder,
 )
 from tests.session.forging import rewrite_digests
@@ -33,27 +32,15 @@ FIRST = 30
 """Row of the first sample of a part's first scan, after the idle ones."""
 
 
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("finger") / "s"
-    record_plan(folder)
-    return folder
-
-
 @pytest.fixture
-def session(recorded: Path, tmp_path: Path) -> Path:
-    """Return a copy of the session to damage."""
-    copy = tmp_path / "s"
-    copy.mkdir()
-    for file in recorded.iterdir():
-        (copy / file.name).write_bytes(file.read_bytes())
-    return copy
+def recorded(finger: Path) -> Path:
+    return finger
 
 
 def test_a_complete_session_has_no_problem(
-    recorded: Path, capsys: pytest.CaptureFixture[str]
+    finger: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["verify", str(recorded)]
+    words = ["verify", str(finger)]
     assert command.run(create_parser(["verify"]).parse_args(words)) == 0
     assert "is whole: 8 trials committed, 3,976 samples, 0 lost" in capsys.readouterr().out
 

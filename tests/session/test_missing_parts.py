@@ -37,15 +37,10 @@ DAMAGE: dict[str, Damage] = {
 
 
 @pytest.fixture(scope="module")
-def drum(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("drum") / "s"
     record_four_parts(folder)
     return folder
-
-
-@pytest.fixture
-def session(drum: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(drum, tmp_path / "s"))
 
 
 @pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE)

@@ -13,16 +13,8 @@ from rigctl.session.notes import Mark, SessionNote, read_notes
 from rigctl.session.session import Session, add_note
 from rigctl.session.summary import summarise_session
 from rigctl.session.verify import verify
-from tests.session.building import record_plan
 
 NOON = "2026-11-23T12:00:00Z"
-
-
-@pytest.fixture
-def session(tmp_path: Path) -> Path:
-    folder = tmp_path / "session"
-    record_plan(folder)
-    return folder
 
 
 def note_files(session: Path) -> list[str]:

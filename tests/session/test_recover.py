@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import shutil
 from pathlib import Path
 
 import h5py
@@ -21,15 +20,10 @@ from tests.session.damage import is_closed, kill_while_recording, record_four_pa
 
 
 @pytest.fixture(scope="module")
-def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("killed")
     kill_while_recording(folder / "s", 6, folder / "scratch", idle=5000)
     return folder / "s"
-
-
-@pytest.fixture
-def session(killed: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(killed, tmp_path / "s"))
 
 
 def digests_of(folder: Path) -> dict[str, str]:

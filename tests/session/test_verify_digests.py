@@ -16,35 +16,19 @@ from rigctl.session.digests import PartDamage, check_digests
 from rigctl.session.hdf5_file import text_scalar
 from rigctl.session.part import PartReader
 from rigctl.session.verify import verify
-from tests.session import building, finger_building
+from tests.session import building
 from tests.session.block_session import record_in_blocks, spoil_one_sample
 from tests.session.spoiling import Spoil, set_row
 
-FLIPS = 300
-FLIPS_BY_COMMAND = 15
+FLIPS = 100
+FLIPS_BY_COMMAND = 10
 
 Record = Callable[[Path], Any]
 
 
-@pytest.fixture(scope="module")
-def drum(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A session of two parts with several blocks of rows in each table."""
-    folder = tmp_path_factory.mktemp("drum") / "s"
-    record_in_blocks(folder)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def finger(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("finger") / "s"
-    finger_building.record_plan(folder)
-    return folder
-
-
 @pytest.fixture
-def session(drum: Path, tmp_path: Path) -> Path:
-    """A copy of the drum's session to damage."""
-    return Path(shutil.copytree(drum, tmp_path / "s"))
+def recorded(in_blocks: Path) -> Path:
+    return in_blocks
 
 
 def data_bytes(path: Path) -> list[range]:
@@ -82,7 +66,7 @@ def flip(path: Path, at: int, mask: int) -> None:
         file.write(bytes([value ^ mask]))
 
 
-@pytest.mark.parametrize("kind", ["drum", "finger"])
+@pytest.mark.parametrize("kind", ["in_blocks", "finger"])
 def test_no_flipped_bit_of_the_rows_is_called_whole(
     kind: str, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:

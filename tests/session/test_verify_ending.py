@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
 
 import h5py
@@ -14,23 +13,14 @@ from rigctl.session.layout import DIGESTS, SessionOutcome
 from rigctl.session.recorder import Recorder
 from rigctl.session.verify import verify
 from tests.session import building
-from tests.session.block_session import record_in_blocks, spoil_one_sample
+from tests.session.block_session import spoil_one_sample
 from tests.session.building import PROTOCOL, RIG, SyntheticRig, header, plan
 from tests.session.forging import rewrite_digests
 
 
-@pytest.fixture(scope="module")
-def drum(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A session of two parts with several blocks of rows in each table."""
-    folder = tmp_path_factory.mktemp("drum") / "s"
-    record_in_blocks(folder)
-    return folder
-
-
 @pytest.fixture
-def session(drum: Path, tmp_path: Path) -> Path:
-    """A copy of the drum's session to damage."""
-    return Path(shutil.copytree(drum, tmp_path / "s"))
+def recorded(in_blocks: Path) -> Path:
+    return in_blocks
 
 
 def test_only_the_kept_digest_shows_a_chain_that_was_written_anew(session: Path) -> None:

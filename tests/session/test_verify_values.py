@@ -12,27 +12,13 @@ import pytest
 
 from rigctl.session.verify import verify
 from rigctl.values import LoadcellSample
-from tests.session import building, finger_building
+from tests.session import building
 from tests.session.building import drum_state
 from tests.session.forging import rewrite_digests
 from tests.session.spoiling import Spoil, set_array, set_row
 
 N_CONVERSIONS = 80
 TARE_COUNTS, SCALE_G = 8000, 0.0024
-
-
-@pytest.fixture(scope="module")
-def drum(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("drum") / "s"
-    building.record_plan(folder)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def finger(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("finger") / "s"
-    finger_building.record_plan(folder)
-    return folder
 
 
 def problems_of(recorded: Path, folder: Path, spoil: Spoil) -> list[str]:

@@ -23,8 +23,8 @@ from rigctl.analysis.finger.scans import FingerEncoding, ScanKind, ScanSet
 from rigctl.analysis.pca_lda import fit_classifier, log_posteriors, whiten
 from rigctl.encoding.scaled_time import feature_vector
 from rigctl.errors import WrongUse
-from rigctl.session.finger_model_file import FingerCalibration, FingerModel, WindowClassifier
-from rigctl.session.model_file import TrainingInfo
+from rigctl.session.finger_model_file import FingerCalibration, FingerModel
+from rigctl.session.model_file import Classifier, TrainingInfo
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -64,7 +64,7 @@ def train_finger_model(
 
 def train_stages(
     scans: ScanSet, kind: ScanKind, textures: Sequence[str], components: int = COMPONENTS
-) -> tuple[WindowClassifier, ...]:
+) -> tuple[Classifier, ...]:
     """Return the classifiers of 1 to 20 windows."""
     if components < 1:
         raise WrongUse("a model needs one component or more")
@@ -106,7 +106,7 @@ def calibrate_finger_model(model: FingerModel, scans: ScanSet) -> FingerModel:
     return replace(model, calibration=FingerCalibration(mean, labels, logs, distances))
 
 
-def centred_stages(model: FingerModel, stages_mean: Floats | None = None) -> list[WindowClassifier]:
+def centred_stages(model: FingerModel, stages_mean: Floats | None = None) -> list[Classifier]:
     """Return the classifiers with the calibration's mean in place of the training mean.
 
     ``stages_mean``: another mean of whole scans, float64 (p,).
@@ -122,7 +122,7 @@ def centred_stages(model: FingerModel, stages_mean: Floats | None = None) -> lis
     ]
 
 
-def nearest_distances(classifier: WindowClassifier, features: Floats) -> Floats:
+def nearest_distances(classifier: Classifier, features: Floats) -> Floats:
     """Return each row's squared distance to the nearest class, float64 (n,).
 
     In units of the spread within a class, over the model's components.
@@ -164,14 +164,14 @@ def check_finger_model(model: FingerModel, encoding: FingerEncoding) -> None:
             raise WrongUse(f"the model was trained with {what}: train one for this finger")
 
 
-def _fit(features: Floats, labels: Integers, components: int) -> WindowClassifier:
+def _fit(features: Floats, labels: Integers, components: int) -> Classifier:
     most = min(len(features) - len(np.unique(labels)), features.shape[1], components)
     if most < 1:
         raise WrongUse(f"{len(features)} training trials are too few for a classifier: record more")
-    return WindowClassifier(*fit_classifier(features, labels, most))
+    return Classifier(*fit_classifier(features, labels, most))
 
 
-def _score_left_out(stage: WindowClassifier, features: Floats) -> tuple[Floats, Floats]:
+def _score_left_out(stage: Classifier, features: Floats) -> tuple[Floats, Floats]:
     """Return log posteriors and distances of trials, each centred by the mean of the others."""
     n, mean = len(features), features.mean(axis=0)
     # x less the mean of the others is n / (n − 1) times x less the mean of all.

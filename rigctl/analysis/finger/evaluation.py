@@ -118,7 +118,7 @@ class ForceComparison(NamedTuple):
     ``accuracy``: over all data sets; ``difference``: from no force scaling, None for that itself.
     """
 
-    name: str
+    scaling: str
     kind: ScanKind
     accuracy: float
     peak: float
@@ -126,14 +126,24 @@ class ForceComparison(NamedTuple):
     difference: Difference | None
 
     @property
+    def p(self) -> float | None:
+        """Probability of such a difference without an effect."""
+        return None if self.difference is None else self.difference.p
+
+    @property
+    def h(self) -> float | None:
+        """Cohen's h of the difference."""
+        return None if self.difference is None else self.difference.effect
+
+    @property
     def verdict(self) -> str:
         """Whether it helps: p is small enough for an asterisk, however small the effect."""
         if self.difference is None:
             return ""
-        p, effect = self.difference.p, self.difference.effect
-        if p is None or effect is None or p >= max(most_p for _, most_p, _ in self.difference.rule):
+        most_p = max(most_p for _, most_p, _ in self.difference.rule)
+        if self.p is None or self.h is None or self.p >= most_p:
             return "no significant difference"
-        return "helps" if effect > 0 else "harms"
+        return "helps" if self.h > 0 else "harms"
 
 
 def compare_force_scalings(
@@ -238,7 +248,7 @@ class SetCoverage:
     kind: ScanKind
     promised: float
     coverage: Floats
-    size: Floats
+    mean_size: Floats
     failures: Floats
     n: int
     n_classes: int
@@ -248,8 +258,8 @@ class SetCoverage:
         """What whole scans give, in words."""
         text = (
             f"{self.kind.value}: sets that promise {self.promised:.0%} hold the true texture in "
-            f"{self.coverage[-1]:.1%} of {self.n} held-out trials, mean size {self.size[-1]:.2f} "
-            f"of {self.n_classes}"
+            f"{self.coverage[-1]:.1%} of {self.n} held-out trials, mean size "
+            f"{self.mean_size[-1]:.2f} of {self.n_classes}"
         )
         if self.failures[-1]:
             text += f"; FAILURE in {self.failures[-1]:.1%}: the set holds all textures"
@@ -265,7 +275,7 @@ class NoveltyResult:
     """
 
     kind: ScanKind
-    promised: float
+    promised_false_alarms: float
     detected: Floats
     false_alarms: Floats
     area: float
@@ -277,7 +287,8 @@ class NoveltyResult:
         return (
             f"{self.kind.value}: {self.detected[-1]:.1%} of scans of a plate that was never "
             f"trained are called unknown, at {self.false_alarms[-1]:.1%} false alarms "
-            f"({self.promised:.0%} asked for); area under the ROC curve {self.area:.2f}"
+            f"({self.promised_false_alarms:.0%} asked for); area under the ROC curve "
+            f"{self.area:.2f}"
         )
 
 
@@ -348,7 +359,7 @@ def measure_novelty(left_out: Sequence[LeftOut]) -> NoveltyResult:
         FALSE_ALARM,
         np.mean([one.detected for one in left_out], axis=0),
         np.mean([one.false_alarms for one in left_out], axis=0),
-        float(np.mean([one.area for one in left_out])),
+        round(float(np.mean([one.area for one in left_out])), 6),
         by_texture,
     )
 
@@ -451,20 +462,21 @@ def _model(training: ScanSet, calibration: ScanSet, kind: ScanKind, components: 
 
 @dataclass(frozen=True, slots=True)
 class ProfileDifferences:
-    """``rate_hz``: mean rate by profile, over textures and taxels. Shares of the features' variance
-    (η²): ``texture_share`` by the texture, ``profile_share`` by the profile within a texture,
-    and the rest varies between scans of one texture and profile.
+    """Mean rates by profile, over textures and taxels, and shares of the features' variance (η²).
+
+    ``texture_share`` by the texture, ``profile_share`` by the profile within a texture; the rest
+    varies between scans of one texture and profile.
     """
 
     kind: ScanKind
-    rate_hz: dict[str, float]
+    mean_rate_hz: dict[str, float]
     texture_share: float
     profile_share: float
 
     @property
     def spread(self) -> float:
         """Largest less smallest mean rate, relative to their mean."""
-        rates = np.array(list(self.rate_hz.values()))
+        rates = np.array(list(self.mean_rate_hz.values()))
         return float(np.ptp(rates) / rates.mean()) if rates.mean() > 0 else 0.0
 
 

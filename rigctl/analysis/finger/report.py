@@ -67,8 +67,8 @@ def findings(analysis: FingerAnalysis) -> list[str]:
     kind = ScanKind.SPEED_SCALED
     sentences += [
         f"After whole scans {one.coverage[-1]:.1%} of {kind.value}'s sets hold the texture "
-        f"({one.promised:.0%} promised); they name {one.size[-1]:.1f} of {one.n_classes} textures, "
-        f"and in {one.failures[-1]:.0%} of scans all of them."
+        f"({one.promised:.0%} promised); they name {one.mean_size[-1]:.1f} of {one.n_classes} "
+        f"textures, and in {one.failures[-1]:.0%} of scans all of them."
         for one in analysis.coverage
         if one.kind is kind
     ]
@@ -226,7 +226,7 @@ def summary_lines(analysis: FingerAnalysis) -> list[str]:
     for force in analysis.force:
         if force.verdict:
             lines.append(
-                f"{start}{force.kind.value}, {force.name}: {force.accuracy:.1%}, {force.verdict}"
+                f"{start}{force.kind.value}, {force.scaling}: {force.accuracy:.1%}, {force.verdict}"
             )
     return lines
 

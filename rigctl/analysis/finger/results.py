@@ -143,10 +143,10 @@ def _novelty(
 def _profiles(data_sets: Sequence[FingerDataSet], kind: ScanKind) -> ProfileDifferences:
     """Return the mean over the data sets' training sessions."""
     each = [profile_differences(one.training, kind) for one in data_sets]
-    names = [name for name in each[0].rate_hz if all(name in one.rate_hz for one in each)]
+    names = [name for name in each[0].mean_rate_hz if all(name in one.mean_rate_hz for one in each)]
     return ProfileDifferences(
         kind,
-        {name: float(np.mean([one.rate_hz[name] for one in each])) for name in names},
+        {name: float(np.mean([one.mean_rate_hz[name] for one in each])) for name in names},
         float(np.mean([one.texture_share for one in each])),
         float(np.mean([one.profile_share for one in each])),
     )
@@ -240,15 +240,32 @@ def as_dict(analysis: FingerAnalysis, made_utc: str) -> dict[str, Any]:
         "remarks": list(analysis.remarks),
         "tasks": {one.task.key: task_dict(one) for one in analysis.tasks},
         "curve_tests": {one.task.key: _curve_tests(one) for one in analysis.tasks},
-        "evidence": [_evidence_dict(one) for one in analysis.evidence],
-        "coverage": [_coverage_dict(one) for one in analysis.coverage],
-        "novelty": [_novelty_dict(one) for one in analysis.novelty],
-        "sequential": [
-            {**one._asdict(), "kind": one.kind.value, "kept": one.kept}
-            for one in analysis.sequential
+        "evidence": [_values(one, "at_mm", "by_mm", "at_s", "by_s") for one in analysis.evidence],
+        "coverage": [
+            _values(one, "sentence", "promised", "n", "coverage", "mean_size", "failures")
+            for one in analysis.coverage
         ],
-        "force_invariance": [_force_dict(one) for one in analysis.force],
-        "profiles": [_profiles_dict(one) for one in analysis.profiles],
+        "novelty": [
+            _values(
+                one,
+                "sentence",
+                "promised_false_alarms",
+                "detected",
+                "false_alarms",
+                "area",
+                "by_texture",
+            )
+            for one in analysis.novelty
+        ],
+        "sequential": [{**one._asdict(), "kept": one.kept} for one in analysis.sequential],
+        "force_invariance": [
+            _values(one, "scaling", "accuracy", "peak", "peak_components", "p", "h", "verdict")
+            for one in analysis.force
+        ],
+        "profiles": [
+            _values(one, "mean_rate_hz", "spread", "texture_share", "profile_share")
+            for one in analysis.profiles
+        ],
         "latencies": {kind: latency_dict(ms) for kind, ms in analysis.latencies.items()},
     }
 
@@ -273,57 +290,10 @@ def _data_set_dict(one: FingerDataSet) -> dict[str, Any]:
     }
 
 
-def _evidence_dict(one: EvidenceCurve) -> dict[str, Any]:
-    arrays = {name: getattr(one, name) for name in ("at_mm", "by_mm", "at_s", "by_s")}
+def _values(one: Any, *names: str) -> dict[str, Any]:
+    """Return the kind of a result and some of its values, arrays rounded."""
+    found = {name: getattr(one, name) for name in ("kind", *names)}
     return {
-        "kind": one.kind.value,
-        **{name: values.round(DECIMALS).tolist() for name, values in arrays.items()},
-    }
-
-
-def _coverage_dict(one: SetCoverage) -> dict[str, Any]:
-    return {
-        "kind": one.kind.value,
-        "sentence": one.sentence,
-        "promised": one.promised,
-        "n": one.n,
-        "coverage": one.coverage.round(DECIMALS).tolist(),
-        "mean_size": one.size.round(DECIMALS).tolist(),
-        "failures": one.failures.round(DECIMALS).tolist(),
-    }
-
-
-def _novelty_dict(one: NoveltyResult) -> dict[str, Any]:
-    return {
-        "kind": one.kind.value,
-        "sentence": one.sentence,
-        "promised_false_alarms": one.promised,
-        "detected": one.detected.round(DECIMALS).tolist(),
-        "false_alarms": one.false_alarms.round(DECIMALS).tolist(),
-        "area": round(one.area, DECIMALS),
-        "by_texture": one.by_texture,
-    }
-
-
-def _force_dict(one: ForceComparison) -> dict[str, Any]:
-    difference = one.difference
-    return {
-        "scaling": one.name,
-        "kind": one.kind.value,
-        "accuracy": one.accuracy,
-        "peak": one.peak,
-        "peak_components": one.peak_components,
-        "p": None if difference is None else difference.p,
-        "h": None if difference is None else difference.effect,
-        "verdict": one.verdict,
-    }
-
-
-def _profiles_dict(one: ProfileDifferences) -> dict[str, Any]:
-    return {
-        "kind": one.kind.value,
-        "mean_rate_hz": one.rate_hz,
-        "spread": one.spread,
-        "texture_share": one.texture_share,
-        "profile_share": one.profile_share,
+        name: value.round(DECIMALS).tolist() if isinstance(value, np.ndarray) else value
+        for name, value in found.items()
     }

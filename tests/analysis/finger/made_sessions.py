@@ -53,8 +53,8 @@ def write_session(
             at_s = counter / 1000.0
             recorder.add_samples(_block(one, counter, one.trial_id in lost), at_s)
             for row in _batches(one, scan, at_s):
-                recorder.add_batch(row)
-            recorder.add_latency(LatencyRow(at_s, scan, "features", 1.0 + 0.01 * scan))
+                recorder.add_row(row)
+            recorder.add_row(LatencyRow(at_s, scan, "features", 1.0 + 0.01 * scan))
             verdict = Verdict.REJECTED if one.trial_id in rejected else Verdict.COMMITTED
             recorder.commit_trial(_row(one, scan, counter, verdict))
             counter += len(one.readings) + IDLE_MS

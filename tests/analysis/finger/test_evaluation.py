@@ -56,14 +56,14 @@ def test_before_the_first_window_an_answer_is_a_guess() -> None:
 def test_sets_hold_the_texture_as_promised_and_say_how_large_they_are() -> None:
     found = measure_coverage(SCALED, TESTED)
     assert found.n == 200 and found.coverage[-1] > 0.9
-    assert found.size[-1] < found.size[0] and found.failures[-1] < 0.5
+    assert found.mean_size[-1] < found.mean_size[0] and found.failures[-1] < 0.5
     assert "mean size" in found.sentence and "of 200 held-out trials" in found.sentence
 
 
 def test_sets_of_all_textures_are_reported_as_a_failure() -> None:
     classifier = train_classifier(EMPTY, ScanKind.SPEED_SCALED)
     found = measure_coverage([classifier], [EMPTY.tested])
-    assert found.size[-1] > 4.0 and found.failures[-1] > 0.2
+    assert found.mean_size[-1] > 4.0 and found.failures[-1] > 0.2
     assert "FAILURE in" in found.sentence and "holds all textures" in found.sentence
 
 

@@ -55,7 +55,7 @@ def test_it_helps_where_force_is_all_that_varies() -> None:
         ),
     )
     found = {
-        one.name: one for one in compare_force_scalings([pressed]) if one.kind == "Speed Scaled"
+        one.scaling: one for one in compare_force_scalings([pressed]) if one.kind == "Speed Scaled"
     }
     assert set(found) == {NONE_NAME, WINDOW_NAME, SCAN_NAME}
     assert found[SCAN_NAME].verdict == "helps" and found[NONE_NAME].verdict == ""
@@ -76,7 +76,7 @@ def test_it_harms_where_the_mean_is_what_tells_textures_apart() -> None:
     (found,) = (
         one
         for one in compare_force_scalings([data_set])
-        if (one.kind, one.name) == ("Speed Scaled", WINDOW_NAME)
+        if (one.kind, one.scaling) == ("Speed Scaled", WINDOW_NAME)
     )
     assert found.verdict == "harms"
 
@@ -99,11 +99,11 @@ def test_scaled_currents_give_a_soft_press_the_spikes_of_a_firm_one() -> None:
 
 
 def test_currents_encoded_anew_are_compared_too() -> None:
-    names = {one.name for one in compare_force_scalings([DATA_SET], [DATA_SET])}
+    names = {one.scaling for one in compare_force_scalings([DATA_SET], [DATA_SET])}
     assert CURRENT_NAME in names and RANGES.n_taxels == 9
     (same,) = (
         one
         for one in compare_force_scalings([DATA_SET], [DATA_SET])
-        if (one.kind, one.name) == ("Original", CURRENT_NAME)
+        if (one.kind, one.scaling) == ("Original", CURRENT_NAME)
     )
     assert same.verdict == "no significant difference"

@@ -27,7 +27,7 @@ from rigctl.analysis.finger.tasks import (
 )
 from rigctl.analysis.pca_lda import ScaledCovariance, SweepEngine
 from rigctl.analysis.settings import AnalysisSettings, FingerAnalysisSettings
-from rigctl.analysis.statistics import two_proportions, welch
+from rigctl.analysis.statistics import two_proportions, welch_each
 from rigctl.errors import WrongUse
 from tests.analysis.finger.made_scans import made_data_set
 
@@ -95,7 +95,7 @@ def test_mean_and_standard_error_are_over_all_draws() -> None:
 def test_differences_are_welchs_but_two_proportions_for_s5() -> None:
     result = RESULTS[UNTRAINED.key]
     original, scaled = (result.accuracy[kind] for kind in KINDS)
-    assert result.differences()[4] == welch(scaled[:, 4], original[:, 4])
+    assert result.differences()[4:5] == welch_each(scaled[:, 4:5], original[:, 4:5])
     deployed = RESULTS[DEPLOYED.key]
     counts = [round(50 * float(deployed.accuracy[kind][:, 9].sum())) for kind in KINDS]
     assert deployed.differences()[9] == two_proportions(counts[1], counts[0], 100)

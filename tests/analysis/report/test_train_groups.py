@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rigctl.analysis.report.train_groups import train_groups
+from rigctl.analysis.report.figures import train_groups
 from rigctl.session.sensor_layout import SensorLayout
 
 

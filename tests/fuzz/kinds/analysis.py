@@ -25,11 +25,10 @@ from rigctl.session.analysis_file import (
 from rigctl.session.finger_model_file import (
     FingerCalibration,
     FingerModel,
-    WindowClassifier,
     load_finger_model,
     save_finger_model,
 )
-from rigctl.session.model_file import Model, TrainingInfo, load_model, save_model
+from rigctl.session.model_file import Classifier, Model, TrainingInfo, load_model, save_model
 from rigctl.session.sensor_layout import SensorLayout
 from tests.fuzz.kind import Kind, Place
 from tests.fuzz.mutations.bytes import BYTES
@@ -65,10 +64,17 @@ def build_model(folder: Path) -> None:
     p, k = layout.n_features(4), 3
     factor = np.tril(random.random((k, k))) + np.eye(k)
     model = Model(
-        *("Force Scaled", "fs", "texture", ("A", "B"), EncoderParameters(), ranges(4), layout),
         *(random.random(p), random.random((p, k)), random.random(k), factor),
         *(random.random((k, 2)), np.log([0.5, 0.5]), np.zeros(0, np.int64)),
-        *(force_matrix(), TRAINING),
+        representation="Force Scaled",
+        key="fs",
+        force="texture",
+        classes=("A", "B"),
+        parameters=EncoderParameters(),
+        normalisation=ranges(4),
+        features=layout,
+        c=force_matrix(),
+        training=TRAINING,
     )
     save_model(model, folder / FILE)
 
@@ -78,7 +84,7 @@ def build_finger_model(folder: Path) -> None:
     random = np.random.default_rng(2)
     n, k, trials = 3, 2, 5
     stages = tuple(
-        WindowClassifier(
+        Classifier(
             mean=random.random(n * w),
             axes=random.random((n * w, k)),
             variance=random.random(k),

@@ -14,10 +14,9 @@ from rigctl.session.analysis_file import EncodingInfo, SpikeFileWriter
 from rigctl.session.finger_model_file import (
     FingerCalibration,
     FingerModel,
-    WindowClassifier,
     save_finger_model,
 )
-from rigctl.session.model_file import Model, TrainingInfo, save_model
+from rigctl.session.model_file import Classifier, Model, TrainingInfo, save_model
 from rigctl.session.sensor_layout import SensorLayout
 
 TEXTURES = ("A", "B")
@@ -39,9 +38,9 @@ def write_model(path: Path) -> Path:
     p, k = features.n_features(2), 2
     save_model(
         Model(
+            np.zeros(p), np.ones((p, k)), np.ones(k), np.eye(k), np.ones((k, 2)), np.zeros(2),
+            np.zeros(1, np.int64),
             "Original", "original", "texture", TEXTURES, EncoderParameters(), RANGES, features,
-            mean=np.zeros(p), axes=np.ones((p, k)), variance=np.ones(k), factor=np.eye(k),
-            whitened_means=np.ones((k, 2)), log_priors=np.zeros(2), dropped=np.zeros(1, np.int64),
             c=force_matrix(), training=TRAINING,
         ),
         path,
@@ -51,7 +50,7 @@ def write_model(path: Path) -> Path:
 
 def write_finger_model(path: Path) -> Path:
     stages = tuple(
-        WindowClassifier(
+        Classifier(
             np.zeros(2 * n), np.ones((2 * n, 1)), np.ones(1), np.eye(1), np.ones((1, 2)),
             np.zeros(2), np.zeros(0, np.int64),
         )

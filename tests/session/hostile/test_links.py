@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -34,11 +33,6 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     record_plan(folder)
     write_log(folder, 2_000)
     return folder
-
-
-@pytest.fixture
-def session(recorded: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(recorded, tmp_path / "s"))
 
 
 def link_outside(path: Path) -> Path:
