@@ -9,7 +9,7 @@ from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QFont, QPainter, QPolygonF
 from PySide6.QtWidgets import QGraphicsWidget
 
-from gui.live.live_data import ValueScale
+from gui.live.live_data import LiveData, ValueScale
 from gui.live.raster import layer_titles
 from gui.widgets.theme import Theme, scaled_px, text_scale
 from rigctl.session.sensor_layout import SensorLayout
@@ -61,6 +61,10 @@ class HeatMap(QGraphicsWidget):
         self._title_px = scaled_px(_TITLE_PX)
         self.setMinimumSize(120, scaled_px(_LAYER_PX) * len(self.sensor_layout.layers))
         self.update()
+
+    def refresh_at(self, data: LiveData, position: int) -> None:
+        """Show the mean of the samples up to a position."""
+        self.refresh(data.samples_before(position, _MEAN_SAMPLES), data.low, data.high)
 
     def refresh(
         self, samples: NDArray[np.uint16], low: NDArray[np.float64], high: NDArray[np.float64]

@@ -32,7 +32,7 @@ from rigctl.session.finger_layout import spike_counts
 from rigctl.session.finger_session import FingerSession
 from rigctl.session.header import SessionHeader
 from rigctl.session.sensor_layout import SensorLayout
-from rigctl.simulation.bench.textures import CATALOGUE, find_texture, printed_heights
+from rigctl.simulation.bench.textures import find_texture, plate_names, printed_heights
 from rigctl.simulation.bench.world_file import world_from_header
 from rigctl.values import SAMPLE_RATE_HZ, Verdict
 
@@ -83,13 +83,13 @@ def plate_relief(header: SessionHeader, texture: str, path: Path) -> PlateRelief
 
     It is not on a real rig, and not in the world of another version of rigctl.
     """
-    if not header.simulated or texture not in CATALOGUE:
+    if not header.simulated:
         return None
     try:
         world = world_from_header(header.simulation, path)
     except SessionError:
         return None
-    if world is None:
+    if world is None or texture not in plate_names(world.parameters):
         return None
     plate = find_texture(texture, world.parameters)
     along_mm = np.arange(0.0, PLATE_MM, CELL_MM) + CELL_MM / 2
