@@ -133,14 +133,10 @@ def _rows(path: Path, file: TextIO, form: TextFormat) -> Iterator[NumberedRow]:
 def count_header_rows(rows: Sequence[Sequence[str]], decimal: str = ".") -> int:
     """Return how many of the first three rows are a header: names, and units below them."""
     rows = [[cell.replace(decimal, ".") for cell in row] for row in rows]
-    has_units = len(rows) == HEAD_ROWS and _are_texts(rows[1]) and _has_names(rows[1], rows[2])
-    if has_units and _has_names(rows[0], rows[2]):
+    is_text = len(rows) == HEAD_ROWS and not any(cell and is_number(cell) for cell in rows[1])
+    if is_text and _has_names(rows[1], rows[2]) and _has_names(rows[0], rows[2]):
         return 2
     return int(bool(rows) and _has_names(rows[0], rows[1] if len(rows) > 1 else ()))
-
-
-def _are_texts(row: Sequence[str]) -> bool:
-    return not any(cell and is_number(cell) for cell in row)
 
 
 def _has_names(first: Sequence[str], second: Sequence[str]) -> bool:
