@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 MAX_FILE_BYTES = 2**32
 MAX_LINE_LETTERS = 1_000_000
-MAX_LABELS = 100_000
 HEAD_ROWS = 3
 CHUNK_CELLS = 1_000_000
 NumberedRow = tuple[int, list[str]]
@@ -249,14 +248,7 @@ class _Columns:
     def _place(self, line: int, column: int, text: str) -> float:
         """Return the place of a label's text among the different ones of its column."""
         places = self._texts[column]
-        if not text:
-            return np.nan
-        if len(places) == MAX_LABELS and text not in places:
-            raise WrongUse(
-                f"{self._path}, row {line}, column {shorten(self._names[column])}: more than "
-                f"{MAX_LABELS:,} different labels: this column has no labels"
-            )
-        return places.setdefault(text, len(places))
+        return places.setdefault(text, len(places)) if text else np.nan
 
     def _number(self, line: int, column: int, cell: str) -> float:
         number = cell.replace(self._form.decimal, ".")
