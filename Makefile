@@ -16,7 +16,7 @@ DEBIAN_FIRMWARE := gcc g++ make gcc-avr avr-libc libsimavr-dev libelf-dev \
 DEBIAN_TEST := $(DEBIAN_RUN) $(DEBIAN_FIRMWARE) hdf5-tools mbpoll arduino-core-avr avrdude
 
 .DEFAULT_GOAL := help
-.PHONY: help setup boards demo gui test check pytest firmware bench orders realtime identify scale shots soak fuzz scans attack docs lock clean
+.PHONY: help setup boards demo gui test check pytest firmware kernels bench orders realtime identify scale shots soak fuzz scans attack docs lock clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -63,9 +63,14 @@ firmware: $(VENV)/.ready
 	$(SAY) "firmware of all boards, and the simulated chips"
 	@$(MAKE) --no-print-directory -C arduino PYTHON=$(abspath $(BIN)/python)
 
+kernels: boards
+	$(SAY) "compiled kernels of simulation and encoder"
+	@$(BIN)/python -m tests.kernels
+
 # Byte code is kept whatever the environment says: a test starts programs, and each would compile
 # all that it imports.
-pytest: firmware
+pytest: $(VENV)/.ready
+	@$(MAKE) --no-print-directory -j 2 firmware kernels
 	@sh .ci/debian-packages $(DEBIAN_TEST)
 	$(SAY) "test suite, four workers: many tests wait for boards that run in real time"
 	@PYTHONDONTWRITEBYTECODE= QT_QPA_PLATFORM=offscreen OPENBLAS_NUM_THREADS=1 \

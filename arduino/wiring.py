@@ -29,7 +29,7 @@ COLOURS = {
     "white": "#b9b9b9",
     "brown": "#6d4c41",
 }
-WIDTH, ROW, GAP = 1180, 32, 18
+WIDTH, ROW, GAP, NOTE = 1180, 32, 18, 18
 BOARD_LEFT, BOARD_RIGHT = 40, 250
 PART_LEFT, PART_RIGHT = 790, 1150
 LABEL_AT, SERIES_AT, PULL_AT = 264, 460, 690
@@ -52,11 +52,12 @@ class Row(NamedTuple):
 
 
 class Part(NamedTuple):
-    """What hangs on a board, wire by wire, with a remark beneath its name."""
+    """What hangs on a board, wire by wire, with a remark beneath its name and notes at its end."""
 
     name: str
     remark: str
     rows: tuple[Row, ...]
+    notes: tuple[str, ...] = ()
 
 
 def drum_pins() -> dict[str, str]:
@@ -134,6 +135,11 @@ def drum_parts() -> list[Part]:
                 Row(p["LOADCELL_CLOCK"], "clock", "SCK", "violet", "10 kΩ to GND"),
                 Row("5V", "supply", "VCC", "red"),
                 Row("GND", "ground", "GND", "black"),
+            ),
+            (
+                "Load cell, often: E+ red, E− black, A+ green,",
+                "A− white (see its sheet); B+ and B− stay free.",
+                "E− also to GND, where the module leaves it open.",
             ),
         ),
         Part(
@@ -298,7 +304,7 @@ def _height(parts: list[Part]) -> int:
 
 
 def _part_height(part: Part) -> int:
-    return 52 + ROW * len(part.rows)
+    return 52 + ROW * len(part.rows) + NOTE * len(part.notes)
 
 
 def _board(name: str, folder: str, top: int, bottom: int) -> Iterator[str]:
@@ -316,6 +322,8 @@ def _parts(parts: list[Part], top: int) -> Iterator[str]:
         yield from _text(PART_LEFT + 14, y + 40, part.remark, 12)
         for i, row in enumerate(part.rows):
             yield from _wire(row, y + 52 + ROW * i + 8)
+        for i, note in enumerate(part.notes):
+            yield from _text(PART_LEFT + 14, y + 60 + ROW * len(part.rows) + NOTE * i, note, 12)
         yield "</g>"
         y += _part_height(part) + GAP
 

@@ -148,7 +148,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _check_request(args: argparse.Namespace) -> None:
     """Raise WrongUse for options that exclude each other, a wrong world, or no session."""
-    from gui.link.engine_clients import JOIN
+    from gui.link.engine_link import JOIN
 
     if args.follow is not None:
         if args.rig is not None or args.world is not None:

@@ -26,7 +26,7 @@ COMMAND = "python -m rigctl.host_build"
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 _WARNINGS = ("-Wall", "-Wextra", "-Werror")
 # Fused multiply-add rounds once and would give other numbers than other compilers.
-_FLAGS = ("-std=gnu++17", "-O2", "-ffp-contract=off", "-fvisibility=hidden", "-shared")
+_FLAGS = ("-std=gnu++17", "-O2", "-ffp-contract=off", "-fvisibility=hidden")
 
 
 class BuildFailed(Exception):
@@ -95,20 +95,28 @@ def build(
 
     From another copy of ``arduino/`` it still names the sources of this one, which it varies.
     """
-    target = output or dynamic_library_path(board)
+    files = [path for path in sources(board, arduino) if path.suffix == ".cpp"]
+    options = ["-shared", *(f"-D{define}" for define in defines)]
+    return compiled(board, files, output or dynamic_library_path(board), options, arduino)
+
+
+def compiled(
+    board: str, files: Sequence[Path], target: Path, options: Sequence[str], arduino: Path
+) -> Path:
+    """Compile sources and objects of a board to a file and return its path. Raises BuildFailed."""
     target.parent.mkdir(parents=True, exist_ok=True)
     partial = target.with_name(f"{target.name}.{os.getpid()}.part")
     folders = {board, f"host/{board}", *(name.split("/")[0] for name in _SHARED.get(board, ()))}
     command = [
         *compiler(),
+        *options,
         *_FLAGS,
         *_WARNINGS,
         *([] if sys.platform == "win32" else ["-fPIC"]),
         f"-DBUILD_HASH=0x{image_hash(board)}UL",
         f'-DSOURCES="{digest(board)}"',
-        *(f"-D{define}" for define in defines),
         *(f"-I{arduino / folder}" for folder in sorted(folders)),
-        *(str(path) for path in sources(board, arduino) if path.suffix == ".cpp"),
+        *map(str, files),
         *("-o", str(partial)),
     ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

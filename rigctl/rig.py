@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING
 
 from rigctl.acquisition.rig import Rig
 from rigctl.config.resources import firmware_image
-from rigctl.config.rig_config import RigConfig, load_config
+from rigctl.config.rig_config import PAPER_ARRAY, RigConfig, TaxelArray, load_config
 from rigctl.config.text_file import is_plain_file, shorten
 from rigctl.devices.drum import Drum
 from rigctl.devices.links import ByteLink
 from rigctl.devices.port_discovery import create_link, find_boards, identify_board
 from rigctl.devices.taxels import Taxels
 from rigctl.errors import ConfigError, LinkLost, WrongUse
-from rigctl.values import DRUM, N_TAXELS, TAXELS
+from rigctl.values import DRUM, TAXELS
 from rigctl.wire.drum_codes import Signal
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def open_rig(
         raise WrongUse(
             f"there is no rig {shorten(spec)}: give virtual, firmware, or the path of a rig.toml"
         )
-    config = _validate_taxel_count(config or load_config(path))
+    config = config or load_config(path)
     if config.ports.simulate:
         return _simulated_rig(config.ports.simulate, seed, paced, config, world, wirings)
     if world is not None:
@@ -70,16 +70,6 @@ def open_rig(
             "[ports] simulate to rehearse"
         )
     return _bench(path, config)
-
-
-def _validate_taxel_count(config: RigConfig) -> RigConfig:
-    """Return ``config``; raises ConfigError for a sensor that the taxel board cannot read."""
-    if config.taxels.count != N_TAXELS:
-        raise ConfigError(
-            f"{config.about.name}: [taxels] count is {config.taxels.count}, the taxel board reads "
-            f"{N_TAXELS}: leave count out"
-        )
-    return config
 
 
 def _simulated_rig(
@@ -97,10 +87,12 @@ def _simulated_rig(
 
     known = [find_wiring(name).name for name in wirings]
     world = world or NOMINAL_WORLD
-    config = _validate_taxel_count(config or world.rig_config())
-    compile_kernels()
+    config = config or world.rig_config()
     _validate_emergency_stop(config)
-    simulation = _open_simulation(kind, seed, world)
+    if kind == FIRMWARE:
+        _validate_chips_sensor(config)
+    compile_kernels(config.taxels)
+    simulation = _open_simulation(kind, seed, world, config.taxels)
     _wire_signals(simulation, config)
     for name in known:
         simulation.faults.wire(name)
@@ -131,6 +123,15 @@ def _validate_emergency_stop(config: RigConfig) -> None:
         )
 
 
+def _validate_chips_sensor(config: RigConfig) -> None:
+    """Raise ConfigError for another sensor than the one that ``arduino/sim`` wires to its chip."""
+    if (config.taxels.count, config.taxels.inputs) != (PAPER_ARRAY.count, PAPER_ARRAY.inputs):
+        raise ConfigError(
+            f"{config.about.name}: the simulated chips have three lines × six inputs: "
+            'set [ports] simulate = "virtual" for another sensor'
+        )
+
+
 def _wire_signals(simulation: SimulatedRig, config: RigConfig) -> None:
     """Wire the simulated bench with the signals and polarities of the description.
 
@@ -143,15 +144,17 @@ def _wire_signals(simulation: SimulatedRig, config: RigConfig) -> None:
         simulation.faults.rewire(absent, inverted)
 
 
-def _open_simulation(kind: str, seed: int, world: SimulatedWorld) -> SimulatedRig:
+def _open_simulation(
+    kind: str, seed: int, world: SimulatedWorld, sensor: TaxelArray
+) -> SimulatedRig:
     if kind == VIRTUAL:
         from rigctl.simulation.virtual_rig import open_virtual_rig
 
-        return open_virtual_rig(world.parameters, seed)
+        return open_virtual_rig(world.parameters, seed, sensor=sensor)
     images = firmware_image(DRUM), firmware_image(TAXELS)
     from rigctl.simulation.chips.rig import open_chip_simulation
 
-    return open_chip_simulation(world.parameters, seed, *images)
+    return open_chip_simulation(world.parameters, seed, *images, sensor=sensor)
 
 
 def _bench(path: Path, config: RigConfig) -> Rig:

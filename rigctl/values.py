@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 
 DRUM, TAXELS, FINGER = "drum", "taxels", "finger"
 """The boards, as they name themselves."""
-N_TAXELS = 18
 SAMPLE_RATE_HZ = 1000
 
 DRAWN_WIRING = (0, 1, 2, 6, 7, 8, 12, 13, 14, 3, 4, 5, 9, 10, 11, 15, 16, 17)
-"""The reading of each place of a sensor that is soldered as ``arduino/README.md`` draws it.
+"""The reading of each place of the paper's sensor, soldered as ``arduino/README.md`` draws it.
 
 Places count row by row, the top layer first; a reading's number is 6 · line + input, and inputs
 A0–A2 read the top layer, A3–A5 the bottom layer.

@@ -18,6 +18,7 @@ settings.load_profile("rigctl")
 
 BEGUN_FIRST = (
     "attack/test_attack.py",
+    "attack/test_wrong_wires.py",
     "devices/test_flash.py",
     "realtime/test_finger_bench.py",
     "gui/test_joining.py",

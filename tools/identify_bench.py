@@ -20,6 +20,7 @@ from rigctl.analysis import published
 from rigctl.analysis.pca_lda import Split
 from rigctl.analysis.splits import Design, make_splits, stratified_folds
 from rigctl.analysis.tasks import score_splits
+from rigctl.config.rig_config import PAPER_ARRAY
 from rigctl.encoding.batch import common_bin_edges, count_spikes, features_from_counts
 from rigctl.encoding.features import UNSCALED
 from rigctl.encoding.normalisation import Normalisation
@@ -35,7 +36,6 @@ from rigctl.simulation.bench.parameters import (
 )
 from rigctl.simulation.bench.skin import SLOT_US, Skin
 from rigctl.simulation.bench.textures import CATALOGUE, GRID_MM
-from rigctl.values import N_TAXELS
 
 SPEEDS_MM_S = (40.0, 60.0, 80.0, 100.0, 120.0)
 FORCES_G = (250.0, 500.0, 1000.0)
@@ -161,7 +161,7 @@ def accuracies(slides: SlideSession, seed: int) -> dict[str, float]:
 def slide_features(slides: SlideSession) -> NDArray[np.float64]:
     """Return features of 100 ms windows in real time, float64 (n_trials, 2160)."""
     ranges = Normalisation.from_samples(slides.samples, "all trials")
-    out = np.empty((len(slides.samples), UNSCALED.n_features(N_TAXELS)))
+    out = np.empty((len(slides.samples), UNSCALED.n_features(PAPER_ARRAY.count)))
     for speed in np.unique(slides.design.speed_mm_s):
         rows = np.flatnonzero(slides.design.speed_mm_s == speed)
         trials = [slides.samples[row] for row in rows]

@@ -32,14 +32,15 @@ bool Contact::close(uint16_t zone_um) const {
 // An open wire of the upper switch reads as the upper end. What the cell feels where the potentiometer
 // agrees, or without one after a whole lift, is another drum.
 bool Contact::at_every_top(bool whole) const {
-    return signals_.at_upper_end() && (signals_.reads_position() ? signals_.at_top() : whole);
+    return signals_.says_top() && (signals_.reads_position() ? signals_.at_top() : whole);
 }
 
 bool Contact::high_enough(bool to_the_top, const Lift &lift) const {
     const bool whole = lift.ms > (lift.gentle ? GENTLE_LIFT_MS : FULL_LIFT_MS);
     if (sensor_.reads_contact()) return at_every_top(whole);
     if (signals_.at_upper_end()) return true;
-    if (!signals_.reads_position()) return !signals_.fitted(Signal::EndSwitches) && whole;
+    if (!signals_.reads_position())
+        return whole && (signals_.says_top() || !signals_.fitted(Signal::EndSwitches));
     if (signals_.at_top()) return true;
     return !to_the_top && lifted_by(lift.clearance_um);
 }

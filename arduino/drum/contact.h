@@ -30,6 +30,8 @@ class Contact {
     bool gone() const { return rests_ == Rests::No; }
     // Nothing was pressed since the boot.
     bool unknown() const { return rests_ == Rests::Unknown; }
+    // It was pressed down since the boot, and is not known to be lifted.
+    bool pressed() const { return rests_ == Rests::Maybe; }
     // The last lift ended before contact was known to be gone.
     bool lift_failed() const { return lift_failed_; }
     void set_gone() { rests_ = Rests::No; }

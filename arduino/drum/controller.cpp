@@ -117,8 +117,14 @@ bool Controller::arm() {
     return true;
 }
 
+// A drum that has pressed and did not lift, before anybody has said that its wires are right: each
+// further attempt may press a little more. A restart comes after a look at the wires.
+bool Controller::needs_restart() const {
+    return gentle() && contact_.pressed() && machine_.fault() != Fault::Estop;
+}
+
 bool Controller::clear_fault() {
-    if (!machine_.accepts(Event::Clear) || causes() & ~ARMING_ONLY) return false;
+    if (!machine_.accepts(Event::Clear) || causes() & ~ARMING_ONLY || needs_restart()) return false;
     machine_.clear();
     if (machine_.state() != entered_) enter(machine_.state());
     return true;
@@ -335,7 +341,8 @@ void Controller::watch_unlimited_force() {
     // Where the zero is known, a reading further away from it is a load, whatever the scale says.
     const bool loads_down =
         first ? bank_.wide(reg::scale_ug_per_count) < 0 : raw < sensor_.zero().counts();
-    if (!moved_) first_raw_ = least_raw_ = raw;
+    if (!moved_) least_raw_ = raw;
+    if (!moved_ || motion_.known()) first_raw_ = raw;
     moved_ = true;
     if (loads_down ? raw > least_raw_ : raw < least_raw_) least_raw_ = raw;
     const int32_t loaded = loads_down ? least_raw_ - raw : raw - least_raw_;

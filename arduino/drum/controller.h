@@ -82,6 +82,7 @@ class Controller {
     int16_t duty() const { return duty_; }
 
   private:
+    bool needs_restart() const;
     void supervise();
     void raise(Fault fault);
     void raise_off(Fault fault);
@@ -116,7 +117,8 @@ class Controller {
     uint32_t entered_ms_ = 0;
     State entered_ = State::Boot;
     int16_t duty_ = 0;
-    // Raw reading when the actuator first moved since the boot, and the least loaded one since then.
+    // Raw reading when the actuator first moved since the boot, or last moved in a known direction, and
+    // the least loaded one since the first motion.
     int32_t first_raw_ = 0, least_raw_ = 0;
     bool moved_ = false;
     bool lift_pressed_ = false;  // and nothing since then has shown what lifts

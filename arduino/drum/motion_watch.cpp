@@ -69,7 +69,8 @@ void MotionWatch::watch_rest(int16_t duty) {
 bool MotionWatch::wrong_end(const Signals &signals) const {
     const bool up = signals.end_up(), down = signals.end_down();
     if (up == down) return false;
-    return way_ < 0 ? down && clear_down_ms_ >= CLEAR_MS : up && clear_up_ms_ >= CLEAR_MS;
+    if (way_ < 0) return down && clear_down_ms_ >= CLEAR_MS;
+    return signals.at_upper_end() && clear_up_ms_ >= CLEAR_MS;
 }
 
 MotionWatch::Finding MotionWatch::compare(int16_t duty, const Signals &signals) {

@@ -9,6 +9,7 @@ bool Signals::configure(uint8_t fitted, uint8_t inverted) {
     fitted_ = fitted;
     inverted_ = inverted;
     ports::wire_signals(fitted, inverted);
+    if (changed & OF_A_LIFT) left_top_ = false;
     return changed & OF_A_LIFT;
 }
 
@@ -24,6 +25,12 @@ void Signals::watch_position() {
     else if (broken_ms_ < BROKEN_MS) ++broken_ms_;
 }
 
+void Signals::watch_upper_end() {
+    if (!end_up()) left_top_ = true;
+    if (!says_top() || !reads_position() || !far_from_top()) apart_ms_ = 0;
+    else if (apart_ms_ < BROKEN_MS) ++apart_ms_;
+}
+
 void Signals::update(const Inputs &inputs) {
     inputs_ = inputs;
     watch_position();
@@ -36,4 +43,5 @@ void Signals::update(const Inputs &inputs) {
         inputs_.position_um = inputs.position_um < board::ACTUATOR_TRAVEL_UM
                                   ? board::ACTUATOR_TRAVEL_UM - inputs.position_um
                                   : 0;
+    watch_upper_end();
 }

@@ -30,12 +30,19 @@ class Signals {
     bool estop_open() const { return fitted(Signal::Estop) && inputs_.estop_open; }
     bool end_up() const { return fitted(Signal::EndSwitches) && inputs_.end_up; }
     bool end_down() const { return fitted(Signal::EndSwitches) && inputs_.end_down; }
-    // Both end switches together mean broken or wrongly configured wires: the drum is not lifted.
-    bool at_upper_end() const { return end_up() && !end_down(); }
+    // The upper switch says so, and another wire supports it, because its own reads alike when it is
+    // broken: the potentiometer, which is not far from the top, or without one the switch itself,
+    // which has read otherwise since the boot.
+    bool at_upper_end() const {
+        return says_top() && (reads_position() ? !far_from_top() : left_top_);
+    }
+    // Both end switches together mean broken or wrongly configured wires, and say nothing.
+    bool says_top() const { return end_up() && !end_down(); }
     // The potentiometer is fitted, and its reading is one that whole wires give.
     bool reads_position() const { return fitted(Signal::Position) && !broken_ms_; }
-    // Its wires are broken or shorted, and not for one reading only.
-    bool position_broken() const { return broken_ms_ >= BROKEN_MS; }
+    // Its wires are broken or shorted, or the upper switch says something else; and not for one
+    // reading only.
+    bool position_broken() const { return broken_ms_ >= BROKEN_MS || apart_ms_ >= BROKEN_MS; }
     // The actuator at an end of its travel, by the potentiometer.
     bool at_top() const {
         return reads_position() && inputs_.position_um <= board::ACTUATOR_END_UM;
@@ -49,11 +56,15 @@ class Signals {
     static constexpr uint8_t BROKEN_MS = 8;
 
     void watch_position();
+    void watch_upper_end();
+    bool far_from_top() const { return inputs_.position_um > board::ACTUATOR_TRAVEL_UM / 10; }
     bool inverted(Signal signal) const { return inverted_ >> static_cast<uint8_t>(signal) & 1; }
 
     Inputs inputs_ = {0, 0, 0, false, false, false, false};
     uint16_t shown_um_ = 0;              // position of the tick before
     uint8_t broken_ms_ = 0;              // how long the potentiometer gives no reading
+    uint8_t apart_ms_ = 0;               // how long it contradicts the upper switch
+    bool left_top_ = false;              // the upper switch has read otherwise since the boot
     uint8_t fitted_ = 0, inverted_ = 0;  // bits of Signal
 };
 

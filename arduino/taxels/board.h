@@ -8,6 +8,8 @@
 
 #include <stdint.h>
 
+// The sensor: a taxel where a line crosses an input. Frames, scan and self-test follow from these
+// two; another sensor also needs its pins below, and [taxels] of rig.toml.
 constexpr uint8_t LINES = 3;
 constexpr uint8_t INPUTS = 6;
 // Bits of port D, digital pins 4, 5 and 6; all lines must be on this port.

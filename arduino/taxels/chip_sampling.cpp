@@ -32,16 +32,11 @@ constexpr uint16_t IN_TIME_BEFORE = 592;         // entered by then, a line gets
 constexpr uint8_t CONVERT = _BV(ADEN) | _BV(ADIE) | _BV(ADATE) | _BV(ADPS2) | _BV(ADPS0);
 constexpr uint8_t ISR_FRAME_CYCLES = 201;        // entry, saving and restoring registers, reti
 
-#define SETUP(line, input) \
-    {uint8_t(PORTD_IDLE ^ 1 << LINE_BIT[line]), uint8_t(_BV(REFS0) | INPUT_CHANNEL[input])}
-#define ROW(line) SETUP(line, 0), SETUP(line, 1), SETUP(line, 2), \
-                  SETUP(line, 3), SETUP(line, 4), SETUP(line, 5)
-
 // What PORTD and ADMUX hold while a slot is sampled. In RAM: it saves cycles in the routine.
 struct Setup {
     uint8_t lines, mux;
 };
-Setup setup[SLOTS] = {ROW(0), ROW(1), ROW(2), {PORTD_IDLE, BANDGAP}, {PORTD_IDLE, BANDGAP}};
+Setup setup[SLOTS];
 
 Frame frames[2];
 Frame *filling = &frames[0], *closed = &frames[1];
@@ -70,6 +65,16 @@ uint8_t sync_count, index_count;// of the frame being filled; index marks count 
 bool any_late;
 uint8_t late_rises, late_marks, late_toggles;
 uint16_t sync_rises;
+
+// The scan: line by line, in each all inputs, then the bandgap.
+void plan_slots() {
+    Setup *next = setup;
+    for (uint8_t line = 0; line < LINES; line++)
+        for (uint8_t input = 0; input < INPUTS; input++)
+            *next++ = {uint8_t(PORTD_IDLE ^ 1 << LINE_BIT[line]),
+                       uint8_t(_BV(REFS0) | INPUT_CHANNEL[input])};
+    while (next != setup + SLOTS) *next++ = {PORTD_IDLE, BANDGAP};
+}
 
 inline uint16_t cycles_since(uint16_t entered) {
     uint16_t lasted = TCNT1 - entered;
@@ -156,7 +161,7 @@ inline void store_reading(uint8_t done, uint16_t reading) {
 }  // namespace
 
 // Entered at 336 … 591 cycles, that is in time, the result is taken and the next line driven
-// and input selected immediately. Slots 1 … 17 need no more: 80 cycles with entry. By hand, because
+// and input selected immediately. The taxels' slots but the first need no more: 80 cycles with entry. By hand, because
 // the compiler would save twenty registers first, for the sake of the rare cases.
 // The longest, in a self-test: 398 cycles, 25 µs.
 ISR(ADC_vect, ISR_NAKED) {
@@ -296,6 +301,7 @@ static void warm_up() {
 namespace sampling {
 
 void begin() {
+    plan_slots();
     PORTD = setup[0].lines;
     DDRD = LINE_MASK;
     PORTB = uint8_t(~WATCHED_MASK) & 0x3f;

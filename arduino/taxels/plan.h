@@ -12,12 +12,16 @@ constexpr uint8_t FIRMWARE_MAJOR = 1;
 constexpr uint8_t FIRMWARE_MINOR = 1;
 
 constexpr uint8_t TAXELS = LINES * INPUTS;
-constexpr uint8_t SLOTS = 20;           // 18 taxels, then two for the bandgap
+constexpr uint8_t SLOTS = 20;           // the taxels', then at least two for the bandgap
 constexpr uint16_t SLOT_CYCLES = 800;   // 20 × 800 cycles are 1 ms exactly
 constexpr uint16_t RATE_HZ = 1000;
 constexpr uint8_t STATUS_EVERY = 100;   // frames
+static_assert(TAXELS <= SLOTS - 2, "the converter reads at most 18 taxels in a millisecond");
 
-constexpr uint8_t LINE_MASK = 1 << LINE_BIT[0] | 1 << LINE_BIT[1] | 1 << LINE_BIT[2];
+constexpr uint8_t mask_of_lines(uint8_t lines) {
+    return lines ? uint8_t(1 << LINE_BIT[lines - 1] | mask_of_lines(uint8_t(lines - 1))) : 0;
+}
+constexpr uint8_t LINE_MASK = mask_of_lines(LINES);
 constexpr uint8_t TRANSMIT_MASK = 0x02;
 // The rest of port D are unused inputs and the receiver: pulled up, so that none floats. Lines
 // that are not driven are held at the dividers' side, never floating.

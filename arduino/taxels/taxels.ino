@@ -1,4 +1,4 @@
-// Taxel board, Arduino Uno: 18 taxels, 10 bit, exactly 1,000 frames a second at 500 kbaud.
+// Taxel board, Arduino Uno: the taxels of board.h, 10 bit, exactly 1,000 frames a second at 500 kbaud.
 //
 // The IDE wants a file of the folder's name; the program is in the .cpp files beside it:
 //   chip_main.cpp      main loop: wait for a frame, have the brain talk

@@ -45,11 +45,13 @@ uint8_t write_data(const Frame &frame, uint32_t dropped, uint8_t *wire) {
     *at++ = TYPE_DATA;
     at = put16(at, uint16_t(frame.counter));
     *at++ = uint8_t(frame.flags | saturated << DROPPED_SHIFT);
+    constexpr uint8_t LEFT = TAXELS % 4;
     const uint16_t *reading = frame.reading;
-    for (; reading != frame.reading + 16; reading += 4) at = pack4(at, reading);
-    *at++ = uint8_t(reading[0]);
-    *at++ = uint8_t(reading[0] >> 8 | reading[1] << 2);
-    *at++ = uint8_t(reading[1] >> 6 | frame.edges << 4);
+    for (; reading != frame.reading + (TAXELS - LEFT); reading += 4) at = pack4(at, reading);
+    uint16_t last[4] = {};  // with the edges behind them; zeros beyond are the checksum's place
+    for (uint8_t i = 0; i < LEFT; i++) last[i] = reading[i];
+    last[LEFT] = frame.edges;
+    pack4(at, last);
     return close_frame(body, DATA_SIZE, wire);
 }
 

@@ -24,7 +24,7 @@ constexpr uint8_t DROPPED_SHIFT = 4;
 constexpr uint8_t DROPPED_MAX = 15;
 
 constexpr uint8_t CRC_SIZE = 4;
-constexpr uint8_t DATA_SIZE = 27;
+constexpr uint8_t DATA_SIZE = 4 + (10 * TAXELS + 4 + 7) / 8;  // readings of 10 bit, 4 bit of edges
 constexpr uint8_t STATUS_SIZE = 26;
 constexpr uint8_t IDENTITY_SIZE = 20;
 constexpr uint8_t TESTED_SIZE = 18;

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from gui.analysis.export.value_file import data_words, rows_csv
-from gui.analysis.figures.figure_values import figures_csv
+from gui.analysis.value_file import data_words, rows_csv
 from rigctl.analysis.notes import summarise_notes
-from rigctl.analysis.report.figure import Figure, Matrix
+from rigctl.analysis.report.figure import Figure, Matrix, Panel, Series
 from rigctl.values import SAMPLE_RATE_HZ
 
 if TYPE_CHECKING:
@@ -20,6 +19,54 @@ if TYPE_CHECKING:
     from rigctl.analysis.report.demo import DemoResult
     from rigctl.analysis.report.report_folder import ReportResult
     from rigctl.session.verify import VerifyReport
+
+
+CURVE_NAMES = (
+    "plot", "curve", "x is", "x", "y is", "y", "bar from", "bar to", "asterisks", "dotted line",
+    "the paper's value",
+)  # fmt: skip
+CELL_NAMES = (
+    "task", "representation", "true texture", "predicted texture", "count (trials)",
+    "share of the true texture (%)",
+)  # fmt: skip
+
+
+def figures_csv(figures: Sequence[Figure]) -> str:
+    """Return every point of every curve, or every cell of every matrix, as a row."""
+    if figures[0].matrices:
+        return rows_csv(CELL_NAMES, (row for one in figures for row in _cells(one)))
+    return rows_csv(CURVE_NAMES, (row for one in figures for row in _points(one)))
+
+
+def _points(figure: Figure) -> Iterator[tuple[object, ...]]:
+    for panel in figure.plots:
+        level = "" if panel.level is None else f"{panel.level[0]:.4f}"
+        for one in panel.series:
+            published = "; ".join(value.text for value in one.published)
+            for i, (x, y) in enumerate(zip(one.x, one.y, strict=True)):
+                ends = [f"{end:.4f}" for end in one.ends(i) or ()] or ("", "")
+                stars = one.stars[i] if one.stars else ""
+                point = (panel.x_label, f"{x:g}", panel.y_label, f"{y:.4f}", *ends)
+                yield (panel.title, one.name, *point, stars, level, published)
+
+
+def _cells(figure: Figure) -> Iterator[tuple[object, ...]]:
+    for matrix in figure.matrices:
+        for row, true in enumerate(matrix.classes):
+            for column, predicted in enumerate(matrix.classes):
+                percent = f"{100 * matrix.share(row, column):.4f}"
+                cell = (true, predicted, matrix.counts[row][column], percent)
+                yield (figure.title, matrix.name, *cell)
+
+
+def point_words(panel: Panel, curve: Series, i: int) -> str:
+    """Return a point of a curve in words, with the paper's values of the curve."""
+    x = curve.x[i]
+    words = f"{panel.title} · {curve.name}, {panel.x_name or panel.x_label} {x:g}"
+    value = curve.words_at(x, panel.unit)
+    others = [one.text for one in curve.published if one.x != x]
+    return " · ".join([f"{words}: {value}", *others])
+
 
 TRAINED = "Trials that the model was trained on; the counts say nothing about others."
 UNSEEN = "Trials that the model was not trained on."

@@ -9,9 +9,9 @@ from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QLineEdit, QWidget
 
 from gui.analysis.run_box import AnalysisRunBox
-from gui.analysis.tasks.task_values import DRUM, SessionTable
-from gui.analysis.trials.trial_list import TrialList
-from gui.analysis.trials.trial_table import AttemptTable, join_tables
+from gui.analysis.task_values import DRUM, SessionTable
+from gui.analysis.trial_list import TrialList
+from gui.analysis.trial_table import AttemptTable, join_tables
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import label, set_property
 from gui.widgets.layouts import container, hbox, push_button, vbox

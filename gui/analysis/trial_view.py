@@ -8,7 +8,7 @@ import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
 
-from gui.analysis.tasks.task_values import BLOCK, TrialData
+from gui.analysis.task_values import BLOCK, TrialData
 from gui.live.raster import TrainRows
 from gui.widgets.plot_axes import (
     PlotGrid,
@@ -18,8 +18,8 @@ from gui.widgets.plot_axes import (
     time_plot,
 )
 from gui.widgets.theme import Theme
-from rigctl.session.sensor_layout import SensorLayout
-from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
+from rigctl.session.sensor_layout import PAPER_SENSOR
+from rigctl.values import SAMPLE_RATE_HZ
 
 NO_TRIAL = "Open a session and choose a trial on the left"
 LEAST_PX = (300, 130, 130)
@@ -68,7 +68,7 @@ class TrialView(PlotGrid):
         self._curves = []
         heading = data.heading if data is not None else NO_TRIAL
         self.show_heading(self.samples_plot, heading, self._theme)
-        rows = TrainRows(data.layout if data is not None else SensorLayout.default(N_TAXELS))
+        rows = TrainRows(data.layout if data is not None else PAPER_SENSOR)
         self._label(rows)
         if data is None or not len(data.samples):
             return

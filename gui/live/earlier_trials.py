@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gui.live.drum_course import thin_out
 from gui.live.live_data import LiveData
-from gui.live.spike_rates import FULL_SCALE_HZ
+from gui.live.raster import FULL_SCALE_HZ
 from gui.live.time_plots import PlotLine, TimePlots
 from gui.live.timeline import Timeline, TimeWindow
 from gui.widgets.theme import Theme

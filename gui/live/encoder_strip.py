@@ -13,9 +13,8 @@ from PySide6.QtWidgets import QCheckBox, QLineEdit, QWidget
 
 from gui.live.live_data import LiveData
 from gui.widgets.file_browser import PathKind, browse_button, typed_path
-from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.labels import ElidedLabel, label, show_text
-from gui.widgets.layouts import combo_box, vbox
+from gui.widgets.layouts import FlowLayout, combo_box, vbox
 from gui.widgets.number_box import NumberBox
 from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.encoding.force_matrix import ForceMatrix

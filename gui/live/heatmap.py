@@ -9,8 +9,8 @@ from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QFont, QPainter, QPolygonF
 from PySide6.QtWidgets import QGraphicsWidget
 
+from gui.live.live_data import ValueScale
 from gui.live.raster import layer_titles
-from gui.live.value_scale import ValueScale
 from gui.widgets.theme import Theme, scaled_px, text_scale
 from rigctl.session.sensor_layout import SensorLayout
 

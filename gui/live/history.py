@@ -7,9 +7,8 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
+from rigctl.values import SAMPLE_RATE_HZ
 
-N_ROWS = 2 * N_TAXELS
 SPAN_S = 10
 _MARGIN = 256  # rows that may arrive between reading the head and copying
 
@@ -68,9 +67,9 @@ class History:
 
     def __init__(
         self,
+        n_taxels: int,
+        n_rows: int,
         capacity: int = SPAN_S * SAMPLE_RATE_HZ,
-        n_taxels: int = N_TAXELS,
-        n_rows: int = N_ROWS,
     ) -> None:
         self.capacity = capacity
         self._counters = np.zeros(2 * capacity, np.int64)

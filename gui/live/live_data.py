@@ -3,17 +3,55 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gui.live.drum_course import DrumCourse
-from gui.live.overlay import EventMarks
+from gui.live.navigation import EventMarks
 from gui.live.timeline import Timeline
 from rigctl.acquisition.live_file import LiveReader
 from rigctl.encoding.normalisation import RunningRange
-from rigctl.encoding.reading import FULL_SCALE, Reading
+from rigctl.encoding.reading import FULL_SCALE, STEPS, Reading
+
+NOMINAL_SUPPLY_V = 5.0
+"""The converter's reference where the board has not reported its supply."""
+
+
+@dataclass(frozen=True, slots=True)
+class ValueScale:
+    """The unit of readings; ``supply_v``: the voltage of the highest count, None for counts.
+
+    ``is_conductance``: readings are steps of the divider's conductance, shown as multiples of it.
+    """
+
+    supply_v: float | None = None
+    is_conductance: bool = False
+
+    @property
+    def unit(self) -> str:
+        """The name of the unit."""
+        if self.is_conductance:
+            return "× G divider"
+        return "counts" if self.supply_v is None else "V"
+
+    def text(self, counts: float, signed: bool = False, digits: int = 3) -> str:
+        """Return a reading, or with its sign a difference, without the unit.
+
+        ``digits``: of a voltage behind the point.
+        """
+        sign = "+" if signed else ""
+        if self.is_conductance:
+            return f"{counts / STEPS:{sign}.{digits}f}".replace("-", "−")
+        if self.supply_v is None:
+            return f"{counts:{sign}.0f}".replace("-", "−")
+        return f"{counts * self.supply_v / FULL_SCALE:{sign}.{digits}f}".replace("-", "−")
+
+    def ticks(self, low: float, high: float) -> list[tuple[float, str]]:
+        """Return five axis ticks of a band from 0 (``high``) to 1 (``low`` counts)."""
+        return [(i / 4, self.text(high - i / 4 * (high - low))) for i in range(5)]
 
 
 class LiveData:
@@ -26,11 +64,22 @@ class LiveData:
         self, n_taxels: int, timeline: Timeline | None = None, drum: DrumCourse | None = None
     ) -> None:
         if timeline is None:
-            timeline = Timeline(n_taxels=n_taxels, n_rows=2 * n_taxels)
+            timeline = Timeline(n_taxels, 2 * n_taxels)
         self.timeline = timeline
         self.drum, self.marks = drum or DrumCourse(), EventMarks()
         self.reading = self._engine_reading = Reading.COUNTS
         self._own_range: RunningRange | None = None
+        self._fit_range(n_taxels)
+
+    def set_sensor(self, n_taxels: int) -> None:
+        """Begin anew with counts of a sensor of another number of taxels."""
+        self.clear()
+        self.timeline = Timeline(n_taxels, 2 * n_taxels)
+        self.reading = self._engine_reading = Reading.COUNTS
+        self._own_range = None
+        self._fit_range(n_taxels)
+
+    def _fit_range(self, n_taxels: int) -> None:
         self.low = np.zeros(n_taxels)
         self.high = np.full(n_taxels, float(FULL_SCALE))
 

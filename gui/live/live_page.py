@@ -7,26 +7,126 @@ from datetime import datetime
 from functools import partial
 from typing import Any
 
-from PySide6.QtCore import QElapsedTimer, QSignalBlocker, Qt, QTimer, Signal
-from PySide6.QtWidgets import QComboBox, QGridLayout, QPushButton, QScrollBar, QWidget
+from PySide6.QtCore import QElapsedTimer, QObject, QSignalBlocker, Qt, QTimer, Signal
+from PySide6.QtWidgets import QCheckBox, QComboBox, QGridLayout, QPushButton, QScrollBar, QWidget
 
-from gui.analysis.export.picture_foot import foot_text, image_with_foot
+from gui.analysis.export import foot_text, image_with_foot
+from gui.live.earlier_trials import BIN_S, MOST, TrialStarts, TrialSweep, condition_of
 from gui.live.encoder_strip import EncoderStrip
+from gui.live.live_data import NOMINAL_SUPPLY_V, ValueScale
 from gui.live.live_plots import LivePlots
 from gui.live.navigation import SPANS_S, Navigation
 from gui.live.pointer import Pointer, cursor_text, difference_text
+from gui.live.raster import FULL_SCALE_HZ
 from gui.live.saver import Saver, SaveStrip, shown_samples
-from gui.live.sweep_mode import SweepMode, SweepStrip
-from gui.live.value_scale import NOMINAL_SUPPLY_V, ValueScale
-from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.labels import ElidedLabel, label, show_text
-from gui.widgets.layouts import container, hbox, push_button, vbox
+from gui.widgets.layouts import FlowLayout, container, hbox, push_button, vbox
+from gui.widgets.number_box import WholeNumberBox
 from gui.widgets.theme import Theme
 from rigctl.acquisition.live_file import LiveReader
 from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.encoding.reading import Reading, input_of_each
 from rigctl.errors import WrongUse
 from rigctl.session.sensor_layout import SensorLayout
+
+OFF = "The time axis scrolls with the newest samples."
+WAITS = "No trial has begun yet: the time axis scrolls until the sync line rises."
+
+
+class SweepStrip(QWidget):
+    """``align``: the mode's switch; ``count``: the number of earlier trials."""
+
+    changed = Signal()
+    """Another mode or number."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.align = QCheckBox("begin each trial at the left")
+        self.align.setToolTip("t = 0 is the first sample of the trial, as the session cuts it")
+        self.count = WholeNumberBox(minimum=0, maximum=MOST, value=5)
+        self.count.setToolTip(
+            "Whole trials of the same plate, speed and force, in faint lines: force, speed, the\n"
+            "readings of the chosen taxel, and in its rows of the raster the mean rate of its\n"
+            f"neurons in bins of {1000 * BIN_S:.0f} ms"
+        )
+        self.count.setAccessibleName("Earlier trials behind the present one")
+        self.sentence = ElidedLabel(OFF, "muted")
+        row = FlowLayout(self.align, label("earlier trials"), self.count)
+        self.setLayout(vbox(row, self.sentence, spacing=2, margins=(6, 0, 6, 0)))
+        self.align.toggled.connect(lambda _: self.changed.emit())
+        self.count.valueChanged.connect(lambda _: self.changed.emit())
+
+    def show_state(self, condition: str | None, n_earlier: int, taxel: int) -> None:
+        """Say what is shown: the condition of the present trial, None before the first one."""
+        show_text(self.sentence, self._words(condition, n_earlier, taxel))
+
+    def _words(self, condition: str | None, n_earlier: int, taxel: int) -> str:
+        if not self.align.isChecked():
+            return OFF
+        if condition is None:
+            return WAITS
+        words = f"{condition}; faint: {n_earlier} earlier"
+        if not n_earlier:
+            return words
+        rate = f"mean rate, 0–{FULL_SCALE_HZ:.0f} Hz"
+        return f"{words}; line in the raster rows of T{taxel + 1}: {rate}"
+
+
+class SweepMode(QObject):
+    """Finds trials in the samples as they come, and aligns the plots if the strip says so."""
+
+    def __init__(self, plots: LivePlots, strip: SweepStrip) -> None:
+        super().__init__(plots)
+        self._plots, self._strip = plots, strip
+        self.starts = TrialStarts()
+        self.taxel = 0
+        strip.changed.connect(self._apply)
+
+    def show_status(self, status: EngineStatus) -> None:
+        """Take the condition of the trial that begins next."""
+        self.starts.condition = condition_of(status)
+
+    def show_taxel(self, taxel: int) -> None:
+        """Show earlier readings and rates of another taxel, from 0."""
+        self.taxel = taxel
+        self._apply()
+
+    def follow(self) -> None:
+        """Take new samples; begin anew at the left where a trial began."""
+        timeline, navigation = self._plots.data.timeline, self._plots.navigation
+        self.starts.follow(timeline)
+        if not self._strip.align.isChecked() or navigation.is_paused:
+            return
+        trial = self._present()
+        if navigation.trial_start != (None if trial is None else trial.start):
+            self._align(trial)
+
+    def _present(self) -> TrialSweep | None:
+        return self.starts.newest(self._plots.data.timeline.oldest)
+
+    def _apply(self) -> None:
+        if not self._strip.align.isChecked():
+            self._align(None)
+        elif not self._plots.navigation.is_paused or self._plots.navigation.trial_start is None:
+            self._align(self._present())
+        else:
+            self._align(self._shown())
+        self._plots.draw()
+
+    def _shown(self) -> TrialSweep | None:
+        """Return the trial that a look back shows."""
+        start = self._plots.navigation.trial_start
+        return next((trial for trial in self.starts.trials if trial.start == start), None)
+
+    def _align(self, trial: TrialSweep | None) -> None:
+        plots = self._plots
+        oldest, count = plots.data.timeline.oldest, self._strip.count.value()
+        earlier = [] if trial is None else self.starts.before(trial, count, oldest)
+        plots.navigation.align_to(None if trial is None else trial.start)
+        plots.show_earlier(earlier, self.taxel)
+        condition = None if trial is None else str(trial.condition)
+        self._strip.show_state(condition, len(earlier), self.taxel)
+
 
 _COLUMNS = 9
 _BUTTON_PX = 44
@@ -209,6 +309,7 @@ class LivePage(QWidget):
         self._supply_v, self._is_simulated = NOMINAL_SUPPLY_V, False
         self._engine_reading = Reading.COUNTS
         self._wiring: tuple[int, ...] | None = None
+        self._taxel_inputs = 1
         self._live: LiveReader | None = None
         self._head = 0
         self._since_draw, self._since_texts = QElapsedTimer(), QElapsedTimer()
@@ -271,15 +372,14 @@ class LivePage(QWidget):
         layout = status.sensor_layout
         if layout != self.plots.sensor_layout:
             self.plots.set_sensor_layout(layout)
-            if self.plots.sensor_layout == layout:
-                self.taxel_strip.set_sensor_layout(layout)
+            self.taxel_strip.set_sensor_layout(layout)
         self.encoder_strip.show_status(status)
         self.sweeps.show_status(status)
         board = status.boards.get("taxels")
         supply_v = board.supply_v if board is not None else None
         self._supply_v = supply_v or NOMINAL_SUPPLY_V
         if status.rig:
-            self._wiring = status.wiring
+            self._wiring, self._taxel_inputs = status.wiring, status.taxel_inputs
             if status.reading is not self._engine_reading:
                 self._engine_reading = status.reading
                 self.bar.unit.setCurrentText(status.reading)
@@ -356,7 +456,7 @@ class LivePage(QWidget):
         before, inputs = self.plots.data.reading, tuple[int, ...]()
         try:
             if reading is Reading.CONDUCTANCE:
-                inputs = input_of_each(self._wiring or (), "this rig")
+                inputs = input_of_each(self._wiring or (), self._taxel_inputs, "this rig")
         except WrongUse as error:
             self.reported.emit("refused", str(error))
             self.bar.unit.setCurrentText(Reading.COUNTS)

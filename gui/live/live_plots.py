@@ -7,18 +7,16 @@ from PySide6.QtGui import QResizeEvent
 
 from gui.live.earlier_trials import EarlierTrials, TrialSweep
 from gui.live.heatmap import HeatMap
-from gui.live.live_data import LiveData
-from gui.live.navigation import Navigation
-from gui.live.overlay import Cursors
-from gui.live.spike_rates import FULL_SCALE_HZ, WINDOW_S, RateBars, label_rates
+from gui.live.live_data import LiveData, ValueScale
+from gui.live.navigation import Cursors, Navigation
+from gui.live.raster import FULL_SCALE_HZ, WINDOW_S, RateBars, label_rates
 from gui.live.time_plots import NOW, PAUSED, SINCE_START, TimePlots
-from gui.live.value_scale import ValueScale
 from gui.widgets.data_ages import DataAges, StaleCovers
 from gui.widgets.plot_axes import BOTTOM_PX, PlotGrid, colour_axes, fixed_plot, reserve
 from gui.widgets.theme import Theme, scaled_px, text_scale
 from rigctl.acquisition.live_file import LiveReader
-from rigctl.session.sensor_layout import SensorLayout
-from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
+from rigctl.session.sensor_layout import PAPER_SENSOR, SensorLayout
+from rigctl.values import SAMPLE_RATE_HZ
 
 _RIGHT_PX, _MORE_FOR_TEXTS_PX = 216, 130
 """Width of the right column, and what texts twice as large add to it."""
@@ -44,9 +42,9 @@ class LivePlots(PlotGrid):
     lines_changed = Signal()
     """The cursors have moved."""
 
-    def __init__(self, theme: Theme, sensor: SensorLayout | None = None) -> None:
+    def __init__(self, theme: Theme, sensor: SensorLayout = PAPER_SENSOR) -> None:
         super().__init__()
-        self.sensor_layout = sensor or SensorLayout.default(N_TAXELS)
+        self.sensor_layout = sensor
         self.data = LiveData(self.sensor_layout.n_taxels)
         self.navigation = Navigation()
         self.cursors = Cursors()
@@ -69,8 +67,9 @@ class LivePlots(PlotGrid):
         self.draw_new()
 
     def pull(self, live: LiveReader) -> None:
-        """Take the new samples."""
-        self.data.pull(live)
+        """Take the new samples; those of another sensor wait for the status that describes it."""
+        if live.n_taxels == self.sensor_layout.n_taxels:
+            self.data.pull(live)
         self._follow()
 
     def draw_new(self) -> None:
@@ -144,10 +143,12 @@ class LivePlots(PlotGrid):
         self._since_numbers.invalidate()
 
     def set_sensor_layout(self, layout: SensorLayout) -> None:
-        """Group taxels and trains by the layers of the sensor, if it has as many taxels."""
-        if layout == self.sensor_layout or layout.n_taxels != self.sensor_layout.n_taxels:
-            return
-        self._set_layout(layout)
+        """Group taxels and trains by the layers of the sensor; of another number begin anew."""
+        if layout.n_taxels != self.sensor_layout.n_taxels:
+            self.clear_history()
+            self.data.set_sensor(layout.n_taxels)
+        if layout != self.sensor_layout:
+            self._set_layout(layout)
 
     def _set_layout(self, layout: SensorLayout) -> None:
         self.sensor_layout = layout

@@ -6,10 +6,9 @@ import numpy as np
 from PySide6.QtCore import QEvent, QObject, QPointF, Qt, Signal
 from PySide6.QtGui import QKeyEvent, QMouseEvent, QWheelEvent
 
-from gui.live.live_data import LiveData
+from gui.live.live_data import LiveData, ValueScale
 from gui.live.live_plots import LivePlots
 from gui.live.timeline import TimeWindow
-from gui.live.value_scale import ValueScale
 from rigctl.values import SAMPLE_RATE_HZ
 
 HINT = "Point at the plots for values · click: reference · drag: move · wheel: zoom"

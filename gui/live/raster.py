@@ -1,17 +1,140 @@
-"""The spike raster: SA and RA of each layer of the sensor, newest on the right."""
+"""The spike raster, and the rates of the last second beside it; both are images that scroll."""
 
 from __future__ import annotations
 
 from collections.abc import Collection
 
 import numpy as np
+import pyqtgraph as pg
 from numpy.typing import NDArray
+from PySide6.QtCore import QRectF
+from PySide6.QtGui import QColor, QImage, QPainter, QTransform
+from PySide6.QtWidgets import QGraphicsItem
 
-from gui.live.scrolling_image import ScrollingImage
-from gui.live.timeline import PixelColumns, Timeline
-from gui.widgets.colours import blend, rgb
-from gui.widgets.theme import Theme
-from rigctl.session.sensor_layout import LAYER_NAMES, SensorLayout
+from gui.live.history import SPAN_S
+from gui.live.timeline import PixelColumns, Timeline, TimeWindow
+from gui.widgets.plot_axes import label_axis
+from gui.widgets.theme import Theme, blend, rgb
+from rigctl.config.rig_config import LAYER_NAMES
+from rigctl.session.sensor_layout import SensorLayout
+from rigctl.values import SAMPLE_RATE_HZ
+
+_STRIPE_AT, _STRIPE_STEP = 3, 6
+"""Rows of the stripes by which lost samples are told without colours."""
+_START = TimeWindow(0, SPAN_S * SAMPLE_RATE_HZ, 0)
+
+
+class ScrollingImage(QGraphicsItem):
+    """Rows over time; subclasses render the columns.
+
+    Its rectangle in plot units is that of the time window in seconds by ``0 … n_rows``, row 0 at
+    the top (its view has an inverted y axis).
+    """
+
+    def __init__(self, n_rows: int, theme: Theme) -> None:
+        super().__init__()
+        self.n_rows = n_rows
+        self.theme = theme
+        self.shown = _START
+        self._pixels = np.zeros((1, 1), np.uint32)
+        self._head = 0
+        self._drawn = (0, -1)
+        self._last = -1
+        self._ratio = 1.0
+        self._source: tuple[Timeline | None, int] = (None, -1)
+        self._is_stale = True
+
+    def set_theme(self, theme: Theme) -> None:
+        """Apply a theme; the next refresh redraws everything."""
+        self.theme = theme
+        self._is_stale = True
+
+    def refresh(
+        self, timeline: Timeline, window: TimeWindow, width: int, height: int, ratio: float
+    ) -> None:
+        """Draw the columns that are new in a view of ``width`` × ``height`` logical pixels."""
+        shape = (max(1, round(height * ratio)), max(1, round(width * ratio)))
+        source = (timeline, timeline.generation)
+        if shape != self._pixels.shape or source != self._source:
+            self._is_stale = True
+        if self._is_stale or window.span != self.shown.span:
+            self._reset(shape, ratio, source)
+        if (window.left_s, window.span) != (self.shown.left_s, self.shown.span):
+            self.prepareGeometryChange()
+        self.shown = window
+        self._head = window.right * shape[1] // window.span
+        if len(timeline):
+            self._draw_new(timeline)
+        self.update()
+
+    def boundingRect(self) -> QRectF:
+        """Return the image's rectangle in plot units."""
+        window = self.shown
+        return QRectF(window.left_s, 0.0, window.span / SAMPLE_RATE_HZ, float(self.n_rows))
+
+    def paint(self, painter: QPainter, *_: object) -> None:
+        """Paint the ring of columns, first the older ones behind the head."""
+        area = painter.worldTransform().mapRect(self.boundingRect())
+        left, top = round(area.left()), round(area.top())
+        height, width = self._pixels.shape
+        image = QImage(self._pixels.data, width, height, 4 * width, QImage.Format.Format_RGB32)
+        image.setDevicePixelRatio(self._ratio)
+        split = (self._head + 1) % width
+        painter.save()
+        painter.setWorldTransform(QTransform())
+        painter.drawImage(left, top, image, split, 0, width - split, height)
+        painter.drawImage(
+            round(left + (width - split) / self._ratio), top, image, 0, 0, split, height
+        )
+        painter.restore()
+
+    def render_columns(self, timeline: Timeline, columns: PixelColumns) -> NDArray[np.uint32]:
+        """Return the pixels of some columns, uint32 (height, k); subclasses implement it."""
+        # Qt's metaclass and ABCMeta do not combine, so the method cannot be declared abstract.
+        raise NotImplementedError
+
+    def prepare(self, height: int) -> None:
+        """Compute tables for another height or theme; subclasses that need them implement it."""
+
+    def _reset(self, shape: tuple[int, int], ratio: float, source: tuple[Timeline, int]) -> None:
+        is_prepared = not self._is_stale
+        self._pixels = np.full(shape, rgb(self.theme.plot), np.uint32)
+        self._drawn = (0, -1)
+        self._ratio = ratio
+        self._source = source
+        self._is_stale = False
+        if not is_prepared:
+            self.prepare(shape[0])
+
+    def _draw_new(self, timeline: Timeline) -> None:
+        """Draw the columns in view that are not drawn, or were drawn before all samples came."""
+        width = self._pixels.shape[1]
+        first, last = self._head - width + 1, self._head
+        drawn_first, drawn_last = self._drawn
+        newest = timeline.newest * width // self.shown.span
+        if drawn_first > last or drawn_last < first or drawn_first > drawn_last:
+            self._draw(timeline, first, last)
+        else:
+            if first < drawn_first:
+                self._draw(timeline, first, drawn_first - 1)
+            # Where the right edge stands still, columns behind the newest are blank already.
+            end = min(last, newest) if last == self._last else last
+            if end > drawn_last:
+                self._draw(timeline, drawn_last + 1, end)
+        self._last = last
+        self._drawn = (first, min(last, newest - 1))
+
+    def _draw(self, timeline: Timeline, first: int, last: int) -> None:
+        width = self._pixels.shape[1]
+        columns = timeline.columns(first, last, width, self.shown.span)
+        pixels = self.render_columns(timeline, columns)
+        pixels[:, columns.missing] = rgb(self.theme.gap)
+        pixels[_STRIPE_AT::_STRIPE_STEP, columns.missing] = rgb(self.theme.bad)
+        pixels[:, columns.blank] = rgb(self.theme.plot)
+        at, n = first % width, last - first + 1
+        n_before_seam = min(n, width - at)
+        self._pixels[:, at : at + n_before_seam] = pixels[:, :n_before_seam]
+        self._pixels[:, : n - n_before_seam] = pixels[:, n_before_seam:]
 
 
 class TrainRows:
@@ -120,3 +243,83 @@ class Raster(ScrollingImage):
         spikes = timeline.spike_columns(columns)
         is_ink = spikes[:, self.rows.order].T[self._row] & self._is_tick
         return np.where(is_ink, self._ink, self._background)
+
+
+FULL_SCALE_HZ = 300.0
+RATE_TICKS_HZ = (0, 100, 200)
+FULL_SCALE_A_MM = 6.0
+RATE_TICKS_A_MM = (0, 2, 4)
+LEAST_TRAVEL_MM = 1.0
+"""With less in the window, spikes per mm would be a division by nearly nothing: no bars."""
+WINDOW_S = 1.0
+
+
+class RateBars(QGraphicsItem):
+    """Horizontal bars from 0 to the rate, in the raster's row order.
+
+    ``rates_hz``: spikes a second, (n_rows,). ``rates_a_mm``: spikes a mm of texture where these
+    are shown, else None.
+    """
+
+    def __init__(self, theme: Theme, layout: SensorLayout) -> None:
+        super().__init__()
+        self.theme = theme
+        self.rows = TrainRows(layout)
+        self.rates_hz = np.zeros(len(self.rows))
+        self.rates_a_mm: NDArray[np.float64] | None = None
+
+    def set_sensor_layout(self, layout: SensorLayout) -> None:
+        """Order the bars by the layers of another sensor with as many taxels."""
+        self.show_rows(TrainRows(layout))
+
+    def show_rows(self, rows: TrainRows) -> None:
+        """Show other rows of the trains."""
+        self.prepareGeometryChange()
+        self.rows = rows
+        self.rates_hz, self.rates_a_mm = np.zeros(len(rows)), None
+
+    def set_theme(self, theme: Theme) -> None:
+        """Apply a theme."""
+        self.theme = theme
+        self.update()
+
+    def refresh(self, spikes: NDArray[np.uint8], travelled_mm: float | None = None) -> None:
+        """Show the rates of the newest second of spikes, uint8 (n, n_rows), encoder's order.
+
+        ``travelled_mm``: show spikes per mm of this texture instead of per second.
+        """
+        newest = spikes[-round(WINDOW_S * SAMPLE_RATE_HZ) :]
+        seconds = max(len(newest), 1) / SAMPLE_RATE_HZ
+        counts = newest.sum(axis=0, dtype=np.int64)[self.rows.order]
+        self.rates_hz, self.rates_a_mm = counts / seconds, None
+        if travelled_mm is not None:
+            has_moved = travelled_mm >= LEAST_TRAVEL_MM
+            self.rates_a_mm = counts / travelled_mm if has_moved else np.zeros(len(counts))
+        self.update()
+
+    def boundingRect(self) -> QRectF:
+        """Return the rectangle of all rows up to the full scale."""
+        return QRectF(0.0, 0.0, FULL_SCALE_HZ, float(len(self.rows)))
+
+    def paint(self, painter: QPainter, *_: object) -> None:
+        """Draw one rectangle per row."""
+        colours = [QColor(colour) for colour in self.rows.group_colours(self.theme)]
+        shown = self.rates_hz
+        if self.rates_a_mm is not None:
+            shown = self.rates_a_mm * (FULL_SCALE_HZ / FULL_SCALE_A_MM)
+        for row, rate in enumerate(np.minimum(shown, FULL_SCALE_HZ)):
+            colour = colours[self.rows.group_of[row]]
+            painter.fillRect(QRectF(0.0, row + 0.12, float(rate), 0.76), colour)
+
+
+A_SECOND = "Rate in the last second (Hz)"
+A_MM = "Rate in the last second (1/mm)"
+
+
+def label_rates(plot: pg.PlotItem, theme: Theme, is_per_mm: bool) -> None:
+    """Write the numbers and the unit of the rates below a plot whose width is the full scale."""
+    ticks = [(float(hz), f"{hz}") for hz in RATE_TICKS_HZ]
+    if is_per_mm:
+        ticks = [(n * FULL_SCALE_HZ / FULL_SCALE_A_MM, f"{n}") for n in RATE_TICKS_A_MM]
+    plot.getAxis("bottom").setTicks([ticks, []])
+    label_axis(plot, "bottom", A_MM if is_per_mm else A_SECOND, theme)

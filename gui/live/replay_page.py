@@ -11,20 +11,18 @@ from numpy.typing import NDArray
 from PySide6.QtCore import QElapsedTimer, QObject, QRectF, QSignalBlocker, Qt, QTimer, Signal
 from PySide6.QtWidgets import QAbstractSpinBox, QCheckBox, QComboBox, QLineEdit, QScrollBar, QWidget
 
-from gui.analysis.export.picture_foot import foot_text
-from gui.analysis.tasks.task_values import DRUM, SessionTable
-from gui.analysis.tasks.worker import Worker
+from gui.analysis.export import foot_text
+from gui.analysis.replay_tasks import ReplayTrial
+from gui.analysis.task_values import DRUM, SessionTable
+from gui.analysis.worker import Worker
 from gui.live.live_data import LiveData
 from gui.live.live_plots import LivePlots, gap_px, right_column_px
-from gui.live.navigation import SPANS_S
-from gui.live.overlay import Overlay
+from gui.live.navigation import SPANS_S, Overlay
 from gui.live.pointer import Pointer, cursor_text
-from gui.live.replay_tasks import ReplayTrial
 from gui.live.time_plots import IN_TRIAL
 from gui.widgets.file_browser import PathKind, browse_button, typed_path
-from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.labels import ElidedLabel, label, show_text
-from gui.widgets.layouts import push_button, vbox
+from gui.widgets.layouts import FlowLayout, push_button, vbox
 from gui.widgets.number_box import NumberBox, WholeNumberBox, has_refused
 from gui.widgets.plot_axes import PlotGrid, colour_axes, label_axis, time_plot
 from gui.widgets.theme import Theme, scaled_px

@@ -14,12 +14,10 @@ from PySide6.QtWidgets import QGraphicsItem
 
 from gui.live.drum_course import DrumCourse, thin_out
 from gui.live.history import SPAN_S
-from gui.live.overlay import MarkLine, Overlay
-from gui.live.raster import Raster, TrainRows
-from gui.live.scrolling_image import ScrollingImage
+from gui.live.live_data import ValueScale
+from gui.live.navigation import MarkLine, Overlay
+from gui.live.raster import Raster, ScrollingImage, TrainRows
 from gui.live.timeline import PixelColumns, Timeline, TimeWindow
-from gui.live.value_scale import ValueScale
-from gui.widgets.colours import blend, rgb
 from gui.widgets.plot_axes import (
     LEFT_PX,
     MAX_TICKS,
@@ -30,7 +28,7 @@ from gui.widgets.plot_axes import (
     time_plot,
     time_ticks,
 )
-from gui.widgets.theme import Theme, scaled_px
+from gui.widgets.theme import Theme, blend, rgb, scaled_px
 from rigctl.session.sensor_layout import SensorLayout
 
 _HEADROOM = 1.1

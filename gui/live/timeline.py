@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gui.live.history import N_ROWS, LiveSamples, SampleWindow
+from gui.live.history import LiveSamples, SampleWindow
 from rigctl.encoding.reading import conductance
-from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ
+from rigctl.values import SAMPLE_RATE_HZ
 
 
 class Ring:
@@ -216,9 +216,9 @@ class Timeline:
 
     def __init__(
         self,
+        n_taxels: int,
+        n_rows: int,
         capacity: int = CAPACITY_S * SAMPLE_RATE_HZ,
-        n_taxels: int = N_TAXELS,
-        n_rows: int = N_ROWS,
     ) -> None:
         self.capacity = capacity
         self.counters = Ring(capacity, np.dtype(np.int64))

@@ -10,9 +10,8 @@ from PySide6.QtCore import QObject, QTimer, Signal
 from PySide6.QtWidgets import QApplication, QFrame, QStyle, QSystemTrayIcon
 
 from gui.widgets.formatting import capitalised
-from gui.widgets.labels import label
+from gui.widgets.labels import Level, StatusLamp, label
 from gui.widgets.layouts import hbox, push_button
-from gui.widgets.status_lamp import Level, StatusLamp
 from rigctl.acquisition.rpc.messages import DISCONNECTED_TEXT, EngineStatus, RunStatus
 from rigctl.wire.drum_states import State
 
@@ -62,7 +61,7 @@ def silent_engine(last: EngineStatus) -> Alarm:
 
 
 def _fault(status: EngineStatus) -> Alarm | None:
-    if not status.fault:
+    if not status.fault or status.is_stop_asked_for:
         return None
     contact = " The drum is still in contact with the sensor." if status.is_left_in_contact else ""
     words = f"{capitalised(status.fault_words)}.{contact}"

@@ -8,7 +8,7 @@ from typing import Any
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QComboBox, QGridLayout, QGroupBox, QLabel, QWidget
 
-from gui.widgets.file_combo_box import ElidedComboBox
+from gui.widgets.file_browser import ElidedComboBox
 from gui.widgets.layouts import focus_wheel, push_button
 from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.simulation.wirings import WIRINGS

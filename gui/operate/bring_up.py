@@ -8,9 +8,8 @@ from typing import NamedTuple
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QGridLayout, QGroupBox, QLabel, QPushButton
 
-from gui.widgets.labels import label, set_property, show_text
+from gui.widgets.labels import Level, StatusLamp, label, set_property, show_text
 from gui.widgets.layouts import container, push_button
-from gui.widgets.status_lamp import Level, StatusLamp
 from rigctl.acquisition.calibration_values import LOADCELL, WIRING
 from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.wire.drum_states import State

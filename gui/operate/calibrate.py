@@ -19,10 +19,9 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.formatting import age, grouped
 from gui.widgets.labels import label, set_property, show_text
-from gui.widgets.layouts import focus_wheel, hbox, push_button, scroll_area, vbox
+from gui.widgets.layouts import FlowLayout, focus_wheel, hbox, push_button, scroll_area, vbox
 from gui.widgets.number_box import NumberBox, has_refused
 from gui.widgets.theme import Theme, applied_theme, scaled_px
 from rigctl.acquisition.calibration_values import (

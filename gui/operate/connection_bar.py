@@ -7,15 +7,21 @@ from textwrap import shorten
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QFrame, QStackedWidget, QWidget
 
-from gui.link.engine_clients import JOIN
-from gui.link.engine_link import NOT_CONNECTED
+from gui.link.engine_link import JOIN, NOT_CONNECTED
 from gui.widgets.data_ages import DataAges, stale_words
-from gui.widgets.file_browser import PathKind
-from gui.widgets.file_combo_box import FileComboBox
+from gui.widgets.file_browser import FileComboBox, PathKind
 from gui.widgets.formatting import grouped
-from gui.widgets.labels import StopButton, elastic, label, plain_tooltip, set_property, show_text
+from gui.widgets.labels import (
+    Level,
+    StatusLamp,
+    StopButton,
+    elastic,
+    label,
+    plain_tooltip,
+    set_property,
+    show_text,
+)
 from gui.widgets.layouts import container, hbox, push_button, vbox
-from gui.widgets.status_lamp import Level, StatusLamp
 from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus
 from rigctl.wire.drum_states import Fault
 
@@ -206,7 +212,8 @@ class Toolbar(ConnectionBar):
     def show_status(self, status: EngineStatus) -> None:
         """Show the drum's state and the recording lamp."""
         name = status.state.name.replace("_", " ") if status.state is not None else "–"
-        is_good = not status.fault and not status.is_left_in_contact
+        has_fault = bool(status.fault) and not status.is_stop_asked_for
+        is_good = not has_fault and not status.is_left_in_contact
         self._show_state(name, _state_words(status), is_good=is_good)
         self.recording_display.show_status(status.run.state, status.recording)
 

@@ -24,9 +24,9 @@ from gui.operate.bench_controls import BenchControls
 from gui.operate.bring_up import BringUpBox
 from gui.widgets.data_ages import DataAges, stale_words
 from gui.widgets.file_browser import PathKind, browse_button, folder_problem, new_files_folder
-from gui.widgets.flow_layout import FlowLayout
-from gui.widgets.labels import elastic, label, set_property, show_text
+from gui.widgets.labels import Level, StatusLamp, elastic, label, set_property, show_text
 from gui.widgets.layouts import (
+    FlowLayout,
     container,
     focus_wheel,
     form_layout,
@@ -36,7 +36,6 @@ from gui.widgets.layouts import (
     vbox,
 )
 from gui.widgets.number_box import NumberBox, has_refused
-from gui.widgets.status_lamp import Level, StatusLamp
 from rigctl.acquisition.rpc.messages import EngineStatus, PromptStatus, RecordingStatus
 from rigctl.config.rig_config import RigLimits
 from rigctl.wire.drum_registers import BY_NAME

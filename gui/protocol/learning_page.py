@@ -13,11 +13,9 @@ from PySide6.QtCore import QEvent, QObject, QPointF, Signal
 from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QWidget
 
-from gui.analysis.export.export_button import TABLE, ExportButton
-from gui.analysis.export.picture_encoder import NewFile, PictureEncoder
-from gui.analysis.export.picture_file import widget_picture
-from gui.analysis.export.value_file import yes_or_no
-from gui.analysis.tasks.worker import Worker
+from gui.analysis.export import TABLE, ExportButton, NewFile, PictureEncoder, widget_picture
+from gui.analysis.value_file import yes_or_no
+from gui.analysis.worker import Worker
 from gui.widgets.file_browser import typed_path
 from gui.widgets.labels import elastic, label, show_text
 from gui.widgets.layouts import container, hbox, push_button, vbox

@@ -25,7 +25,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from gui.analysis.tasks.worker import Worker
+from gui.analysis.worker import Worker
 from gui.protocol.learning_page import LearningPage
 from gui.protocol.protocol_editor import ProtocolEditor
 from gui.protocol.run_tasks import (
@@ -39,9 +39,8 @@ from gui.protocol.run_tasks import (
     SessionNews,
 )
 from gui.widgets.file_browser import PathKind, browse_button
-from gui.widgets.flow_layout import FlowLayout
 from gui.widgets.labels import ElidedLabel, label, show_text
-from gui.widgets.layouts import PageTabs, container, hbox, push_button, vbox
+from gui.widgets.layouts import FlowLayout, PageTabs, container, hbox, push_button, vbox
 from gui.widgets.theme import applied_theme, scaled_px
 from rigctl.acquisition.rpc.messages import RunStatus
 

@@ -18,10 +18,16 @@ import pyqtgraph as pg
 from shiboken6 import delete
 
 from gui.screenshots.camera import Camera
-from gui.screenshots.drum_scenes import drum_scenes, page_scenes
 from gui.screenshots.film import film_session
-from gui.screenshots.recorded_scenes import finger_scenes, recorded_scenes
-from gui.screenshots.scene import Recordings, Scene, Studio
+from gui.screenshots.scenes import (
+    Recordings,
+    Scene,
+    Studio,
+    drum_scenes,
+    finger_scenes,
+    page_scenes,
+    recorded_scenes,
+)
 from gui.shell.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
 from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE

@@ -12,7 +12,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QPushButton
 
 from gui.screenshots.camera import pixels
-from gui.screenshots.scene import SAVE_IN, Studio
+from gui.screenshots.scenes import SAVE_IN, Studio
 from gui.widgets.theme import ThemeChoice
 from rigctl.wire.drum_states import State
 

@@ -6,13 +6,12 @@ from typing import Any, Protocol
 
 from PySide6.QtCore import QElapsedTimer, QObject, Signal
 
-from gui.link.engine_clients import another_on, shown_rig
-from gui.link.engine_link import NOT_CONNECTED, ClientFactory, EngineLink
-from gui.live.health_strip import HealthStrip
+from gui.link.engine_link import NOT_CONNECTED, ClientFactory, EngineLink, another_on, shown_rig
+from gui.live.health import HealthStrip
 from gui.live.live_page import LivePage
-from gui.operate.action_results import action_name, action_result
 from gui.operate.alarms import AlarmCenter
 from gui.operate.connection_bar import Toolbar
+from gui.operate.event_log import action_name, action_result
 from gui.operate.operate_panel import OperatePanel, PromptPanel
 from gui.protocol.protocol_panel import ProtocolPanel
 from gui.widgets.data_ages import DataAges, data_ages

@@ -12,29 +12,31 @@ from PySide6.QtWidgets import QApplication, QStackedWidget, QWidget
 
 from gui.analysis.analysis_tab import AnalysisTab
 from gui.finger.finger_tab import FingerTab
-from gui.link.attach_controller import AttachController, PastLine
-from gui.link.control import ControlLock
-from gui.link.engine_clients import joined_rig, open_client, open_finger_client
-from gui.link.engine_link import ClientFactory
+from gui.link.attach import AttachController, ControlLock, PastLine
+from gui.link.engine_link import ClientFactory, joined_rig, open_client, open_finger_client
 from gui.operate.event_log import EventLog, StatusLine
-from gui.protocol.protocol_form import REMEMBERED
-from gui.protocol.protocol_panel import ProtocolPanel
+from gui.protocol.protocol_panel import REMEMBERED, ProtocolPanel
 from gui.shell.actions import ActionRegistry
-from gui.shell.button_menus import SaveMenu, add_panel_menus
 from gui.shell.crash_reports import REPORTS
-from gui.shell.docks import DockArea
+from gui.shell.docks import DockArea, SteadyFocusWindow, give_focus, neighbour_of
 from gui.shell.drum_controller import DrumController
 from gui.shell.help_page import HelpController
+from gui.shell.menus import (
+    SaveMenu,
+    add_alarm_sound,
+    add_live_actions,
+    add_panel_menus,
+    add_rig_menu,
+    add_trial_actions,
+    drum_controls,
+    finger_controls,
+)
 from gui.shell.page_stack import PageStack
-from gui.shell.recent_paths import RecentRigs, RecentSessions
 from gui.shell.replay_controller import ReplayController
-from gui.shell.rig_menu import add_alarm_sound, add_rig_menu, drum_controls, finger_controls
 from gui.shell.start_page import StartController
-from gui.shell.steady_focus import SteadyFocusWindow, give_focus, neighbour_of
 from gui.shell.tools_controller import ToolsController
 from gui.shell.user_settings import UserSettings
-from gui.shell.view_menus import add_live_actions, add_trial_actions
-from gui.shell.window_memory import WindowMemory
+from gui.shell.window_memory import RecentRigs, RecentSessions, WindowMemory
 from gui.widgets.file_browser import FileBrowser, PathKind
 from gui.widgets.layouts import container, scroll_area, vbox
 from gui.widgets.theme import Theme, ThemeChoice, apply_palette, apply_theme, scale_texts

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QObject, Signal
 
 from gui.analysis.session_panel import SessionPanel
-from gui.analysis.tasks.task_values import DRUM
+from gui.analysis.task_values import DRUM
 from gui.shell.actions import ActionRegistry
 from gui.shell.page_stack import PageStack
-from gui.shell.recent_paths import RecentSessions
+from gui.shell.window_memory import RecentSessions
 from gui.widgets.theme import Theme
 
 if TYPE_CHECKING:

@@ -1,12 +1,74 @@
-"""Labels, and the style properties of widgets."""
+"""Labels, lamps and strips, and the style properties of widgets."""
 
 from __future__ import annotations
 
+from enum import StrEnum
 from html import escape
 
-from PySide6.QtCore import Qt
-from PySide6.QtGui import QPainter, QPaintEvent, QResizeEvent
-from PySide6.QtWidgets import QLabel, QProgressBar, QPushButton, QSizePolicy, QWidget
+from PySide6.QtCore import QPointF, QRectF, Qt
+from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent
+from PySide6.QtWidgets import (
+    QFrame,
+    QLabel,
+    QLayout,
+    QProgressBar,
+    QPushButton,
+    QSizePolicy,
+    QWidget,
+)
+
+from gui.widgets.layouts import hbox
+from gui.widgets.theme import applied_theme
+
+
+class Level(StrEnum):
+    """The verdict on a value."""
+
+    OFF = "off"
+    OK = "ok"
+    WARN = "warn"
+    BAD = "bad"
+
+
+_CORNERS = {
+    Level.WARN: ((0.5, 0.0), (1.0, 0.5), (0.5, 1.0), (0.0, 0.5)),
+    Level.BAD: ((0.5, 0.0), (1.0, 1.0), (0.0, 1.0)),
+}
+
+
+class StatusLamp(QWidget):
+    """A ring (off or unknown), a disc (OK), a diamond (WARN) or a triangle (BAD)."""
+
+    def __init__(self, side_px: int) -> None:
+        super().__init__()
+        self.level = Level.OFF
+        self.setFixedSize(side_px, side_px)
+
+    def set_level(self, level: Level) -> None:
+        """Show another level."""
+        if level is not self.level:
+            self.level = level
+            self.update()
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        """Draw the level's shape in the colours of the applied theme."""
+        theme = applied_theme()
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        box = QRectF(self.rect()).adjusted(1.5, 1.5, -1.5, -1.5)
+        if self.level is Level.OFF:
+            painter.setPen(QPen(QColor(theme.muted), 1.6))
+            painter.drawEllipse(box)
+            return
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(QColor(getattr(theme, self.level)))
+        if self.level is Level.OK:
+            painter.drawEllipse(box)
+        else:
+            width, height = box.width(), box.height()
+            corners = [QPointF(x * width, y * height) for x, y in _CORNERS[self.level]]
+            painter.drawPolygon(QPolygonF(corners).translated(box.topLeft()))
+
 
 _LEAST_WIDTH_PX, _LEAST_HEIGHT_PX = 150, 46
 
@@ -119,3 +181,21 @@ def show_progress(bar: QProgressBar, done: int, planned: int) -> None:
     """Show how much is done of what is planned, as far as a bar counts."""
     bar.setMaximum(min(max(planned, 1), MOST_STEPS))
     bar.setValue(min(max(done, 0), MOST_STEPS))
+
+
+class Strip(QFrame):
+    """A lamp, a sentence and buttons; hidden until it has something to say."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setProperty("role", "prompt")
+        self.text = QLabel(wordWrap=True, textFormat=Qt.TextFormat.PlainText)
+        self.text.setProperty("role", "heading")
+        self.hide()
+
+    def row(self, *buttons: QPushButton, level: Level = Level.WARN) -> QLayout:
+        """Return a layout of the lamp, the sentence and the buttons."""
+        lamp = StatusLamp(18)
+        lamp.set_level(level)
+        margins = (10, 6, 10, 6)
+        return hbox(lamp, self.text, *buttons, wide=1, spacing=6, margins=margins)

@@ -1,4 +1,4 @@
-"""Create plots with fixed ranges and aligned axes."""
+"""Create plots with fixed ranges and aligned axes, and a line that says what is pointed at."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from math import ceil, floor, log10
 
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QFontMetrics
+from PySide6.QtGui import QAccessible, QAccessibleEvent, QFontMetrics
 from PySide6.QtWidgets import QApplication, QGraphicsItem, QWidget
 
+from gui.widgets.labels import label
 from gui.widgets.layouts import vbox
 from gui.widgets.theme import Theme, scaled_px, text_scale
 
@@ -178,3 +179,29 @@ class PlotGrid(QWidget):
     def colour_background(self, theme: Theme) -> None:
         """Give the space around the plots the colour of a panel."""
         self.graphics.setBackground(theme.panel)
+
+
+LINES = 3
+
+
+class Readout(QWidget):
+    """Three lines of text, whose height does not change; they describe the plot ``described``."""
+
+    def __init__(self, described: QWidget, hint: str) -> None:
+        super().__init__()
+        self._described, self._hint = described, hint
+        self.label = label("", wraps=True)
+        column = vbox(self.label, margins=(8, 2, 8, 2))
+        column.addStretch(1)
+        self.setLayout(column)
+        self.show_words("")
+
+    def show_words(self, words: str) -> None:
+        """Show a point in words, or how to choose one."""
+        text = words or self._hint
+        self.setMinimumHeight(LINES * QFontMetrics(self.font()).lineSpacing() + 4)
+        if self.label.text() != text:
+            self.label.setText(text)
+            self._described.setAccessibleDescription(text)
+            changed = QAccessible.Event.DescriptionChanged
+            QAccessible.updateAccessibility(QAccessibleEvent(self._described, changed))

@@ -291,7 +291,7 @@ def _compiled_encoder(rig: Rig) -> Encoder:
     parameters = replace(preset(config.preset), reading=Reading(config.reading))
     inputs: tuple[int, ...] = ()
     if _takes_conductance(rig):
-        inputs = input_of_each(taxels.order, "[taxels] wiring in rig.toml")
+        inputs = input_of_each(taxels.order, taxels.inputs, "[taxels] wiring in rig.toml")
         normalisation = Normalisation.full_scale(taxels.count, reading=Reading.CONDUCTANCE)
     elif taxels.low:
         low, high = np.array(taxels.low, np.uint16), np.array(taxels.high, np.uint16)

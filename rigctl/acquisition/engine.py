@@ -11,6 +11,7 @@ from typing import Any
 
 from rigctl.acquisition.boards import Boards
 from rigctl.acquisition.calibration import Calibration
+from rigctl.acquisition.contact import has_status
 from rigctl.acquisition.early_end import JudgeLink
 from rigctl.acquisition.health import HeartbeatGate
 from rigctl.acquisition.live_file import LiveWriter
@@ -28,6 +29,7 @@ from rigctl.acquisition.step_runner import mountings_before
 from rigctl.errors import DiskFault, WrongUse
 from rigctl.session.notes import SessionNote, check_note
 from rigctl.session.session import ConditionEnd
+from rigctl.wire.drum_codes import Status
 
 
 class Engine(ServedEngine[Run, RunRequest]):
@@ -136,7 +138,10 @@ class Engine(ServedEngine[Run, RunRequest]):
     def _context(self, operator: str = "", sensor: str = "") -> RunContext:
         """Return the rig as it is now, for a session that begins."""
         boards = tuple(self.boards.identities.values())
-        return RunContext(self.rig, boards, self._utc_now(), operator, sensor)
+        drum = self.boards.drum_poller.state
+        presses = drum is not None and has_status(drum, Status.COMMISSIONED)
+        presses = presses or self.rig.commissions  # a run's first settings commission it again
+        return RunContext(self.rig, boards, self._utc_now(), presses, operator, sensor)
 
     def _active_run(self) -> Run:
         if self.run is None or self.run.ended:

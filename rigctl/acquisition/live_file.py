@@ -12,7 +12,7 @@ from __future__ import annotations
 import errno
 import mmap
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Self
@@ -20,11 +20,10 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.config.rig_config import MAX_TAXELS
 from rigctl.errors import DiskFault, RigFault
-from rigctl.values import N_TAXELS
 
 ALIGNMENT_BYTES = 64
-_HEADER_BYTES = 1024
 _HEADER_WORDS = 8  # magic, taxels, rows of both rings, version of the range, three spare
 _RANGE_OFFSET = 64
 _COUNTERS_BYTES = 64
@@ -120,12 +119,18 @@ class RingWindow:
 
 @dataclass(frozen=True, slots=True)
 class LiveLayout:
-    """Two rings and their columns: the taxels' and another one. ``magic`` names the layout."""
+    """Two rings and their columns: the taxels' and another one. ``magic`` names the layout.
+
+    :data:`LayoutOf` returns it for the number of taxels, which the file's header holds.
+    """
 
     magic: int
     n_taxels: int
     taxel_columns: RingColumns
     other_columns: RingColumns
+
+
+LayoutOf = Callable[[int], LiveLayout]
 
 
 class LiveFile:
@@ -136,8 +141,9 @@ class LiveFile:
     ) -> None:
         self.header = np.ndarray(_HEADER_WORDS, np.int64, memory)
         self.range = np.ndarray((2, layout.n_taxels), np.uint16, memory, _RANGE_OFFSET)
-        self.taxels = RingBuffer(memory, _HEADER_BYTES, taxel_rows, layout.taxel_columns)
-        offset = _HEADER_BYTES + ring_bytes(taxel_rows, layout.taxel_columns)
+        offset = _header_bytes(layout)
+        self.taxels = RingBuffer(memory, offset, taxel_rows, layout.taxel_columns)
+        offset += ring_bytes(taxel_rows, layout.taxel_columns)
         self.other = RingBuffer(memory, offset, other_rows, layout.other_columns)
         self._memory = memory
 
@@ -158,11 +164,11 @@ class LiveFile:
         return file
 
     @classmethod
-    def open(cls, path: Path, layout: LiveLayout) -> Self:
+    def open(cls, path: Path, layout_of: LayoutOf) -> Self:
         """Open the file of an engine. Raises RigFault where it is absent or has another layout."""
         try:
             with path.open("rb") as file:
-                taxel_rows, other_rows = _read_rows(path, file, layout)
+                layout, taxel_rows, other_rows = _read_layout(path, file, layout_of)
                 size = _file_bytes(layout, taxel_rows, other_rows)
                 memory = mmap.mmap(file.fileno(), size, access=mmap.ACCESS_READ)
         except OSError as error:
@@ -212,8 +218,13 @@ class LiveFileWriter:
 class LiveFileReader:
     """A window's side; a subclass copies the newest rows at any time."""
 
-    def __init__(self, path: Path, layout: LiveLayout) -> None:
-        self._file = LiveFile.open(path, layout)
+    def __init__(self, path: Path, layout_of: LayoutOf) -> None:
+        self._file = LiveFile.open(path, layout_of)
+
+    @property
+    def n_taxels(self) -> int:
+        """Taxels of the engine's sensor."""
+        return int(self._file.range.shape[1])
 
     @property
     def taxel_head(self) -> int:
@@ -236,7 +247,12 @@ def _file_bytes(layout: LiveLayout, taxel_rows: int, other_rows: int) -> int:
         ring_bytes(taxel_rows, layout.taxel_columns),
         ring_bytes(other_rows, layout.other_columns),
     )
-    return _HEADER_BYTES + sum(rings)
+    return _header_bytes(layout) + sum(rings)
+
+
+def _header_bytes(layout: LiveLayout) -> int:
+    """Return the bytes before the rings: words, and the range of each taxel."""
+    return _RANGE_OFFSET + _column_bytes(2, np.dtype((np.uint16, layout.n_taxels)))
 
 
 def _create_memory(path: Path, size: int) -> mmap.mmap:
@@ -270,16 +286,17 @@ def _allocate(descriptor: int, size: int) -> None:
             unwritten = unwritten[os.write(descriptor, unwritten) :]
 
 
-def _read_rows(path: Path, file: BinaryIO, layout: LiveLayout) -> tuple[int, int]:
-    """Return the rows of both rings. Raises RigFault where it is no live-data file."""
+def _read_layout(path: Path, file: BinaryIO, layout_of: LayoutOf) -> tuple[LiveLayout, int, int]:
+    """Return layout and rows of both rings. Raises RigFault where it is no live-data file."""
     data = file.read(8 * _HEADER_WORDS)
     words = np.frombuffer(data.ljust(8 * _HEADER_WORDS, b"\0"), dtype=np.int64)
-    if (words[0], words[1]) == (layout.magic, layout.n_taxels):
-        taxel_rows, other_rows = int(words[2]), int(words[3])
+    magic, n_taxels, taxel_rows, other_rows = map(int, words[:4])
+    if 1 <= n_taxels <= MAX_TAXELS:
+        layout = layout_of(n_taxels)
         size = os.fstat(file.fileno()).st_size
         fits = _file_bytes(layout, taxel_rows, other_rows) == size
-        if fits and taxel_rows > 0 and other_rows > 0:
-            return taxel_rows, other_rows
+        if magic == layout.magic and fits and taxel_rows > 0 and other_rows > 0:
+            return layout, taxel_rows, other_rows
     raise RigFault(f"{path} holds no live data of this version: restart the engine")
 
 
@@ -287,24 +304,26 @@ MAGIC = 0x3145_5649_4C47_4952  # "RIGLIVE1", low byte first
 TAXEL_ROWS = 1 << 15
 DRUM_ROWS = 1 << 13
 
-DRUM_LIVE = LiveLayout(
-    MAGIC,
-    N_TAXELS,
-    taxel_columns={
+
+def taxel_columns(n_taxels: int, trains_per_taxel: int) -> RingColumns:
+    """Return the columns of a ring of samples, of the drum's sensor or the finger's."""
+    return {
         "time_s": np.dtype(np.float64),
         "counters": np.dtype(np.int64),
-        "samples": np.dtype((np.uint16, N_TAXELS)),
+        "samples": np.dtype((np.uint16, n_taxels)),
         "flags": np.dtype(np.uint8),
-        "spikes": np.dtype((np.uint8, 2 * N_TAXELS)),
-    },
-    other_columns={
-        **dict.fromkeys(
-            ("time_s", "force_g", "force_set_g", "speed_mm_s", "speed_set_mm_s"),
-            np.dtype(np.float64),
-        ),
+        "spikes": np.dtype((np.uint8, trains_per_taxel * n_taxels)),
+    }
+
+
+def drum_live(n_taxels: int) -> LiveLayout:
+    """Return the layout of the drum's live data."""
+    numbers = ("time_s", "force_g", "force_set_g", "speed_mm_s", "speed_set_mm_s")
+    drum: RingColumns = {
+        **dict.fromkeys(numbers, np.dtype(np.float64)),
         "state": np.dtype(np.uint8),
-    },
-)
+    }
+    return LiveLayout(MAGIC, n_taxels, taxel_columns(n_taxels, 2), drum)
 
 
 @dataclass(frozen=True, slots=True)
@@ -341,9 +360,9 @@ class LiveWriter(LiveFileWriter):
     """The engine's side: creates the file and appends rows."""
 
     def __init__(
-        self, path: Path, taxel_rows: int = TAXEL_ROWS, drum_rows: int = DRUM_ROWS
+        self, path: Path, n_taxels: int, taxel_rows: int = TAXEL_ROWS, drum_rows: int = DRUM_ROWS
     ) -> None:
-        super().__init__(path, DRUM_LIVE, taxel_rows, drum_rows)
+        super().__init__(path, drum_live(n_taxels), taxel_rows, drum_rows)
 
     def add_taxels(self, **columns: NDArray[np.generic]) -> None:
         """Append samples, oldest first, with the columns of :class:`TaxelWindow`."""
@@ -358,7 +377,7 @@ class LiveReader(LiveFileReader):
     """A window's side: copies of the newest rows at any time."""
 
     def __init__(self, path: Path) -> None:
-        super().__init__(path, DRUM_LIVE)
+        super().__init__(path, drum_live)
 
     def taxels(self, n: int) -> TaxelWindow:
         """Return the newest ``n`` samples, or all if there are fewer."""

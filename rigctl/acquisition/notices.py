@@ -13,7 +13,6 @@ import platformdirs
 
 from rigctl.config.rig_config import load_config
 from rigctl.errors import ConfigError
-from rigctl.values import DRAWN_WIRING, N_TAXELS
 
 
 def wiring_notice(rig: str) -> str:
@@ -30,11 +29,12 @@ def wiring_notice(rig: str) -> str:
         return ""
     if not _is_first_time(f"empty wiring: {path.resolve()}"):
         return ""
+    taxels = config.taxels
     ranges = ", and low and high, which count places, must be calibrated again"
     return (
         f"{path}: [taxels] wiring is empty, which means the order of the wiring drawing, "
-        f"{list(DRAWN_WIRING)}, and no longer that of the wire: a sensor soldered to suit the old "
-        f"order needs wiring = {list(range(N_TAXELS))}{ranges if config.taxels.low else ''}; "
+        f"{list(taxels.order)}, and no longer that of the wire: a sensor soldered to suit the old "
+        f"order needs wiring = {list(range(taxels.count))}{ranges if taxels.low else ''}; "
         f"rigctl calibrate --rig {path} wiring finds the true one (shown once)"
     )
 

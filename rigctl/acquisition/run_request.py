@@ -52,11 +52,15 @@ class RunRequest(Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, slots=True)
 class RunContext:
-    """The rig at the start of a run, with the people and the sensor that the request names."""
+    """The rig at the start of a run, with the people and the sensor that the request names.
+
+    ``is_commissioned``: the drum's board presses for protocols.
+    """
 
     rig: Rig
     boards: tuple[BoardIdentity, ...]
     start_utc: str
+    is_commissioned: bool
     operator: str = ""
     sensor: str = ""
 
@@ -91,10 +95,20 @@ def open_run(request: RunRequest, context: RunContext) -> OpenedRun:
         return _resume(Path(request.resume), context, unattended)
     assert request.protocol is not None
     plan = load_protocol(find_protocol(request.protocol), context.rig.config).plan(request.seed)
-    _check_early_end(plan)
+    _check_plan(plan, context)
     folder = Path(request.out) if request.out else _default_folder(plan, context.start_utc)
     check_disk_space(folder, plan.bytes_estimate)
     return OpenedRun(plan, open_recorder(folder, plan, context, resume=False), unattended)
+
+
+def _check_plan(plan: Plan, context: RunContext) -> None:
+    """Raise WrongUse where the board would not press, or an early end could not be judged."""
+    if plan.trials and not context.is_commissioned:
+        raise WrongUse(
+            "the drum's board is not commissioned for its wiring, so it presses for no protocol: "
+            "run rigctl setup, or in the window Rig → Set up …; then start the run again"
+        )
+    _check_early_end(plan)
 
 
 def _check_early_end(plan: Plan) -> None:
@@ -150,7 +164,7 @@ def _resume(folder: Path, context: RunContext, unattended: bool) -> OpenedRun:
             ", or its condition ended early" if ended else ""
         )
         raise SessionError(f"{folder} is complete: {why}")
-    _check_early_end(plan)
+    _check_plan(plan, context)
     remaining = 1 - (len(done) + len(ended)) / max(1, len(plan.trials))
     check_disk_space(folder, round(remaining * plan.bytes_estimate))
     recorder = open_recorder(folder, plan, context, resume=True)

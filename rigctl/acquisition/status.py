@@ -17,6 +17,7 @@ from rigctl.acquisition.setup.desk import SetupDesk
 from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import DrumState
 from rigctl.wire.drum_codes import Status
+from rigctl.wire.drum_registers import SHOWN
 from rigctl.wire.drum_states import FAULT_TEXT, STATE_TEXT, Fault, State
 
 RATE_WINDOW_S = 1.0
@@ -78,6 +79,7 @@ class StatusBuilder:
             sensor_layout=self._layout,
             reading=boards.encoder.parameters.reading,
             wiring=self._rig.config.taxels.order,
+            taxel_inputs=self._rig.config.taxels.inputs,
             limits=self._rig.config.limits,
             has_taxel_range=boards.has_taxel_range,
             loadcell_calibrated=self._rig.config.loadcell.calibrated,
@@ -126,4 +128,5 @@ def _drum_fields(drum: DrumState, now_s: float) -> dict[str, Any]:
         "contact_may_stand": has_status(drum, Status.CONTACT_MAY_STAND),
         "estop_pressed": not has_status(drum, Status.ESTOP_CLOSED),
         "poll_age_s": now_s - drum.at_s,
+        "registers": {entry.name: drum.values[entry.name] for entry in SHOWN},
     }

@@ -179,8 +179,11 @@ _BITS_PER_BYTE = 10
 _REPLY_BYTES = 2 * drum_registers.POLL_BLOCK[1] + 5
 POLL_WIRE_S = _REPLY_BYTES * _BITS_PER_BYTE / drum_registers.BAUD
 """From the drum's reading of its clock to the last byte of the reply that holds it."""
-FRAME_WIRE_S = SAMPLE_S + taxel_frames.FRAME_BYTES * _BITS_PER_BYTE / taxel_frames.BAUD
-"""From the start of a taxel frame's first reading to the frame's last byte."""
+
+
+def frame_wire_s(n_taxels: int) -> float:
+    """Return the time from the start of a frame's first reading to the frame's last byte."""
+    return SAMPLE_S + taxel_frames.frame_bytes(n_taxels) * _BITS_PER_BYTE / taxel_frames.BAUD
 
 
 class TrialStart(NamedTuple):
@@ -190,17 +193,19 @@ class TrialStart(NamedTuple):
     uncertainty_ms: float
 
 
-def estimate_trial_start(rise_us: int, drum: ClockFit, taxels: ClockFit) -> TrialStart | None:
+def estimate_trial_start(
+    rise_us: int, drum: ClockFit, taxels: ClockFit, n_taxels: int
+) -> TrialStart | None:
     """Return the first taxel sample after the drum's window opened at ``rise_us`` of its clock.
 
-    ``taxels`` pairs sample counters, in seconds of 1000 samples, with their arrivals. None where
-    either clock is not known yet.
+    ``taxels`` pairs sample counters, in seconds of 1000 samples, with the arrivals of frames of
+    ``n_taxels``. None where either clock is not known yet.
     """
     drum_line, taxel_line = drum.earliest_arrivals, taxels.earliest_arrivals
     if drum_line is None or taxel_line is None:
         return None
     rise_s = drum_line.loop_s(rise_us * 1e-6) - POLL_WIRE_S
-    counter_s = taxel_line.board_s(rise_s + FRAME_WIRE_S)
+    counter_s = taxel_line.board_s(rise_s + frame_wire_s(n_taxels))
     spread_s = drum_line.spread_s + taxel_line.spread_s
     uncertainty_ms = 1000 * (SAMPLE_S + CABLE_S + spread_s)
     return TrialStart(math.ceil(counter_s / SAMPLE_S), round(uncertainty_ms, 2))
@@ -323,7 +328,10 @@ class TrialAttempt:
         """Cut at the rise's time on the drum: no wire shows it to the taxel board."""
         self._pipeline.flush()
         self.start_by_clock = estimate_trial_start(
-            state.sync_rise_us, self._poller.clock_fit, self._pipeline.clock_fit
+            state.sync_rise_us,
+            self._poller.clock_fit,
+            self._pipeline.clock_fit,
+            self._motion.config.taxels.count,
         )
         if self.start_by_clock is not None:
             self._pipeline.trial_cutter.begin(self.start_by_clock.first_counter)

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.errors import WrongUse
-from rigctl.values import N_TAXELS
-from rigctl.wire.taxel_frames import INPUT_PINS, LINE_PINS, N_INPUTS
+from rigctl.wire.taxel_frames import N_INPUTS, input_name, line_name
 
 MeanReadings = NDArray[np.float64]
 
@@ -109,7 +108,7 @@ def place_name(place: int) -> str:
 
 def _strongest(change: MeanReadings, inputs: Sequence[int], layer: str) -> int:
     """Return the one reading of a layer that changed. Raises WrongUse where none or several did."""
-    readings = [reading for reading in range(N_TAXELS) if reading % N_INPUTS in inputs]
+    readings = [reading for reading in range(change.size) if reading % N_INPUTS in inputs]
     first, second = sorted(readings, key=lambda reading: -change[reading])[:2]
     if change[first] < MIN_CHANGE_COUNTS:
         raise WrongUse(f"no taxel of the {layer} layer responded: press harder, with a blunt tip")
@@ -138,11 +137,11 @@ def _validate_crossing(readings: Sequence[int], layer: str) -> None:
 
 
 def _input_names(numbers: Sequence[int]) -> str:
-    names = [INPUT_PINS[i] for i in numbers]
+    names = [input_name(i) for i in numbers]
     return f"input{'s' * (len(names) != 1)} {', '.join(names)}" if names else "no input"
 
 
 def reading_name(reading: int) -> str:
     """Return a reading as its line and its input."""
     line, input_ = divmod(reading, N_INPUTS)
-    return f"{LINE_PINS[line]}·{INPUT_PINS[input_]}"
+    return f"{line_name(line)}·{input_name(input_)}"

@@ -20,9 +20,9 @@ from rigctl.acquisition.wiring_identification import (
     WiringIdentification,
     place_name,
 )
-from rigctl.config.rig_config import TaxelArray
+from rigctl.config.rig_config import PAPER_ARRAY, TaxelArray
 from rigctl.errors import RigFault, WrongUse
-from rigctl.values import N_TAXELS, Block
+from rigctl.values import Block
 
 STALE_S = 0.5
 """Samples that arrive this soon after an answer may be older than it, so they are dropped."""
@@ -147,14 +147,14 @@ _UNPLUGGED = (WiringStep.UNPLUG, WiringStep.FLAT)
 
 def require_identifiable(taxels: TaxelArray, name: str) -> None:
     """Raise WrongUse for a sensor of another shape; ``name`` begins the sentence."""
-    if (taxels.rows, taxels.columns, taxels.count) != (3, 3, N_TAXELS):
+    if (taxels.shape, taxels.inputs) != (PAPER_ARRAY.shape, PAPER_ARRAY.inputs):
         raise WrongUse(
             f"{name}: only 3 × 3 taxels in two layers can be identified; write wiring by hand"
         )
 
 
 async def mean_readings(rig: Rig, check: Callable[[], None]) -> MeanReadings:
-    """Return the mean of one second, float64 (18,), in the order of the wire.
+    """Return the mean of one second, float64 (n_taxels,), in the order of the wire.
 
     ``check`` may raise, as for a lost board. Raises RigFault where too few samples arrive.
     """
@@ -190,6 +190,6 @@ async def _wait_for_samples(
 
 def _in_wire_order(taxels: TaxelArray, means: NDArray[np.float64]) -> MeanReadings:
     """Return means of the sensor's places at their readings."""
-    readings = np.empty(N_TAXELS)
+    readings = np.empty(means.size)
     readings[list(taxels.order)] = means
     return readings

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.config.text_file import kind_of, shorten
+from rigctl.config.typed_number import number_in_steps, typed_number
 from rigctl.errors import WrongUse
 from rigctl.protocol.plan import MAX_SEED
 
@@ -47,25 +48,34 @@ def whole_number(low: int, high: int = MAX_NUMBER) -> Kind:
     """Return the kind of whole numbers from ``low`` to ``high``; it raises WrongUse for others."""
 
     def parse(option: str, text: str) -> int:
-        value = _number(text, int)
-        if value is None or not low <= value <= high:
+        try:
+            value = int(text)
+        except ValueError:  # also for more digits than Python converts
+            value = low - 1
+        if not low <= value <= high:
             given = f"{option} {shorten(text, 40)}"
             raise WrongUse(f"{given}: give a whole number from {low:,} to {high:,}")
-        return int(value)
+        return value
 
     return parse
 
 
 def number(low: float, high: float) -> Kind:
-    """Return the kind of numbers from ``low`` to ``high``; it raises WrongUse for others."""
+    """Return the kind of numbers from ``low`` to ``high``; it raises WrongUse for others.
+
+    "." and "," are both decimal marks, "1,000" is refused: it may mean 1 or 1000.
+    """
 
     def parse(option: str, text: str) -> float:
-        value = _number(text, float)
-        if value is None or not low <= value <= high:
-            raise WrongUse(
-                f"{option} {shorten(text, 40)}: give a number from {low:,.10g} to {high:,.10g}"
-            )
-        return value
+        given = shorten(text, 40)
+        wrong = WrongUse(f"{option} {given}: give a number from {low:,.10g} to {high:,.10g}")
+        try:
+            value = number_in_steps(given, 2) if "," in given else typed_number(given)
+        except WrongUse as reason:
+            raise (WrongUse(f"{option} {reason}") if "," in given else wrong) from reason
+        if not low <= value <= high:
+            raise wrong
+        return float(value)
 
     return parse
 
@@ -123,10 +133,3 @@ def workers_of(args: argparse.Namespace) -> int:
             "mean it"
         )
     return workers
-
-
-def _number(text: str, kind: Callable[[str], float]) -> float | None:
-    try:
-        return kind(text)
-    except ValueError:  # also for more digits than Python converts
-        return None

@@ -25,13 +25,12 @@ from rigctl.config.rig_config import RigConfig, TaxelArray, load_config
 from rigctl.config.toml_edit import replace_file
 from rigctl.errors import RigFault, WrongUse
 from rigctl.rig import open_rig
-from rigctl.values import N_TAXELS
 
 
 def run(args: argparse.Namespace) -> int:
     """Guide the user; the last lines give the order and where it is saved."""
     path, config = _read_rig(args)
-    taxels = replace(config.taxels, wiring=tuple(range(N_TAXELS)), pressure_raises=True)
+    taxels = replace(config.taxels, wiring=tuple(range(config.taxels.count)), pressure_raises=True)
     with closing(open_rig(args.rig, config=replace(config, taxels=taxels))) as rig:
         session = _WiringSession(rig, print if not args.json else lambda text: None)
         wiring = rig.loop.run_until_complete(session.find())

@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     )
     with closing(rig):
         process = EngineProcess(args.name, args.rig, is_bench=not rig.simulated)
-        live = LiveWriter(process.live_path)
+        live = LiveWriter(process.live_path, rig.config.taxels.count)
         engine = Engine(rig, live, utc_now, real_time=args.paced or not rig.simulated)
         with closing(live):
             return process.serve(engine, DrumCommands(engine).handle, _run_request(args))

@@ -21,12 +21,13 @@ from rigctl.acquisition.calibrator import Calibrator, calibrate_alone
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.setup.boards import find_boards, judge_reports, write_rig_file
 from rigctl.acquisition.setup.setup import STEPS, Setup, SetupStep, TooEarly
+from rigctl.acquisition.setup.setup_status import FORCE
 from rigctl.acquisition.setup.verdict import Question, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
 from rigctl.cli.arguments import add_option, add_seed, path_or_name
 from rigctl.cli.progress import ProgressLine
 from rigctl.cli.world import add_wirings, add_world, chosen_world
-from rigctl.config.resources import wiring_drawing
+from rigctl.config.resources import part_title, wiring_drawing
 from rigctl.config.rig_config import load_config
 from rigctl.config.text_file import visible
 from rigctl.devices.port_discovery import probe_ports
@@ -296,10 +297,10 @@ def _print_verdict(verdict: Verdict) -> None:
 
 def _picture(step: SetupStep) -> str:
     """Return where the drawing of a part is."""
-    page, _, part = step.picture.partition("#")
-    if page == "force":
+    if step.picture == FORCE:
         return "the load cell"
-    return f"{wiring_drawing(page)}: {part.replace('-', ' ') or 'the whole page'}"
+    page = step.picture.partition("#")[0]
+    return f"{part_title(step.picture)}, in {wiring_drawing(page)}"
 
 
 def _as_dict(setup: Setup, skipped: tuple[str, ...]) -> dict[str, Any]:

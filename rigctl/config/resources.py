@@ -6,6 +6,7 @@ no such folder, so the checkout comes first. Images for simulated chips exist in
 
 from __future__ import annotations
 
+from html import unescape
 from pathlib import Path
 
 from rigctl.config.text_file import is_plain_file, kind_of, shorten
@@ -32,6 +33,13 @@ def wiring_drawing(board: str) -> Path:
     root = checkout()
     folder = root / "arduino" if root else _PACKAGE / "_data" / "wiring"
     return folder / f"wiring-{board}.svg"
+
+
+def part_title(picture: str) -> str:
+    """Return the heading of a part, ``page#id``, in its wiring drawing."""
+    page, _, part = picture.partition("#")
+    texts = wiring_drawing(page).read_text(encoding="utf-8").split(f'<g id="{part}">')[1]
+    return unescape(texts[texts.index("<text ") :].split(">", 1)[1].split("<", 1)[0])
 
 
 def finger_protocols() -> Path:

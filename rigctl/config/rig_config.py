@@ -9,16 +9,19 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field, fields, replace
+from math import isqrt
 from pathlib import Path
 from typing import Any
 
 from rigctl.config.toml_reader import TomlTable, TomlText, flag, names, number, read_section, text
 from rigctl.errors import ConfigError
-from rigctl.values import DRAWN_WIRING, N_TAXELS, SCALE_BAND_UG_PER_COUNT
+from rigctl.values import DRAWN_WIRING, SCALE_BAND_UG_PER_COUNT
 
 ADC_MAX = 1023
 MAX_TAXELS = 1024
 LAYER_NAME_BYTES = 24
+LAYER_NAMES = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII")
+"""Names of layers that have none. The paper's Type I is the upper layer, Type II lies below it."""
 _SCALES = SCALE_BAND_UG_PER_COUNT
 
 
@@ -134,7 +137,10 @@ class Inverted:
 class TaxelArray:
     """The sensor: how many taxels, their order and their calibrated range."""
 
-    count: int = number(18, "", 1, MAX_TAXELS, "taxels in a frame")
+    count: int = number(len(DRAWN_WIRING), "", 1, MAX_TAXELS, "taxels in a frame")
+    inputs: int = number(
+        6, "", 1, MAX_TAXELS, "analog inputs of the board: a reading is inputs · line + input"
+    )
     rows: int = number(3, "", 1, MAX_TAXELS, "rows of a layer")
     columns: int = number(3, "", 1, MAX_TAXELS, "columns of a layer")
     layers: tuple[str, ...] = names(
@@ -153,9 +159,42 @@ class TaxelArray:
     @property
     def order(self) -> tuple[int, ...]:
         """Return the reading at each place: ``wiring``, or the order of the wiring drawing."""
-        if self.wiring:
-            return self.wiring
-        return DRAWN_WIRING if self.count == N_TAXELS else tuple(range(self.count))
+        return self.wiring or self.drawn_order
+
+    @property
+    def drawn_order(self) -> tuple[int, ...]:
+        """Return the order of the drawing, which shows the paper's sensor; of others that read."""
+        return DRAWN_WIRING if self.count == len(DRAWN_WIRING) else tuple(range(self.count))
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Return rows and columns of a layer, and layers: as many as ``count`` needs.
+
+        Where rows and columns do not divide ``count``, the shape is :func:`usual_shape`.
+        """
+        if self.layers:
+            return self.rows, self.columns, len(self.layers)
+        n_layers, rest = divmod(self.count, self.rows * self.columns)
+        if rest or not 1 <= n_layers <= len(LAYER_NAMES):
+            return usual_shape(self.count)
+        return self.rows, self.columns, n_layers
+
+
+PAPER_ARRAY = TaxelArray()
+"""The paper's sensor: 3 × 3 taxels in two layers, three lines across six inputs."""
+
+
+def usual_shape(n_taxels: int) -> tuple[int, int, int]:
+    """Return rows, columns and layers of a sensor of which only the number of taxels is known.
+
+    As many as the paper's sensor has are its 3 × 3 in two layers. Any other number is one layer: a
+    square if there is one, such as 3 × 3 or 4 × 4, else a single row.
+    """
+    if n_taxels == len(DRAWN_WIRING):
+        return 3, 3, 2
+    side = isqrt(n_taxels)
+    rows = side if side * side == n_taxels else 1
+    return rows, n_taxels // rows, 1
 
 
 @dataclass(frozen=True, slots=True)

@@ -80,12 +80,21 @@ def amplifier_text(fault_bits: int, rate_hz: float) -> str:
 
 def _reason(command: Command, state: State, fault: Fault, status_bits: int) -> str:
     if fault is not Fault.NONE:
-        return FAULT_TEXT[fault]
+        return FAULT_TEXT[fault] + _restart_text(command, fault, status_bits)
     if state in _RESTING and (reason := _resting_reason(command, state, status_bits)):
         return reason
     if command is Command.RUN and state is State.HOLD:
         return "the run-in is too short for this speed: lower the speed or lengthen the run-in"
     return _state_reason(command, state)
+
+
+def _restart_text(command: Command, fault: Fault, status_bits: int) -> str:
+    """Return what clears the fault of a drum that pressed in the setup and could not lift."""
+    is_commissioned = status_bits >> Status.COMMISSIONED & 1
+    may_press = status_bits >> Status.CONTACT_MAY_STAND & 1
+    if command is not Command.CLEAR or fault is Fault.ESTOP or is_commissioned or not may_press:
+        return ""
+    return "; the drum did not lift: mend that, turn it up by hand, then restart the drum board"
 
 
 def _resting_reason(command: Command, state: State, status_bits: int) -> str:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Awaitable, Callable
 
+from rigctl.config.rig_config import TaxelArray
 from rigctl.devices.boot_silence import ASK_S, BootSilence
 from rigctl.devices.links import ByteLink
 from rigctl.errors import LinkLost, RigFault, WrongBoard
-from rigctl.values import N_TAXELS, BoardIdentity
+from rigctl.values import BoardIdentity
 from rigctl.wire import finger_messages as finger
 from rigctl.wire.drum_registers import BOARD_DRUM, BOARD_TAXELS, MAGIC, MAP_VERSION
 from rigctl.wire.taxel_frames import WIRE_VERSION, TaxelIdentity
@@ -80,16 +81,27 @@ def drum_identity(name: str, raw: dict[str, tuple[int, ...]]) -> BoardIdentity:
     )
 
 
-def taxel_identity(name: str, reported: TaxelIdentity) -> BoardIdentity:
-    """Return the taxel board's identity; raises WrongBoard for another board or wire version."""
+def taxel_identity(
+    name: str, reported: TaxelIdentity, sensor: TaxelArray | None = None
+) -> BoardIdentity:
+    """Return the taxel board's identity.
+
+    Raises WrongBoard for another board or wire version, and for the board of another sensor than
+    ``sensor``; None takes any.
+    """
     version = _version(reported.firmware_version)
     if reported.magic != MAGIC or reported.board_id != BOARD_TAXELS:
         raise WrongBoard(f"{name}: the board there is not a taxel board: {WHICH_PORT}")
-    if reported.wire_version != WIRE_VERSION or reported.n_taxels != N_TAXELS:
+    if reported.wire_version != WIRE_VERSION:
         raise WrongBoard(
             f"{name}: the taxel board's firmware {version} speaks wire version "
-            f"{reported.wire_version} with {reported.n_taxels} taxels, this program version "
-            f"{WIRE_VERSION} with {N_TAXELS}: "
+            f"{reported.wire_version}, this program version {WIRE_VERSION}: "
+            f"{GIVE_IT} `rigctl flash taxels`"
+        )
+    if sensor is not None and reported.n_taxels != sensor.count:
+        raise WrongBoard(
+            f"{name}: the taxel board's firmware {version} sends {reported.n_taxels} taxels, "
+            f"rig.toml describes {sensor.count}: correct [taxels] count there or, "
             f"{GIVE_IT} `rigctl flash taxels`"
         )
     return BoardIdentity(

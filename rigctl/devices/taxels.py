@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rigctl.config.rig_config import ADC_MAX, TaxelArray
+from rigctl.config.rig_config import ADC_MAX, PAPER_ARRAY, TaxelArray
 from rigctl.devices.boot_silence import BootSilence, SilenceWatch
 from rigctl.devices.consumers import Consumers
 from rigctl.devices.identity import (
@@ -66,7 +66,7 @@ class Taxels:
     ``identity`` is that of the last connect, ``rebooted`` whether the board rebooted between the
     last two, ``status`` and ``self_test`` are the board's last reports. Blocks have the taxels in
     the order and the polarity of the sensor, as ``array`` describes it; the wire has them as
-    wired.
+    wired. Without ``array``, as in a search for boards, the board of any sensor connects.
     """
 
     identity: BoardIdentity
@@ -79,14 +79,15 @@ class Taxels:
         array: TaxelArray | None = None,
     ) -> None:
         self.link = link
-        self.array = array or TaxelArray()
+        self.array = array or PAPER_ARRAY
+        self._wanted = array
         self.status: TaxelStatus | None = None
         self.self_test: SelfTest | None = None
         self.counters = TaxelCounters()
         self.rebooted = False
         self._loop = loop
         self._diagnose_port = diagnose_port
-        self._decoder = FrameDecoder()
+        self._decoder = FrameDecoder(self.array.count)
         self._boot_count: int | None = None
         self._identified: asyncio.Future[TaxelIdentity] | None = None
         self._watch = SilenceWatch(loop, LINK_TIMEOUT_S, self._fall_silent)
@@ -122,7 +123,9 @@ class Taxels:
     @property
     def findings(self) -> list[str]:
         """Findings of the last self-test, a sentence each; empty where it passed or is unknown."""
-        return findings(self.self_test, self.array.order) if self.self_test else []
+        if self.self_test is None:
+            return []
+        return findings(self.self_test, self.array.order, self.array.inputs)
 
     async def test(self) -> SelfTest:
         """Run a self-test of lines and sensor and return its outcome; samples keep flowing.
@@ -162,7 +165,7 @@ class Taxels:
         self.silence.open_link(self._receive, self._lose)
         await self.silence.wait()
         try:
-            identity = taxel_identity(self.link.name, await self._read_identity())
+            identity = taxel_identity(self.link.name, await self._read_identity(), self._wanted)
         except BaseException as failure:
             self._identified = None
             if self._boot_count is None:

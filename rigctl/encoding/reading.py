@@ -1,9 +1,10 @@
 """What the encoder takes as a taxel's reading: counts, or the conductance behind them.
 
-Three taxels share an input and its divider, and the lines that are not driven are held low, so
-each taxel loads the other two: r_i = G_i / (G_1 + G_2 + G_3 + G_divider). With S = r_1 + r_2 + r_3
-this gives G_i = G_divider · r_i / (1 − S). Files hold counts; the conductance is computed where
-samples are read, as a whole number of steps, so that live and offline encoders get the same bits.
+The taxels of an input, one a line, share its divider, and the lines that are not driven are held
+low, so each loads the others; with three lines r_i = G_i / (G_1 + G_2 + G_3 + G_divider). With S =
+r_1 + r_2 + r_3 this gives G_i = G_divider · r_i / (1 − S). Files hold counts; the conductance is
+computed where samples are read, as a whole number of steps, so that live and offline encoders get
+the same bits.
 ``docs/reference/encoding.md`` states the bound of its error.
 """
 
@@ -23,7 +24,8 @@ STEPS = 4096
 """Steps of the divider's conductance: a quarter of the least change that a count can show."""
 HIGHEST = 65_535
 """About 16 times the divider's conductance; more, as of a shorted taxel, reads the same."""
-N_INPUTS, N_LINES = 6, 3
+N_LINES = 3
+"""Taxels of an input of the paper's board, which the printed table and bound are for."""
 MIN_RANGE_COUNTS = 128
 
 
@@ -44,17 +46,19 @@ class Reading(StrEnum):
         return MIN_RANGE_COUNTS if self is Reading.COUNTS else MIN_RANGE_COUNTS * STEPS // 1024
 
 
-def input_of_each(wiring: Sequence[int], where: str) -> tuple[int, ...]:
+def input_of_each(wiring: Sequence[int], n_inputs: int, where: str) -> tuple[int, ...]:
     """Return the analog input of each column of samples, from the reading at each place.
 
-    Raises WrongUse, which begins with ``where``, for a wiring other than 3 lines × 6 inputs.
+    ``n_inputs``: inputs of the board. Raises WrongUse, which begins with ``where``, for a wiring
+    that is not one of lines that cross so many inputs.
     """
-    if sorted(wiring) != list(range(N_LINES * N_INPUTS)):
+    whole = len(wiring) > 0 and len(wiring) % n_inputs == 0
+    if not whole or sorted(wiring) != list(range(len(wiring))):
         raise WrongUse(
             f"{where} does not say which taxels share an input of the taxel board, so the "
             f"conductance is not known: use reading = {Reading.COUNTS}"
         )
-    return tuple(reading % N_INPUTS for reading in wiring)
+    return tuple(reading % n_inputs for reading in wiring)
 
 
 def conductance(samples: NDArray[np.uint16], inputs: Sequence[int]) -> NDArray[np.uint16]:
@@ -64,7 +68,7 @@ def conductance(samples: NDArray[np.uint16], inputs: Sequence[int]) -> NDArray[n
     :func:`input_of_each` returns it. Above :data:`HIGHEST` the steps saturate.
     """
     columns = np.array(inputs)
-    # Sums of three readings are exact in float32, whose matrix product is the fastest sum here.
+    # Sums of readings are exact in float32, whose matrix product is the fastest sum here.
     shared = (columns[:, None] == columns).astype(np.float32)
     rest = np.float32(FULL_SCALE) - samples.astype(np.float32) @ shared
     left = np.maximum(rest.astype(np.int32), 0)

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from rigctl.config.rig_config import MAX_TAXELS
+from rigctl.config.rig_config import LAYER_NAMES, MAX_TAXELS
 from rigctl.config.toml_reader import TomlTable, TomlText
 from rigctl.errors import ConfigError
 from rigctl.exchange.labels import GRAMS, KPA, SECONDS, LabelRules, read_label_rules, read_unit
-from rigctl.session.sensor_layout import LAYER_NAMES, SensorLayout
+from rigctl.session.sensor_layout import SensorLayout
 
 MIN_RATE_HZ, MAX_RATE_HZ = 1e-3, 1e7
 MAX_VALUE, SMALLEST_SPAN = 1e300, 1e-100

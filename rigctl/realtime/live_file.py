@@ -12,7 +12,9 @@ from rigctl.acquisition.live_file import (
     LiveFileReader,
     LiveFileWriter,
     LiveLayout,
+    RingColumns,
     RingWindow,
+    taxel_columns,
 )
 from rigctl.devices.trackers.plate_frame import PlatePosition
 from rigctl.values import SAMPLE_RATE_HZ
@@ -23,21 +25,15 @@ MAGIC = 0x3152_474E_4947_4952  # "RIGINGR1", low byte first
 TAXEL_ROWS = 1 << 15
 TRACK_ROWS = 1 << 13
 
-FINGER_LIVE = LiveLayout(
-    MAGIC,
-    N_TAXELS,
-    taxel_columns={
-        "time_s": np.dtype(np.float64),
-        "counters": np.dtype(np.int64),
-        "samples": np.dtype((np.uint16, N_TAXELS)),
-        "flags": np.dtype(np.uint8),
-        "spikes": np.dtype((np.uint8, N_TAXELS)),
-    },
-    other_columns={
-        **dict.fromkeys(("time_s", "along_mm", "across_mm", "height_mm"), np.dtype(np.float64)),
+
+def finger_live(n_taxels: int = N_TAXELS) -> LiveLayout:
+    """Return the layout of the finger's live data."""
+    numbers = ("time_s", "along_mm", "across_mm", "height_mm")
+    track: RingColumns = {
+        **dict.fromkeys(numbers, np.dtype(np.float64)),
         "valid": np.dtype(np.bool_),
-    },
-)
+    }
+    return LiveLayout(MAGIC, n_taxels, taxel_columns(n_taxels, 1), track)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +65,7 @@ class FingerLiveWriter(LiveFileWriter):
     """The engine's side: creates the file and appends rows."""
 
     def __init__(self, path: Path) -> None:
-        super().__init__(path, FINGER_LIVE, TAXEL_ROWS, TRACK_ROWS)
+        super().__init__(path, finger_live(), TAXEL_ROWS, TRACK_ROWS)
 
     def add_block(self, block: FingerBlock, arrived_s: float) -> None:
         """Append samples; the last one was taken when the block arrived."""
@@ -106,7 +102,7 @@ class FingerLiveReader(LiveFileReader):
     """A window's side: copies of the newest rows at any time."""
 
     def __init__(self, path: Path) -> None:
-        super().__init__(path, FINGER_LIVE)
+        super().__init__(path, finger_live)
 
     def taxels(self, n: int) -> FingerWindow:
         """Return the newest ``n`` samples, or all if there are fewer."""

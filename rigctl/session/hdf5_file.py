@@ -137,8 +137,8 @@ class DataSetSchema:
     """An expected data set.
 
     ``tail`` has the lengths of all axes but the first; None stands for any lengths. A ``rank`` of 0
-    is a single value. ``dtype`` is the exact type; without one, ``kinds`` lists NumPy's kinds that
-    are accepted.
+    is a single value. ``dtype`` is the exact type, but for columns that are ``optional``; without
+    one, ``kinds`` lists NumPy's kinds that are accepted.
     """
 
     path: str
@@ -146,6 +146,7 @@ class DataSetSchema:
     kinds: str = NUMBERS
     dtype: np.dtype[Any] | None = None
     tail: tuple[int, ...] | None = None
+    optional: frozenset[str] = frozenset()
 
 
 def text(path: str) -> DataSetSchema:
@@ -383,7 +384,12 @@ def _found_type(node: h5py.Dataset, schema: DataSetSchema) -> np.dtype[Any] | No
     found: np.dtype[Any] = node.dtype
     if schema.dtype is None:
         return found if found.kind in schema.kinds else None
-    return found if found == schema.dtype else None
+    kept = [
+        (name, schema.dtype[name])
+        for name in schema.dtype.names or ()
+        if name not in schema.optional or name in (found.names or ())
+    ]
+    return found if found in (schema.dtype, np.dtype(kept)) else None
 
 
 @cache

@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from rigctl.config.rig_config import MAX_TAXELS
+from rigctl.config.rig_config import MAX_TAXELS, PAPER_ARRAY
 from rigctl.config.toml_reader import TomlText
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import DEFAULT, PRESETS, EncoderParameters
@@ -26,8 +26,8 @@ from rigctl.encoding.reading import FULL_SCALE, Reading
 from rigctl.errors import SessionError
 from rigctl.session.hdf5_file import Attributes, damage, describe, parse_json
 from rigctl.session.layout import DRUM_EXPERIMENT
-from rigctl.session.sensor_layout import ATTRIBUTE, SensorLayout
-from rigctl.values import N_TAXELS, SAMPLE_RATE_HZ, BoardIdentity
+from rigctl.session.sensor_layout import ATTRIBUTE, PAPER_SENSOR, SensorLayout
+from rigctl.values import SAMPLE_RATE_HZ, BoardIdentity
 
 INT32 = 1 << 31
 JSON_ATTRIBUTES: Mapping[str, type[Any]] = {
@@ -90,7 +90,7 @@ class SessionHeader:
     software_commit: str = ""
     encoder_preset: str = ""
     encoder_reading: ReadingName = Reading.COUNTS
-    n_taxels: TaxelCount = N_TAXELS
+    n_taxels: TaxelCount = PAPER_SENSOR.n_taxels
     sample_rate_hz: RateHz = SAMPLE_RATE_HZ
     sample_unit: str = ADC_COUNTS
     highest_reading: Annotated[int, Meta(ge=1, le=65_535)] = FULL_SCALE
@@ -184,6 +184,16 @@ def session_wiring(header: SessionHeader, rig_text: str) -> Wiring:
     rig = TomlText("the session's description of its rig", rig_text, SessionError)
     wiring = rig.root.table("taxels").integers("wiring", (), low=0, high=MAX_TAXELS)
     return wiring or tuple(range(header.n_taxels))
+
+
+def session_inputs(rig_text: str) -> int:
+    """Return the analog inputs of the taxel board; the paper's where the rig does not say them.
+
+    Raises SessionError for a text that is not TOML.
+    """
+    rig = TomlText("the session's description of its rig", rig_text, SessionError)
+    default = PAPER_ARRAY.inputs
+    return rig.root.table("taxels").integer("inputs", default, low=1, high=MAX_TAXELS)
 
 
 def source_wiring(source: Mapping[str, Any]) -> Wiring:

@@ -15,6 +15,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
+from math import nan
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ import numpy as np
 
 from rigctl.session.hdf5_file import Attributes, parse_json, text_scalar, write_attributes
 from rigctl.values import DrumState, Event, PlannedTrial, TrialRow, Verdict
+from rigctl.wire.drum_registers import STORED
 
 LIBVER = ("v110", "v110")
 SAMPLE_CHUNK_ROWS = 4096
@@ -35,12 +37,16 @@ TEXTS = (("/protocol_toml", "text of the protocol"), ("/rig_toml", "text of rig.
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A named value of a row: NumPy type code (``S`` is UTF-8 text), unit, meaning."""
+    """A named value of a row: NumPy type code (``S`` is UTF-8 text), unit, meaning.
+
+    Files of before an ``optional`` one was added lack it: NaN stands for its values.
+    """
 
     name: str
     type_code: str
     unit: str
     doc: str
+    optional: bool = False
 
     @property
     def text_bytes(self) -> int:
@@ -69,6 +75,11 @@ class TableLayout:
     def dtype(self) -> np.dtype[Any]:
         """Row type in the file."""
         return np.dtype([(c.name, c.stored_dtype) for c in self.columns])
+
+    @property
+    def optional(self) -> frozenset[str]:
+        """Names of the columns that a file may lack."""
+        return frozenset(column.name for column in self.columns if column.optional)
 
 
 DIGESTS = TableLayout(
@@ -233,6 +244,7 @@ DRUM = TableLayout(
         Column("sync_fall_us", "i8", "µs", "board time of the last fall"),
         Column("index_count", "i8", "", "index marks seen"),
         Column("loadcell_lost", "i4", "", "load-cell samples lost directly before this poll"),
+        *(Column(entry.name, "f4", entry.unit, entry.doc, optional=True) for entry in STORED),
     ),
 )
 
@@ -345,7 +357,10 @@ def part_number(path: Path) -> int:
 REASON_SEPARATOR = "; "
 _DRUM = [column.name for column in DRUM.columns]
 _SPEED_SET, _FORCE_SET = _DRUM.index("speed_set_mm_s"), _DRUM.index("force_set_g")
-_drum_values = attrgetter(*(name for name in _DRUM if "_set_" not in name))
+_REGISTERS = [entry.name for entry in STORED]
+_drum_values = attrgetter(
+    *(name for name in _DRUM if "_set_" not in name and name not in _REGISTERS)
+)
 _PLANNED = tuple(field.name for field in fields(PlannedTrial))
 _trial_values = attrgetter(
     *(f"trial.{name}" if name in _PLANNED else name for name in TRIALS.dtype.names or ())
@@ -367,7 +382,7 @@ def drum_row(state: DrumState, force_set_g: float, speed_set_mm_s: float) -> Row
     values = list(_drum_values(state))
     values.insert(_SPEED_SET, speed_set_mm_s)
     values.insert(_FORCE_SET, force_set_g)
-    return tuple(values)
+    return (*values, *(state.values.get(name, nan) for name in _REGISTERS))
 
 
 def event_row(event: Event) -> Row:

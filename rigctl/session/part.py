@@ -84,7 +84,8 @@ def part_schema(layout: SessionLayout, n_taxels: int) -> tuple[DataSetSchema, ..
     Tables come before the samples, because the writer flushes samples before their trial.
     """
     tables = [
-        DataSetSchema(table.path, 1, dtype=table.dtype, tail=()) for table in layout.stored_tables
+        DataSetSchema(table.path, 1, dtype=table.dtype, tail=(), optional=table.optional)
+        for table in layout.stored_tables
     ]
     arrays = [
         DataSetSchema(
@@ -463,7 +464,8 @@ class PartReader:
         dtype = [(c.name, c.type_code.replace("S", "U")) for c in table.columns]
         rows: StructuredArray = np.empty(raw.shape, dtype)
         for column in table.columns:
-            values = raw[column.name]
+            lacks = column.optional and column.name not in (raw.dtype.names or ())
+            values = np.full(raw.shape, np.nan) if lacks else raw[column.name]
             rows[column.name] = _decode_texts(values) if column.text_bytes else values
         return rows
 

@@ -9,16 +9,19 @@ from __future__ import annotations
 import re
 from collections import Counter
 from dataclasses import asdict, dataclass
-from math import isqrt
 from typing import Any
 
-from rigctl.config.rig_config import LAYER_NAME_BYTES, MAX_TAXELS, TaxelArray
+from rigctl.config.rig_config import (
+    LAYER_NAME_BYTES,
+    LAYER_NAMES,
+    MAX_TAXELS,
+    PAPER_ARRAY,
+    TaxelArray,
+    usual_shape,
+)
 from rigctl.config.text_file import name_problem, shorten
-from rigctl.values import N_TAXELS
 
 ATTRIBUTE = "sensor_layout"
-LAYER_NAMES = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII")
-"""Names of layers that have none. The paper's Type I is the upper layer, Type II lies below it."""
 LAYERS_SHOWN = 8
 _ROMAN = re.compile("[IVX]+")
 
@@ -49,16 +52,9 @@ class SensorLayout:
 
     @classmethod
     def default(cls, n_taxels: int) -> SensorLayout:
-        """Return the layout of a session that does not say it.
-
-        18 taxels are the paper's sensor, 3 × 3 in two layers. Any other number is one layer: a
-        square if there is one, such as 3 × 3 or 4 × 4, else a single row.
-        """
-        if n_taxels == N_TAXELS:
-            return cls(3, 3, LAYER_NAMES[:2])
-        side = isqrt(n_taxels)
-        rows = side if side * side == n_taxels else 1
-        return cls(rows, n_taxels // rows, LAYER_NAMES[:1])
+        """Return the layout of a session that does not say it, of the usual shape."""
+        rows, columns, n_layers = usual_shape(n_taxels)
+        return cls(rows, columns, LAYER_NAMES[:n_layers])
 
     @classmethod
     def of_rig(cls, taxels: TaxelArray) -> SensorLayout:
@@ -67,12 +63,8 @@ class SensorLayout:
         Without names, the layers are as many as the rows and columns leave for ``count``; where
         these do not divide it, the layout is the default of that number.
         """
-        if taxels.layers:
-            return cls(taxels.rows, taxels.columns, taxels.layers)
-        n_layers, rest = divmod(taxels.count, taxels.rows * taxels.columns)
-        if rest or not 1 <= n_layers <= len(LAYER_NAMES):
-            return cls.default(taxels.count)
-        return cls(taxels.rows, taxels.columns, LAYER_NAMES[:n_layers])
+        rows, columns, n_layers = taxels.shape
+        return cls(rows, columns, taxels.layers or LAYER_NAMES[:n_layers])
 
     def to_values(self) -> dict[str, Any]:
         """Return plain values for JSON: ``rows``, ``columns``, ``layers``."""
@@ -149,6 +141,9 @@ class SensorLayout:
         names = ", ".join(self.layers[:LAYERS_SHOWN])
         more = ", …" if len(self.layers) > LAYERS_SHOWN else ""
         return f"{words}{len(self.layers)} layers ({names}{more})"
+
+
+PAPER_SENSOR = SensorLayout.of_rig(PAPER_ARRAY)
 
 
 def layouts_match(one: SensorLayout | None, other: SensorLayout | None) -> bool:

@@ -24,7 +24,7 @@ from rigctl.protocol.loader import parse_protocol
 from rigctl.protocol.plan import QUANTITY_NAMES, Condition, EarlyEnd, Plan, condition_of
 from rigctl.session import layout
 from rigctl.session.finger_session import FingerSession, is_finger_session
-from rigctl.session.header import ADC_COUNTS, IMPORTED, session_wiring
+from rigctl.session.header import ADC_COUNTS, IMPORTED, session_inputs, session_wiring
 from rigctl.session.layout import SessionLayout, parse_trial
 from rigctl.session.notes import Mark, SessionNote, write_note
 from rigctl.session.part import PartReader, StructuredArray
@@ -101,7 +101,8 @@ class Session(SessionReader):
         """Analog input of each column of the samples, for conductances. Raises WrongUse."""
         is_counted = self.header.sample_unit == ADC_COUNTS and self.header.rig != IMPORTED
         wiring = self.header.wiring or self.wiring
-        return input_of_each(wiring if is_counted else (), str(self.path))
+        n_inputs = session_inputs(self.parts[0].text("/rig_toml"))
+        return input_of_each(wiring if is_counted else (), n_inputs, str(self.path))
 
     def readings(self, index: int) -> NDArray[np.uint16]:
         """Return a trial's samples as the live encoder took them, uint16 (n, n_taxels)."""

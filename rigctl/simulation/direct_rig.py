@@ -9,6 +9,7 @@ from __future__ import annotations
 from concurrent.futures import Executor
 from functools import cache
 
+from rigctl.config.rig_config import PAPER_ARRAY, TaxelArray
 from rigctl.errors import BoardFault
 from rigctl.simulation.bench.bench import LOG_EVERY_MS, Bench
 from rigctl.simulation.bench.ground_truth import GroundTruth
@@ -43,10 +44,14 @@ class DirectRig:
     """
 
     def __init__(
-        self, parameters: WorldParameters, seed: int, executor: Executor | None = None
+        self,
+        parameters: WorldParameters,
+        seed: int,
+        executor: Executor | None = None,
+        sensor: TaxelArray = PAPER_ARRAY,
     ) -> None:
         self.parameters = parameters
-        self._bench = Bench(parameters, seed, executor)
+        self._bench = Bench(parameters, seed, executor, sensor=sensor)
         self._drum = DrumCosimulation(self._bench)
         self._firmware = self._drum.firmware
         self._firmware.io.heartbeat_on = 1

@@ -7,6 +7,7 @@ from collections import deque
 from functools import cache
 from pathlib import Path
 
+from rigctl.config.rig_config import PAPER_ARRAY, TaxelArray
 from rigctl.simulation.bench.bench import LOG_EVERY_MS, Bench
 from rigctl.simulation.bench.circuit import TestPoints
 from rigctl.simulation.bench.ground_truth import GroundTruth
@@ -25,23 +26,26 @@ BYTE_CYCLES = 16_000_000 * 10 // 115_200
 
 
 def open_virtual_rig(
-    parameters: WorldParameters | None = None, seed: int = 0, drum_library: Path | None = None
+    parameters: WorldParameters | None = None,
+    seed: int = 0,
+    drum_library: Path | None = None,
+    sensor: TaxelArray = PAPER_ARRAY,
 ) -> VirtualRig:
-    """Return a virtual rig at power-up, reproducible for a seed.
+    """Return a virtual rig with this sensor at power-up, reproducible for a seed.
 
     Raises WrongUse for a parameter outside its plausible range, RigFault if a board's library
-    cannot be used.
+    cannot be used, ConfigError if the taxel board's was compiled for another sensor.
     """
-    return VirtualRig(Bench(parameters or WorldParameters(), seed), drum_library)
+    return VirtualRig(Bench(parameters or WorldParameters(), seed, sensor=sensor), drum_library)
 
 
 @cache
-def compile_kernels() -> None:
+def compile_kernels(sensor: TaxelArray = PAPER_ARRAY) -> None:
     """Compile or load every kernel of a simulated bench.
 
     Compiling takes half a minute after an update; during a run it would stall a paced simulation.
     """
-    rig = open_virtual_rig()
+    rig = open_virtual_rig(sensor=sensor)
     rig.advance(WARM_UP_US)
     rig.close()
 

@@ -297,7 +297,7 @@ class DatasetStepRunner:
     ) -> None:
         self._recorder = recorder
         self._executor = ThreadPoolExecutor(1, "noise") if workers > 1 else None
-        self._rig = DirectRig(parameters, seed, self._executor)
+        self._rig = DirectRig(parameters, seed, self._executor, protocol.config.taxels)
         self._operator = DrumOperator(self._rig, protocol.config, protocol.settle)
         self._recording = TrialRecording(self._rig, self._add_block, self._add_drum)
         self._quality = protocol.quality

@@ -36,6 +36,9 @@ class Register:
     ``kind`` is u16, i16, u32 or i32. ``low`` and ``high`` bound what may be written, ``least``
     bounds its magnitude, ``default`` is the value at boot: all are raw integers. ``guard`` says
     when the value may be changed.
+
+    Of a polled one, ``shown`` is its name in the status and the window's health strip, empty for
+    none, and ``stored`` says that ``/drum`` of a session has a column of it, in its unit.
     """
 
     address: int
@@ -51,6 +54,8 @@ class Register:
     default: int = 0
     least: int = 0
     guard: Guard = Guard.NONE
+    shown: str = ""
+    stored: bool = False
 
     @property
     def words(self) -> int:
@@ -284,8 +289,10 @@ RING = (
 REGISTERS: tuple[Register, ...] = IDENTITY + POLL + SETTINGS + COUNTERS + RING
 BY_NAME: dict[str, Register] = {register.name: register for register in REGISTERS}
 IDENTITY_BLOCK = (0, 14)
-POLL_BLOCK = (16, 40)
+POLL_BLOCK = (POLL[0].address, POLL[-1].end - POLL[0].address)
 """First address and count of the read of every poll."""
+SHOWN = tuple(register for register in POLL if register.shown)
+STORED = tuple(register for register in POLL if register.stored)
 SETTINGS_BLOCK = (64, 51)
 END = 416
 """First address that does not exist; reading or writing there is exception 2.
@@ -296,7 +303,7 @@ Addresses between the entries read as 0 and refuse writes with exception 2.
 
 MAX_WRITE = 24
 """Words of one write, so that every request stays under 64 bytes."""
-MAX_READ = 40
+MAX_READ = POLL_BLOCK[1]
 
 _FORMATS = {"u16": "H", "i16": "h", "u32": "I", "i32": "i"}
 

@@ -122,7 +122,8 @@ FAULT_TEXT: dict[Fault, str] = {
         "the actuator does not follow its duty: check its supply, its wires, and that nothing jams"
     ),
     Fault.POSITION_WIRE: (
-        "the potentiometer's reading is beyond its resistors: a wire of it is broken or shorted"
+        "the potentiometer reads beyond its resistors, or far from the top where the upper end "
+        "switch says top: a wire of one of the two is broken or shorted"
     ),
     Fault.FORCE_MISSING: (
         "the drum is pressed deeper and the load cell does not feel it: check the cell's four wires"

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 IDENTITY, DATA, STATUS, SELF_TEST = 0x10, 0x11, 0x12, 0x13
-DATA_BODY, STATUS_BODY, IDENTITY_BODY, SELF_TEST_BODY = 27, 26, 20, 18
-FRAMES = (
-    (DATA, DATA_BODY),
-    (STATUS, STATUS_BODY),
-    (IDENTITY, IDENTITY_BODY),
-    (SELF_TEST, SELF_TEST_BODY),
-)
+STATUS_BODY, IDENTITY_BODY, SELF_TEST_BODY = 26, 20, 18
+CONTROLS = ((STATUS, STATUS_BODY), (IDENTITY, IDENTITY_BODY), (SELF_TEST, SELF_TEST_BODY))
+READING_BITS = 10
+EDGE_BITS = 4
+READINGS_AT = 4
+"""Offset of the readings in the body of a data frame; behind them are the edges."""
 OVERHEAD = 5
 """Bytes that CRC-32 and COBS add to a body, without the closing zero."""
-MAX_CHUNK = DATA_BODY + OVERHEAD
-N_READINGS = 18
 
 # Indices into the decoder's state, int64.
 REFERENCE, LAST, BOOT_COUNT, DROPS = 0, 1, 2, 3

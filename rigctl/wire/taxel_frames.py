@@ -18,12 +18,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.values import DRAWN_WIRING, N_TAXELS, Block, Gap
+from rigctl.values import DRAWN_WIRING, Block, Gap
 from rigctl.wire import taxel_constants
 
-N_LINES, N_INPUTS = 3, 6
-LINE_PINS = ("D4", "D5", "D6")
-INPUT_PINS = ("A0", "A1", "A2", "A3", "A4", "A5")
+N_INPUTS = 6
+"""Inputs of the paper's board; another has ``[taxels] inputs`` of ``rig.toml``."""
+FIRST_LINE_PIN = 4
+_NUMBERS = ("no", "one", "two", "three", "four", "five", "six")
 
 _BODY = struct.Struct("<2x9B3s3sx")
 
@@ -39,7 +40,7 @@ class Coverage(IntFlag):
 
 @dataclass(frozen=True, slots=True)
 class SelfTest:
-    """Outcome of one self-test: a bit for each line (0–2), input (0–5) or reading (0–17).
+    """Outcome of one self-test: a bit for each line, input or reading.
 
     ``count``: tests since boot, from 1. ``lines_low``, ``lines_high``: stuck whatever the board
     drives. ``lines_together``, ``inputs_together``: connected to each other. ``inputs_high``,
@@ -71,89 +72,106 @@ def decode_self_test(body: bytes) -> SelfTest:
     return SelfTest(*small, *(int.from_bytes(mask, "little") for mask in (silent, full)))
 
 
-def findings(test: SelfTest, wiring: Sequence[int] = DRAWN_WIRING) -> list[str]:
+def line_name(line: int) -> str:
+    """Return the pin of a line, from 0; ``arduino/taxels/board.h`` lists pins in this order."""
+    return f"D{FIRST_LINE_PIN + line}"
+
+
+def input_name(input_: int) -> str:
+    """Return the pin of an analog input, from 0."""
+    return f"A{input_}"
+
+
+def findings(
+    test: SelfTest, wiring: Sequence[int] = DRAWN_WIRING, n_inputs: int = N_INPUTS
+) -> list[str]:
     """Return a sentence for each finding: what, where, cure. Empty for a passed test.
 
     ``wiring``: the reading of each place of the sensor; taxels are named by their place,
-    counted from 1.
+    counted from 1. ``n_inputs``: inputs of the board; a reading is n_inputs · line + input.
     """
-    return [*_wire_findings(test), *_taxel_findings(test, wiring)]
+    return [*_wire_findings(test), *_taxel_findings(test, wiring, n_inputs)]
 
 
 _TOGETHER = "are connected to each other: separate them"
-_LINES = tuple(f"line {pin}" for pin in LINE_PINS)
-_INPUTS = tuple(f"input {pin}" for pin in INPUT_PINS)
+_LINE, _INPUT = "line", "input"
 _WIRE_FAULTS = (
-    ("lines_low", _LINES, "stays low: it is connected to ground; free it"),
-    ("lines_high", _LINES, "stays high: it is connected to 5 V; free it"),
-    ("lines_together", _LINES, _TOGETHER),
-    ("inputs_high", _INPUTS, "is held high while no line is driven: look for a short to 5 V"),
-    ("inputs_low", _INPUTS, "is held at ground: look for a short across its divider"),
-    ("inputs_open", _INPUTS, "has no divider to ground: solder its resistor"),
-    ("inputs_together", _INPUTS, _TOGETHER),
+    ("lines_low", _LINE, "stays low: it is connected to ground; free it"),
+    ("lines_high", _LINE, "stays high: it is connected to 5 V; free it"),
+    ("lines_together", _LINE, _TOGETHER),
+    ("inputs_high", _INPUT, "is held high while no line is driven: look for a short to 5 V"),
+    ("inputs_low", _INPUT, "is held at ground: look for a short across its divider"),
+    ("inputs_open", _INPUT, "has no divider to ground: solder its resistor"),
+    ("inputs_together", _INPUT, _TOGETHER),
 )
-"""Field of :class:`SelfTest`, names of its bits, and what a set bit means."""
+"""Field of :class:`SelfTest`, what its bits are, and what a set bit means."""
 
 
 def _wire_findings(test: SelfTest) -> Iterator[str]:
-    for mask, wires, text in _WIRE_FAULTS:
-        names = [wires[bit] for bit in _bits(getattr(test, mask))]
+    for mask, kind, text in _WIRE_FAULTS:
+        names = [_wire(kind, bit) for bit in _bits(getattr(test, mask))]
         if names and text is _TOGETHER:
             names = [" and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))]
         yield from (f"{name} {text}" for name in names)
 
 
-def _taxel_findings(test: SelfTest, wiring: Sequence[int]) -> Iterator[str]:
+def _wire(kind: str, number: int) -> str:
+    return f"{kind} {line_name(number) if kind == _LINE else input_name(number)}"
+
+
+def _taxel_findings(test: SelfTest, wiring: Sequence[int], n_inputs: int) -> Iterator[str]:
     """Yield silent and full taxels that no other finding explains, whole wires first."""
     bad_lines = test.lines_low | test.lines_high | test.lines_together
     bad_inputs = test.inputs_high | test.inputs_low | test.inputs_open | test.inputs_together
-    silent = _unexplained(test.silent, bad_lines, bad_inputs)
-    full = _unexplained(test.full, bad_lines, bad_inputs)
+    silent, full = (
+        {
+            reading
+            for reading in _bits(mask)
+            if not (bad_lines >> reading // n_inputs | bad_inputs >> reading % n_inputs) & 1
+        }
+        for mask in (test.silent, test.full)
+    )
     # A shorted taxel pulls its input to the lines that are low, so the others of it read nothing.
-    shorted = {reading % N_INPUTS for reading in full}
-    silent = {reading for reading in silent if reading % N_INPUTS not in shorted}
-    if len(silent) == N_TAXELS:
+    shorted = {reading % n_inputs for reading in full}
+    silent = {reading for reading in silent if reading % n_inputs not in shorted}
+    if len(silent) == len(wiring):
         yield (
             "no taxel conducts: plug the sensor in (a sensor that rests open reads like this, too)"
         )
     else:
-        yield from _open_circuits(silent, wiring)
+        yield from _open_circuits(silent, wiring, n_inputs)
     for reading in sorted(full):
         yield (
-            f"{_taxel(reading, wiring)} reads full scale with nothing on it: "
+            f"{_taxel(reading, wiring, n_inputs)} reads full scale with nothing on it: "
             "look for a short in the sensor"
         )
 
 
-def _open_circuits(silent: set[int], wiring: Sequence[int]) -> Iterator[str]:
-    readings = range(N_TAXELS)
+def _open_circuits(silent: set[int], wiring: Sequence[int], n_inputs: int) -> Iterator[str]:
+    readings = range(len(wiring))
+    lines = range(len(wiring) // n_inputs)
     wires = [
-        *(
-            (name, "six", readings[line * N_INPUTS :][:N_INPUTS])
-            for line, name in enumerate(_LINES)
-        ),
-        *((name, "three", readings[i::N_INPUTS]) for i, name in enumerate(_INPUTS)),
+        *((_wire(_LINE, line), readings[line * n_inputs :][:n_inputs]) for line in lines),
+        *((_wire(_INPUT, i), readings[i::n_inputs]) for i in range(n_inputs)),
     ]
-    for name, count, group in wires:
+    for name, group in wires:
         if silent.issuperset(group):
             silent = silent.difference(group)
+            count = number_word(len(group))
             yield f"{name} does not reach the sensor: its {count} taxels read nothing"
     for reading in sorted(silent):
-        yield f"{_taxel(reading, wiring)} does not conduct: it is open or torn"
+        yield f"{_taxel(reading, wiring, n_inputs)} does not conduct: it is open or torn"
 
 
-def _unexplained(mask: int, bad_lines: int, bad_inputs: int) -> set[int]:
-    return {
-        reading
-        for reading in _bits(mask)
-        if not (bad_lines >> reading // N_INPUTS | bad_inputs >> reading % N_INPUTS) & 1
-    }
+def number_word(number: int) -> str:
+    """Return a small number as a word."""
+    return _NUMBERS[number] if number < len(_NUMBERS) else str(number)
 
 
-def _taxel(reading: int, wiring: Sequence[int]) -> str:
+def _taxel(reading: int, wiring: Sequence[int], n_inputs: int) -> str:
     place = list(wiring).index(reading)
-    line, input_ = divmod(reading, N_INPUTS)
-    return f"taxel {place + 1} ({_LINES[line]}, {_INPUTS[input_]})"
+    line, input_ = divmod(reading, n_inputs)
+    return f"taxel {place + 1} ({_wire(_LINE, line)}, {_wire(_INPUT, input_)})"
 
 
 def _bits(mask: int) -> list[int]:
@@ -162,12 +180,9 @@ def _bits(mask: int) -> list[int]:
 
 WIRE_VERSION = 2
 BAUD = 500_000
-FRAME_BYTES = taxel_constants.MAX_CHUNK + 1
 CYCLES_PER_US = 16
 """Cycles of the board's chip, the unit of its longest interrupt."""
 IDENTIFY, SELF_TEST = 0x01, 0x02
-MIN_CHUNK = taxel_constants.SELF_TEST_BODY + taxel_constants.OVERHEAD + 1
-MAX_TAIL = 2 * taxel_constants.MAX_CHUNK
 
 _STATUS = struct.Struct("<2xIIHHHBHHHHB")
 _IDENTITY = struct.Struct("<xHBBHIBHHBHB")
@@ -257,24 +272,40 @@ def frame(body: bytes) -> bytes:
     return cobs_encode(body + zlib.crc32(body).to_bytes(4, "little")) + b"\0"
 
 
+def data_body(n_taxels: int) -> int:
+    """Return the bytes in the body of a data frame, as ``DATA_SIZE`` in the firmware's wire.h."""
+    bits = taxel_constants.READING_BITS * n_taxels + taxel_constants.EDGE_BITS
+    return taxel_constants.READINGS_AT + -(-bits // 8)
+
+
+def frame_bytes(n_taxels: int) -> int:
+    """Return the bytes of a data frame on the wire, its closing zero included."""
+    return data_body(n_taxels) + taxel_constants.OVERHEAD + 1
+
+
 def encode_request(kind: int) -> bytes:
     """Return a request to the board: IDENTIFY or SELF_TEST."""
     return frame(bytes([kind]))
 
 
 class FrameDecoder:
-    """Decodes the board's byte stream, in slices of any length.
+    """Decodes the byte stream of a board with ``n_taxels``, in slices of any length.
 
     Call :meth:`resync` to join a running stream: a data frame holds only the low 16 bits of the
     sample counter, a status frame all of them.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, n_taxels: int) -> None:
         # Numba takes long to load: only who decodes waits for it, not a window that opens.
         from rigctl.wire.taxel_kernels import decode_wire
 
         self._decode_wire = decode_wire
         self._tail = b""
+        self._n_taxels = n_taxels
+        self._data_body = data_body(n_taxels)
+        bodies = self._data_body, *(body for _, body in taxel_constants.CONTROLS)
+        self._min_chunk = min(bodies) + taxel_constants.OVERHEAD + 1
+        self._max_chunk = max(bodies) + taxel_constants.OVERHEAD
         self._state = np.zeros(taxel_constants.STATE_SIZE, np.int64)
         unknown = [taxel_constants.LAST, taxel_constants.BOOT_COUNT, taxel_constants.DROPS]
         unknown += [taxel_constants.PREVIOUS, taxel_constants.WITNESS]
@@ -302,14 +333,22 @@ class FrameDecoder:
     def feed(self, data: bytes, at_s: float) -> Decoded:
         """Decode bytes that arrived at loop time ``at_s``."""
         wire = np.frombuffer(self._tail + data, np.uint8)
-        capacity = wire.shape[0] // MIN_CHUNK + 1
+        capacity = wire.shape[0] // self._min_chunk + 1
         if capacity > self._notes.shape[0]:
             self._allocate(capacity)
         counters = np.empty(capacity, np.int64)
-        samples = np.empty((capacity, N_TAXELS), np.uint16)
+        samples = np.empty((capacity, self._n_taxels), np.uint16)
         marks = np.empty((2, capacity), np.uint8)
         self._decode_wire(
-            wire, self._state, counters, samples, marks, self._notes, self._controls, self._counts
+            wire,
+            self._state,
+            counters,
+            samples,
+            marks,
+            self._notes,
+            self._controls,
+            self._counts,
+            self._data_body,
         )
         rows, gaps, controls, reboots, frames, bytes_, used, stale = self._counts.tolist()
         self._set_tail(wire, used)
@@ -331,11 +370,11 @@ class FrameDecoder:
 
     def _allocate(self, capacity: int) -> None:
         self._notes = np.empty((capacity, 5), np.int64)
-        self._controls = np.empty((capacity, taxel_constants.MAX_CHUNK), np.uint8)
+        self._controls = np.empty((capacity, self._max_chunk), np.uint8)
 
     def _set_tail(self, wire: NDArray[np.uint8], used: int) -> None:
         """Keep the unfinished chunk; of an endless one, no more than can end in a frame."""
-        surplus = wire.shape[0] - used - MAX_TAIL
+        surplus = wire.shape[0] - used - 2 * self._max_chunk
         if surplus > 0:
             self._state[taxel_constants.DISCARDED] += surplus
             used += surplus

@@ -1,6 +1,7 @@
 """The compiled inner loops of :mod:`rigctl.wire.taxel_frames`.
 
-A chunk is the bytes between two zeros. Frames have four known lengths, so that a frame behind
+A chunk is the bytes between two zeros. Frames have four known lengths (that of a data frame follows
+from the number of taxels), so that a frame behind
 lost or added bytes is still found as the tail of its chunk: garbage costs only the frames it
 touches. No function here allocates or raises.
 
@@ -20,26 +21,26 @@ from numpy.typing import NDArray
 
 from rigctl.wire.taxel_constants import (
     BOOT_COUNT,
+    CONTROLS,
     DATA,
     DISCARDED,
     DOUBTING,
     DROPS,
-    FRAMES,
     FRESH,
     IDENTITY,
     JITTER,
     JOINING,
     LAST,
     LATE,
-    MAX_CHUNK,
     MAX_JUMP,
     N_CONTROLS,
     N_GAPS,
-    N_READINGS,
     N_REBOOTS,
     N_ROWS,
     OVERHEAD,
     PREVIOUS,
+    READING_BITS,
+    READINGS_AT,
     REBOOTED,
     REFERENCE,
     REJECTED_BYTES,
@@ -110,9 +111,12 @@ def decode_frame(wire: Bytes, start: int, end: int, kind: int, out: Bytes) -> bo
 
 
 @njit(cache=True)
-def decode_chunk(wire: Bytes, start: int, end: int, out: Bytes) -> int:
+def decode_chunk(wire: Bytes, start: int, end: int, data_body: int, out: Bytes) -> int:
     """Decode the frame that ends a chunk into ``out``; return its kind, 0 where there is none."""
-    for kind, body in FRAMES:
+    first = end - data_body - OVERHEAD
+    if first >= start and decode_frame(wire, first, end, DATA, out):
+        return DATA
+    for kind, body in CONTROLS:
         first = end - body - OVERHEAD
         if first >= start and decode_frame(wire, first, end, kind, out):
             return kind
@@ -120,18 +124,20 @@ def decode_chunk(wire: Bytes, start: int, end: int, out: Bytes) -> int:
 
 
 @njit(cache=True)
-def frame_length(kind: int) -> int:
+def frame_length(kind: int, data_body: int) -> int:
     """Return the bytes of a frame without its closing zero, 0 for no frame."""
-    for frame_kind, body in FRAMES:
-        if kind == frame_kind:
+    if kind == DATA:
+        return data_body + OVERHEAD
+    for control, body in CONTROLS:
+        if kind == control:
             return body + OVERHEAD
     return 0
 
 
 @njit(cache=True)
-def count_rejected(state: Ints, counts: Ints, chunk: int, kind: int) -> None:
+def count_rejected(state: Ints, counts: Ints, chunk: int, frame: int) -> None:
     """Count the bytes of a chunk before its frame; a stream that starts mid-frame is no loss."""
-    rest = chunk + state[DISCARDED] - frame_length(kind)
+    rest = chunk + state[DISCARDED] - frame
     state[DISCARDED] = 0
     if rest > 0 and state[SYNCHRONISED]:
         counts[REJECTED_FRAMES] += 1
@@ -212,11 +218,17 @@ def is_second_behind(state: Ints, kind: int, counter: Any) -> bool:
 
 @njit(cache=True)
 def unpack_samples(body: Bytes, samples: NDArray[np.uint16], row: int) -> None:
-    """18 × 10 bit, LSB first, from body byte 4 on."""
-    for i in range(N_READINGS):
-        at = 4 + (10 * i >> 3)
-        pair = np.uint32(body[at]) | np.uint32(body[at + 1]) << np.uint32(8)
-        samples[row, i] = (pair >> np.uint32(10 * i & 7)) & np.uint32(0x3FF)
+    """Unpack 10 bit a taxel, LSB first; ``samples`` has as many columns as the frame readings."""
+    for i in range(samples.shape[1]):
+        samples[row, i] = bits_at(body, READING_BITS * i) & np.uint32(0x3FF)
+
+
+@njit(cache=True)
+def bits_at(body: Bytes, bit: int) -> Any:
+    """Return the bits from one of the readings' bits on, uint32, at least ten."""
+    at = READINGS_AT + (bit >> 3)
+    pair = np.uint32(body[at]) | np.uint32(body[at + 1]) << np.uint32(8)
+    return pair >> np.uint32(bit & 7)
 
 
 @njit(cache=True)
@@ -229,20 +241,22 @@ def decode_wire(
     notes: Ints,
     controls: Bytes,
     counts: Ints,
+    data_body: int,
 ) -> None:
     """Decode every complete chunk of ``wire``, its first ``counts[USED]`` bytes.
 
+    ``data_body``: bytes in the body of a data frame.
     ``marks``, uint8 (2, n): flags, edge counts. ``notes``, int64 (n, 5): row, first lost
     counter, count, frames that the board reports as dropped; column 4: first row of each boot.
     """
-    body = np.empty(MAX_CHUNK, np.uint8)
+    body = np.empty(controls.shape[1], np.uint8)
     counts[:] = 0
     for end in range(wire.shape[0]):
         if wire[end] != 0:
             continue
         start = counts[USED]
-        kind = decode_chunk(wire, start, end, body)
-        count_rejected(state, counts, end - start, kind)
+        kind = decode_chunk(wire, start, end, data_body, body)
+        count_rejected(state, counts, end - start, frame_length(kind, data_body))
         counts[USED] = end + 1
         if kind == DATA and not state[WAITING]:
             append_sample(body, state, counters, samples, marks, notes, counts)
@@ -281,7 +295,7 @@ def append_sample(
     counters[row] = counter
     unpack_samples(body, samples, row)
     marks[0, row] = body[3]
-    marks[1, row] = body[26] >> 4
+    marks[1, row] = bits_at(body, READING_BITS * samples.shape[1]) & np.uint32(0xF)
     record_gap(state, counter, np.int64(body[3] >> 4), notes, counts)
     state[REFERENCE] = max(state[REFERENCE], counter)
     state[LAST] = counter

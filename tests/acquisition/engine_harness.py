@@ -76,7 +76,7 @@ def open_harness(
 ) -> Iterator[EngineHarness]:
     """Open an engine on a simulated rig that does not serve yet."""
     rig = open_rig(rig_kind, seed=seed, paced=False, config=config)
-    live = LiveWriter(folder / "live.ring")
+    live = LiveWriter(folder / "live.ring", rig.config.taxels.count)
     engine = Engine(rig, live, lambda: "2026-01-02T03:04:05+00:00", real_time=False)
     try:
         yield EngineHarness(rig, engine, folder)

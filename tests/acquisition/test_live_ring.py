@@ -21,7 +21,7 @@ ROWS = 256
 
 @pytest.fixture
 def writer(tmp_path: Path) -> Iterator[LiveWriter]:
-    live = LiveWriter(tmp_path / "live.ring", taxel_rows=ROWS, drum_rows=ROWS)
+    live = LiveWriter(tmp_path / "live.ring", 18, taxel_rows=ROWS, drum_rows=ROWS)
     yield live
     live.close()
 
@@ -99,7 +99,7 @@ def test_the_encoders_range_can_be_read(writer: LiveWriter, reader: LiveReader) 
 
 
 def _write_fast(path: Path, rows: int, started: multiprocessing.synchronize.Event) -> None:
-    live = LiveWriter(path, taxel_rows=ROWS, drum_rows=ROWS)
+    live = LiveWriter(path, 18, taxel_rows=ROWS, drum_rows=ROWS)
     started.set()
     for first in range(0, rows, 50):
         add(live, first, 50)
@@ -150,7 +150,7 @@ def test_without_room_there_is_a_sentence_and_no_file(
 
     monkeypatch.setattr(os, "posix_fallocate", full)
     with pytest.raises(DiskFault, match=r"No space left on device\): make room there"):
-        LiveWriter(tmp_path / "live.ring")
+        LiveWriter(tmp_path / "live.ring", 18)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -159,7 +159,7 @@ def test_a_limit_of_the_process_is_a_sentence(tmp_path: Path) -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
     try:
         with pytest.raises(DiskFault, match="cannot be created"):
-            LiveWriter(tmp_path / "live.ring")
+            LiveWriter(tmp_path / "live.ring", 18)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert list(tmp_path.iterdir()) == []
@@ -176,7 +176,7 @@ def test_without_a_call_for_space_zeros_are_written(
         monkeypatch.setattr(os, "posix_fallocate", unsupported)
     else:
         monkeypatch.delattr(os, "posix_fallocate")
-    live = LiveWriter(tmp_path / "live.ring")
+    live = LiveWriter(tmp_path / "live.ring", 18)
     found = live.path.stat()
     assert found.st_blocks * 512 >= found.st_size
     add(live, 0, 10)
@@ -185,7 +185,7 @@ def test_without_a_call_for_space_zeros_are_written(
 
 def test_a_name_that_is_taken_is_a_sentence(writer: LiveWriter) -> None:
     with pytest.raises(DiskFault, match="File exists"):
-        LiveWriter(writer.path)
+        LiveWriter(writer.path, 18)
     assert writer.path.exists()
 
 

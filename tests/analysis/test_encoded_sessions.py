@@ -56,7 +56,7 @@ def test_conductances_are_encoded_as_a_named_choice(days: list[Path], tmp_path: 
     with open_trials(trials.files) as reader:
         counts = [reader.read(trial) for trial in trials.trials]
     with Session.open(days[0]) as session:
-        inputs = input_of_each(session.wiring, "")
+        inputs = input_of_each(session.wiring, 6, "")
     samples = [conductance(one, inputs) for one in counts]
     ranges = Normalisation.from_samples(samples, "", Reading.CONDUCTANCE)
     with encode(days, tmp_path / "out", parameters=CONDUCTANCE) as file:

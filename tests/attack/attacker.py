@@ -140,6 +140,7 @@ class Attacker:
             slow_actuator(self._bench.plant)
         elif kind is ActionKind.PUSH:
             self._bench.push(value)
+            self.judge.pushed(value)
         elif kind is ActionKind.HEARTBEAT:
             self._check_log()
             self._bench.set_heartbeat(bool(value))

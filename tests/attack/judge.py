@@ -6,9 +6,9 @@ force      the force never exceeds the compiled limit by more than the overshoot
 heartbeat  after 250 ms without a heartbeat nothing presses; the drive is off after a second if
            contact has ended by then, and after the longest lift in any case
 stop       while the emergency stop is pressed nothing drives or turns, and the state allows neither
-lift       a lift that ends without a command has ended contact, also with a broken potentiometer;
-           not where it was set as reversed, because then the actuator seems to be, and everything
-           goes off
+lift       a lift that ends without a command has ended contact, also with a broken potentiometer,
+           and with a broken upper switch beside a potentiometer; not where the potentiometer was
+           set as reversed, because then the actuator seems to be, and everything goes off
 guard      settings that determine the meaning of a force change only at rest and without contact
 bounds     the board accepts no value that the register table forbids
 tare       the board accepts no plain tare during contact
@@ -77,14 +77,17 @@ class Judge:
     ``limit(most_g, further_um)`` returns the force of the bench where the board lifts at ``most_g``
     and ``further_um`` of travel later. After a wire was wrong only the rules ``force``,
     ``heartbeat`` and ``stop`` hold, by the bench alone; ``lift`` too after one of the
-    potentiometer.
+    potentiometer or of the upper switch.
 
-    What no firmware can answer is left out: the force where the load cell already felt nothing when
-    the board took its zero after a boot, and either its wire had come loose or been joined since
-    the boot, which a finger would do alike, or the board has no place of a contact that it can
-    believe; the same where it breaks later and reads as before, which ``is_balanced`` cells do; a
-    load cell, a potentiometer and an actuator that are wrong together; and an emergency stop of
-    which neither contact works.
+    What no firmware can answer is left out:
+
+    * the force of a contact that began with a load cell that feels nothing, where no place of an
+      earlier contact bounds it, the cell reads as at its zero, and the board has to believe it.
+      It reads so where it was broken when the zero was taken, and an ``is_balanced`` one always.
+      The board has to believe it where it is commissioned, where the cell's wire came and went
+      since the boot, which a finger does alike, and an ``is_balanced`` one that felt a finger;
+    * a load cell, a potentiometer and an actuator that are wrong together;
+    * an emergency stop of which neither contact works.
     """
 
     def __init__(
@@ -93,9 +96,11 @@ class Judge:
         self._limit, self._is_commissioned = limit, is_commissioned
         self._is_balanced = is_balanced
         self._circuit, self._is_whole, self._least_gain = AS_DRAWN, True, 1.0
-        self._zero_is_blind = self._position_is_wrong = False
-        self._place_is_kept = self._position_lied = self._cell_changed = False
-        self._only_position_broke, self._nothing_shows = True, False
+        self._zero_is_blind = self._position_is_wrong = self._position_lied = False
+        self._place_is_kept = self._place_is_known = False
+        self._cell_changes, self._finger_was_felt, self._contact_is_blind = 0, False, False
+        self._only_position_broke = self._only_upper_end_broke = self._has_position = True
+        self._nothing_shows = False
         self.was_unbounded = False
         self._highest_g = BY_NAME["over_force"].default * 0.1
         self.peak_g = self.force_g = 0.0
@@ -127,15 +132,23 @@ class Judge:
     def booted(self) -> None:
         """Note a boot, which clears the board's knowledge of contact and zero."""
         self._booted, self._zero_is_known = True, False
-        self._zero_is_blind = self._cell_changed = False
+        self._zero_is_blind = self._place_is_known = self._finger_was_felt = False
+        self._cell_changes = 0
         self._state = State.BOOT
+
+    def pushed(self, force_g: float) -> None:
+        """Note a finger on the load cell."""
+        self._finger_was_felt |= bool(force_g and self._circuit.cell_gain)
 
     def rewired(self, circuit: Circuit) -> None:
         """Note how the bench is connected from now on."""
         before, self._circuit, self._is_whole = self._circuit, circuit, False
-        self._cell_changed |= bool(before.cell_gain) != bool(circuit.cell_gain)
+        self._cell_changes += bool(before.cell_gain) != bool(circuit.cell_gain)
+        if self.force_g <= 0:
+            self._contact_is_blind = not circuit.cell_gain
         self._position_lied |= _position_lies(circuit)
         self._only_position_broke &= replace(circuit, **POSITION_AS_DRAWN) == AS_DRAWN
+        self._only_upper_end_broke &= replace(circuit, upper_end=Wire.DRAWN) == AS_DRAWN
         is_swapped = circuit.actuator_polarity < 0
         if (
             is_swapped
@@ -167,20 +180,21 @@ class Judge:
             self._check_force(span)
             self._check_silence(span)
             self._check_stop(span, state)
-        broke = self._only_position_broke and not self._position_lied and state is State.ARMED
-        if (self._is_whole or broke) and not self._position_is_wrong:
-            self._check_lift(span, state)
+        self._check_lift(span, state)
         if state is State.ARMED and self._state is State.RETRACT:
             if self._booted and self._circuit.cell_gain:
                 self._zero_is_blind = False
             self._booted, self._zero_is_known = False, True
-        if state is State.HOLD and self._state is State.APPROACH and self._is_commissioned:
-            self._place_is_kept = True
+        if state is State.HOLD and self._state is State.APPROACH:
+            self._place_is_known = self._has_position
+            self._place_is_kept = self._place_is_known and self._is_commissioned
         self._state = state
 
     def _check_force(self, span: Span) -> None:
         highest = float(span.force_g.max())
         self.force_g, self.peak_g = float(span.force_g[-1]), max(self.peak_g, highest)
+        if highest <= 0:
+            self._contact_is_blind = not self._circuit.cell_gain
         pressed = np.flatnonzero(span.force_g > 0)
         if pressed.size:
             self._last_contact_ms = span.start_ms + int(pressed[-1])
@@ -191,14 +205,26 @@ class Judge:
     @property
     def _is_unbounded(self) -> bool:
         """Whether nothing that the board knows can bound the force."""
-        unseen = self._is_balanced and self._cell_changed and not self._has_place
-        if self._nothing_shows or unseen or not self._zero_is_blind:
-            return self._nothing_shows or unseen
-        return self._cell_changed or (self._is_commissioned and not self._has_place)
+        reads_zero = self._zero_is_blind or self._is_balanced
+        unseen = self._contact_is_blind and reads_zero and self._is_believed
+        return self._nothing_shows or (unseen and not self._has_place)
+
+    @property
+    def _is_believed(self) -> bool:
+        """Whether the board has to believe that the load cell feels."""
+        return self._is_commissioned or self._seems_touched
+
+    @property
+    def _seems_touched(self) -> bool:
+        """Whether the cell seems to have felt a finger at its zero."""
+        came_and_went = self._cell_changes >= 2
+        return came_and_went or (self._is_balanced and self._finger_was_felt)
 
     @property
     def _has_place(self) -> bool:
-        return self._is_commissioned and self._place_is_kept and not self._position_lied
+        """Whether the place of a contact bounds the next one; a finger lifts that of a boot ago."""
+        kept = self._place_is_kept and not self._seems_touched
+        return (self._place_is_known or kept) and not self._position_lied
 
     def _check_silence(self, span: Span) -> None:
         silent_ms = span.start_ms - self._heartbeat_at_ms - TICKS_MS
@@ -241,6 +267,8 @@ class Judge:
             self._lifting_ms = span.start_ms
         if self._stop_since_ms is not None or LIFT_STATES.get(self._state) is not state:
             return
+        if self._position_is_wrong or not (self._is_whole or self._lifts_by_others(state)):
+            return
         # An emergency stop that was configured before ends a lift all the same.
         if self._button_ms >= self._lifting_ms:
             return
@@ -248,6 +276,13 @@ class Judge:
         is_over = self.force_g < TOUCH_G or lasted_ms >= LIFT_LIMIT_MS
         text = f"{state.name} after {lasted_ms} ms at {self.force_g:.0f} g"
         self._rule("lift", is_over, text)
+
+    def _lifts_by_others(self, state: State) -> bool:
+        """Return whether the wires that are whole end a lift that is no fault's."""
+        broke = self._only_position_broke and not self._position_lied
+        return state is State.ARMED and (
+            broke or (self._only_upper_end_broke and self._has_position)
+        )
 
     def check_write(self, register: Register, before: int, after: int, states: States) -> None:
         """Check a value that the board accepted."""
@@ -258,7 +293,7 @@ class Judge:
             self._highest_g = max(self._highest_g, after * 0.1)
             self._set_limit()
         if register.name in BOUND_SETTINGS and before != after:
-            self._place_is_kept = False
+            self._place_is_kept = self._place_is_known = False
         if register.address in WIRES:
             self._check_wires(register, after, before != after)
         if register.guard is not Guard.NONE and before != after and self._is_whole:
@@ -269,6 +304,8 @@ class Judge:
     def _check_wires(self, register: Register, after: int, changed: bool) -> None:
         if register.name == "signal_polarity" and after & POSITION_BIT:
             self._position_is_wrong = True
+        if register.name == "optional_signals" and not after & POSITION_BIT:
+            self._has_position = False
         normal = after & ESTOP_BIT == (register.name == "optional_signals")
         self._stop_wiring_is_default = self._stop_wiring_is_default and normal
         self._zero_is_known = self._zero_is_known and not changed
@@ -284,9 +321,11 @@ class Judge:
             self.heartbeat(self.now_ms)
         if command == Command.COMMISSION:
             self._is_commissioned = True
+            self._place_is_kept |= self._place_is_known
             self._set_limit()
-        if command == Command.TARE_ANYWAY and not self._circuit.cell_gain:
-            self._zero_is_blind = True
+        if command == Command.TARE_ANYWAY:
+            self._zero_is_blind |= not self._circuit.cell_gain
+            self._place_is_kept = self._place_is_known = False
         if not self._is_whole:
             return
         if command in TARES:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import os
 from collections import Counter
 from collections.abc import Callable, Iterable
 
@@ -11,7 +12,12 @@ from tests.attack.attacker import Outcome, run_attack
 from tests.attack.benches import AttackBench
 from tests.attack.steps import Attack
 
+SEED = int(os.environ.get("RIGCTL_ATTACK_SEED", "1"))
+CONTROL_SEED, CONTROL_ATTACKS = 1, 5000
+WORST_SHARE = 0.3
+"""Of the attacks on the chip: those that were the worst on virtual boards."""
 SHOWN = 10
+RecordProperty = Callable[[str, object], None]
 
 
 class AttackStatistics:

@@ -300,6 +300,16 @@ def wire_attack(seed: int, number: int) -> Attack:
     return Attack(name, STATES[at], tuple(steps), wired, from_power_up, commissioned, is_balanced)
 
 
+def restart_attacks() -> Iterator[Attack]:
+    """Yield an attack for each wiring: it comes in contact, and the board restarts there.
+
+    The wait is for the EEPROM, which keeps the place of the contact.
+    """
+    for wired in WIRES:
+        steps = (wait(100), Rewire(wired, True), *_POWER_UP)
+        yield Attack(f"restart with {wired}", State.HOLD, steps, wired)
+
+
 def _random_change(random: np.random.Generator, wired: str) -> Step:
     kind = random.random()
     if kind < 0.4:

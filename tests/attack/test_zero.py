@@ -7,9 +7,18 @@ import pytest
 from rigctl.wire.drum_codes import Command, CommandResult, ForceMode, Signal
 from rigctl.wire.drum_registers import BY_NAME, TARE_PLACES
 from rigctl.wire.drum_states import State
-from tests.attack.attacker import ARM, Attacker
+from tests.attack.attacker import ARM, HOLD, Attacker
 from tests.attack.benches import VirtualBench
-from tests.attack.steps import Action, ActionKind, Write, send, wait, wait_until_idle, write
+from tests.attack.steps import (
+    Action,
+    ActionKind,
+    Rewire,
+    Write,
+    send,
+    wait,
+    wait_until_idle,
+    write,
+)
 
 DEEP = (
     *ARM,
@@ -65,4 +74,23 @@ def test_inverted_end_switches_do_not_fake_a_lift() -> None:
     attacker.run_steps((send(Command.ARM), wait_until_idle(8000)))
     assert bench.state is State.ARMED
     assert bench.plant.force_g == 0
+    bench.close()
+
+
+@pytest.mark.parametrize("has_position", [True, False])
+def test_an_open_upper_switch_does_not_fake_a_lift_after_a_restart(has_position: bool) -> None:
+    """The force of the contact would become the zero, and each later one would add to it."""
+    bench = VirtualBench()
+    attacker = Attacker(bench)
+    restarted = (Rewire("upper end switch unplugged", True), Action(ActionKind.RESET), wait(300))
+    attacker.run_steps((*HOLD, *restarted))
+    held_g = bench.plant.force_g
+    assert held_g > 400
+    if not has_position:
+        attacker.run_steps((write("optional_signals", 31 & ~(1 << Signal.POSITION)),))
+    press = (send(Command.TARE), wait(800), send(Command.APPROACH), wait_until_idle(9000))
+    attacker.run_steps((send(Command.COMMISSION), send(Command.ARM), wait(9000), *press))
+    assert bench.state is (State.FAULT_OFF if has_position else State.HOLD)
+    assert attacker.judge.peak_g < 1.2 * held_g
+    assert "lift" not in attacker.judge.broken
     bench.close()

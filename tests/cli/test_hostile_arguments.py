@@ -9,11 +9,14 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from rigctl.cli import MODULES, create_parser, main
+from rigctl.cli.arguments import number
+from rigctl.errors import WrongUse
 
 PATHS = """
 check @
@@ -181,6 +184,14 @@ def test_what_is_no_number_within_limits_is_refused(
     for bad in NO_NUMBERS:
         if (option, bad) != ("--mass", "-1"):  # refused later, with the masses that are possible
             assert f"{option} {bad[:30]}" in refusal([*words, f"{option}={bad}"], capsys)
+
+
+def test_both_decimal_marks_are_understood_and_marks_between_groups_refused() -> None:
+    parse = partial(number(-5000, 5000), "--mass")
+    assert (parse("0,5"), parse("200.5"), parse("−3"), parse("1e3")) == (0.5, 200.5, -3.0, 1000.0)
+    for wrong, reason in {"1,000": "may mean 1000 or 1", "1.000,5": "between groups"}.items():
+        with pytest.raises(WrongUse, match=f"--mass {wrong} .*{reason}"):
+            parse(wrong)
 
 
 @pytest.mark.parametrize(

@@ -50,6 +50,13 @@ def finished(*args: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+def test_a_board_that_is_not_commissioned_is_refused_before_anything_is_asked(place: Path) -> None:
+    ended = finished("run", "one.toml", "--out", "session", "--wire", "index missing")
+    assert ended.returncode == 2
+    assert "is not commissioned for its wiring" in ended.stderr and "rigctl setup" in ended.stderr
+    assert "plate" not in ended.stderr and not (place / "session").exists()
+
+
 @pytest.fixture
 def running() -> Iterator[subprocess.Popen[str]]:
     """Yield a run of 500 trials that has committed the first."""

@@ -177,7 +177,7 @@ def test_served_boards_use_the_world(place: Path) -> None:
         assert process.stdout is not None
         address = json.loads(process.stdout.readline())["taxels"]["tcp"]
         with serial.serial_for_url(f"socket://{address}", timeout=LIMIT_S) as port:
-            (block,) = FrameDecoder().feed(port.read(33 * 20), 0.0).blocks
+            (block,) = FrameDecoder(18).feed(port.read(33 * 20), 0.0).blocks
         assert np.flatnonzero(block.samples[-1] > 300).tolist() == [3, 16]
         process.send_signal(signal.SIGINT)
         assert process.wait(LIMIT_S) == 0

@@ -7,9 +7,9 @@ import random
 
 import pytest
 
-from rigctl.devices.drum import Drum
+from rigctl.devices.drum import Drum, command_refusal_text
 from rigctl.errors import BoardRebooted, CommandRefused, LinkLost, WrongBoard, WrongUse
-from rigctl.wire.drum_codes import Command
+from rigctl.wire.drum_codes import Command, Status
 from rigctl.wire.drum_registers import BY_NAME
 from rigctl.wire.drum_states import Fault, State
 from tests.devices.memory_link import (
@@ -203,6 +203,16 @@ def test_out_of_bounds_never_reaches_the_wire_and_a_refusal_is_a_sentence() -> N
         drum.close()
 
     run(main)
+
+
+@pytest.mark.parametrize("is_commissioned", [False, True])
+def test_a_refused_clear_of_a_drum_that_did_not_lift_says_to_restart(is_commissioned: bool) -> None:
+    status = 1 << Status.CONTACT_MAY_STAND | is_commissioned << Status.COMMISSIONED
+    stuck = State.FAULT_OFF, Fault.ACTUATOR_STUCK, status
+    assert ("restart the drum board" in command_refusal_text(Command.CLEAR, *stuck)) is (
+        not is_commissioned
+    )
+    assert "restart" not in command_refusal_text(Command.ARM, *stuck)
 
 
 def test_a_tare_changes_the_zero_of_raw_counts() -> None:

@@ -65,7 +65,7 @@ def warm_kernels() -> None:
     """Compile before the clock runs."""
     empty = np.zeros(0, np.uint8)
     taxel_encoder.encode_data(np.zeros(0, np.int64), np.zeros((0, 18), np.uint16), empty, empty)
-    taxel_frames.FrameDecoder()
+    taxel_frames.FrameDecoder(18)
 
 
 class Terminals:
@@ -219,8 +219,11 @@ def test_no_port_and_no_such_rig_are_one_sentence_each(
         open_rig(str(empty))
     with pytest.raises(WrongUse, match="there is no rig vitrual: give virtual, firmware, or"):
         open_rig("vitrual")
-    empty.write_text("[taxels]\ncount = 9\n")
-    with pytest.raises(ConfigError, match="count is 9, the taxel board reads 18: leave count out"):
+    empty.write_text('[ports]\nsimulate = "virtual"\n[taxels]\ncount = 9\n')
+    with pytest.raises(ConfigError, match=r"compiled for 3 lines × 6 inputs, but .* count = 9"):
+        open_rig(str(empty))
+    empty.write_text('[ports]\nsimulate = "firmware"\n[taxels]\ncount = 9\n')
+    with pytest.raises(ConfigError, match="simulated chips have three lines × six inputs: set"):
         open_rig(str(empty))
     assert asyncio.run(_none()) == []
 

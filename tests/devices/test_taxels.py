@@ -11,7 +11,7 @@ import pytest
 from rigctl.config.rig_config import TaxelArray
 from rigctl.devices.taxels import Taxels
 from rigctl.errors import BoardRebooted, LinkLost, RigFault, WrongBoard
-from rigctl.values import N_TAXELS, Block
+from rigctl.values import Block
 from rigctl.wire import taxel_frames
 from rigctl.wire.drum_registers import BOARD_TAXELS, MAGIC
 from rigctl.wire.taxel_frames import SelfTest
@@ -20,7 +20,7 @@ from tests.wire import taxel_encoder
 
 IDENTITY = taxel_frames.TaxelIdentity(
     *(MAGIC, taxel_frames.WIRE_VERSION, BOARD_TAXELS, 0x0102, 0xDEADBEEF),
-    *(N_TAXELS, 1000, 7, 2, 800, 20),
+    *(18, 1000, 7, 2, 800, 20),
 )
 STATUS = taxel_frames.TaxelStatus(0, 0, 0, 320, 5012, 2, 7, 900, 480, 3, 8)
 EVERY_S = 0.01
@@ -130,12 +130,13 @@ def test_a_stream_without_an_identity_is_refused() -> None:
     [
         ({"board_id": 1}, "not a taxel board"),
         ({"magic": 1}, "not a taxel board"),
-        ({"wire_version": 3}, "firmware 1.2 speaks wire version 3 .*`rigctl flash taxels`"),
+        ({"wire_version": 3}, "firmware 1.2 speaks wire version 3, .*`rigctl flash taxels`"),
+        ({"n_taxels": 16}, "sends 16 taxels, rig.toml describes 18: correct .*`rigctl flash"),
     ],
 )
 def test_another_board_or_firmware_is_refused(change: dict[str, int], sentence: str) -> None:
     async def main(loop: JumpingLoop) -> None:
-        taxels, board, _, _ = unconnected_board(loop)
+        taxels, board, _, _ = unconnected_board(loop, array=TaxelArray())
         board.identity = replace(IDENTITY, **change)
         with pytest.raises(WrongBoard, match=sentence):
             await taxels.connect()

@@ -28,7 +28,7 @@ from rigctl.simulation.bench.skin import divider_share
 from rigctl.values import DRAWN_WIRING
 
 IN_ORDER = tuple(range(18))
-INPUTS = input_of_each(IN_ORDER, "test")
+INPUTS = input_of_each(IN_ORDER, 6, "test")
 CONDUCTANCE = replace(DEFAULT, reading=Reading.CONDUCTANCE)
 HALF_COUNT = 0.5 / 1023
 """Greatest error of a share by quantisation."""
@@ -96,10 +96,10 @@ def test_a_permuted_wiring_is_followed() -> None:
     samples = random.integers(0, 340, (50, 18)).astype(np.uint16)
     wiring = tuple(random.permutation(18).tolist())
     expected = conductance(samples, INPUTS)[:, wiring]
-    assert np.array_equal(conductance(samples[:, wiring], input_of_each(wiring, "x")), expected)
+    assert np.array_equal(conductance(samples[:, wiring], input_of_each(wiring, 6, "x")), expected)
     drawn = samples[:, DRAWN_WIRING]
     assert not np.array_equal(
-        conductance(drawn, INPUTS), conductance(drawn, input_of_each(DRAWN_WIRING, "x"))
+        conductance(drawn, INPUTS), conductance(drawn, input_of_each(DRAWN_WIRING, 6, "x"))
     )
 
 
@@ -110,7 +110,7 @@ def test_a_short_saturates_and_a_sensor_without_known_inputs_is_refused() -> Non
     assert found[7] == HIGHEST and np.count_nonzero(found) == 1
     for wiring in ((), tuple(range(9))):
         with pytest.raises(WrongUse, match=r"a session does not say .* use reading = counts"):
-            input_of_each(wiring, "a session")
+            input_of_each(wiring, 6, "a session")
 
 
 @pytest.mark.parametrize("slices", [1, 7, 100])

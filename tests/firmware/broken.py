@@ -65,7 +65,7 @@ BROKEN: dict[str, dict[str, list[Edit]]] = {
         ],
         "position-believed": [
             ("signals.h", "fitted(Signal::Position) && !broken_ms_;", "fitted(Signal::Position);"),
-            ("signals.h", "return broken_ms_ >= BROKEN_MS;", "return false;"),
+            ("signals.h", "return broken_ms_ >= BROKEN_MS ||", "return"),
             (
                 "contact.cpp",
                 "    if (sensor_.reads_contact()) return at_every_top(whole);\n",
@@ -77,9 +77,18 @@ BROKEN: dict[str, dict[str, list[Edit]]] = {
             (
                 "contact.cpp",
                 "    if (sensor_.reads_contact()) return at_every_top(whole);\n",
-                "    if (signals_.at_upper_end()) return true;\n"
+                "    if (signals_.says_top()) return true;\n"
                 "    if (sensor_.reads_contact()) return false;\n",
             )
+        ],
+        # The upper switch is believed alone, where no zero of the load cell contradicts it.
+        "switch-alone": [
+            (
+                "signals.h",
+                "return says_top() && (reads_position() ? !far_from_top() : left_top_);",
+                "return says_top();",
+            ),
+            ("signals.h", " || apart_ms_ >= BROKEN_MS;", ";"),
         ],
         "blind-push": [
             (
@@ -102,6 +111,10 @@ BROKEN: dict[str, dict[str, list[Edit]]] = {
                 "gentle() const { return !commission_.holds(); }",
                 "gentle() const { return false; }",
             )
+        ],
+        # What could not lift is tried again, and presses a little more each time.
+        "tries-again": [
+            ("controller.cpp", " || needs_restart()) return false;", ") return false;")
         ],
         "always-commissioned": [
             ("commission.h", "return ports::commissioned() == hash_;", "return hash_ != 0;")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import hashlib
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -34,9 +35,26 @@ def all_built() -> Path:
 
 
 def host_library(board: str, name: str, output: Path) -> Path:
-    """Compile a board that is named in BROKEN for this computer; return the path ``output``."""
+    """Compile a board that is named in BROKEN for this computer; return the path ``output``.
+
+    Sources that read the same are compiled once for all names.
+    """
     with _edited(board, name) as arduino:
-        return host_build.build(board, output, arduino=arduino)
+        sources = host_build.sources(board, arduino)
+        headers = b"".join(path.read_bytes() for path in sources if path.suffix == ".h")
+        objects = [
+            _object(board, path, headers, arduino) for path in sources if path.suffix == ".cpp"
+        ]
+        return host_build.compiled(board, objects, output, ["-shared"], arduino)
+
+
+def _object(board: str, source: Path, headers: bytes, arduino: Path) -> Path:
+    shipped = f"{host_build.digest(board)} {source.name}".encode()
+    content = hashlib.sha256(shipped + headers + source.read_bytes()).hexdigest()
+    target = arduino.parents[1] / "objects" / f"{content}.o"
+    if not target.is_file():
+        host_build.compiled(board, [source], target, ["-c"], arduino)
+    return target
 
 
 @contextmanager

@@ -198,10 +198,10 @@ limit plus the travel of
 lift at *F* (2,000 g at most, and as much more as a weak cell counts less), that is
 *F* + *k* · (1 mm + 6 mm/s · 18.5 ms + `overrun_um`). A board that is not commissioned stays below
 300 g, whatever wire breaks and whenever; with any two wirings of the catalogue that are wrong from
-power-up, or once the drum is lifted, too; with two that break in one moment while the set-up
-presses, below 500 g. An emergency stop switches everything off. No firmware can answer
-these, so the attacks leave them out, and a current limit or a mechanical stop has to bound the
-force ([how to build the rig](../how-to/build-the-rig.md)):
+power-up, once the drum is lifted, or from one moment while the set-up presses, too. An emergency
+stop switches everything off. No firmware can answer these, so the attacks leave them out, and a
+current limit or a mechanical stop has to bound the force
+([how to build the rig](../how-to/build-the-rig.md)):
 
 - *The bridge's enable is stuck high, or the bridge is shorted:* the board no longer switches it.
 - *Neither contact of the emergency stop works*, such as a bridged first contact and a second one

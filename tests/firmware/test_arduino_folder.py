@@ -16,7 +16,7 @@ from rigctl.devices.flash import write_sketches
 from rigctl.errors import WrongUse
 from rigctl.values import DRAWN_WIRING
 from rigctl.wire.finger_messages import model_header
-from rigctl.wire.taxel_frames import INPUT_PINS, LINE_PINS
+from rigctl.wire.taxel_frames import input_name, line_name
 from tests.firmware.building import built
 
 ROOT = checkout()
@@ -117,8 +117,8 @@ def test_the_taxel_boards_pin_table_agrees_with_its_header() -> None:
         expected[name.lower()] = (f"D{8 + bit}", f"PB{bit}")
     assert rows == expected
     # The host uses these names in its messages.
-    assert tuple(f"D{bit}" for bit in lines) == LINE_PINS
-    assert tuple(f"A{n}" for n in inputs) == INPUT_PINS
+    assert [f"D{bit}" for bit in lines] == [line_name(line) for line in range(3)]
+    assert [f"A{n}" for n in inputs] == [input_name(i) for i in range(6)]
 
 
 def test_the_default_taxel_order_is_that_of_table_and_drawing() -> None:

@@ -219,7 +219,7 @@ class FakeEngine(FakeClient):
     def __init__(self, folder: Path, seed: int = 0) -> None:
         self._random = np.random.default_rng(seed)
         self._counter = 0
-        self._writer = LiveWriter(folder / "live")
+        self._writer = LiveWriter(folder / "live", 18)
         self._writer.set_range(np.full(18, 200, np.uint16), np.full(18, 800, np.uint16))
         self.live = LiveReader(folder / "live")
         super().__init__(folder / "live", STATUS, self.live, self._writer)

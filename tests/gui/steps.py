@@ -11,7 +11,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QPushButton, QWidget
 
 from gui.finger.finger_tab import FingerTab
-from gui.link.engine_clients import FingerEngineSpec
+from gui.link.engine_link import FingerEngineSpec
 from gui.shell.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
 from rigctl.errors import RigctlError

@@ -11,10 +11,9 @@ from PySide6.QtGui import QDesktopServices
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QComboBox, QTextBrowser
 
-from gui.analysis.figures.accuracy_page import AccuracyPage
-from gui.analysis.figures.confusion_page import ConfusionPage
-from gui.analysis.figures.picture_page import FigureView
-from gui.analysis.results_view import ResultsView
+from gui.analysis.accuracy import AccuracyPage
+from gui.analysis.confusion import ConfusionPage
+from gui.analysis.results_view import FigureView, ResultsView
 from rigctl.analysis import options, pca_lda, representations, tasks
 from rigctl.cli import main
 from tests.analysis.recordings import record

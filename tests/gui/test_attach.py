@@ -12,7 +12,7 @@ import pytest
 from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
-from gui.link.engine_clients import JOIN
+from gui.link.engine_link import JOIN
 from gui.shell.main_window import MainWindow
 from rigctl.acquisition.rpc import client
 from rigctl.acquisition.rpc.client import EngineClient

@@ -10,11 +10,11 @@ from PySide6.QtCore import QPoint, QRect
 from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
-from gui.operate.action_results import action_result
 from gui.operate.bring_up import READY
+from gui.operate.event_log import action_result
 from gui.shell.main_window import MainWindow
+from gui.widgets.labels import Level
 from gui.widgets.layouts import PanelArea
-from gui.widgets.status_lamp import Level
 from rigctl.wire.drum_states import State
 from tests.gui.fake_engine import STATUS
 from tests.gui.steps import Harness, click

@@ -9,10 +9,9 @@ import pytest
 from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
-from gui.link.engine_clients import JOIN
-from gui.link.engine_link import NOT_CONNECTED
+from gui.link.engine_link import JOIN, NOT_CONNECTED
 from gui.shell.main_window import MainWindow
-from gui.widgets.status_lamp import Level
+from gui.widgets.labels import Level
 from rigctl.errors import LinkLost, WrongUse
 from tests.gui.fake_engine import FakeEngine
 from tests.gui.steps import Harness, SharedWindow, click, wait_until

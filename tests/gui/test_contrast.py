@@ -9,12 +9,11 @@ import pyqtgraph as pg
 import pytest
 from PySide6.QtGui import QColor
 
-from gui.analysis.figures.cell_numbers import cell_colour, number_colour
-from gui.analysis.figures.curve_looks import COLOURS
+from gui.analysis.accuracy import COLOURS
+from gui.analysis.confusion import cell_colour, number_colour
 from gui.live.heatmap import DARK_INK_SHARE
-from gui.widgets.colours import blend, contrast
 from gui.widgets.data_ages import VEIL_ALPHA
-from gui.widgets.theme import DARK, LIGHT, STOP_BACKS, Theme
+from gui.widgets.theme import DARK, LIGHT, STOP_BACKS, Theme, blend, contrast
 
 TEXT, LARGE = 4.5, 3.0
 """Least contrast of WCAG 2.2 for texts, and for large ones and lines."""

@@ -9,7 +9,7 @@ import pytest
 from PySide6.QtCore import QCoreApplication, QEvent, QSize
 from PySide6.QtWidgets import QApplication, QWidget
 
-from gui.analysis.figures.accuracy_plots import AccuracyPlots
+from gui.analysis.accuracy import AccuracyPlots
 from gui.shell.main_window import TEXT_SIZES_PERCENT, MainWindow
 from gui.widgets.theme import ThemeChoice
 from tests.analysis.recordings import record

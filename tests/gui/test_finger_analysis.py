@@ -8,8 +8,8 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
-from gui.analysis.figures.accuracy_page import AccuracyPage
-from gui.analysis.figures.picture_page import FigureView
+from gui.analysis.accuracy import AccuracyPage
+from gui.analysis.results_view import FigureView
 from gui.analysis.run_box import REALTIME
 from rigctl.protocol.finger import Stage
 from tests.analysis.finger.made_sessions import write_session

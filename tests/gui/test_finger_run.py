@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 from PySide6.QtTest import QTest
 
-from gui.analysis.tasks.task_values import FingerSessionInfo
-from gui.link.engine_clients import FingerEngineSpec
+from gui.analysis.task_values import FingerSessionInfo
+from gui.link.engine_link import FingerEngineSpec
 from gui.widgets.file_browser import NO_WHOLE_PATH
-from gui.widgets.status_lamp import Level
+from gui.widgets.labels import Level
 from rigctl.errors import LinkLost
 from rigctl.realtime.finger_rig import RUN_FIRST_SLIDE
 from tests.gui.fake_finger import RUNNING, FakeFinger

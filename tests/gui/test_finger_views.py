@@ -10,9 +10,9 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QLabel, QScrollArea
 
-from gui.finger.finger_health import finger_readings
 from gui.finger.scan_plots import SPAN_MM
-from gui.widgets.status_lamp import Level
+from gui.live.health import finger_readings
+from gui.widgets.labels import Level
 from rigctl.realtime.messages import parse_finger_status
 from tests.gui.fake_finger import RUNNING, STATUS
 from tests.gui.steps import FingerWindow

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from gui.live.health_strip import board_lines, readings
-from gui.widgets.status_lamp import Level
+from gui.live.health import board_lines, readings
+from gui.widgets.labels import Level
 from rigctl.acquisition.rpc.messages import parse_status
 from tests.gui.fake_engine import STATUS
 from tests.gui.steps import Harness, wait_until

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import pytest
 from PySide6.QtWidgets import QApplication
 
-from gui.link.engine_clients import JOIN
+from gui.link.engine_link import JOIN
 from rigctl.acquisition.rpc.client import EngineClient
 from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
 from rigctl.errors import WrongUse

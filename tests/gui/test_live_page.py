@@ -14,7 +14,7 @@ from PySide6.QtGui import QImage, QMouseEvent, QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
-from gui.analysis.export.picture_foot import FOOT_PX
+from gui.analysis.export import FOOT_PX
 from gui.live.live_page import CONDUCTANCE, ENCODER, SAVE, TAXELS, VOLTS, LivePage
 from gui.live.saver import _serve_table, shown_samples
 from gui.widgets.file_browser import NO_FOLDER, NO_WHOLE_PATH
@@ -315,7 +315,7 @@ def test_conductances_are_shown_and_encoded_without_the_load_of_neighbours(
     assert not len(data.timeline) and "of the conductance" in page.encoder_strip.sentence.text()
     stream(page, engine, 2000)
     counts = engine.live.taxels(2000).samples
-    expected = conductance(counts, input_of_each(DRAWN_WIRING, ""))
+    expected = conductance(counts, input_of_each(DRAWN_WIRING, 6, ""))
     shown = data.samples_before(data.timeline.newest, 2000)
     assert np.array_equal(shown[-2000:], expected)
     assert np.all(data.low <= expected.min(axis=0)) and np.all(data.high >= expected.max(axis=0))

@@ -14,9 +14,8 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from gui.live.earlier_trials import BIN_S, mean_rate_hz
-from gui.live.live_page import TRIALS, LivePage
+from gui.live.live_page import TRIALS, WAITS, LivePage
 from gui.live.navigation import Navigation
-from gui.live.sweep_mode import WAITS
 from gui.live.time_plots import NOW, SINCE_START
 from gui.live.timeline import TimeWindow
 from gui.widgets.theme import LIGHT

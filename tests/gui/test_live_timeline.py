@@ -7,8 +7,7 @@ import pytest
 from PySide6.QtWidgets import QApplication
 
 from gui.live.drum_course import thin_out
-from gui.live.raster import Raster
-from gui.live.scrolling_image import ScrollingImage
+from gui.live.raster import Raster, ScrollingImage
 from gui.live.time_plots import Traces
 from gui.live.timeline import Ring, Timeline, TimeWindow
 from gui.widgets.theme import LIGHT
@@ -47,7 +46,7 @@ def test_a_ring_keeps_the_newest_rows_in_order() -> None:
 
 
 def test_columns_cover_every_sample_once() -> None:
-    timeline = Timeline(20_000)
+    timeline = Timeline(18, 36, 20_000)
     append(timeline, 12_345, np.zeros((10_000, 18)))
     columns = timeline.columns(12_345 * 777 // 10_000, 22_344 * 777 // 10_000, 777, 10_000)
     assert columns.start[0] == 0 and columns.start[-1] == 10_000
@@ -56,7 +55,7 @@ def test_columns_cover_every_sample_once() -> None:
 
 
 def test_columns_of_lost_samples_are_marked() -> None:
-    timeline = Timeline(20_000)
+    timeline = Timeline(18, 36, 20_000)
     append(timeline, 0, np.zeros((1000, 18)))
     append(timeline, 1400, np.zeros((600, 18)))
     columns = timeline.columns(0, 250, 500, 5000)
@@ -66,7 +65,7 @@ def test_columns_of_lost_samples_are_marked() -> None:
 
 @pytest.mark.parametrize("span", [1000, 10_000, 60_000, 300_000])
 def test_one_sample_of_a_spike_is_visible_over_any_span(qapp: QApplication, span: int) -> None:
-    timeline = Timeline(320_000)
+    timeline = Timeline(18, 36, 320_000)
     samples = np.full((310_000, 18), 100)
     samples[309_500, 0] = 1000
     for part in np.array_split(samples, 97):
@@ -81,7 +80,7 @@ def test_one_sample_of_a_spike_is_visible_over_any_span(qapp: QApplication, span
 
 
 def test_the_oldest_samples_make_room_and_memory_stays(qapp: QApplication) -> None:
-    timeline = Timeline(50_000)
+    timeline = Timeline(18, 36, 50_000)
     for step in range(30):
         append(timeline, 7000 * step, np.full((7000, 18), step))
     assert len(timeline) == 50_000 and timeline.oldest == 160_000
@@ -93,7 +92,7 @@ def test_the_oldest_samples_make_room_and_memory_stays(qapp: QApplication) -> No
 def test_scrolling_to_and_fro_gives_the_same_picture(
     qapp: QApplication, engine: FakeEngine
 ) -> None:
-    timeline, moved = Timeline(60_000), Traces(LIGHT, PAPER)
+    timeline, moved = Timeline(18, 36, 60_000), Traces(LIGHT, PAPER)
     for skip in (0, 300, 0):
         engine.write_samples(16_000, skip=skip)
         timeline.pull(engine.live)
@@ -104,7 +103,7 @@ def test_scrolling_to_and_fro_gives_the_same_picture(
 
 
 def test_a_restarted_board_goes_on_behind_a_gap() -> None:
-    timeline = Timeline(20_000)
+    timeline = Timeline(18, 36, 20_000)
     append(timeline, 5000, np.ones((100, 18)), at_s=50.0)
     append(timeline, 0, np.full((30, 18), 9), at_s=50.6)
     positions = timeline.counters.between(0, 130)

@@ -17,10 +17,10 @@ import pytest
 from PySide6.QtWidgets import QApplication
 
 from gui.analysis.results import AnalysisResults, plot_page
-from gui.analysis.tasks.task_values import SessionTable, TrialData
-from gui.analysis.tasks.worker import Worker
+from gui.analysis.task_values import SessionTable, TrialData
+from gui.analysis.worker import Worker
 from gui.link.engine_link import STOP_TIMED_OUT
-from gui.shell.sample_maker import CANCELLED
+from gui.shell.start_page import CANCELLED
 from rigctl.acquisition.rpc.engine_files import running_engines, runtime_folder
 from rigctl.session.sensor_layout import SensorLayout
 from rigctl.synth.sample_session import MAKING

@@ -19,7 +19,7 @@ from gui.live.live_page import SAVE
 from gui.operate.bench_controls import AS_DRAWN, WRONGLY
 from gui.operate.bring_up import READY, BringUpBox
 from gui.shell.main_window import MainWindow
-from gui.widgets.status_lamp import Level
+from gui.widgets.labels import Level
 from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE, running_engines, runtime_folder
 from rigctl.session.session import Session
 from rigctl.session.verify import verify

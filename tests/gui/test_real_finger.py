@@ -10,9 +10,9 @@ import pytest
 from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
-from gui.link.engine_clients import JOIN
+from gui.link.engine_link import JOIN
 from gui.shell.main_window import MainWindow
-from gui.widgets.status_lamp import Level
+from gui.widgets.labels import Level
 from rigctl.acquisition.rpc.client import FINGER_ENGINE_COMMAND, EngineClient
 from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
 from rigctl.realtime.finger_models import train_models

@@ -11,9 +11,9 @@ from PySide6.QtGui import QAction
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QPushButton, QTableView, QWidget
 
+from gui.analysis.replay_tasks import ReplayTrial
 from gui.live.navigation import SPANS_S
 from gui.live.replay_page import NO_ATTEMPT, NO_SESSION, Player
-from gui.live.replay_tasks import ReplayTrial
 from rigctl.encoding.encoder import encode_trial
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.session.session import Session

@@ -16,14 +16,11 @@ from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLabel
 
-from gui.analysis.export.picture_file import painted_image
-from gui.analysis.export.value_file import save_new, with_origin
-from gui.analysis.figures.accuracy_page import AccuracyPage
-from gui.analysis.figures.accuracy_plots import ROW_PX, AccuracyPlots
-from gui.analysis.figures.cell_numbers import cell_colour
-from gui.analysis.figures.confusion_page import ConfusionPage
-from gui.analysis.figures.figure_values import figures_csv
-from gui.analysis.results import AnalysisResults, ResultsPage, plot_page
+from gui.analysis.accuracy import ROW_PX, AccuracyPage, AccuracyPlots
+from gui.analysis.confusion import ConfusionPage, cell_colour
+from gui.analysis.export import painted_image
+from gui.analysis.results import AnalysisResults, ResultsPage, figures_csv, plot_page
+from gui.analysis.value_file import save_new, with_origin
 from gui.widgets.theme import DARK, LIGHT
 from rigctl.analysis.published import TASKS
 from rigctl.analysis.report.figure import Figure, Matrix, PublishedValue, Series

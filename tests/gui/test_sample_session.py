@@ -11,8 +11,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from gui.shell.main_window import MainWindow
-from gui.shell.sample_maker import CANCELLED, REMEDY
-from gui.shell.start_page import READY, SAMPLE
+from gui.shell.start_page import CANCELLED, READY, REMEDY, SAMPLE
 from gui.widgets.theme import ThemeChoice
 from rigctl.session.session import open_session
 from rigctl.session.verify import verify

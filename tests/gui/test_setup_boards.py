@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from PySide6.QtTest import QTest
 
-from gui.setup.boards_box import FLASH_CANCELLED, NO_WHOLE_PATH, RELEASED, BoardsBox
-from gui.setup.setup_page import SetupPage
+from gui.operate.boards_box import FLASH_CANCELLED, NO_WHOLE_PATH, RELEASED, BoardsBox
+from gui.operate.setup_page import SetupPage
 from rigctl.config.intel_hex import parse_intel_hex
 from rigctl.config.rig_config import load_config
 from rigctl.devices.flash import WAIT_FOR_EVER, Flashed
@@ -231,7 +231,12 @@ def test_a_board_of_another_build_is_offered_to_be_flashed_after_the_rig_lets_it
 def test_the_part_firmware_leads_to_flashing(harness: Harness) -> None:
     window, page = harness.window, harness.window.tools.setup_page
     window.tools.show_setup()
-    part = {"name": "firmware", "title": "Firmware", "picture": "mega", "state": "wrong"}
+    part = {
+        "name": "firmware",
+        "title": "Firmware",
+        "picture": "mega#arduino-uno",
+        "state": "wrong",
+    }
     harness.update(simulated=False, setup={"parts": [part]})
     assert page.parts.isVisible() and not page.boards.isVisible()
     click(page.flash_button)

@@ -9,7 +9,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QPushButton
 
-from gui.setup.setup_page import DRUM_LOST, SetupPage
+from gui.operate.setup_page import DRUM_LOST, SetupPage
 from tests.gui.rig_window import RigWindow, rig_window
 from tests.gui.steps import Harness, click
 
@@ -121,7 +121,7 @@ def test_each_wire_that_is_asked_for_is_shown_in_the_drawing(rig: RigWindow) -> 
     page = page_of(rig)
     choose(page, "wires")
     press(rig, page.check_button)
-    for name, picture in (("emergency stop", "emergency stop"), ("index", "index sensor")):
+    for name, picture in (("emergency stop", "Emergency stop"), ("index", "Index sensor")):
         rig.until(lambda name=name: f"Is this fitted: {name}" in page.question.text())
         assert picture in page.drawing.accessibleName()
         click(page.answer_buttons[0])

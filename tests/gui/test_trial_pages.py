@@ -13,9 +13,9 @@ from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
-from gui.analysis.compare.compare_view import trial_ticks
-from gui.analysis.figures.text_page import TextPage
 from gui.analysis.results import table
+from gui.analysis.results_view import TextPage
+from gui.analysis.trial_pages import trial_ticks
 from gui.shell.page_stack import PageArea
 from tests.analysis.recordings import record
 from tests.gui.full_disk import full_disk

@@ -14,8 +14,8 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from gui.analysis.analysis_tab import AnalysisTab
-from gui.analysis.trials.trial_list import TrialList
-from gui.analysis.trials.trial_table import AttemptColumn, join_tables
+from gui.analysis.trial_list import TrialList
+from gui.analysis.trial_table import AttemptColumn, join_tables
 from gui.widgets.theme import LIGHT
 from rigctl.session.layout import SAMPLES
 from rigctl.session.notes import Mark, SessionNote

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from PySide6.QtWidgets import QApplication
 
-from gui.analysis.tasks.task_values import BLOCK, TrialCourse, TrialData
+from gui.analysis.task_values import BLOCK, TrialCourse, TrialData
+from gui.analysis.trial_pages import CourseView
 from gui.analysis.trial_view import TrialView
-from gui.analysis.trials.course_view import CourseView
 from gui.widgets.theme import LIGHT
 from rigctl.session.sensor_layout import SensorLayout
 

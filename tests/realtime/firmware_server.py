@@ -11,7 +11,6 @@ from contextlib import closing, contextmanager, suppress
 import numpy as np
 
 from rigctl.simulation.boards.taxels import TaxelFirmware
-from rigctl.values import N_TAXELS
 from rigctl.wire.drum_registers import MAGIC
 from rigctl.wire.finger_messages import BATCH_SAMPLES, BOARD_FINGER, WIRE_VERSION
 from rigctl.wire.finger_messages import N_TAXELS as FINGER_TAXELS
@@ -32,7 +31,7 @@ def serve_taxel_board() -> Iterator[str]:
     def answer(received: bytes) -> bytes:
         if received:
             board.receive(received)
-        board.run(np.full((round(TICK_S * 1000), N_TAXELS), 100, np.uint16))
+        board.run(np.full((round(TICK_S * 1000), board.lines * board.inputs), 100, np.uint16))
         return board.take_sent()
 
     with closing(board), _served(answer) as port:

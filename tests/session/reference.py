@@ -17,7 +17,9 @@ def table(of: layout.TableLayout) -> str:
         "|---|---|---|---|",
     ]
     lines += [
-        f"| `{c.name}` | {kind(c.type_code)} | {c.unit or '–'} | {c.doc} |" for c in of.columns
+        f"| `{c.name}` | {kind(c.type_code)} | {c.unit or '–'} | {c.doc} |"
+        for c in of.columns
+        if not c.optional
     ]
     return "\n".join(lines)
 

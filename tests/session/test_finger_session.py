@@ -72,16 +72,16 @@ def test_all_recorded_data_is_read_back(recorded: Path) -> None:
             assert (tuple(ranges.low), tuple(ranges.high)) == (LOW, HIGH)
 
 
-def test_windows_are_the_scaled_spikes(recorded: Path) -> None:
-    with FingerSession.open(recorded) as session:
+def test_windows_are_the_scaled_spikes(finger: Path) -> None:
+    with FingerSession.open(finger) as session:
         windows = session.windows(2)
         scaled = scale_windows(session.scan_spikes(2), session.velocities_um_s(2))
         assert np.array_equal(spike_counts(windows), scaled.counts)
         assert np.array_equal(windows["real_ms"], scaled.real_ms)
 
 
-def test_arrivals_that_are_no_numbers_are_refused(recorded: Path, tmp_path: Path) -> None:
-    folder = Path(shutil.copytree(recorded, tmp_path / "s"))
+def test_arrivals_that_are_no_numbers_are_refused(finger: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(finger, tmp_path / "s"))
     with h5py.File(folder / "part-0001.h5", "r+") as file:
         rows = file["/taxels/arrivals"][:]
         rows["arrived_s"] = np.nan
@@ -94,17 +94,17 @@ def test_arrivals_that_are_no_numbers_are_refused(recorded: Path, tmp_path: Path
 
 
 def test_info_prints_the_experiments_numbers(
-    recorded: Path, capsys: pytest.CaptureFixture[str]
+    finger: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     parser = create_parser(["info"])
-    assert info.run(parser.parse_args(["info", str(recorded), "--json"])) == 0
+    assert info.run(parser.parse_args(["info", str(finger), "--json"])) == 0
     answer = json.loads(capsys.readouterr().out)
     assert answer["experiment"] == "finger"
     assert answer["committed_by_stage"] == {"train": 4, "run": 4}
     assert (answer["classified"], answer["right"]) == (4, 4)
     assert (answer["batches"], answer["batches_without_velocity"]) == (40, 0)
     assert answer["latency_p99_ms"] == {"features": 1.5}
-    assert info.run(parser.parse_args(["info", str(recorded)])) == 0
+    assert info.run(parser.parse_args(["info", str(finger)])) == 0
     assert "reference mm s" in capsys.readouterr().out
 
 
@@ -138,26 +138,26 @@ def test_a_reader_follows_a_growing_session(tmp_path: Path) -> None:
                 assert len(session.spikes(trial.trial_id - 1)) == SCAN_MS
 
 
-def test_another_reference_speed_or_plan_is_not_resumed(recorded: Path) -> None:
+def test_another_reference_speed_or_plan_is_not_resumed(finger: Path) -> None:
     with pytest.raises(SessionError, match="has a reference speed of 100000 µm/s, not of 80000"):
         FingerRecorder(
-            recorded, replace(header(), reference_um_per_s=80_000), PROTOCOL, RIG, resume=True
+            finger, replace(header(), reference_um_per_s=80_000), PROTOCOL, RIG, resume=True
         )
     with pytest.raises(SessionError, match="another protocol or seed"):
-        FingerRecorder(recorded, replace(header(), plan_hash="0"), PROTOCOL, RIG, resume=True)
+        FingerRecorder(finger, replace(header(), plan_hash="0"), PROTOCOL, RIG, resume=True)
     with pytest.raises(WrongUse, match="needs the reference speed"):
-        FingerRecorder(recorded, replace(header(), reference_um_per_s=0), PROTOCOL, RIG)
+        FingerRecorder(finger, replace(header(), reference_um_per_s=0), PROTOCOL, RIG)
 
 
-def test_each_experiment_refuses_the_others_sessions(recorded: Path, drum: Path) -> None:
-    assert is_finger_session(recorded)
+def test_each_experiment_refuses_the_others_sessions(finger: Path, drum: Path) -> None:
+    assert is_finger_session(finger)
     assert not is_finger_session(drum)
     with pytest.raises(SessionError, match=r"is a session of the moving finger, not of the drum: "):
-        Session.open(recorded)
+        Session.open(finger)
     with pytest.raises(SessionError, match=r"is a session of the drum, not of the moving finger: "):
         FingerSession.open(drum)
     with pytest.raises(SessionError, match="is a session of the moving finger"):
-        Recorder(recorded, building.header(), building.PROTOCOL, building.RIG, resume=True)
+        Recorder(finger, building.header(), building.PROTOCOL, building.RIG, resume=True)
     with pytest.raises(SessionError, match="is a session of the drum"):
         recorder(drum, resume=True)
 
@@ -173,12 +173,12 @@ def test_each_experiment_refuses_the_others_sessions(recorded: Path, drum: Path)
     ids=lambda words: words[0],
 )
 def test_the_drums_commands_name_a_session_of_the_finger(
-    recorded: Path, words: list[str], capsys: pytest.CaptureFixture[str]
+    finger: Path, words: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    before = sorted(file.name for file in recorded.iterdir())
-    assert main([word.format(recorded) for word in words]) == 2
+    before = sorted(file.name for file in finger.iterdir())
+    assert main([word.format(finger) for word in words]) == 2
     assert "is a session of the moving finger, not of the drum" in capsys.readouterr().err
-    assert sorted(file.name for file in recorded.iterdir()) == before
+    assert sorted(file.name for file in finger.iterdir()) == before
 
 
 def test_parts_of_the_drum_have_no_attribute_of_the_finger(drum: Path) -> None:

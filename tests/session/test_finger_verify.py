@@ -38,9 +38,9 @@ def recorded(finger: Path) -> Path:
 
 
 def test_a_complete_session_has_no_problem(
-    recorded: Path, capsys: pytest.CaptureFixture[str]
+    finger: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["verify", str(recorded)]
+    words = ["verify", str(finger)]
     assert command.run(create_parser(["verify"]).parse_args(words)) == 0
     assert "is whole: 8 trials committed, 3,976 samples, 0 lost" in capsys.readouterr().out
 

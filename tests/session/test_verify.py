@@ -33,12 +33,10 @@ def run(*words: str) -> int:
     return command.run(create_parser(["verify"]).parse_args(["verify", *words]))
 
 
-def test_a_complete_session_has_no_problem(
-    recorded: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(str(recorded)) == 0
+def test_a_complete_session_has_no_problem(drum: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(str(drum)) == 0
     assert "is whole: 8 trials committed" in capsys.readouterr().out
-    assert run(str(recorded), "--json") == 0
+    assert run(str(drum), "--json") == 0
     answer = json.loads(capsys.readouterr().out)
     assert (answer["whole"], answer["problems"], answer["lost_samples"]) == (True, [], 0)
 
@@ -122,9 +120,9 @@ def test_findings_do_not_depend_on_the_read_size(
     assert len(at_once.problems) > 3
 
 
-def test_progress_rises_to_the_end(recorded: Path) -> None:
+def test_progress_rises_to_the_end(drum: Path) -> None:
     steps: list[tuple[float, str]] = []
-    verify(recorded, lambda share, step: steps.append((share, step)))
+    verify(drum, lambda share, step: steps.append((share, step)))
     shares = [share for share, _ in steps]
     assert shares == sorted(shares)
     assert steps[0] == (0.0, "part 1 of 2")

@@ -20,8 +20,8 @@ from tests.session import building
 from tests.session.block_session import record_in_blocks, spoil_one_sample
 from tests.session.spoiling import Spoil, set_row
 
-FLIPS = 300
-FLIPS_BY_COMMAND = 15
+FLIPS = 100
+FLIPS_BY_COMMAND = 10
 
 Record = Callable[[Path], Any]
 

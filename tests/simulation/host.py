@@ -62,7 +62,7 @@ class Host:
         self.lost: list[str] = []
         self.taxel_bytes: list[bytes] = []
         self.rejected = 0
-        self._decoder = FrameDecoder()
+        self._decoder = FrameDecoder(18)
         self._beat = self._sequence = 0
         simulation.drum.open(self._take_drum, self.lost.append)
         simulation.taxels.open(self._take_taxels, self.lost.append)

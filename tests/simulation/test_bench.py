@@ -243,7 +243,7 @@ def test_the_sensor_is_wired_as_drawn() -> None:
         bench = Bench(dataclasses.replace(QUIET, start_mm=20.0), 0)
         bench.set_plate(plate)
         press(bench, 500.0)
-        alone = conductance(turn(bench, 100.0, 1500)[300:], input_of_each(range(18), "bench"))
+        alone = conductance(turn(bench, 100.0, 1500)[300:], input_of_each(range(18), 6, "bench"))
         counts[plate] = alone.astype(float)
     share = texture_share(counts["F"]).reshape(3, 6)
     assert np.all(share[:, :3] > 2 * share[:, 3:])

@@ -153,7 +153,7 @@ def test_pyserial_reads_the_taxels_and_two_programs_read_the_same(boards: Boards
         serial.serial_for_url(f"socket://{host}:{port}", timeout=DEADLINE_S) as second,
     ):
         for port_of in (first, second):
-            decoder = FrameDecoder()
+            decoder = FrameDecoder(18)
             decoder.feed(port_of.read(33), 0.0)
             decoded = decoder.feed(port_of.read(33 * 100), 0.0)
             (block,) = decoded.blocks

@@ -24,6 +24,8 @@ def test_every_nominal_value_is_in_its_range_and_has_a_meaning_and_a_source() ->
 def test_a_value_out_of_range_is_refused_by_name() -> None:
     with pytest.raises(WrongUse, match="stiffness_g_mm is 5000 g/mm: choose 300 to 900"):
         open_virtual_rig(WorldParameters(stiffness_g_mm=5000.0))
+    with pytest.raises(WrongUse, match="there is no taxel 18: choose 0 to 17"):
+        open_virtual_rig(WorldParameters(dead_taxels=(18,)))
 
 
 @pytest.mark.parametrize("end", ["low", "high"])

@@ -100,7 +100,7 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
         ("start_mm = nan", ["line 1: start_mm", "nan is outside 0 to 400 mm"]),
         ("start_mm = -inf", ["line 1: start_mm", "-inf is outside"]),
         ("start_mm = [1]", ["line 1: start_mm", "must be a number"]),
-        ("# taxels\ndead_taxels = [18]", ["line 2: dead_taxels", "18 is outside 0 to 17"]),
+        ("# taxels\ndead_taxels = [1024]", ["line 2: dead_taxels", "1024 is outside 0 to 1023"]),
         ("stuck_taxels = [1.5]", ["line 1: stuck_taxels", "whole numbers"]),
         ("dead_taxels = 3", ["line 1: dead_taxels", "list of whole numbers"]),
         ("circumference_mm = 350", ["line 1", "the plate would end at 380 mm, beyond the turn"]),

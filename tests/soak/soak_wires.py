@@ -22,7 +22,7 @@ SILENCE_S = 0.05
 
 def test_noise_gives_no_taxel_samples() -> None:
     rng = np.random.default_rng(7)
-    decoder = FrameDecoder()
+    decoder = FrameDecoder(18)
     for _ in range(DECODER_BYTES // 1_000_000):
         noise = rng.integers(0, 256, 1_000_000, np.uint8).tobytes()
         assert decoder.feed(noise, 0.0).blocks == ()

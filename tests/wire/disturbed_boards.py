@@ -17,16 +17,17 @@ from rigctl.wire.drum_registers import BOARD_TAXELS, MAGIC
 from rigctl.wire.finger_decoder import FingerDecoder
 from rigctl.wire.finger_messages import BOARD_FINGER, DATA_TYPE
 from rigctl.wire.taxel_frames import (
-    FRAME_BYTES,
     WIRE_VERSION,
     FrameDecoder,
     TaxelIdentity,
     TaxelStatus,
     frame,
+    frame_bytes,
 )
 from tests.wire import taxel_encoder
 from tests.wire.disturbance import Disturbance, cut
 
+FRAME_BYTES = frame_bytes(18)
 EVERY = 100
 """Samples from one status to the next."""
 QUIET = 2 * EVERY + 3
@@ -166,7 +167,7 @@ def run_taxels(how: Disturbance, n_bytes: int, seed: int, boot_length: int) -> J
     frames = [data for boot, counters in enumerate(sent) for data in taxel_frames(boot, counters)]
     arrived = _joined(frames, how, rng)
     judgement = Judgement(f"taxels, {how.name}", reboots=len(sent) - 1)
-    decoder = FrameDecoder()
+    decoder = FrameDecoder(18)
     decoder.resync()
     decoded = [decoder.feed(piece, 0.0) for piece in cut(_noted(judgement, arrived), rng)]
     judgement.intact = count_intact(

@@ -54,8 +54,9 @@ def encode_data(
     edges: NDArray[np.uint8],
 ) -> bytes:
     """Return the frames of n samples; the arrays are those of :class:`rigctl.values.Block`."""
-    wire = np.empty((counters.shape[0], taxel_frames.FRAME_BYTES), np.uint8)
-    _encode_rows(counters, samples, flags, edges, wire)
+    n_taxels = samples.shape[1]
+    wire = np.empty((counters.shape[0], taxel_frames.frame_bytes(n_taxels)), np.uint8)
+    _encode_rows(counters, samples, flags, edges, wire, taxel_frames.data_body(n_taxels))
     return wire.tobytes()
 
 
@@ -88,23 +89,27 @@ def _encode_rows(
     flags: NDArray[np.uint8],
     edges: NDArray[np.uint8],
     wire: NDArray[np.uint8],
+    size: int,
 ) -> None:
-    """Encode data frames into ``wire``, uint8 (n, 33)."""
-    body = np.empty(taxel_constants.DATA_BODY + 4, np.uint8)
+    """Encode data frames with bodies of ``size`` bytes into the rows of ``wire``."""
+    body = np.empty(size + 4, np.uint8)
+    edges_at = 10 * samples.shape[1]
     for row in range(counters.shape[0]):
         body[:] = 0
         body[0] = taxel_constants.DATA
         body[1] = counters[row] & 0xFF
         body[2] = counters[row] >> 8 & 0xFF
         body[3] = flags[row]
-        for i in range(taxel_constants.N_READINGS):
+        for i in range(samples.shape[1]):
             value = np.uint32(samples[row, i] & 0x3FF) << np.uint32(10 * i & 7)
             body[4 + (10 * i >> 3)] |= value & 0xFF
             body[5 + (10 * i >> 3)] |= value >> 8 & 0xFF
-        body[26] |= (edges[row] & 0xF) << 4
-        crc = np.int64(taxel_kernels.crc32(body, taxel_constants.DATA_BODY))
+        value = np.uint32(edges[row] & 0xF) << np.uint32(edges_at & 7)
+        body[4 + (edges_at >> 3)] |= value & 0xFF
+        body[5 + (edges_at >> 3)] |= value >> 8 & 0xFF
+        crc = np.int64(taxel_kernels.crc32(body, size))
         for i in range(4):
-            body[taxel_constants.DATA_BODY + i] = crc >> (8 * i) & 0xFF
+            body[size + i] = crc >> (8 * i) & 0xFF
         _stuff(body, wire, row)
 
 

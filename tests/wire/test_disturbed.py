@@ -74,7 +74,7 @@ def test_any_slicing_of_any_mixture_gives_the_same(
 
 
 def _taxel_values(pieces: list[bytes]) -> list[object]:
-    decoder = FrameDecoder()
+    decoder = FrameDecoder(18)
     decoder.resync()
     decoded: list[Decoded] = [decoder.feed(piece, 0.0) for piece in pieces]
     blocks = [block for part in decoded for block in part.blocks]

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from rigctl.values import N_TAXELS, Block
+from rigctl.values import Block
 from rigctl.wire import taxel_frames as taxels
 from rigctl.wire.drum_registers import BOARD_TAXELS, MAGIC
 from rigctl.wire.taxel_frames import Decoded, Flag, FrameDecoder
@@ -20,7 +20,7 @@ from tests.wire import taxel_encoder
 
 IDENTITY = taxels.TaxelIdentity(
     *(MAGIC, taxels.WIRE_VERSION, BOARD_TAXELS, 0x0102, 0xDEADBEEF),
-    *(N_TAXELS, 1000, 7, 2, 800, 20),
+    *(18, 1000, 7, 2, 800, 20),
 )
 STATUS = taxels.TaxelStatus(0, 0, 1, 320, 5012, 2, 7, 900, 480, 3, 8)
 
@@ -44,7 +44,7 @@ def readings(
 
 
 def decode_slices(wire: bytes, cuts: list[int]) -> tuple[list[Decoded], FrameDecoder]:
-    decoder = FrameDecoder()
+    decoder = FrameDecoder(18)
     edges = [0, *sorted(c % (len(wire) + 1) for c in cuts), len(wire)]
     return [decoder.feed(wire[a:b], 0.0) for a, b in pairwise(edges)], decoder
 
@@ -74,7 +74,7 @@ def only(pieces: list[Decoded]) -> Block:
 
 def test_a_frame_has_33_bytes_and_zlibs_crc() -> None:
     wire = stream(np.arange(1))
-    assert len(wire) == taxels.FRAME_BYTES == 33
+    assert len(wire) == taxels.frame_bytes(18) == 33
     body = taxel_encoder.unframe(wire[:-1])
     assert body is not None
     assert body[0] == 0x11
@@ -88,7 +88,7 @@ def test_encoded_frames_are_restored(first: int, n: int, seed: int) -> None:
     counters = np.arange(first, first + n)
     samples, flags, edges = readings(counters, seed)
     block = only(
-        [FrameDecoder().feed(taxel_encoder.encode_data(counters, samples, flags, edges), 1.5)]
+        [FrameDecoder(18).feed(taxel_encoder.encode_data(counters, samples, flags, edges), 1.5)]
     )
     np.testing.assert_array_equal(block.counters % 65536, counters % 65536)
     np.testing.assert_array_equal(np.diff(block.counters), 1)
@@ -100,7 +100,7 @@ def test_encoded_frames_are_restored(first: int, n: int, seed: int) -> None:
 
 
 def test_status_identity_and_requests_come_back() -> None:
-    decoded = FrameDecoder().feed(
+    decoded = FrameDecoder(18).feed(
         taxel_encoder.encode_identity(IDENTITY) + taxel_encoder.encode_status(STATUS), 0.0
     )
     assert decoded.identities == (IDENTITY,)
@@ -150,7 +150,7 @@ def test_garbage_costs_only_the_frames_it_touches(
 def test_every_lost_sample_is_counted(kept: list[bool], first: int) -> None:
     kept = [True, *kept, True]
     counters = np.flatnonzero(kept) + first
-    decoder = FrameDecoder()
+    decoder = FrameDecoder(18)
     decoder.feed(taxel_encoder.encode_status(replace(STATUS, sample_counter=first)), 0.0)
     block = only([decoder.feed(stream(counters), 0.0)])
     lost = [i for g in block.gaps for i in range(g.first_counter, g.first_counter + g.count)]
@@ -163,7 +163,7 @@ def test_a_gap_says_who_lost_the_samples() -> None:
     samples, flags, edges = readings(counters)
     flags = np.array([0, 0, 2, 2, 2], np.uint8) << DROPS_SHIFT
     block = only(
-        [FrameDecoder().feed(taxel_encoder.encode_data(counters, samples, flags, edges), 0.0)]
+        [FrameDecoder(18).feed(taxel_encoder.encode_data(counters, samples, flags, edges), 0.0)]
     )
     assert [(g.first_counter, g.count, g.reason) for g in block.gaps] == [
         (2, 2, "dropped by the board"),
@@ -172,7 +172,7 @@ def test_a_gap_says_who_lost_the_samples() -> None:
 
 
 def test_the_counter_runs_on_across_the_wrap_of_its_16_bits_with_status_frames_between() -> None:
-    decoder = FrameDecoder()
+    decoder = FrameDecoder(18)
     seen: list[int] = []
     for first in range(0, 140_000, 100):
         wire = stream(np.arange(first, first + 100))
@@ -186,7 +186,7 @@ def test_the_counter_runs_on_across_the_wrap_of_its_16_bits_with_status_frames_b
 
 
 def test_a_long_silence_is_counted_through_the_status_frame() -> None:
-    decoder = FrameDecoder()
+    decoder = FrameDecoder(18)
     decoder.feed(stream(np.arange(1000)), 0.0)
     decoder.resync()
     assert decoder.waiting
@@ -199,7 +199,7 @@ def test_a_long_silence_is_counted_through_the_status_frame() -> None:
 
 @pytest.mark.parametrize("counter", [0, 70_000, 2**31 + 5, 2**32 - 60])
 def test_joining_a_running_stream_waits_for_the_whole_counter(counter: int) -> None:
-    decoder = FrameDecoder()
+    decoder = FrameDecoder(18)
     decoder.resync()
     torn = stream(np.arange(counter, counter + 1))[20:]
     assert decoder.feed(torn + stream(np.arange(counter + 1, counter + 50)), 0.0).blocks == ()
@@ -211,7 +211,7 @@ def test_joining_a_running_stream_waits_for_the_whole_counter(counter: int) -> N
 
 
 def test_the_32_bits_of_the_status_counter_wrap_too() -> None:
-    decoder = FrameDecoder()
+    decoder = FrameDecoder(18)
     decoder.resync()
     first = 2**32 - 150
     decoder.feed(taxel_encoder.encode_status(replace(STATUS, sample_counter=first)), 0.0)
@@ -263,7 +263,7 @@ def test_repeated_and_late_frames_are_no_reboot_and_a_late_one_stays_a_gap() -> 
     one = [stream(np.arange(i, i + 1)) for i in range(8)]
     status = taxel_encoder.encode_status(replace(STATUS, sample_counter=3))
     wire = b"".join([*one[:3], status, one[2], one[4], status, one[3], *one[5:]])
-    decoded = FrameDecoder().feed(wire + taxel_encoder.encode_identity(IDENTITY) * 2, 0.0)
+    decoded = FrameDecoder(18).feed(wire + taxel_encoder.encode_identity(IDENTITY) * 2, 0.0)
     block = only([decoded])
     assert block.counters.tolist() == [0, 1, 2, 4, 5, 6, 7]
     assert [(gap.first_counter, gap.count) for gap in block.gaps] == [(3, 1)]
@@ -274,7 +274,7 @@ def test_a_status_of_the_boot_before_changes_nothing() -> None:
     old = taxel_encoder.encode_status(replace(STATUS, sample_counter=300, boot_count=7))
     wire = taxel_encoder.encode_identity(IDENTITY) + stream(np.arange(301))
     wire += taxel_encoder.encode_identity(replace(IDENTITY, boot_count=8)) + old
-    decoded = FrameDecoder().feed(wire + stream(np.arange(300, 303)) + stream(np.arange(50)), 0.0)
+    decoded = FrameDecoder(18).feed(wire + stream(np.arange(300, 303)) + stream(np.arange(50)), 0.0)
     assert [len(block) for block in decoded.blocks] == [301, 50]
     assert (decoded.reboots, decoded.stale_frames, decoded.statuses) == (1, 4, ())
 
@@ -290,7 +290,7 @@ def test_flags_and_edge_counts_have_the_places_of_the_reference() -> None:
 
 
 def test_an_endless_stream_without_zero_keeps_no_memory_and_is_counted() -> None:
-    decoder = FrameDecoder()
+    decoder = FrameDecoder(18)
     decoder.feed(stream(np.arange(5)), 0.0)
     for _ in range(50):
         decoder.feed(b"\x55" * 1000, 0.0)
@@ -323,7 +323,7 @@ def test_no_false_accept_in_100_000_damaged_frames() -> None:
     clean = np.frombuffer(stream(np.arange(120_000)), np.uint8).reshape(-1, 33)
     hurt = damaged(rng, clean)
     assert len(hurt) > 100_000
-    decoded = FrameDecoder().feed(hurt.tobytes(), 0.0)
+    decoded = FrameDecoder(18).feed(hurt.tobytes(), 0.0)
     assert decoded.blocks == ()
     assert decoded.statuses == ()
     assert decoded.identities == ()

@@ -33,7 +33,7 @@ def test_an_outcome_between_samples_comes_back_whole(outcome: SelfTest, cut: int
     marks = np.zeros(4, np.uint8)
     data = taxel_encoder.encode_data(counters, np.full((4, 18), 511, np.uint16), marks, marks)
     wire = data + taxel_encoder.encode_self_test(outcome) + data[:0]
-    decoder = FrameDecoder()
+    decoder = FrameDecoder(18)
     pieces = [decoder.feed(wire[i : i + cut], 0.0) for i in range(0, len(wire), cut)]
     assert [t for p in pieces for t in p.self_tests] == [outcome]
     assert sum(len(b) for p in pieces for b in p.blocks) == 4

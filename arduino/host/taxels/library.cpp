@@ -11,8 +11,14 @@ EXPORT uint64_t taxels_io_size() { return sizeof(TaxelIO); }
 EXPORT TaxelBoard *taxels_open() { return new TaxelBoard(); }
 EXPORT void taxels_close(TaxelBoard *board) { delete board; }
 EXPORT TaxelIO *taxels_io(TaxelBoard *board) { return &board->io; }
-EXPORT void taxels_run(TaxelBoard *board, int32_t frames) { board->run(frames); }
+EXPORT int32_t taxels_lines() { return LINES; }
+EXPORT int32_t taxels_inputs() { return INPUTS; }
 EXPORT void taxels_close_frames(TaxelBoard *board, int32_t frames) { board->close(frames); }
+
+EXPORT void taxels_run(TaxelBoard *board, const uint16_t *readings, int32_t frames)
+{
+    board->run(readings, frames);
+}
 
 EXPORT void taxels_boot(TaxelBoard *board, int32_t cause)
 {

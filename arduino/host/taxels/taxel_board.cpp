@@ -61,7 +61,6 @@ void TaxelBoard::count(const Edge &edge, Frame &frame)
 Frame TaxelBoard::close_frame(int32_t row)
 {
     Frame frame = Frame();
-    memcpy(frame.reading, io.readings[row], sizeof frame.reading);
     cycle_ += FRAME_CYCLES;
     for (; !edges_.empty() && edges_.front().cycle < cycle_; edges_.pop_front())
         count(edges_.front(), frame);
@@ -73,10 +72,14 @@ Frame TaxelBoard::close_frame(int32_t row)
     return frame;
 }
 
-void TaxelBoard::run(int32_t frames)
+void TaxelBoard::run(const uint16_t *readings, int32_t frames)
 {
     const Running here(this);
-    for (int32_t row = 0; row < frames; ++row) talk_->take(close_frame(row));
+    for (int32_t row = 0; row < frames; ++row, readings += TAXELS) {
+        Frame frame = close_frame(row);
+        memcpy(frame.reading, readings, sizeof frame.reading);
+        talk_->take(frame);
+    }
 }
 
 void TaxelBoard::close(int32_t frames)

@@ -21,14 +21,14 @@ public:
     void boot(uint8_t reset_cause);
     // An edge of sync or index at a cycle, in rising order.
     void edge(EdgeOf signal, bool level, uint64_t cycle);
-    // Closes frames with the readings in io and sends them.
-    void run(int32_t frames);
+    // Closes frames with these readings, one row of TAXELS a frame, and sends them.
+    void run(const uint16_t *readings, int32_t frames);
     // Closes frames without sending; their flags and edges are in io.
     void close(int32_t frames);
     void receive(const uint8_t *bytes, int32_t count);
 
-    TaxelIO io = {.supply_mv = 5000, .tx_count = 0, .overflows = 0, .readings = {}, .flags = {},
-                  .edges = {}, .tx = {}};
+    TaxelIO io = {.supply_mv = 5000, .tx_count = 0, .overflows = 0, .flags = {}, .edges = {},
+                  .tx = {}};
 
     // Implementation of ports.h for the running board.
     bool send(const uint8_t *bytes, uint8_t size, uint8_t kept_free);

@@ -13,7 +13,6 @@ struct TaxelIO {
     int64_t supply_mv;               // from the bench
     int64_t tx_count;
     int64_t overflows;               // bytes lost because the buffer was full
-    uint16_t readings[MAX_FRAMES][18];
     uint8_t flags[MAX_FRAMES];      // of the frames of the last run
     uint8_t edges[MAX_FRAMES];
     uint8_t tx[MAX_BYTES];

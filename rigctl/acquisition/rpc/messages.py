@@ -26,14 +26,13 @@ from msgspec import Meta
 from rigctl.acquisition.calibration_values import (
     CalibrationStatus,
 )
-from rigctl.acquisition.setup.setup_status import SetupStatus
-from rigctl.config.rig_config import RigLimits
+from rigctl.acquisition.setup.setup_status import STOP_PARTS, SetupStatus
+from rigctl.config.rig_config import PAPER_ARRAY, RigLimits
 from rigctl.config.text_file import shorten
 from rigctl.encoding.reading import Reading
 from rigctl.errors import WrongUse
-from rigctl.session.sensor_layout import SensorLayout
-from rigctl.values import N_TAXELS
-from rigctl.wire.drum_states import State
+from rigctl.session.sensor_layout import PAPER_SENSOR, SensorLayout
+from rigctl.wire.drum_states import Fault, State
 
 LINE_LIMIT_BYTES = 1 << 20
 REQUEST_LIMIT_BYTES = 1 << 16
@@ -46,7 +45,6 @@ DISCONNECTED_TEXT = (
     "the engine has disconnected this client, which did not read: join it again; a run goes on, "
     "and its session has everything"
 )
-PAPER_SENSOR = SensorLayout.default(N_TAXELS)
 NOMINAL_LIMITS = RigLimits()
 NO_CALIBRATION = CalibrationStatus()
 NO_SETUP = SetupStatus()
@@ -189,7 +187,9 @@ class EngineStatus:
     ``clock_ppm``: how fast each board's clock runs against the computer's, None before known.
     ``boards``: by name, those that have connected. ``sensor_layout``: rows, columns and layers of
     the sensor. ``reading``: what the live encoder takes of the samples, and the unit of its ranges;
-    ``wiring``: the reading of the taxel wire at each place, empty where it is not known.
+    ``wiring``: the reading of the taxel wire at each place, empty where it is not known;
+    ``taxel_inputs``: analog inputs of the board, a reading is inputs · line + input.
+    ``registers``: those of the drum that its table marks as shown, by name, in their units.
     ``wrong_wirings``: names of those of a simulated rig that are on.
     """
 
@@ -238,6 +238,8 @@ class EngineStatus:
     sensor_layout: SensorLayout = PAPER_SENSOR
     reading: Reading = Reading.COUNTS
     wiring: tuple[int, ...] = ()
+    taxel_inputs: int = PAPER_ARRAY.inputs
+    registers: dict[str, float] = field(default_factory=dict)
     limits: RigLimits = NOMINAL_LIMITS
     recording: RecordingStatus = RecordingStatus()
     run: RunStatus = RunStatus()
@@ -249,6 +251,11 @@ class EngineStatus:
         """Whether the drum was switched off where it pressed; no tare is from before a boot."""
         is_off = self.drum_connected and self.state in (State.IDLE, State.FAULT_OFF)
         return is_off and self.contact_may_stand and self.tared
+
+    @property
+    def is_stop_asked_for(self) -> bool:
+        """Whether the emergency stop is pressed because the setup asks for it."""
+        return self.fault == Fault.ESTOP and self.setup.checking in STOP_PARTS
 
 
 def as_dict(status: Any) -> dict[str, Any]:

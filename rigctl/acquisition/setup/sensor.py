@@ -13,10 +13,9 @@ from rigctl.acquisition.calibration_values import wiring_words
 from rigctl.acquisition.setup.verdict import DONE, Question, Remedy, Verdict
 from rigctl.acquisition.setup.workbench import Workbench
 from rigctl.acquisition.wiring_steps import WiringStep, WiringSteps, mean_readings
-from rigctl.config.rig_config import ADC_MAX
+from rigctl.config.rig_config import ADC_MAX, PAPER_ARRAY
 from rigctl.errors import WrongUse
-from rigctl.values import N_TAXELS
-from rigctl.wire.taxel_frames import INPUT_PINS, N_INPUTS, SelfTest
+from rigctl.wire.taxel_frames import SelfTest, input_name, number_word
 
 LEAST_SUPPLY_V, MOST_SUPPLY_V = 4.6, 5.4
 MOST_NOISE_COUNTS = 8.0
@@ -38,7 +37,7 @@ class SensorReadings(NamedTuple):
     findings: tuple[str, ...]
     mean: NDArray[np.float64]
     sd: NDArray[np.float64]
-    shares: tuple[float, ...] = (0.0,) * N_INPUTS
+    shares: tuple[float, ...] = (0.0,) * PAPER_ARRAY.inputs
 
 
 async def check_sensor(bench: Workbench) -> Verdict:
@@ -50,18 +49,21 @@ async def check_sensor(bench: Workbench) -> Verdict:
     supply_v = taxels.status.supply_mv / 1000 if taxels.status else 0.0
     mean, sd = samples.mean(axis=0), samples.std(axis=0)
     found = tuple(taxels.findings)
-    shares = input_shares(mean, bench.rig.config.taxels.order)
+    array = bench.rig.config.taxels
+    shares = input_shares(mean, array.order, array.inputs)
     return judge_sensor(SensorReadings(supply_v, test, found, mean, sd, shares))
 
 
-def input_shares(mean: NDArray[np.float64], order: Sequence[int]) -> tuple[float, ...]:
+def input_shares(
+    mean: NDArray[np.float64], order: Sequence[int], n_inputs: int
+) -> tuple[float, ...]:
     """Return the sum of each input's readings over full scale; ``mean`` is in the sensor's order.
 
-    Three taxels share an input: with conductances G the readings are G over their sum with the
+    Taxels share an input: with conductances G the readings are G over their sum with the
     divider's, so that without a divider they add up to full scale.
     """
-    inputs = np.array(order) % N_INPUTS
-    return tuple(float(mean[inputs == i].sum() / ADC_MAX) for i in range(N_INPUTS))
+    inputs = np.array(order) % n_inputs
+    return tuple(float(mean[inputs == i].sum() / ADC_MAX) for i in range(n_inputs))
 
 
 def judge_sensor(seen: SensorReadings) -> Verdict:
@@ -84,11 +86,12 @@ def _sensor_problem(seen: SensorReadings) -> tuple[str, ...]:
         )
     if seen.findings:
         more = f" ({len(seen.findings)} findings)" if len(seen.findings) > 1 else ""
-        return (f"{seen.findings[0]}{more}", *_test_causes(seen.test))
+        return (f"{seen.findings[0]}{more}", *_test_causes(seen))
     for input_, share in enumerate(seen.shares):
         if share > NO_DIVIDER_SHARE:
             return (
-                f"the three taxels of input {INPUT_PINS[input_]} add up to {100 * share:.0f} % of "
+                f"the {number_word(seen.mean.size // len(seen.shares))} taxels of input "
+                f"{input_name(input_)} add up to {100 * share:.0f} % of "
                 "full scale untouched: solder its resistor to ground",
                 "taxel divider missing",
             )
@@ -107,13 +110,13 @@ def _sensor_problem(seen: SensorReadings) -> tuple[str, ...]:
     return ("",)
 
 
-def _test_causes(test: SelfTest) -> tuple[str, ...]:
-    silent = [reading for reading in range(N_TAXELS) if test.silent >> reading & 1]
+def _test_causes(seen: SensorReadings) -> tuple[str, ...]:
+    test, n_silent, n_inputs = seen.test, seen.test.silent.bit_count(), len(seen.shares)
     named = {
         "taxel inputs shorted": test.inputs_together,
         "taxel divider missing": test.inputs_open,
-        "taxel line open": len(silent) >= N_INPUTS,
-        "taxel input open": 0 < len(silent) < N_INPUTS,
+        "taxel line open": n_silent >= n_inputs,
+        "taxel input open": 0 < n_silent < n_inputs,
     }
     return tuple(name for name, is_found in named.items() if is_found)
 

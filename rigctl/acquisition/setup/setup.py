@@ -17,6 +17,7 @@ from rigctl.acquisition.setup.first_contact import (
 from rigctl.acquisition.setup.load_cell import check_at_rest, check_scale, check_under_finger
 from rigctl.acquisition.setup.progress import COMMISSION, PassedStep, Progress, renew_kept
 from rigctl.acquisition.setup.sensor import check_order, check_sensor
+from rigctl.acquisition.setup.setup_status import FORCE, STOP, SUPPLY
 from rigctl.acquisition.setup.switches import check_ends, check_stop, check_supply_cut, tripped
 from rigctl.acquisition.setup.verdict import Verdict
 from rigctl.acquisition.setup.workbench import Workbench
@@ -32,7 +33,7 @@ class SetupStep:
     """One part that is checked alone.
 
     ``picture``: what it is about, the page of the wiring drawing and the id of a part in it, or
-    ``force`` for the plot of the load cell. ``needs``: the optional wire without which
+    FORCE for the plot of the load cell. ``needs``: the optional wire without which
     there is nothing to check. ``moves``: it drives a motor, so all steps before it pass first.
     """
 
@@ -46,12 +47,12 @@ class SetupStep:
 
 STEPS = (
     SetupStep("ports", "Boards and ports", check_ports, "mega#arduino-uno"),
-    SetupStep("firmware", "Firmware", check_firmware, "mega"),
+    SetupStep("firmware", "Firmware", check_firmware, "mega#arduino-uno"),
     SetupStep("drum", "Drum and microsteps", check_drum, "mega#stepper-driver"),
-    SetupStep("wires", "Wires that are fitted", check_fitted, "mega"),
-    SetupStep("stop", "Emergency stop", check_stop, "mega#emergency-stop", "estop"),
+    SetupStep("wires", "Wires that are fitted", check_fitted, "mega#actuator-position-and-ends"),
+    SetupStep(STOP, "Emergency stop", check_stop, "mega#emergency-stop", "estop"),
     SetupStep(
-        "supply",
+        SUPPLY,
         "Second contact of the stop",
         check_supply_cut,
         "mega#h-bridge-of-the-actuator",
@@ -75,8 +76,8 @@ STEPS = (
     ),
     SetupStep("sensor", "Sensor at rest", check_sensor, "uno#sensor-read-lines"),
     SetupStep("order", "Order of the taxels", check_order, "uno#sensor-driven-lines"),
-    SetupStep("press", "First press, 100 g", check_first_press, "force", moves=True),
-    SetupStep(COMMISSION, "Commission the board", commission, "mega", moves=True),
+    SetupStep("press", "First press, 100 g", check_first_press, FORCE, moves=True),
+    SetupStep(COMMISSION, "Commission the board", commission, FORCE, moves=True),
     SetupStep("trial", "First trial", check_first_trial, "uno#arduino-mega", "sync", moves=True),
 )
 
@@ -89,7 +90,11 @@ FAULT_CAUSES: dict[Fault, tuple[str, ...]] = {
     Fault.LOADCELL_NOISE: ("cell unplugged", "E− not connected to ground"),
     Fault.ACTUATOR_REVERSED: ("actuator swapped", "potentiometer reversed"),
     Fault.ACTUATOR_STUCK: ("actuator unplugged", "actuator supply missing"),
-    Fault.POSITION_WIRE: ("potentiometer wiper open", "potentiometer shorted to ground"),
+    Fault.POSITION_WIRE: (
+        "potentiometer wiper open",
+        "potentiometer shorted to ground",
+        "upper end switch unplugged",
+    ),
     Fault.FORCE_MISSING: ("cell excitation open", "cell on channel B"),
 }
 """Wrong wirings behind a fault that the board latches by itself, in whatever step."""

@@ -4,6 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+FORCE = "force"
+"""Picture of a part that is about the load cell's reading: its plot."""
+
+STOP_PARTS = (STOP, SUPPLY) = "stop", "supply"
+"""Parts for which a person presses the emergency stop."""
+
 
 @dataclass(frozen=True, slots=True)
 class PartStatus:

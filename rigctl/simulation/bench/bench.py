@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.config.rig_config import PAPER_ARRAY, TaxelArray
 from rigctl.simulation.bench import electrics
 from rigctl.simulation.bench.circuit import TestPoints, Wire, wire_on
 from rigctl.simulation.bench.contact import contact_tables, draw_mounting, force_table
@@ -27,7 +28,8 @@ class Bench:
 
     ``executor``, if given, computes noise in advance. ``on_sync(level, at_us)``, if set, receives
     the edges of the sync line. ``has_network``: the taxel board computes the voltages at its inputs
-    itself, as a simulated chip does. ``electrics``: constants of the electrical layer.
+    itself, as a simulated chip does. ``sensor``: what lies under the drum.
+    ``electrics``: constants of the electrical layer.
 
     Raises WrongUse for a parameter outside its plausible range.
     """
@@ -38,14 +40,16 @@ class Bench:
         seed: int,
         executor: Executor | None = None,
         has_network: bool = False,
+        sensor: TaxelArray = PAPER_ARRAY,
     ) -> None:
-        self.parameters = validated(parameters)
+        self.parameters = validated(parameters, sensor.count)
+        self.sensor = sensor
         self.seed = seed
         self.disturbances = Disturbances()
         self.electrics = electrics.constants(self.disturbances.circuit)
         self._has_network = has_network
         self.plant = Mechanics(parameters)
-        self.skin = Skin(parameters, seed, self.plant, executor)
+        self.skin = Skin(parameters, seed, self.plant, executor, sensor)
         self.loadcell = LoadCellAmplifier(parameters, seed, self.plant, self.disturbances)
         self._truth = GroundTruth()
         self.logged_ms = 0
@@ -65,8 +69,8 @@ class Bench:
 
     def set_plate(self, name: str) -> None:
         """Mount a plate, with an alignment of its own. Raises WrongUse for an unknown name."""
-        tables = contact_tables(name, self.parameters)
-        mounting = draw_mounting(self.parameters, self.seed, self._mountings)
+        tables = contact_tables(name, self.parameters, self.sensor.shape)
+        mounting = draw_mounting(self.parameters, self.seed, self._mountings, self.sensor.count)
         self._mountings += 1
         self.plate = name
         self.skin.set_plate(tables, mounting)
@@ -83,7 +87,7 @@ class Bench:
             circuit, now.absent, now.inverted, now.has_supply, now.held_ends
         )
         self.skin.touch = now.touch
-        self.skin.connect(electrics.taxel_map(circuit, self._has_network))
+        self.skin.connect(electrics.taxel_map(circuit, self._has_network, self.sensor))
         self.loadcell.connect(circuit)
         self.plant.set_disturbances(now.motor_jammed, now.push_g)
         self.plant.set_diameter(circuit.diameter)

@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 from rigctl.wire.drum_codes import Signal
 
-N_LINES, N_INPUTS = 3, 6
+_N_LINES, _N_INPUTS = 3, 6
+"""Of the drawing."""
 
 
 class Wire(IntEnum):
@@ -111,8 +112,8 @@ class Circuit:
     marks_per_turn: int = 1
     index_at_uno: bool = True
     sync: bool = True
-    lines: tuple[int, ...] = tuple(range(N_LINES))
-    inputs: tuple[int, ...] = tuple(range(N_INPUTS))
+    lines: tuple[int, ...] = tuple(range(_N_LINES))
+    inputs: tuple[int, ...] = tuple(range(_N_INPUTS))
     open_lines: tuple[int, ...] = ()
     open_inputs: tuple[int, ...] = ()
     shorted_inputs: tuple[int, ...] = ()

@@ -8,14 +8,14 @@ and the levels at the drum board's inputs. Both kinds of boards use these functi
 from __future__ import annotations
 
 import math
-from collections.abc import Set
+from collections.abc import Sequence, Set
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.simulation.bench.circuit import N_INPUTS, N_LINES, Circuit, Wiper, wire_of
+from rigctl.config.rig_config import TaxelArray
+from rigctl.simulation.bench.circuit import Circuit, Wiper, wire_of
 from rigctl.simulation.bench.noise import compiled, inlined
-from rigctl.values import N_TAXELS
 from rigctl.wire.drum_codes import Signal
 
 END_MM = 0.05
@@ -127,29 +127,42 @@ def actuator_pins(
     return float(share), bool(up), bool(down)
 
 
-def taxel_map(circuit: Circuit, has_network: bool) -> _Floats | None:
-    """Return how conductances at the board's readings follow from those as drawn, (18, 18).
+def taxel_map(circuit: Circuit, has_network: bool, sensor: TaxelArray) -> _Floats | None:
+    """Return how conductances at the board's readings follow from those as drawn, (n, n).
 
     None for a sensor that is wired as drawn. ``has_network``: the board computes the voltages at
-    its inputs itself, with shorted inputs and missing dividers.
+    its inputs itself, with shorted inputs and missing dividers. What leads to a line or input that
+    the sensor does not have is open.
     """
-    by_reading = np.zeros((N_TAXELS, N_TAXELS))
-    for reading in range(N_TAXELS):
-        line, at = divmod(reading, N_INPUTS)
+    n_inputs = sensor.inputs
+    by_reading = np.zeros((sensor.count, sensor.count))
+    for reading in range(sensor.count):
+        line, at = divmod(reading, n_inputs)
         if line not in circuit.open_lines and at not in circuit.open_inputs:
-            by_reading[reading, circuit.lines[line] * N_INPUTS + circuit.inputs[at]] = 1.0
+            line, at = _leads_to(circuit.lines, line), _leads_to(circuit.inputs, at)
+            if at < n_inputs and line < sensor.count // n_inputs:
+                by_reading[reading, line * n_inputs + at] = 1.0
     if not has_network:
-        _join_inputs(by_reading, circuit)
-    return None if np.array_equal(by_reading, np.eye(N_TAXELS)) else by_reading
+        _join_inputs(by_reading, circuit, n_inputs)
+    return None if np.array_equal(by_reading, np.eye(sensor.count)) else by_reading
 
 
-def _join_inputs(by_reading: _Floats, circuit: Circuit) -> None:
+def _leads_to(order: Sequence[int], wire: int) -> int:
+    """Return where a wire leads; those beyond the drawing's lead to their own place."""
+    return order[wire] if wire < len(order) else wire
+
+
+def _join_inputs(by_reading: _Floats, circuit: Circuit, n_inputs: int) -> None:
     """Put shorted inputs at one voltage, and leave out dividers that are missing.
 
     Inputs in parallel with their dividers have the voltage of one input with the mean conductance.
     """
-    for line in range(N_LINES):
-        joined = [line * N_INPUTS + at for at in circuit.shorted_inputs]
+    shorted, missing = (
+        [at for at in inputs if at < n_inputs]
+        for inputs in (circuit.shorted_inputs, circuit.missing_dividers)
+    )
+    for first in range(0, len(by_reading), n_inputs):
+        joined = [first + at for at in shorted]
         if joined:
             by_reading[joined] = by_reading[joined].mean(axis=0)
-        by_reading[[line * N_INPUTS + at for at in circuit.missing_dividers]] *= NO_DIVIDER
+        by_reading[[first + at for at in missing]] *= NO_DIVIDER

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rigctl.config.rig_config import MAX_TAXELS
 from rigctl.errors import WrongUse
 from rigctl.simulation.bench.parameter_fields import ParameterInfo, checked, describe
 from rigctl.simulation.bench.parameter_fields import parameter as _p
-from rigctl.values import N_TAXELS
 
 PAPER = "published: the paper"
 RIG = "published: Chaudhry et al., NER 2023"
@@ -161,11 +161,14 @@ def parameter_infos(parameters: WorldParameters | None = None) -> list[Parameter
     return describe(parameters or WorldParameters())
 
 
-def validated(parameters: WorldParameters) -> WorldParameters:
-    """Return the parameters. Raises WrongUse that names one outside its plausible range."""
+def validated(parameters: WorldParameters, n_taxels: int = MAX_TAXELS) -> WorldParameters:
+    """Return the parameters. Raises WrongUse that names one outside its plausible range.
+
+    ``n_taxels``: taxels of the sensor, where it is known.
+    """
     for plate in parameters.plates:
         checked(plate, f"plate {plate.name}")
     for taxel in (*parameters.dead_taxels, *parameters.stuck_taxels):
-        if not 0 <= taxel < N_TAXELS:
-            raise WrongUse(f"world: there is no taxel {taxel}: choose 0 to {N_TAXELS - 1}")
+        if not 0 <= taxel < n_taxels:
+            raise WrongUse(f"world: there is no taxel {taxel}: choose 0 to {n_taxels - 1}")
     return checked(parameters, "world")

@@ -1,10 +1,10 @@
-"""The sensor: 18 taxels in two layers under a skin that blurs, lags and relaxes.
+"""The sensor: taxels in layers under a skin that blurs, lags and relaxes.
 
 The skin computes conductances, one row a millisecond; a reading interpolates between two rows at
-its own time. The three taxels of an input share its divider, and the lines that are not driven are
-held low, so each loads the others (:func:`divider_share`). Taxels count row by row along the
-travel, the top layer first. Conductances, counts, dead and stuck taxels are in the order of the
-readings, which follow the wiring in ``arduino/README.md``.
+its own time. The taxels of an input share its divider, and the lines that are not driven are held
+low, so each loads the others (:func:`divider_share`). Taxels count row by row along the travel, the
+top layer first. Conductances, counts, dead and stuck taxels are in the order of the readings, which
+follow the wiring in ``arduino/README.md``.
 """
 
 from __future__ import annotations
@@ -15,12 +15,14 @@ from concurrent.futures import Executor
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.config.rig_config import PAPER_ARRAY, TaxelArray
 from rigctl.simulation.bench.contact import (
     N_DEPTHS,
-    N_SITES,
     ContactTables,
     Mounting,
+    Shape,
     depth_offsets_mm,
+    of_layers,
     positions_along_mm,
 )
 from rigctl.simulation.bench.mechanics import (
@@ -43,7 +45,6 @@ from rigctl.simulation.bench.noise import (
 from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.simulation.bench.textures import GRID_MM
 from rigctl.simulation.bench.touch import NO_TOUCH
-from rigctl.values import DRAWN_WIRING, N_TAXELS
 
 FULL_COUNTS = 1023
 SLOT_US = 50
@@ -56,27 +57,27 @@ without an end its exponential would reach into every later contact."""
 SENSOR_SERIAL = 1
 """Seeds the sensor's own gains, which do not depend on the session's seed."""
 
-_INPUTS = 6
 _TURN_MM, _FAST, _SLOW, _RELAX, _REST = range(5)
 _FRICTION, _DEPTH_CELLS, _SHIFT, _TEXTURE = range(5, 9)
 _ALONG, _OFFSET, _GAIN = range(3)
-_READING = np.array(DRAWN_WIRING)
 _Floats = NDArray[np.float64]
 _Table = NDArray[np.float32]
-NO_JITTER: NDArray[np.float32] = np.zeros((0, N_SITES), np.float32)
+NO_JITTER: NDArray[np.float32] = np.zeros((0, 0), np.float32)
 
 
 @inlined
 def _sense_contact(
     sensed: _Floats, table: _Table, mean: _Table, taxels: _Floats, row: _Floats, c: _Floats
 ) -> None:
-    """Look up the conductance of both layers at every site."""
-    depths, size = table.shape[0], table.shape[1]
+    """Look up the conductance of all layers at every site."""
+    depths, size, n_layers = table.shape
+    n_sites = sensed.size // n_layers
     first = modulo(row[DRUM_MM] + c[_SHIFT], c[_TURN_MM]) * CELLS_PER_MM
-    for i in range(N_SITES):
+    for i in range(n_sites):
         cell = (row[DEPTH_MM] - taxels[_OFFSET, i]) * c[_DEPTH_CELLS]
         if cell <= 0.0:
-            sensed[i] = sensed[N_SITES + i] = 0.0
+            for layer in range(n_layers):
+                sensed[n_sites * layer + i] = 0.0
             continue
         depth = min(int(cell), depths - 2)
         more = cell - depth
@@ -87,12 +88,12 @@ def _sense_contact(
         low = low - size if low >= size else low
         high = low + 1 if low + 1 < size else 0
         shallow, deep = table[depth], table[depth + 1]
-        for layer in range(2):
+        for layer in range(n_layers):
             above = shallow[low, layer] + (shallow[high, layer] - shallow[low, layer]) * share
             below = deep[low, layer] + (deep[high, layer] - deep[low, layer]) * share
             level = mean[depth, layer] + (mean[depth + 1, layer] - mean[depth, layer]) * more
             texture = above + (below - above) * more - level
-            sensed[N_SITES * layer + i] = max(0.0, level + c[_TEXTURE] * texture)
+            sensed[n_sites * layer + i] = max(0.0, level + c[_TEXTURE] * texture)
 
 
 @inlined
@@ -133,12 +134,14 @@ def _simulate(
 ) -> None:
     """Compute the conductances of ``count`` milliseconds from ``first_ms`` on.
 
-    ``pressure`` (2, n): fast and slow part, updated; ``table`` (depths, positions, 2) and ``mean``
-    (depths, 2): conductances of :class:`ContactTables`; ``taxels`` (3, n): position along the
-    travel, depth offset, gain; ``reading`` (n,): the reading of each taxel; ``jitter`` (count, 9),
-    or empty if nothing slides under pressure.
+    ``pressure`` (2, n): fast and slow part, updated; ``table`` (depths, positions,
+    layers) and ``mean`` (depths, layers): conductances of :class:`ContactTables`; ``taxels``
+    (3, n): position along the travel, depth offset, gain; ``reading`` (n,): the reading of each
+    taxel; ``jitter`` (count, sites), or empty if nothing slides under pressure.
     """
-    sensed = np.zeros(N_TAXELS)
+    n_taxels = reading.size
+    n_sites = n_taxels // table.shape[2]
+    sensed = np.zeros(n_taxels)
     for k in range(count):
         row = log[(first_ms + k) % RING_MS]
         before = log[(first_ms + k - 1) % RING_MS]
@@ -146,13 +149,13 @@ def _simulate(
         if row[FORCE_G] > 0.0:
             _sense_contact(sensed, table, mean, taxels, row, c)
             if abs(row[DRUM_MM] - before[DRUM_MM]) > 1e-4:
-                for i in range(N_SITES):
+                for i in range(n_sites):
                     friction = 1.0 + c[_FRICTION] * jitter[k, i]
-                    sensed[i] *= friction
-                    sensed[N_SITES + i] *= friction
+                    for taxel in range(i, n_taxels, n_sites):
+                        sensed[taxel] *= friction
         else:
             sensed[:] = 0.0
-        for i in range(N_TAXELS):
+        for i in range(n_taxels):
             pressure[0, i] += (sensed[i] - pressure[0, i]) * c[_FAST]
             pressure[1, i] += (pressure[0, i] - pressure[1, i]) * c[_SLOW]
             if sensed[i] == 0.0:
@@ -170,6 +173,7 @@ def _digitise(
     slot_us: float,
     noise: NDArray[np.float32],
     rms: float,
+    n_inputs: int,
 ) -> NDArray[np.uint16]:
     counts = np.empty((starts_us.size, conductances.shape[1]), np.uint16)
     for frame in range(starts_us.size):
@@ -179,7 +183,7 @@ def _digitise(
             share = at_ms - low
             here, after = conductances[low % RING_MS], conductances[(low + 1) % RING_MS]
             together = 0.0
-            for reading in range(i % _INPUTS, conductances.shape[1], _INPUTS):
+            for reading in range(i % n_inputs, conductances.shape[1], n_inputs):
                 together += here[reading] * (1.0 - share) + after[reading] * share
             own = here[i] * (1.0 - share) + after[i] * share
             value = divider_share(own, together) * FULL_COUNTS + rms * noise[frame, i] + 0.5
@@ -190,8 +194,9 @@ def _digitise(
 class Skin:
     """The sensor of one session, fixed under the drum.
 
-    ``conductances``: float64 (RING_MS, 18); row ``ms % RING_MS`` holds that of each reading's taxel
-    at that millisecond, in units of the divider's. ``executor``, if given, computes noise in
+    ``sensor``: rows, columns, layers and inputs; it is soldered as drawn, whatever its wiring says.
+    ``conductances``: float64 (RING_MS, n_taxels); row ``ms % RING_MS`` holds that of each reading's
+    taxel at that millisecond, in units of the divider's. ``executor``, if given, computes noise in
     advance. ``touch``: what a person does to the sensor now.
     """
 
@@ -201,33 +206,38 @@ class Skin:
         seed: int,
         plant: Mechanics,
         executor: Executor | None = None,
+        sensor: TaxelArray = PAPER_ARRAY,
     ) -> None:
+        n_taxels, self._shape, self._sensor = sensor.count, sensor.shape, sensor
+        n_sites = self._shape[0] * self._shape[1]
+        self._reading = np.array(sensor.drawn_order)
         self._p = parameters
         self._seed = seed
         self._plant = plant
-        self._friction = NoiseRows(seed, NoiseStream.FRICTION, N_SITES, executor)
-        self._adc = NoiseRows(seed, NoiseStream.ADC, N_TAXELS, executor)
+        self._friction = NoiseRows(seed, NoiseStream.FRICTION, n_sites, executor)
+        self._adc = NoiseRows(seed, NoiseStream.ADC, n_taxels, executor)
         self._constants = _constants(parameters)
-        self._sensor_gains = _sensor_gains(parameters, seed)
-        self._taxels = np.zeros((3, N_TAXELS))
-        self._pressure = np.zeros((2, N_TAXELS))
+        self._sensor_gains = _sensor_gains(parameters, seed, self._shape)
+        self._taxels = np.zeros((3, n_taxels))
+        self._pressure = np.zeros((2, n_taxels))
         cells = round(parameters.circumference_mm / GRID_MM)
-        self._table = np.zeros((N_DEPTHS, cells, 2), np.float32)
-        self._mean = np.zeros((N_DEPTHS, 2), np.float32)
-        self._contact_gains = self._mounting_gains = np.ones(N_TAXELS)
+        self._table = np.zeros((N_DEPTHS, cells, self._shape[2]), np.float32)
+        self._mean = np.zeros((N_DEPTHS, self._shape[2]), np.float32)
+        self._contact_gains = self._mounting_gains = np.ones(n_taxels)
         self._contact = 0
         self.time_ms = 0
         self.touch = NO_TOUCH
         self._map: _Floats | None = None
-        self.conductances = np.full((RING_MS, N_TAXELS), self._constants[_REST])
+        self.conductances = np.full((RING_MS, n_taxels), self._constants[_REST])
 
     def set_plate(self, tables: ContactTables, mounting: Mounting) -> None:
         """Mount another plate at the plant's present time."""
         self.advance()
         self._table, self._mean = tables.conductance, tables.mean_conductance
         self._constants[_DEPTH_CELLS] = 1.0 / tables.cell_mm
-        self._taxels[_ALONG] = np.tile(positions_along_mm(self._p, mounting), 2)
-        self._taxels[_OFFSET] = np.tile(depth_offsets_mm(self._p, mounting), 2)
+        n_layers = self._shape[2]
+        self._taxels[_ALONG] = np.tile(positions_along_mm(self._p, mounting, self._shape), n_layers)
+        self._taxels[_OFFSET] = np.tile(depth_offsets_mm(self._p, mounting, self._shape), n_layers)
         self._mounting_gains = mounting.gains
         self._set_gains()
 
@@ -250,13 +260,18 @@ class Skin:
             self._run(int(changed[0]) if changed.size else rows.size)
 
     def read(self, first_frame: int, starts_us: _Floats, slot_us: float) -> NDArray[np.uint16]:
-        """Return counts uint16 (n, 18) of frames that start at these times; ``advance`` first.
+        """Return uint16 (n, n_taxels), counts of frames that start then; ``advance`` first.
 
         ``first_frame``, the number of the first frame since power-up, selects the noise.
         """
         noise = self._adc.rows(first_frame, starts_us.size)
         counts: NDArray[np.uint16] = _digitise(
-            self.conductances, starts_us, slot_us, noise, self._p.adc_noise_counts
+            self.conductances,
+            starts_us,
+            slot_us,
+            noise,
+            self._p.adc_noise_counts,
+            self._sensor.inputs,
         )
         return counts
 
@@ -271,7 +286,7 @@ class Skin:
             self._mean,
             self._taxels,
             self._constants,
-            _READING,
+            self._reading,
             jitter,
             self.time_ms + 1,
             count,
@@ -284,7 +299,7 @@ class Skin:
     def _change(self, rows: NDArray[np.int64]) -> None:
         """Apply what a person does, and taxels that are dead or stuck."""
         conductances = self.conductances[rows]
-        self.touch.apply(conductances)
+        self.touch.apply(conductances, self._sensor)
         if self._map is not None:
             conductances = conductances @ self._map.T
         conductances[:, list(self._p.dead_taxels)] = 0.0
@@ -298,7 +313,7 @@ class Skin:
         shift, texture, gain = random.standard_normal(3)
         self._constants[_SHIFT] = p.contact_shift_mm * shift
         self._constants[_TEXTURE] = math.exp(p.contact_texture_spread * texture)
-        each = p.contact_spread * random.standard_normal(N_TAXELS)
+        each = p.contact_spread * random.standard_normal(self._reading.size)
         self._contact_gains = np.exp(p.contact_load_spread * gain + each)
         self._set_gains()
 
@@ -327,10 +342,10 @@ def _divider(p: WorldParameters) -> float:
     return p.divider_kohm / NOMINAL_DIVIDER_KOHM
 
 
-def _sensor_gains(p: WorldParameters, seed: int) -> _Floats:
+def _sensor_gains(p: WorldParameters, seed: int, shape: Shape) -> _Floats:
     """Return each taxel's gain: its layer's, times the sensor's spread and the session's change."""
-    layer = np.where(np.arange(N_TAXELS) < N_SITES, p.top_gain, p.bottom_gain)
-    own = random_generator(SENSOR_SERIAL, NoiseStream.SENSOR).standard_normal(N_TAXELS)
-    session = random_generator(seed, NoiseStream.SESSION).standard_normal(N_TAXELS)
+    layer = np.repeat(of_layers(p.top_gain, p.bottom_gain, shape), shape[0] * shape[1])
+    own = random_generator(SENSOR_SERIAL, NoiseStream.SENSOR).standard_normal(layer.size)
+    session = random_generator(seed, NoiseStream.SESSION).standard_normal(layer.size)
     gains: _Floats = _divider(p) * layer * np.exp(p.gain_spread * own + p.session_spread * session)
     return gains

@@ -14,13 +14,12 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from rigctl.config.rig_config import DrumGeometry, RigConfig
+from rigctl.config.rig_config import MAX_TAXELS, DrumGeometry, RigConfig
 from rigctl.config.toml_reader import TomlTable, TomlText
 from rigctl.errors import ConfigError, SessionError, WrongUse
 from rigctl.simulation.bench import parameter_tables
 from rigctl.simulation.bench.parameters import Plate, WorldParameters, validated
 from rigctl.simulation.bench.textures import CATALOGUE
-from rigctl.values import N_TAXELS
 
 PLATES = "plates"
 WORLD, WORLD_FILE = "world", "world_file"
@@ -116,7 +115,7 @@ def world_from_header(simulation: Mapping[str, Any], where: Path) -> SimulatedWo
 def _value(table: TomlTable, item: Any) -> Any:
     meta, default = item.metadata, item.default
     if not meta:  # reading numbers
-        return table.integers(item.name, default, low=0, high=N_TAXELS - 1)
+        return table.integers(item.name, default, low=0, high=MAX_TAXELS - 1)
     return table.number(item.name, default, unit=meta["unit"], low=meta["low"], high=meta["high"])
 
 
@@ -171,7 +170,7 @@ def _plate_toml(plate: Plate) -> str:
 def _line(values: WorldParameters | Plate, item: Field[Any]) -> str:
     value, meta = getattr(values, item.name), item.metadata
     if not meta:
-        return f"{item.name} = {list(value)}  # readings, 0 to {N_TAXELS - 1}\n"
+        return f"{item.name} = {list(value)}  # readings of the board, from 0\n"
     group = parameter_tables.heading(item.name)
     head = f"\n# {group}\n" if group else ""
     span = f"{meta['low']:.6g} to {meta['high']:.6g} {meta['unit']}".rstrip()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +77,7 @@ def _load(
         # PyDLL: calls are short, so releasing the GIL for each would cost more than it gains.
         library = ctypes.PyDLL(str(file))
         built_from = _constant(library, f"{board}_sources", ctypes.c_char_p).decode()
-        stale = root is not None and built_from != digest(board)
+        stale = root is not None and built_from != _sources_digest(board)
         stale = stale or _constant(library, f"{board}_io_size", U64) != ctypes.sizeof(io_type)
     except (OSError, AttributeError) as error:
         raise RigFault(
@@ -92,6 +93,12 @@ def _load(
         function = getattr(library, f"{board}_{name}")
         function.restype, function.argtypes = result, arguments
     return library
+
+
+@cache
+def _sources_digest(board: str) -> str:
+    # Reading a hundred files takes as long as a second of simulated time.
+    return digest(board)
 
 
 def _constant(library: ctypes.PyDLL, name: str, result: Any) -> Any:

@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.config.rig_config import TaxelArray
+from rigctl.errors import ConfigError, RigFault
+from rigctl.host_build import COMMAND
 from rigctl.simulation.bench.bench import Bench
 from rigctl.simulation.bench.skin import SLOT_US
 from rigctl.simulation.boards.firmware_library import I32, I64, POINTER, FirmwareLibrary
-from rigctl.values import N_TAXELS
 
 MAX_FRAMES, MAX_BYTES = 4096, 65536
 SYNC, INDEX = 0, 1
@@ -26,7 +28,6 @@ class TaxelIO(ctypes.Structure):
         ("supply_mv", I64),
         ("tx_count", I64),
         ("overflows", I64),
-        ("readings", ctypes.c_uint16 * N_TAXELS * MAX_FRAMES),
         ("flags", ctypes.c_uint8 * MAX_FRAMES),
         ("edges", ctypes.c_uint8 * MAX_FRAMES),
         ("tx", ctypes.c_uint8 * MAX_BYTES),
@@ -34,7 +35,9 @@ class TaxelIO(ctypes.Structure):
 
 
 _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
-    "run": (None, [POINTER, I32]),
+    "lines": (I32, []),
+    "inputs": (I32, []),
+    "run": (None, [POINTER, POINTER, I32]),
     "close_frames": (None, [POINTER, I32]),
     "edge": (None, [POINTER, I32, I32, I64]),
     "receive": (None, [POINTER, ctypes.c_char_p, I32]),
@@ -44,12 +47,14 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
 class TaxelFirmware(FirmwareLibrary):
     """One taxel board; cycles count from the start of its first frame.
 
-    Raises RigFault if its library cannot be used.
+    ``lines`` and ``inputs`` are those that it was compiled for. Raises RigFault if its library
+    cannot be used.
     """
 
     def __init__(self, library: Path | None = None) -> None:
         super().__init__("taxels", TaxelIO, _SIGNATURES, library)
-        self._readings = np.ctypeslib.as_array(self.io.readings)
+        self.lines: int = self.function("lines")()
+        self.inputs: int = self.function("inputs")()
         self._flags = np.ctypeslib.as_array(self.io.flags)
         self._edges = np.ctypeslib.as_array(self.io.edges)
 
@@ -62,9 +67,30 @@ class TaxelFirmware(FirmwareLibrary):
         self.call("receive", data, len(data))
 
     def run(self, readings: NDArray[np.uint16]) -> None:
-        """Close and send frames with these readings, uint16 (n, 18), n ≤ MAX_FRAMES."""
-        self._readings[: len(readings)] = readings
-        self.call("run", len(readings))
+        """Close and send frames with these readings, uint16 (n, lines × inputs), n ≤ MAX_FRAMES.
+
+        Raises RigFault for readings of another sensor.
+        """
+        if readings.shape[1] != self.lines * self.inputs:
+            raise RigFault(self._other_sensor(f"{readings.shape[1]} readings come"))
+        rows = np.ascontiguousarray(readings, np.uint16)
+        self.call("run", rows.ctypes.data, len(rows))
+
+    def require(self, sensor: TaxelArray) -> None:
+        """Raise ConfigError where the board was compiled for another sensor."""
+        if (self.lines * self.inputs, self.inputs) != (sensor.count, sensor.inputs):
+            raise ConfigError(
+                self._other_sensor(
+                    f"[taxels] of rig.toml has count = {sensor.count}, inputs = {sensor.inputs}"
+                )
+            )
+
+    def _other_sensor(self, what: str) -> str:
+        return (
+            f"the virtual taxel board is compiled for {self.lines} lines × {self.inputs} inputs, "
+            f"but {what}: let arduino/taxels/board.h and rig.toml describe the same sensor, then "
+            f"run {COMMAND}"
+        )
 
     def close_frames(self, count: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Close frames without sending; return their flags and edges, uint8 (count,) each."""
@@ -99,12 +125,14 @@ POWER_ON, EXTERNAL = 1, 2
 class VirtualTaxels:
     """The taxel board from power-up on. Times are simulated microseconds.
 
-    Raises RigFault if the board's library cannot be used.
+    Raises RigFault if the board's library cannot be used, ConfigError if it was compiled for
+    another sensor than the bench has.
     """
 
     def __init__(self, bench: Bench) -> None:
         self._bench = bench
         self.firmware = TaxelFirmware()
+        self.firmware.require(bench.sensor)
         self.frame_us = FRAME_US / (1.0 + bench.parameters.taxel_clock_ppm * 1e-6)
         self._frames_since_power_up = 0
         self._boot(0, POWER_ON)
@@ -152,7 +180,7 @@ class VirtualTaxels:
     ) -> tuple[NDArray[np.uint16], NDArray[np.uint8], NDArray[np.uint8]]:
         """Close frames up to ``end`` unsent; return samples, flags and edges from ``first`` on.
 
-        uint16 (n, 18), uint8 (n,), uint8 (n,). Callers read frames in ascending order.
+        uint16 (n, n_taxels), uint8 (n,), uint8 (n,). Callers read frames in ascending order.
         """
         self.firmware.close_frames(first - self._closed)
         self._closed = self._frames_since_power_up = first

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from rigctl.config.resources import checkout
+from rigctl.config.rig_config import PAPER_ARRAY, TaxelArray
 from rigctl.errors import RigFault
 from rigctl.simulation.bench.bench import Bench
 from rigctl.simulation.bench.circuit import TestPoints
@@ -372,6 +373,7 @@ def open_chip_simulation(
     drum_image: Path,
     taxels_image: Path,
     bootloaders: Mapping[str, Path] = {},
+    sensor: TaxelArray = PAPER_ARRAY,
 ) -> SimulatedRig:
     """Return a bench whose boards run these images, reproducible for a seed.
 
@@ -383,7 +385,7 @@ def open_chip_simulation(
     if root is None:
         raise RigFault("simulated chips need a checkout: use --rig virtual")
     library = load_library(root / "build" / "sim" / "libchips.so")
-    bench = Bench(parameters, seed, has_network=True)
+    bench = Bench(parameters, seed, has_network=True, sensor=sensor)
     drum_chip = Chip(library, drum_image, Kind.DRUM, bootloaders.get(DRUM))
     try:
         taxels_chip = Chip(library, taxels_image, Kind.TAXELS, bootloaders.get(TAXELS))

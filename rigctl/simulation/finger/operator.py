@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from rigctl.config.rig_config import PAPER_ARRAY
 from rigctl.protocol.finger import MARKS_MM, PLATE_MM, VelocityProfile
 from rigctl.simulation.bench.contact import Mounting
 from rigctl.simulation.finger.operator_parameters import OperatorParameters
-from rigctl.values import N_TAXELS
 
 _STEP_S = 0.02
 _REACH = 4.0
@@ -91,7 +91,8 @@ def draw_habits(p: OperatorParameters, random: np.random.Generator) -> Habits:
     """Return the habits and the attachment of one session."""
     speed, force, lateral, skew, turn, shift, rest, drift = random.standard_normal(8)
     gains = np.exp(
-        p.gain_drift_spread * drift + p.attachment_spread * random.standard_normal(N_TAXELS)
+        p.gain_drift_spread * drift
+        + p.attachment_spread * random.standard_normal(PAPER_ARRAY.count)
     )
     return Habits(
         speed=math.exp(p.speed_session_spread * speed),

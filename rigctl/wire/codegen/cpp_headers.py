@@ -38,8 +38,15 @@ def _start(register: Register) -> tuple[str, ...]:
 
 
 def _read_rows(registers: Iterable[Register]) -> str:
-    rows = [(*_start(r), r.doc) for r in registers]
+    rows = [(*_start(r), _meaning(r)) for r in registers]
     return _table(("address", "name", "kind", "one count is", "meaning"), rows)
+
+
+def _meaning(register: Register) -> str:
+    """Return what a register is and, where it is not named there by hand, where it is seen."""
+    shown = f"shown as *{register.shown}*" if register.shown else ""
+    stored = f"column `{register.name}` of `/drum`" if register.stored else ""
+    return "; ".join(filter(None, (register.doc, shown, stored)))
 
 
 def _write_rows(registers: Iterable[Register]) -> str:
@@ -115,7 +122,11 @@ from 0 as on the wire. Functions 3, 6, 16 and 23 are served; 23 writes first and
   back, as a finger does it, and the zero is within 30 g of that level. A commissioned board needs
   it after TARE_ANYWAY only, until a force is reached. Otherwise its first approach after a boot
   ends in TOO_DEEP 1 mm below the place at which it last reached a force, which its EEPROM keeps.
-- Before it is commissioned, a board lifts with a ramp to 2.5 mm/s, for at most 32 s.
+- Before it is commissioned, a board lifts with a ramp to 2.5 mm/s, for at most 32 s. It refuses
+  CLEAR where it has pressed and did not lift, unless the fault is ESTOP: restart it.
+- POSITION_WIRE: the potentiometer shows a place that whole wires do not give, or one more than a
+  tenth of the travel below the top while the upper end switch alone reads as reached. The drum
+  lifts, and nothing is tared.
 - `CONTACT_MAY_STAND`: the drum may rest on something: it pressed, or a boot or a change of end
   switches or potentiometer made it unknown, and no lift has ended since. ARM lifts. `LIFT_FAILED`:
   the last lift ended without evidence that contact is gone; lift the drum by hand, or ARM again.

@@ -25,8 +25,9 @@ panel of the window. `python -m tests.acquisition.setup.wrong_wirings` prints th
 what the simulated bench shows, and the test suite holds each row. The setup stops at the first
 part that is wrong and says the sentence of the row. Wirings that no sensor of the rig can tell
 apart share a sentence, which lists them with the check that decides. Before the setup has passed,
-the drum never presses with more than {MOST_FORCE_G} g; the largest true force of each run stands
-in the last column.
+the drum never presses with more than {MOST_FORCE_G} g, nor does it with any two wirings that
+firmware can answer ([decision 40](../decisions/0040-force-and-motion-explain-each-other.md)); the
+largest true force of each run stands in the last column.
 
 | wiring | what is connected how | found by | what the setup says | force |
 |---|---|---|---|---|"""

@@ -52,7 +52,7 @@ def pieces(block: Block, length: int) -> Iterator[Block]:
 
 @pytest.fixture
 def live(tmp_path: Path) -> Iterator[LiveWriter]:
-    writer = LiveWriter(tmp_path / "live.ring", taxel_rows=4096, drum_rows=16)
+    writer = LiveWriter(tmp_path / "live.ring", 18, taxel_rows=4096, drum_rows=16)
     yield writer
     writer.close()
 
@@ -93,7 +93,7 @@ def test_live_spikes_equal_offline_spikes_from_each_rise(live: LiveWriter, lengt
 def test_live_conductances_encode_as_those_of_the_recorded_counts(
     live: LiveWriter, length: int
 ) -> None:
-    block, inputs = touch(), input_of_each(DRAWN_WIRING, "rig.toml")
+    block, inputs = touch(), input_of_each(DRAWN_WIRING, 6, "rig.toml")
     block = replace(block, samples=block.samples // 3)
     parameters = replace(DEFAULT, reading=Reading.CONDUCTANCE)
     readings = conductance(block.samples, inputs)

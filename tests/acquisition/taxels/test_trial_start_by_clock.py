@@ -12,9 +12,9 @@ import pytest
 
 from rigctl.acquisition.rig import Rig
 from rigctl.acquisition.step_runner import (
-    FRAME_WIRE_S,
     POLL_WIRE_S,
     estimate_trial_start,
+    frame_wire_s,
 )
 from rigctl.cli import main
 from rigctl.cli.run import _rig
@@ -145,9 +145,9 @@ def clock(ppm: float, wire_s: float, late_s: np.ndarray, step_s: float) -> Clock
 def test_arrivals_with_jitter_give_a_start_within_the_uncertainty(ppm: float) -> None:
     random = np.random.default_rng(7)
     drum = clock(1200, POLL_WIRE_S, random.exponential(0.002, 400), 0.05)
-    taxels = clock(ppm, FRAME_WIRE_S, random.exponential(0.004, 400), 0.05)
+    taxels = clock(ppm, frame_wire_s(18), random.exponential(0.004, 400), 0.05)
     rise_s = 119.9
-    place = estimate_trial_start(round((rise_s - 90) * (1 + 1200e-6) * 1e6), drum, taxels)
+    place = estimate_trial_start(round((rise_s - 90) * (1 + 1200e-6) * 1e6), drum, taxels, 18)
     assert place is not None
     right = (rise_s - 90) * (1 + ppm * 1e-6) * 1000
     assert abs(place.first_counter - right) < 2 < place.uncertainty_ms < 15
@@ -155,5 +155,5 @@ def test_arrivals_with_jitter_give_a_start_within_the_uncertainty(ppm: float) ->
 
 def test_an_unknown_clock_gives_no_start() -> None:
     known = clock(0, 0.0, np.zeros(400), 0.05)
-    assert estimate_trial_start(1, known, ClockFit()) is None
-    assert estimate_trial_start(1, ClockFit(), known) is None
+    assert estimate_trial_start(1, known, ClockFit(), 18) is None
+    assert estimate_trial_start(1, ClockFit(), known, 18) is None

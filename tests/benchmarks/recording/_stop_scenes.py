@@ -21,10 +21,10 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
 from shiboken6 import delete
 
+from gui.analysis.open_sessions import block_extremes
+from gui.analysis.replay_tasks import replay_trial
 from gui.analysis.results import AnalysisResults, plot_page
-from gui.analysis.tasks.task_values import TrialCourse, TrialData
-from gui.analysis.trials.read_trial import block_extremes
-from gui.live.replay_tasks import replay_trial
+from gui.analysis.task_values import TrialCourse, TrialData
 from gui.shell.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
 from rigctl.session.sensor_layout import SensorLayout

@@ -40,7 +40,7 @@ def screen_latencies_ms(folder: Path) -> NDArray[np.float64]:
     import pyqtgraph as pg
     from PySide6.QtTest import QTest
 
-    from gui.link.engine_clients import JOIN
+    from gui.link.engine_link import JOIN
     from gui.shell.main_window import MainWindow
     from gui.widgets.theme import ThemeChoice
 

@@ -10,7 +10,6 @@ import pytest
 from rigctl.simulation.boards.finger_firmware import FingerFirmware
 from rigctl.simulation.boards.taxels import TaxelFirmware
 from rigctl.simulation.chips.qemu import FingerImage
-from rigctl.values import N_TAXELS
 from rigctl.wire import finger_messages
 from rigctl.wire.finger_decoder import FingerDecoder
 from rigctl.wire.finger_messages import BATCH_SAMPLES, BatchReport, ScanEnded, VelocitySource
@@ -58,7 +57,7 @@ def taxel_frames(scan: SyntheticScan) -> list[bytes]:
     board = TaxelFirmware()
     board.boot(0)
     board.take_sent()
-    readings = np.zeros((len(scan.readings), N_TAXELS), np.uint16)
+    readings = np.zeros((len(scan.readings), board.lines * board.inputs), np.uint16)
     readings[:, TOP_LAYER] = scan.readings
     pieces = []
     for at in range(0, len(readings), BATCH_SAMPLES):

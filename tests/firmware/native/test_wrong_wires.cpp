@@ -208,15 +208,68 @@ TEST(an_open_wire_of_the_upper_switch_ends_no_lift_in_contact) {
         CHECK(bench.hold(500));
         bench.upper_end_open = true;
         CHECK(bench.command(Command::Retract) == Answer::Ok);
-        CHECK(bench.finish(8000));
-        CHECK(bench.state() == State::Armed);
+        bench.run(9000);
+        CHECK(bench.state() == (position ? State::FaultOff : State::Armed));
+        CHECK(fault(bench) == (position ? Fault::PositionWire : Fault::None));
         CHECK_EQUAL(bench.force_g, 0);
         CHECK_NEAR(bench.read_wide(reg::tare_counts), 80000, 300);
     }
 }
 
+// A boot knows no zero that would contradict the switch; the potentiometer does, and time.
+TEST(a_boot_in_contact_with_an_open_wire_of_the_upper_switch_learns_no_zero) {
+    for (double contact_mm : {10.0, 20.0}) {
+        for (bool position : {true, false}) {
+            BenchParameters parameters;
+            parameters.contact_mm = contact_mm;
+            parameters.start_mm = contact_mm + 0.8;
+            Bench bench(parameters);
+            bench.upper_end_open = true;
+            bench.run(100);
+            if (!position)
+                CHECK(bench.write(reg::optional_signals, {without(Signal::Position)}) == Answer::Ok);
+            CHECK(bench.force_g > 400);
+            CHECK(bench.command(Command::Tare) == Answer::Refused);
+            const double pressed_g = bench.peak_g;
+            CHECK(bench.commission());
+            CHECK(bench.command(Command::Arm) == Answer::Ok);
+            bench.run(9000);
+            CHECK(bench.state() == (position ? State::FaultOff : State::Armed));
+            CHECK(fault(bench) == (position ? Fault::PositionWire : Fault::None));
+            CHECK_EQUAL(bench.force_g, 0);
+            CHECK_EQUAL(bench.peak_g, pressed_g);
+            // Not a wire of the two, but the switch that is not fitted: the rig goes on.
+            if (position) {
+                CHECK(bench.command(Command::Clear) == Answer::Ok);
+                CHECK(bench.write(reg::optional_signals, {without(Signal::EndSwitches)}) == Answer::Ok);
+                CHECK(bench.arm_and_tare());
+            } else {
+                CHECK(bench.command(Command::Tare) == Answer::Ok);
+                CHECK(bench.finish(2000));
+            }
+            CHECK_NEAR(bench.read_wide(reg::tare_counts), 80000, 300);
+        }
+    }
+}
+
+TEST(a_board_that_drives_nothing_may_have_its_upper_switch_held) {
+    Bench bench;
+    CHECK(bench.arm_and_tare());
+    CHECK(bench.command(Command::Disarm) == Answer::Ok);
+    bench.rod_mm = 15;
+    bench.upper_end_open = true;
+    bench.run(100);
+    CHECK(fault(bench) == Fault::None);
+    CHECK_EQUAL(bench.read_wide(reg::fault_bits), 0);
+    bench.upper_end_open = false;
+    bench.run(100);
+    CHECK(bench.command(Command::Arm) == Answer::Ok);
+    CHECK(bench.finish(8000));
+}
+
 TEST(over_force_lifts_with_an_open_wire_of_the_upper_switch) {
     Bench bench;
+    CHECK(bench.write(reg::optional_signals, {without(Signal::Position)}) == Answer::Ok);
     CHECK(bench.arm_and_tare());
     CHECK(bench.hold(500));
     bench.upper_end_open = true;
@@ -511,6 +564,33 @@ TEST(the_set_up_presses_with_a_cell_that_has_felt_a_finger) {
             CHECK(answer == (touched && !dead ? Answer::Ok : Answer::Refused));
             if (answer == Answer::Refused) CHECK(bench.command(Command::Disarm) == Answer::Ok);
         }
+    }
+}
+
+// Each try to lift would press a little more; an emergency stop is pressed for other reasons.
+TEST(a_set_up_that_could_not_lift_ends_in_a_restart) {
+    for (bool stopped : {true, false}) {
+        Bench bench;
+        bench.touch_cell();
+        bench.write(reg::force_set, {1000});
+        CHECK(bench.command(Command::Arm) == Answer::Ok);
+        CHECK(bench.finish(8000));
+        CHECK(bench.command(Command::Tare) == Answer::Ok);
+        CHECK(bench.finish(2000));
+        CHECK(bench.command(Command::ApproachSetup) == Answer::Ok);
+        CHECK(bench.finish(60000));
+        if (stopped) {
+            bench.estop_open = true;
+            bench.run(20);
+            bench.estop_open = false;
+        } else {
+            bench.swapped_actuator = true;
+            CHECK(bench.command(Command::Retract) == Answer::Ok);
+        }
+        bench.run(1000);
+        CHECK(bench.state() == State::FaultOff);
+        CHECK(bench.force_g > 80 && bench.peak_g < 300);
+        CHECK(bench.command(Command::Clear) == (stopped ? Answer::Ok : Answer::Refused));
     }
 }
 

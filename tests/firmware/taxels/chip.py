@@ -43,7 +43,7 @@ class TaxelChip:
         self.identities: list[TaxelIdentity] = []
         self.tests: list[SelfTest] = []
         self.rejected = 0
-        self._decoder = FrameDecoder()
+        self._decoder = FrameDecoder(18)
         self._samples: list[NDArray[np.int64]] = []
 
     def __enter__(self) -> Self:

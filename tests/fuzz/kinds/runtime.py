@@ -56,7 +56,7 @@ def list_engines(folder: Path) -> object:
 def build_live(folder: Path) -> None:
     """Leave live data of the drum's engine, as a killed one does."""
     kept = folder / "kept"
-    writer = LiveWriter(folder / LIVE)
+    writer = LiveWriter(folder / LIVE, 18)
     os.link(folder / LIVE, kept)
     writer.close()
     kept.rename(folder / LIVE)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gui.analysis.trials.open_sessions import OpenSessions
+from gui.analysis.open_sessions import OpenSessions
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
 from rigctl.wire.drum_states import State

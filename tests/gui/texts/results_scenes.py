@@ -9,8 +9,8 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
-from gui.analysis.figures.accuracy_page import AccuracyPage
-from gui.analysis.figures.confusion_page import ConfusionPage
+from gui.analysis.accuracy import AccuracyPage
+from gui.analysis.confusion import ConfusionPage
 from gui.analysis.results import AnalysisResults, ResultsPage, plot_page
 from gui.shell.main_window import MainWindow
 from rigctl.analysis.published import GROUPS, TASKS

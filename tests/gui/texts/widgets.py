@@ -36,7 +36,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from gui.widgets.file_combo_box import ElidedComboBox
+from gui.widgets.file_browser import ElidedComboBox
 from gui.widgets.labels import ElidedLabel, plain_tooltip
 from tests.gui.texts.piece import Piece
 

@@ -67,9 +67,28 @@ def an_open_upper_switch_is_not_the_top_in_contact(image: str) -> None:
         drum.arm()
         drum.hold(SET_FORCE_G)
         drum.pin(Input.END_UP, 1)
-        assert drum.command(Command.RETRACT, 8000) == 0
-        assert drum.state is State.ARMED
+        drum.poll_for(2000)
+        assert drum.get("fault") == Fault.POSITION_WIRE
+        assert drum.state is State.FAULT_OFF
         assert drum.force_g == 0
+
+
+def an_open_upper_switch_gives_no_zero_after_a_restart(image: str) -> None:
+    """The board restarts in contact, and knows no zero that would contradict the switch."""
+    with DrumChip(image) as drum:
+        drum.arm()
+        drum.hold(SET_FORCE_G)
+        drum.pin(Input.END_UP, 1)
+        drum.chip.reset(ResetBy.PIN)
+        drum.run(250)
+        assert drum.force_g > 0.8 * SET_FORCE_G
+        assert drum.command(Command.TARE) != 0
+        assert drum.command(Command.ARM) == 0
+        drum.poll_for(8000)
+        assert drum.get("fault") == Fault.POSITION_WIRE
+        assert drum.state is State.FAULT_OFF
+        assert drum.force_g == 0
+        assert max(drum.forces) < 1.1 * SET_FORCE_G
 
 
 def a_dead_cell_in_hold_ends_the_push(image: str) -> None:
@@ -150,6 +169,7 @@ WIRE_CHECKS: tuple[tuple[Check, str], ...] = (
     (a_swapped_actuator_presses_less_than_300_g, SWAPPED),
     (a_broken_potentiometer_is_never_the_top, IMAGE),
     (an_open_upper_switch_is_not_the_top_in_contact, IMAGE),
+    (an_open_upper_switch_gives_no_zero_after_a_restart, IMAGE),
     (a_dead_cell_in_hold_ends_the_push, IMAGE),
     (a_dead_cell_in_an_approach_ends_near_the_last_contact, IMAGE),
     (a_dead_cell_after_a_reset_ends_near_the_kept_contact, IMAGE),
@@ -166,6 +186,11 @@ WIRE_CONTROLS: tuple[tuple[str, str, Check], ...] = (
         "switch-believed",
         "the upper switch is believed in contact",
         an_open_upper_switch_is_not_the_top_in_contact,
+    ),
+    (
+        "switch-alone",
+        "the upper switch needs no other wire after a restart",
+        an_open_upper_switch_gives_no_zero_after_a_restart,
     ),
     ("blind-push", "force need not follow motion", a_dead_cell_in_hold_ends_the_push),
     (

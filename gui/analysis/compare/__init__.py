@@ -1,1 +1,0 @@
-"""Responses of a neuron in several conditions, side by side."""

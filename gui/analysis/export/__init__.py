@@ -1,1 +1,0 @@
-"""Pictures and tables of what the Analysis tab shows, as files."""

@@ -1,0 +1,522 @@
+"""The sessions that a worker process holds open, and their trials; without Qt."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gui.analysis.task_values import (
+    BLOCK,
+    DRUM,
+    FINGER,
+    FingerSessionInfo,
+    ScanPicture,
+    SessionTable,
+    TrialCourse,
+    TrialData,
+    TrialFeatures,
+)
+from gui.analysis.trial_table import AttemptColumn
+from gui.widgets.file_browser import typed_path
+from rigctl.errors import SessionError, WrongUse
+from rigctl.values import SAMPLE_RATE_HZ
+
+if TYPE_CHECKING:
+    from rigctl.analysis.cache import Resources
+    from rigctl.analysis.finger.report import FingerReport
+    from rigctl.analysis.options import AnalysisOptions
+    from rigctl.encoding.normalisation import Normalisation
+    from rigctl.session.finger_session import FingerSession
+    from rigctl.session.header import SessionHeader
+    from rigctl.session.session import Session
+    from rigctl.values import Spikes
+
+
+LEFT_OUT = "left out"
+
+
+def shown_verdicts(session: Any) -> list[str]:
+    """Return the verdict of each attempt of an open session.
+
+    An attempt that does not count though the recorder committed it (marked bad by a note, or cut
+    short) is left out.
+    """
+    verdicts = session.trials["verdict"].tolist()
+    for row in session.left_out:
+        verdicts[row] = LEFT_OUT
+    return list(map(str, verdicts))
+
+
+def shown_reasons(session: Any) -> list[str]:
+    """Return why each attempt of an open session does not count, empty for one that does."""
+    reasons = session.trials["reasons"].tolist()
+    for row, reason in session.left_out.items():
+        reasons[row] = reason
+    return list(map(str, reasons))
+
+
+def finger_about(session: FingerSession) -> str:
+    """Return a sentence about a session of the moving finger."""
+    header = session.header
+    return (
+        f"{session.path.name}: moving finger, {', '.join(header.stages)}; "
+        f"{len(session.committed())} of {header.trials_planned} scans committed, "
+        f"{'simulated' if header.simulated else 'real'} finger, started {header.start_utc}"
+    )
+
+
+def finger_columns(session: FingerSession) -> tuple[AttemptColumn, ...]:
+    """Return the trial table of a session of the moving finger."""
+    trials = session.trials
+    return (
+        AttemptColumn("Scan", np.array(trials["trial_id"]), (), "Number in the planned order"),
+        AttemptColumn.of_texts("Plate", trials["texture"]),
+        AttemptColumn.of_texts("Profile", trials["profile"], "Planned profile of the velocity"),
+        AttemptColumn.of_texts(
+            "Named", list(map(_named, trials)), "The answer, and whether it was right"
+        ),
+        AttemptColumn.of_texts("Verdict", shown_verdicts(session), "Whether the attempt counts"),
+        AttemptColumn.of_texts("Why", shown_reasons(session), "Why the attempt does not count"),
+    )
+
+
+def scan_picture(session: FingerSession, row: int, folder: Path) -> ScanPicture:
+    """Draw the scan of an attempt into a folder: the last frame of its movie.
+
+    Raises WrongUse for an attempt without a scan.
+    """
+    from rigctl.analysis.finger.movie import read_timeline, write_movie
+
+    trial_id = int(session.trials[row]["trial_id"])
+    path = session.path
+    figure = folder / f"{path.name}-{trial_id}.png"
+    if not figure.exists():
+        write_movie(read_timeline(path, trial_id), figure, lambda *_: None)
+    return ScanPicture(str(figure))
+
+
+def finger_session_info(path: str) -> FingerSessionInfo:
+    """Read whose scans a session of the moving finger has. Raises SessionError."""
+    from rigctl.session.finger_session import FingerSession
+
+    with FingerSession.open(typed_path(path)) as session:
+        header, slides = session.header, session.slides
+    person = header.simulation
+    return FingerSessionInfo(
+        path, header.stages, int(person.get("seed", 0)), int(person.get("session", 0)), slides
+    )
+
+
+def make_finger_models(session: str, source: str, components: int) -> tuple[str, ...]:
+    """Train the models of a session, or centre those of ``source`` by its calibration.
+
+    Return their paths. Raises WrongUse where the session has neither stage.
+    """
+    from rigctl.protocol.finger import Stage
+    from rigctl.realtime.finger_models import calibrate_models, train_models
+
+    folder, stages = Path(session), finger_session_info(session).stages
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    if Stage.TRAIN in stages:
+        return tuple(map(str, train_models(folder, components, now)))
+    if Stage.CALIBRATE in stages:
+        return tuple(map(str, calibrate_models(typed_path(source), folder)))
+    raise WrongUse(f"{folder} has no training or calibration scans: choose another session")
+
+
+def report_on_finger(options: AnalysisOptions, resources: Resources) -> FingerReport:
+    """Write the report of the real-time experiment."""
+    from rigctl.analysis.finger.report import make_finger_report
+
+    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    settings = options.draw_settings()
+    return make_finger_report(options.sessions, options.out, settings, now, resources)
+
+
+def _named(row: Any) -> str:
+    marks = {1: " ✓", 0: " ✗"}
+    return f"{row['predicted']}{marks.get(int(row['correct']), '')}" or "–"
+
+
+MANY_SAMPLES = 100_000
+N_WARM_TAXELS, N_WARM_SAMPLES, WARM_MM_S = 18, 100, 40.0
+
+
+def read_trial(session: Session, row: int, taxel_range: Normalisation) -> TrialData:
+    """Return the samples, spikes, drum and features of an attempt. Raises SessionError."""
+    from rigctl.encoding.encoder import encode_trials
+
+    trial = session.trials[row]
+    samples = np.ascontiguousarray(session.samples(row))
+    title = (
+        f"Trial {trial['trial_id']}: plate {trial['texture']}, {trial['speed_mm_s']:g} mm/s, "
+        f"{trial['force_g']:g} g, {trial['verdict']}"
+    )
+    (spikes,) = encode_trials([samples], taxel_range)
+    trains = [spikes.train(lane) for lane in range(spikes.n_trains)]
+    lanes = np.repeat(np.arange(len(trains)), list(map(len, trains)))
+    return TrialData(
+        title,
+        samples,
+        lanes,
+        np.concatenate(trains).astype(np.int64),
+        session.sensor_layout,
+        _course(session, row),
+        _features(spikes, float(trial["speed_mm_s"])),
+        session.header.simulated,
+        block_extremes(samples) if len(samples) > MANY_SAMPLES else None,
+    )
+
+
+def block_extremes(samples: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """Return the lowest and highest readings of whole blocks, (2, n // BLOCK, n_taxels)."""
+    n_blocks = len(samples) // BLOCK
+    blocks = samples[: n_blocks * BLOCK].reshape(n_blocks, BLOCK, samples.shape[1])
+    return np.stack([blocks.min(axis=1), blocks.max(axis=1)])
+
+
+def load_encoder() -> None:
+    """Load the compiled encoder by a trial of zeros, so that the first trial is drawn at once."""
+    from rigctl.encoding.encoder import encode_trials
+    from rigctl.encoding.normalisation import Normalisation
+
+    full = np.full(N_WARM_TAXELS, 1023, np.uint16)
+    taxel_range = Normalisation(np.zeros_like(full), full, "none")
+    (spikes,) = encode_trials([np.zeros((N_WARM_SAMPLES, len(full)), np.uint16)], taxel_range)
+    _features(spikes, WARM_MM_S)
+
+
+def _course(session: Session, row: int) -> TrialCourse:
+    trial, drum = session.trials[row], session.drum(row)
+    return TrialCourse(
+        np.array(drum.loadcell_s),
+        np.array(drum.loadcell["force_g"], np.float64),
+        np.array(drum.polls_s),
+        np.array(drum.polls["speed_mm_s"], np.float64),
+        float(trial["force_g"]),
+        float(trial["speed_mm_s"]),
+    )
+
+
+def _features(spikes: Spikes, speed_mm_s: float) -> TrialFeatures:
+    """Return the speed-scaled features, or those of plain time for a trial without motion."""
+    from rigctl.encoding.features import FeatureLayout, trial_features
+
+    is_scaled = speed_mm_s > 0
+    layout = FeatureLayout.covering([spikes.n_samples], [speed_mm_s], scaled=is_scaled)
+    values = trial_features(spikes, speed_mm_s, layout).reshape(spikes.n_trains, -1)
+    window_mm = layout.reference_mm_s * layout.window_ms / 1000 if is_scaled else 0.0
+    return TrialFeatures(values, window_mm, layout.window_ms)
+
+
+MOST_CONDITIONS, MOST_TRIALS = 6, 20
+BIN_S = 0.05
+Floats = NDArray[np.float64]
+
+
+class NeuronResponse(NamedTuple):
+    """Spikes of one neuron in the trials of a condition.
+
+    ``spikes_s``: of each trial, seconds since its first sample. ``at_s`` float64 (bins,): middle of
+    each bin of ``BIN_S`` that every trial fills; ``mean_hz``, ``sd_hz`` float64 (bins,): rate over
+    trials, divisor n − 1 (0 for one trial).
+    """
+
+    name: str
+    spikes_s: tuple[Floats, ...]
+    at_s: Floats
+    mean_hz: Floats
+    sd_hz: Floats
+
+
+class ResponseGrid(NamedTuple):
+    """Conditions in their order, and what was left out, as a sentence or empty.
+
+    ``simulated``: whether any of the trials is.
+    """
+
+    neuron: str
+    conditions: tuple[NeuronResponse, ...]
+    left_out: str
+    simulated: bool = False
+
+
+def compare_responses(
+    sessions: OpenSessions, trials: Iterable[tuple[str, int]], train: int, neuron: str
+) -> ResponseGrid:
+    """Return the responses of a train (SA 1 … n, RA 1 … n) by plate, speed and force.
+
+    ``trials``: paths of open sessions of the drum, and rows in them; only the first trials and
+    conditions are read. Raises SessionError.
+    """
+    groups: dict[tuple[str, float, float], list[tuple[str, int]]] = {}
+    simulated = False
+    for path, row in trials:
+        session = sessions.drum_session(path)
+        trial = session.trials[row]
+        simulated |= session.header.simulated
+        if trial["first_sample"] >= 0:
+            key = str(trial["texture"]), float(trial["speed_mm_s"]), float(trial["force_g"])
+            groups.setdefault(key, []).append((path, row))
+    keys = sorted(groups)
+    found = [
+        _response(sessions, key, groups[key][:MOST_TRIALS], train) for key in keys[:MOST_CONDITIONS]
+    ]
+    left_out = _left_out(len(keys), map(len, groups.values()))
+    return ResponseGrid(neuron, tuple(found), left_out, simulated)
+
+
+def _left_out(n_conditions: int, lengths: Iterable[int]) -> str:
+    parts = []
+    if n_conditions > MOST_CONDITIONS:
+        parts.append(f"the first {MOST_CONDITIONS} of {n_conditions} conditions")
+    if max(lengths, default=0) > MOST_TRIALS:
+        parts.append(f"the first {MOST_TRIALS} trials of each condition")
+    return f"Shown are {' and '.join(parts)}: filter or select trials for others" if parts else ""
+
+
+def _response(
+    sessions: OpenSessions,
+    key: tuple[str, float, float],
+    trials: list[tuple[str, int]],
+    train: int,
+) -> NeuronResponse:
+    from rigctl.encoding.encoder import encode_trials
+
+    spikes, lengths = [], []
+    for path, row in trials:
+        samples = np.ascontiguousarray(sessions.drum_session(path).samples(row))
+        (found,) = encode_trials([samples], sessions.taxel_range(path))
+        spikes.append(np.asarray(found.train(train), np.float64) / SAMPLE_RATE_HZ)
+        lengths.append(len(samples) / SAMPLE_RATE_HZ)
+    edges = BIN_S * np.arange(int(min(lengths) / BIN_S + 1e-9) + 1, dtype=np.float64)
+    at_s: Floats = np.asarray(edges[:-1] + BIN_S / 2, np.float64)
+    rates = np.array([np.histogram(one, edges)[0] for one in spikes]) / BIN_S
+    sd = rates.std(axis=0, ddof=1) if len(rates) > 1 else np.zeros(len(edges) - 1)
+    name = f"{key[0]}, {key[1]:g} mm/s, {key[2]:g} g"
+    return NeuronResponse(name, tuple(spikes), at_s, rates.mean(axis=0), sd)
+
+
+_RANGE_TRIALS = 100
+_COLUMNS = (
+    ("Trial", "trial_id", "Number in the planned order"),
+    ("Plate", "texture", ""),
+    ("mm/s", "speed_mm_s", "Planned speed"),
+    ("g", "force_g", "Planned force"),
+    ("Verdict", "verdict", "Whether the attempt counts"),
+    ("Attempt", "attempt", "1 for the first attempt at a trial"),
+    ("Mean mm/s", "mean_speed_mm_s", "Measured over the trial"),
+    ("Mean g", "mean_force_g", "Measured over the trial"),
+    ("Mounting", "mount", "Mounting of this plate, from 1"),
+    ("Why", "reasons", "Why the attempt does not count"),
+)
+
+
+class OpenSessions:
+    """Sessions of the drum or the finger by their path; each stays open until it opens again."""
+
+    def __init__(self) -> None:
+        self._open: dict[str, Session | FingerSession] = {}
+        self._ranges: dict[str, Normalisation] = {}
+
+    def open(self, path: str) -> SessionTable:
+        """Open a session, anew if it is open, and return its trials. Raises SessionError."""
+        if path in self._open:
+            self._open.pop(path).close()
+        self._ranges.pop(path, None)
+        return self._table(path)
+
+    def _session(self, path: str) -> Session | FingerSession:
+        """Return a session; a process that replaces another one opens it again."""
+        from rigctl.session.finger_session import FingerSession, is_finger_session
+        from rigctl.session.session import Session
+
+        if path not in self._open:
+            folder = typed_path(path)
+            is_finger = is_finger_session(folder)
+            self._open[path] = FingerSession.open(folder) if is_finger else Session.open(folder)
+        return self._open[path]
+
+    def follow(self, path: str) -> SessionTable | None:
+        """Return the trials of an open session again, None if there is no new one.
+
+        Raises SessionError.
+        """
+        session = self._session(path)
+        before = len(session.trials)
+        session.refresh()
+        table = self._table(path)
+        return table if not table.is_growing or len(session.trials) > before else None
+
+    def age_s(self, path: str) -> float:
+        """Return the time since the newest data of an open session were written."""
+        newest = self._session(path).parts[-1].path
+        return max(0.0, time.time() - newest.stat().st_mtime)
+
+    def altered(self, path: str) -> dict[int, str]:
+        """Return index and reason of each attempt whose rows are not those that were recorded.
+
+        Empty where the session does not open, which its check says.
+        """
+        from rigctl.session.digests import damaged_trials
+
+        try:
+            return damaged_trials(self._session(path))
+        except SessionError:
+            return {}
+        finally:
+            if path in self._open:
+                self._open.pop(path).close()
+
+    def is_simulated(self, path: str) -> bool:
+        """Return whether a session is of a simulated rig; False where it does not open."""
+        try:
+            return self._session(path).header.simulated
+        except SessionError:
+            return False
+
+    def leave_out(self, path: str, reasons: dict[int, str]) -> SessionTable:
+        """Leave attempts of an open session out, and return its trials again."""
+        self._session(path).leave_out(reasons)
+        return self._table(path)
+
+    def trial(self, path: str, row: int, pictures: Path) -> TrialData | ScanPicture:
+        """Read an attempt and encode it as the live encoder does.
+
+        A scan of the moving finger becomes a picture in the folder ``pictures``.
+        """
+        from rigctl.session.session import Session
+
+        session = self._session(path)
+        if isinstance(session, Session):
+            return read_trial(session, row, self.taxel_range(path))
+        return scan_picture(session, row, pictures)
+
+    def drum_session(self, path: str) -> Session:
+        """Return an open session of the drum. Raises SessionError for one of the finger."""
+        from rigctl.session.session import Session
+
+        session = self._session(path)
+        if not isinstance(session, Session):
+            raise SessionError(f"{path} is a session of the moving finger: open one of the drum")
+        return session
+
+    def taxel_range(self, path: str) -> Normalisation:
+        """Return the calibrated range of a session, else that of evenly chosen trials."""
+        if path not in self._ranges:
+            self._ranges[path] = _taxel_range(self.drum_session(path))
+        return self._ranges[path]
+
+    def _table(self, path: str) -> SessionTable:
+        from rigctl.session.session import Session
+        from rigctl.session.session_reader import read_closing_digest
+
+        session, first = self._session(path), 0
+        if isinstance(session, Session):
+            about, columns, experiment = _about(session), _columns(session), DRUM
+            first = _first_with_texture(session)
+        else:
+            about, columns = finger_about(session), finger_columns(session)
+            experiment = FINGER
+        return SessionTable(
+            path,
+            about,
+            columns,
+            experiment,
+            read_closing_digest(session.path) if session.finished else "",
+            ". ".join(session.describe_missing()),
+            tuple(_reasons(session)),
+            not session.finished and _may_grow(session.path),
+            first,
+        )
+
+
+def _may_grow(folder: Path) -> bool:
+    """Return whether a session has a writer that is not known to be gone.
+
+    Another computer often does not see the lock, so there the lock's file alone counts.
+    """
+    from rigctl.session.writer_lock import Writer, lock_owner_pid, writer_of
+
+    return lock_owner_pid(folder) is not None and writer_of(folder) is not Writer.GONE
+
+
+def _first_with_texture(session: Session) -> int:
+    """Return the row of the first committed trial of another plate than the smooth one, else 0.
+
+    The paper's plate A is smooth: its spikes show force and no texture.
+    """
+    from rigctl.analysis.published import SMOOTH
+
+    committed = session.committed()
+    textured = committed[session.trials["texture"][committed] != SMOOTH]
+    return int(textured[0]) if len(textured) else 0
+
+
+def _about(session: Session) -> str:
+    from rigctl.session.session import ended_early
+
+    header, ended = session.header, len(ended_early(session))
+    if not header.trials_planned:
+        return (
+            f"{session.path.name}: recorded by hand, so it has no trials to show or to classify: "
+            f"rigctl info {session.path.name} says what it holds. {_origin(header)}"
+        )
+    early = f", {ended} left out by an early end" if ended else ""
+    return (
+        f"{session.path.name}: {len(session.committed())} of {header.trials_planned} trials "
+        f"committed{early}, {_origin(header)}"
+    )
+
+
+def _origin(header: SessionHeader) -> str:
+    return f"{'simulated' if header.simulated else 'real'} rig, started {header.start_utc}"
+
+
+def _columns(session: Session) -> tuple[AttemptColumn, ...]:
+    texts = {"verdict": shown_verdicts, "reasons": shown_reasons}
+    return tuple(
+        AttemptColumn.of_texts(name, texts[field](session), tip)
+        if field in texts
+        else _column(name, session.trials[field], tip)
+        for name, field, tip in _COLUMNS
+    )
+
+
+def _column(name: str, values: Any, meaning: str) -> AttemptColumn:
+    if values.dtype.kind == "U":
+        return AttemptColumn.of_texts(name, values, meaning)
+    return AttemptColumn(name, np.array(values), (), meaning)
+
+
+def _reasons(session: Any) -> list[tuple[int, str]]:
+    """Return row and sentence of each attempt that does not count."""
+    found = {}
+    for row in np.flatnonzero(session.trials["reasons"] != "").tolist():
+        trial = session.trials[row]
+        found[row] = f"Trial {trial['trial_id']} was {trial['verdict']}: {trial['reasons']}"
+    for row, reason in session.left_out.items():
+        found[row] = f"Trial {session.trials[row]['trial_id']} is left out: {reason}"
+    return sorted(found.items())
+
+
+def _taxel_range(session: Session) -> Normalisation:
+    from rigctl.encoding.normalisation import Normalisation
+
+    header = session.header
+    if header.taxel_low and header.taxel_high:
+        low, high = (np.array(side, np.uint16) for side in (header.taxel_low, header.taxel_high))
+        return Normalisation(low, high, "calibration of the session")
+    committed = session.committed()
+    if not len(committed):
+        raise SessionError(f"{session.path} has no committed trial to take taxel ranges from")
+    chosen = committed[:: max(1, len(committed) // _RANGE_TRIALS)]
+    return Normalisation.from_samples(
+        map(session.samples, chosen.tolist()), "trials of the session"
+    )

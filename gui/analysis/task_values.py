@@ -1,0 +1,151 @@
+"""What the window and its worker processes exchange. This module does not import Qt."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gui.analysis.trial_table import AttemptColumn
+from gui.analysis.value_file import data_words
+from rigctl.session.sensor_layout import SensorLayout
+
+if TYPE_CHECKING:
+    from rigctl.analysis.options import AnalysisOptions
+
+
+DRUM, FINGER = "drum", "finger"
+"""Experiments of a session."""
+
+
+class SessionTable(NamedTuple):
+    """A session's trials, a sentence about the session, its experiment, and its digest.
+
+    ``missing``: what cannot be read of it, as sentences without the last full stop; empty if it is
+    whole. ``closing_digest``: empty for a session that is not closed or lacks its end. ``reasons``:
+    row and sentence of each attempt that does not count. ``is_growing``: its writer may be alive.
+    ``first_shown``: row of the attempt that is shown first.
+    """
+
+    path: str = ""
+    about: str = ""
+    columns: tuple[AttemptColumn, ...] = ()
+    experiment: str = DRUM
+    closing_digest: str = ""
+    missing: str = ""
+    reasons: tuple[tuple[int, str], ...] = ()
+    is_growing: bool = False
+    first_shown: int = 0
+
+    @property
+    def n_rows(self) -> int:
+        """Number of attempts."""
+        return len(self.columns[0].values) if self.columns else 0
+
+
+class TrialCourse(NamedTuple):
+    """Force and speed around a trial; times in seconds since its first sample, NaN if unknown.
+
+    ``force_s``, ``force_g``: float64 (n,), the load cell's. ``speed_s``, ``speed_mm_s``:
+    float64 (m,), the drum's polls. ``planned_g``, ``planned_mm_s``: what the protocol asked for.
+    """
+
+    force_s: NDArray[np.float64]
+    force_g: NDArray[np.float64]
+    speed_s: NDArray[np.float64]
+    speed_mm_s: NDArray[np.float64]
+    planned_g: float
+    planned_mm_s: float
+
+
+class TrialFeatures(NamedTuple):
+    """Features of a trial: ``values`` float64 (trains, windows), SA in Hz, RA as counts.
+
+    ``window_mm``: texture that passes in a window, 0 for windows of ``window_ms`` of time.
+    """
+
+    values: NDArray[np.float64]
+    window_mm: float
+    window_ms: int
+
+
+BLOCK = 64
+"""Samples of which a long trial has the lowest and highest readings."""
+
+
+class TrialData(NamedTuple):
+    """Readings and spikes of one trial, and what the drum did.
+
+    ``samples``: uint16 (n, n_taxels). ``spike_row`` and ``spike_sample``: int64 (k,), one entry per
+    spike; rows are SA taxel 1 … n, then RA 1 … n. ``blocks``: uint16 (2, n // BLOCK, n_taxels), the
+    lowest and highest readings of each whole block of samples, for a trial with many.
+    """
+
+    title: str
+    samples: NDArray[np.uint16]
+    spike_row: NDArray[np.int64]
+    spike_sample: NDArray[np.int64]
+    layout: SensorLayout
+    course: TrialCourse | None = None
+    features: TrialFeatures | None = None
+    simulated: bool = False
+    blocks: NDArray[np.uint16] | None = None
+
+    @property
+    def heading(self) -> str:
+        """The title, which says so where the data are simulated."""
+        origin = f"{data_words(simulated=True)} · " if self.simulated else ""
+        return f"{origin}{self.title}"
+
+    @property
+    def spike_counts(self) -> NDArray[np.uint8]:
+        """The spikes of each row at each sample, (n, 2 * n_taxels)."""
+        n, n_rows = len(self.samples), 2 * self.samples.shape[1]
+        counts = np.zeros(n * n_rows, np.uint8)
+        np.add.at(counts, self.spike_sample * n_rows + self.spike_row, np.uint8(1))
+        return counts.reshape(n, n_rows)
+
+
+class ScanPicture(NamedTuple):
+    """The path of the picture of one scan of the moving finger."""
+
+    figure: str
+
+
+class FingerSessionInfo(NamedTuple):
+    """A session of the moving finger: its stages, its simulated person, and the slides so far."""
+
+    path: str
+    stages: tuple[str, ...]
+    seed: int
+    session: int
+    slides: int
+
+
+ENGINE_NAMES = {"own": "rigctl's own", "sklearn": "scikit-learn"}
+"""What people read for the engine of an analysis."""
+
+
+def describe_options(options: AnalysisOptions, experiment: str) -> str:
+    """Return the settings of an analysis in a sentence."""
+    names = ", ".join(path.name for path in options.sessions)
+    parts = [f"Sessions: {names}", f"draws: {options.iterations}", f"seed: {options.seed}"]
+    if experiment == DRUM:
+        constants = options.settings.name if options.settings else "the paper's"
+        parts += [
+            f"tasks: {', '.join(options.task) or 'all that fit'}",
+            f"components: up to {options.k_max}",
+            f"encoder: {options.preset}",
+            f"constants: {constants}",
+            f"C: {options.c.name if options.c else 'by a search'}",
+        ]
+        if not options.settings:
+            parts.append(f"reference force: {options.reference_g:g} g")
+    return "; ".join([*parts, f"engine: {ENGINE_NAMES.get(options.engine, options.engine)}"])
+
+
+def model_path(report: Path) -> Path:
+    """Return the path of a report's model: beside its folder."""
+    return report.with_name(f"{report.name}-model.h5")

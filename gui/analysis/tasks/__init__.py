@@ -1,1 +1,0 @@
-"""Worker processes of the window: their tasks, and the values that they exchange with it."""

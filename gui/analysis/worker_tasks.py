@@ -1,0 +1,265 @@
+"""The tasks of the window's worker processes: planning, reading, encoding, classifying.
+
+This module does not import Qt, and each task imports its own slow modules.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable
+from datetime import UTC, datetime
+from importlib import import_module
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gui.analysis.open_sessions import (
+    OpenSessions,
+    ResponseGrid,
+    compare_responses,
+    finger_session_info,
+    load_encoder,
+    make_finger_models,
+    read_trial,
+    report_on_finger,
+)
+from gui.analysis.results import (
+    AnalysisResults,
+    finger_results,
+    prediction_results,
+    quick_results,
+    report_results,
+    verify_results,
+)
+from gui.analysis.task_values import FingerSessionInfo, ScanPicture, SessionTable, TrialData
+from gui.analysis.value_file import columns_csv, save_new
+from gui.protocol import run_tasks
+from gui.protocol.run_tasks import (
+    CheckedText,
+    PlanSummary,
+    ProtocolText,
+    SavedProtocol,
+    SessionNews,
+)
+from gui.widgets.file_browser import typed_path
+from rigctl.errors import RigctlError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from gui.analysis.replay_tasks import ReplayTrial
+    from rigctl.analysis.executors import Progress
+    from rigctl.analysis.learning_curve import SessionCurve, SessionCurves
+    from rigctl.analysis.options import AnalysisOptions
+
+
+FIGURES = "figures"
+ENGINE_FIRST = 10
+"""By how much a process is nicer than the engine, beside which it works through a whole run."""
+
+
+def serve(pipe: Connection) -> None:
+    """Answer (task, args) with ("done", result) or ("failed", sentence) until the pipe closes."""
+
+    def show_progress(stage: str, done: int, total: int) -> None:
+        pipe.send(("progress", stage, done / max(total, 1)))
+
+    tasks = WorkerTasks(show_progress)
+    while True:
+        try:
+            task, args = pipe.recv()
+            pipe.send(_run(getattr(tasks, task), args))
+        except (EOFError, OSError, KeyboardInterrupt):  # the window has ended, perhaps by force
+            return
+
+
+def _run(task: Callable[..., Any], args: dict[str, Any]) -> tuple[str, Any]:
+    try:
+        return "done", task(**args)
+    except RigctlError as error:
+        return "failed", str(error)
+    except Exception as error:  # noqa: BLE001  # top of a process: shown in the window
+        return "failed", f"{type(error).__name__} in the analysis: {error}"
+
+
+class WorkerTasks:
+    """The tasks of one process, which holds the sessions open that it reads trials of."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+        self._sessions = OpenSessions()
+        self._pictures = tempfile.TemporaryDirectory(prefix="rigctl-scans-")
+        self._follower = run_tasks.SessionFollower()
+        self._curves: SessionCurves | None = None
+
+    def plan_protocol(
+        self, path: str, seed: int | None, out: str = "", rig_toml: str = ""
+    ) -> PlanSummary:
+        """Plan a protocol as ``rigctl check`` does; None takes the protocol's own seed."""
+        return run_tasks.plan_protocol(path, seed, out, rig_toml)
+
+    def read_protocol(self, path: str) -> ProtocolText:
+        """Return the text of a protocol's file."""
+        return run_tasks.read_protocol(path)
+
+    def check_text(self, text: str, rig_toml: str, name: str) -> CheckedText:
+        """Return whether a text is a protocol for a rig."""
+        return run_tasks.check_text(text, rig_toml, name)
+
+    def save_protocol(self, path: str, text: str, may_replace: bool) -> SavedProtocol:
+        """Save a protocol as a file of the user."""
+        return run_tasks.save_protocol(path, text, may_replace)
+
+    def follow_run(self, folder: str, known: int) -> SessionNews:
+        """Read the attempts of a session after the first ``known`` ones, and its notes."""
+        return self._follower.read(folder, known)
+
+    def learning_curve(self, folder: str) -> SessionCurve:
+        """Return the learning curve of a session's trials so far. Raises SessionError."""
+        from rigctl.analysis.learning_curve import SessionCurves
+
+        if self._curves is None:
+            self._curves = SessionCurves()
+            if sys.platform != "win32":
+                os.nice(ENGINE_FIRST)
+        return self._curves.curve(folder, self._progress)
+
+    def write_note(self, folder: str, **note: Any) -> SessionNews:
+        """Add a note to a session; return the session anew."""
+        run_tasks.write_note(folder, **note)
+        return self._follower.read(folder)
+
+    def prepare(self) -> None:
+        """Load what reading a session takes, before it is wanted."""
+        import_module("rigctl.session.session")
+
+    def load_encoder(self) -> None:
+        """Load what drawing the first trial takes, before it is wanted."""
+        load_encoder()
+
+    def open_session(self, path: str) -> SessionTable:
+        """Read a session's trial table. Raises SessionError."""
+        return self._sessions.open(path)
+
+    def follow_session(self, path: str) -> SessionTable | None:
+        """Read the trial table of an open session again; None without a new trial."""
+        return self._sessions.follow(path)
+
+    def session_age(self, path: str) -> float:
+        """Return the age of the newest data of an open session, s."""
+        return self._sessions.age_s(path)
+
+    def load_trial(self, path: str, row: int) -> TrialData | ScanPicture:
+        """Read an attempt of an open session; a scan of the moving finger becomes a picture."""
+        return self._sessions.trial(path, row, Path(self._pictures.name))
+
+    def load_replay(self, path: str, row: int) -> ReplayTrial:
+        """Read an attempt of an open session of the drum for the live views."""
+        from gui.analysis.replay_tasks import replay_trial
+
+        session = self._sessions.drum_session(path)
+        return replay_trial(read_trial(session, row, self._sessions.taxel_range(path)))
+
+    def compare_trials(
+        self, trials: list[tuple[str, int]], train: int, neuron: str
+    ) -> ResponseGrid:
+        """Read the responses of a neuron in trials of open sessions, by condition."""
+        return compare_responses(self._sessions, trials, train, neuron)
+
+    def save_values(
+        self, folder: str, stem: str, names: tuple[str, ...], columns: tuple[Any, ...]
+    ) -> str:
+        """Write what a page shows as a new CSV; return its path."""
+        return str(save_new(Path(folder), stem, "csv", columns_csv(names, columns)))
+
+    def save_file(self, folder: str, stem: str, suffix: str, content: bytes) -> str:
+        """Write a picture or a table as a new file; return its path."""
+        return str(save_new(Path(folder), stem, suffix, content))
+
+    def neuron_voltage(self, path: str, row: int, taxel: int) -> NDArray[np.float64]:
+        """Return v(t) of SA and RA of a taxel in an attempt of an open session, mV."""
+        from gui.analysis.replay_tasks import neuron_voltage
+
+        ranges = self._sessions.taxel_range(path)
+        return neuron_voltage(self._sessions.drum_session(path), row, taxel, ranges)
+
+    def trial_movie(
+        self, path: str, row: int, taxel: int, section_s: tuple[float, float], out: str
+    ) -> str:
+        """Write the movie of a taxel as ``rigctl encode --movie`` does; return its path."""
+        from gui.analysis.replay_tasks import write_movie
+
+        session = self._sessions.drum_session(path)
+        return write_movie(session, row, taxel, section_s, out, self._progress)
+
+    def verify_session(self, path: str, digest: str) -> AnalysisResults:
+        """Check a session as ``rigctl verify`` does; ``digest``: as it was kept, or empty."""
+        from rigctl.session.verify import parse_digest, verify
+
+        def show(share: float, what: str) -> None:
+            self._progress(what, round(1000 * share), 1000)
+
+        folder = typed_path(path)
+        report = verify(folder, show, parse_digest(digest) if digest else "")
+        altered = {} if report.whole else self._sessions.altered(path)
+        simulated = self._sessions.is_simulated(path)
+        return verify_results(report, folder, altered, simulated=simulated)
+
+    def leave_out(self, path: str, altered: tuple[tuple[int, str], ...]) -> SessionTable:
+        """Leave attempts out of an open session; return its table, which marks them."""
+        return self._sessions.leave_out(path, dict(altered))
+
+    def quick_check(self, sessions: tuple[str, ...]) -> AnalysisResults:
+        """Classify textures as the demo does; write the figures into the first session."""
+        from rigctl.analysis.report.demo import analyse_sessions
+
+        paths = [Path(session) for session in sessions]
+        return quick_results(analyse_sessions(paths, paths[0] / FIGURES, progress=self._progress))
+
+    def analyse(self, options: AnalysisOptions) -> AnalysisResults:
+        """Write a report on sessions as ``rigctl analyse`` does."""
+        from rigctl.analysis.cache import Cache, Resources, cache_folder
+        from rigctl.analysis.report.report_folder import make_report
+
+        now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+        cache = Cache(cache_folder())
+        resources = Resources(cache=cache, progress=self._progress)
+        report = make_report(options.report_request(), now, resources)
+        cache.trim()
+        return report_results(report)
+
+    def analyse_finger(self, options: AnalysisOptions) -> AnalysisResults:
+        """Write a report on the moving finger as ``rigctl analyse --experiment realtime`` does."""
+        from rigctl.analysis.cache import Resources
+
+        resources = Resources(progress=self._progress)
+        return finger_results(report_on_finger(options, resources))
+
+    def classify(self, model: str, sessions: tuple[str, ...]) -> AnalysisResults:
+        """Classify sessions with a trained model as ``rigctl classify`` does."""
+        from rigctl.analysis.cache import Resources
+        from rigctl.analysis.classify_sessions import classify
+        from rigctl.session.model_file import load_model
+
+        loaded = load_model(typed_path(model))
+        resources = Resources(progress=self._progress)
+        return prediction_results(classify(loaded, tuple(map(Path, sessions)), resources))
+
+    def read_finger_session(self, path: str) -> FingerSessionInfo:
+        """Read whose scans a session of the moving finger has. Raises SessionError."""
+        return finger_session_info(path)
+
+    def make_finger_models(self, session: str, source: str, components: int) -> tuple[str, ...]:
+        """Train the models of a session, or centre those of ``source`` by its calibration."""
+        return make_finger_models(session, source, components)
+
+    def discard(self, folder: str) -> None:
+        """Remove the partial report of a cancelled analysis, whose process could not do so."""
+        from rigctl.analysis.files import PARTIAL
+
+        out = Path(folder).absolute()
+        shutil.rmtree(out.with_name(PARTIAL.format(name=out.name)), ignore_errors=True)

@@ -1,0 +1,12 @@
+"""Compile the kernels that most tests run, so that no two workers of ``make test`` do so."""
+
+from __future__ import annotations
+
+from tests.attack.attacker import run_attack
+from tests.attack.benches import VirtualBench
+from tests.attack.steps import random_attack
+from tests.encoding.other_registers import digest
+
+if __name__ == "__main__":
+    run_attack(VirtualBench(), random_attack(1, 0))
+    digest()
