@@ -137,7 +137,9 @@ def test_wirings_are_served_and_an_unknown_one_is_refused(
 def test_pymodbus_reads_over_tcp(boards: Boards) -> None:
     async def read() -> list[int]:
         host, port = boards["drum"]["tcp"].split(":")
-        client = AsyncModbusTcpClient(host, port=int(port), framer=FramerType.RTU, timeout=DEADLINE_S)
+        client = AsyncModbusTcpClient(
+            host, port=int(port), framer=FramerType.RTU, timeout=DEADLINE_S
+        )
         await client.connect()
         reply = await client.read_holding_registers(16, count=40, device_id=1)
         client.close()
