@@ -117,26 +117,20 @@ async def test_proposed_gains_can_be_set_and_hold(operator: Operator) -> None:
     await operator.drum.set(**before)
 
 
-def test_a_lock_rests_the_actuator_while_the_drum_turns(operator: Operator) -> None:
-    async def main() -> None:
-        await operator.drum.set(force_mode=ForceMode.LOCK)
-        await operator.reach(State.HOLD)
-        await operator.watch(0.2)
-        operator.clear_record()
-        await operator.do(Command.RUN)
-
-    operator.run(main())
+async def test_a_lock_rests_the_actuator_while_the_drum_turns(operator: Operator) -> None:
+    await operator.drum.set(force_mode=ForceMode.LOCK)
+    await operator.reach(State.HOLD)
+    await operator.watch(0.2)
+    operator.clear_record()
+    await operator.do(Command.RUN)
     assert all(state.actuator_drive_permille == 0 for state in operator.states)
 
 
-def test_a_depth_is_reached_and_kept_while_the_drum_turns(operator: Operator) -> None:
-    async def main() -> None:
-        await operator.drum.set(force_mode=ForceMode.POSITION, depth_set_um=600)
-        await operator.reach(State.HOLD)
-        operator.clear_record()
-        await operator.do(Command.RUN)
-
-    operator.run(main())
+async def test_a_depth_is_reached_and_kept_while_the_drum_turns(operator: Operator) -> None:
+    await operator.drum.set(force_mode=ForceMode.POSITION, depth_set_um=600)
+    await operator.reach(State.HOLD)
+    operator.clear_record()
+    await operator.do(Command.RUN)
     contact_um = operator.states[-1].values["last_contact_um"]
     depths = [state.actuator_position_um - contact_um for state in operator.states]
     assert min(depths) > 500
@@ -179,40 +173,34 @@ async def test_a_run_in_without_room_for_settling_is_refused(operator: Operator)
 
 
 @pytest.mark.parametrize("absent", list(Signal), ids=lambda signal: signal.name)
-def test_each_optional_wire_may_be_missing(operator: Operator, absent: Signal) -> None:
-    async def main() -> None:
-        await rewired(operator, absent=[absent])
-        if absent is Signal.ESTOP:
-            operator.faults.press_estop()
-        await operator.reach(State.ARMED)
-        if absent is Signal.INDEX:
-            await refused(operator, Command.HOME)
-        runs = operator.states[-1].sync_count
-        await press_and_turn(operator)
-        assert operator.states[-1].sync_count == runs + 1
-
-    operator.run(main())
+async def test_each_optional_wire_may_be_missing(operator: Operator, absent: Signal) -> None:
+    await rewired(operator, absent=[absent])
+    if absent is Signal.ESTOP:
+        operator.faults.press_estop()
+    await operator.reach(State.ARMED)
+    if absent is Signal.INDEX:
+        await refused(operator, Command.HOME)
+    runs = operator.states[-1].sync_count
+    await press_and_turn(operator)
+    assert operator.states[-1].sync_count == runs + 1
     seen = bool(np.any(operator.flags & np.uint8(Flag.SYNC)))
     assert seen is (absent is not Signal.SYNC)
     if absent is Signal.POSITION:
         assert operator.states[-1].status_bits >> Status.END_UP & 1
 
 
-def test_every_optional_wire_may_be_inverted(operator: Operator) -> None:
-    async def main() -> None:
-        await rewired(operator, inverted=list(Signal))
-        operator.clear_record()
-        await operator.reach(State.ARMED)
-        await operator.do(Command.HOME)
-        await press_and_turn(operator)
-        operator.faults.press_estop()
-        await operator.watch(0.1)
-        assert (operator.state, operator.fault) == (State.FAULT_OFF, Fault.ESTOP)
-        operator.faults.release_estop()
-        await operator.watch(0.1)
-        await operator.do(Command.CLEAR)
-
-    operator.run(main())
+async def test_every_optional_wire_may_be_inverted(operator: Operator) -> None:
+    await rewired(operator, inverted=list(Signal))
+    operator.clear_record()
+    await operator.reach(State.ARMED)
+    await operator.do(Command.HOME)
+    await press_and_turn(operator)
+    operator.faults.press_estop()
+    await operator.watch(0.1)
+    assert (operator.state, operator.fault) == (State.FAULT_OFF, Fault.ESTOP)
+    operator.faults.release_estop()
+    await operator.watch(0.1)
+    await operator.do(Command.CLEAR)
     rows = np.flatnonzero(operator.flags & np.uint8(Flag.SYNC))
     assert abs(len(rows) - 500) <= 2
     np.testing.assert_array_equal(np.diff(rows), 1)

@@ -184,15 +184,12 @@ def test_frames_arrive_at_the_boards_1000_hz_without_loss(operator: Operator) ->
     assert abs(status.sample_counter - last) <= 100
 
 
-def test_every_load_cell_sample_arrives_once_at_slow_polls_too(operator: Operator) -> None:
-    async def main() -> None:
-        operator.clear_record()
-        for pause_s in (0.02, 0.04, 0.1, 0.3, 0.7, 0.04, 0.6):
-            await operator.poll()
-            await asyncio.sleep(pause_s)
+async def test_every_load_cell_sample_arrives_once_at_slow_polls_too(operator: Operator) -> None:
+    operator.clear_record()
+    for pause_s in (0.02, 0.04, 0.1, 0.3, 0.7, 0.04, 0.6):
         await operator.poll()
-
-    operator.run(main())
+        await asyncio.sleep(pause_s)
+    await operator.poll()
     heard = [sample for state in operator.states for sample in state.loadcell]
     numbers = [sample.sequence for sample in heard]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
@@ -202,12 +199,9 @@ def test_every_load_cell_sample_arrives_once_at_slow_polls_too(operator: Operato
     assert periods_us.min() > 9_000
 
 
-def test_the_boards_clock_has_the_error_of_its_resonator(operator: Operator) -> None:
-    async def main() -> None:
-        operator.clear_record()
-        await operator.watch(4.0)
-
-    operator.run(main())
+async def test_the_boards_clock_has_the_error_of_its_resonator(operator: Operator) -> None:
+    operator.clear_record()
+    await operator.watch(4.0)
     first, last = operator.states[0], operator.states[-1]
     ppm = ((last.board_time_us - first.board_time_us) / (last.at_s - first.at_s) / 1e6 - 1) * 1e6
     assert abs(ppm - operator.clocks_ppm["drum"]) < 400

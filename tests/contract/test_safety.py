@@ -278,20 +278,17 @@ async def test_a_taxel_board_that_restarts_is_reported(operator: Operator) -> No
     assert int(operator.counters[-1]) < 1100
 
 
-def test_a_noisy_taxel_line_costs_frames_and_counts_each(operator: Operator) -> None:
-    async def main() -> None:
-        await operator.reach(State.IDLE)
-        if not operator.taxels.connected:
-            await operator.taxels.connect()
-        operator.clear_record()
-        operator.faults.corrupt_bytes(TAXELS, "to_host", 0.001)
-        operator.faults.drop_bytes(TAXELS, "to_host", 0.001)
-        await operator.watch(1.0)
-        operator.faults.corrupt_bytes(TAXELS, "to_host", 0.0)
-        operator.faults.drop_bytes(TAXELS, "to_host", 0.0)
-        await operator.watch(0.1)
-
-    operator.run(main())
+async def test_a_noisy_taxel_line_costs_frames_and_counts_each(operator: Operator) -> None:
+    await operator.reach(State.IDLE)
+    if not operator.taxels.connected:
+        await operator.taxels.connect()
+    operator.clear_record()
+    operator.faults.corrupt_bytes(TAXELS, "to_host", 0.001)
+    operator.faults.drop_bytes(TAXELS, "to_host", 0.001)
+    await operator.watch(1.0)
+    operator.faults.corrupt_bytes(TAXELS, "to_host", 0.0)
+    operator.faults.drop_bytes(TAXELS, "to_host", 0.0)
+    await operator.watch(0.1)
     lost = sum(gap.count for block in operator.blocks for gap in block.gaps)
     counters = operator.counters
     assert lost > 10

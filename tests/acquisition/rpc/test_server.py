@@ -250,20 +250,18 @@ def test_the_first_client_is_served_among_silent_ones(listener: socket.socket) -
     assert ready == {"event": "ready"} and reply["reply"] == 9
 
 
-def test_clients_set_no_timer(listener: socket.socket, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_clients_set_no_timer(
+    listener: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
     timers: list[float] = []
-
-    async def serve() -> None:
-        loop = asyncio.get_running_loop()
-        monkeypatch.setattr(loop, "call_at", lambda when, *_, **__: timers.append(when))
-        server = Server([].append, [].append)
-        await server.open(listener, TOKEN, AnEngine(), handle)
-        with come(listener, b""), come(listener, LOGIN):
-            while not len(server):
-                await asyncio.sleep(0)
-            await server.close()
-
-    asyncio.run(serve())
+    loop = asyncio.get_running_loop()
+    monkeypatch.setattr(loop, "call_at", lambda when, *_, **__: timers.append(when))
+    server = Server([].append, [].append)
+    await server.open(listener, TOKEN, AnEngine(), handle)
+    with come(listener, b""), come(listener, LOGIN):
+        while not len(server):
+            await asyncio.sleep(0)
+        await server.close()
     assert timers == []
 
 
