@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import inspect
 import os
 import threading
 from collections.abc import Iterator
@@ -18,24 +20,36 @@ settings.load_profile("rigctl")
 
 BEGUN_FIRST = (
     "attack/test_attack.py",
-    "attack/test_wrong_wires.py",
     "devices/test_flash.py",
-    "realtime/test_finger_bench.py",
     "gui/link/test_joining.py",
     "gui/shell/test_never_blocked.py",
-    "cli/test_run_command.py",
+    "encoding/test_processors.py",
+    "realtime/test_finger_bench.py",
     "gui/shell/test_day_by_keyboard.py",
+    "gui/firmware_flows/test_stop.py",
+    "gui/link/test_cut_off.py",
+    "cli/test_run_command.py",
     "gui/finger/test_real_finger.py",
     "gui/shell/test_day_on_the_virtual_rig.py",
+    "attack/test_wrong_wires.py",
+    "acquisition/setup/test_wirings.py",
     "gui/shell/test_real_engine.py",
     "gui/operate/test_real_calibration.py",
+    "gui/link/test_attach.py",
     "gui/bad_input/test_broken_engine.py",
     "gui/bad_input/test_unplugged.py",
+    "gui/firmware_flows/test_protocol.py",
+    "gui/firmware_flows/test_hand_work.py",
+    "gui/firmware_flows/test_two_windows.py",
+    "firmware/drum/test_drum_native.py",
     "firmware/drum/test_attack_rules.py",
     "firmware/drum/test_drum_controls.py",
-    "firmware/drum/test_drum_native.py",
     "fuzz/test_fuzz.py",
-    "encoding/test_processors.py",
+    "contract/test_parts.py",
+    "acquisition/protocol/test_early_end.py",
+    "acquisition/rpc/test_client.py",
+    "devices/test_boot_silence.py",
+    "synth/test_synth.py",
 )
 """Files that wait for a rig in real time, or take long: begun last, they would end alone."""
 
@@ -47,6 +61,24 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: place.get(item.path, len(place)))
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
+    """Run a test that is a coroutine: in the time of its engine, its rig or its loop, if any."""
+    test = pyfuncitem.obj
+    if not inspect.iscoroutinefunction(test):
+        return None
+    given = {name: pyfuncitem.funcargs[name] for name in inspect.signature(test).parameters}
+    if "harness" in given:
+        given["harness"].run(lambda _: test(**given))
+    elif "operator" in given:
+        given["operator"].run(test(**given))
+    elif "loop" in given:
+        given["loop"].run_until_complete(test(**given))
+    else:
+        asyncio.run(test(**given))
+    return True
+
+
 @pytest.fixture(autouse=True)
 def no_leaked_threads() -> Iterator[None]:
     """Fail a test that leaves a thread running."""
@@ -54,7 +86,7 @@ def no_leaked_threads() -> Iterator[None]:
     yield
     left = [t for t in threading.enumerate() if t not in before and t.is_alive()]
     for thread in left:
-        thread.join(timeout=2.0)
+        thread.join(timeout=60.0)
     alive = [t.name for t in left if t.is_alive()]
     assert not alive, f"threads left behind: {alive}"
 

@@ -1,4 +1,4 @@
-"""Compile the kernels that most tests run, so that no two workers of ``make test`` do so."""
+"""Compile the kernels that most tests run, before the workers of ``make test`` all do so."""
 
 from __future__ import annotations
 

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Any, Protocol
+
 from PySide6.QtCore import QElapsedTimer, QPointF, QRectF, Signal
 from PySide6.QtGui import QResizeEvent
 
 from gui.live.earlier_trials import EarlierTrials, TrialSweep
 from gui.live.live_data import LiveData, ValueScale
 from gui.live.navigation import Cursors, Navigation
-from gui.live.raster import FULL_SCALE_HZ, MEAN_SAMPLES, WINDOW_S, HeatMap, RateBars, label_rates
+from gui.live.raster import FULL_SCALE_HZ, HeatMap, RateBars, label_rates
 from gui.live.time_plots import NOW, PAUSED, SINCE_START, TimePlots
 from gui.widgets.data_ages import DataAges, StaleCovers
 from gui.widgets.plot_axes import BOTTOM_PX, PlotGrid, colour_axes, fixed_plot, reserve
 from gui.widgets.theme import Theme, scaled_px, text_scale
 from rigctl.acquisition.live_file import LiveReader
 from rigctl.session.sensor_layout import PAPER_SENSOR, SensorLayout
-from rigctl.values import SAMPLE_RATE_HZ
 
 _RIGHT_PX, _MORE_FOR_TEXTS_PX = 216, 130
 """Width of the right column, and what texts twice as large add to it."""
@@ -34,6 +35,19 @@ def right_column_px() -> int:
     return _RIGHT_PX + round((text_scale() - 1) * _MORE_FOR_TEXTS_PX)
 
 
+class LiveView(Protocol):
+    """A view of the present beside the plots over time."""
+
+    def set_theme(self, theme: Theme) -> None:
+        """Apply a theme and the size of the texts."""
+
+    def set_sensor_layout(self, layout: SensorLayout) -> None:
+        """Show another sensor."""
+
+    def refresh_at(self, data: LiveData, position: int) -> None:
+        """Show the data up to a position; called ten times a second."""
+
+
 class LivePlots(PlotGrid):
     """All plots of :class:`gui.live.live_data.LiveData`; :meth:`refresh` pulls what they show."""
 
@@ -49,7 +63,8 @@ class LivePlots(PlotGrid):
         self.value_scale = ValueScale()
         self.caption_paused = PAUSED
         self._since_numbers = QElapsedTimer()
-        self._theme, self._is_per_mm = theme, False
+        self._theme = theme
+        self.views: list[LiveView] = []
         self.time_plots = TimePlots(self.cells, theme, self.sensor_layout)
         self._earlier_trials = EarlierTrials(self.time_plots, theme)
         self._earlier: tuple[list[TrialSweep], int] = ([], 0)
@@ -150,7 +165,8 @@ class LivePlots(PlotGrid):
 
     def _set_layout(self, layout: SensorLayout) -> None:
         self.sensor_layout = layout
-        for view in (self.time_plots, self.rate_bars, self.heat_map):
+        self.time_plots.set_sensor_layout(layout)
+        for view in self.views:
             view.set_sensor_layout(layout)
         self._show_rate_rows()
 
@@ -180,7 +196,7 @@ class LivePlots(PlotGrid):
 
     def set_rates_per_mm(self, is_per_mm: bool) -> None:
         """Show spikes per mm of texture that passed, or per second."""
-        self._is_per_mm = is_per_mm
+        self.rate_bars.is_per_mm = is_per_mm
         label_rates(self._rate_plot, self._theme, is_per_mm)
         self._since_numbers.invalidate()
         self.draw()
@@ -189,8 +205,10 @@ class LivePlots(PlotGrid):
         """Apply a theme to all plots."""
         self._theme = theme
         self.colour_background(theme)
-        for item in (self.time_plots, self.rate_bars, self.heat_map, self._earlier_trials):
-            item.set_theme(theme)
+        self.time_plots.set_theme(theme)
+        for view in self.views:
+            view.set_theme(theme)
+        self._earlier_trials.set_theme(theme)
         colour_axes(self._rate_plot, theme)
         self.cells.layout.setColumnFixedWidth(1, right_column_px())
         self.cells.layout.setHorizontalSpacing(gap_px())
@@ -206,26 +224,29 @@ class LivePlots(PlotGrid):
     def _build_right_column(self, theme: Theme) -> None:
         self.heat_map = HeatMap(theme, self.sensor_layout)
         self.rate_bars = RateBars(theme, self.sensor_layout)
-        self.cells.addItem(self.heat_map, row=0, col=1, rowspan=3)
+        self.add_view(self.heat_map, row=0, rowspan=3)
         self._rate_plot = fixed_plot(self.cells, 3, 1)
         reserve(self._rate_plot, "bottom", BOTTOM_PX)
-        label_rates(self._rate_plot, theme, self._is_per_mm)
+        label_rates(self._rate_plot, theme, self.rate_bars.is_per_mm)
         self._rate_plot.hideAxis("left")
         self._rate_plot.setXRange(0, FULL_SCALE_HZ, padding=0)
         self._rate_plot.invertY(True)
         self._rate_plot.addItem(self.rate_bars)
+        self.views.append(self.rate_bars)
         self._show_rate_rows()
+
+    def add_view(self, view: Any, row: int, rowspan: int = 1) -> None:
+        """Put a :class:`LiveView` that is a ``QGraphicsWidget`` into the right column."""
+        self.cells.addItem(view, row=row, col=1, rowspan=rowspan)
+        self.views.append(view)
 
     def _show_rate_rows(self) -> None:
         self.rate_bars.show_rows(self.time_plots.raster.rows)
         self._rate_plot.setYRange(0, len(self.rate_bars.rows), padding=0)
 
     def _refresh_right_column(self, position: int) -> None:
-        data = self.data
-        self.heat_map.refresh(data.samples_before(position, MEAN_SAMPLES), data.low, data.high)
-        n_samples = round(WINDOW_S * SAMPLE_RATE_HZ)
-        travelled_mm = data.drum.travelled_mm(position, n_samples) if self._is_per_mm else None
-        self.rate_bars.refresh(data.spikes_before(position, n_samples), travelled_mm)
+        for view in self.views:
+            view.refresh_at(self.data, position)
 
     def _area(self, plot: int) -> QRectF:
         """Return the inside of a plot in pixels of the widget."""

@@ -12,7 +12,7 @@ from PySide6.QtGui import QColor, QFont, QImage, QPainter, QPolygonF, QTransform
 from PySide6.QtWidgets import QGraphicsItem, QGraphicsWidget
 
 from gui.live.history import SPAN_S
-from gui.live.live_data import ValueScale
+from gui.live.live_data import LiveData, ValueScale
 from gui.live.timeline import PixelColumns, Timeline, TimeWindow
 from gui.widgets.plot_axes import label_axis
 from gui.widgets.theme import Theme, blend, rgb, scaled_px, text_scale
@@ -259,7 +259,7 @@ class RateBars(QGraphicsItem):
     """Horizontal bars from 0 to the rate, in the raster's row order.
 
     ``rates_hz``: spikes a second, (n_rows,). ``rates_a_mm``: spikes a mm of texture where these
-    are shown, else None.
+    are shown, else None. ``is_per_mm``: whether they are to be shown.
     """
 
     def __init__(self, theme: Theme, layout: SensorLayout) -> None:
@@ -268,6 +268,7 @@ class RateBars(QGraphicsItem):
         self.rows = TrainRows(layout)
         self.rates_hz = np.zeros(len(self.rows))
         self.rates_a_mm: NDArray[np.float64] | None = None
+        self.is_per_mm = False
 
     def set_sensor_layout(self, layout: SensorLayout) -> None:
         """Order the bars by the layers of another sensor with as many taxels."""
@@ -283,6 +284,12 @@ class RateBars(QGraphicsItem):
         """Apply a theme."""
         self.theme = theme
         self.update()
+
+    def refresh_at(self, data: LiveData, position: int) -> None:
+        """Show the rates of the second up to a position."""
+        n = round(WINDOW_S * SAMPLE_RATE_HZ)
+        travelled_mm = data.drum.travelled_mm(position, n) if self.is_per_mm else None
+        self.refresh(data.spikes_before(position, n), travelled_mm)
 
     def refresh(self, spikes: NDArray[np.uint8], travelled_mm: float | None = None) -> None:
         """Show the rates of the newest second of spikes, uint8 (n, n_rows), encoder's order.
@@ -373,6 +380,10 @@ class HeatMap(QGraphicsWidget):
         self._title_px = scaled_px(_TITLE_PX)
         self.setMinimumSize(120, scaled_px(_LAYER_PX) * len(self.sensor_layout.layers))
         self.update()
+
+    def refresh_at(self, data: LiveData, position: int) -> None:
+        """Show the mean of the samples up to a position."""
+        self.refresh(data.samples_before(position, MEAN_SAMPLES), data.low, data.high)
 
     def refresh(
         self, samples: NDArray[np.uint16], low: NDArray[np.float64], high: NDArray[np.float64]

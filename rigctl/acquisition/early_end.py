@@ -11,7 +11,7 @@ import multiprocessing
 import os
 import sys
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from math import inf, sqrt
 from multiprocessing.connection import Connection
@@ -19,15 +19,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from msgspec.structs import asdict
 
-from rigctl.acquisition.progress import RunProgress
-from rigctl.acquisition.run_steps import RunSteps
 from rigctl.encoding.encoder import encode_trials
 from rigctl.errors import SessionError, WrongUse
 from rigctl.protocol.plan import Condition, EarlyEnd, Plan, condition_of
 from rigctl.session.part import existing_parts
-from rigctl.session.session import EARLY_END_KIND, ConditionEnd, Session
+from rigctl.session.session import ConditionEnd, Session
 from rigctl.values import SAMPLE_RATE_HZ
 
 LATE_TRIALS = 10
@@ -40,63 +37,27 @@ PRIOR_TRIALS = 1.0
 """Weight of the mixture over means, in trials: any positive one is valid, this one suits few."""
 
 
-class EarlyEnds:
-    """Takes trials of conditions that are known well enough out of the steps that are to come.
+def checked_rule(
+    end: ConditionEnd, plan: Plan, committed_attempt: Callable[[int], int]
+) -> EarlyEnd:
+    """Return the protocol's rule. Raises WrongUse where it does not allow this end.
 
-    ``committed_attempt`` returns the attempt at a trial that counts, 0 for none. ``publish`` makes
-    the event of the session. ``left_out``: the trials that earlier sittings left out, by their id.
+    ``committed_attempt`` returns the attempt at a trial that counts, 0 for none.
     """
-
-    def __init__(
-        self,
-        plan: Plan,
-        steps: RunSteps,
-        committed_attempt: Callable[[int], int],
-        progress: RunProgress,
-        publish: Callable[..., Any],
-        left_out: Iterable[int] = (),
-    ) -> None:
-        self._plan = plan
-        self._steps = steps
-        self._committed_attempt = committed_attempt
-        self._progress = progress
-        self._publish = publish
-        self._left_out = set(left_out)
-
-    def end(self, end: ConditionEnd) -> None:
-        """Leave out the trials of a condition that are to come; none are left is no error.
-
-        Raises WrongUse where the protocol's rule does not allow it.
-        """
-        rule = self._checked_rule(end)
-        left_out = [t for t in self._steps.trials() if condition_of(t) == end.condition]
-        if not left_out:
-            return
-        self._steps.drop(left_out)
-        self._progress.end_early(left_out)
-        self._left_out.update(trial.trial_id for trial in left_out)
-        self._publish(EARLY_END_KIND, end.describe(rule), **asdict(end))
-
-    def require_kept(self, trial_id: int) -> None:
-        """Raise WrongUse for a trial that is left out: no attempt at it could count."""
-        if trial_id in self._left_out:
-            raise WrongUse(f"trial {trial_id} is left out: its condition ended early")
-
-    def _checked_rule(self, end: ConditionEnd) -> EarlyEnd:
-        rule = self._plan.protocol.early_end
-        if rule is None:
-            raise WrongUse("this protocol has no [early_end]: every trial of it is recorded")
-        if end.trials < rule.least_trials or end.half_width_hz > rule.half_width_hz:
-            raise WrongUse(
-                f"the condition may end from {rule.least_trials} trials and "
-                f"± {rule.half_width_hz:g} Hz on: {end.trials} trials and "
-                f"± {end.half_width_hz:g} Hz are not enough"
-            )
-        own = (t.trial_id for t in self._plan.trials if condition_of(t) == end.condition)
-        counted = sum(self._committed_attempt(trial_id) > 0 for trial_id in own)
-        if counted < end.trials:
-            raise WrongUse(f"{counted} trials of the condition count, not {end.trials}")
-        return rule
+    rule = plan.protocol.early_end
+    if rule is None:
+        raise WrongUse("this protocol has no [early_end]: every trial of it is recorded")
+    if end.trials < rule.least_trials or end.half_width_hz > rule.half_width_hz:
+        raise WrongUse(
+            f"the condition may end from {rule.least_trials} trials and "
+            f"± {rule.half_width_hz:g} Hz on: {end.trials} trials and "
+            f"± {end.half_width_hz:g} Hz are not enough"
+        )
+    own = (t.trial_id for t in plan.trials if condition_of(t) == end.condition)
+    counted = sum(committed_attempt(trial_id) > 0 for trial_id in own)
+    if counted < end.trials:
+        raise WrongUse(f"{counted} trials of the condition count, not {end.trials}")
+    return rule
 
 
 class JudgeLink:

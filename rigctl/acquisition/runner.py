@@ -19,8 +19,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from msgspec.structs import asdict
+
 from rigctl.acquisition.boards import Boards
-from rigctl.acquisition.early_end import EarlyEnds
+from rigctl.acquisition.early_end import checked_rule
 from rigctl.acquisition.event_bus import EventBus
 from rigctl.acquisition.health import END, DiskMonitor
 from rigctl.acquisition.progress import RunProgress
@@ -32,9 +34,10 @@ from rigctl.acquisition.run_steps import RunSteps
 from rigctl.acquisition.settings import settle_settings
 from rigctl.acquisition.step_runner import StepRunner, remaining_steps
 from rigctl.errors import BoardFault, RigFault, WrongUse
+from rigctl.protocol.plan import condition_of
 from rigctl.protocol.steps import Step
 from rigctl.session.notes import Mark, SessionNote
-from rigctl.session.session import ConditionEnd
+from rigctl.session.session import EARLY_END_KIND, ConditionEnd
 from rigctl.values import DrumState, Event, PlannedTrial
 from rigctl.wire.drum_codes import Command
 from rigctl.wire.drum_states import State
@@ -75,10 +78,7 @@ class Run:
         self._step_runner = StepRunner(
             boards, event_bus.publish, opened, self.control, self._progress, set_plate
         )
-        counting, publish = self._step_runner.committed_attempt, event_bus.publish
-        self._early_ends = EarlyEnds(
-            plan, self._steps, counting, self._progress, publish, opened.ended
-        )
+        self._left_out = set(opened.ended)
 
     @property
     def ended(self) -> bool:
@@ -154,7 +154,8 @@ class Run:
         trials = self._opened.plan.trials
         if not 1 <= trial_id <= len(trials):
             raise WrongUse(f"the plan has no trial {trial_id}: its trials are 1 to {len(trials)}")
-        self._early_ends.require_kept(trial_id)
+        if trial_id in self._left_out:
+            raise WrongUse(f"trial {trial_id} is left out: its condition ended early")
         trial = trials[trial_id - 1]
         attempt = self._step_runner.committed_attempt(trial_id)
         if self._step_runner.current == trial and not attempt:
@@ -166,13 +167,20 @@ class Run:
         self._progress.reopen(trial, was_committed=bool(attempt))
 
     def end_condition(self, end: ConditionEnd) -> bool:
-        """End a condition early; return False while its event could not be recorded.
+        """Leave out the trials of a condition that are to come; none are left is no error.
 
-        Raises WrongUse where the protocol's rule does not allow it.
+        Returns False while the event could not be recorded. Raises WrongUse where the protocol's
+        rule does not allow it.
         """
         if not self._pipeline.is_recording:
             return False
-        self._early_ends.end(end)
+        rule = checked_rule(end, self._opened.plan, self._step_runner.committed_attempt)
+        left_out = [t for t in self._steps.trials() if condition_of(t) == end.condition]
+        if left_out:
+            self._steps.drop(left_out)
+            self._progress.end_early(left_out)
+            self._left_out.update(trial.trial_id for trial in left_out)
+            self._event_bus.publish(EARLY_END_KIND, end.describe(rule), **asdict(end))
         return True
 
     def _next_plate(self) -> NextPlate | None:

@@ -6,18 +6,20 @@ from dataclasses import Field, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rigctl.analysis.further_tasks import OFFERED
 from rigctl.encoding.parameters import PRESETS, override, preset
 from rigctl.errors import WrongUse
 from rigctl.protocol.plan import MAX_SEED
 
 if TYPE_CHECKING:
     from rigctl.analysis.finger.tasks import DrawSettings
+    from rigctl.analysis.further_tasks import OFFERED
     from rigctl.analysis.report.report_folder import ReportRequest
     from rigctl.analysis.settings import AnalysisSettings
     from rigctl.analysis.spike_counts import RangesOver
     from rigctl.analysis.training import ModelRequest
     from rigctl.encoding.normalisation import Normalisation
-    from rigctl.encoding.parameters import EncoderParameters
+from rigctl.encoding.parameters import EncoderParameters
 
 DRUM, FINGER = "drum", "realtime"
 """Experiments whose sessions are analysed."""
@@ -25,15 +27,7 @@ MAX_NUMBER = 1_000_000_000
 """Of trials, taxels, components: what they choose from is smaller."""
 MAX_DRAWS = 100_000
 ENCODER, MODEL = "the encoder", "a model for rigctl classify"
-TASKS = (
-    ("", "All that fit the sessions"),
-    ("textures", "Individual textures"),
-    ("groups", "Texture groups"),
-    ("extrapolation", "Extrapolation (Fig. 3C–F)"),
-    ("leave-speed-out", "Leave one speed out"),
-    ("leave-force-out", "Leave one force out"),
-    ("leave-mount-out", "Leave one mounting out"),
-)
+TASKS = (("", "All that fit the sessions"), *OFFERED)
 REPRESENTATIONS = (
     ("", "None"),
     ("original", "Original"),

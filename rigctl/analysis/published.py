@@ -41,8 +41,8 @@ TASKS = (
     Task("untrained-force", "Untrained force", "Fig. 3D", "extrapolation"),
     Task("untrained-speed", "Untrained speed", "Fig. 3E", "extrapolation"),
     Task("trained-both", "Trained speed and force", "Fig. 3F", "extrapolation"),
-    Task("leave-speed-out", "Each speed left out", "", "leave-speed-out"),
-    Task("leave-force-out", "Each force left out", "", "leave-force-out"),
+)
+MOUNT_TASKS = (
     Task("trained-mount", "Same mounting", "", "leave-mount-out"),
     Task("leave-mount-out", "Other mounting", "", "leave-mount-out"),
     Task("trained-mount-untrained-speed", "Same mounting, untrained speed", "", "leave-mount-out"),

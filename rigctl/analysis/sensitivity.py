@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.analysis import published
 from rigctl.analysis.cache import Resources
 from rigctl.analysis.executors import Progress
+from rigctl.analysis.further_tasks import TASKS
 from rigctl.analysis.representations import REPRESENTATIONS, Representation, RepresentationSet
 from rigctl.analysis.tasks import Curve, SweepSettings, TaskResult, run_tasks
 from rigctl.encoding.parameters import PRESETS, SA_PRESETS
@@ -125,7 +125,7 @@ def _spread_sentence(rows: Sequence[Row], what: str, presets: Sequence[str]) -> 
     widths = {case: high - low for case, (low, high) in ranges.items()}
     widest = max(widths, key=widths.__getitem__)
     names = {r.key: r.name for r in REPRESENTATIONS}
-    titles = {task.key: task.title for task in published.TASKS}
+    titles = {task.key: task.title for task in TASKS}
     low, high = ranges[widest]
     return (
         f"Between the {len(presets)} {what}, an accuracy differs by "

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis import published
+from rigctl.analysis.further_tasks import FURTHER
 from rigctl.analysis.pca_lda import Labels, Rows, Split
 from rigctl.analysis.settings import AnalysisSettings
 from rigctl.analysis.trial_set import TrialSet
@@ -19,7 +20,9 @@ MAX_FOLDS = 4
 """A set of more mountings leaves several out at once."""
 Fold = tuple[Rows, Rows]
 """Training rows and test rows."""
+_FURTHER = {family.name: family for family in FURTHER}
 FAMILIES = ("folds", "extrapolation", "leave-speed-out", "leave-force-out", "leave-mount-out")
+"""Their places seed the draws, so a further family comes behind these."""
 EXTRAPOLATIONS = {
     (True, True): "trained-both",
     (True, False): "untrained-force",
@@ -190,15 +193,15 @@ def make_splits(design: Design, family: str, seed: int, iteration: int) -> list[
 
     Raises :class:`WrongUse`, with the reason, where the trials do not allow them.
     """
-    random = np.random.default_rng([seed, iteration, FAMILIES.index(family)])
+    seeds = tuple(dict.fromkeys((*FAMILIES, *_FURTHER)))
+    random = np.random.default_rng([seed, iteration, seeds.index(family)])
     if family == "folds":
         return _folds(design, random)
     if family == "extrapolation":
         return [_extrapolation(design, random)]
     if family == "leave-mount-out":
         return _leave_mount_out(design, random)
-    levels = design.speed_mm_s if family == "leave-speed-out" else design.force_g
-    return _leave_one_out(design, random, family, levels)
+    return [Split(*split) for split in _FURTHER[family].splits(design, random)]
 
 
 def extrapolation_fits(design: Design) -> bool:
@@ -356,24 +359,3 @@ def _extrapolation(design: Design, random: np.random.Generator) -> Split:
         tests.setdefault(EXTRAPOLATIONS[trained], []).append(tested)
     joined = {key: np.concatenate(rows) for key, rows in tests.items() if rows}
     return Split(np.concatenate(train), {key: rows for key, rows in joined.items() if len(rows)})
-
-
-def _leave_one_out(
-    design: Design, random: np.random.Generator, family: str, levels: NDArray[np.float64]
-) -> list[Split]:
-    """Draw three quarters of each condition; test each level on a fit of the other levels."""
-    if len(np.unique(levels)) < 2:
-        raise WrongUse("it needs two levels or more, one to leave out and one to train on")
-    if len(design.textures) < 2:
-        raise WrongUse("it needs two textures or more")
-    share = design.settings.extrapolation.trained_share
-    drawn = np.concatenate(
-        [
-            random.permutation(rows)[: max(1, round(len(rows) * share))]
-            for rows in design.conditions()
-        ]
-    )
-    return [
-        Split(drawn[levels[drawn] != level], {family: drawn[levels[drawn] == level]})
-        for level in np.unique(levels)
-    ]

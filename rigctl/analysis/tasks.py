@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rigctl.analysis import published
 from rigctl.analysis.cache import SERIAL_RESOURCES, Resources
+from rigctl.analysis.further_tasks import OFFERED, TASKS
 from rigctl.analysis.pca_lda import Split, SweepEngine, predict_splits
 from rigctl.analysis.representations import Representation, RepresentationSet
 from rigctl.analysis.settings import AsteriskThresholds
@@ -25,14 +26,7 @@ from rigctl.analysis.splits import (
 from rigctl.errors import WrongUse
 
 Counts = NDArray[np.int64]
-TASK_NAMES = (
-    "textures",
-    "groups",
-    "extrapolation",
-    "leave-speed-out",
-    "leave-force-out",
-    "leave-mount-out",
-)
+TASK_NAMES = tuple(name for name, _ in OFFERED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,7 +219,7 @@ def _tasks_by_family(
     names = settings.tasks or (*_default_names(design, remarks), *mounts)
     extrapolates = extrapolation_fits(design)
     families: dict[str, tuple[published.Task, ...]] = {}
-    for task in published.TASKS:
+    for task in TASKS:
         if (task.family if task.family != "folds" else task.key) not in names:
             continue
         if task.key.endswith(UNTRAINED_SPEED) and not extrapolates:

@@ -1,7 +1,8 @@
 """Write the texture plates as STL files to print.
 
-Write the 16 drum plates and the five flat plates of the moving finger as STL files in mm, with the
-heights that the simulated bench presses. Exit code 2: a drum that the bench cannot have.
+Write the 16 drum plates, those that a world file adds, and the five flat plates of the moving
+finger as STL files in mm, with the heights that the simulated bench presses. Exit code 2: a drum
+that the bench cannot have.
 """
 
 from __future__ import annotations

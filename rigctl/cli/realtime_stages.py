@@ -95,7 +95,7 @@ def train(args: argparse.Namespace) -> int:
 
 def calibrate(args: argparse.Namespace) -> int:
     """Record calibration scans and write the models with the mean of this session."""
-    model = _any_model(args.model)
+    model = model_path(args.model, SPEED_SCALED)  # either will do: it takes the ranges only
     folder, code = _recorded(args, ("calibrate",), session=1, model=model)
     for path in calibrate_models(args.model, folder):
         print(f"model: {path}")
@@ -147,11 +147,6 @@ def _run_part(words: Sequence[str]) -> int:
 
     print(f"==> rigctl realtime {words[0]}", flush=True)
     return main(["realtime", *words])
-
-
-def _any_model(path: Path) -> Path:
-    """Return a model of either representation: calibration needs its ranges only."""
-    return model_path(path, SPEED_SCALED)
 
 
 def _recorded(

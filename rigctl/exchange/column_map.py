@@ -9,7 +9,7 @@ from pathlib import Path
 from rigctl.config.rig_config import LAYER_NAMES, MAX_TAXELS
 from rigctl.config.toml_reader import TomlTable, TomlText
 from rigctl.errors import ConfigError
-from rigctl.exchange.labels import SECONDS, LabelRules, read_label_rules, read_loadcell_unit
+from rigctl.exchange.labels import GRAMS, KPA, SECONDS, LabelRules, read_label_rules, read_unit
 from rigctl.session.sensor_layout import SensorLayout
 
 MIN_RATE_HZ, MAX_RATE_HZ = 1e-3, 1e7
@@ -109,7 +109,7 @@ def parse_map(text: TomlText, default_name: str) -> ImportMap:
         time_s=SECONDS[time.choice("unit", SECONDS, "s")],
         rate_hz=time.number("rate_hz", 0.0, unit="Hz", low=0, high=MAX_RATE_HZ),
         loadcell=loadcell.text("column", ""),
-        loadcell_factor=read_loadcell_unit(loadcell).factor,
+        loadcell_factor=read_unit(loadcell, "unit", GRAMS, "g", KPA, "area_mm2").factor,
         extra=extra,
         max_gap_s=quality.number("max_gap_s", 0.0, unit="s", low=0, high=1e6),
         outlier_sigma=quality.number("outlier_sigma", 12.0, low=3, high=1e6),

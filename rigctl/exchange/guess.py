@@ -37,6 +37,7 @@ from rigctl.protocol.fields import TEXTURE_BYTES
 SLASH = "/"
 _DATE_DIGITS, _WORD_LETTERS, _FIRST_REPEAT = 6, 3, 3
 _WITH_UNITS = ("speed", "force")
+_NUMERIC = (*_WITH_UNITS, "mount", "repeat")
 _SIGNED, _UNSIGNED = "-?", ""
 _TOKEN = (
     r"(?P<prefix>[^\W\d_]*)(?P<number>{sign}\d+(?:[.,]\d+)?)"
@@ -174,16 +175,16 @@ def _assign_texture(parts: Sequence[NamePart], left: list[str]) -> None:
     words = [part for part in parts if part.kind == "words"]
     coded = [p for p in parts if p.kind == "number" and p.prefix and p.varies and not p.role]
     labelled = any(part.role in _WITH_UNITS for part in parts)
-    same = [part for part in words if labelled and not _is_label_word(part.values[0])]
+    same = [
+        part
+        for part in words
+        if labelled and not first_role(part.values[0], (*_WITH_UNITS, "mount", "repeat"))
+    ]
     for part in [*(w for w in words if w.varies), *coded, *same][:1]:
         if part.kind == "number":
             part.values = tuple(f"{part.prefix}{value}{part.suffix}" for value in part.values)
             part.kind = "words"
         _take(part, "texture", left)
-
-
-def _is_label_word(text: str) -> bool:
-    return bool(first_role(text, _WITH_UNITS)) or bool(first_role(text, ("mount", "repeat")))
 
 
 def _take(part: NamePart, role: str, left: list[str]) -> str:
@@ -197,14 +198,14 @@ def _word_role(parts: Sequence[NamePart], index: int, left: Sequence[str]) -> st
     part, before = parts[index], ""
     if index >= 2 and parts[index - 1].kind == "mark" and parts[index - 2].kind == "words":
         before = "" if parts[index - 2].varies else parts[index - 2].values[0]
-    if part.prefix.lower() == "t" and "texture" in left and not _has_words(parts):
+    if (
+        part.prefix.lower() == "t"
+        and "texture" in left
+        and not any(part.kind == "words" and part.varies for part in parts)
+    ):
         return ""
     numeric = [role for role in (*_WITH_UNITS, "mount", "repeat") if role in left]
     return first_role(part.prefix or re.split(r"[\W_]", before)[-1], numeric)
-
-
-def _has_words(parts: Sequence[NamePart]) -> bool:
-    return any(part.kind == "words" and part.varies for part in parts)
 
 
 def _is_short(values: Sequence[str]) -> bool:

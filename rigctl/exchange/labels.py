@@ -45,22 +45,7 @@ class Conversion:
     unit: str = ""
 
 
-def read_speed_unit(labels: TomlTable) -> Conversion:
-    """Return the unit of speed labels. Raises ConfigError for ``rpm`` without a radius."""
-    return _read(labels, "speed_unit", MM_PER_S, "mm/s", RPM, "radius_mm")
-
-
-def read_force_unit(labels: TomlTable) -> Conversion:
-    """Return the unit of force labels. Raises ConfigError for ``kPa`` without an area."""
-    return _read(labels, "force_unit", LABEL_GRAMS, "g", KPA, "area_mm2")
-
-
-def read_loadcell_unit(loadcell: TomlTable) -> Conversion:
-    """Return the unit of the load cell. Raises ConfigError for ``kPa`` without an area."""
-    return _read(loadcell, "unit", GRAMS, "g", KPA, "area_mm2")
-
-
-def _read(
+def read_unit(
     table: TomlTable,
     key: str,
     factors: Mapping[str, float],
@@ -164,8 +149,8 @@ def read_label_rules(files: TomlTable, labels: TomlTable, textures: TomlTable) -
         speed_mm_s=labels.number("speed_mm_s", 0.0, unit="mm/s", low=0, high=MAX_SPEED_MM_S),
         force_g=labels.number("force_g", 0.0, unit="g", low=0, high=MAX_FORCE_G),
         mount=labels.integer("mount", 1, low=1, high=MAX_MOUNT),
-        speed=read_speed_unit(labels),
-        force=read_force_unit(labels),
+        speed=read_unit(labels, "speed_unit", MM_PER_S, "mm/s", RPM, "radius_mm"),
+        force=read_unit(labels, "force_unit", LABEL_GRAMS, "g", KPA, "area_mm2"),
     )
     _check_sources(rules, files, labels)
     for key, name in rules.renamed.items():

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 MAX_FILE_BYTES = 2**32
 MAX_LINE_LETTERS = 1_000_000
-MAX_LABELS = 100_000
 HEAD_ROWS = 3
 CHUNK_CELLS = 1_000_000
 NumberedRow = tuple[int, list[str]]
@@ -133,14 +132,10 @@ def _rows(path: Path, file: TextIO, form: TextFormat) -> Iterator[NumberedRow]:
 def count_header_rows(rows: Sequence[Sequence[str]], decimal: str = ".") -> int:
     """Return how many of the first three rows are a header: names, and units below them."""
     rows = [[cell.replace(decimal, ".") for cell in row] for row in rows]
-    has_units = len(rows) == HEAD_ROWS and _are_texts(rows[1]) and _has_names(rows[1], rows[2])
-    if has_units and _has_names(rows[0], rows[2]):
+    is_text = len(rows) == HEAD_ROWS and not any(cell and is_number(cell) for cell in rows[1])
+    if is_text and _has_names(rows[1], rows[2]) and _has_names(rows[0], rows[2]):
         return 2
     return int(bool(rows) and _has_names(rows[0], rows[1] if len(rows) > 1 else ()))
-
-
-def _are_texts(row: Sequence[str]) -> bool:
-    return not any(cell and is_number(cell) for cell in row)
 
 
 def _has_names(first: Sequence[str], second: Sequence[str]) -> bool:
@@ -253,14 +248,7 @@ class _Columns:
     def _place(self, line: int, column: int, text: str) -> float:
         """Return the place of a label's text among the different ones of its column."""
         places = self._texts[column]
-        if not text:
-            return np.nan
-        if len(places) == MAX_LABELS and text not in places:
-            raise WrongUse(
-                f"{self._path}, row {line}, column {shorten(self._names[column])}: more than "
-                f"{MAX_LABELS:,} different labels: this column has no labels"
-            )
-        return places.setdefault(text, len(places))
+        return places.setdefault(text, len(places)) if text else np.nan
 
     def _number(self, line: int, column: int, cell: str) -> float:
         number = cell.replace(self._form.decimal, ".")

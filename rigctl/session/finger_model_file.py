@@ -154,7 +154,9 @@ def _read(file: Hdf5File) -> FingerModel:
         sensor=file.text("sensor"),
         stages=_read_stages(file),
         training=read_training(file),
-        calibration=_read_calibration(file) if file.has("calibration") else None,
+        calibration=FingerCalibration(**read_arrays(file, "calibration", _CALIBRATION_ARRAYS))
+        if file.has("calibration")
+        else None,
     )
     _check_shapes(model)
     return model
@@ -164,10 +166,6 @@ def _read_stages(file: Hdf5File) -> tuple[Classifier, ...]:
     numbers = range(1, len(file.members("windows")) + 1)
     arrays = (read_arrays(file, _stage(number), _WINDOW_ARRAYS) for number in numbers)
     return tuple(Classifier(**each) for each in arrays)
-
-
-def _read_calibration(file: Hdf5File) -> FingerCalibration:
-    return FingerCalibration(**read_arrays(file, "calibration", _CALIBRATION_ARRAYS))
 
 
 def _check_shapes(model: FingerModel) -> None:

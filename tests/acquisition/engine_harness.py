@@ -75,7 +75,13 @@ def open_harness(
     folder: Path, seed: int = 3, rig_kind: str = "virtual", config: RigConfig | None = None
 ) -> Iterator[EngineHarness]:
     """Open an engine on a simulated rig that does not serve yet."""
-    rig = open_rig(rig_kind, seed=seed, paced=False, config=config)
+    with engine_on(open_rig(rig_kind, seed=seed, paced=False, config=config), folder) as harness:
+        yield harness
+
+
+@contextmanager
+def engine_on(rig: Rig, folder: Path) -> Iterator[EngineHarness]:
+    """Open an engine on a rig, and close both."""
     live = LiveWriter(folder / "live.ring", rig.config.taxels.count)
     engine = Engine(rig, live, lambda: "2026-01-02T03:04:05+00:00", real_time=False)
     try:

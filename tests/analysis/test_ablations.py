@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.analysis import published
+from rigctl.analysis import further_tasks
 from rigctl.analysis.comparisons import (
     Ablations,
     Agreement,
@@ -23,7 +23,7 @@ from rigctl.analysis.representations import REPRESENTATIONS
 from rigctl.analysis.splits import Design
 from rigctl.analysis.tasks import Curve, TaskResult
 
-TASKS = {task.key: task for task in published.TASKS}
+TASKS = {task.key: task for task in further_tasks.TASKS}
 BY_KEY = {r.key: r for r in REPRESENTATIONS}
 
 

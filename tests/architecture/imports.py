@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 CHECKOUT = Path(__file__).resolve().parents[2]
@@ -30,6 +31,7 @@ class Module:
         return self.path.name == "__init__.py"
 
 
+@cache
 def load_modules() -> dict[str, Module]:
     """Return every module by its dotted name."""
     paths = sorted(path for package in PACKAGES for path in (CHECKOUT / package).rglob("*.py"))

@@ -6,11 +6,9 @@ from tests.architecture import picture
 from tests.architecture.imports import CHECKOUT, import_cycles, import_graph, load_modules
 from tests.conftest import BEGUN_FIRST
 
-MODULES = load_modules()
-
 
 def test_modules_have_no_import_cycle() -> None:
-    assert import_cycles(import_graph(MODULES)) == []
+    assert import_cycles(import_graph(load_modules())) == []
 
 
 def test_an_import_cycle_is_found() -> None:
@@ -19,7 +17,7 @@ def test_an_import_cycle_is_found() -> None:
 
 
 def test_every_room_describes_its_contents_in_one_sentence() -> None:
-    silent = [str(m.path) for m in MODULES.values() if m.is_package and not m.summary]
+    silent = [str(m.path) for m in load_modules().values() if m.is_package and not m.summary]
     assert silent == []
 
 

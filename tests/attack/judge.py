@@ -60,6 +60,9 @@ States = tuple[State, State]
 TARES = (Command.TARE, Command.TARE_TURN)
 MOST_FORCE_G = 2000.0
 UNCOMMISSIONED_G = 300.0
+SHOCK_G = 200.0
+"""Before a reading of 150 g a touch may be a shock in the air; 3 mm/s · 18.5 ms later on the
+stiffest contact."""
 UNFELT_UM = 1000 + 6 * 18.5
 """Further travel where the cell stops feeling: 1 mm, and at 6 mm/s a sample and its delay
 (decision 0040)."""
@@ -81,8 +84,9 @@ class Judge:
 
     What no firmware can answer is left out:
 
-    * the force of a contact that began with a load cell that feels nothing, where no place of an
-      earlier contact bounds it, the cell reads as at its zero, and the board has to believe it.
+    * the force of a contact that began with a load cell that feels nothing, or no longer does
+      before it has felt more than a shock in the air, where no place of an earlier contact bounds
+      it, the cell reads as at its zero, and the board has to believe it.
       It reads so where it was broken when the zero was taken, and an ``is_balanced`` one always.
       The board has to believe it where it is commissioned, where the cell's wire came and went
       since the boot, which a finger does alike, and an ``is_balanced`` one that felt a finger;
@@ -144,7 +148,7 @@ class Judge:
         """Note how the bench is connected from now on."""
         before, self._circuit, self._is_whole = self._circuit, circuit, False
         self._cell_changes += bool(before.cell_gain) != bool(circuit.cell_gain)
-        if self.force_g <= 0:
+        if self.force_g < SHOCK_G:
             self._contact_is_blind = not circuit.cell_gain
         self._position_lied |= _position_lies(circuit)
         self._only_position_broke &= replace(circuit, **POSITION_AS_DRAWN) == AS_DRAWN

@@ -48,7 +48,7 @@ WIRE_CONTROLS = (
     ("loose-cell", "force", 258),
     ("bottomless", "force", 213),
     ("forgetful", "force", 259),
-    ("blind-push", "force", 749),
+    ("blind-push", "force", 4615),
     ("position-believed", "lift", 680),
 )
 """A firmware without a rule about wires, the judge's rule, and the first attack to try.

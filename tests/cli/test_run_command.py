@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -19,15 +18,8 @@ from rigctl.acquisition.rpc.messages import EngineStatus, RunStatus
 from rigctl.cli.run import _status_line
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
-
-ONE = """
-name = "one"
-textures = ["A"]
-speeds_mm_s = [120]
-forces_g = [500]
-repeats = 1
-"""
-LIMIT_S = 120
+from tests.cli.processes import LIMIT_S, ONE, finished, rigctl
+from tests.waiting import until
 
 
 @pytest.fixture(autouse=True)
@@ -38,16 +30,6 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "one.toml").write_text(ONE)
     (tmp_path / "many.toml").write_text(ONE.replace("repeats = 1", "repeats = 500"))
     return tmp_path
-
-
-def rigctl(*args: str) -> list[str]:
-    return [sys.executable, "-m", "rigctl", *args]
-
-
-def finished(*args: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        rigctl(*args), capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=LIMIT_S
-    )
 
 
 def test_a_board_that_is_not_commissioned_is_refused_before_anything_is_asked(place: Path) -> None:
@@ -74,10 +56,7 @@ def running() -> Iterator[subprocess.Popen[str]]:
 
 
 def the_engine() -> EngineFile:
-    engines = running_engines(runtime_folder())
-    while not engines:
-        engines = running_engines(runtime_folder())
-    return engines[0]
+    return until(lambda: running_engines(runtime_folder()))[0]
 
 
 def until_committed(n: int) -> tuple[str, int]:
@@ -103,9 +82,7 @@ def committed(folder: Path) -> list[int]:
 
 def on_disk(folder: Path) -> list[int]:
     """Return the trials that another process can read during the run, at least one."""
-    while not (found := committed(folder)):
-        pass
-    return found
+    return until(lambda: committed(folder))
 
 
 def test_run_leaves_a_complete_session_and_prints_its_path(place: Path) -> None:
@@ -210,8 +187,7 @@ def test_run_continues_without_its_client(place: Path, running: subprocess.Popen
     engine = client.engine_file
     client.request("abort", timeout_s=60)
     client.shut_down()
-    while running_engines(runtime_folder()):
-        pass
+    until(lambda: not running_engines(runtime_folder()))
     assert not Path(engine.live).exists()
     assert verify(place / "session").whole
 

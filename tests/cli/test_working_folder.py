@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 
 from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE, running_engines, runtime_folder
+from tests.waiting import until
 
 SCRIPT = """
 open(__file__ + ".ran", "w").close()
@@ -110,8 +111,7 @@ def test_the_window_its_reader_and_its_engine_import_no_script(
 ) -> None:
     words = [*program, "--rig", "virtual"]
     with subprocess.Popen(words, cwd=folder, env=environment()) as window:
-        while not running_engines(runtime_folder()) and window.poll() is None:
-            pass
+        until(lambda: running_engines(runtime_folder()) or window.poll() is not None)
         window.send_signal(signal.SIGTERM)
         assert window.wait(120) == 0
     assert imported(folder) == []

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,16 +15,10 @@ from gui.app import main as window
 from rigctl.cli import main
 from rigctl.session.session import Session
 from rigctl.wire.taxel_frames import FrameDecoder
+from tests.cli.processes import LIMIT_S, ONE, finished, rigctl
+from tests.waiting import until
 
-ONE = """
-name = "one"
-textures = ["A"]
-speeds_mm_s = [120]
-forces_g = [500]
-repeats = 1
-"""
 LAB = "start_mm = 100\ncircumference_mm = 420\n"
-LIMIT_S = 120
 
 
 @pytest.fixture(autouse=True)
@@ -45,16 +38,6 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name, text in texts.items():
         (tmp_path / f"{name}.toml").write_text(text)
     return tmp_path
-
-
-def rigctl(*args: str) -> list[str]:
-    return [sys.executable, "-m", "rigctl", *args]
-
-
-def finished(*args: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        rigctl(*args), capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=LIMIT_S
-    )
 
 
 def stored_world(folder: Path) -> dict[str, object]:
@@ -120,8 +103,7 @@ def test_run_stores_its_world_and_refuses_another_on_resume(place: Path) -> None
     with subprocess.Popen(
         rigctl(*arguments), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
     ) as process:
-        while not (session / "part-0001.h5").exists():
-            pass
+        until((session / "part-0001.h5").exists)
         process.send_signal(signal.SIGINT)
         assert process.wait(LIMIT_S) == 130
     before = sorted(path.name for path in session.iterdir())

@@ -107,39 +107,30 @@ def test_a_step_test_proposes_gains_and_restores_the_force(operator: Operator) -
     assert force_g[-200:].mean() == pytest.approx(300, rel=0.02)
 
 
-def test_proposed_gains_can_be_set_and_hold(operator: Operator) -> None:
-    async def main() -> None:
-        before = await operator.drum.get("gain_p", "gain_i")
-        await operator.reach(State.HOLD)
-        await operator.do(Command.TUNE)
-        found = await operator.drum.get("proposed_gain_p", "proposed_gain_i")
-        await operator.drum.set(gain_p=found["proposed_gain_p"], gain_i=found["proposed_gain_i"])
-        await press_and_turn(operator)
-        await operator.drum.set(**before)
-
-    operator.run(main())
+async def test_proposed_gains_can_be_set_and_hold(operator: Operator) -> None:
+    before = await operator.drum.get("gain_p", "gain_i")
+    await operator.reach(State.HOLD)
+    await operator.do(Command.TUNE)
+    found = await operator.drum.get("proposed_gain_p", "proposed_gain_i")
+    await operator.drum.set(gain_p=found["proposed_gain_p"], gain_i=found["proposed_gain_i"])
+    await press_and_turn(operator)
+    await operator.drum.set(**before)
 
 
-def test_a_lock_rests_the_actuator_while_the_drum_turns(operator: Operator) -> None:
-    async def main() -> None:
-        await operator.drum.set(force_mode=ForceMode.LOCK)
-        await operator.reach(State.HOLD)
-        await operator.watch(0.2)
-        operator.clear_record()
-        await operator.do(Command.RUN)
-
-    operator.run(main())
+async def test_a_lock_rests_the_actuator_while_the_drum_turns(operator: Operator) -> None:
+    await operator.drum.set(force_mode=ForceMode.LOCK)
+    await operator.reach(State.HOLD)
+    await operator.watch(0.2)
+    operator.clear_record()
+    await operator.do(Command.RUN)
     assert all(state.actuator_drive_permille == 0 for state in operator.states)
 
 
-def test_a_depth_is_reached_and_kept_while_the_drum_turns(operator: Operator) -> None:
-    async def main() -> None:
-        await operator.drum.set(force_mode=ForceMode.POSITION, depth_set_um=600)
-        await operator.reach(State.HOLD)
-        operator.clear_record()
-        await operator.do(Command.RUN)
-
-    operator.run(main())
+async def test_a_depth_is_reached_and_kept_while_the_drum_turns(operator: Operator) -> None:
+    await operator.drum.set(force_mode=ForceMode.POSITION, depth_set_um=600)
+    await operator.reach(State.HOLD)
+    operator.clear_record()
+    await operator.do(Command.RUN)
     contact_um = operator.states[-1].values["last_contact_um"]
     depths = [state.actuator_position_um - contact_um for state in operator.states]
     assert min(depths) > 500
@@ -172,78 +163,66 @@ def test_a_tare_over_a_turn_removes_the_imbalance(operator: Operator) -> None:
     operator.run(operator.drum.set(**dict.fromkeys(PLACE_NAMES, 0.0)))
 
 
-def test_a_run_in_without_room_for_settling_is_refused(operator: Operator) -> None:
-    async def main() -> None:
-        await operator.drum.set(speed_set=120.0, run_in_set=20.0)
-        await operator.reach(State.HOLD)
-        await refused(operator, Command.RUN)
-        await operator.drum.set(run_settle_ms=50)
-        await operator.do(Command.RUN)
-        await operator.drum.set(run_settle_ms=100)
-
-    operator.run(main())
+async def test_a_run_in_without_room_for_settling_is_refused(operator: Operator) -> None:
+    await operator.drum.set(speed_set=120.0, run_in_set=20.0)
+    await operator.reach(State.HOLD)
+    await refused(operator, Command.RUN)
+    await operator.drum.set(run_settle_ms=50)
+    await operator.do(Command.RUN)
+    await operator.drum.set(run_settle_ms=100)
 
 
 @pytest.mark.parametrize("absent", list(Signal), ids=lambda signal: signal.name)
-def test_each_optional_wire_may_be_missing(operator: Operator, absent: Signal) -> None:
-    async def main() -> None:
-        await rewired(operator, absent=[absent])
-        if absent is Signal.ESTOP:
-            operator.faults.press_estop()
-        await operator.reach(State.ARMED)
-        if absent is Signal.INDEX:
-            await refused(operator, Command.HOME)
-        runs = operator.states[-1].sync_count
-        await press_and_turn(operator)
-        assert operator.states[-1].sync_count == runs + 1
-
-    operator.run(main())
+async def test_each_optional_wire_may_be_missing(operator: Operator, absent: Signal) -> None:
+    await rewired(operator, absent=[absent])
+    if absent is Signal.ESTOP:
+        operator.faults.press_estop()
+    await operator.reach(State.ARMED)
+    if absent is Signal.INDEX:
+        await refused(operator, Command.HOME)
+    runs = operator.states[-1].sync_count
+    await press_and_turn(operator)
+    assert operator.states[-1].sync_count == runs + 1
     seen = bool(np.any(operator.flags & np.uint8(Flag.SYNC)))
     assert seen is (absent is not Signal.SYNC)
     if absent is Signal.POSITION:
         assert operator.states[-1].status_bits >> Status.END_UP & 1
 
 
-def test_every_optional_wire_may_be_inverted(operator: Operator) -> None:
-    async def main() -> None:
-        await rewired(operator, inverted=list(Signal))
-        operator.clear_record()
-        await operator.reach(State.ARMED)
-        await operator.do(Command.HOME)
-        await press_and_turn(operator)
-        operator.faults.press_estop()
-        await operator.watch(0.1)
-        assert (operator.state, operator.fault) == (State.FAULT_OFF, Fault.ESTOP)
-        operator.faults.release_estop()
-        await operator.watch(0.1)
-        await operator.do(Command.CLEAR)
-
-    operator.run(main())
+async def test_every_optional_wire_may_be_inverted(operator: Operator) -> None:
+    await rewired(operator, inverted=list(Signal))
+    operator.clear_record()
+    await operator.reach(State.ARMED)
+    await operator.do(Command.HOME)
+    await press_and_turn(operator)
+    operator.faults.press_estop()
+    await operator.watch(0.1)
+    assert (operator.state, operator.fault) == (State.FAULT_OFF, Fault.ESTOP)
+    operator.faults.release_estop()
+    await operator.watch(0.1)
+    await operator.do(Command.CLEAR)
     rows = np.flatnonzero(operator.flags & np.uint8(Flag.SYNC))
     assert abs(len(rows) - 500) <= 2
     np.testing.assert_array_equal(np.diff(rows), 1)
 
 
-def test_an_undeclared_inverted_emergency_stop_is_a_fault(operator: Operator) -> None:
-    async def main() -> None:
-        await operator.poll()
-        operator.faults.rewire(inverted=[Signal.ESTOP])
-        await operator.watch(0.1)
-        assert operator.fault is Fault.ESTOP
-        await refused(operator, Command.CLEAR)
-        with pytest.raises(CommandRefused, match="signal_polarity not set: lift the drum"):
-            await operator.drum.set(signal_polarity=1)
-        operator.faults.press_estop()  # closes the inverted input, so that settings may change
-        await operator.watch(0.1)
-        await operator.do(Command.CLEAR)
+async def test_an_undeclared_inverted_emergency_stop_is_a_fault(operator: Operator) -> None:
+    await operator.poll()
+    operator.faults.rewire(inverted=[Signal.ESTOP])
+    await operator.watch(0.1)
+    assert operator.fault is Fault.ESTOP
+    await refused(operator, Command.CLEAR)
+    with pytest.raises(CommandRefused, match="signal_polarity not set: lift the drum"):
         await operator.drum.set(signal_polarity=1)
-        await operator.watch(0.1)
-        await refused(operator, Command.CLEAR)
-        operator.faults.release_estop()
-        await operator.watch(0.1)
-        await operator.do(Command.CLEAR)
-
-    operator.run(main())
+    operator.faults.press_estop()  # closes the inverted input, so that settings may change
+    await operator.watch(0.1)
+    await operator.do(Command.CLEAR)
+    await operator.drum.set(signal_polarity=1)
+    await operator.watch(0.1)
+    await refused(operator, Command.CLEAR)
+    operator.faults.release_estop()
+    await operator.watch(0.1)
+    await operator.do(Command.CLEAR)
 
 
 def test_a_save_takes_a_byte_per_tick_and_power_loss_keeps_the_old_settings(
@@ -272,29 +251,24 @@ def test_a_save_takes_a_byte_per_tick_and_power_loss_keeps_the_old_settings(
     operator.run(main())
 
 
-def test_only_saved_settings_survive_a_reset(operator: Operator) -> None:
-    async def main() -> None:
-        await operator.reach(State.IDLE)
-        await operator.drum.set(gain_p=5.5, force_set=321.0, scale_ug_per_count=2399)
-        await operator.do(Command.SAVE)
-        await operator.drum.set(gain_p=9.0)
-        operator.faults.reset(DRUM)
-        await operator.lost(operator.poll)
-        await operator.drum.connect()
-        await operator.until_state(State.IDLE)
-        settings = await operator.drum.get(
-            "gain_p", "force_set", "scale_ug_per_count", "settings_from"
-        )
-        assert settings == pytest.approx(
-            {
-                "gain_p": 5.5,
-                "force_set": 321.0,
-                "scale_ug_per_count": 2399,
-                "settings_from": SettingsFrom.SAVED,
-            }
-        )
-        await operator.do(Command.DEFAULTS)
-        assert (await operator.drum.get("gain_p"))["gain_p"] == pytest.approx(6.0)
-        assert operator.states[-1].values["command_result"] == CommandResult.DONE
-
-    operator.run(main())
+async def test_only_saved_settings_survive_a_reset(operator: Operator) -> None:
+    await operator.reach(State.IDLE)
+    await operator.drum.set(gain_p=5.5, force_set=321.0, scale_ug_per_count=2399)
+    await operator.do(Command.SAVE)
+    await operator.drum.set(gain_p=9.0)
+    operator.faults.reset(DRUM)
+    await operator.lost(operator.poll)
+    await operator.drum.connect()
+    await operator.until_state(State.IDLE)
+    settings = await operator.drum.get("gain_p", "force_set", "scale_ug_per_count", "settings_from")
+    assert settings == pytest.approx(
+        {
+            "gain_p": 5.5,
+            "force_set": 321.0,
+            "scale_ug_per_count": 2399,
+            "settings_from": SettingsFrom.SAVED,
+        }
+    )
+    await operator.do(Command.DEFAULTS)
+    assert (await operator.drum.get("gain_p"))["gain_p"] == pytest.approx(6.0)
+    assert operator.states[-1].values["command_result"] == CommandResult.DONE

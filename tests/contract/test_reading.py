@@ -89,95 +89,76 @@ def words_out_of_range() -> list[tuple[str, int]]:
 
 
 @pytest.mark.parametrize(("name", "word"), words_out_of_range())
-def test_one_value_out_of_range_is_refused_and_nothing_changes(
+async def test_one_value_out_of_range_is_refused_and_nothing_changes(
     operator: Operator, name: str, word: int
 ) -> None:
-    async def main() -> None:
-        before = await operator.drum.modbus.read(*drum_registers.SETTINGS_BLOCK)
-        with pytest.raises(RequestRefused, match="a value is out of range") as refusal:
-            await operator.drum.modbus.write(BY_NAME[name].address, (word,))
-        assert refusal.value.code == 3
-        assert await operator.drum.modbus.read(*drum_registers.SETTINGS_BLOCK) == before
-
-    operator.run(main())
+    before = await operator.drum.modbus.read(*drum_registers.SETTINGS_BLOCK)
+    with pytest.raises(RequestRefused, match="a value is out of range") as refusal:
+        await operator.drum.modbus.write(BY_NAME[name].address, (word,))
+    assert refusal.value.code == 3
+    assert await operator.drum.modbus.read(*drum_registers.SETTINGS_BLOCK) == before
 
 
-def test_one_value_out_of_range_refuses_all_values(operator: Operator) -> None:
-    async def main() -> None:
-        before = await operator.drum.modbus.read(*drum_registers.SETTINGS_BLOCK)
-        address = BY_NAME["speed_set"].address
-        with pytest.raises(RequestRefused) as refusal:
-            await operator.drum.modbus.write(address, (6000, 2500, 1))
-        assert refusal.value.code == 3
-        assert await operator.drum.modbus.read(*drum_registers.SETTINGS_BLOCK) == before
-
-    operator.run(main())
+async def test_one_value_out_of_range_refuses_all_values(operator: Operator) -> None:
+    before = await operator.drum.modbus.read(*drum_registers.SETTINGS_BLOCK)
+    address = BY_NAME["speed_set"].address
+    with pytest.raises(RequestRefused) as refusal:
+        await operator.drum.modbus.write(address, (6000, 2500, 1))
+    assert refusal.value.code == 3
+    assert await operator.drum.modbus.read(*drum_registers.SETTINGS_BLOCK) == before
 
 
 @pytest.mark.parametrize("address", [0, 16, 115, 116, 141, 160, 415, 416, 60000])
-def test_writes_of_read_only_addresses_are_refused(operator: Operator, address: int) -> None:
-    async def main() -> None:
-        with pytest.raises(RequestRefused, match="no such register") as refusal:
-            await operator.drum.modbus.write(address, (1,))
-        assert refusal.value.code == 2
-
-    operator.run(main())
+async def test_writes_of_read_only_addresses_are_refused(operator: Operator, address: int) -> None:
+    with pytest.raises(RequestRefused, match="no such register") as refusal:
+        await operator.drum.modbus.write(address, (1,))
+    assert refusal.value.code == 2
 
 
-def test_unused_addresses_read_as_zero_and_those_beyond_the_end_fail(
+async def test_unused_addresses_read_as_zero_and_those_beyond_the_end_fail(
     operator: Operator,
 ) -> None:
-    async def main() -> None:
-        assert await operator.drum.modbus.read(14, 2) == [0, 0]
-        assert await operator.drum.modbus.read(115, 1) == [0]
-        assert await operator.drum.modbus.read(141, 19) == [0] * 19
-        assert len(await operator.drum.modbus.read(drum_registers.END - 2, 2)) == 2
-        for address, count in ((drum_registers.END, 1), (drum_registers.END - 1, 2)):
-            with pytest.raises(RequestRefused) as refusal:
-                await operator.drum.modbus.read(address, count)
-            assert refusal.value.code == 2
-
-    operator.run(main())
+    assert await operator.drum.modbus.read(14, 2) == [0, 0]
+    assert await operator.drum.modbus.read(115, 1) == [0]
+    assert await operator.drum.modbus.read(141, 19) == [0] * 19
+    assert len(await operator.drum.modbus.read(drum_registers.END - 2, 2)) == 2
+    for address, count in ((drum_registers.END, 1), (drum_registers.END - 1, 2)):
+        with pytest.raises(RequestRefused) as refusal:
+            await operator.drum.modbus.read(address, count)
+        assert refusal.value.code == 2
 
 
 @pytest.mark.parametrize(
     "command",
     [Command.MOVE, Command.APPROACH, Command.RUN, Command.RETRACT, Command.CLEAR, Command.HOME],
 )
-def test_a_command_not_allowed_in_idle_is_refused(operator: Operator, command: Command) -> None:
-    async def main() -> None:
-        await operator.poll()
-        before = operator.states[-1]
-        with pytest.raises(CommandRefused, match=f"refused {command.name} in state IDLE"):
-            await operator.drum.command(command)
-        after = await operator.poll()
-        assert (after.state, after.fault) == (State.IDLE, 0)
-        assert after.values["command_acknowledged"] == before.values["command_acknowledged"]
+async def test_a_command_not_allowed_in_idle_is_refused(
+    operator: Operator, command: Command
+) -> None:
+    await operator.poll()
+    before = operator.states[-1]
+    with pytest.raises(CommandRefused, match=f"refused {command.name} in state IDLE"):
+        await operator.drum.command(command)
+    after = await operator.poll()
+    assert (after.state, after.fault) == (State.IDLE, 0)
+    assert after.values["command_acknowledged"] == before.values["command_acknowledged"]
 
-    operator.run(main())
 
-
-def test_a_command_with_a_repeated_sequence_is_executed_once(operator: Operator) -> None:
-    async def main() -> None:
-        sequence = operator.drum._next_sequence()
-        for _ in range(2):
-            await operator.drum.modbus.write(BY_NAME["command"].address, (Command.ARM, sequence))
-        await operator.until_state(State.ARMED)
+async def test_a_command_with_a_repeated_sequence_is_executed_once(operator: Operator) -> None:
+    sequence = operator.drum._next_sequence()
+    for _ in range(2):
         await operator.drum.modbus.write(BY_NAME["command"].address, (Command.ARM, sequence))
-        assert (await operator.poll()).state == State.ARMED
-        await operator.do(Command.DISARM)
+    await operator.until_state(State.ARMED)
+    await operator.drum.modbus.write(BY_NAME["command"].address, (Command.ARM, sequence))
+    assert (await operator.poll()).state == State.ARMED
+    await operator.do(Command.DISARM)
 
-    operator.run(main())
 
-
-def test_an_idle_rig_has_no_force_and_no_fault(operator: Operator) -> None:
-    async def main() -> None:
-        state = await operator.poll()
-        assert state.status_bits >> Status.ESTOP_CLOSED & 1
-        assert not state.status_bits >> Status.SYNC_HIGH & 1
-        assert (state.speed_mm_s, state.actuator_drive_permille, state.fault_bits) == (0.0, 0, 0)
-
-    operator.run(main())
+async def test_an_idle_rig_has_no_force_and_no_fault(operator: Operator) -> None:
+    state = await operator.poll()
+    assert state.status_bits >> Status.ESTOP_CLOSED & 1
+    assert not state.status_bits >> Status.SYNC_HIGH & 1
+    assert (state.speed_mm_s, state.actuator_drive_permille, state.fault_bits) == (0.0, 0, 0)
 
 
 def test_frames_arrive_at_the_boards_1000_hz_without_loss(operator: Operator) -> None:
@@ -203,15 +184,12 @@ def test_frames_arrive_at_the_boards_1000_hz_without_loss(operator: Operator) ->
     assert abs(status.sample_counter - last) <= 100
 
 
-def test_every_load_cell_sample_arrives_once_at_slow_polls_too(operator: Operator) -> None:
-    async def main() -> None:
-        operator.clear_record()
-        for pause_s in (0.02, 0.04, 0.1, 0.3, 0.7, 0.04, 0.6):
-            await operator.poll()
-            await asyncio.sleep(pause_s)
+async def test_every_load_cell_sample_arrives_once_at_slow_polls_too(operator: Operator) -> None:
+    operator.clear_record()
+    for pause_s in (0.02, 0.04, 0.1, 0.3, 0.7, 0.04, 0.6):
         await operator.poll()
-
-    operator.run(main())
+        await asyncio.sleep(pause_s)
+    await operator.poll()
     heard = [sample for state in operator.states for sample in state.loadcell]
     numbers = [sample.sequence for sample in heard]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
@@ -221,12 +199,9 @@ def test_every_load_cell_sample_arrives_once_at_slow_polls_too(operator: Operato
     assert periods_us.min() > 9_000
 
 
-def test_the_boards_clock_has_the_error_of_its_resonator(operator: Operator) -> None:
-    async def main() -> None:
-        operator.clear_record()
-        await operator.watch(4.0)
-
-    operator.run(main())
+async def test_the_boards_clock_has_the_error_of_its_resonator(operator: Operator) -> None:
+    operator.clear_record()
+    await operator.watch(4.0)
     first, last = operator.states[0], operator.states[-1]
     ppm = ((last.board_time_us - first.board_time_us) / (last.at_s - first.at_s) / 1e6 - 1) * 1e6
     assert abs(ppm - operator.clocks_ppm["drum"]) < 400

@@ -15,7 +15,7 @@ from rigctl.values import Block
 from rigctl.wire import taxel_frames
 from rigctl.wire.drum_registers import BOARD_TAXELS, MAGIC
 from rigctl.wire.taxel_frames import SelfTest
-from tests.devices.memory_link import JumpingLoop, MemoryLink, run
+from tests.devices.memory_link import JumpingLoop, MemoryLink
 from tests.wire import taxel_encoder
 
 IDENTITY = taxel_frames.TaxelIdentity(
@@ -96,33 +96,29 @@ def unconnected_board(
     return taxels, board, link, Listener(taxels)
 
 
-def test_connecting_to_a_board_that_has_run_for_hours_gives_its_whole_counter() -> None:
-    async def main(loop: JumpingLoop) -> None:
-        taxels, _, _, listener = unconnected_board(loop, counter=5_000_000)
-        identity = await taxels.connect()
-        assert (identity.board, identity.firmware_version) == ("taxels", "1.2")
-        await asyncio.sleep(1.0)
-        first = listener.counters[0]
-        assert 5_000_000 < first < 5_000_300
-        assert listener.counters == list(range(first, first + len(listener.counters)))
-        assert taxels.counters.frames == len(listener.counters) > 900
-        assert taxels.counters.lost == taxels.counters.rejected_frames == 0
-        assert taxels.status is not None
-        assert taxels.status.supply_mv == 5012
-        taxels.close()
+async def test_connecting_to_a_board_that_has_run_for_hours_gives_its_whole_counter(
+    loop: JumpingLoop,
+) -> None:
+    taxels, _, _, listener = unconnected_board(loop, counter=5_000_000)
+    identity = await taxels.connect()
+    assert (identity.board, identity.firmware_version) == ("taxels", "1.2")
+    await asyncio.sleep(1.0)
+    first = listener.counters[0]
+    assert 5_000_000 < first < 5_000_300
+    assert listener.counters == list(range(first, first + len(listener.counters)))
+    assert taxels.counters.frames == len(listener.counters) > 900
+    assert taxels.counters.lost == taxels.counters.rejected_frames == 0
+    assert taxels.status is not None
+    assert taxels.status.supply_mv == 5012
+    taxels.close()
 
-    run(main)
 
-
-def test_a_stream_without_an_identity_is_refused() -> None:
-    async def main(loop: JumpingLoop) -> None:
-        taxels, board, link, _ = unconnected_board(loop)
-        board.identity = None
-        with pytest.raises(WrongBoard, match="no complete reply from a taxel board"):
-            await taxels.connect()
-        assert not link.is_open
-
-    run(main)
+async def test_a_stream_without_an_identity_is_refused(loop: JumpingLoop) -> None:
+    taxels, board, link, _ = unconnected_board(loop)
+    board.identity = None
+    with pytest.raises(WrongBoard, match="no complete reply from a taxel board"):
+        await taxels.connect()
+    assert not link.is_open
 
 
 @pytest.mark.parametrize(
@@ -134,138 +130,118 @@ def test_a_stream_without_an_identity_is_refused() -> None:
         ({"n_taxels": 16}, "sends 16 taxels, rig.toml describes 18: correct .*`rigctl flash"),
     ],
 )
-def test_another_board_or_firmware_is_refused(change: dict[str, int], sentence: str) -> None:
-    async def main(loop: JumpingLoop) -> None:
-        taxels, board, _, _ = unconnected_board(loop, array=TaxelArray())
-        board.identity = replace(IDENTITY, **change)
-        with pytest.raises(WrongBoard, match=sentence):
-            await taxels.connect()
-
-    run(main)
-
-
-def test_nobody_there_is_said_in_time() -> None:
-    async def main(loop: JumpingLoop) -> None:
-        taxels, board, link, _ = unconnected_board(loop)
-        board.silent = True
-        with pytest.raises(LinkLost, match="no taxel board answered within 4 s"):
-            await taxels.connect()
-        assert loop.time() < 5
-        board.silent = False
+async def test_another_board_or_firmware_is_refused(
+    loop: JumpingLoop, change: dict[str, int], sentence: str
+) -> None:
+    taxels, board, _, _ = unconnected_board(loop, array=TaxelArray())
+    board.identity = replace(IDENTITY, **change)
+    with pytest.raises(WrongBoard, match=sentence):
         await taxels.connect()
-        link.unplug()
-        with pytest.raises(LinkLost, match="no such port"):
-            await taxels.connect()
-
-    run(main)
 
 
-def test_silence_is_reported_within_0_3_s() -> None:
-    async def main(loop: JumpingLoop) -> None:
-        taxels, board, link, listener = unconnected_board(loop)
+async def test_nobody_there_is_said_in_time(loop: JumpingLoop) -> None:
+    taxels, board, link, _ = unconnected_board(loop)
+    board.silent = True
+    with pytest.raises(LinkLost, match="no taxel board answered within 4 s"):
         await taxels.connect()
-        await asyncio.sleep(0.5)
-        board.silent, silent_s = True, loop.time()
-        await asyncio.sleep(1.0)
-        ((at_s, fault),) = listener.faults
-        assert isinstance(fault, LinkLost)
-        assert at_s - silent_s < 0.3
-        assert not link.is_open
-
-    run(main)
-
-
-def test_an_unplug_is_reported_and_the_gap_is_counted_after_the_replug() -> None:
-    async def main(loop: JumpingLoop) -> None:
-        taxels, _, link, listener = unconnected_board(loop)
+    assert loop.time() < 5
+    board.silent = False
+    await taxels.connect()
+    link.unplug()
+    with pytest.raises(LinkLost, match="no such port"):
         await taxels.connect()
-        await asyncio.sleep(0.5)
-        link.unplug()
-        assert [str(fault) for _, fault in listener.faults] == ["/dev/taxels: the port vanished"]
-        last = listener.counters[-1]
-        await asyncio.sleep(100.0)
-        link.plugged = True
-        await taxels.connect()
-        await asyncio.sleep(0.3)
-        assert not taxels.rebooted
-        (gap,) = [gap for block in listener.blocks for gap in block.gaps]
-        assert gap.first_counter == last + 1
-        assert (
-            gap.count == listener.counters[listener.counters.index(last) + 1] - last - 1 > 100_000
-        )
-        assert taxels.counters.lost == gap.count
-        taxels.close()
-
-    run(main)
 
 
-def test_a_restart_of_the_board_is_reported_with_and_without_a_replug() -> None:
-    async def main(loop: JumpingLoop) -> None:
-        taxels, board, link, listener = unconnected_board(loop)
-        await taxels.connect()
-        await asyncio.sleep(0.5)
-        board.reboot()
-        await asyncio.sleep(0.5)
-        assert [type(fault) for _, fault in listener.faults] == [BoardRebooted]
-        assert taxels.counters.lost == 0
-        link.unplug()
-        board.reboot()
-        link.plugged = True
-        await taxels.connect()
-        assert taxels.rebooted
-        taxels.close()
-
-    run(main)
+async def test_silence_is_reported_within_0_3_s(loop: JumpingLoop) -> None:
+    taxels, board, link, listener = unconnected_board(loop)
+    await taxels.connect()
+    await asyncio.sleep(0.5)
+    board.silent, silent_s = True, loop.time()
+    await asyncio.sleep(1.0)
+    ((at_s, fault),) = listener.faults
+    assert isinstance(fault, LinkLost)
+    assert at_s - silent_s < 0.3
+    assert not link.is_open
 
 
-def test_a_failing_consumer_is_reported_and_the_others_continue() -> None:
-    async def main(loop: JumpingLoop) -> None:
-        taxels, _, _, listener = unconnected_board(loop)
-
-        def fails(block: Block) -> None:
-            raise KeyError("oops")
-
-        taxels.on_block(fails)
-        await taxels.connect()
-        await asyncio.sleep(0.5)
-        assert [str(fault) for _, fault in listener.faults] == [
-            "/dev/taxels: a consumer of samples failed: KeyError('oops')"
-        ]
-        assert len(listener.counters) > 400
-        taxels.close()
-
-    run(main)
-
-
-def test_samples_come_in_the_sensors_order_and_polarity() -> None:
-    async def main(loop: JumpingLoop) -> None:
-        wiring = (5, 0, 1, 2, 3, 4, *range(17, 5, -1))
-        array = TaxelArray(wiring=wiring, pressure_raises=False)
-        taxels, _, _, listener = unconnected_board(loop, array=array)
-        await taxels.connect()
-        await asyncio.sleep(0.3)
-        block = listener.blocks[-1]
-        wired = (block.counters[:, None] + np.array(wiring)) % 1024
-        assert np.array_equal(block.samples, 1023 - wired)
-        assert block.samples.dtype == np.uint16 and block.samples.flags.c_contiguous
-        taxels.close()
-
-    run(main)
+async def test_an_unplug_is_reported_and_the_gap_is_counted_after_the_replug(
+    loop: JumpingLoop,
+) -> None:
+    taxels, _, link, listener = unconnected_board(loop)
+    await taxels.connect()
+    await asyncio.sleep(0.5)
+    link.unplug()
+    assert [str(fault) for _, fault in listener.faults] == ["/dev/taxels: the port vanished"]
+    last = listener.counters[-1]
+    await asyncio.sleep(100.0)
+    link.plugged = True
+    await taxels.connect()
+    await asyncio.sleep(0.3)
+    assert not taxels.rebooted
+    (gap,) = [gap for block in listener.blocks for gap in block.gaps]
+    assert gap.first_counter == last + 1
+    assert gap.count == listener.counters[listener.counters.index(last) + 1] - last - 1 > 100_000
+    assert taxels.counters.lost == gap.count
+    taxels.close()
 
 
-def test_the_outcome_of_a_self_test_is_received_and_requested() -> None:
-    async def main(loop: JumpingLoop) -> None:
-        taxels, board, _, _ = unconnected_board(loop)
-        told: list[SelfTest] = []
-        taxels.on_self_test(told.append)
-        await taxels.connect()
-        assert taxels.self_test == board.tested
-        assert taxels.findings == ["line D5 stays low: it is connected to ground; free it"]
-        assert (await taxels.test()).count == 2
-        assert [test.count for test in told] == [1, 2]
-        board.silent = True
-        with pytest.raises(LinkLost, match="no outcome of its self-test"):
-            await taxels.test()
-        taxels.close()
+async def test_a_restart_of_the_board_is_reported_with_and_without_a_replug(
+    loop: JumpingLoop,
+) -> None:
+    taxels, board, link, listener = unconnected_board(loop)
+    await taxels.connect()
+    await asyncio.sleep(0.5)
+    board.reboot()
+    await asyncio.sleep(0.5)
+    assert [type(fault) for _, fault in listener.faults] == [BoardRebooted]
+    assert taxels.counters.lost == 0
+    link.unplug()
+    board.reboot()
+    link.plugged = True
+    await taxels.connect()
+    assert taxels.rebooted
+    taxels.close()
 
-    run(main)
+
+async def test_a_failing_consumer_is_reported_and_the_others_continue(loop: JumpingLoop) -> None:
+    taxels, _, _, listener = unconnected_board(loop)
+
+    def fails(block: Block) -> None:
+        raise KeyError("oops")
+
+    taxels.on_block(fails)
+    await taxels.connect()
+    await asyncio.sleep(0.5)
+    assert [str(fault) for _, fault in listener.faults] == [
+        "/dev/taxels: a consumer of samples failed: KeyError('oops')"
+    ]
+    assert len(listener.counters) > 400
+    taxels.close()
+
+
+async def test_samples_come_in_the_sensors_order_and_polarity(loop: JumpingLoop) -> None:
+    wiring = (5, 0, 1, 2, 3, 4, *range(17, 5, -1))
+    array = TaxelArray(wiring=wiring, pressure_raises=False)
+    taxels, _, _, listener = unconnected_board(loop, array=array)
+    await taxels.connect()
+    await asyncio.sleep(0.3)
+    block = listener.blocks[-1]
+    wired = (block.counters[:, None] + np.array(wiring)) % 1024
+    assert np.array_equal(block.samples, 1023 - wired)
+    assert block.samples.dtype == np.uint16 and block.samples.flags.c_contiguous
+    taxels.close()
+
+
+async def test_the_outcome_of_a_self_test_is_received_and_requested(loop: JumpingLoop) -> None:
+    taxels, board, _, _ = unconnected_board(loop)
+    told: list[SelfTest] = []
+    taxels.on_self_test(told.append)
+    await taxels.connect()
+    assert taxels.self_test == board.tested
+    assert taxels.findings == ["line D5 stays low: it is connected to ground; free it"]
+    assert (await taxels.test()).count == 2
+    assert [test.count for test in told] == [1, 2]
+    board.silent = True
+    with pytest.raises(LinkLost, match="no outcome of its self-test"):
+        await taxels.test()
+    taxels.close()

@@ -40,6 +40,16 @@ _SWAPPED: Edit = (
     "void drive(int16_t permille) {\n    permille = -permille;\n",
 )
 
+# The upper switch is believed alone, where no zero of the load cell contradicts it.
+_SWITCH_ALONE: list[Edit] = [
+    (
+        "signals.h",
+        "return says_top() && (reads_position() ? !far_from_top() : left_top_);",
+        "return says_top();",
+    ),
+    ("signals.h", " || apart_ms_ >= BROKEN_MS;", ";"),
+]
+
 BROKEN: dict[str, dict[str, list[Edit]]] = {
     "drum": {
         "hangs": [HANGS],
@@ -81,15 +91,7 @@ BROKEN: dict[str, dict[str, list[Edit]]] = {
                 "    if (sensor_.reads_contact()) return false;\n",
             )
         ],
-        # The upper switch is believed alone, where no zero of the load cell contradicts it.
-        "switch-alone": [
-            (
-                "signals.h",
-                "return says_top() && (reads_position() ? !far_from_top() : left_top_);",
-                "return says_top();",
-            ),
-            ("signals.h", " || apart_ms_ >= BROKEN_MS;", ";"),
-        ],
+        "switch-alone": _SWITCH_ALONE,
         "blind-push": [
             (
                 "contact_watch.cpp",
@@ -162,8 +164,10 @@ BROKEN: dict[str, dict[str, list[Edit]]] = {
                 "lifting_ms >= LIFT_TIME_MS",
             )
         ],
+        # Both ends together are the upper one, which no other wire has to support.
         "both-ends-believed": [
-            ("signals.h", "return end_up() && !end_down();", "return end_up();")
+            *_SWITCH_ALONE,
+            ("signals.h", "return end_up() && !end_down();", "return end_up();"),
         ],
         "tare-in-contact": [
             (

@@ -206,7 +206,8 @@ current limit or a mechanical stop has to bound the force
 - *The bridge's enable is stuck high, or the bridge is shorted:* the board no longer switches it.
 - *Neither contact of the emergency stop works*, such as a bridged first contact and a second one
   that is not in the supply: nothing tells the board or cuts the supply.
-- *The load cell feels nothing before the first contact of a board that knows no place of one:*
+- *The load cell feels nothing before the first contact of a board that knows no place of one, or no
+  more from its first touch on, which may have been a shock:*
   commissioned by hand without the set-up's press, or with a potentiometer that shows a wrong place.
 - *A loose contact of the load cell that comes and goes as a finger would*, or a cell that breaks
   between the finger and the first contact and then reads within 30 g of what it read before.

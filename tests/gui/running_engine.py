@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.acquisition.rpc.client import EngineClient
+from tests.waiting import until
 
 
 def ridges(name: str, repeats: int, *, texture: str = "D", speed_mm_s: float = 120) -> str:
@@ -25,13 +26,11 @@ def start_protocol(folder: Path) -> EngineClient:
     protocol.write_text(LONG)
     words = ["--protocol", str(protocol), "--out", str(folder / "session"), "--yes"]
     engine = EngineClient.start("virtual", paced=True, run=words)
-    while engine.request("status")["run"]["state"] != "running":
-        pass
+    until(lambda: engine.request("status")["run"]["state"] == "running")
     return engine
 
 
 def wait_ended(engine: EngineClient) -> dict[str, Any]:
     """Wait for the end of the run; return its last status."""
-    while (run := engine.request("status")["run"])["state"] not in ("done", "aborted", "failed"):
-        pass
-    return dict(run)
+    until(lambda: engine.request("status")["run"]["state"] in ("done", "aborted", "failed"))
+    return dict(engine.request("status")["run"])

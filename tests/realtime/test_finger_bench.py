@@ -244,11 +244,11 @@ def refusal(place: Path, port: str) -> RigctlError:
 
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Give boards half a second to answer."""
-    monkeypatch.setattr("rigctl.devices.finger.CONNECT_TIMEOUT_S", 0.5)
-    monkeypatch.setattr("rigctl.devices.taxels.CONNECT_TIMEOUT_S", 0.5)
+    """Give boards two seconds to answer."""
+    monkeypatch.setattr("rigctl.devices.finger.CONNECT_TIMEOUT_S", 2.0)
+    monkeypatch.setattr("rigctl.devices.taxels.CONNECT_TIMEOUT_S", 2.0)
     monkeypatch.setattr("rigctl.devices.boot_silence.AFTER_OPEN_S", 0.3)
-    monkeypatch.setattr("rigctl.devices.boot_silence.ASK_S", 0.5)
+    monkeypatch.setattr("rigctl.devices.boot_silence.ASK_S", 2.0)
 
 
 @pytest.mark.usefixtures("impatient")

@@ -107,7 +107,7 @@ def test_mbpoll_reads_the_identity(boards: Boards) -> None:
 
 
 def test_pymodbus_reads_over_the_terminal(boards: Boards) -> None:
-    client: Any = ModbusSerialClient(boards["drum"]["pty"], baudrate=115200, timeout=5)
+    client: Any = ModbusSerialClient(boards["drum"]["pty"], baudrate=115200, timeout=DEADLINE_S)
     assert client.connect()
     assert client.read_holding_registers(0, count=1, device_id=1).registers == [MAGIC]
     client.close()
@@ -121,7 +121,7 @@ def test_wirings_are_served_and_an_unknown_one_is_refused(
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         port = json.loads(process.stdout.readline())["drum"]["pty"]
-        client: Any = ModbusSerialClient(port, baudrate=115200, timeout=5)
+        client: Any = ModbusSerialClient(port, baudrate=115200, timeout=DEADLINE_S)
         assert client.connect()
         entry = BY_NAME["actuator_position_um"]
         (position_um,) = client.read_holding_registers(entry.address, device_id=1).registers
@@ -137,7 +137,9 @@ def test_wirings_are_served_and_an_unknown_one_is_refused(
 def test_pymodbus_reads_over_tcp(boards: Boards) -> None:
     async def read() -> list[int]:
         host, port = boards["drum"]["tcp"].split(":")
-        client = AsyncModbusTcpClient(host, port=int(port), framer=FramerType.RTU, timeout=5)
+        client = AsyncModbusTcpClient(
+            host, port=int(port), framer=FramerType.RTU, timeout=DEADLINE_S
+        )
         await client.connect()
         reply = await client.read_holding_registers(16, count=40, device_id=1)
         client.close()

@@ -22,7 +22,7 @@ from rigctl.wire.drum_registers import BY_NAME, POLL_BLOCK, UNIT, pack_value
 from tests.simulation.host import framed
 
 SEED = 5
-NEAR = WorldParameters(contact_mm=10.0, actuator_start_mm=8.0, start_mm=190.0)
+NEAR = WorldParameters(contact_mm=10.0, actuator_start_mm=4.0, start_mm=190.0)
 TRAVEL_MM = NEAR.actuator_travel_mm
 ON_VIRTUAL = [w.name for w in WIRINGS.values() if w.reaches == "both builds"]
 BY_A_PERSON = [w.name for w in WIRINGS.values() if w.reaches == "a person"]
@@ -60,8 +60,8 @@ REQUESTS = {
     2350: command(4, Command.MOVE),
     5500: write("move_target", 6400),
     5550: command(5, Command.MOVE),
-    6500: command(6, Command.APPROACH),
-    8700: command(7, Command.RUN),
+    6200: command(6, Command.APPROACH),
+    9200: command(7, Command.RUN),
 }
 """A host that arms, turns the drum past two places of the index and back, presses and runs."""
 REQUESTS |= {at: poll(at // 50) for at in range(210, int(END_S * 1000), 50)}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,7 @@ from rigctl.analysis.finger.classifier import COVERAGE
 from rigctl.analysis.movies import (
     FRAME_S,
     Movie,
-    Pixels,
     Progress,
-    draw_pixels,
     new_movie_figure,
     write_clock,
     write_head,
@@ -32,13 +30,12 @@ from rigctl.session.finger_layout import spike_counts
 from rigctl.session.finger_session import FingerSession
 from rigctl.session.header import SessionHeader
 from rigctl.session.sensor_layout import SensorLayout
-from rigctl.simulation.bench.textures import CATALOGUE, find_texture, printed_heights
+from rigctl.simulation.bench.textures import find_texture, plate_names, printed_heights
 from rigctl.simulation.bench.world_file import world_from_header
 from rigctl.values import SAMPLE_RATE_HZ, Verdict
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
 CELL_MM = 0.25
@@ -83,13 +80,13 @@ def plate_relief(header: SessionHeader, texture: str, path: Path) -> PlateRelief
 
     It is not on a real rig, and not in the world of another version of rigctl.
     """
-    if not header.simulated or texture not in CATALOGUE:
+    if not header.simulated:
         return None
     try:
         world = world_from_header(header.simulation, path)
     except SessionError:
         return None
-    if world is None:
+    if world is None or texture not in plate_names(world.parameters):
         return None
     plate = find_texture(texture, world.parameters)
     along_mm = np.arange(0.0, PLATE_MM, CELL_MM) + CELL_MM / 2
@@ -283,13 +280,6 @@ def _distance_mm(timeline: ScanTimeline, at_s: float) -> float:
     until_s = float(np.clip(at_s, 0.0, timeline.duration_s))
     here, start = np.interp([until_s, 0.0], timeline.track_s, timeline.along_mm)
     return float(here - start)
-
-
-class MoviePanel(Protocol):
-    """A part of the picture."""
-
-    def update(self, frame: MovieFrame) -> None:
-        """Show a frame."""
 
 
 class PlatePanel:
@@ -563,32 +553,6 @@ def doubt_words(answer: PredictionRow) -> str:
     return f"{COVERAGE:.0%} set: {names}" + (" · sure enough to decide" if answer.decided else "")
 
 
-class MovieFigure:
-    """The figure of a scan; :meth:`show` sets one moment of it, :meth:`draw` draws it."""
-
-    def __init__(self, timeline: ScanTimeline) -> None:
-        import matplotlib as mpl
-
-        self.figure = new_movie_figure(SIZE_IN)
-        with mpl.rc_context(STYLE):
-            self._panels = _panels(self.figure, timeline)
-        texts = title_of(timeline), words_of(timeline), foot_of(timeline)
-        write_head(self.figure, *texts, timeline.simulated)
-        self._clock = write_clock(self.figure)
-
-    def show(self, frame: MovieFrame) -> None:
-        """Set what the next drawing shows."""
-        for panel in self._panels:
-            panel.update(frame)
-        self._clock.set_text(f"{frame.scan_s:.2f} s   {frame.distance_mm:.0f} mm")
-        show_dollars(self.figure)
-
-    def draw(self, frame: MovieFrame) -> Pixels:
-        """Draw a frame; return its pixels, uint8 (height, width, 3), valid until the next one."""
-        self.show(frame)
-        return draw_pixels(self.figure)
-
-
 def title_of(timeline: ScanTimeline) -> str:
     """Return the plate of a scan, with its texture where it is known."""
     relief = timeline.relief
@@ -613,30 +577,38 @@ def foot_of(timeline: ScanTimeline) -> str:
     )
 
 
-def _panels(figure: Figure, timeline: ScanTimeline) -> tuple[MoviePanel, ...]:
-    add: Any = figure.add_axes
-    return (
-        PlatePanel(add(PLATE), timeline),
-        ReadingsPanel(add(READINGS), timeline),
-        VelocityPanel(add(VELOCITY), timeline),
-        SpikesPanel(add(SPIKES), timeline),
-        FeaturesPanel(add(FEATURES), timeline),
-        AnswerPanel(add(ANSWER), add(BARS), timeline),
-    )
-
-
 def write_movie(timeline: ScanTimeline, out: Path, progress: Progress) -> None:
     """Write a movie in real time, or for ``.png`` its last frame.
 
     Raises as :func:`rigctl.analysis.movies.write_movie_file` does.
     """
-    write_movie_file(partial(_movie, timeline), out, progress)
+    write_movie_file(partial(scan_movie, timeline), out, progress)
 
 
-def _movie(timeline: ScanTimeline) -> Movie:
-    times, figure = frame_times(timeline), MovieFigure(timeline)
+def scan_movie(timeline: ScanTimeline) -> Movie:
+    """Return the movie of a scan, in real time."""
+    import matplotlib as mpl
+
+    figure, times = new_movie_figure(SIZE_IN), frame_times(timeline)
+    add: Any = figure.add_axes
+    with mpl.rc_context(STYLE):
+        panels = (
+            PlatePanel(add(PLATE), timeline),
+            ReadingsPanel(add(READINGS), timeline),
+            VelocityPanel(add(VELOCITY), timeline),
+            SpikesPanel(add(SPIKES), timeline),
+            FeaturesPanel(add(FEATURES), timeline),
+            AnswerPanel(add(ANSWER), add(BARS), timeline),
+        )
+    texts = title_of(timeline), words_of(timeline), foot_of(timeline)
+    write_head(figure, *texts, timeline.simulated)
+    clock = write_clock(figure)
 
     def set_frame(number: int) -> None:
-        figure.show(frame_at(timeline, float(times[number])))
+        frame = frame_at(timeline, float(times[number]))
+        for panel in panels:
+            panel.update(frame)
+        clock.set_text(f"{frame.scan_s:.2f} s   {frame.distance_mm:.0f} mm")
+        show_dollars(figure)
 
-    return Movie(figure.figure, len(times), set_frame, rare_colours=(RIGHT, WRONG))
+    return Movie(figure, len(times), set_frame, rare_colours=(RIGHT, WRONG))

@@ -24,7 +24,7 @@ IDENTIFIED = "identified"
 
 @dataclass(frozen=True, slots=True)
 class Plate:
-    """A lab's own plate that replaces the catalogue's plate ``name``."""
+    """A lab's own plate ``name``; it replaces the catalogue's of that name, if there is one."""
 
     name: str
     group: str

@@ -1,4 +1,4 @@
-"""The texture plates as solids to print: 16 that are bent over the drum, five flat ones.
+"""The texture plates as solids to print: those bent over the drum, and five flat ones.
 
 Their heights are those of the catalogue that the simulated bench presses
 (:mod:`rigctl.simulation.bench.textures`). The paper gives the flat plates' size; thickness, feet,
@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 from rigctl.protocol.finger import PLATE_MM, PLATE_WIDTH_MM, TEXTURES
 from rigctl.simulation.bench.parameters import WorldParameters, validated
 from rigctl.simulation.bench.textures import (
-    CATALOGUE,
     OVERHANG_MM,
     Texture,
     find_texture,
+    plate_names,
     printed_heights,
 )
 
@@ -89,8 +89,8 @@ def flat_plate(texture: Texture, parameters: WorldParameters) -> Any:
 
 
 def write_plates(folder: Path, parameters: WorldParameters) -> Iterator[Path]:
-    """Write the drum's 16 plates and the finger's flat ones to a folder; yield each path."""
-    for name in CATALOGUE:
+    """Write the drum's plates and the finger's flat ones to a folder; yield each path."""
+    for name in plate_names(parameters):
         path = folder / f"drum-{name}.stl"
         write_stl(path, drum_plate(find_texture(name, parameters), parameters), f"plate {name}")
         yield path

@@ -1,4 +1,4 @@
-"""The 16 printed textures as height profiles along the travel.
+"""The printed textures as height profiles along the travel: 16, and those of a world file.
 
 A is smooth, B–F are circular ridges, G–K rectangular ridges, L–P waves; within a group: base,
 double height, double space, half height, half space. Heights and spacings are not published:
@@ -49,15 +49,23 @@ CATALOGUE: dict[str, Texture] = {"A": Texture("A", "smooth", 0.0, 1.0)} | {
 
 def find_texture(name: str, parameters: WorldParameters) -> Texture:
     """Return a plate, the world's own one if it defines it. Raises WrongUse for an unknown name."""
-    if name not in CATALOGUE:
-        raise WrongUse(f"no plate {name!r}: the catalogue has A to P")
     own = next((plate for plate in parameters.plates if plate.name == name), None)
     if own is None:
+        if name not in CATALOGUE:
+            raise WrongUse(
+                f"no plate {name!r}: the catalogue has A to P, a world file adds others by "
+                "[plates.NAME]"
+            )
         return CATALOGUE[name]
     height = own.height_mm / parameters.base_height_mm if own.group != "smooth" else 0.0
     return Texture(
         name, own.group, height, own.space_mm / parameters.base_space_mm, own.ridge_share
     )
+
+
+def plate_names(parameters: WorldParameters) -> tuple[str, ...]:
+    """Return the names of the catalogue's plates and of those that the world adds."""
+    return tuple(dict.fromkeys((*CATALOGUE, *(plate.name for plate in parameters.plates))))
 
 
 def printed_heights(
@@ -91,7 +99,7 @@ def drum_heights(
     on_plate = within_mm < parameters.plate_length_mm + 2.0 * OVERHANG_MM
     heights = printed_heights(plate, within_mm - OVERHANG_MM, parameters)
     # A plate is printed once: its roughness does not depend on the session's seed.
-    print_noise = np.random.Generator(np.random.Philox(ord(plate.name)))
+    print_noise = np.random.Generator(np.random.Philox(int.from_bytes(plate.name.encode())))
     heights += parameters.print_roughness_mm * print_noise.standard_normal(cells)
     return heights, on_plate
 

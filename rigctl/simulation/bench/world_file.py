@@ -7,6 +7,8 @@ for the lab's own plates. A mistake raises ConfigError, which names file, line a
 from __future__ import annotations
 
 import difflib
+import json
+import re
 from collections.abc import Mapping
 from dataclasses import Field, asdict, fields, replace
 from pathlib import Path
@@ -15,11 +17,13 @@ from typing import Any, NamedTuple
 import msgspec
 
 from rigctl.config.rig_config import MAX_TAXELS, DrumGeometry, RigConfig
+from rigctl.config.text_file import name_problem
 from rigctl.config.toml_reader import TomlTable, TomlText
 from rigctl.errors import ConfigError, SessionError, WrongUse
+from rigctl.protocol.fields import TEXTURE_BYTES
 from rigctl.simulation.bench import parameter_tables
 from rigctl.simulation.bench.parameters import Plate, WorldParameters, validated
-from rigctl.simulation.bench.textures import CATALOGUE
+from rigctl.simulation.bench.textures import CATALOGUE, Texture
 
 PLATES = "plates"
 WORLD, WORLD_FILE = "world", "world_file"
@@ -49,7 +53,7 @@ NOMINAL_WORLD = SimulatedWorld()
 _GROUPS = tuple(dict.fromkeys(texture.group for texture in CATALOGUE.values()))
 _PLATES_HEAD = (
     "\n# Plates of your own\n"
-    "# [plates.B] takes group, height_mm, space_mm, ridge_share; any letter from A to P\n"
+    "# [plates.B] takes group, height_mm, space_mm, ridge_share; A to P are the catalogue's\n"
 )
 
 
@@ -104,7 +108,7 @@ def world_from_header(simulation: Mapping[str, Any], where: Path) -> SimulatedWo
             f"{where}: the record of its simulated world is damaged: {error}"
         ) from error
     for plate in parameters.plates:
-        if plate.name not in CATALOGUE or plate.group not in _GROUPS:
+        if name_problem(plate.name, TEXTURE_BYTES) or plate.group not in _GROUPS:
             raise SessionError(
                 f"{where}: the record of its simulated world is damaged: there is no plate "
                 f"{plate.name!r} of the group {plate.group!r}"
@@ -121,20 +125,23 @@ def _value(table: TomlTable, item: Any) -> Any:
 
 def _plates(tables: TomlTable, parameters: WorldParameters) -> tuple[Plate, ...]:
     for name in tables:
-        if name not in CATALOGUE:
-            tables.fail(name, "no such plate: the catalogue has A to P")
+        if problem := name_problem(name, TEXTURE_BYTES):
+            tables.fail(name, f"the plate's name {problem}")
     return tuple(_plate(name, tables.table(name), parameters) for name in tables)
 
 
 def _plate(name: str, table: TomlTable, p: WorldParameters) -> Plate:
-    """Return a plate; missing values come from the catalogue and the world's base plate."""
-    default = CATALOGUE[name]
+    """Return a plate; missing values come from the catalogue and the world's base plate.
+
+    A plate that the catalogue does not have must name its group.
+    """
+    default = CATALOGUE.get(name, Texture(name, "", 1.0, 1.0))
     nominal = {
         "height_mm": p.base_height_mm * (default.height or 1.0),
         "space_mm": p.base_space_mm * default.space,
         "ridge_share": p.ridge_share,
     }
-    group = table.choice("group", _GROUPS, default.group)
+    group = table.choice("group", _GROUPS, default.group or None)
     if group == "smooth" and (shaped := [key for key in table if key in nominal]):
         table.fail(shaped[0], "a smooth plate has none: give it another group")
     sizes = {f.name: f.metadata for f in fields(Plate) if f.metadata}
@@ -162,7 +169,9 @@ def _suggestion(key: str, units: Mapping[str, str]) -> str:
 
 
 def _plate_toml(plate: Plate) -> str:
-    head = f'\n[{PLATES}.{plate.name}]\ngroup = "{plate.group}"\n'
+    is_bare = re.fullmatch(r"[A-Za-z0-9_-]+", plate.name)
+    key = plate.name if is_bare else json.dumps(plate.name, ensure_ascii=False)
+    head = f'\n[{PLATES}.{key}]\ngroup = "{plate.group}"\n'
     shaped = [f for f in fields(plate) if f.metadata and plate.group != "smooth"]
     return head + "".join(_line(plate, item) for item in shaped)
 

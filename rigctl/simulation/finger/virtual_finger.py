@@ -23,7 +23,7 @@ from rigctl.errors import WrongUse
 from rigctl.protocol.finger import PLATE_CORNERS_MM, VelocityProfile
 from rigctl.simulation.bench.parameter_fields import checked
 from rigctl.simulation.bench.parameters import WorldParameters
-from rigctl.simulation.bench.textures import CATALOGUE
+from rigctl.simulation.bench.textures import CATALOGUE, find_texture
 from rigctl.simulation.finger import hand
 from rigctl.simulation.finger.finger_boards import ConverterBoard, FingerBoard, TaxelLineBoard
 from rigctl.simulation.finger.finger_skin import FingerSkin
@@ -272,6 +272,7 @@ class VirtualFinger:
         self._operator = checked(operator, "operator")
         self._habits = draw_habits(operator, self._random(_HABITS))
         skin_seed = int(np.random.SeedSequence(seed).generate_state(1, np.uint64)[0])
+        self._parameters = parameters
         self._skin = FingerSkin(parameters, skin_seed, self._habits.rest)
         self._hand = Hand(operator)
         self.finger = SimulatedLink(FINGER, skin_seed)
@@ -319,8 +320,7 @@ class VirtualFinger:
 
     def check_plate(self, texture: str) -> None:
         """Raise WrongUse for an unknown plate."""
-        if texture not in CATALOGUE:
-            raise WrongUse(f"no plate {texture!r}: the catalogue has A to P")
+        find_texture(texture, self._parameters)
 
     def touch_corners(self) -> list[tuple[str, tuple[float, float, float]]]:
         """Return the tracker's position while the finger touches each corner, mm in its frame."""

@@ -26,52 +26,42 @@ async def press_and_release_estop(harness: EngineHarness) -> None:
     await harness.wait(0.2)
 
 
-def test_contact_after_an_estop_is_in_state_and_events_until_the_drum_is_lifted(
+async def test_contact_after_an_estop_is_in_state_and_events_until_the_drum_is_lifted(
     harness: EngineHarness,
 ) -> None:
-    async def scenario(harness: EngineHarness) -> None:
-        handle, status = harness.handle, harness.engine.status
-        assert status().state_words == "off, it may rest on the sensor"
-        await press(harness)
-        assert harness.texts("contact") == [] and "still" not in status().state_words
-        await press_and_release_estop(harness)
-        assert status().contact_may_stand
-        assert status().state_words == "fault: switched off, still in contact with the sensor"
-        assert harness.texts("contact")[0].endswith(
-            "clear the fault, then arm it, which lifts it off"
-        )
-        await handle("clear_fault", {})
-        await harness.wait(0.2)
-        assert status().state_words == "off, still in contact with the sensor"
-        assert LIFT in harness.texts("contact")[1]
-        with pytest.raises(
-            CommandRefused, match=r"refused TARE .*arm it or retract, so that it lifts"
-        ):
-            await handle("tare", {})
-        with pytest.raises(WrongUse, match="in contact: lift the drum first"):
-            await handle("plate", {"texture": "K"})
-        await handle("arm", {})
-        await handle("disarm", {})
-        assert status().state_words == "off" and not status().contact_may_stand
-        assert len(harness.texts("contact")) == 2
-
-    harness.run(scenario)
+    handle, status = harness.handle, harness.engine.status
+    assert status().state_words == "off, it may rest on the sensor"
+    await press(harness)
+    assert harness.texts("contact") == [] and "still" not in status().state_words
+    await press_and_release_estop(harness)
+    assert status().contact_may_stand
+    assert status().state_words == "fault: switched off, still in contact with the sensor"
+    assert harness.texts("contact")[0].endswith("clear the fault, then arm it, which lifts it off")
+    await handle("clear_fault", {})
+    await harness.wait(0.2)
+    assert status().state_words == "off, still in contact with the sensor"
+    assert LIFT in harness.texts("contact")[1]
+    with pytest.raises(CommandRefused, match=r"refused TARE .*arm it or retract, so that it lifts"):
+        await handle("tare", {})
+    with pytest.raises(WrongUse, match="in contact: lift the drum first"):
+        await handle("plate", {"texture": "K"})
+    await handle("arm", {})
+    await handle("disarm", {})
+    assert status().state_words == "off" and not status().contact_may_stand
+    assert len(harness.texts("contact")) == 2
 
 
-def test_every_refusal_of_a_move_gives_its_reason(harness: EngineHarness) -> None:
-    async def scenario(harness: EngineHarness) -> None:
-        with pytest.raises(CommandRefused, match="possible in ARMED only: arm the drum first"):
-            await harness.handle("home", {})
-        await press(harness)
-        with pytest.raises(CommandRefused, match="possible in IDLE or ARMED only"):
-            await harness.handle("tare", {})
-        with pytest.raises(WrongUse, match="plate cannot change while the drum is in contact"):
-            await harness.handle("plate", {"texture": "K"})
-        await harness.handle("set", {"speed_mm_s": 150, "run_in_mm": 1})
-        with pytest.raises(CommandRefused, match="run-in is too short for this speed: lower"):
-            await harness.handle("run", {})
-
-    harness.run(scenario)
+async def test_every_refusal_of_a_move_gives_its_reason(harness: EngineHarness) -> None:
+    with pytest.raises(CommandRefused, match="possible in ARMED only: arm the drum first"):
+        await harness.handle("home", {})
+    await press(harness)
+    with pytest.raises(CommandRefused, match="possible in IDLE or ARMED only"):
+        await harness.handle("tare", {})
+    with pytest.raises(WrongUse, match="plate cannot change while the drum is in contact"):
+        await harness.handle("plate", {"texture": "K"})
+    await harness.handle("set", {"speed_mm_s": 150, "run_in_mm": 1})
+    with pytest.raises(CommandRefused, match="run-in is too short for this speed: lower"):
+        await harness.handle("run", {})
 
 
 def test_a_tare_that_the_board_gives_up_is_refused(
@@ -95,32 +85,26 @@ def test_a_tare_that_the_board_gives_up_is_refused(
     harness.run(scenario)
 
 
-def test_the_plate_of_a_simulated_rig_and_the_limits_are_in_the_status(
+async def test_the_plate_of_a_simulated_rig_and_the_limits_are_in_the_status(
     harness: EngineHarness,
 ) -> None:
-    async def scenario(harness: EngineHarness) -> None:
-        assert harness.engine.status().texture == "A"
-        await harness.handle("plate", {"texture": "K"})
-        assert harness.engine.status().texture == "K"
-        assert harness.engine.status().limits == harness.rig.config.limits
-
-    harness.run(scenario)
+    assert harness.engine.status().texture == "A"
+    await harness.handle("plate", {"texture": "K"})
+    assert harness.engine.status().texture == "K"
+    assert harness.engine.status().limits == harness.rig.config.limits
 
 
-def test_the_age_of_the_load_cell_grows_while_the_drum_still_answers(
+async def test_the_age_of_the_load_cell_grows_while_the_drum_still_answers(
     harness: EngineHarness,
 ) -> None:
-    async def scenario(harness: EngineHarness) -> None:
-        await harness.wait(1)
-        age_s = harness.engine.status().loadcell_age_s
-        assert age_s is not None and age_s < 0.1
-        await harness.handle("inject", {"fault": "loadcell_silent", "on": True})
-        await harness.wait(2)
-        age_s, poll_age_s = (
-            harness.engine.status().loadcell_age_s,
-            harness.engine.status().poll_age_s,
-        )
-        assert age_s is not None and age_s > 1.5
-        assert poll_age_s is not None and poll_age_s < 0.1
-
-    harness.run(scenario)
+    await harness.wait(1)
+    age_s = harness.engine.status().loadcell_age_s
+    assert age_s is not None and age_s < 0.1
+    await harness.handle("inject", {"fault": "loadcell_silent", "on": True})
+    await harness.wait(2)
+    age_s, poll_age_s = (
+        harness.engine.status().loadcell_age_s,
+        harness.engine.status().poll_age_s,
+    )
+    assert age_s is not None and age_s > 1.5
+    assert poll_age_s is not None and poll_age_s < 0.1

@@ -6,14 +6,7 @@ from pathlib import Path
 
 from rigctl.simulation.simulated_rig import DRUM, TO_BOARD, TO_HOST
 from tests.acquisition.engine_harness import EngineHarness, open_harness, until_ended
-
-ONE = """
-name = "one"
-textures = ["A"]
-speeds_mm_s = [120]
-forces_g = [500]
-repeats = 1
-"""
+from tests.cli.processes import ONE
 
 SEED = 3
 """With some seeds the noise hits all requests of 250 ms, and the drum rightly lifts."""

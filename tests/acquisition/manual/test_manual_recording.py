@@ -39,25 +39,22 @@ def test_a_recording_by_hand_is_a_whole_session(harness: EngineHarness) -> None:
         assert "a new skin, pressed lightly" in texts and "in contact, turning" in texts
 
 
-def test_a_recording_by_hand_and_a_run_exclude_each_other(harness: EngineHarness) -> None:
-    async def scenario(harness: EngineHarness) -> None:
-        with pytest.raises(WrongUse, match="nothing is recorded by hand"):
-            await harness.handle("end_record", {})
-        await harness.handle("record", {"out": str(harness.folder / "first")})
-        with pytest.raises(WrongUse, match="first is being recorded: end that first"):
-            await harness.handle("record", {"out": str(harness.session)})
-        with pytest.raises(WrongUse, match="end it first, then start the run"):
-            harness.engine.start(harness.request())
+async def test_a_recording_by_hand_and_a_run_exclude_each_other(harness: EngineHarness) -> None:
+    with pytest.raises(WrongUse, match="nothing is recorded by hand"):
         await harness.handle("end_record", {})
-        with pytest.raises(SessionError):
-            await harness.handle("record", {"out": str(harness.folder / "first")})
-        run = harness.engine.start(harness.request())
-        with pytest.raises(WrongUse, match="a run is active"):
-            await harness.handle("record", {"out": str(harness.folder / "second")})
-        run.control.abort("enough")
-        await harness.until(harness.has_ended)
-
-    harness.run(scenario)
+    await harness.handle("record", {"out": str(harness.folder / "first")})
+    with pytest.raises(WrongUse, match="first is being recorded: end that first"):
+        await harness.handle("record", {"out": str(harness.session)})
+    with pytest.raises(WrongUse, match="end it first, then start the run"):
+        harness.engine.start(harness.request())
+    await harness.handle("end_record", {})
+    with pytest.raises(SessionError):
+        await harness.handle("record", {"out": str(harness.folder / "first")})
+    run = harness.engine.start(harness.request())
+    with pytest.raises(WrongUse, match="a run is active"):
+        await harness.handle("record", {"out": str(harness.folder / "second")})
+    run.control.abort("enough")
+    await harness.until(harness.has_ended)
 
 
 @pytest.mark.parametrize(
@@ -71,15 +68,12 @@ def test_a_recording_by_hand_and_a_run_exclude_each_other(harness: EngineHarness
         ({"note": "no folder"}, "required"),
     ],
 )
-def test_a_wrong_request_is_refused_in_a_sentence(
+async def test_a_wrong_request_is_refused_in_a_sentence(
     harness: EngineHarness, args: dict[str, str], words: str
 ) -> None:
-    async def scenario(harness: EngineHarness) -> None:
-        with pytest.raises((WrongUse, DiskFault), match=words):
-            await harness.handle("record", args)
-        assert not harness.engine.manual.is_recording
-
-    harness.run(scenario)
+    with pytest.raises((WrongUse, DiskFault), match=words):
+        await harness.handle("record", args)
+    assert not harness.engine.manual.is_recording
 
 
 def test_a_full_disk_ends_the_recording_and_keeps_it(

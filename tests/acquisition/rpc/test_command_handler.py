@@ -27,48 +27,44 @@ def state_of(harness: EngineHarness) -> State:
     return State(harness.engine.status().state)
 
 
-def test_commands_control_the_drum_step_by_step(harness: EngineHarness) -> None:
-    async def scenario(harness: EngineHarness) -> None:
-        handle = handler_of(harness)
-        assert harness.engine.status().run == RunStatus()
-        await handle("arm", {})
-        assert state_of(harness) is State.ARMED
-        await handle("tare", {})
-        await handle("home", {})
-        status = harness.engine.status()
-        assert status.tared and status.homed
-        assert await handle("jog", {"mm": -10}) == {"moved_mm": -10.0}
-        taken = await handle("set", {"speed_mm_s": 100, "force_g": 300, "travel_mm": 50})
-        assert taken == {"speed_mm_s": 100, "force_g": 300, "travel_mm": 50}
-        await handle("approach", {})
-        assert state_of(harness) is State.HOLD
-        await harness.wait(1)
-        assert harness.engine.status().force_g == pytest.approx(300, rel=0.05)
-        assert harness.engine.status().force_set_g == 300
-        await handle("run", {})
-        assert state_of(harness) is State.HOLD
-        await handle("retract", {})
-        assert state_of(harness) is State.ARMED
-        await handle("disarm", {})
-        assert state_of(harness) is State.IDLE
-
-    harness.run(scenario)
+async def test_commands_control_the_drum_step_by_step(harness: EngineHarness) -> None:
+    handle = handler_of(harness)
+    assert harness.engine.status().run == RunStatus()
+    await handle("arm", {})
+    assert state_of(harness) is State.ARMED
+    await handle("tare", {})
+    await handle("home", {})
+    status = harness.engine.status()
+    assert status.tared and status.homed
+    assert await handle("jog", {"mm": -10}) == {"moved_mm": -10.0}
+    taken = await handle("set", {"speed_mm_s": 100, "force_g": 300, "travel_mm": 50})
+    assert taken == {"speed_mm_s": 100, "force_g": 300, "travel_mm": 50}
+    await handle("approach", {})
+    assert state_of(harness) is State.HOLD
+    await harness.wait(1)
+    assert harness.engine.status().force_g == pytest.approx(300, rel=0.05)
+    assert harness.engine.status().force_set_g == 300
+    await handle("run", {})
+    assert state_of(harness) is State.HOLD
+    await handle("retract", {})
+    assert state_of(harness) is State.ARMED
+    await handle("disarm", {})
+    assert state_of(harness) is State.IDLE
 
 
-def test_a_jog_requested_before_a_stop_does_not_start_after_it(harness: EngineHarness) -> None:
-    async def scenario(harness: EngineHarness) -> None:
-        handle = handler_of(harness)
-        await handle("arm", {})
-        before = harness.engine.status().steps
-        jog = asyncio.ensure_future(handle("jog", {"mm": 100}))
-        await asyncio.sleep(0.001)
-        await handle("stop", {})
-        with pytest.raises(CommandRefused, match="a stop came first"):
-            await jog
-        await harness.wait(1)
-        assert harness.engine.status().steps == before
-
-    harness.run(scenario)
+async def test_a_jog_requested_before_a_stop_does_not_start_after_it(
+    harness: EngineHarness,
+) -> None:
+    handle = handler_of(harness)
+    await handle("arm", {})
+    before = harness.engine.status().steps
+    jog = asyncio.ensure_future(handle("jog", {"mm": 100}))
+    await asyncio.sleep(0.001)
+    await handle("stop", {})
+    with pytest.raises(CommandRefused, match="a stop came first"):
+        await jog
+    await harness.wait(1)
+    assert harness.engine.status().steps == before
 
 
 START = b'{"id":4,"command":"start","args":{"protocol":"PROTOCOL","out":"OUT","yes":true}}'
@@ -115,81 +111,71 @@ def test_an_engine_that_ends_before_its_scenario_fails_the_test(harness: EngineH
         harness.run(scenario)
 
 
-def test_refusals_are_sentences(harness: EngineHarness) -> None:
-    async def scenario(harness: EngineHarness) -> None:
-        handle = handler_of(harness)
-        for command, args, error, words in (
-            ("dance", {}, WrongUse, "has no command"),
-            ("arm", {"quickly": True}, WrongUse, "command arm"),
-            (
-                "jog",
-                {"mm": 1},
-                CommandRefused,
-                "'off'.*only while it is armed and lifted",
-            ),
-            ("jog", {"mm": 500}, WrongUse, "more than a turn"),
-            ("jog", {"mm": "far"}, WrongUse, "command jog: mm: expected a number, got a text"),
-            ("set", {"speed_mm_s": "fast"}, WrongUse, "expected a number"),
-            ("set", {"travel_mm": math.nan}, WrongUse, "expected a number >= 0"),
-            ("set", {"speed_mm_s": 180}, WrongUse, "limits, 20 to 150: .*rig.toml"),
-            ("set", {"force_g": 1300}, WrongUse, "limits, 50 to 1200"),
-            ("set", {"travel_mm": 5000}, WrongUse, "the drum takes"),
-            ("approach", {}, CommandRefused, "refused APPROACH in state IDLE"),
-            ("pause", {}, WrongUse, "no run is active"),
-            ("start", {}, WrongUse, "give a protocol"),
-            ("start", {"protocol": "absent"}, WrongUse, "there is no protocol absent"),
-            ("inject", {"fault": "earthquake"}, WrongUse, "has no fault"),
-            ("inject", {"fault": "push", "args": 1}, WrongUse, "push"),
-        ):
-            with pytest.raises(error, match=words):
-                await handle(command, args)
-
-    harness.run(scenario)
+async def test_refusals_are_sentences(harness: EngineHarness) -> None:
+    handle = handler_of(harness)
+    for command, args, error, words in (
+        ("dance", {}, WrongUse, "has no command"),
+        ("arm", {"quickly": True}, WrongUse, "command arm"),
+        (
+            "jog",
+            {"mm": 1},
+            CommandRefused,
+            "'off'.*only while it is armed and lifted",
+        ),
+        ("jog", {"mm": 500}, WrongUse, "more than a turn"),
+        ("jog", {"mm": "far"}, WrongUse, "command jog: mm: expected a number, got a text"),
+        ("set", {"speed_mm_s": "fast"}, WrongUse, "expected a number"),
+        ("set", {"travel_mm": math.nan}, WrongUse, "expected a number >= 0"),
+        ("set", {"speed_mm_s": 180}, WrongUse, "limits, 20 to 150: .*rig.toml"),
+        ("set", {"force_g": 1300}, WrongUse, "limits, 50 to 1200"),
+        ("set", {"travel_mm": 5000}, WrongUse, "the drum takes"),
+        ("approach", {}, CommandRefused, "refused APPROACH in state IDLE"),
+        ("pause", {}, WrongUse, "no run is active"),
+        ("start", {}, WrongUse, "give a protocol"),
+        ("start", {"protocol": "absent"}, WrongUse, "there is no protocol absent"),
+        ("inject", {"fault": "earthquake"}, WrongUse, "has no fault"),
+        ("inject", {"fault": "push", "args": 1}, WrongUse, "push"),
+    ):
+        with pytest.raises(error, match=words):
+            await handle(command, args)
 
 
-def test_a_turning_drum_takes_another_force_and_refuses_another_speed(
+async def test_a_turning_drum_takes_another_force_and_refuses_another_speed(
     harness: EngineHarness,
 ) -> None:
     """The speed was taken, logged and shown while the drum turned on with the old one."""
-
-    async def scenario(harness: EngineHarness) -> None:
-        handle, status = handler_of(harness), harness.engine.status
-        for command in ("arm", "tare", "home"):
-            await handle(command, {})
-        await handle("set", {"speed_mm_s": 40, "force_g": 300, "travel_mm": 100})
-        await handle("approach", {})
-        run = asyncio.ensure_future(handle("run", {}))
-        await harness.until(lambda: state_of(harness) is State.RUN)
-        for name, value in {"speed_mm_s": 80, "travel_mm": 50, "run_in_mm": 60}.items():
-            with pytest.raises(CommandRefused, match=r"set speed, .* once it holds still or is"):
-                await handle("set", {name: value, "force_g": 500})
-        assert (status().speed_set_mm_s, status().force_set_g) == (40, 300)
-        await handle("set", {"force_g": 400})
-        await harness.wait(1)
-        assert status().speed_mm_s == pytest.approx(40, rel=0.01)
-        assert status().force_g == pytest.approx(400, rel=0.05)
-        await run
-        await handle("set", {"speed_mm_s": 80})
-        assert status().speed_set_mm_s == 80
-
-    harness.run(scenario)
+    handle, status = handler_of(harness), harness.engine.status
+    for command in ("arm", "tare", "home"):
+        await handle(command, {})
+    await handle("set", {"speed_mm_s": 40, "force_g": 300, "travel_mm": 100})
+    await handle("approach", {})
+    run = asyncio.ensure_future(handle("run", {}))
+    await harness.until(lambda: state_of(harness) is State.RUN)
+    for name, value in {"speed_mm_s": 80, "travel_mm": 50, "run_in_mm": 60}.items():
+        with pytest.raises(CommandRefused, match=r"set speed, .* once it holds still or is"):
+            await handle("set", {name: value, "force_g": 500})
+    assert (status().speed_set_mm_s, status().force_set_g) == (40, 300)
+    await handle("set", {"force_g": 400})
+    await harness.wait(1)
+    assert status().speed_mm_s == pytest.approx(40, rel=0.01)
+    assert status().force_g == pytest.approx(400, rel=0.05)
+    await run
+    await handle("set", {"speed_mm_s": 80})
+    assert status().speed_set_mm_s == 80
 
 
-def test_only_operator_settings_can_be_set(harness: EngineHarness) -> None:
-    async def scenario(harness: EngineHarness) -> None:
-        handle = handler_of(harness)
-        await handle("arm", {})
-        names = [entry.name for entry in drum_registers.SETTINGS]
-        before = await harness.rig.drum.get(*names)
-        for entry in drum_registers.SETTINGS:
-            values = {"speed_mm_s": 100, entry.name: entry.low * entry.scale}
-            with pytest.raises(WrongUse, match=f"unknown field {entry.name}; it takes speed_mm_s"):
-                await handle("set", values)
-        after = await harness.rig.drum.get(*names)
-        moved = {name for name in names if after[name] != before[name]}
-        assert moved <= {"heartbeat"}  # not even the speed that came along
-
-    harness.run(scenario)
+async def test_only_operator_settings_can_be_set(harness: EngineHarness) -> None:
+    handle = handler_of(harness)
+    await handle("arm", {})
+    names = [entry.name for entry in drum_registers.SETTINGS]
+    before = await harness.rig.drum.get(*names)
+    for entry in drum_registers.SETTINGS:
+        values = {"speed_mm_s": 100, entry.name: entry.low * entry.scale}
+        with pytest.raises(WrongUse, match=f"unknown field {entry.name}; it takes speed_mm_s"):
+            await handle("set", values)
+    after = await harness.rig.drum.get(*names)
+    moved = {name for name in names if after[name] != before[name]}
+    assert moved <= {"heartbeat"}  # not even the speed that came along
 
 
 def test_a_fault_is_injected_published_and_cleared(harness: EngineHarness) -> None:
@@ -210,16 +196,13 @@ def test_a_fault_is_injected_published_and_cleared(harness: EngineHarness) -> No
     assert any("emergency stop" in text for text in harness.texts("fault"))
 
 
-def test_the_encoders_range_is_calibrated_from_the_taxels(harness: EngineHarness) -> None:
-    async def scenario(harness: EngineHarness) -> None:
-        found = await handler_of(harness)("calibrate_range", {"seconds": 2})
-        assert len(found["low"]) == len(found["high"]) == 18
-        used = harness.engine.boards.encoder.normalisation
-        assert np.array_equal(used.low, found["low"])
-        await harness.wait(5)
-        assert np.array_equal(harness.engine.boards.encoder.normalisation.high, found["high"])
-
-    harness.run(scenario)
+async def test_the_encoders_range_is_calibrated_from_the_taxels(harness: EngineHarness) -> None:
+    found = await handler_of(harness)("calibrate_range", {"seconds": 2})
+    assert len(found["low"]) == len(found["high"]) == 18
+    used = harness.engine.boards.encoder.normalisation
+    assert np.array_equal(used.low, found["low"])
+    await harness.wait(5)
+    assert np.array_equal(harness.engine.boards.encoder.normalisation.high, found["high"])
 
 
 def test_the_status_of_the_boards_is_published_and_requested(harness: EngineHarness) -> None:
@@ -236,34 +219,31 @@ def test_the_status_of_the_boards_is_published_and_requested(harness: EngineHarn
     assert texts == ["self-test of the taxels: no findings"] * 2
 
 
-def test_commands_start_pause_and_abort_a_protocol(harness: EngineHarness) -> None:
-    async def scenario(harness: EngineHarness) -> None:
-        handle = handler_of(harness)
-        order = harness.request()
-        started = await handle(
-            "start", {"protocol": order.protocol, "out": order.out, "yes": True, "seed": 5}
-        )
-        assert started == {"session": str(harness.session)}
-        with pytest.raises(WrongUse, match="a run is active"):
-            await handle("arm", {})
-        with pytest.raises(WrongUse, match="a run is active"):
-            await handle("jog", {"mm": 1})
-        await harness.until(lambda: state_of(harness) is State.RUN)
-        status = harness.engine.status()
-        assert status.run.current == CurrentTrial("A", 100.0, 500.0, 1)
-        assert status.texture == "A"
-        await harness.until(lambda: harness.engine.status().recording.active)
-        await handle("pause", {})
-        await harness.until(lambda: state_of(harness) is State.IDLE)
-        assert harness.engine.status().run.state == "paused"
-        await handle("resume", {})
-        await harness.until(lambda: state_of(harness) is State.RUN)
-        await handle("abort", {})
-        await until_ended(harness)
-        assert harness.engine.status().run.state == "aborted"
-        assert not harness.engine.status().recording.active
-
-    harness.run(scenario)
+async def test_commands_start_pause_and_abort_a_protocol(harness: EngineHarness) -> None:
+    handle = handler_of(harness)
+    order = harness.request()
+    started = await handle(
+        "start", {"protocol": order.protocol, "out": order.out, "yes": True, "seed": 5}
+    )
+    assert started == {"session": str(harness.session)}
+    with pytest.raises(WrongUse, match="a run is active"):
+        await handle("arm", {})
+    with pytest.raises(WrongUse, match="a run is active"):
+        await handle("jog", {"mm": 1})
+    await harness.until(lambda: state_of(harness) is State.RUN)
+    status = harness.engine.status()
+    assert status.run.current == CurrentTrial("A", 100.0, 500.0, 1)
+    assert status.texture == "A"
+    await harness.until(lambda: harness.engine.status().recording.active)
+    await handle("pause", {})
+    await harness.until(lambda: state_of(harness) is State.IDLE)
+    assert harness.engine.status().run.state == "paused"
+    await handle("resume", {})
+    await harness.until(lambda: state_of(harness) is State.RUN)
+    await handle("abort", {})
+    await until_ended(harness)
+    assert harness.engine.status().run.state == "aborted"
+    assert not harness.engine.status().recording.active
 
 
 def test_a_run_that_hangs_stops_the_heartbeat_and_the_drum_lifts(

@@ -193,18 +193,15 @@ def test_a_request_in_the_same_packet_as_the_token_is_answered() -> None:
         b'{"id":1,"command":"inject","args":{"fault":"push","' + b"n" * 60_000 + b'":1}}\n',
     ],
 )
-def test_a_refusal_cites_little_of_a_request(line: bytes, harness: EngineHarness) -> None:
-    async def scenario(harness: EngineHarness) -> None:
-        reader, writer = await asyncio.open_connection(*harness.address)
-        writer.write(b'{"token":"token"}\n' + line)
-        while "reply" not in (message := decode_message(await reader.readline())):
-            pass
-        writer.close()
-        await writer.wait_closed()
-        assert not message["ok"] and message["exit_code"] == 2
-        assert 20 < len(message["error"]) <= 500 and "n" * 101 not in message["error"]
-
-    harness.run(scenario)
+async def test_a_refusal_cites_little_of_a_request(line: bytes, harness: EngineHarness) -> None:
+    reader, writer = await asyncio.open_connection(*harness.address)
+    writer.write(b'{"token":"token"}\n' + line)
+    while "reply" not in (message := decode_message(await reader.readline())):
+        pass
+    writer.close()
+    await writer.wait_closed()
+    assert not message["ok"] and message["exit_code"] == 2
+    assert 20 < len(message["error"]) <= 500 and "n" * 101 not in message["error"]
 
 
 @pytest.fixture
@@ -253,20 +250,18 @@ def test_the_first_client_is_served_among_silent_ones(listener: socket.socket) -
     assert ready == {"event": "ready"} and reply["reply"] == 9
 
 
-def test_clients_set_no_timer(listener: socket.socket, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_clients_set_no_timer(
+    listener: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
     timers: list[float] = []
-
-    async def serve() -> None:
-        loop = asyncio.get_running_loop()
-        monkeypatch.setattr(loop, "call_at", lambda when, *_, **__: timers.append(when))
-        server = Server([].append, [].append)
-        await server.open(listener, TOKEN, AnEngine(), handle)
-        with come(listener, b""), come(listener, LOGIN):
-            while not len(server):
-                await asyncio.sleep(0)
-            await server.close()
-
-    asyncio.run(serve())
+    loop = asyncio.get_running_loop()
+    monkeypatch.setattr(loop, "call_at", lambda when, *_, **__: timers.append(when))
+    server = Server([].append, [].append)
+    await server.open(listener, TOKEN, AnEngine(), handle)
+    with come(listener, b""), come(listener, LOGIN):
+        while not len(server):
+            await asyncio.sleep(0)
+        await server.close()
     assert timers == []
 
 

@@ -58,57 +58,49 @@ def test_a_run_goes_on_beside_a_client_that_never_reads(harness: EngineHarness) 
     assert max(most) < LINE_LIMIT_BYTES
 
 
-def test_the_hopeless_is_disconnected_and_the_others_learn_it(harness: EngineHarness) -> None:
+async def test_the_hopeless_is_disconnected_and_the_others_learn_it(harness: EngineHarness) -> None:
     """A thousand replies of 250 kB: what has not been read by then is too much."""
-
-    async def scenario(harness: EngineHarness) -> None:
-        for number in range(500):
-            harness.engine.event_bus.publish("log", f"{number} " + 480 * "x")
-        asks = [request(number, "history", count=500) for number in range(3, 60)]
-        first = request(1, "introduce", name="deaf")
-        with deaf_client(harness, first) as deaf:
-            await harness.until(lambda: bool(harness.engine._server.control.state.holder))
-            other = await ClientConnection.connect(harness.address, "other")
-            # Only now, as the engine may answer and disconnect the deaf client between two polls.
-            deaf.sendall(b"".join(asks))
-            while "stopped reading" not in (told := await other.until("control"))["text"]:
-                assert max(c.unread_bytes for c in all_clients(harness)) < (
-                    UNREAD_LIMIT_BYTES + LINE_LIMIT_BYTES
-                )
-            assert told["text"] == "deaf stopped reading and was disconnected; nobody has control"
-            await other.request("arm")
-            await harness.until(lambda: len(harness.engine._server) == 1)
-            await other.close()
-
-    harness.run(scenario)
+    for number in range(500):
+        harness.engine.event_bus.publish("log", f"{number} " + 480 * "x")
+    asks = [request(number, "history", count=500) for number in range(3, 60)]
+    first = request(1, "introduce", name="deaf")
+    with deaf_client(harness, first) as deaf:
+        await harness.until(lambda: bool(harness.engine._server.control.state.holder))
+        other = await ClientConnection.connect(harness.address, "other")
+        # Only now, as the engine may answer and disconnect the deaf client between two polls.
+        deaf.sendall(b"".join(asks))
+        while "stopped reading" not in (told := await other.until("control"))["text"]:
+            assert max(c.unread_bytes for c in all_clients(harness)) < (
+                UNREAD_LIMIT_BYTES + LINE_LIMIT_BYTES
+            )
+        assert told["text"] == "deaf stopped reading and was disconnected; nobody has control"
+        await other.request("arm")
+        await harness.until(lambda: len(harness.engine._server) == 1)
+        await other.close()
 
 
-def test_too_many_requests_at_once_are_refused_and_stop_is_not(harness: EngineHarness) -> None:
-    async def scenario(harness: EngineHarness) -> None:
-        client = await ClientConnection.connect(harness.address, "many")
-        for number in range(1000, 1000 + MAX_UNDER_WAY):
-            client._writer.write(request(number, "calibrate_range", seconds=5))
-        assert f"{MAX_UNDER_WAY} requests are under way" in await client.refusal("status")
-        await client.request("stop")
-        await harness.wait(6.0)
-        await client.request("status")
+async def test_too_many_requests_at_once_are_refused_and_stop_is_not(
+    harness: EngineHarness,
+) -> None:
+    client = await ClientConnection.connect(harness.address, "many")
+    for number in range(1000, 1000 + MAX_UNDER_WAY):
+        client._writer.write(request(number, "calibrate_range", seconds=5))
+    assert f"{MAX_UNDER_WAY} requests are under way" in await client.refusal("status")
+    await client.request("stop")
+    await harness.wait(6.0)
+    await client.request("status")
+    await client.close()
+
+
+async def test_the_65th_client_is_sent_away(harness: EngineHarness) -> None:
+    clients = [await ClientConnection.connect(harness.address, f"c{n}") for n in range(64)]
+    reader, writer = await asyncio.open_connection(*harness.address)
+    writer.write(b'{"token":"token"}\n')
+    assert await reader.read() == b""
+    writer.close()
+    await writer.wait_closed()
+    for client in clients:
         await client.close()
-
-    harness.run(scenario)
-
-
-def test_the_65th_client_is_sent_away(harness: EngineHarness) -> None:
-    async def scenario(harness: EngineHarness) -> None:
-        clients = [await ClientConnection.connect(harness.address, f"c{n}") for n in range(64)]
-        reader, writer = await asyncio.open_connection(*harness.address)
-        writer.write(b'{"token":"token"}\n')
-        assert await reader.read() == b""
-        writer.close()
-        await writer.wait_closed()
-        for client in clients:
-            await client.close()
-
-    harness.run(scenario)
 
 
 def test_a_client_that_is_busy_keeps_the_newest_status_and_counts_lost_events(

@@ -81,7 +81,7 @@ def test_every_engine_is_stopped(engines: list[ReplyServer]) -> None:
 def test_an_engine_that_hangs_does_not_delay_the_others(
     engines: list[ReplyServer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(client, "STOP_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(client, "STOP_TIMEOUT_S", 2.0)
     results: list[StopResult] = []
     with open_listener() as mute:
         announced("mute", mute)  # the newest, so the first to be stopped
@@ -95,7 +95,7 @@ def test_the_command_reports_each_result(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(client, "STOP_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(client, "STOP_TIMEOUT_S", 2.0)
     with open_listener() as mute:
         announced("mute", mute)
         assert main(["stop"]) == 3

@@ -28,7 +28,7 @@ def test_the_catalogue_has_forty_wirings_and_the_page_a_row_for_each(page: list[
 
 @pytest.mark.parametrize("name", [name for name in WIRINGS if name not in ON_CHIPS_ALONE])
 def test_a_setup_names_a_wrong_wiring_and_presses_gently(name: str, page: list[str]) -> None:
-    row = set_up(WIRINGS[name])
+    row = set_up(name)
     assert name in row.causes
     assert row.peak_g <= MOST_FORCE_G
     assert row.line in page  # else: make docs
@@ -37,7 +37,7 @@ def test_a_setup_names_a_wrong_wiring_and_presses_gently(name: str, page: list[s
 def test_wirings_that_no_sensor_tells_apart_share_a_sentence() -> None:
     groups: dict[str, set[str]] = {}
     for name in ("stepper coil reversed", "direction reversed", "8 microsteps", "belt 2:1"):
-        groups.setdefault(set_up(WIRINGS[name]).sentence, set()).add(name)
+        groups.setdefault(set_up(name).sentence, set()).add(name)
     assert sorted(map(sorted, groups.values())) == [
         ["8 microsteps", "belt 2:1"],
         ["direction reversed", "stepper coil reversed"],

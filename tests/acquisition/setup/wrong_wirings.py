@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 from rigctl.acquisition.setup.setup import STEPS
@@ -50,8 +51,10 @@ class Row(NamedTuple):
         return f"| `{w.name}` | {w.text} | {self.part} | {sentence} | {self.peak_g:.0f} g |"
 
 
-def set_up(wiring: Wiring) -> Row:
+@cache
+def set_up(name: str) -> Row:
     """Set up a rig that is wired like this, on chips where it needs them, until a part is wrong."""
+    wiring = WIRINGS[name]
     kind = FIRMWARE if wiring.reaches == "chips" else VIRTUAL
     with simulated_setup(wiring.name, kind) as setup:
         setup.run_through()
@@ -63,7 +66,7 @@ def set_up(wiring: Wiring) -> Row:
 
 def page() -> str:
     """Return the page."""
-    rows = [set_up(wiring) for wiring in WIRINGS.values()]
+    rows = [set_up(name) for name in WIRINGS]
     parts = [CONNECTING, *(step.title for step in STEPS)]
     order = {part: place for place, part in enumerate(parts)}
     rows.sort(key=lambda row: order.get(row.part, len(order)))

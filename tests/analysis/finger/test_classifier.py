@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from functools import cache
 from pathlib import Path
 
 import h5py
@@ -20,7 +21,7 @@ from rigctl.analysis.finger.classifier import (
     stage_features,
     train_finger_model,
 )
-from rigctl.analysis.finger.scans import KINDS, FingerEncoding, ScanKind
+from rigctl.analysis.finger.scans import KINDS, FingerDataSet, FingerEncoding, ScanKind
 from rigctl.analysis.pca_lda import ScaledCovariance, log_posteriors
 from rigctl.encoding.normalisation import Normalisation
 from rigctl.encoding.parameters import PRESETS
@@ -30,69 +31,78 @@ from rigctl.session.hdf5_file import write_attributes
 from tests.analysis.finger.made_scans import made_data_set
 from tests.analysis.finger.models import ENCODING, INFO, calibrated_model
 
-DATA_SET = made_data_set(1, contrast=0.01)
-MODEL = calibrated_model(DATA_SET)
+
+@cache
+def data_set() -> FingerDataSet:
+    return made_data_set(1, contrast=0.01)
+
+
+@cache
+def trained() -> FingerModel:
+    return calibrated_model(data_set())
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("n_windows", [1, 4, 19, 20])
 def test_every_stage_predicts_like_exact_scikit_learn(kind: ScanKind, n_windows: int) -> None:
-    model = calibrated_model(DATA_SET, kind)
-    found = FingerClassifier(model).predict_scans(DATA_SET.tested).probabilities[n_windows - 1]
-    training = stage_features(DATA_SET.training, kind, n_windows)
-    labels = DATA_SET.training.labels(model.textures)
+    model = calibrated_model(data_set(), kind)
+    found = FingerClassifier(model).predict_scans(data_set().tested).probabilities[n_windows - 1]
+    training = stage_features(data_set().training, kind, n_windows)
+    labels = data_set().training.labels(model.textures)
     pca = PCA(model.stages[n_windows - 1].components, svd_solver="full").fit(training)
     lda = LinearDiscriminantAnalysis(
         solver="lsqr", covariance_estimator=ScaledCovariance(50 / 45)
     ).fit(pca.transform(training), labels)
-    mean = DATA_SET.calibration.features(kind).mean(axis=0).reshape(9, 20)
+    mean = data_set().calibration.features(kind).mean(axis=0).reshape(9, 20)
     pca.mean_ = mean[:, :n_windows].reshape(-1)
-    scores = pca.transform(stage_features(DATA_SET.tested, kind, n_windows))
+    scores = pca.transform(stage_features(data_set().tested, kind, n_windows))
     assert np.array_equal(found.argmax(axis=1), lda.predict(scores))
 
 
 def test_the_default_has_25_components_and_few_windows_fewer() -> None:
-    assert MODEL.stages[-1].components == 25 and MODEL.stages[0].components == 9
-    assert MODEL.n_windows == 20 and MODEL.mean.shape == (180,)
+    assert trained().stages[-1].components == 25 and trained().stages[0].components == 9
+    assert trained().n_windows == 20 and trained().mean.shape == (180,)
 
 
 def test_a_file_holds_every_bit_of_a_model(tmp_path: Path) -> None:
-    for name, model in (("calibrated", MODEL), ("plain", replace(MODEL, calibration=None))):
+    for name, model in (("calibrated", trained()), ("plain", replace(trained(), calibration=None))):
         path = tmp_path / f"{name}.h5"
         save_finger_model(model, path)
         read = load_finger_model(path)
         assert _values(read) == _values(model)
-        windows = DATA_SET.tested.windows[0]
+        windows = data_set().tested.windows[0]
         before, after = (FingerClassifier(m).answer(windows) for m in (model, read))
         assert before.probabilities.tobytes() == after.probabilities.tobytes()
 
 
 def test_a_calibration_replaces_an_earlier_one() -> None:
-    other = calibrate_finger_model(MODEL, made_data_set(2).calibration)
-    assert not np.array_equal(other.mean, MODEL.mean)
-    assert np.array_equal(calibrate_finger_model(other, DATA_SET.calibration).mean, MODEL.mean)
+    other = calibrate_finger_model(trained(), made_data_set(2).calibration)
+    assert not np.array_equal(other.mean, trained().mean)
+    assert np.array_equal(
+        calibrate_finger_model(other, data_set().calibration).mean, trained().mean
+    )
 
 
 def test_calibration_trials_are_scored_without_their_own_part_of_the_mean() -> None:
-    kind, scans = ScanKind.SPEED_SCALED, DATA_SET.calibration
-    assert MODEL.calibration is not None
-    left_out = calibrate_finger_model(MODEL, scans.select(np.arange(1, len(scans))))
+    kind, scans = ScanKind.SPEED_SCALED, data_set().calibration
+    assert trained().calibration is not None
+    left_out = calibrate_finger_model(trained(), scans.select(np.arange(1, len(scans))))
     first = scans.features(kind)[:1]
-    centred = replace(MODEL.stages[-1], mean=left_out.mean)
+    centred = replace(trained().stages[-1], mean=left_out.mean)
     np.testing.assert_allclose(
-        MODEL.calibration.logs[-1, :1], log_posteriors(centred, first), rtol=1e-9, atol=1e-9
+        trained().calibration.logs[-1, :1], log_posteriors(centred, first), rtol=1e-9, atol=1e-9
     )
     np.testing.assert_allclose(
-        MODEL.calibration.distances[-1, :1], nearest_distances(centred, first), rtol=1e-9
+        trained().calibration.distances[-1, :1], nearest_distances(centred, first), rtol=1e-9
     )
 
 
 def test_the_boards_coefficients_give_the_same_discriminants() -> None:
-    coefficients, intercepts = board_coefficients(MODEL)
-    features = DATA_SET.tested.features(ScanKind.SPEED_SCALED)
-    scores = (features - MODEL.mean) @ MODEL.stages[-1].axes
+    coefficients, intercepts = board_coefficients(trained())
+    features = data_set().tested.features(ScanKind.SPEED_SCALED)
+    scores = (features - trained().mean) @ trained().stages[-1].axes
     discriminants = scores @ coefficients.T + intercepts
-    found = FingerClassifier(MODEL).predict(features)
+    found = FingerClassifier(trained()).predict(features)
     assert np.array_equal(discriminants.argmax(axis=1), found)
 
 
@@ -106,16 +116,16 @@ def test_the_boards_coefficients_give_the_same_discriminants() -> None:
     ],
 )
 def test_a_model_of_another_finger_is_refused(encoding: FingerEncoding, message: str) -> None:
-    check_finger_model(MODEL, ENCODING)
+    check_finger_model(trained(), ENCODING)
     with pytest.raises(WrongUse, match=message):
-        check_finger_model(MODEL, encoding)
+        check_finger_model(trained(), encoding)
 
 
 def test_other_plates_than_the_models_do_not_calibrate_it() -> None:
-    scans = DATA_SET.calibration.select(DATA_SET.calibration.texture != "L")
+    scans = data_set().calibration.select(data_set().calibration.texture != "L")
     with pytest.raises(WrongUse, match="the model knows A, B, D, L, N"):
-        calibrate_finger_model(MODEL, scans)
-    one = train_finger_model(DATA_SET.training, ScanKind.ORIGINAL, ENCODING, INFO)
+        calibrate_finger_model(trained(), scans)
+    one = train_finger_model(data_set().training, ScanKind.ORIGINAL, ENCODING, INFO)
     with pytest.raises(WrongUse, match="one calibration trial"):
         calibrate_finger_model(
             replace(one, textures=("A",)), scans.select(scans.texture == "A").select(np.arange(1))
@@ -124,9 +134,9 @@ def test_other_plates_than_the_models_do_not_calibrate_it() -> None:
 
 def test_a_drums_model_or_a_damaged_one_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "model.h5"
-    save_finger_model(MODEL, path)
+    save_finger_model(trained(), path)
     with pytest.raises(WrongUse, match="already exists"):
-        save_finger_model(MODEL, path)
+        save_finger_model(trained(), path)
     with h5py.File(path, "r+") as file:
         del file["windows/07/factor"]
     with pytest.raises(SessionError, match=r"is damaged: windows/07/factor is missing"):
@@ -139,8 +149,8 @@ def test_a_drums_model_or_a_damaged_one_is_refused(tmp_path: Path) -> None:
 
 def test_a_model_needs_components_and_trials() -> None:
     with pytest.raises(WrongUse, match="one component"):
-        train_finger_model(DATA_SET.training, ScanKind.ORIGINAL, ENCODING, INFO, 0)
-    alike = DATA_SET.training.select(DATA_SET.training.texture == "A")
+        train_finger_model(data_set().training, ScanKind.ORIGINAL, ENCODING, INFO, 0)
+    alike = data_set().training.select(data_set().training.texture == "A")
     with pytest.raises(WrongUse, match="two classes"):
         train_finger_model(alike, ScanKind.ORIGINAL, ENCODING, INFO)
 

@@ -15,7 +15,6 @@ from rigctl.analysis.finger.movie import (
     RIGHT,
     TRAIL_S,
     WRONG,
-    MovieFigure,
     ScanTimeline,
     answer_words,
     doubt_words,
@@ -24,13 +23,14 @@ from rigctl.analysis.finger.movie import (
     frame_times,
     plate_relief,
     read_timeline,
+    scan_movie,
     taxel_colours,
     taxel_places_mm,
     title_of,
     words_of,
     write_movie,
 )
-from rigctl.analysis.movies import FRAME_S, HOLD_S, check_movie_file
+from rigctl.analysis.movies import FRAME_S, HOLD_S, Movie, check_movie_file
 from rigctl.encoding.scaled_time import scale_windows
 from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.finger_values import PredictionRow
@@ -122,24 +122,21 @@ def test_a_training_scan_shows_no_answer(session: Path) -> None:
     trained = read_timeline(session, TRAIN_TRIAL)
     assert trained.trial.stage == "train"
     without = replace(trained, answers=(), answer_s=np.zeros(0))
-    texts = shown_texts(MovieFigure(without), without, 9.0)
+    texts = [text.get_text() for text in texts_of(scan_movie(without))]
     assert "this scan is not classified" in texts
     assert not any("✓" in text or "✗" in text for text in texts)
 
 
-def texts_of(figure: MovieFigure, timeline: ScanTimeline, at_s: float) -> list[Text]:
-    figure.show(frame_at(timeline, at_s))
-    return [text for text in figure.figure.findobj(Text) if isinstance(text, Text)]
-
-
-def shown_texts(figure: MovieFigure, timeline: ScanTimeline, at_s: float) -> list[str]:
-    return [text.get_text() for text in texts_of(figure, timeline, at_s)]
+def texts_of(movie: Movie, number: int = -1) -> list[Text]:
+    """Return the texts of a frame, by default of the last one."""
+    movie.set_frame(number % movie.n_frames)
+    return [text for text in movie.figure.findobj(Text) if isinstance(text, Text)]
 
 
 def test_the_picture_names_plate_answer_time_and_origin(timeline: ScanTimeline) -> None:
-    figure = MovieFigure(timeline)
-    assert "no answer yet" in shown_texts(figure, timeline, -0.3)
-    texts = shown_texts(figure, timeline, 9.0)
+    movie = scan_movie(timeline)
+    assert "no answer yet" in [text.get_text() for text in texts_of(movie, 0)]
+    texts = [text.get_text() for text in texts_of(movie)]
     plate = timeline.trial.texture
     for text in (f"{plate} ✓", f"plate ▸ {plate}", "SIMULATED", "75%", "velocity (mm/s)", "Hz"):
         assert text in texts
@@ -160,7 +157,7 @@ def test_taxels_have_the_places_and_colours_of_their_rows(timeline: ScanTimeline
 def test_a_wrong_answer_is_red_and_a_right_one_green(timeline: ScanTimeline) -> None:
     wrong = replace(timeline, answers=tuple(a._replace(texture="other") for a in timeline.answers))
     for one, sign, colour in ((timeline, "✓", RIGHT), (wrong, "✗", WRONG)):
-        texts = texts_of(MovieFigure(one), one, 9.0)
+        texts = texts_of(scan_movie(one))
         assert [text.get_color() for text in texts if sign in text.get_text()] == [colour]
 
 
@@ -209,8 +206,8 @@ def test_the_png_is_the_last_frame(timeline: ScanTimeline, tmp_path: Path) -> No
     write_movie(timeline, tmp_path / "scan.png", ignore)
     with Image.open(tmp_path / "scan.png") as image:
         pixels = np.asarray(image)
-    last = frame_at(timeline, float(frame_times(timeline)[-1]))
-    assert np.array_equal(pixels, MovieFigure(timeline).draw(last))
+    movie = scan_movie(timeline)
+    assert np.array_equal(pixels, movie.draw(movie.n_frames - 1))
 
 
 def test_what_is_cancelled_leaves_nothing(short: ScanTimeline, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from rigctl.devices.trackers.imu_tracker import ImuIntegrator, ImuTracker
 from rigctl.values import Position
-from tests.devices.memory_link import JumpingLoop, MemoryLink, run
+from tests.devices.memory_link import JumpingLoop, MemoryLink
 
 RATE_HZ = 200
 REST_S, MOVE_S = 1.0, 2.0
@@ -93,22 +93,19 @@ def test_an_even_slide_is_no_rest_and_a_movement_without_end_is_invalid() -> Non
     assert integrator.drifts[-1].seconds > 10.0
 
 
-def test_an_imu_is_a_tracker() -> None:
-    async def main(loop: JumpingLoop) -> None:
-        link, positions, lost = MemoryLink(loop, "/dev/imu"), [], []
-        tracker = ImuTracker(link, loop)
-        tracker.open(positions.append, lost.append)
-        time_s, _, acceleration = movement()
-        for at_s, values in zip(time_s, readings(acceleration, 3), strict=True):
-            line = ",".join(f"{value:.5f}" for value in (at_s * 1000, *values))
-            link.say(line.encode() + b"\n", float(at_s) + 0.001)
-        link.say(b"junk\n", 3.5)
-        await asyncio.sleep(4.2)
-        assert positions[-1].valid and positions[-1].x_mm == 250.0
-        assert len(tracker.integrator.drifts) == 1
-        assert (tracker.counters.malformed, tracker.counters.out_of_order) == (1, 0)
-        assert lost == []
-        link.unplug()
-        assert lost == ["/dev/imu: the port vanished"]
-
-    run(main)
+async def test_an_imu_is_a_tracker(loop: JumpingLoop) -> None:
+    link, positions, lost = MemoryLink(loop, "/dev/imu"), [], []
+    tracker = ImuTracker(link, loop)
+    tracker.open(positions.append, lost.append)
+    time_s, _, acceleration = movement()
+    for at_s, values in zip(time_s, readings(acceleration, 3), strict=True):
+        line = ",".join(f"{value:.5f}" for value in (at_s * 1000, *values))
+        link.say(line.encode() + b"\n", float(at_s) + 0.001)
+    link.say(b"junk\n", 3.5)
+    await asyncio.sleep(4.2)
+    assert positions[-1].valid and positions[-1].x_mm == 250.0
+    assert len(tracker.integrator.drifts) == 1
+    assert (tracker.counters.malformed, tracker.counters.out_of_order) == (1, 0)
+    assert lost == []
+    link.unplug()
+    assert lost == ["/dev/imu: the port vanished"]

@@ -36,7 +36,7 @@ class PoseListener:
     async def until(self, done: Callable[[], object]) -> None:
         while not done():
             self._changed.clear()
-            await asyncio.wait_for(self._changed.wait(), 10)
+            await asyncio.wait_for(self._changed.wait(), 60)
 
 
 def with_steamvr(
