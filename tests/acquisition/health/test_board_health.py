@@ -32,7 +32,7 @@ def test_the_first_reading_of_a_counter_counts_as_zero() -> None:
     assert late.total == 0
 
 
-UNDISTURBED, DISTURBED = 1, 14
+UNDISTURBED, DISTURBED = 1, 17
 """Seeds: with the second, an edge's interrupt meets the end of a conversion on the taxel chip."""
 
 
