@@ -36,7 +36,15 @@ constexpr uint8_t ISR_FRAME_CYCLES = 201;        // entry, saving and restoring 
 struct Setup {
     uint8_t lines, mux;
 };
-Setup setup[SLOTS];
+
+// The scan: line by line, in each all inputs, then the bandgap.
+constexpr Setup setup_of(uint8_t slot) {
+    return slot < TAXELS ? Setup{uint8_t(PORTD_IDLE ^ 1 << LINE_BIT[slot / INPUTS]),
+                                 uint8_t(_BV(REFS0) | INPUT_CHANNEL[slot % INPUTS])}
+                         : Setup{PORTD_IDLE, BANDGAP};
+}
+#define SETUPS(slot) setup_of(slot), setup_of(slot + 1), setup_of(slot + 2), setup_of(slot + 3)
+Setup setup[SLOTS] = {SETUPS(0), SETUPS(4), SETUPS(8), SETUPS(12), SETUPS(16)};
 
 Frame frames[2];
 Frame *filling = &frames[0], *closed = &frames[1];
@@ -65,16 +73,6 @@ uint8_t sync_count, index_count;// of the frame being filled; index marks count 
 bool any_late;
 uint8_t late_rises, late_marks, late_toggles;
 uint16_t sync_rises;
-
-// The scan: line by line, in each all inputs, then the bandgap.
-void plan_slots() {
-    Setup *next = setup;
-    for (uint8_t line = 0; line < LINES; line++)
-        for (uint8_t input = 0; input < INPUTS; input++)
-            *next++ = {uint8_t(PORTD_IDLE ^ 1 << LINE_BIT[line]),
-                       uint8_t(_BV(REFS0) | INPUT_CHANNEL[input])};
-    while (next != setup + SLOTS) *next++ = {PORTD_IDLE, BANDGAP};
-}
 
 inline uint16_t cycles_since(uint16_t entered) {
     uint16_t lasted = TCNT1 - entered;
@@ -161,7 +159,8 @@ inline void store_reading(uint8_t done, uint16_t reading) {
 }  // namespace
 
 // Entered at 336 … 591 cycles, that is in time, the result is taken and the next line driven
-// and input selected immediately. The taxels' slots but the first need no more: 80 cycles with entry. By hand, because
+// and input selected immediately. The taxels' slots but the first need no more: 80 cycles with
+// entry. By hand, because
 // the compiler would save twenty registers first, for the sake of the rare cases.
 // The longest, in a self-test: 398 cycles, 25 µs.
 ISR(ADC_vect, ISR_NAKED) {
@@ -301,7 +300,6 @@ static void warm_up() {
 namespace sampling {
 
 void begin() {
-    plan_slots();
     PORTD = setup[0].lines;
     DDRD = LINE_MASK;
     PORTB = uint8_t(~WATCHED_MASK) & 0x3f;

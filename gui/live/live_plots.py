@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
-from PySide6.QtCore import QElapsedTimer, QPointF, QRectF, Signal
+from PySide6.QtCore import QElapsedTimer, QPointF, QRectF, QTimer, Signal
 from PySide6.QtGui import QResizeEvent
 
 from gui.live.earlier_trials import EarlierTrials, TrialSweep
@@ -64,6 +64,8 @@ class LivePlots(PlotGrid):
         self.caption_paused = PAUSED
         self._since_numbers = QElapsedTimer()
         self._theme = theme
+        self._resized = QTimer(self, interval=0, singleShot=True)
+        self._resized.timeout.connect(self.draw)
         self.views: list[LiveView] = []
         self.time_plots = TimePlots(self.cells, theme, self.sensor_layout)
         self._earlier_trials = EarlierTrials(self.time_plots, theme)
@@ -216,10 +218,10 @@ class LivePlots(PlotGrid):
         self.draw()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Draw in the new size."""
+        """Draw in the new size, in a turn of its own: the window itself takes one."""
         super().resizeEvent(event)
         if hasattr(self, "_rate_plot"):
-            self.draw()
+            self._resized.start()
 
     def _build_right_column(self, theme: Theme) -> None:
         self.heat_map = HeatMap(theme, self.sensor_layout)

@@ -6,6 +6,7 @@ import json
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -46,8 +47,8 @@ def days(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return sessions
 
 
-def encode(days: list[Path], out: Path, **options: object) -> h5py.File:
-    request = EncodeRequest(tuple(days), **options)  # type: ignore[arg-type]  # the options are its fields, by name
+def encode(days: list[Path], out: Path, **options: Any) -> h5py.File:
+    request = EncodeRequest(tuple(days), **options)
     return h5py.File(encode_sessions(request, out, WHEN, Resources()).file)
 
 

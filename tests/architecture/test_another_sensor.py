@@ -64,7 +64,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
         assert text.count(before) == 1
         text = text.replace(before, after)
     header.write_text(text, encoding="utf-8")
-    return host_build.build("taxels", folder / "taxels.library", arduino=arduino)
+    return host_build.build("taxels", folder / "virtual-taxels.so", arduino=arduino)
 
 
 @pytest.fixture

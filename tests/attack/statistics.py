@@ -6,6 +6,9 @@ import heapq
 import os
 from collections import Counter
 from collections.abc import Callable, Iterable
+from itertools import chain
+
+import pytest
 
 from rigctl.wire.drum_states import State
 from tests.attack.attacker import Outcome, run_attack
@@ -91,3 +94,22 @@ def run_attacks(
     for attack in attacks:
         statistics.add(run_attack(bench(attack), attack))
     return statistics
+
+
+def detect(
+    broken: str,
+    rule: str,
+    first: int,
+    benches: Callable[[Attack], AttackBench],
+    attacks: Callable[[int, int], Attack],
+) -> str:
+    """Return which attack shows that a broken firmware violates a rule, the likely one first.
+
+    ``attacks`` returns the attack of a seed and number. Fails the test where none shows it.
+    """
+    for number in chain(range(first, CONTROL_ATTACKS), range(first)):
+        attack = attacks(CONTROL_SEED, number)
+        outcome = run_attack(benches(attack), attack)
+        if rule in outcome.broken:
+            return f"{broken}, attack {number}: {outcome.broken[rule]}"
+    pytest.fail(f"{CONTROL_ATTACKS} attacks of seed {CONTROL_SEED} do not notice {broken}")

@@ -15,16 +15,14 @@ from pathlib import Path
 import pytest
 
 from rigctl.wire.drum_states import State
-from tests.attack.attacker import run_attack
 from tests.attack.benches import VirtualBench
 from tests.attack.chips import ChipBench
 from tests.attack.statistics import (
-    CONTROL_ATTACKS,
-    CONTROL_SEED,
     SEED,
     WORST_SHARE,
     AttackStatistics,
     RecordProperty,
+    detect,
     run_attacks,
 )
 from tests.attack.steps import (
@@ -102,9 +100,5 @@ def test_a_firmware_without_a_rule_is_detected(
     broken: str, rule: str, first: int, tmp_path: Path, record_property: RecordProperty
 ) -> None:
     library = host_library("drum", broken, tmp_path / f"{broken}.so")
-    for number in chain(range(first, CONTROL_ATTACKS), range(first)):
-        outcome = run_attack(VirtualBench(library), random_attack(CONTROL_SEED, number))
-        if rule in outcome.broken:
-            record_property("shown", f"{broken}, attack {number}: {outcome.broken[rule]}")
-            return
-    pytest.fail(f"{CONTROL_ATTACKS} attacks of seed {CONTROL_SEED} do not notice {broken}")
+    shown = detect(broken, rule, first, lambda _: VirtualBench(library), random_attack)
+    record_property("shown", shown)

@@ -18,12 +18,11 @@ from tests.attack.attacker import run_attack
 from tests.attack.benches import BALANCED, CLOSE, STIFF, VirtualBench
 from tests.attack.chips import ChipBench
 from tests.attack.statistics import (
-    CONTROL_ATTACKS,
-    CONTROL_SEED,
     SEED,
     WORST_SHARE,
     AttackStatistics,
     RecordProperty,
+    detect,
     run_attacks,
 )
 from tests.attack.steps import (
@@ -119,13 +118,8 @@ def test_a_firmware_without_a_rule_about_wires_is_detected(
     broken: str, rule: str, first: int, tmp_path: Path, record_property: RecordProperty
 ) -> None:
     library = host_library("drum", broken, tmp_path / f"{broken}.so")
-    for number in chain(range(first, CONTROL_ATTACKS), range(first)):
-        attack = wire_attack(CONTROL_SEED, number)
-        outcome = run_attack(wired_bench(attack, library), attack)
-        if rule in outcome.broken:
-            record_property("shown", f"{broken}, attack {number}: {outcome.broken[rule]}")
-            return
-    pytest.fail(f"{CONTROL_ATTACKS} attacks of seed {CONTROL_SEED} do not notice {broken}")
+    shown = detect(broken, rule, first, lambda attack: wired_bench(attack, library), wire_attack)
+    record_property("shown", shown)
 
 
 def test_a_firmware_that_believes_the_upper_switch_alone_is_detected(

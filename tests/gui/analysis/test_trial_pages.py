@@ -184,7 +184,7 @@ def test_conditions_are_compared_by_raster_and_mean_rate(shown: Harness) -> None
     assert view.neuron.count() == 36
     view.neuron.setCurrentIndex(view.neuron.findText("T_SA-10"))
     click(view.button)
-    wait_until(lambda: view.grid is not None)
+    wait_until(lambda: view.grid is not None and view.grid.neuron == "T_SA-10")
     assert view.grid is not None and view.note.text().startswith(
         "SIMULATED data. T_SA-10. Line: mean"
     )
