@@ -22,7 +22,7 @@ from gui.widgets.formatting import grouped
 from gui.widgets.labels import Strip
 from gui.widgets.layouts import push_button
 from gui.widgets.theme import Theme
-from rigctl.acquisition.rpc.messages import EngineStatus, RunStatus
+from rigctl.engine.rpc.messages import EngineStatus, RunStatus
 
 
 class RunEndStrip(Strip):

@@ -14,8 +14,8 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 from PySide6.QtCore import QElapsedTimer, QObject, QSocketNotifier, Signal
 
-from rigctl.acquisition.live_file import LiveReader
-from rigctl.acquisition.rpc.client import (
+from rigctl.engine.live_file import LiveReader
+from rigctl.engine.rpc.client import (
     FINGER_ENGINE_COMMAND,
     WINDOW,
     EngineClient,
@@ -27,7 +27,7 @@ from rigctl.acquisition.rpc.client import (
     find_engines,
     stop_engines,
 )
-from rigctl.acquisition.rpc.engine_files import (
+from rigctl.engine.rpc.engine_files import (
     DRUM_EXPERIMENT,
     FINGER_EXPERIMENT,
     EngineFile,
@@ -35,10 +35,10 @@ from rigctl.acquisition.rpc.engine_files import (
     running_engines,
     runtime_folder,
 )
-from rigctl.acquisition.rpc.messages import EngineStatus
+from rigctl.engine.rpc.messages import EngineStatus
 from rigctl.errors import LinkLost, RigctlError, WrongUse
-from rigctl.realtime.live_file import FingerLiveReader
-from rigctl.realtime.messages import FingerEngineStatus
+from rigctl.finger.live_file import FingerLiveReader
+from rigctl.finger.messages import FingerEngineStatus
 
 JOIN = "join"
 ANOTHER = "another"

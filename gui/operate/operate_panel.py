@@ -35,11 +35,11 @@ from gui.widgets.layouts import (
     vbox,
 )
 from gui.widgets.number_box import NumberBox, has_refused
-from rigctl.acquisition.calibration_values import LOADCELL, WIRING
-from rigctl.acquisition.rpc.messages import EngineStatus, PromptStatus, RecordingStatus
+from rigctl.boards.drum_registers import BY_NAME
+from rigctl.boards.drum_states import State, StateEvent, next_state
 from rigctl.config.rig_config import RigLimits
-from rigctl.wire.drum_registers import BY_NAME
-from rigctl.wire.drum_states import State, StateEvent, next_state
+from rigctl.engine.calibration_values import LOADCELL, WIRING
+from rigctl.engine.rpc.messages import EngineStatus, PromptStatus, RecordingStatus
 
 CALIBRATE_TIP = "Calibrate load cell and force loop, measure the imbalance, identify the taxels"
 STEPS, STEPS_TIP = "All steps", "List each step of the bring-up, and whether it is done"

@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
 from gui.analysis.worker import WORKER_THREAD
-from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
+from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE
 from tests.gui.fake_engine import FakeEngine
 from tests.gui.fake_finger import FakeFinger
 from tests.gui.steps import FingerWindow, Harness, SharedWindow, wait_until

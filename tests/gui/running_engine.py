@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from rigctl.acquisition.rpc.client import EngineClient
+from rigctl.engine.rpc.client import EngineClient
 from tests.waiting import until
 
 
