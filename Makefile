@@ -55,8 +55,8 @@ check: $(VENV)/.ready
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
-	@$(BIN)/python -m rigctl.wire.codegen --check
-	@$(BIN)/python -m rigctl.encoding.neuron_header --check
+	@$(BIN)/python -m rigctl.boards.codegen --check
+	@$(BIN)/python -m rigctl.encoder.neuron_header --check
 
 firmware: $(VENV)/.ready
 	@sh .ci/debian-packages $(DEBIAN_FIRMWARE)
@@ -189,11 +189,11 @@ attack: firmware
 
 docs: firmware
 	$(SAY) "pages and pictures that are rendered from the code"
-	@$(BIN)/python -m rigctl.wire.codegen
-	@$(BIN)/python -m rigctl.encoding.neuron_header
-	@$(BIN)/python -m rigctl.simulation.bench.parameter_tables
-	@$(BIN)/python -m rigctl.simulation.finger.operator_parameters
-	@$(BIN)/python -m tests.acquisition.setup.wrong_wirings > docs/reference/wrong-wirings.md
+	@$(BIN)/python -m rigctl.boards.codegen
+	@$(BIN)/python -m rigctl.encoder.neuron_header
+	@$(BIN)/python -m rigctl.bench.parameter_tables
+	@$(BIN)/python -m rigctl.bench.finger.operator_parameters
+	@$(BIN)/python -m tests.engine.setup.wrong_wirings > docs/reference/wrong-wirings.md
 	@$(BIN)/python -m tests.architecture.picture
 	@$(BIN)/python arduino/wiring.py
 	@$(BIN)/python arduino/mechanics.py

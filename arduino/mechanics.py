@@ -15,9 +15,8 @@ from collections.abc import Iterator
 from math import cos, pi, sin
 from pathlib import Path
 
-from rigctl.protocol.finger import PLATE_WIDTH_MM
-from rigctl.simulation.bench.parameters import WorldParameters
-from rigctl.simulation.bench.plate_solids import (
+from rigctl.bench.parameters import WorldParameters
+from rigctl.bench.plate_solids import (
     BARB_MM,
     CLAMP_MM,
     FOOT_MM,
@@ -26,7 +25,8 @@ from rigctl.simulation.bench.plate_solids import (
     SNAP_RADIUS_MM,
     THICKNESS_MM,
 )
-from rigctl.simulation.bench.textures import OVERHANG_MM
+from rigctl.bench.textures import OVERHANG_MM
+from rigctl.finger_values import PLATE_WIDTH_MM
 
 HERE = Path(__file__).parent
 DRAWING = HERE / "mechanics.svg"

@@ -157,7 +157,7 @@ def _check_request(args: argparse.Namespace) -> None:
 
         part_paths(args.follow)
     if args.world is not None:
-        from rigctl.simulation.bench.world_file import load_world
+        from rigctl.bench.world_file import load_world
 
         if args.rig == JOIN:
             raise WrongUse("the running engine already has a world: join it without --world")
@@ -216,7 +216,7 @@ def _load_compiler() -> None:
 
     A window that closes meanwhile waits for it, unseen: Python cannot end while native code loads.
     """
-    import_module("rigctl.encoding.encoder")
+    import_module("rigctl.encoder.encoder")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -8,22 +8,22 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rigctl.boards.finger import Finger
+from rigctl.boards.identity import WHICH_PORT
+from rigctl.boards.links import ByteLink
+from rigctl.boards.port_discovery import create_link, find_boards, identify_board
+from rigctl.boards.trackers.open_tracker import open_tracker
+from rigctl.boards.trackers.plate_frame import PlateFrame, fit_plate_frame
+from rigctl.boards.trackers.tracker import Tracker
 from rigctl.config.rig_config import FingerConfig, load_finger_config
 from rigctl.config.text_file import read_text
 from rigctl.config.toml_reader import MAX_BYTES
-from rigctl.devices.finger import Finger
-from rigctl.devices.identity import WHICH_PORT
-from rigctl.devices.links import ByteLink
-from rigctl.devices.port_discovery import create_link, find_boards, identify_board
-from rigctl.devices.trackers.open_tracker import open_tracker
-from rigctl.devices.trackers.plate_frame import PlateFrame, fit_plate_frame
-from rigctl.devices.trackers.tracker import Tracker
 from rigctl.errors import ConfigError, LinkLost, WrongUse
-from rigctl.realtime.finger_rig import FingerRig
+from rigctl.finger.finger_rig import FingerRig
 from rigctl.values import FINGER, TAXELS
 
 if TYPE_CHECKING:
-    from rigctl.simulation.bench.world_file import SimulatedWorld
+    from rigctl.bench.world_file import SimulatedWorld
 
 VIRTUAL, FIRMWARE, BENCH = "virtual", "firmware", "bench"
 SIMULATED = (VIRTUAL, FIRMWARE)
@@ -65,14 +65,14 @@ def _simulated(
     paced: bool,
     world: SimulatedWorld | None,
 ) -> FingerRig:
-    from rigctl.simulation.bench.world_file import NOMINAL_WORLD
-    from rigctl.simulation.clock import SimulatedTimeLoop
-    from rigctl.simulation.finger.operator_parameters import OperatorParameters, TrackerParameters
-    from rigctl.simulation.finger.qemu_finger import open_qemu_finger
-    from rigctl.simulation.finger.virtual_finger import (
+    from rigctl.bench.clock import SimulatedTimeLoop
+    from rigctl.bench.finger.operator_parameters import OperatorParameters, TrackerParameters
+    from rigctl.bench.finger.qemu_finger import open_qemu_finger
+    from rigctl.bench.finger.virtual_finger import (
         compile_finger_kernels,
         open_virtual_finger,
     )
+    from rigctl.bench.world_file import NOMINAL_WORLD
 
     if paced:
         compile_finger_kernels()

@@ -12,21 +12,21 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rigctl.acquisition.rig import Rig
+from rigctl.boards.drum import Drum
+from rigctl.boards.drum_codes import Signal
+from rigctl.boards.links import ByteLink
+from rigctl.boards.port_discovery import create_link, find_boards, identify_board
+from rigctl.boards.taxels import Taxels
 from rigctl.config.resources import firmware_image
 from rigctl.config.rig_config import PAPER_ARRAY, RigConfig, TaxelArray, load_config
 from rigctl.config.text_file import is_plain_file, shorten
-from rigctl.devices.drum import Drum
-from rigctl.devices.links import ByteLink
-from rigctl.devices.port_discovery import create_link, find_boards, identify_board
-from rigctl.devices.taxels import Taxels
+from rigctl.engine.rig import Rig
 from rigctl.errors import ConfigError, LinkLost, WrongUse
 from rigctl.values import DRUM, TAXELS
-from rigctl.wire.drum_codes import Signal
 
 if TYPE_CHECKING:
-    from rigctl.simulation.bench.world_file import SimulatedWorld
-    from rigctl.simulation.simulated_rig import SimulatedRig
+    from rigctl.bench.simulated_rig import SimulatedRig
+    from rigctl.bench.world_file import SimulatedWorld
 
 VIRTUAL, FIRMWARE, BENCH = "virtual", "firmware", "bench"
 
@@ -43,7 +43,7 @@ def open_rig(
     """Open ``virtual``, ``firmware``, or the rig that a ``rig.toml`` describes.
 
     ``seed``, ``world`` and ``wirings``, names of the catalogue of
-    :mod:`rigctl.simulation.wirings`, define a simulated bench; ``paced`` runs it in real time. The
+    :mod:`rigctl.bench.wirings`, define a simulated bench; ``paced`` runs it in real time. The
     default ``config`` of ``virtual`` and ``firmware`` is that of the world. The boards are not
     connected: use ``rig.drum.connect()`` and ``rig.taxels.connect()``. Raises WrongUse for a rig
     that does not exist or cannot have a world or wirings, and for an unknown wiring, ConfigError
@@ -80,10 +80,10 @@ def _simulated_rig(
     world: SimulatedWorld | None,
     wirings: Sequence[str],
 ) -> Rig:
-    from rigctl.simulation.bench.world_file import NOMINAL_WORLD
-    from rigctl.simulation.clock import SimulatedTimeLoop
-    from rigctl.simulation.virtual_rig import compile_kernels
-    from rigctl.simulation.wirings import find_wiring
+    from rigctl.bench.clock import SimulatedTimeLoop
+    from rigctl.bench.virtual_rig import compile_kernels
+    from rigctl.bench.wirings import find_wiring
+    from rigctl.bench.world_file import NOMINAL_WORLD
 
     known = [find_wiring(name).name for name in wirings]
     world = world or NOMINAL_WORLD
@@ -148,11 +148,11 @@ def _open_simulation(
     kind: str, seed: int, world: SimulatedWorld, sensor: TaxelArray
 ) -> SimulatedRig:
     if kind == VIRTUAL:
-        from rigctl.simulation.virtual_rig import open_virtual_rig
+        from rigctl.bench.virtual_rig import open_virtual_rig
 
         return open_virtual_rig(world.parameters, seed, sensor=sensor)
     images = firmware_image(DRUM), firmware_image(TAXELS)
-    from rigctl.simulation.chips.rig import open_chip_simulation
+    from rigctl.bench.chips.rig import open_chip_simulation
 
     return open_chip_simulation(world.parameters, seed, *images, sensor=sensor)
 

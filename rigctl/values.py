@@ -61,7 +61,7 @@ class Block:
 
     ``counters``: int64 (n,), the board's own sample number, unwrapped since its boot.
     ``samples``: uint16 (n, n_taxels), 0–1023.
-    ``flags``: uint8 (n,), bits of :class:`rigctl.wire.taxel_frames.Flag`.
+    ``flags``: uint8 (n,), bits of :class:`rigctl.boards.taxel_frames.Flag`.
     ``edges``: uint8 (n,), sync rises mod 4 in bits 0–1, index marks mod 4 in bits 2–3.
     ``gaps``: losses found directly before or inside this block.
     ``arrived_s``: loop time at which the bytes arrived.

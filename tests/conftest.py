@@ -20,11 +20,11 @@ settings.load_profile("rigctl")
 
 BEGUN_FIRST = (
     "attack/test_attack.py",
-    "devices/test_flash.py",
+    "boards/test_flash.py",
     "gui/test_joining.py",
     "gui/test_never_blocked.py",
-    "encoding/test_processors.py",
-    "realtime/test_finger_bench.py",
+    "encoder/test_processors.py",
+    "finger/test_finger_bench.py",
     "gui/test_day_by_keyboard.py",
     "gui/firmware_flows/test_stop.py",
     "gui/test_cut_off.py",
@@ -32,7 +32,7 @@ BEGUN_FIRST = (
     "gui/test_real_finger.py",
     "gui/test_day_on_the_virtual_rig.py",
     "attack/test_wrong_wires.py",
-    "acquisition/setup/test_wirings.py",
+    "engine/setup/test_wirings.py",
     "gui/test_real_engine.py",
     "gui/test_real_calibration.py",
     "gui/test_attach.py",
@@ -46,9 +46,9 @@ BEGUN_FIRST = (
     "firmware/drum/test_drum_controls.py",
     "fuzz/test_fuzz.py",
     "contract/test_parts.py",
-    "acquisition/protocol/test_early_end.py",
-    "acquisition/rpc/test_client.py",
-    "devices/test_boot_silence.py",
+    "engine/protocol/test_early_end.py",
+    "engine/rpc/test_client.py",
+    "boards/test_boot_silence.py",
     "synth/test_synth.py",
 )
 """Files that wait for a rig in real time, or take long: begun last, they would end alone."""

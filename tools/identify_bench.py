@@ -20,22 +20,22 @@ from rigctl.analysis import published
 from rigctl.analysis.pca_lda import Split
 from rigctl.analysis.splits import Design, make_splits, stratified_folds
 from rigctl.analysis.tasks import score_splits
-from rigctl.config.rig_config import PAPER_ARRAY
-from rigctl.encoding.batch import common_bin_edges, count_spikes, features_from_counts
-from rigctl.encoding.features import UNSCALED
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.errors import RigctlError
-from rigctl.simulation.bench.contact import contact_tables, draw_mounting, force_table
-from rigctl.simulation.bench.mechanics import DrumTrajectory, Mechanics
-from rigctl.simulation.bench.parameter_fields import ParameterInfo
-from rigctl.simulation.bench.parameters import (
+from rigctl.bench.contact import contact_tables, draw_mounting, force_table
+from rigctl.bench.mechanics import DrumTrajectory, Mechanics
+from rigctl.bench.parameter_fields import ParameterInfo
+from rigctl.bench.parameters import (
     IDENTIFIED,
     WorldParameters,
     parameter_infos,
     validated,
 )
-from rigctl.simulation.bench.skin import SLOT_US, Skin
-from rigctl.simulation.bench.textures import CATALOGUE, GRID_MM
+from rigctl.bench.skin import SLOT_US, Skin
+from rigctl.bench.textures import CATALOGUE, GRID_MM
+from rigctl.config.rig_config import PAPER_ARRAY
+from rigctl.encoder.batch import common_bin_edges, count_spikes, features_from_counts
+from rigctl.encoder.features import UNSCALED
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.errors import RigctlError
 
 SPEEDS_MM_S = (40.0, 60.0, 80.0, 100.0, 120.0)
 FORCES_G = (250.0, 500.0, 1000.0)

@@ -1,4 +1,4 @@
-// Generated from rigctl/wire/drum_registers.py by `python -m rigctl.wire.codegen`;
+// Generated from rigctl/boards/drum_registers.py by `python -m rigctl.boards.codegen`;
 // change the table there, never this file.
 #ifndef DRUM_MAP_H
 #define DRUM_MAP_H

@@ -1,4 +1,4 @@
-// Generated from rigctl/wire/drum_states.py by `python -m rigctl.wire.codegen`;
+// Generated from rigctl/boards/drum_states.py by `python -m rigctl.boards.codegen`;
 // change the table there, never this file.
 #ifndef DRUM_STATES_H
 #define DRUM_STATES_H

@@ -29,7 +29,7 @@ void Neurons::reset()
     }
 }
 
-// The normal form of rigctl/encoding/kernel/constants.py: three fused operations a substep.
+// The normal form of rigctl/encoder/kernel/constants.py: three fused operations a substep.
 uint8_t Neurons::advance_one(uint8_t taxel, double input)
 {
     NeuronState m = membrane_[taxel], q = recovery_[taxel];

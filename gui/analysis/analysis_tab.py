@@ -22,7 +22,7 @@ from gui.widgets.formatting import grouped
 from gui.widgets.labels import label
 from gui.widgets.layouts import hbox, push_button
 from gui.widgets.theme import Theme
-from rigctl.acquisition.rpc.messages import EngineStatus, RunStatus
+from rigctl.engine.rpc.messages import EngineStatus, RunStatus
 
 
 class RunEndStrip(QFrame):

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from rigctl.analysis.cache import Resources
     from rigctl.analysis.finger.report import FingerReport
     from rigctl.analysis.options import AnalysisOptions
-    from rigctl.encoding.normalisation import Normalisation
+    from rigctl.encoder.normalisation import Normalisation
     from rigctl.session.finger_session import FingerSession
     from rigctl.session.header import SessionHeader
     from rigctl.session.session import Session
@@ -118,8 +118,8 @@ def make_finger_models(session: str, source: str, components: int) -> tuple[str,
 
     Return their paths. Raises WrongUse where the session has neither stage.
     """
-    from rigctl.protocol.finger import Stage
-    from rigctl.realtime.finger_models import calibrate_models, train_models
+    from rigctl.finger.finger_models import calibrate_models, train_models
+    from rigctl.finger_values import Stage
 
     folder, stages = Path(session), finger_session_info(session).stages
     now = datetime.now(UTC).isoformat(timespec="seconds")
@@ -150,7 +150,7 @@ N_WARM_TAXELS, N_WARM_SAMPLES, WARM_MM_S = 18, 100, 40.0
 
 def read_trial(session: Session, row: int, taxel_range: Normalisation) -> TrialData:
     """Return the samples, spikes, drum and features of an attempt. Raises SessionError."""
-    from rigctl.encoding.encoder import encode_trials
+    from rigctl.encoder.encoder import encode_trials
 
     trial = session.trials[row]
     samples = np.ascontiguousarray(session.samples(row))
@@ -183,8 +183,8 @@ def block_extremes(samples: NDArray[np.uint16]) -> NDArray[np.uint16]:
 
 def load_encoder() -> None:
     """Load the compiled encoder by a trial of zeros, so that the first trial is drawn at once."""
-    from rigctl.encoding.encoder import encode_trials
-    from rigctl.encoding.normalisation import Normalisation
+    from rigctl.encoder.encoder import encode_trials
+    from rigctl.encoder.normalisation import Normalisation
 
     full = np.full(N_WARM_TAXELS, 1023, np.uint16)
     taxel_range = Normalisation(np.zeros_like(full), full, "none")
@@ -206,7 +206,7 @@ def _course(session: Session, row: int) -> TrialCourse:
 
 def _features(spikes: Spikes, speed_mm_s: float) -> TrialFeatures:
     """Return the speed-scaled features, or those of plain time for a trial without motion."""
-    from rigctl.encoding.features import FeatureLayout, trial_features
+    from rigctl.encoder.features import FeatureLayout, trial_features
 
     is_scaled = speed_mm_s > 0
     layout = FeatureLayout.covering([spikes.n_samples], [speed_mm_s], scaled=is_scaled)
@@ -287,7 +287,7 @@ def _response(
     trials: list[tuple[str, int]],
     train: int,
 ) -> NeuronResponse:
-    from rigctl.encoding.encoder import encode_trials
+    from rigctl.encoder.encoder import encode_trials
 
     spikes, lengths = [], []
     for path, row in trials:
@@ -507,7 +507,7 @@ def _reasons(session: Any) -> list[tuple[int, str]]:
 
 
 def _taxel_range(session: Session) -> Normalisation:
-    from rigctl.encoding.normalisation import Normalisation
+    from rigctl.encoder.normalisation import Normalisation
 
     header = session.header
     if header.taxel_low and header.taxel_high:

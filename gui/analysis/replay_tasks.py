@@ -17,7 +17,7 @@ from rigctl.values import SAMPLE_RATE_HZ
 
 if TYPE_CHECKING:
     from rigctl.analysis.executors import Progress
-    from rigctl.encoding.normalisation import Normalisation
+    from rigctl.encoder.normalisation import Normalisation
     from rigctl.session.session import Session
 
 
@@ -69,8 +69,8 @@ def neuron_voltage(
     session: Session, row: int, taxel: int, ranges: Normalisation
 ) -> NDArray[np.float64]:
     """Return the membrane voltage of SA and RA of a taxel, from 0, float64 (n, 2) in mV."""
-    from rigctl.encoding.encoder import membrane_mv
-    from rigctl.encoding.normalisation import Normalisation
+    from rigctl.encoder.encoder import membrane_mv
+    from rigctl.encoder.normalisation import Normalisation
 
     samples = np.ascontiguousarray(session.samples(row)[:, [taxel]])
     own = Normalisation(ranges.low[[taxel]], ranges.high[[taxel]], ranges.source)

@@ -41,15 +41,15 @@ from gui.widgets.labels import elastic, label, plain_tooltip, set_property, show
 from gui.widgets.layouts import combo_box, container, form_layout, hbox, push_button, vbox
 from gui.widgets.number_box import WholeNumberBox, has_refused
 from gui.widgets.theme import Theme
-from rigctl.acquisition.pause_reasons import reason_words
 from rigctl.config import resources
+from rigctl.engine.pause_reasons import reason_words
 from rigctl.errors import RigctlError
-from rigctl.protocol.finger import Stage
+from rigctl.finger.finger_rig import RUN_FIRST_SLIDE
+from rigctl.finger.live_file import FingerLiveReader
+from rigctl.finger.messages import FingerEngineStatus, FingerRunStatus, parse_finger_status
+from rigctl.finger.model_files import ORIGINAL, SPEED_SCALED, model_path
+from rigctl.finger_values import Stage
 from rigctl.protocol.finger_plan import load_finger_protocol
-from rigctl.realtime.finger_rig import RUN_FIRST_SLIDE
-from rigctl.realtime.live_file import FingerLiveReader
-from rigctl.realtime.messages import FingerEngineStatus, FingerRunStatus, parse_finger_status
-from rigctl.realtime.model_files import ORIGINAL, SPEED_SCALED, model_path
 
 _ROWS = ("Progress", "Stage", "Scan", "Rejected", "Session")
 _STATES = {

@@ -26,13 +26,12 @@ from gui.widgets.plot_axes import (
     time_ticks,
 )
 from gui.widgets.theme import Theme, blend, rgb, scaled_px
-from rigctl.finger_values import N_FINGER_TAXELS, PredictionRow
-from rigctl.protocol.finger import VelocityProfile
+from rigctl.boards.finger_messages import BATCH_SAMPLES, SampleFlag
+from rigctl.finger.live_file import FingerLiveReader
+from rigctl.finger_values import N_FINGER_TAXELS, PredictionRow, VelocityProfile
 from rigctl.protocol.finger_plan import ScanQuality
-from rigctl.realtime.live_file import FingerLiveReader
 from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import SAMPLE_RATE_HZ, Verdict
-from rigctl.wire.finger_messages import BATCH_SAMPLES, SampleFlag
 
 BATCH_S = BATCH_SAMPLES / SAMPLE_RATE_HZ
 

@@ -14,9 +14,9 @@ from PySide6.QtWidgets import QPushButton, QWidget
 from gui.link.engine_link import EngineChoice, EngineLink, name_this_window
 from gui.widgets.labels import Strip, label
 from gui.widgets.layouts import container, hbox, push_button, vbox
-from rigctl.acquisition.rpc.client import WINDOW, FoundEngine, client_name, find_engines
-from rigctl.acquisition.rpc.engine_files import EngineFile
-from rigctl.acquisition.rpc.messages import ControlState
+from rigctl.engine.rpc.client import WINDOW, FoundEngine, client_name, find_engines
+from rigctl.engine.rpc.engine_files import EngineFile
+from rigctl.engine.rpc.messages import ControlState
 from rigctl.errors import RigctlError
 
 FindEngines = Callable[[], list[FoundEngine]]

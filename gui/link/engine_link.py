@@ -14,7 +14,7 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from PySide6.QtCore import QElapsedTimer, QObject, QSocketNotifier, Signal
 
-from rigctl.acquisition.rpc.client import (
+from rigctl.engine.rpc.client import (
     FINGER_ENGINE_COMMAND,
     WINDOW,
     EngineClient,
@@ -26,7 +26,7 @@ from rigctl.acquisition.rpc.client import (
     find_engines,
     stop_engines,
 )
-from rigctl.acquisition.rpc.engine_files import (
+from rigctl.engine.rpc.engine_files import (
     DRUM_EXPERIMENT,
     FINGER_EXPERIMENT,
     EngineFile,

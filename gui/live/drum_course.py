@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gui.live.timeline import CAPACITY_S, Ring, Timeline, TimeWindow
-from rigctl.acquisition.live_file import DrumWindow
+from rigctl.engine.live_file import DrumWindow
 from rigctl.values import SAMPLE_RATE_HZ
 
 COLUMNS = ("force_g", "force_set_g", "speed_mm_s", "speed_set_mm_s")

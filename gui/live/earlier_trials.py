@@ -15,9 +15,9 @@ from gui.live.raster import FULL_SCALE_HZ
 from gui.live.time_plots import PlotLine, TimePlots
 from gui.live.timeline import Timeline, TimeWindow
 from gui.widgets.theme import Theme
-from rigctl.acquisition.rpc.messages import EngineStatus
+from rigctl.boards.taxel_frames import Flag
+from rigctl.engine.rpc.messages import EngineStatus
 from rigctl.values import SAMPLE_RATE_HZ
-from rigctl.wire.taxel_frames import Flag
 
 KEPT = 200
 

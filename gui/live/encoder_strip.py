@@ -16,13 +16,13 @@ from gui.widgets.file_browser import PathKind, browse_button, typed_path
 from gui.widgets.labels import ElidedLabel, label, show_text
 from gui.widgets.layouts import FlowLayout, combo_box, vbox
 from gui.widgets.number_box import NumberBox
-from rigctl.acquisition.rpc.messages import EngineStatus
-from rigctl.encoding.force_matrix import ForceMatrix
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import PRESETS, EncoderParameters, preset
-from rigctl.encoding.reading import Reading
+from rigctl.boards.taxel_frames import Flag
+from rigctl.encoder.force_matrix import ForceMatrix
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.parameters import PRESETS, EncoderParameters, preset
+from rigctl.encoder.reading import Reading
+from rigctl.engine.rpc.messages import EngineStatus
 from rigctl.errors import RigctlError, WrongUse
-from rigctl.wire.taxel_frames import Flag
 
 
 class Recoder:
@@ -40,7 +40,7 @@ class Recoder:
         inputs: tuple[int, ...] = (),
     ) -> None:
         # The compiler of the encoder takes long to load: not before somebody encodes anew.
-        from rigctl.encoding.encoder import Encoder
+        from rigctl.encoder.encoder import Encoder
 
         self._encoder = Encoder(ranges, parameters, sa_scale, inputs)
         self._encoder.warm_up()

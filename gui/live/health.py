@@ -14,11 +14,11 @@ from gui.widgets.formatting import age, ago, size
 from gui.widgets.labels import Level, StatusLamp, elastic, label, set_property
 from gui.widgets.layouts import hbox, vbox
 from gui.widgets.theme import text_scale
-from rigctl.acquisition.rpc.messages import BoardStatus, EngineStatus, RecordingStatus
-from rigctl.realtime.latency import FEATURES, SCREEN
-from rigctl.realtime.messages import FingerEngineStatus
+from rigctl.boards.drum_registers import SHOWN, Register
+from rigctl.engine.rpc.messages import BoardStatus, EngineStatus, RecordingStatus
+from rigctl.finger.latency import FEATURES, SCREEN
+from rigctl.finger.messages import FingerEngineStatus
 from rigctl.values import SAMPLE_RATE_HZ
-from rigctl.wire.drum_registers import SHOWN, Register
 
 VERDICTS_PX = 1240
 _CELL_GAP_PX, _SIDES_PX = 2, 16

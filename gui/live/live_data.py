@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from gui.live.drum_course import DrumCourse
 from gui.live.navigation import EventMarks
 from gui.live.timeline import Timeline
-from rigctl.acquisition.live_file import LiveReader
-from rigctl.encoding.normalisation import RunningRange
-from rigctl.encoding.reading import FULL_SCALE, STEPS, Reading
+from rigctl.encoder.normalisation import RunningRange
+from rigctl.encoder.reading import FULL_SCALE, STEPS, Reading
+from rigctl.engine.live_file import LiveReader
 
 NOMINAL_SUPPLY_V = 5.0
 """The converter's reference where the board has not reported its supply."""

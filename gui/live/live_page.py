@@ -23,9 +23,9 @@ from gui.widgets.labels import ElidedLabel, label, show_text
 from gui.widgets.layouts import FlowLayout, container, hbox, push_button, vbox
 from gui.widgets.number_box import WholeNumberBox
 from gui.widgets.theme import Theme
-from rigctl.acquisition.live_file import LiveReader
-from rigctl.acquisition.rpc.messages import EngineStatus
-from rigctl.encoding.reading import Reading, input_of_each
+from rigctl.encoder.reading import Reading, input_of_each
+from rigctl.engine.live_file import LiveReader
+from rigctl.engine.rpc.messages import EngineStatus
 from rigctl.errors import WrongUse
 from rigctl.session.sensor_layout import SensorLayout
 

@@ -16,7 +16,7 @@ from gui.live.time_plots import NOW, PAUSED, SINCE_START, TimePlots
 from gui.widgets.data_ages import DataAges, StaleCovers
 from gui.widgets.plot_axes import BOTTOM_PX, PlotGrid, colour_axes, fixed_plot, reserve
 from gui.widgets.theme import Theme, scaled_px, text_scale
-from rigctl.acquisition.live_file import LiveReader
+from rigctl.engine.live_file import LiveReader
 from rigctl.session.sensor_layout import PAPER_SENSOR, SensorLayout
 
 _RIGHT_PX, _MORE_FOR_TEXTS_PX = 216, 130

@@ -23,7 +23,7 @@ from gui.widgets.file_browser import PathKind, browse_button, new_files_folder
 from gui.widgets.labels import label
 from gui.widgets.layouts import hbox, push_button
 from rigctl.analysis.files import atomic_file
-from rigctl.encoding.reading import Reading
+from rigctl.encoder.reading import Reading
 from rigctl.errors import RigctlError, WrongUse
 
 Floats = NDArray[np.float64]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gui.live.history import LiveSamples, SampleWindow
-from rigctl.encoding.reading import conductance
+from rigctl.encoder.reading import conductance
 from rigctl.values import SAMPLE_RATE_HZ
 
 

@@ -12,8 +12,8 @@ from PySide6.QtWidgets import QApplication, QFrame, QStyle, QSystemTrayIcon
 from gui.widgets.formatting import capitalised
 from gui.widgets.labels import Level, StatusLamp, label
 from gui.widgets.layouts import hbox, push_button
-from rigctl.acquisition.rpc.messages import DISCONNECTED_TEXT, EngineStatus, RunStatus
-from rigctl.wire.drum_states import State
+from rigctl.boards.drum_states import State
+from rigctl.engine.rpc.messages import DISCONNECTED_TEXT, EngineStatus, RunStatus
 
 RELEASE_FIRST = "Release the emergency stop first"
 CONTINUE = "Protocol → Continue a session … runs the remaining trials"

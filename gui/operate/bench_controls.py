@@ -10,9 +10,9 @@ from PySide6.QtWidgets import QComboBox, QGridLayout, QGroupBox, QLabel, QWidget
 
 from gui.widgets.file_browser import ElidedComboBox
 from gui.widgets.layouts import focus_wheel, push_button
-from rigctl.acquisition.rpc.messages import EngineStatus
-from rigctl.simulation.wirings import WIRINGS
-from rigctl.wire.drum_states import State
+from rigctl.bench.wirings import WIRINGS
+from rigctl.boards.drum_states import State
+from rigctl.engine.rpc.messages import EngineStatus
 
 TEXTURES = tuple(ascii_uppercase[:16])
 NOT_TOLD = "not told"

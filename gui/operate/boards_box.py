@@ -16,7 +16,7 @@ from gui.operate.part_picture import PartDrawing
 from gui.widgets.file_browser import PathKind, browse_button, typed_path
 from gui.widgets.labels import Strip, label, set_property, show_progress, show_text
 from gui.widgets.layouts import FlowLayout, container, hbox, push_button, vbox
-from rigctl.acquisition.setup.boards import (
+from rigctl.engine.setup.boards import (
     BOARD_NAMES,
     installed_build,
     judge_firmware,
@@ -27,8 +27,8 @@ from rigctl.errors import RigctlError
 from rigctl.values import DRUM, TAXELS
 
 if TYPE_CHECKING:
-    from rigctl.devices.flash import Flashed
-    from rigctl.devices.port_discovery import PortReport
+    from rigctl.boards.flash import Flashed
+    from rigctl.boards.port_discovery import PortReport
 
 
 JOIN_LIMIT_S = 10.0
@@ -93,7 +93,7 @@ class BoardWorker(QObject):
 
     async def _find(self) -> Callable[[], None]:
         # Drivers are loaded when a board is asked for, not at the start of the window.
-        from rigctl.devices.port_discovery import probe_ports
+        from rigctl.boards.port_discovery import probe_ports
 
         builds = {board: installed_build(board) for board in (DRUM, TAXELS)}
         self.progressed.emit("asking the ports: silent for 2 s first", 0.0)
@@ -101,7 +101,7 @@ class BoardWorker(QObject):
         return lambda: self.found.emit(reports, builds)
 
     async def _flash(self, board: str, port: str) -> Callable[[], None]:
-        from rigctl.devices.flash import flash_board
+        from rigctl.boards.flash import flash_board
 
         flashed = await flash_board(board, self.progressed.emit, port)
         return lambda: self.flashed.emit(flashed)
@@ -332,7 +332,7 @@ class BoardsBox(QWidget):
         self._show_end("", "muted")
 
     def _show_flashed(self, flashed: Flashed) -> None:
-        from rigctl.devices.port_discovery import PortReport
+        from rigctl.boards.port_discovery import PortReport
 
         text = f"{flashed.text} is written and verified."
         self._show_end(f"{text} {flashed.remark}".strip(), "heading")

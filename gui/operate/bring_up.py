@@ -10,9 +10,9 @@ from PySide6.QtWidgets import QGridLayout, QGroupBox, QLabel, QPushButton
 
 from gui.widgets.labels import Level, StatusLamp, label, set_property, show_text
 from gui.widgets.layouts import container, push_button
-from rigctl.acquisition.calibration_values import LOADCELL, WIRING
-from rigctl.acquisition.rpc.messages import EngineStatus
-from rigctl.wire.drum_states import State
+from rigctl.boards.drum_states import State
+from rigctl.engine.calibration_values import LOADCELL, WIRING
+from rigctl.engine.rpc.messages import EngineStatus
 
 CALIBRATE_TIP = "Calibrate load cell and force loop, measure the imbalance, identify the taxels"
 STEPS, STEPS_TIP = "All steps", "List each step of the bring-up, and whether it is done"

@@ -24,7 +24,8 @@ from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import FlowLayout, focus_wheel, hbox, push_button, scroll_area, vbox
 from gui.widgets.number_box import NumberBox, has_refused
 from gui.widgets.theme import Theme, applied_theme, scaled_px
-from rigctl.acquisition.calibration_values import (
+from rigctl.config.rig_config import RigLimits
+from rigctl.engine.calibration_values import (
     FORCE,
     IMBALANCE,
     LOADCELL,
@@ -36,16 +37,15 @@ from rigctl.acquisition.calibration_values import (
     scale_words,
     wiring_words,
 )
-from rigctl.acquisition.load_cell_scale import MAX_SPREAD_SHARE, fit_line
-from rigctl.acquisition.rpc.messages import EngineStatus
-from rigctl.acquisition.wiring_identification import (
+from rigctl.engine.load_cell_scale import MAX_SPREAD_SHARE, fit_line
+from rigctl.engine.rpc.messages import EngineStatus
+from rigctl.engine.wiring_identification import (
     N_STEPS,
     PER_LAYER,
     SIDE,
     place_name,
     reading_name,
 )
-from rigctl.config.rig_config import RigLimits
 
 LEFT_PX, BOTTOM_PX, TOP_PX, RIGHT_PX = 62, 34, 20, 14
 POINT_PX = 4.0

@@ -22,8 +22,8 @@ from gui.widgets.labels import (
     show_text,
 )
 from gui.widgets.layouts import container, hbox, push_button, vbox
-from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus
-from rigctl.wire.drum_states import Fault
+from rigctl.boards.drum_states import Fault
+from rigctl.engine.rpc.messages import EngineStatus, RecordingStatus
 
 UNRECORDED_LIMIT = 12  # statuses, ten a second: longer than the second that the engine judges
 _WORDS_PX = 230

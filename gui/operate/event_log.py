@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QPlainTextEdit
 from gui.operate.bench_controls import FAULTS, WIRINGS_ON_OFF
 from gui.widgets.labels import ElidedLabel, set_property, show_text
 from gui.widgets.theme import applied_theme
-from rigctl.acquisition.calibration_values import (
+from rigctl.engine.calibration_values import (
     ForceLoopGains,
     MassReading,
     gains_words,

@@ -36,10 +36,10 @@ from gui.widgets.layouts import (
     vbox,
 )
 from gui.widgets.number_box import NumberBox, has_refused
-from rigctl.acquisition.rpc.messages import EngineStatus, PromptStatus, RecordingStatus
+from rigctl.boards.drum_registers import BY_NAME
+from rigctl.boards.drum_states import State, StateEvent, next_state
 from rigctl.config.rig_config import RigLimits
-from rigctl.wire.drum_registers import BY_NAME
-from rigctl.wire.drum_states import State, StateEvent, next_state
+from rigctl.engine.rpc.messages import EngineStatus, PromptStatus, RecordingStatus
 
 
 class PromptPanel(QFrame):

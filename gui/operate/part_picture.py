@@ -11,8 +11,8 @@ from PySide6.QtSvg import QSvgRenderer
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from gui.widgets.theme import applied_theme, scaled_px
-from rigctl.acquisition.rpc.messages import EngineStatus
 from rigctl.config.resources import part_title, wiring_drawing
+from rigctl.engine.rpc.messages import EngineStatus
 
 MARGIN = 8.0
 SHOWN_S = 30.0

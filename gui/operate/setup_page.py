@@ -12,8 +12,8 @@ from gui.operate.calibrate import common_obstacle
 from gui.operate.part_picture import CellTrace, PartDrawing
 from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import FlowLayout, container, hbox, push_button, vbox
-from rigctl.acquisition.rpc.messages import EngineStatus
-from rigctl.acquisition.setup.setup_status import FORCE, PartStatus, SetupStatus
+from rigctl.engine.rpc.messages import EngineStatus
+from rigctl.engine.setup.setup_status import FORCE, PartStatus, SetupStatus
 
 COMMANDS = frozenset(
     {

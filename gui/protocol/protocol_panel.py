@@ -45,10 +45,10 @@ from gui.widgets.layouts import (
     vbox,
 )
 from gui.widgets.number_box import WholeNumberBox
-from rigctl.acquisition.pause_reasons import reason_words
-from rigctl.acquisition.rpc.messages import EngineStatus, RecordingStatus, RunStatus
 from rigctl.config import resources
 from rigctl.config.rig_config import RigConfig
+from rigctl.engine.pause_reasons import reason_words
+from rigctl.engine.rpc.messages import EngineStatus, RecordingStatus, RunStatus
 
 MAX_SEED = 2**31 - 1
 MAX_NAME_LETTERS = 200

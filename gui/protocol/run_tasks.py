@@ -362,7 +362,7 @@ def _line_of(error: WrongUse, name: str) -> int:
 
 
 def _finger_summary(text: str, name: str) -> str:
-    from rigctl.protocol.finger import Stage
+    from rigctl.finger_values import Stage
     from rigctl.protocol.finger_plan import parse_finger_protocol
 
     plan = parse_finger_protocol(text, name).plan(list(Stage))

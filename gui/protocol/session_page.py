@@ -42,7 +42,7 @@ from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import ElidedLabel, label, show_text
 from gui.widgets.layouts import FlowLayout, PageTabs, container, hbox, push_button, vbox
 from gui.widgets.theme import applied_theme, scaled_px
-from rigctl.acquisition.rpc.messages import RunStatus
+from rigctl.engine.rpc.messages import RunStatus
 
 _Index = QModelIndex | QPersistentModelIndex
 _ROOT = QModelIndex()

@@ -30,7 +30,7 @@ from gui.screenshots.scenes import (
 )
 from gui.shell.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
-from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
+from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE
 
 FILM = "session.gif"
 IMAGES = Path("docs/images")

@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QPushButton
 from gui.screenshots.camera import pixels
 from gui.screenshots.scenes import SAVE_IN, Studio
 from gui.widgets.theme import ThemeChoice
-from rigctl.wire.drum_states import State
+from rigctl.boards.drum_states import State
 
 SIZE = (1024, 700)
 FRAME_MS = 125

@@ -20,12 +20,12 @@ from gui.screenshots.camera import THEMES, Camera
 from gui.shell.main_window import MainWindow
 from gui.widgets.file_browser import PathKind
 from gui.widgets.theme import ThemeChoice
-from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
-from rigctl.acquisition.rpc.messages import EngineStatus
-from rigctl.acquisition.setup.boards import installed_build
-from rigctl.devices.port_discovery import PortReport
+from rigctl.boards.drum_states import State
+from rigctl.boards.port_discovery import PortReport
+from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE
+from rigctl.engine.rpc.messages import EngineStatus
+from rigctl.engine.setup.boards import installed_build
 from rigctl.values import BoardIdentity
-from rigctl.wire.drum_states import State
 
 FINGER_SEED = "1"
 _FINGER = ("--protocol", "quick", "--yes", "--seed", FINGER_SEED, "--out")

@@ -16,9 +16,9 @@ from gui.operate.operate_panel import OperatePanel, PromptPanel
 from gui.protocol.protocol_panel import ProtocolPanel
 from gui.widgets.data_ages import DataAges, data_ages
 from gui.widgets.theme import Theme
-from rigctl.acquisition.live_file import LiveReader
-from rigctl.acquisition.notices import wiring_notice
-from rigctl.acquisition.rpc.messages import EngineStatus, parse_status
+from rigctl.engine.live_file import LiveReader
+from rigctl.engine.notices import wiring_notice
+from rigctl.engine.rpc.messages import EngineStatus, parse_status
 
 
 class AgeView(Protocol):

@@ -40,8 +40,8 @@ from gui.shell.window_memory import RecentRigs, RecentSessions, WindowMemory
 from gui.widgets.file_browser import FileBrowser, PathKind
 from gui.widgets.layouts import container, scroll_area, vbox
 from gui.widgets.theme import Theme, ThemeChoice, apply_palette, apply_theme, scale_texts
-from rigctl.acquisition.contact import RESTING_STATES
-from rigctl.acquisition.rpc.engine_files import FINGER_EXPERIMENT, EngineFile
+from rigctl.engine.contact import RESTING_STATES
+from rigctl.engine.rpc.engine_files import FINGER_EXPERIMENT, EngineFile
 
 TEXT_SIZES_PERCENT = (90, 100, 115, 130, 150)
 NOT_AT_REST = (

@@ -19,9 +19,9 @@ from gui.shell.page_stack import PageStack
 from gui.widgets.file_browser import PathKind, browse_button, typed_path
 from gui.widgets.labels import label, set_property
 from gui.widgets.layouts import hbox, push_button, vbox
-from rigctl.acquisition.live_file import LiveReader
-from rigctl.acquisition.rpc.messages import EngineStatus
-from rigctl.devices.identity import offered_flash
+from rigctl.boards.identity import offered_flash
+from rigctl.engine.live_file import LiveReader
+from rigctl.engine.rpc.messages import EngineStatus
 
 _KILL_MS = 1000
 

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QGraphicsItem, QGraphicsWidget
 
 from gui.widgets.formatting import duration
 from gui.widgets.theme import applied_theme
-from rigctl.acquisition.rpc.messages import EngineStatus
+from rigctl.engine.rpc.messages import EngineStatus
 
 STALE_S = 0.4
 """Values this old are shown grey with their age; data come at least ten times a second."""

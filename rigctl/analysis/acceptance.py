@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from rigctl.analysis.files import atomic_directory
 from rigctl.analysis.report.figures import MUTED, new_figure, save_figure
 from rigctl.analysis.report.html_page import render_page
+from rigctl.boards.taxel_frames import Flag
 from rigctl.config.rig_config import DrumGeometry
 from rigctl.errors import SessionError
 from rigctl.session.layout import ARRIVALS as _ARRIVALS
 from rigctl.session.session import Session
 from rigctl.values import SAMPLE_RATE_HZ, Event, Verdict
-from rigctl.wire.taxel_frames import Flag
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -27,7 +27,7 @@ import numpy as np
 import platformdirs
 from numpy.typing import NDArray
 
-import rigctl.encoding
+import rigctl.encoder
 from rigctl.analysis.executors import SERIAL, Executor, Progress, R, T
 from rigctl.config.text_file import open_file
 from rigctl.errors import WrongUse
@@ -187,7 +187,7 @@ def code_digest() -> bytes:
     """Return the SHA-256 of the source that encodes and counts, as entries of other code differ."""
     digest = hashlib.sha256()
     here = Path(__file__).parent
-    sources = sorted(Path(rigctl.encoding.__path__[0]).rglob("*.py"))
+    sources = sorted(Path(rigctl.encoder.__path__[0]).rglob("*.py"))
     for path in (*sources, here / "spike_counts.py"):
         digest.update(path.read_bytes())
     return digest.digest()

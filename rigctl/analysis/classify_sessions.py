@@ -36,8 +36,8 @@ from rigctl.analysis.trial_set import (
     join_sessions,
     open_trials,
 )
-from rigctl.encoding.features import feature_matrices
-from rigctl.encoding.reading import Reading
+from rigctl.encoder.features import feature_matrices
+from rigctl.encoder.reading import Reading
 from rigctl.errors import SessionError, WrongUse
 from rigctl.session.model_file import Model
 from rigctl.session.sample_index import SampleFile

@@ -43,12 +43,12 @@ from rigctl.analysis.taxel import (
 )
 from rigctl.analysis.trial_set import TrialRef, TrialSet, join_sessions, open_trials
 from rigctl.config.resources import source_commit
-from rigctl.encoding.batch import window_counts
-from rigctl.encoding.encoder import encode_trials
-from rigctl.encoding.features import FeatureLayout
-from rigctl.encoding.force_matrix import ForceMatrix
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import EncoderParameters
+from rigctl.encoder.batch import window_counts
+from rigctl.encoder.encoder import encode_trials
+from rigctl.encoder.features import FeatureLayout
+from rigctl.encoder.force_matrix import ForceMatrix
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.parameters import EncoderParameters
 from rigctl.session.analysis_file import EncodingInfo, SpikeFileWriter
 from rigctl.session.sample_index import SampleFiles
 

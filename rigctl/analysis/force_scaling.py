@@ -27,12 +27,12 @@ from rigctl.analysis.spike_counts import (
     prepare_trials,
 )
 from rigctl.analysis.trial_set import TrialRef, TrialSet, check_source_wiring
-from rigctl.encoding.batch import sa_rates_hz
-from rigctl.encoding.force_matrix import ForceMatrix
-from rigctl.encoding.force_search import TOLERANCE_HZ
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import EncoderParameters
-from rigctl.encoding.root_bracket import LIMIT_C, SearchStatus
+from rigctl.encoder.batch import sa_rates_hz
+from rigctl.encoder.force_matrix import ForceMatrix
+from rigctl.encoder.force_search import TOLERANCE_HZ
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.parameters import EncoderParameters
+from rigctl.encoder.root_bracket import LIMIT_C, SearchStatus
 from rigctl.errors import WrongUse
 from rigctl.session.analysis_file import content_digest, load_force
 

@@ -13,8 +13,8 @@ from rigctl.analysis.executors import Progress
 from rigctl.analysis.pca_lda import Labels, Split, SweepEngine, predict_splits
 from rigctl.analysis.splits import LEAST_TRIALS, Design, Fold
 from rigctl.analysis.trial_set import TrialSet
-from rigctl.encoding.features import FeatureLayout, feature_matrices
-from rigctl.encoding.normalisation import Normalisation
+from rigctl.encoder.features import FeatureLayout, feature_matrices
+from rigctl.encoder.normalisation import Normalisation
 from rigctl.errors import WrongUse
 
 MAX_COMPONENTS = 50

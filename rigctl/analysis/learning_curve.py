@@ -17,8 +17,8 @@ from rigctl.analysis.held_out import MAX_COMPONENTS, N_FOLDS, SHOWN_COMPONENTS, 
 from rigctl.analysis.pca_lda import Labels, Matrix, Split, SweepEngine, predict_splits
 from rigctl.analysis.splits import Fold, stratified_folds
 from rigctl.analysis.statistics import wilson_interval
-from rigctl.encoding.features import FeatureLayout, feature_matrices
-from rigctl.encoding.normalisation import Normalisation
+from rigctl.encoder.features import FeatureLayout, feature_matrices
+from rigctl.encoder.normalisation import Normalisation
 from rigctl.session.session import Session
 
 Condition = tuple[float, float, float]

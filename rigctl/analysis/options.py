@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rigctl.analysis.further_tasks import OFFERED
-from rigctl.encoding.parameters import PRESETS, override, preset
+from rigctl.encoder.parameters import PRESETS, override, preset
 from rigctl.errors import WrongUse
 from rigctl.protocol.plan import MAX_SEED
 
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from rigctl.analysis.settings import AnalysisSettings
     from rigctl.analysis.spike_counts import RangesOver
     from rigctl.analysis.training import ModelRequest
-    from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import EncoderParameters
+    from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.parameters import EncoderParameters
 
 DRUM, FINGER = "drum", "realtime"
 """Experiments whose sessions are analysed."""
@@ -106,7 +106,7 @@ class EncoderOptions:
     @property
     def reference_g(self) -> float:
         """The reference force, or the paper's."""
-        from rigctl.encoding.force_matrix import REFERENCE_FORCE_G
+        from rigctl.encoder.force_matrix import REFERENCE_FORCE_G
 
         return REFERENCE_FORCE_G if self.reference_force is None else self.reference_force
 

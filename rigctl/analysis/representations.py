@@ -43,11 +43,11 @@ from rigctl.analysis.spike_counts import (
     replace_sa_counts,
 )
 from rigctl.analysis.trial_set import TrialSet
-from rigctl.encoding.batch import features_from_counts
-from rigctl.encoding.features import FeatureLayout
-from rigctl.encoding.force_matrix import ForceMatrix
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import EncoderParameters
+from rigctl.encoder.batch import features_from_counts
+from rigctl.encoder.features import FeatureLayout
+from rigctl.encoder.force_matrix import ForceMatrix
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.parameters import EncoderParameters
 
 Features = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from rigctl.analysis.executors import Progress
 from rigctl.analysis.further_tasks import TASKS
 from rigctl.analysis.representations import REPRESENTATIONS, Representation, RepresentationSet
 from rigctl.analysis.tasks import Curve, SweepSettings, TaskResult, run_tasks
-from rigctl.encoding.parameters import PRESETS, SA_PRESETS
+from rigctl.encoder.parameters import PRESETS, SA_PRESETS
 
 PRESET_ORDER = (*SA_PRESETS, *(name for name in PRESETS if name not in SA_PRESETS))
 """Those that differ in the neuron, then the readings of the RA channel."""

@@ -23,11 +23,11 @@ from rigctl.config.toml_reader import (
     read_section,
     texts,
 )
-from rigctl.encoding.features import REFERENCE_SPEED_MM_S, WINDOW_MS
-from rigctl.encoding.force_matrix import REFERENCE_FORCE_G
-from rigctl.encoding.scaled_time import N_WINDOWS
+from rigctl.encoder.features import REFERENCE_SPEED_MM_S, WINDOW_MS
+from rigctl.encoder.force_matrix import REFERENCE_FORCE_G
+from rigctl.encoder.scaled_time import N_WINDOWS
 from rigctl.errors import ConfigError, WrongUse
-from rigctl.protocol.finger import VelocityProfile
+from rigctl.finger_values import VelocityProfile
 
 MAX_SPEED_MM_S, MAX_FORCE_G = 100_000.0, 100_000.0
 MAX_WINDOWS, MAX_WINDOW_MS = 100_000, 60_000

@@ -25,7 +25,7 @@ from rigctl.analysis.trial_set import (
     counted,
     open_trials,
 )
-from rigctl.encoding.batch import (
+from rigctl.encoder.batch import (
     Counts,
     common_bin_edges,
     count_spikes,
@@ -33,13 +33,13 @@ from rigctl.encoding.batch import (
     mean_normalised_reading,
     sa_rates_hz,
 )
-from rigctl.encoding.features import FeatureLayout
-from rigctl.encoding.force_matrix import ForceMatrix
-from rigctl.encoding.force_search import ForceSearch, search_c
-from rigctl.encoding.kernel import TrialViews
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import EncoderParameters
-from rigctl.encoding.root_bracket import SearchStatus
+from rigctl.encoder.features import FeatureLayout
+from rigctl.encoder.force_matrix import ForceMatrix
+from rigctl.encoder.force_search import ForceSearch, search_c
+from rigctl.encoder.kernel import TrialViews
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.parameters import EncoderParameters
+from rigctl.encoder.root_bracket import SearchStatus
 from rigctl.errors import WrongUse
 from rigctl.session.sample_index import SampleFile, SampleFiles
 

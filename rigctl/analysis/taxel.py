@@ -46,11 +46,11 @@ from rigctl.analysis.spike_counts import (
 )
 from rigctl.analysis.trial_set import TrialRef, TrialSet, join_sessions, open_trials
 from rigctl.config.text_file import shorten
-from rigctl.encoding.encoder import encode_trials, membrane_mv
-from rigctl.encoding.force_matrix import REFERENCE_FORCE_G
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import DEFAULT, EncoderParameters, RaDerivative
-from rigctl.encoding.ra_filter import ra_signals
+from rigctl.encoder.encoder import encode_trials, membrane_mv
+from rigctl.encoder.force_matrix import REFERENCE_FORCE_G
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.parameters import DEFAULT, EncoderParameters, RaDerivative
+from rigctl.encoder.ra_filter import ra_signals
 from rigctl.errors import WrongUse
 from rigctl.values import SAMPLE_RATE_HZ
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.executors import Progress
-from rigctl.encoding.reading import Reading, conductance
+from rigctl.encoder.reading import Reading, conductance
 from rigctl.errors import SessionError
 from rigctl.session.analysis_file import load_inputs
 from rigctl.session.digests import damaged_trials

@@ -69,8 +69,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _weigh(args: argparse.Namespace) -> AcceptanceCheck:
     """Read the load cell without and with the known mass."""
-    from rigctl.acquisition.calibrator import Calibrator, calibrate_alone
     from rigctl.analysis.acceptance import check_known_mass
+    from rigctl.engine.calibrator import Calibrator, calibrate_alone
     from rigctl.rig import open_rig
 
     readings: list[float] = []

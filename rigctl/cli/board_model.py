@@ -21,9 +21,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Write the header and print how to build it in."""
     from rigctl.analysis.finger.classifier import board_coefficients, centred_stages
-    from rigctl.realtime.model_files import model_path
+    from rigctl.boards.finger_messages import model_header
+    from rigctl.finger.model_files import model_path
     from rigctl.session.finger_model_file import load_finger_model
-    from rigctl.wire.finger_messages import model_header
 
     path = model_path(args.model, "speed-scaled")
     model = load_finger_model(path)

@@ -13,13 +13,18 @@ from contextlib import closing
 from datetime import UTC, datetime
 from typing import Any
 
-from rigctl.acquisition.calibration_values import (
+from rigctl.cli import calibrate_wiring
+from rigctl.cli.arguments import add_option, add_seed, number, path_or_name
+from rigctl.cli.progress import ask
+from rigctl.cli.world import add_world, chosen_world
+from rigctl.config.toml_edit import replace_file
+from rigctl.engine.calibration_values import (
     MassReading,
     gains_words,
     imbalance_words,
     scale_words,
 )
-from rigctl.acquisition.calibrator import (
+from rigctl.engine.calibrator import (
     BOARD,
     CalibratedValues,
     Calibrator,
@@ -27,15 +32,10 @@ from rigctl.acquisition.calibrator import (
     force_values,
     loadcell_values,
 )
-from rigctl.acquisition.load_cell_scale import fit_scale, validate_masses
-from rigctl.acquisition.notices import wiring_notice
-from rigctl.acquisition.rig import Rig
-from rigctl.acquisition.setup.progress import note_calibration
-from rigctl.cli import calibrate_wiring
-from rigctl.cli.arguments import add_option, add_seed, number, path_or_name
-from rigctl.cli.progress import ask
-from rigctl.cli.world import add_world, chosen_world
-from rigctl.config.toml_edit import replace_file
+from rigctl.engine.load_cell_scale import fit_scale, validate_masses
+from rigctl.engine.notices import wiring_notice
+from rigctl.engine.rig import Rig
+from rigctl.engine.setup.progress import note_calibration
 from rigctl.rig import open_rig
 
 MAX_LOAD_G = 1e6

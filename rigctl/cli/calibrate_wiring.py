@@ -9,20 +9,20 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
-from rigctl.acquisition.calibration_values import wiring_words
-from rigctl.acquisition.calibrator import wiring_values
-from rigctl.acquisition.rig import Rig
-from rigctl.acquisition.setup.progress import note_calibration
-from rigctl.acquisition.wiring_identification import ContradictoryPresses, MeanReadings
-from rigctl.acquisition.wiring_steps import (
+from rigctl.cli.progress import ask
+from rigctl.config.rig_config import RigConfig, TaxelArray, load_config
+from rigctl.config.toml_edit import replace_file
+from rigctl.engine.calibration_values import wiring_words
+from rigctl.engine.calibrator import wiring_values
+from rigctl.engine.rig import Rig
+from rigctl.engine.setup.progress import note_calibration
+from rigctl.engine.wiring_identification import ContradictoryPresses, MeanReadings
+from rigctl.engine.wiring_steps import (
     WiringStep,
     WiringSteps,
     mean_readings,
     require_identifiable,
 )
-from rigctl.cli.progress import ask
-from rigctl.config.rig_config import RigConfig, TaxelArray, load_config
-from rigctl.config.toml_edit import replace_file
 from rigctl.errors import RigFault, WrongUse
 from rigctl.rig import open_rig
 

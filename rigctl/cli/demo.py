@@ -13,13 +13,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-from rigctl.acquisition.rpc.client import EngineClient
-from rigctl.acquisition.rpc.messages import RunStatus
 from rigctl.cli.arguments import a_path, add_option, add_seed
 from rigctl.cli.progress import ProgressLine
 from rigctl.cli.run import EXIT_CODES, watch_run
 from rigctl.cli.verify import print_session
 from rigctl.cli.world import add_world
+from rigctl.engine.rpc.client import EngineClient
+from rigctl.engine.rpc.messages import RunStatus
 from rigctl.errors import CheckFailed
 from rigctl.session.verify import verify
 

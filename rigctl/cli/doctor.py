@@ -33,21 +33,21 @@ from packaging.utils import canonicalize_name
 from platformdirs.unix import Unix
 
 from gui.app import DEBIAN_PACKAGES
-from rigctl.acquisition.health import ACTIVE_WINDOW_S, RESERVE_BYTES
-from rigctl.acquisition.rpc.engine_files import LOG, EngineFile, running_engines, runtime_folder
+from rigctl.bench.boards.drum_firmware import DrumFirmware
+from rigctl.bench.boards.finger_firmware import FingerFirmware
+from rigctl.bench.boards.firmware_library import FirmwareLibrary
+from rigctl.bench.boards.taxels import TaxelFirmware
+from rigctl.boards.port_discovery import PortReport, probe_ports
 from rigctl.cli.arguments import a_path, add_option
 from rigctl.cli.ports import SILENT_FIRST
 from rigctl.config.resources import checkout, flash_image
 from rigctl.config.rig_config import RigConfig
-from rigctl.devices.port_discovery import PortReport, probe_ports
+from rigctl.engine.health import ACTIVE_WINDOW_S, RESERVE_BYTES
+from rigctl.engine.rpc.engine_files import LOG, EngineFile, running_engines, runtime_folder
 from rigctl.errors import RigctlError, RigFault, WrongUse
 from rigctl.host_build import image_hash
 from rigctl.protocol.plan import recorded_bytes_per_s
 from rigctl.session.writer_lock import LOCK_FILE, Writer, try_lock, writer_of
-from rigctl.simulation.boards.drum_firmware import DrumFirmware
-from rigctl.simulation.boards.finger_firmware import FingerFirmware
-from rigctl.simulation.boards.firmware_library import FirmwareLibrary
-from rigctl.simulation.boards.taxels import TaxelFirmware
 
 DAY_S = 86_400.0
 RECENT_S = 7 * DAY_S

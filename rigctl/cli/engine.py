@@ -7,18 +7,18 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rigctl.acquisition.drum_commands import DrumCommands
-from rigctl.acquisition.engine import Engine
-from rigctl.acquisition.live_file import LiveWriter
-from rigctl.acquisition.run_request import RunRequest
 from rigctl.cli.arguments import add_option, path_or_name, whole_number
 from rigctl.cli.engine_process import EngineProcess, utc_now
 from rigctl.cli.world import add_wirings, add_world, chosen_world, session_world
+from rigctl.engine.drum_commands import DrumCommands
+from rigctl.engine.engine import Engine
+from rigctl.engine.live_file import LiveWriter
+from rigctl.engine.run_request import RunRequest
 from rigctl.protocol.plan import MAX_SEED
 from rigctl.rig import open_rig
 
 if TYPE_CHECKING:
-    from rigctl.simulation.bench.world_file import SimulatedWorld
+    from rigctl.bench.world_file import SimulatedWorld
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -13,8 +13,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from rigctl.acquisition.rpc.commands import RequestHandler
-from rigctl.acquisition.rpc.engine_files import (
+from rigctl.engine.rpc.commands import RequestHandler
+from rigctl.engine.rpc.engine_files import (
     DRUM_EXPERIMENT,
     LIVE,
     LOG,
@@ -28,8 +28,8 @@ from rigctl.acquisition.rpc.engine_files import (
     validate_engine_name,
     write_engine_file,
 )
-from rigctl.acquisition.rpc.server import open_listener, wait_first_client
-from rigctl.acquisition.served_engine import ServedEngine
+from rigctl.engine.rpc.server import open_listener, wait_first_client
+from rigctl.engine.served_engine import ServedEngine
 from rigctl.errors import WrongUse
 
 

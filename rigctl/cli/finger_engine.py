@@ -5,17 +5,17 @@ from __future__ import annotations
 import argparse
 from contextlib import closing
 
-from rigctl.acquisition.rpc.engine_files import FINGER_EXPERIMENT
 from rigctl.analysis.finger.classifier import COVERAGE, ERROR_RATE
 from rigctl.cli.arguments import add_option, number, path_or_name, whole_number
 from rigctl.cli.engine_process import EngineProcess, utc_now
 from rigctl.cli.world import add_world, chosen_world
+from rigctl.engine.rpc.engine_files import FINGER_EXPERIMENT
+from rigctl.finger.finger_commands import FingerCommands
+from rigctl.finger.finger_engine import FingerEngine
+from rigctl.finger.finger_run_request import DEFAULT_PROTOCOL, FingerRunRequest
+from rigctl.finger.live_file import FingerLiveWriter
 from rigctl.finger_rig import open_finger_rig
 from rigctl.protocol.plan import MAX_SEED
-from rigctl.realtime.finger_commands import FingerCommands
-from rigctl.realtime.finger_engine import FingerEngine
-from rigctl.realtime.finger_run_request import DEFAULT_PROTOCOL, FingerRunRequest
-from rigctl.realtime.live_file import FingerLiveWriter
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _write_sketches(args: argparse.Namespace) -> int:
-    from rigctl.devices.flash import write_sketches
+    from rigctl.boards.flash import write_sketches
 
     if args.board is not None or args.image is not None or args.port is not None:
         raise WrongUse("--sketches writes folders and flashes nothing: leave the board out")
@@ -72,7 +72,7 @@ def _write_sketches(args: argparse.Namespace) -> int:
 
 
 async def _flash_avr(args: argparse.Namespace, line: ProgressLine) -> None:
-    from rigctl.devices.flash import flash_board
+    from rigctl.boards.flash import flash_board
 
     flashed = await flash_board(args.board, line.show_share, args.port or "", args.image)
     line.end()
@@ -82,7 +82,7 @@ async def _flash_avr(args: argparse.Namespace, line: ProgressLine) -> None:
 
 
 async def _flash_teensy(args: argparse.Namespace, line: ProgressLine) -> None:
-    from rigctl.devices.flash import (
+    from rigctl.boards.flash import (
         Flashed,
         find_identity,
         read_image,

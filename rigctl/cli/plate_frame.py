@@ -8,14 +8,14 @@ import os
 from pathlib import Path
 from statistics import fmean
 
+from rigctl.boards.trackers.plate_frame import PlateFrame, Vector, fit_plate_frame
+from rigctl.boards.trackers.tracker import Tracker
 from rigctl.cli.arguments import a_path, add_option
 from rigctl.cli.progress import ask
 from rigctl.config.rig_config import load_finger_config
-from rigctl.devices.trackers.plate_frame import PlateFrame, Vector, fit_plate_frame
-from rigctl.devices.trackers.tracker import Tracker
 from rigctl.errors import LinkLost, RigFault, WrongUse
 from rigctl.finger_rig import configured_tracker
-from rigctl.protocol.finger import PLATE_CORNERS_MM
+from rigctl.finger_values import PLATE_CORNERS_MM
 from rigctl.values import Position
 
 NO_TERMINAL = "run it where you can press Enter at each corner"

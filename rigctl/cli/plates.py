@@ -16,7 +16,7 @@ from rigctl.cli.world import add_world, chosen_world
 from rigctl.errors import WrongUse
 
 if TYPE_CHECKING:
-    from rigctl.simulation.bench.parameters import WorldParameters
+    from rigctl.bench.parameters import WorldParameters
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,8 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the plates, and print what they make of a turn of the drum."""
-    from rigctl.simulation.bench import plate_solids
-    from rigctl.simulation.bench.world_file import NOMINAL_WORLD
+    from rigctl.bench import plate_solids
+    from rigctl.bench.world_file import NOMINAL_WORLD
 
     parameters = (chosen_world(args.world) or NOMINAL_WORLD).parameters
     if args.drum_radius is not None:
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _advice(parameters: WorldParameters) -> str:
     """Return what rig.toml and the firmware have to know of these plates."""
-    from rigctl.simulation.bench.plate_solids import THICKNESS_MM, base_radius_mm
+    from rigctl.bench.plate_solids import THICKNESS_MM, base_radius_mm
 
     radius_mm = base_radius_mm(parameters)
     turn_mm = 2.0 * pi * radius_mm

@@ -12,10 +12,10 @@ import json
 import sys
 from collections.abc import Mapping
 
-from rigctl.devices.boot_silence import AFTER_OPEN_S
-from rigctl.devices.port_discovery import PortReport, probe_ports
+from rigctl.boards.boot_silence import AFTER_OPEN_S
+from rigctl.boards.drum_codes import SettingsFrom, reset_cause_text
+from rigctl.boards.port_discovery import PortReport, probe_ports
 from rigctl.values import BoardIdentity
-from rigctl.wire.drum_codes import SettingsFrom, reset_cause_text
 
 SILENT_FIRST = (
     f"a board's bootloader may be listening, so each port stays silent for {AFTER_OPEN_S:g} s first"

@@ -18,7 +18,7 @@ from pathlib import Path
 from rigctl.cli import board_model, plate_frame, realtime_movie, realtime_stages
 from rigctl.cli.arguments import a_path, add_option, add_seed, number, path_or_name, whole_number
 from rigctl.cli.world import add_world
-from rigctl.realtime.model_files import REPRESENTATIONS
+from rigctl.finger.model_files import REPRESENTATIONS
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -9,23 +9,23 @@ from pathlib import Path
 
 import numpy as np
 
-from rigctl.acquisition.rpc.client import FINGER_ENGINE_COMMAND, EngineClient
 from rigctl.cli.engine_process import utc_now
 from rigctl.cli.progress import ProgressLine, clock
 from rigctl.cli.run import EXIT_CODES, TOLD_EVENTS, RunWatcher
 from rigctl.cli.verify import print_missing, print_session
+from rigctl.engine.rpc.client import FINGER_ENGINE_COMMAND, EngineClient
 from rigctl.errors import CheckFailed, WrongUse
-from rigctl.finger_rig import SIMULATED
-from rigctl.finger_values import PredictionRow
-from rigctl.realtime.finger_models import calibrate_models, train_models
-from rigctl.realtime.finger_rig import RUN_FIRST_SLIDE
-from rigctl.realtime.latency import KINDS, LIMITS_MS
-from rigctl.realtime.messages import (
+from rigctl.finger.finger_models import calibrate_models, train_models
+from rigctl.finger.finger_rig import RUN_FIRST_SLIDE
+from rigctl.finger.latency import KINDS, LIMITS_MS
+from rigctl.finger.messages import (
     FingerEngineStatus,
     FingerRunStatus,
     parse_finger_status,
 )
-from rigctl.realtime.model_files import SPEED_SCALED, model_path
+from rigctl.finger.model_files import SPEED_SCALED, model_path
+from rigctl.finger_rig import SIMULATED
+from rigctl.finger_values import PredictionRow
 from rigctl.session.finger_model_file import load_finger_model
 from rigctl.session.finger_session import FingerSession
 

@@ -17,21 +17,21 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, Generic, Protocol, TypeVar
 
-from rigctl.acquisition.notices import wiring_notice
-from rigctl.acquisition.rpc.client import COMMAND_LINE, EngineClient, EngineRefusal, client_name
-from rigctl.acquisition.rpc.messages import (
-    EngineStatus,
-    PromptStatus,
-    RunStatus,
-    as_dict,
-    parse_status,
-)
 from rigctl.cli import INTERRUPTED
 from rigctl.cli.arguments import a_path, add_option, add_seed, path_or_name
 from rigctl.cli.progress import Interrupts, ProgressLine, clock
 from rigctl.cli.verify import print_missing, print_session
 from rigctl.cli.world import add_wirings, add_world
 from rigctl.config.text_file import refuse_link_outside
+from rigctl.engine.notices import wiring_notice
+from rigctl.engine.rpc.client import COMMAND_LINE, EngineClient, EngineRefusal, client_name
+from rigctl.engine.rpc.messages import (
+    EngineStatus,
+    PromptStatus,
+    RunStatus,
+    as_dict,
+    parse_status,
+)
 from rigctl.errors import WrongUse
 from rigctl.session.layout import RIG_FILE
 from rigctl.session.session import Session

@@ -25,8 +25,8 @@ from rigctl.finger_rig import open_finger_rig
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
 
 if TYPE_CHECKING:
-    from rigctl.simulation.bench.world_file import SimulatedWorld
-    from rigctl.simulation.board_server import Addresses, ServedLink
+    from rigctl.bench.board_server import Addresses, ServedLink
+    from rigctl.bench.world_file import SimulatedWorld
 
 PREPARING = "preparing the simulated bench; after an update this takes half a minute"
 
@@ -102,7 +102,7 @@ def _serve_drum(args: argparse.Namespace, world: SimulatedWorld | None) -> None:
 
 
 def _serve_finger(args: argparse.Namespace, world: SimulatedWorld | None) -> None:
-    from rigctl.simulation.finger.served_finger import PersonCable, TrackerCable
+    from rigctl.bench.finger.served_finger import PersonCable, TrackerCable
 
     opened = open_finger_rig(VIRTUAL, seed=args.seed, session=args.session or 0, world=world)
     with closing(opened) as rig:
@@ -112,7 +112,7 @@ def _serve_finger(args: argparse.Namespace, world: SimulatedWorld | None) -> Non
 
 
 async def _serve(links: Sequence[ServedLink], args: argparse.Namespace) -> None:
-    from rigctl.simulation.board_server import serve
+    from rigctl.bench.board_server import serve
 
     loop = asyncio.get_running_loop()
     stop = asyncio.Event()

@@ -17,20 +17,20 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from rigctl.acquisition.calibrator import Calibrator, calibrate_alone
-from rigctl.acquisition.rig import Rig
-from rigctl.acquisition.setup.boards import find_boards, judge_reports, write_rig_file
-from rigctl.acquisition.setup.setup import STEPS, Setup, SetupStep, TooEarly
-from rigctl.acquisition.setup.setup_status import FORCE
-from rigctl.acquisition.setup.verdict import Question, Verdict
-from rigctl.acquisition.setup.workbench import Workbench
+from rigctl.boards.port_discovery import probe_ports
 from rigctl.cli.arguments import add_option, add_seed, path_or_name
 from rigctl.cli.progress import ProgressLine
 from rigctl.cli.world import add_wirings, add_world, chosen_world
 from rigctl.config.resources import part_title, wiring_drawing
 from rigctl.config.rig_config import load_config
 from rigctl.config.text_file import visible
-from rigctl.devices.port_discovery import probe_ports
+from rigctl.engine.calibrator import Calibrator, calibrate_alone
+from rigctl.engine.rig import Rig
+from rigctl.engine.setup.boards import find_boards, judge_reports, write_rig_file
+from rigctl.engine.setup.setup import STEPS, Setup, SetupStep, TooEarly
+from rigctl.engine.setup.setup_status import FORCE
+from rigctl.engine.setup.verdict import Question, Verdict
+from rigctl.engine.setup.workbench import Workbench
 from rigctl.errors import RigFault, WrongUse
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
 from rigctl.values import DRUM, TAXELS
@@ -105,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
 
 async def _flash(board: str, port: str) -> None:
     """Write the image of this installation, as ``rigctl flash`` does."""
-    from rigctl.devices.flash import flash_board
+    from rigctl.boards.flash import flash_board
 
     line = ProgressLine(sys.stderr)
     await flash_board(board, line.show_share, port)

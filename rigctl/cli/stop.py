@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 
-from rigctl.acquisition.rpc.client import StopResult, stop_engines
+from rigctl.engine.rpc.client import StopResult, stop_engines
 from rigctl.errors import CheckFailed, RigFault
 
 

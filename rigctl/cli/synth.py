@@ -72,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Make the data set and return 0 if every trial is committed, 1 if some are not."""
-    from rigctl.simulation.bench.world_file import NOMINAL_WORLD
+    from rigctl.bench.world_file import NOMINAL_WORLD
     from rigctl.synth.dataset import (
         DatasetRequest,
         generate,

@@ -14,7 +14,7 @@ from rigctl.cli.arguments import a_path, add_option
 from rigctl.errors import SessionError
 
 if TYPE_CHECKING:
-    from rigctl.simulation.bench.world_file import SimulatedWorld
+    from rigctl.bench.world_file import SimulatedWorld
 
 
 def add_world(parser: argparse.ArgumentParser) -> None:
@@ -43,15 +43,15 @@ def add_wirings(parser: argparse.ArgumentParser) -> None:
 
 def chosen_world(path: Path | None) -> SimulatedWorld | None:
     """Return the world of a file, None without a file. Raises ConfigError."""
-    from rigctl.simulation.bench.world_file import load_world
+    from rigctl.bench.world_file import load_world
 
     return None if path is None else load_world(path)
 
 
 def session_world(folder: Path) -> SimulatedWorld | None:
     """Return the world of a session, None if it has none. Raises SessionError."""
+    from rigctl.bench.world_file import world_from_header
     from rigctl.session.session import Session
-    from rigctl.simulation.bench.world_file import world_from_header
 
     with Session.open(folder) as session:
         return world_from_header(session.header.simulation, folder)
@@ -59,7 +59,7 @@ def session_world(folder: Path) -> SimulatedWorld | None:
 
 def _wiring_name(text: str) -> str:
     """Return the name of a wiring as the catalogue has it. Raises WrongUse."""
-    from rigctl.simulation.wirings import find_wiring
+    from rigctl.bench.wirings import find_wiring
 
     return find_wiring(text).name
 
@@ -78,7 +78,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the world."""
-    from rigctl.simulation.bench.world_file import NOMINAL_WORLD, format_world
+    from rigctl.bench.world_file import NOMINAL_WORLD, format_world
 
     if args.source is not None and args.source.is_dir():
         world = session_world(args.source)

@@ -19,8 +19,8 @@ from rigctl.config.toml_reader import (
     section_fields,
 )
 from rigctl.errors import ProtocolError
+from rigctl.finger_values import PROTOCOL_KEYS, FingerTrial, Stage, VelocityProfile
 from rigctl.protocol.fields import ORDER_SEED, ORDERS, TEXTURES, FieldGroup, name_group
-from rigctl.protocol.finger import PROTOCOL_KEYS, FingerTrial, Stage, VelocityProfile
 from rigctl.protocol.plan import checked_seed, digest_of, shuffled
 
 MAX_SCANS = 20_000

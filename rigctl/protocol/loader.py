@@ -8,6 +8,7 @@ from pathlib import Path
 from rigctl.config.rig_config import RigConfig
 from rigctl.config.toml_reader import TomlTable, TomlText, read_section
 from rigctl.errors import ProtocolError
+from rigctl.finger_values import PROTOCOL_KEYS
 from rigctl.protocol.fields import (
     EVERY,
     FORCE_MODE,
@@ -21,7 +22,6 @@ from rigctl.protocol.fields import (
     step_fields,
     trials_group,
 )
-from rigctl.protocol.finger import PROTOCOL_KEYS
 from rigctl.protocol.plan import EarlyEnd, FreeStep, Protocol, Quality, Settle
 from rigctl.protocol.steps import ApproachOnly, Baseline, Message, Rest, Step, Tare, Turn, ramp_mm
 

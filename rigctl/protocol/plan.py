@@ -12,12 +12,12 @@ from operator import attrgetter
 from random import Random
 from typing import Any, TypeVar
 
+from rigctl.boards.drum_registers import BY_NAME
 from rigctl.config.rig_config import RigConfig
 from rigctl.config.toml_reader import number, text
 from rigctl.errors import WrongUse
 from rigctl.protocol.steps import ChangePlate, RunTrial, Step, rig_seconds
 from rigctl.values import SAMPLE_RATE_HZ, PlannedTrial
-from rigctl.wire.drum_registers import BY_NAME
 
 QUANTITY_NAMES = {"sa_rate": "mean SA rate", "ra_rate": "mean RA rate"}
 """Mean spike rate of the SA or of the RA neurons over a trial, Hz per neuron."""

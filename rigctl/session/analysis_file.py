@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 
 from rigctl.config.rig_config import MAX_TAXELS
 from rigctl.config.text_file import open_file, refuse_link_outside
-from rigctl.encoding.features import FeatureLayout
-from rigctl.encoding.force_matrix import ForceMatrix
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import EncoderParameters
-from rigctl.encoding.reading import Reading
+from rigctl.encoder.features import FeatureLayout
+from rigctl.encoder.force_matrix import ForceMatrix
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.parameters import EncoderParameters
+from rigctl.encoder.reading import Reading
 from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.session.hdf5_file import (
     Attributes,

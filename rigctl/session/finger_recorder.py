@@ -8,6 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from rigctl.boards.finger_decoder import FingerBlock
+from rigctl.boards.finger_messages import SampleFlag
 from rigctl.errors import WrongUse
 from rigctl.finger_values import FingerSamples, FingerTrialRow
 from rigctl.session import finger_layout
@@ -16,8 +18,6 @@ from rigctl.session.header import SessionHeader
 from rigctl.session.layout import SessionLayout
 from rigctl.session.recorder import SessionRecorder
 from rigctl.values import Gap
-from rigctl.wire.finger_decoder import FingerBlock
-from rigctl.wire.finger_messages import SampleFlag
 
 LOST_BEFORE_BOARD = "lost before the finger board"
 LOST_AFTER_BOARD = "lost on the finger board's line"

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.encoding.normalisation import Normalisation
+from rigctl.encoder.normalisation import Normalisation
 from rigctl.errors import SessionError
 from rigctl.finger_values import FingerTrialRow, PredictionRow
 from rigctl.session import finger_layout
@@ -92,7 +92,7 @@ class FingerSession(SessionReader):
         """Return the spikes of every millisecond of a scan, uint8 (n, 9), 0 for lost samples.
 
         n is that of the board's batches: ``count``, and samples that the board lost directly before
-        the first one. :func:`rigctl.encoding.scaled_time.scale_windows` takes them with
+        the first one. :func:`rigctl.encoder.scaled_time.scale_windows` takes them with
         :meth:`velocities_um_s`.
         """
         row = self.trials[index]

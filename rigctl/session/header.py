@@ -20,9 +20,9 @@ from msgspec import Meta
 
 from rigctl.config.rig_config import MAX_TAXELS, PAPER_ARRAY
 from rigctl.config.toml_reader import TomlText
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import DEFAULT, PRESETS, EncoderParameters
-from rigctl.encoding.reading import FULL_SCALE, Reading
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.parameters import DEFAULT, PRESETS, EncoderParameters
+from rigctl.encoder.reading import FULL_SCALE, Reading
 from rigctl.errors import SessionError
 from rigctl.session.hdf5_file import Attributes, damage, describe, parse_json
 from rigctl.session.layout import DRUM_EXPERIMENT
@@ -62,7 +62,7 @@ class SessionHeader:
     ``start_utc`` is an ISO 8601 time stamp from the command line, ``start_loop_s`` the loop time
     at that instant. ``taxel_low`` and ``taxel_high`` are the calibrated range of each taxel in
     stored counts, empty without calibration. ``encoder_reading``: what the live encoder took of the
-    samples, a :class:`~rigctl.encoding.reading.Reading`; older parts have counts. ``wiring`` is the
+    samples, a :class:`~rigctl.encoder.reading.Reading`; older parts have counts. ``wiring`` is the
     reading of the taxel wire in each column of the samples;
     :mod:`rigctl.session.header` explains an empty one.
     ``sensor_layout`` has rows, columns and layers of the sensor; None in older parts.

@@ -24,9 +24,9 @@ from uuid import uuid4
 import h5py
 import numpy as np
 
+from rigctl.boards.drum_registers import STORED
 from rigctl.session.hdf5_file import Attributes, parse_json, text_scalar, write_attributes
 from rigctl.values import DrumState, Event, PlannedTrial, TrialRow, Verdict
-from rigctl.wire.drum_registers import STORED
 
 LIBVER = ("v110", "v110")
 SAMPLE_CHUNK_ROWS = 4096

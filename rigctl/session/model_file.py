@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.encoding.features import FeatureLayout
-from rigctl.encoding.force_matrix import ForceMatrix
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import EncoderParameters
+from rigctl.encoder.features import FeatureLayout
+from rigctl.encoder.force_matrix import ForceMatrix
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.parameters import EncoderParameters
 from rigctl.errors import WrongUse
 from rigctl.session.analysis_file import (
     LAYOUT_VERSION,

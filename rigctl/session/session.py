@@ -18,7 +18,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from rigctl.config.rig_config import RigConfig, parse_config
-from rigctl.encoding.reading import Reading, conductance, input_of_each
+from rigctl.encoder.reading import Reading, conductance, input_of_each
 from rigctl.errors import RigctlError, SessionError
 from rigctl.protocol.loader import parse_protocol
 from rigctl.protocol.plan import QUANTITY_NAMES, Condition, EarlyEnd, Plan, condition_of

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.boards.finger_messages import VelocitySource
 from rigctl.session import layout
 from rigctl.session.finger_layout import BATCHES, NOT_CLASSIFIED, PREDICTIONS, TRACK, WINDOWS
 from rigctl.session.finger_session import FingerSession, is_finger_session
@@ -18,7 +19,6 @@ from rigctl.session.session import Session, describe_ends, ended_early
 from rigctl.session.session_reader import SessionReader, read_closing_digest
 from rigctl.session.writer_lock import is_being_written, lock_owner_pid
 from rigctl.values import Verdict
-from rigctl.wire.finger_messages import VelocitySource
 
 BOARD_KIND = "board"
 """Kind of the events with a board's own counts at the start and the end of a sitting."""

@@ -13,11 +13,12 @@ from dataclasses import astuple, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.encoding.encoder import Encoder
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.scaled_time import scale_windows
+from rigctl.boards.finger_messages import BATCH_SAMPLES, SampleFlag
+from rigctl.encoder.encoder import Encoder
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.scaled_time import scale_windows
 from rigctl.errors import ProtocolError, WrongUse
-from rigctl.protocol.finger import Stage
+from rigctl.finger_values import Stage
 from rigctl.protocol.finger_plan import parse_finger_protocol
 from rigctl.session import layout
 from rigctl.session.finger_layout import BATCHES, SPIKES, WINDOWS, spike_counts
@@ -33,7 +34,6 @@ from rigctl.session.verify_part import (
     read_columns,
     window_rows,
 )
-from rigctl.wire.finger_messages import BATCH_SAMPLES, SampleFlag
 
 MAX_MISSING = 1000
 """Missing batches that are listed: more than a minute of a scan."""

@@ -10,12 +10,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.boards.taxel_frames import Flag
 from rigctl.session import layout
 from rigctl.session.header import CUT_BY_CLOCK
 from rigctl.session.layout import COUNTER, EDGES, FLAGS, parse_trial
 from rigctl.session.part import BufferedArray, PartReader, StructuredArray, read_blocks
 from rigctl.values import Verdict
-from rigctl.wire.taxel_frames import Flag
 
 Columns = dict[str, BufferedArray]
 """Small columns of a part's samples, read about once for trials in their order."""

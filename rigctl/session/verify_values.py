@@ -11,16 +11,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.protocol.finger import Stage
+from rigctl.boards.drum_codes import Status
+from rigctl.boards.drum_states import Fault, State
+from rigctl.boards.finger_messages import BATCH_SAMPLES, SampleFlag, VelocitySource
+from rigctl.finger_values import Stage
 from rigctl.session import finger_layout, layout
 from rigctl.session.finger_layout import FINGER_LAYOUT, PREDICTIONS, TRACK
 from rigctl.session.header import IMPORTED
 from rigctl.session.layout import COUNTER, EDGES, FLAGS, SAMPLES, TableLayout
 from rigctl.session.part import PartReader, StructuredArray, read_blocks
 from rigctl.values import SCALE_BAND_UG_PER_COUNT, Verdict
-from rigctl.wire.drum_codes import Status
-from rigctl.wire.drum_states import Fault, State
-from rigctl.wire.finger_messages import BATCH_SAMPLES, SampleFlag, VelocitySource
 
 Column = NDArray[Any]
 Mask = NDArray[np.bool_]

@@ -16,7 +16,8 @@ from pathlib import Path
 
 import tomlkit
 
-from rigctl.acquisition.run_request import check_disk_space, session_header
+from rigctl.bench.world_file import NOMINAL_WORLD, SimulatedWorld
+from rigctl.engine.run_request import check_disk_space, session_header
 from rigctl.errors import RigctlError, RigFault, WrongUse
 from rigctl.protocol.loader import load_protocol, parse_protocol
 from rigctl.protocol.plan import Plan
@@ -24,7 +25,6 @@ from rigctl.protocol.steps import RunTrial
 from rigctl.session.ground_truth import begin_log
 from rigctl.session.header import CUT_BY_WIRE, SessionHeader
 from rigctl.session.recorder import Recorder
-from rigctl.simulation.bench.world_file import NOMINAL_WORLD, SimulatedWorld
 from rigctl.synth.resume import (
     ResumedRecorder,
     UnfinishedSession,

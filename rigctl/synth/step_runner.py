@@ -10,7 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.acquisition.settings import (
+from rigctl.bench.direct_rig import POLL_MS, DirectRig
+from rigctl.bench.parameters import WorldParameters
+from rigctl.boards.drum_codes import Command, CommandResult, Status
+from rigctl.boards.drum_states import Fault, State
+from rigctl.config.rig_config import RigConfig
+from rigctl.engine.settings import (
     MAX_TARGET_STEPS,
     nearest_steps,
     press_settings,
@@ -19,9 +24,8 @@ from rigctl.acquisition.settings import (
     trial_settings,
     trial_start_steps,
 )
-from rigctl.acquisition.step_runner import MeasuredTrial, judge, measure, trial_row
-from rigctl.acquisition.trial_cutter import TrialCutter
-from rigctl.config.rig_config import RigConfig
+from rigctl.engine.step_runner import MeasuredTrial, judge, measure, trial_row
+from rigctl.engine.trial_cutter import TrialCutter
 from rigctl.errors import BoardFault, DiskFault
 from rigctl.protocol.plan import Protocol, Settle
 from rigctl.protocol.steps import (
@@ -36,12 +40,8 @@ from rigctl.protocol.steps import (
     Turn,
 )
 from rigctl.session.ground_truth import TruthLog, TruthRows
-from rigctl.simulation.bench.parameters import WorldParameters
-from rigctl.simulation.direct_rig import POLL_MS, DirectRig
 from rigctl.synth.resume import ResumedRecorder
 from rigctl.values import Block, DrumState, Event, LoadcellSample, PlannedTrial, Verdict
-from rigctl.wire.drum_codes import Command, CommandResult, Status
-from rigctl.wire.drum_states import Fault, State
 
 LEAD_US = 110_000
 """Recorded before the rise of sync; longer than the polling period, so that it contains a poll."""

@@ -22,7 +22,7 @@ from rigctl.config.resources import find_protocol
 from rigctl.errors import SessionError
 from rigctl.protocol.loader import load_protocol
 from rigctl.protocol.steps import RunTrial, Turn
-from tests.acquisition.engine_harness import open_harness
+from tests.engine.engine_harness import open_harness
 
 SHORT = """
 name = "acceptance"

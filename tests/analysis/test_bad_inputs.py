@@ -23,7 +23,7 @@ from rigctl.analysis.result_tables import as_dict
 from rigctl.analysis.tasks import SweepSettings, run_tasks
 from rigctl.analysis.trial_set import TrialSet, join_sessions, open_trials
 from rigctl.cli import main
-from rigctl.encoding.parameters import DEFAULT
+from rigctl.encoder.parameters import DEFAULT
 from rigctl.errors import SessionError, WrongUse
 from rigctl.session.part import part_paths
 from tests.analysis.recordings import record

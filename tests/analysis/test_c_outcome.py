@@ -16,8 +16,8 @@ from rigctl.analysis.force_scaling import (
     unconverged_entries,
     unconverged_shares,
 )
-from rigctl.encoding.force_matrix import ForceMatrix
-from rigctl.encoding.root_bracket import SearchStatus
+from rigctl.encoder.force_matrix import ForceMatrix
+from rigctl.encoder.root_bracket import SearchStatus
 
 SHAPE = (2, 3, 1, 3)
 """Textures, taxels, speeds and forces."""

@@ -14,7 +14,7 @@ from rigctl.analysis.executors import local_executor
 from rigctl.analysis.representations import RepresentationSet, represent
 from rigctl.analysis.spike_counts import fingerprint, hash_array
 from rigctl.analysis.trial_set import join_sessions
-from rigctl.encoding.parameters import DEFAULT, PRESETS, EncoderParameters
+from rigctl.encoder.parameters import DEFAULT, PRESETS, EncoderParameters
 from tests.analysis.recordings import record
 from tests.session.forging import rewrite_digests
 

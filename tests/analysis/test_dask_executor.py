@@ -20,7 +20,7 @@ from rigctl.analysis.tasks import SweepSettings, TaskResult, run_tasks
 from rigctl.analysis.trial_set import join_sessions
 from rigctl.cli import main
 from rigctl.cli.progress import ProgressLine
-from rigctl.encoding.parameters import DEFAULT
+from rigctl.encoder.parameters import DEFAULT
 from rigctl.errors import WorkersLost, WrongUse
 from tests.analysis.recordings import record
 

@@ -19,11 +19,11 @@ from rigctl.analysis.spike_counts import c_per_trial
 from rigctl.analysis.taxel import EncodeRequest
 from rigctl.analysis.trial_set import join_sessions, open_trials
 from rigctl.cli import main
-from rigctl.encoding.encoder import encode_trials
-from rigctl.encoding.features import SPEED_SCALED, UNSCALED, trial_features
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import DEFAULT, EncoderParameters, override, preset
-from rigctl.encoding.reading import Reading, conductance, input_of_each
+from rigctl.encoder.encoder import encode_trials
+from rigctl.encoder.features import SPEED_SCALED, UNSCALED, trial_features
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.parameters import DEFAULT, EncoderParameters, override, preset
+from rigctl.encoder.reading import Reading, conductance, input_of_each
 from rigctl.errors import WrongUse
 from rigctl.session.analysis_file import load_force, load_ranges
 from rigctl.session.header import IMPORTED

@@ -17,8 +17,8 @@ from rigctl.analysis.learning_curve import (
     learning_curve,
 )
 from rigctl.analysis.trial_set import join_sessions
-from rigctl.encoding.features import FeatureLayout, feature_matrices
-from rigctl.encoding.normalisation import Normalisation
+from rigctl.encoder.features import FeatureLayout, feature_matrices
+from rigctl.encoder.normalisation import Normalisation
 from rigctl.session.notes import Mark, SessionNote
 from rigctl.session.recorder import Recorder
 from rigctl.session.session import Session, add_note

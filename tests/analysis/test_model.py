@@ -21,7 +21,7 @@ from rigctl.analysis.splits import Design
 from rigctl.analysis.training import ModelRequest, train_model
 from rigctl.analysis.trial_set import join_sessions
 from rigctl.cli import main
-from rigctl.encoding.parameters import EncoderParameters
+from rigctl.encoder.parameters import EncoderParameters
 from rigctl.errors import SessionError, WrongUse
 from rigctl.session.analysis_file import LAYOUT_VERSION
 from rigctl.session.hdf5_file import write_text

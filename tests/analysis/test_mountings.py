@@ -12,7 +12,7 @@ from rigctl.analysis.representations import RepresentationSet, represent
 from rigctl.analysis.result_tables import describe_mountings, mounting_gaps, table_rows
 from rigctl.analysis.tasks import SweepSettings, run_tasks
 from rigctl.analysis.trial_set import join_sessions
-from rigctl.encoding.parameters import DEFAULT
+from rigctl.encoder.parameters import DEFAULT
 from tests.analysis.recordings import record
 
 KEYS = [

@@ -16,8 +16,8 @@ from rigctl.analysis.representations import (
 from rigctl.analysis.settings import AnalysisSettings
 from rigctl.analysis.spike_counts import c_per_trial
 from rigctl.analysis.trial_set import join_sessions, open_trials
-from rigctl.encoding.features import feature_matrices
-from rigctl.encoding.parameters import DEFAULT
+from rigctl.encoder.features import feature_matrices
+from rigctl.encoder.parameters import DEFAULT
 from rigctl.errors import SessionError
 from rigctl.session.recorder import Recorder
 from rigctl.values import Verdict

@@ -15,8 +15,8 @@ from rigctl.analysis.representations import REPRESENTATIONS, represent
 from rigctl.analysis.sensitivity import PRESET_ORDER, STAGE, mean_rates_hz
 from rigctl.analysis.tasks import SweepSettings, run_tasks
 from rigctl.analysis.trial_set import join_sessions
-from rigctl.encoding.encoder import encode_trials
-from rigctl.encoding.parameters import PRESETS, SA_PRESETS
+from rigctl.encoder.encoder import encode_trials
+from rigctl.encoder.parameters import PRESETS, SA_PRESETS
 from rigctl.session.session import Session
 from tests.analysis.recordings import record
 

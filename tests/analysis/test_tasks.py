@@ -15,7 +15,7 @@ from rigctl.analysis.representations import RepresentationSet, represent
 from rigctl.analysis.splits import Design, make_splits, stratified_folds
 from rigctl.analysis.tasks import SweepSettings, TaskResult, run_tasks
 from rigctl.analysis.trial_set import join_sessions
-from rigctl.encoding.parameters import DEFAULT
+from rigctl.encoder.parameters import DEFAULT
 from rigctl.errors import WrongUse
 from tests.analysis.recordings import record
 

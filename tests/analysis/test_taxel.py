@@ -23,9 +23,9 @@ from rigctl.analysis.taxel import (
 )
 from rigctl.analysis.trial_set import TrialSet, join_sessions, open_trials
 from rigctl.cli import main
-from rigctl.encoding.encoder import encode_trial
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import DEFAULT, preset
+from rigctl.encoder.encoder import encode_trial
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.parameters import DEFAULT, preset
 from rigctl.errors import WrongUse
 from tests.analysis.recordings import record
 

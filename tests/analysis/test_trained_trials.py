@@ -15,8 +15,8 @@ from rigctl.analysis.representations import represent
 from rigctl.analysis.training import ModelRequest, train_model
 from rigctl.analysis.trial_set import join_sessions
 from rigctl.cli import main
-from rigctl.encoding.parameters import EncoderParameters
-from rigctl.encoding.reading import Reading
+from rigctl.encoder.parameters import EncoderParameters
+from rigctl.encoder.reading import Reading
 from rigctl.errors import SessionError, WrongUse
 from rigctl.session.model_file import load_model, save_model
 from tests.analysis.recordings import record

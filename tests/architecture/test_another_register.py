@@ -13,15 +13,15 @@ import h5py
 import numpy as np
 import pytest
 
+from rigctl.boards.drum_registers import POLL, POLL_BLOCK
 from rigctl.errors import SessionError
 from rigctl.session import layout
 from rigctl.session.hdf5_file import DataSetSchema, Hdf5File
-from rigctl.wire.drum_registers import POLL, POLL_BLOCK
 from tests.architecture.imports import CHECKOUT
 from tests.architecture.lab_copy import changed_files, copy_program, run_in
 
 EDITS = {
-    "rigctl/wire/drum_registers.py": {
+    "rigctl/boards/drum_registers.py": {
         "MAP_VERSION = 5\n": "MAP_VERSION = 6\n",
         """    Register(55, "last_contact_um", "actuator travel at the last contact", "µm"),
 """: """    Register(55, "last_contact_um", "actuator travel at the last contact", "µm"),
@@ -45,7 +45,7 @@ from rigctl.errors import SessionError
 from rigctl.session import layout
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
-from tests.acquisition.engine_harness import open_harness
+from tests.engine.engine_harness import open_harness
 
 folder = Path(sys.argv[1])
 with open_harness(folder) as harness:
@@ -68,7 +68,7 @@ print(json.dumps({
 
 def test_a_register_is_polled_stored_and_shown(tmp_path: Path) -> None:
     copy = copy_program(tmp_path, EDITS)
-    run_in(copy, "-m", "rigctl.wire.codegen")
+    run_in(copy, "-m", "rigctl.boards.codegen")
     assert changed_files(copy) == {*EDITS, *GENERATED}
     run_in(copy, "-m", "rigctl.host_build")
     seen = json.loads(run_in(copy, "-c", RECORD, str(tmp_path)))

@@ -15,16 +15,16 @@ from PySide6.QtWidgets import QApplication
 from gui.live.live_page import LivePage
 from gui.widgets.theme import LIGHT
 from rigctl import host_build
-from rigctl.acquisition.live_file import LiveReader
 from rigctl.analysis.report.demo import analyse_sessions
+from rigctl.bench.boards import firmware_library
 from rigctl.config.rig_config import RigConfig, load_config
+from rigctl.engine.live_file import LiveReader
 from rigctl.errors import ConfigError, WrongBoard
 from rigctl.rig import open_rig
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
-from rigctl.simulation.boards import firmware_library
-from tests.acquisition.engine_harness import EngineHarness, open_harness
 from tests.architecture.imports import CHECKOUT
+from tests.engine.engine_harness import EngineHarness, open_harness
 
 PAGE = CHECKOUT / "docs" / "explanation" / "architecture.md"
 BOARD = {

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
+from rigctl.bench.plate_solids import drum_plate
+from rigctl.bench.textures import find_texture, plate_names
+from rigctl.bench.world_file import load_world, world_from_header
 from rigctl.errors import WrongUse
 from rigctl.rig import open_rig
 from rigctl.session.session import Session
-from rigctl.simulation.bench.plate_solids import drum_plate
-from rigctl.simulation.bench.textures import find_texture, plate_names
-from rigctl.simulation.bench.world_file import load_world, world_from_header
-from tests.acquisition.engine_harness import engine_on
 from tests.architecture.imports import CHECKOUT
+from tests.engine.engine_harness import engine_on
 
 WORLD = """\
 [plates."linen 2"]

@@ -60,7 +60,7 @@ from PySide6.QtWidgets import QApplication
 from gui.live.live_page import LivePage
 from gui.widgets.theme import DARK, LIGHT
 from tests.gui.fake_engine import STATUS, FakeEngine
-from rigctl.acquisition.rpc.messages import parse_status
+from rigctl.engine.rpc.messages import parse_status
 
 app = QApplication([])
 engine = FakeEngine(Path(sys.argv[1]))

@@ -63,7 +63,7 @@ def test_the_paper_page_names_files_of_both_experiments() -> None:
     named = set(PATH.findall(text_of(PAPER)))
     assert len(named) > 25
     for room in (
-        "rigctl/encoding",
+        "rigctl/encoder",
         "rigctl/analysis/published",
         "rigctl/analysis/finger",
         "arduino",

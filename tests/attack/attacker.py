@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from typing import NamedTuple
 
-from rigctl.simulation.wirings import circuit_of
-from rigctl.wire.drum_codes import Command
-from rigctl.wire.drum_registers import BY_NAME, SETTINGS_BLOCK, Register
-from rigctl.wire.drum_states import State
+from rigctl.bench.wirings import circuit_of
+from rigctl.boards.drum_codes import Command
+from rigctl.boards.drum_registers import BY_NAME, SETTINGS_BLOCK, Register
+from rigctl.boards.drum_states import State
 from tests.attack.benches import AttackBench, Log, is_balanced, limit_g, slow_actuator
 from tests.attack.judge import Judge, States, covered, value_of
 from tests.attack.steps import (

@@ -14,12 +14,12 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.simulation.bench.circuit import Circuit
-from rigctl.simulation.bench.mechanics import ACTUATOR_SPEED, DRUM_MM, FORCE_G, RING_MS, Mechanics
-from rigctl.simulation.bench.parameters import WorldParameters, validated
-from rigctl.simulation.boards.drum_cosimulation import DrumCosimulation
-from rigctl.wire.drum_registers import BY_NAME
-from rigctl.wire.drum_states import State
+from rigctl.bench.boards.drum_cosimulation import DrumCosimulation
+from rigctl.bench.circuit import Circuit
+from rigctl.bench.mechanics import ACTUATOR_SPEED, DRUM_MM, FORCE_G, RING_MS, Mechanics
+from rigctl.bench.parameters import WorldParameters, validated
+from rigctl.boards.drum_registers import BY_NAME
+from rigctl.boards.drum_states import State
 from tests.firmware.drum.support.bare_bench import BareBench, mounted_contact
 from tests.firmware.drum.support.overshoot import overshoot_g
 

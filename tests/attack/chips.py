@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import struct
 
-from rigctl.simulation.bench.circuit import Circuit
-from rigctl.simulation.bench.mechanics import Mechanics
-from rigctl.simulation.bench.parameters import WorldParameters
-from rigctl.simulation.chips.simavr import ResetBy
-from rigctl.wire.drum_registers import BY_NAME
-from rigctl.wire.drum_states import State
+from rigctl.bench.chips.simavr import ResetBy
+from rigctl.bench.circuit import Circuit
+from rigctl.bench.mechanics import Mechanics
+from rigctl.bench.parameters import WorldParameters
+from rigctl.boards.drum_registers import BY_NAME
+from rigctl.boards.drum_states import State
 from tests.attack.benches import NEAR, PLATE, SEED
 from tests.firmware.drum.support.plant_drum import PlantDrum
 

@@ -21,10 +21,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from rigctl.simulation.bench.circuit import AS_DRAWN, Circuit, Wiper, Wire
-from rigctl.wire.drum_codes import Command, Guard, Signal
-from rigctl.wire.drum_registers import BY_NAME, SETTINGS, Register
-from rigctl.wire.drum_states import State
+from rigctl.bench.circuit import AS_DRAWN, Circuit, Wiper, Wire
+from rigctl.boards.drum_codes import Command, Guard, Signal
+from rigctl.boards.drum_registers import BY_NAME, SETTINGS, Register
+from rigctl.boards.drum_states import State
 from tests.attack.benches import Span
 
 TOUCH_G = 25.0

@@ -10,7 +10,7 @@ from itertools import chain
 
 import pytest
 
-from rigctl.wire.drum_states import State
+from rigctl.boards.drum_states import State
 from tests.attack.attacker import Outcome, run_attack
 from tests.attack.benches import AttackBench
 from tests.attack.steps import Attack

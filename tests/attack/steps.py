@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rigctl.simulation.wirings import WIRINGS
-from rigctl.wire.drum_codes import Command, Guard
-from rigctl.wire.drum_registers import BY_NAME, SETTINGS, Register
-from rigctl.wire.drum_states import State
+from rigctl.bench.wirings import WIRINGS
+from rigctl.boards.drum_codes import Command, Guard
+from rigctl.boards.drum_registers import BY_NAME, SETTINGS, Register
+from rigctl.boards.drum_states import State
 
 VALUES = (0, 1, 0x7FFF, 0x8000, 0xFFFF)
 STATES = tuple(State)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.wire.drum_states import State
+from rigctl.boards.drum_states import State
 from tests.attack.benches import VirtualBench
 from tests.attack.chips import ChipBench
 from tests.attack.statistics import (

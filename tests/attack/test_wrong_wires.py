@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.bench.parameters import WorldParameters
 from tests.attack.attacker import run_attack
 from tests.attack.benches import BALANCED, CLOSE, STIFF, VirtualBench
 from tests.attack.chips import ChipBench

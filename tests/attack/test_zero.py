@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.wire.drum_codes import Command, CommandResult, ForceMode, Signal
-from rigctl.wire.drum_registers import BY_NAME, TARE_PLACES
-from rigctl.wire.drum_states import State
+from rigctl.boards.drum_codes import Command, CommandResult, ForceMode, Signal
+from rigctl.boards.drum_registers import BY_NAME, TARE_PLACES
+from rigctl.boards.drum_states import State
 from tests.attack.attacker import ARM, HOLD, Attacker
 from tests.attack.benches import VirtualBench
 from tests.attack.steps import (

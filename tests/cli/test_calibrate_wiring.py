@@ -13,8 +13,8 @@ from rigctl.cli import calibrate_wiring, main
 from rigctl.config.rig_config import RigConfig, load_config
 from rigctl.errors import LinkLost, RigFault
 from rigctl.values import DRAWN_WIRING, Block
-from tests.acquisition.calibration.pressed_sensor import PER_LAYER, PressedSensor, wiring_of
-from tests.devices.memory_link import JumpingLoop
+from tests.boards.memory_link import JumpingLoop
+from tests.engine.calibration.pressed_sensor import PER_LAYER, PressedSensor, wiring_of
 
 SOLDERED = wiring_of([2, 0, 1], [4, 1, 0, 5, 3, 2], False)
 RIG = """\

@@ -15,16 +15,16 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.rpc.client import EngineClient
-from rigctl.acquisition.rpc.engine_files import LOG
+from rigctl.bench.boards.drum_firmware import DrumFirmware
+from rigctl.boards.port_discovery import PortReport
 from rigctl.cli import doctor, main
 from rigctl.cli.doctor import ATTENTION, OK, UNKNOWN, Finding
 from rigctl.config.rig_config import RigConfig
-from rigctl.devices.port_discovery import PortReport
+from rigctl.engine.rpc.client import EngineClient
+from rigctl.engine.rpc.engine_files import LOG
 from rigctl.host_build import image_hash
 from rigctl.protocol.plan import recorded_bytes_per_s
 from rigctl.session.writer_lock import LOCK_FILE, WriterLock
-from rigctl.simulation.boards.drum_firmware import DrumFirmware
 from rigctl.values import BoardIdentity
 
 NOW_S = 1_800_000_000.0

@@ -10,7 +10,7 @@ import pytest
 
 from rigctl.cli import main
 from rigctl.session.finger_model_file import load_finger_model
-from tests.realtime.harness import SMALL, open_finger_session
+from tests.finger.harness import SMALL, open_finger_session
 
 
 @pytest.fixture(autouse=True)

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.rpc.client import EngineClient, EngineRefusal
-from rigctl.acquisition.rpc.engine_files import EngineFile, running_engines, runtime_folder
-from rigctl.acquisition.rpc.messages import EngineStatus, RunStatus
 from rigctl.cli.run import _status_line
+from rigctl.engine.rpc.client import EngineClient, EngineRefusal
+from rigctl.engine.rpc.engine_files import EngineFile, running_engines, runtime_folder
+from rigctl.engine.rpc.messages import EngineStatus, RunStatus
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
 from tests.cli.processes import LIMIT_S, ONE, finished, rigctl

@@ -141,9 +141,9 @@ def test_boards_with_another_build_are_flashed_and_the_setup_goes_on(
 
     async def flash(board: str, port: str) -> None:
         flashed.append((board, port))
-        monkeypatch.setattr("rigctl.acquisition.setup.boards.image_hash", image_hash)
+        monkeypatch.setattr("rigctl.engine.setup.boards.image_hash", image_hash)
 
-    monkeypatch.setattr("rigctl.acquisition.setup.boards.image_hash", lambda board: "0badc0de")
+    monkeypatch.setattr("rigctl.engine.setup.boards.image_hash", lambda board: "0badc0de")
     monkeypatch.setattr("rigctl.cli.setup._flash", flash)
     monkeypatch.setattr("rigctl.cli.setup.open_rig", _as_fast_as_possible())
     asked = answer_with(monkeypatch, iter(["flash"]))

@@ -14,8 +14,8 @@ from rigctl.cli.watch import NOTHING_YET, Look, looks
 from rigctl.errors import SessionError
 from rigctl.session.finger_session import FingerSession
 from rigctl.session.session import Session
-from tests.acquisition.engine_harness import TINY, EngineHarness, open_harness
-from tests.realtime.harness import SMALL, FingerHarness, open_finger_harness
+from tests.engine.engine_harness import TINY, EngineHarness, open_harness
+from tests.finger.harness import SMALL, FingerHarness, open_finger_harness
 
 
 def watched(folder: Path) -> Iterator[Look]:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE, running_engines, runtime_folder
+from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE, running_engines, runtime_folder
 from tests.waiting import until
 
 SCRIPT = """

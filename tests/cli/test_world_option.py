@@ -12,9 +12,9 @@ import pytest
 import serial
 
 from gui.app import main as window
+from rigctl.boards.taxel_frames import FrameDecoder
 from rigctl.cli import main
 from rigctl.session.session import Session
-from rigctl.wire.taxel_frames import FrameDecoder
 from tests.cli.processes import LIMIT_S, ONE, finished, rigctl
 from tests.waiting import until
 

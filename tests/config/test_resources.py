@@ -25,10 +25,10 @@ try:
     resources.firmware_image("drum")
 except Exception as error:
     print(error)
-from rigctl.simulation.boards.drum_firmware import DrumFirmware
-from rigctl.simulation.boards.taxels import TaxelFirmware
-from rigctl.devices.flash import installed_image, read_image
-from rigctl.devices.flash import write_sketches
+from rigctl.bench.boards.drum_firmware import DrumFirmware
+from rigctl.bench.boards.taxels import TaxelFirmware
+from rigctl.boards.flash import installed_image, read_image
+from rigctl.boards.flash import write_sketches
 for board in ("drum", "taxels"):
     image, build_hash = installed_image(board)
     print(image, build_hash, read_image(image)[0][0])

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from rigctl.simulation.simulated_rig import DRUM
-from rigctl.wire.drum_states import Fault, State
+from rigctl.bench.simulated_rig import DRUM
+from rigctl.boards.drum_states import Fault, State
 from tests.contract.operator import Operator
 
 

@@ -9,12 +9,12 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.acquisition.rig import Rig
+from rigctl.bench.parameters import WorldParameters
+from rigctl.boards.drum_codes import Command, CommandResult, Status
+from rigctl.boards.drum_states import Fault, State
+from rigctl.engine.rig import Rig
 from rigctl.errors import LinkLost, RigFault
-from rigctl.simulation.bench.parameters import WorldParameters
 from rigctl.values import Block, DrumState
-from rigctl.wire.drum_codes import Command, CommandResult, Status
-from rigctl.wire.drum_states import Fault, State
 
 Result = TypeVar("Result")
 POLL_S = 0.04

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rigctl.boards.drum_codes import Command
+from rigctl.boards.drum_registers import SETTINGS
+from rigctl.boards.drum_states import State
+from rigctl.boards.taxel_frames import Flag
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
-from rigctl.wire.drum_codes import Command
-from rigctl.wire.drum_registers import SETTINGS
-from rigctl.wire.drum_states import State
-from rigctl.wire.taxel_frames import Flag
 from tests.contract.operator import NOMINAL, Operator
 from tests.firmware.drum.support.plant_drum import evaluate_trial
 

@@ -7,14 +7,14 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from rigctl.acquisition.motion import DrumMotion
-from rigctl.acquisition.poller import DrumPoller
-from rigctl.acquisition.settings import jog_target_steps
+from rigctl.boards.drum_codes import Command
+from rigctl.boards.drum_registers import BY_NAME
+from rigctl.boards.drum_states import State
 from rigctl.config.rig_config import DrumGeometry, RigConfig
+from rigctl.engine.motion import DrumMotion
+from rigctl.engine.poller import DrumPoller
+from rigctl.engine.settings import jog_target_steps
 from rigctl.errors import CommandRefused, WrongUse
-from rigctl.wire.drum_codes import Command
-from rigctl.wire.drum_registers import BY_NAME
-from rigctl.wire.drum_states import State
 from tests.contract.operator import Operator
 
 STEP_MM = 0.03125

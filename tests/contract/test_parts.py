@@ -8,12 +8,12 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
+from rigctl.bench.simulated_rig import DRUM
+from rigctl.boards.drum_codes import Command, CommandResult, ForceMode, SettingsFrom, Signal, Status
+from rigctl.boards.drum_states import Fault, State
+from rigctl.boards.tare_table import PLACE_NAMES
+from rigctl.boards.taxel_frames import Flag
 from rigctl.errors import CommandRefused
-from rigctl.simulation.simulated_rig import DRUM
-from rigctl.wire.drum_codes import Command, CommandResult, ForceMode, SettingsFrom, Signal, Status
-from rigctl.wire.drum_states import Fault, State
-from rigctl.wire.tare_table import PLACE_NAMES
-from rigctl.wire.taxel_frames import Flag
 from tests.contract.operator import Operator
 
 ALL = sum(1 << signal for signal in Signal)

@@ -7,13 +7,13 @@ import asyncio
 import numpy as np
 import pytest
 
-from rigctl.devices.modbus_client import RequestRefused
+from rigctl.boards import drum_registers
+from rigctl.boards.drum_codes import Command, Status
+from rigctl.boards.drum_registers import BY_NAME
+from rigctl.boards.drum_states import State
+from rigctl.boards.modbus_client import RequestRefused
+from rigctl.boards.taxel_frames import WIRE_VERSION
 from rigctl.errors import CommandRefused
-from rigctl.wire import drum_registers
-from rigctl.wire.drum_codes import Command, Status
-from rigctl.wire.drum_registers import BY_NAME
-from rigctl.wire.drum_states import State
-from rigctl.wire.taxel_frames import WIRE_VERSION
 from tests.contract.operator import Operator
 
 UNTOUCHED = ("heartbeat", "command", "command_sequence")

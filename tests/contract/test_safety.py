@@ -6,10 +6,10 @@ import asyncio
 
 import pytest
 
+from rigctl.bench.simulated_rig import DRUM, TAXELS
+from rigctl.boards.drum_codes import Command, Status
+from rigctl.boards.drum_states import FAULT_TEXT, Fault, State
 from rigctl.errors import BoardRebooted, CommandRefused, LinkLost
-from rigctl.simulation.simulated_rig import DRUM, TAXELS
-from rigctl.wire.drum_codes import Command, Status
-from rigctl.wire.drum_states import FAULT_TEXT, Fault, State
 from tests.contract.noise import bear_noise
 from tests.contract.operator import Operator
 

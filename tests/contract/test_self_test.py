@@ -6,10 +6,10 @@ import asyncio
 
 import pytest
 
+from rigctl.bench.parameters import WorldParameters
+from rigctl.bench.world_file import SimulatedWorld
 from rigctl.config.rig_config import RigConfig, TaxelArray
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
-from rigctl.simulation.bench.parameters import WorldParameters
-from rigctl.simulation.bench.world_file import SimulatedWorld
 
 WIRING = tuple(range(17, -1, -1))
 

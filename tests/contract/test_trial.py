@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rigctl.boards.drum_codes import Command, Status
+from rigctl.boards.drum_states import State
+from rigctl.boards.taxel_frames import Flag
 from rigctl.errors import CommandRefused
 from rigctl.values import DrumState
-from rigctl.wire.drum_codes import Command, Status
-from rigctl.wire.drum_states import State
-from rigctl.wire.taxel_frames import Flag
 from tests.contract.operator import Operator
 
 SPEED_MM_S, FORCE_G, TRAVEL_MM, RUN_IN_MM = 80.0, 400.0, 120.0, 60.0

@@ -7,9 +7,9 @@ import asyncio
 import numpy as np
 import pytest
 
+from rigctl.bench.parameters import WorldParameters
+from rigctl.bench.world_file import SimulatedWorld
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
-from rigctl.simulation.bench.parameters import WorldParameters
-from rigctl.simulation.bench.world_file import SimulatedWorld
 from rigctl.values import DRAWN_WIRING, Block
 
 BOTTOM = (3, 4, 5, 9, 10, 11, 15, 16, 17)

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rigctl.bench.chips.simavr import Input
+from rigctl.bench.wirings import WIRINGS
+from rigctl.boards.drum_codes import Command
+from rigctl.boards.drum_states import Fault, State
 from rigctl.errors import CommandRefused, RigctlError, WrongUse
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
-from rigctl.simulation.chips.simavr import Input
-from rigctl.simulation.wirings import WIRINGS
-from rigctl.wire.drum_codes import Command
-from rigctl.wire.drum_states import Fault, State
 from tests.contract.operator import NOMINAL, Operator
 
 SEED = 5

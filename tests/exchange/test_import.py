@@ -16,7 +16,7 @@ from rigctl import __version__
 from rigctl.analysis.trial_set import join_sessions
 from rigctl.cli import main
 from rigctl.config.resources import source_commit
-from rigctl.encoding.normalisation import Normalisation
+from rigctl.encoder.normalisation import Normalisation
 from rigctl.errors import ConfigError, SessionError, WrongUse
 from rigctl.exchange.column_map import load_map
 from rigctl.exchange.importer import FILE, import_files

@@ -6,10 +6,10 @@ the drum and the status of the taxel board measure the same on a real chip, with
 
 from __future__ import annotations
 
-from rigctl.simulation.chips.simavr import Input
-from rigctl.wire.drum_codes import Command
-from rigctl.wire.drum_states import State
-from rigctl.wire.taxel_frames import IDENTIFY, SELF_TEST, encode_request
+from rigctl.bench.chips.simavr import Input
+from rigctl.boards.drum_codes import Command
+from rigctl.boards.drum_states import State
+from rigctl.boards.taxel_frames import IDENTIFY, SELF_TEST, encode_request
 from tests.firmware.drum.support.checks import enter_from_idle, spike_switch_wires
 from tests.firmware.drum.support.chip import ENTRY_CYCLES as DRUM_ENTRY
 from tests.firmware.drum.support.chip import DrumChip

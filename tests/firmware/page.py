@@ -15,8 +15,8 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+from rigctl.boards.drum_states import State, StateEvent
 from rigctl.config.resources import checkout
-from rigctl.wire.drum_states import State, StateEvent
 from tests.benchmarks.firmware._force_map import (
     FORCES_G,
     GRID,

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rigctl.boards.finger_messages import model_header
+from rigctl.boards.flash import write_sketches
+from rigctl.boards.taxel_frames import input_name, line_name
 from rigctl.config.resources import checkout
 from rigctl.config.rig_config import TaxelArray
-from rigctl.devices.flash import write_sketches
 from rigctl.errors import WrongUse
 from rigctl.values import DRAWN_WIRING
-from rigctl.wire.finger_messages import model_header
-from rigctl.wire.taxel_frames import input_name, line_name
 from tests.firmware.building import built
 
 ROOT = checkout()

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.simulation.chips.simavr import ResetBy
-from rigctl.wire.drum_codes import ResetCause
-from rigctl.wire.drum_states import Fault, State
+from rigctl.bench.chips.simavr import ResetBy
+from rigctl.boards.drum_codes import ResetCause
+from rigctl.boards.drum_states import Fault, State
 from tests.firmware.bootloaders import MEGA, OLD_NANO, UNO
 from tests.firmware.drum.support.checks import HANGS, hang_main_loop
 from tests.firmware.drum.support.chip import DrumChip

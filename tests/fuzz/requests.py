@@ -17,13 +17,13 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from rigctl.acquisition.drum_commands import DrumCommands
-from rigctl.acquisition.rpc.messages import decode_request, encode_message
+from rigctl.engine.drum_commands import DrumCommands
+from rigctl.engine.rpc.messages import decode_request, encode_message
 from rigctl.errors import RigctlError
-from rigctl.realtime.finger_commands import FingerCommands
-from tests.acquisition.engine_harness import EngineHarness, open_harness
+from rigctl.finger.finger_commands import FingerCommands
+from tests.engine.engine_harness import EngineHarness, open_harness
+from tests.finger.harness import FingerHarness, open_finger_harness
 from tests.fuzz.guard import SENTENCE_LETTERS, Attempt, Finding, TooLong, raise_too_long
-from tests.realtime.harness import FingerHarness, open_finger_harness
 
 LIMIT_S = 1.0
 """Processor time between two turns of the loop, above what a request to start a run may take."""

@@ -10,8 +10,8 @@ from random import Random
 
 import pytest
 
-from rigctl.acquisition.drum_commands import DrumCommands
-from rigctl.realtime.finger_commands import FingerCommands
+from rigctl.engine.drum_commands import DrumCommands
+from rigctl.finger.finger_commands import FingerCommands
 from tests.fuzz.campaign import Campaign
 from tests.fuzz.kinds.every_kind import KINDS
 from tests.fuzz.requests import DRUM, FINGER, Requests

@@ -9,7 +9,7 @@ import pytest
 from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
-from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
+from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE
 from tests.gui.fake_engine import FakeEngine
 from tests.gui.fake_finger import FakeFinger
 from tests.gui.steps import FingerWindow, Harness, SharedWindow, wait_until

@@ -10,11 +10,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.acquisition.live_file import LiveReader, LiveWriter
-from rigctl.acquisition.rpc.engine_files import EngineFile
+from rigctl.boards.drum_states import State
+from rigctl.boards.taxel_frames import Flag
+from rigctl.engine.live_file import LiveReader, LiveWriter
+from rigctl.engine.rpc.engine_files import EngineFile
 from rigctl.errors import RigctlError
-from rigctl.wire.drum_states import State
-from rigctl.wire.taxel_frames import Flag
 
 STATUS: dict[str, Any] = {
     "at_s": 1.0,

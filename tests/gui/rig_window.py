@@ -14,9 +14,9 @@ from shiboken6 import delete
 
 from gui.operate.bring_up import READY
 from gui.shell.main_window import MainWindow
-from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
-from rigctl.acquisition.rpc.messages import EngineStatus
-from rigctl.wire.drum_states import State
+from rigctl.boards.drum_states import State
+from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE
+from rigctl.engine.rpc.messages import EngineStatus
 from tests.gui.steps import click, wait_until
 
 TIMEOUT_MS = 120_000

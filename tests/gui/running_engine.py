@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from rigctl.acquisition.rpc.client import EngineClient
+from rigctl.engine.rpc.client import EngineClient
 from tests.waiting import until
 
 LONG = """

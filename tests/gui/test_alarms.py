@@ -9,8 +9,8 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMenu
 
 from gui.operate.alarms import Announcer
+from rigctl.boards.drum_states import State
 from rigctl.errors import LinkLost
-from rigctl.wire.drum_states import State
 from tests.gui.steps import Harness, click, press_escape, wait_until
 
 FAULT = {

@@ -14,9 +14,9 @@ from shiboken6 import delete
 
 from gui.link.engine_link import JOIN
 from gui.shell.main_window import MainWindow
-from rigctl.acquisition.rpc import client
-from rigctl.acquisition.rpc.client import EngineClient
-from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE, running_engines, runtime_folder
+from rigctl.engine.rpc import client
+from rigctl.engine.rpc.client import EngineClient
+from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE, running_engines, runtime_folder
 from tests.gui.running_engine import start_protocol
 from tests.gui.steps import click, wait_until
 

@@ -15,7 +15,7 @@ from gui.operate.event_log import action_result
 from gui.shell.main_window import MainWindow
 from gui.widgets.labels import Level
 from gui.widgets.layouts import PanelArea
-from rigctl.wire.drum_states import State
+from rigctl.boards.drum_states import State
 from tests.gui.fake_engine import STATUS
 from tests.gui.steps import Harness, click
 

@@ -9,7 +9,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
 from gui.operate.operate_panel import ACTIONS, SPEED_LATER
-from rigctl.wire.drum_states import Fault, State, StateEvent, next_state
+from rigctl.boards.drum_states import Fault, State, StateEvent, next_state
 from tests.gui.steps import Harness, click, turn_wheel, wait_until
 
 ENABLED = {

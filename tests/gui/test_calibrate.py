@@ -9,8 +9,8 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
 from gui.operate.calibrate import ALL_KNOWN, EMPTY, MORE, NEXT, REHEARSED, CalibratePage
-from rigctl.acquisition.rpc.messages import parse_status
-from rigctl.wire.drum_states import State
+from rigctl.boards.drum_states import State
+from rigctl.engine.rpc.messages import parse_status
 from tests.gui.fake_engine import STATUS
 from tests.gui.steps import Harness, click
 

@@ -12,8 +12,8 @@ from PySide6.QtWidgets import QApplication, QWidget
 
 from gui.live.live_page import SAVE
 from gui.operate.bring_up import READY
+from rigctl.boards.drum_states import State
 from rigctl.session.verify import verify
-from rigctl.wire.drum_states import State
 from tests.gui.rig_window import RigWindow, opened_window
 from tests.gui.steps import wait_until
 

@@ -13,9 +13,9 @@ from PySide6.QtWidgets import QApplication
 from gui.live.live_page import COUNTS, TRIALS, VOLTS, LivePage
 from gui.live.time_plots import SINCE_START
 from gui.protocol.run_tasks import BAD, COMMITTED, TRIAL_COLUMNS
+from rigctl.boards.drum_states import State
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
-from rigctl.wire.drum_states import State
 from tests.gui.rig_window import RigWindow, rig_window
 from tests.gui.steps import click, turn_wheel
 from tests.gui.test_live_page import LEFT, move, point, turn

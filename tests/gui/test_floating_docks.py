@@ -10,7 +10,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QAbstractButton, QApplication, QDockWidget, QWidget
 
 from gui.widgets.labels import StopButton
-from rigctl.wire.drum_states import State
+from rigctl.boards.drum_states import State
 from tests.gui.steps import Harness, click, press_escape, wait_until
 
 Key, Modifier = Qt.Key, Qt.KeyboardModifier

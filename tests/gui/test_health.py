@@ -9,7 +9,7 @@ import pytest
 
 from gui.live.health import board_lines, readings
 from gui.widgets.labels import Level
-from rigctl.acquisition.rpc.messages import parse_status
+from rigctl.engine.rpc.messages import parse_status
 from tests.gui.fake_engine import STATUS
 from tests.gui.steps import Harness, wait_until
 

@@ -13,11 +13,11 @@ import pytest
 from PySide6.QtWidgets import QApplication
 
 from gui.link.engine_link import JOIN
-from rigctl.acquisition.rpc.client import EngineClient
-from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
+from rigctl.boards.drum_states import State
+from rigctl.engine.rpc.client import EngineClient
+from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE
 from rigctl.errors import WrongUse
 from rigctl.session.verify import verify
-from rigctl.wire.drum_states import State
 from tests.gui.rig_window import TIMEOUT_MS, RigWindow, opened_window
 from tests.gui.steps import click, wait_until
 

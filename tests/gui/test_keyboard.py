@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
 
 from gui.shell.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
-from rigctl.wire.drum_states import State
+from rigctl.boards.drum_states import State
 from tests.gui.rig_window import SMALL
 from tests.gui.steps import Harness, wait_until
 

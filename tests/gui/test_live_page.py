@@ -19,12 +19,12 @@ from gui.live.live_page import CONDUCTANCE, ENCODER, SAVE, TAXELS, VOLTS, LivePa
 from gui.live.saver import _serve_table, shown_samples
 from gui.widgets.file_browser import NO_FOLDER, NO_WHOLE_PATH
 from gui.widgets.theme import LIGHT
-from rigctl.acquisition.rpc.messages import EngineStatus, parse_status
-from rigctl.encoding.encoder import Encoder
-from rigctl.encoding.force_matrix import ForceMatrix
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import preset
-from rigctl.encoding.reading import Reading, conductance, input_of_each
+from rigctl.encoder.encoder import Encoder
+from rigctl.encoder.force_matrix import ForceMatrix
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.parameters import preset
+from rigctl.encoder.reading import Reading, conductance, input_of_each
+from rigctl.engine.rpc.messages import EngineStatus, parse_status
 from rigctl.values import DRAWN_WIRING
 from tests.gui.fake_engine import STATUS, FakeEngine
 from tests.gui.steps import click, wait_until

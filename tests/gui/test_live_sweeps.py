@@ -19,7 +19,7 @@ from gui.live.navigation import Navigation
 from gui.live.time_plots import NOW, SINCE_START
 from gui.live.timeline import TimeWindow
 from gui.widgets.theme import LIGHT
-from rigctl.acquisition.rpc.messages import parse_status
+from rigctl.engine.rpc.messages import parse_status
 from rigctl.session.session import Session
 from tests.analysis.recordings import record
 from tests.gui.fake_engine import STATUS, FakeEngine

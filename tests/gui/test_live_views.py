@@ -15,7 +15,7 @@ from gui.live.raster import Raster, RateBars, ScrollingImage, TrainRows, layer_t
 from gui.live.time_plots import Traces
 from gui.live.timeline import Timeline, TimeWindow
 from gui.widgets.theme import DARK, LIGHT, rgb
-from rigctl.acquisition.live_file import LiveReader, LiveWriter
+from rigctl.engine.live_file import LiveReader, LiveWriter
 from rigctl.session.sensor_layout import SensorLayout
 from tests.gui.fake_engine import FakeEngine
 

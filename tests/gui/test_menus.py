@@ -20,7 +20,7 @@ from gui.live.saver import SaveStrip
 from gui.operate.operate_panel import PromptPanel
 from gui.shell.main_window import MainWindow
 from gui.widgets.labels import Strip
-from rigctl.wire.drum_states import State
+from rigctl.boards.drum_states import State
 from tests.gui.steps import Harness
 
 

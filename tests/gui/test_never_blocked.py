@@ -21,10 +21,10 @@ from gui.analysis.task_values import SessionTable, TrialData
 from gui.analysis.worker import Worker
 from gui.link.engine_link import STOP_TIMED_OUT
 from gui.shell.start_page import CANCELLED
-from rigctl.acquisition.rpc.engine_files import running_engines, runtime_folder
+from rigctl.boards.drum_states import State
+from rigctl.engine.rpc.engine_files import running_engines, runtime_folder
 from rigctl.session.sensor_layout import SensorLayout
 from rigctl.synth.sample_session import MAKING
-from rigctl.wire.drum_states import State
 from tests.analysis.recordings import record
 from tests.gui.fake_engine import FakeEngine
 from tests.gui.rig_window import rig_window

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from gui.widgets.data_ages import STALE_S, stale_words
+from rigctl.boards.drum_states import State
 from rigctl.errors import LinkLost
-from rigctl.wire.drum_states import State
 from tests.gui.steps import Harness, wait_until
 
 LIVE = {"poll_age_s": 0.02, "loadcell_age_s": 0.02, "last_block_age_s": 0.02}

@@ -8,7 +8,7 @@ import pytest
 from PySide6.QtWidgets import QApplication, QPushButton
 
 from gui.operate.calibrate import ALL_KNOWN, CalibratePage
-from rigctl.wire.drum_states import State
+from rigctl.boards.drum_states import State
 from tests.gui.rig_window import RigWindow, rig_window
 from tests.gui.steps import click
 

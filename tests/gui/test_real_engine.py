@@ -20,10 +20,10 @@ from gui.operate.bench_controls import AS_DRAWN, WRONGLY
 from gui.operate.bring_up import READY, BringUpBox
 from gui.shell.main_window import MainWindow
 from gui.widgets.labels import Level
-from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE, running_engines, runtime_folder
+from rigctl.boards.drum_states import State
+from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE, running_engines, runtime_folder
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
-from rigctl.wire.drum_states import State
 from tests.gui.steps import click, press_escape, wait_until
 
 TIMEOUT_MS = 120_000

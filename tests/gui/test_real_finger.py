@@ -13,12 +13,12 @@ from shiboken6 import delete
 from gui.link.engine_link import JOIN
 from gui.shell.main_window import MainWindow
 from gui.widgets.labels import Level
-from rigctl.acquisition.rpc.client import FINGER_ENGINE_COMMAND, EngineClient
-from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
-from rigctl.realtime.finger_models import train_models
+from rigctl.engine.rpc.client import FINGER_ENGINE_COMMAND, EngineClient
+from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE
+from rigctl.finger.finger_models import train_models
 from rigctl.session.finger_session import FingerSession
+from tests.finger.harness import open_finger_harness
 from tests.gui.steps import click, press_escape, wait_until
-from tests.realtime.harness import open_finger_harness
 
 TIMEOUT_MS = 120_000
 TWO_PLATES = """

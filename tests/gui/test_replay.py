@@ -14,8 +14,8 @@ from PySide6.QtWidgets import QApplication, QPushButton, QTableView, QWidget
 from gui.analysis.replay_tasks import ReplayTrial
 from gui.live.navigation import SPANS_S
 from gui.live.replay_page import NO_ATTEMPT, NO_SESSION, Player
-from rigctl.encoding.encoder import encode_trial
-from rigctl.encoding.normalisation import Normalisation
+from rigctl.encoder.encoder import encode_trial
+from rigctl.encoder.normalisation import Normalisation
 from rigctl.session.session import Session
 from tests.analysis.recordings import record
 from tests.gui.steps import SharedWindow, click, wait_until
@@ -244,7 +244,7 @@ def test_a_replay_keeps_within_the_trial() -> None:
 
 
 def test_voltage_and_spikes_are_of_one_encoder() -> None:
-    from rigctl.encoding.encoder import membrane_mv
+    from rigctl.encoder.encoder import membrane_mv
 
     samples = np.random.default_rng(1).integers(200, 800, (300, 1)).astype(np.uint16)
     ranges = Normalisation(np.array([200], np.uint16), np.array([800], np.uint16))

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from rigctl.acquisition.rpc.messages import RunStatus
+from rigctl.engine.rpc.messages import RunStatus
 from tests.analysis.recordings import record
 from tests.gui.steps import Harness, click, wait_until
 

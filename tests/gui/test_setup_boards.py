@@ -11,17 +11,17 @@ from PySide6.QtTest import QTest
 
 from gui.operate.boards_box import FLASH_CANCELLED, NO_WHOLE_PATH, RELEASED, BoardsBox
 from gui.operate.setup_page import SetupPage
+from rigctl.bench.chips.simavr import Kind
+from rigctl.boards.drum_registers import BOARD_DRUM, BOARD_TAXELS, MAGIC
+from rigctl.boards.flash import WAIT_FOR_EVER, Flashed
+from rigctl.boards.identity import drum_identity, offered_flash, taxel_identity
+from rigctl.boards.taxel_frames import TaxelIdentity
 from rigctl.config.intel_hex import parse_intel_hex
 from rigctl.config.rig_config import load_config
-from rigctl.devices.flash import WAIT_FOR_EVER, Flashed
-from rigctl.devices.identity import drum_identity, offered_flash, taxel_identity
 from rigctl.errors import LinkLost, RigFault, WrongBoard, WrongUse
-from rigctl.simulation.chips.simavr import Kind
 from rigctl.values import BoardIdentity
-from rigctl.wire.drum_registers import BOARD_DRUM, BOARD_TAXELS, MAGIC
-from rigctl.wire.taxel_frames import TaxelIdentity
-from tests.devices.flash_board import FlashBoard
-from tests.devices.test_flash import Usb
+from tests.boards.flash_board import FlashBoard
+from tests.boards.test_flash import Usb
 from tests.firmware.bootloaders import MEGA, UNO
 from tests.firmware.building import built
 from tests.gui.steps import Harness, SharedWindow, click, wait_until
@@ -36,9 +36,9 @@ REFUSAL = (
 @pytest.fixture(autouse=True)
 def patience(monkeypatch: pytest.MonkeyPatch) -> None:
     """Give a bootloader more time than on a bench: chips run slower on a busy computer."""
-    monkeypatch.setattr("rigctl.devices.flash.ANSWER_S", 0.5)
-    monkeypatch.setattr("rigctl.devices.flash.CLOSED_S", 0.5)
-    monkeypatch.setattr("rigctl.devices.boot_silence.ASK_S", 4.0)
+    monkeypatch.setattr("rigctl.boards.flash.ANSWER_S", 0.5)
+    monkeypatch.setattr("rigctl.boards.flash.CLOSED_S", 0.5)
+    monkeypatch.setattr("rigctl.boards.boot_silence.ASK_S", 4.0)
 
 
 @pytest.fixture
@@ -147,7 +147,7 @@ def test_what_hinders_a_flash_is_one_sentence(
     async def fail(*_: Any) -> Flashed:
         raise error
 
-    monkeypatch.setattr("rigctl.devices.flash.flash_board", fail)
+    monkeypatch.setattr("rigctl.boards.flash.flash_board", fail)
     click(page.boards.flash_buttons["drum"])
     rest(page.boards)
     assert page.boards.state.text() == str(error)
@@ -190,7 +190,7 @@ def test_a_board_that_does_not_match_is_offered_to_be_flashed(
         asked.append((board, port))
         return Flashed(port, BoardIdentity(board, "0.1", "0badc0de", 4, 2, 0, {}), "")
 
-    monkeypatch.setattr("rigctl.devices.flash.flash_board", flash)
+    monkeypatch.setattr("rigctl.boards.flash.flash_board", flash)
     window, strip = disconnected.window, disconnected.window.tools.flash_strip
     disconnected.error = WrongBoard(REFUSAL)
     window.connect_rig("virtual")

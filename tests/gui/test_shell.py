@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QApplication, QScrollArea, QWidget
 from gui.shell.main_window import NOT_AT_REST, MainWindow
 from gui.widgets.layouts import PanelArea
 from gui.widgets.theme import DARK, LIGHT, ThemeChoice, applied_theme, text_scale
-from rigctl.wire.drum_states import State
+from rigctl.boards.drum_states import State
 from tests.gui.fake_engine import FakeEngine
 from tests.gui.steps import Harness, wait_until
 

@@ -10,16 +10,16 @@ import pytest
 from PySide6.QtCore import QPoint
 from PySide6.QtWidgets import QApplication, QMenu
 
-from rigctl.acquisition.rpc import client
-from rigctl.acquisition.rpc.client import WINDOW, client_name
-from rigctl.acquisition.rpc.engine_files import (
+from rigctl.boards.drum_states import State
+from rigctl.engine.rpc import client
+from rigctl.engine.rpc.client import WINDOW, client_name
+from rigctl.engine.rpc.engine_files import (
     FOLDER_VARIABLE,
     EngineFile,
     runtime_folder,
     write_engine_file,
 )
-from rigctl.acquisition.rpc.server import open_listener
-from rigctl.wire.drum_states import State
+from rigctl.engine.rpc.server import open_listener
 from tests.gui.running_engine import start_protocol, wait_ended
 from tests.gui.steps import Harness, click, press_escape, wait_until
 

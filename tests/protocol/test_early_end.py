@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.acquisition.run_steps import RunSteps
+from rigctl.engine.run_steps import RunSteps
 from rigctl.errors import ProtocolError
 from rigctl.protocol.loader import parse_protocol
 from rigctl.protocol.steps import ChangePlate, RunTrial

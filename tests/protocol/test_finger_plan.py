@@ -9,7 +9,7 @@ import pytest
 
 from rigctl.config.resources import find_finger_protocol, finger_protocols
 from rigctl.errors import ProtocolError
-from rigctl.protocol.finger import Stage, VelocityProfile
+from rigctl.finger_values import Stage, VelocityProfile
 from rigctl.protocol.finger_plan import (
     ScanQuality,
     StageRepeats,

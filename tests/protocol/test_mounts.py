@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.step_runner import mountings_before, remaining_steps
 from rigctl.cli import main
+from rigctl.engine.step_runner import mountings_before, remaining_steps
 from rigctl.errors import ProtocolError
 from rigctl.protocol.loader import parse_protocol
 from rigctl.protocol.plan import Plan

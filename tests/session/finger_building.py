@@ -10,23 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.finger_values import (
-    BatchRow,
-    FingerTrialRow,
-    LatencyRow,
-    PredictionRow,
-    TrackRow,
-    WindowRow,
-)
-from rigctl.protocol.finger import FingerTrial, Stage
-from rigctl.protocol.finger_plan import FingerPlan, parse_finger_protocol
-from rigctl.session.finger_recorder import FingerRecorder
-from rigctl.session.header import SessionHeader
-from rigctl.simulation.boards.finger_firmware import FingerFirmware
-from rigctl.values import BoardIdentity, Verdict
-from rigctl.wire import finger_messages
-from rigctl.wire.finger_decoder import FingerBlock, FingerDecoder
-from rigctl.wire.finger_messages import (
+from rigctl.bench.boards.finger_firmware import FingerFirmware
+from rigctl.boards import finger_messages
+from rigctl.boards.finger_decoder import FingerBlock, FingerDecoder
+from rigctl.boards.finger_messages import (
     BATCH_SAMPLES,
     DEFAULT_REFERENCE_UM_PER_S,
     N_TAXELS,
@@ -34,7 +21,21 @@ from rigctl.wire.finger_messages import (
     Message,
     WindowReport,
 )
-from rigctl.wire.taxel_frames import frame
+from rigctl.boards.taxel_frames import frame
+from rigctl.finger_values import (
+    BatchRow,
+    FingerTrial,
+    FingerTrialRow,
+    LatencyRow,
+    PredictionRow,
+    Stage,
+    TrackRow,
+    WindowRow,
+)
+from rigctl.protocol.finger_plan import FingerPlan, parse_finger_protocol
+from rigctl.session.finger_recorder import FingerRecorder
+from rigctl.session.header import SessionHeader
+from rigctl.values import BoardIdentity, Verdict
 
 PROTOCOL = """\
 name = "small"

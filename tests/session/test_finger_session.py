@@ -12,8 +12,9 @@ import h5py
 import numpy as np
 import pytest
 
+from rigctl.boards.finger_decoder import FingerBlock
 from rigctl.cli import create_parser, info, main
-from rigctl.encoding.scaled_time import scale_windows
+from rigctl.encoder.scaled_time import scale_windows
 from rigctl.errors import SessionError, WrongUse
 from rigctl.finger_values import PredictionRow
 from rigctl.session.finger_layout import PREDICTIONS, prediction_row, spike_counts
@@ -22,7 +23,6 @@ from rigctl.session.finger_session import FingerSession, is_finger_session
 from rigctl.session.recorder import Recorder
 from rigctl.session.session import Session
 from rigctl.values import Event, Gap, Verdict
-from rigctl.wire.finger_decoder import FingerBlock
 from tests.session import building
 from tests.session.finger_building import (
     HIGH,

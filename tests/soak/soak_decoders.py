@@ -1,6 +1,6 @@
 """Ten million bytes through each decoder of a byte stream, disturbed, against the truth.
 
-``make fuzz`` runs it and prints the table; a short form is ``tests/wire/test_disturbed.py``.
+``make fuzz`` runs it and prints the table; a short form is ``tests/boards/test_disturbed.py``.
 """
 
 from __future__ import annotations
@@ -9,10 +9,10 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.wire.disturbance import DISTURBANCES, Disturbance
-from tests.wire.disturbed_boards import HEADING, Judgement, run_finger, run_taxels
-from tests.wire.disturbed_drum import run_drum
-from tests.wire.disturbed_trackers import run_tracker
+from tests.boards.disturbance import DISTURBANCES, Disturbance
+from tests.boards.disturbed_boards import HEADING, Judgement, run_finger, run_taxels
+from tests.boards.disturbed_drum import run_drum
+from tests.boards.disturbed_trackers import run_tracker
 
 N_BYTES = 10_000_000
 BOOT_SAMPLES = 50_000

@@ -9,7 +9,7 @@ import asyncio
 
 import pytest
 
-from rigctl.acquisition.rig import Rig
+from rigctl.engine.rig import Rig
 from rigctl.rig import open_rig
 from rigctl.values import Block
 

@@ -18,12 +18,12 @@ import numpy as np
 import pytest
 from PySide6.QtWidgets import QApplication
 
-from rigctl.acquisition.pipeline import SamplePipeline
-from rigctl.encoding.encoder import Encoder
-from rigctl.encoding.normalisation import Normalisation
+from rigctl.boards.taxel_frames import Flag
+from rigctl.encoder.encoder import Encoder
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.engine.pipeline import SamplePipeline
 from rigctl.session.recorder import Recorder
 from rigctl.values import Block
-from rigctl.wire.taxel_frames import Flag
 from tests.gui.fake_engine import FakeEngine
 from tests.gui.steps import SharedWindow, wait_until
 from tests.session.building import recorder

@@ -8,14 +8,14 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from rigctl.acquisition.drum_commands import DrumCommands
-from rigctl.acquisition.engine_commands import EngineCommands
-from rigctl.realtime.finger_commands import FingerCommands
-from rigctl.simulation.finger.virtual_finger import FingerFaults
-from rigctl.simulation.simulated_rig import FaultInjection
-from tests.acquisition.engine_harness import EngineHarness, open_harness
-from tests.acquisition.rpc.wrong_requests import Attacker, declared, mutated, wrong_requests
-from tests.realtime.harness import FingerHarness, open_finger_harness
+from rigctl.bench.finger.virtual_finger import FingerFaults
+from rigctl.bench.simulated_rig import FaultInjection
+from rigctl.engine.drum_commands import DrumCommands
+from rigctl.engine.engine_commands import EngineCommands
+from rigctl.finger.finger_commands import FingerCommands
+from tests.engine.engine_harness import EngineHarness, open_harness
+from tests.engine.rpc.wrong_requests import Attacker, declared, mutated, wrong_requests
+from tests.finger.harness import FingerHarness, open_finger_harness
 
 REQUESTS = 100_000
 ENDING = ("stop", "abort", "pause", "shutdown", "start")

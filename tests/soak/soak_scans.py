@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rigctl.simulation.boards.finger_firmware import FingerFirmware
+from rigctl.bench.boards.finger_firmware import FingerFirmware
+from tests.finger.harness import ONE_SCAN, open_finger_harness, open_finger_session
 from tests.firmware.building import built
 from tests.firmware.finger.scans import (
     PROFILES,
@@ -17,7 +18,6 @@ from tests.firmware.finger.scans import (
     through_host_build,
     through_image,
 )
-from tests.realtime.harness import ONE_SCAN, open_finger_harness, open_finger_session
 
 RecordProperty = Callable[[str, object], None]
 SCANS, AT_ONCE = 500, 50

@@ -7,11 +7,11 @@ import asyncio
 import numpy as np
 import pytest
 
-from rigctl.acquisition.rig import Rig
+from rigctl.boards.drum_registers import SETTINGS
+from rigctl.boards.taxel_frames import FrameDecoder
+from rigctl.engine.rig import Rig
 from rigctl.rig import open_rig
-from rigctl.wire.drum_registers import SETTINGS
-from rigctl.wire.taxel_frames import FrameDecoder
-from tests.wire.taxel_encoder import encode_data
+from tests.boards.taxel_encoder import encode_data
 
 DECODER_BYTES = 20_000_000
 DRUM_BYTES = 1_000_000

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.bench.parameters import WorldParameters
+from rigctl.bench.world_file import SimulatedWorld
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
-from rigctl.simulation.bench.parameters import WorldParameters
-from rigctl.simulation.bench.world_file import SimulatedWorld
 from rigctl.synth.dataset import DatasetRequest, generate, load_plan
 
 TEXT = """

@@ -21,7 +21,7 @@ from rigctl.session.session import Session
 from rigctl.session.verify import verify
 from rigctl.synth import step_runner
 from rigctl.synth.dataset import DatasetProgress, DatasetRequest, generate, load_plan
-from tests.acquisition.engine_harness import open_harness
+from tests.engine.engine_harness import open_harness
 
 TEXT = """
 name = "tiny"

@@ -1,6 +1,6 @@
 // Inputs and outputs of the drum's virtual board.
 //
-// Integers first, then floats, then arrays: rigctl/simulation/boards/drum_firmware.py mirrors this
+// Integers first, then floats, then arrays: rigctl/bench/boards/drum_firmware.py mirrors this
 // struct and checks its size when it loads the library.
 #ifndef HOST_DRUM_IO_H
 #define HOST_DRUM_IO_H

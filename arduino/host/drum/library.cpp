@@ -1,4 +1,4 @@
-// C functions of the drum's virtual board, for rigctl/simulation/boards/drum_firmware.py.
+// C functions of the drum's virtual board, for rigctl/bench/boards/drum_firmware.py.
 #include "../export.h"
 #include "drum_board.h"
 

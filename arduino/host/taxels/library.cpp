@@ -1,4 +1,4 @@
-// C functions of the virtual taxel board, for rigctl/simulation/boards/taxels.py.
+// C functions of the virtual taxel board, for rigctl/bench/boards/taxels.py.
 #include "../export.h"
 #include "taxel_board.h"
 

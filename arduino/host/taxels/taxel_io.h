@@ -1,4 +1,4 @@
-// Inputs and outputs of the virtual taxel board; rigctl/simulation/boards/taxels.py mirrors
+// Inputs and outputs of the virtual taxel board; rigctl/bench/boards/taxels.py mirrors
 // this struct and checks its size when it loads the library.
 #ifndef HOST_TAXEL_IO_H
 #define HOST_TAXEL_IO_H

@@ -21,7 +21,7 @@ from scipy.special import softmax
 from rigctl.analysis.finger.published import COMPONENTS
 from rigctl.analysis.finger.scans import FingerEncoding, ScanKind, ScanSet
 from rigctl.analysis.pca_lda import fit_classifier, log_posteriors, whiten
-from rigctl.encoding.scaled_time import feature_vector
+from rigctl.encoder.scaled_time import feature_vector
 from rigctl.errors import WrongUse
 from rigctl.session.finger_model_file import FingerCalibration, FingerModel
 from rigctl.session.model_file import Classifier, TrainingInfo

@@ -28,9 +28,9 @@ from rigctl.analysis.finger.scans import (
 )
 from rigctl.analysis.finger.tasks import DrawSettings, deployed_accuracy
 from rigctl.analysis.statistics import Difference, two_proportions, wilson_interval
-from rigctl.encoding.features import WINDOW_MS
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.protocol.finger import VelocityProfile
+from rigctl.encoder.features import WINDOW_MS
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.finger_values import VelocityProfile
 from rigctl.session.finger_model_file import FingerModel
 from rigctl.session.model_file import TrainingInfo
 

@@ -21,17 +21,23 @@ from rigctl.analysis.movies import (
     write_movie_file,
 )
 from rigctl.analysis.report.figures import FAINT, MUTED, STYLE, TEXT, show_dollars
-from rigctl.encoding.features import WINDOW_MS
-from rigctl.encoding.scaled_time import BATCH_SAMPLES, N_WINDOWS, ScaledWindows
+from rigctl.bench.textures import find_texture, plate_names, printed_heights
+from rigctl.bench.world_file import world_from_header
+from rigctl.encoder.features import WINDOW_MS
+from rigctl.encoder.scaled_time import BATCH_SAMPLES, N_WINDOWS, ScaledWindows
 from rigctl.errors import SessionError, WrongUse
-from rigctl.finger_values import N_FINGER_TAXELS, FingerTrialRow, PredictionRow
-from rigctl.protocol.finger import MARKS_MM, PLATE_MM, PLATE_WIDTH_MM
+from rigctl.finger_values import (
+    MARKS_MM,
+    N_FINGER_TAXELS,
+    PLATE_MM,
+    PLATE_WIDTH_MM,
+    FingerTrialRow,
+    PredictionRow,
+)
 from rigctl.session.finger_layout import spike_counts
 from rigctl.session.finger_session import FingerSession
 from rigctl.session.header import SessionHeader
 from rigctl.session.sensor_layout import SensorLayout
-from rigctl.simulation.bench.textures import find_texture, plate_names, printed_heights
-from rigctl.simulation.bench.world_file import world_from_header
 from rigctl.values import SAMPLE_RATE_HZ, Verdict
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from rigctl.protocol.finger import VelocityProfile
+from rigctl.finger_values import VelocityProfile
 
 DRAWS = 100
 N_FOLDS = 4

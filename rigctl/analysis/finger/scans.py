@@ -15,11 +15,11 @@ from rigctl import __version__
 from rigctl.analysis.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.settings import FingerAnalysisSettings
 from rigctl.config.resources import source_commit
-from rigctl.encoding.encoder import Encoder, encode_trials
-from rigctl.encoding.features import WINDOW_MS
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import DEFAULT, EncoderParameters, preset
-from rigctl.encoding.scaled_time import (
+from rigctl.encoder.encoder import Encoder, encode_trials
+from rigctl.encoder.features import WINDOW_MS
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.parameters import DEFAULT, EncoderParameters, preset
+from rigctl.encoder.scaled_time import (
     BATCH_SAMPLES,
     N_WINDOWS,
     REFERENCE_UM_PER_S,
@@ -30,7 +30,7 @@ from rigctl.encoding.scaled_time import (
     time_windows,
 )
 from rigctl.errors import WrongUse
-from rigctl.protocol.finger import Stage
+from rigctl.finger_values import Stage
 from rigctl.session.analysis_file import content_digest
 from rigctl.session.digests import damaged_trials
 from rigctl.session.finger_session import FingerSession

@@ -22,8 +22,8 @@ from rigctl.analysis.report.vega import save_figure
 from rigctl.analysis.splits import Design
 from rigctl.analysis.statistics import wilson_interval
 from rigctl.analysis.trial_set import TrialSet, join_sessions, open_trials
-from rigctl.encoding.encoder import encode_trials
-from rigctl.encoding.normalisation import Normalisation
+from rigctl.encoder.encoder import encode_trials
+from rigctl.encoder.normalisation import Normalisation
 from rigctl.session.session import Session
 
 HELD_OUT = "Held-out trials"

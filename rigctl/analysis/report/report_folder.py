@@ -32,8 +32,8 @@ from rigctl.analysis.tasks import SweepSettings, TaskResult, run_tasks
 from rigctl.analysis.taxel import draw_taxel, load_course, write_course
 from rigctl.analysis.training import ModelRequest, train_model
 from rigctl.analysis.trial_set import TrialSet, join_sessions
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import DEFAULT, EncoderParameters
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.parameters import DEFAULT, EncoderParameters
 from rigctl.session.analysis_file import check_output_path
 from rigctl.session.header import IMPORTED
 from rigctl.session.model_file import Model, save_model

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from rigctl.analysis.report.vega import SCHEMA, THEMED, Spec, config
 from rigctl.analysis.trial_set import TrialReader, TrialRef, TrialSet, open_trials
-from rigctl.encoding.encoder import encode_trials
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import EncoderParameters
+from rigctl.encoder.encoder import encode_trials
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.parameters import EncoderParameters
 from rigctl.values import SAMPLE_RATE_HZ, Spikes
 
 Floats = NDArray[np.float64]

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.finger.scans import FingerDataSet, ScanRecording, ScanSet, scan_set
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.protocol.finger import Stage, VelocityProfile
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.finger_values import Stage, VelocityProfile
 
 TEXTURES = ("A", "B", "D", "L", "N")
 RANGES = Normalisation.full_scale(9)

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from rigctl.analysis.finger.scans import ScanRecording
+from rigctl.boards.finger_decoder import FingerBlock
 from rigctl.finger_values import BatchRow, FingerTrialRow, LatencyRow
 from rigctl.session.finger_recorder import FingerRecorder
 from rigctl.session.header import SessionHeader
 from rigctl.values import BoardIdentity, Verdict
-from rigctl.wire.finger_decoder import FingerBlock
 
 PROTOCOL = 'name = "made up"\n'
 HEADER = SessionHeader(

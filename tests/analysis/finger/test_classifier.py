@@ -23,8 +23,8 @@ from rigctl.analysis.finger.classifier import (
 )
 from rigctl.analysis.finger.scans import KINDS, FingerDataSet, FingerEncoding, ScanKind
 from rigctl.analysis.pca_lda import ScaledCovariance, log_posteriors
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import PRESETS
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.parameters import PRESETS
 from rigctl.errors import SessionError, WrongUse
 from rigctl.session.finger_model_file import FingerModel, load_finger_model, save_finger_model
 from rigctl.session.hdf5_file import write_attributes

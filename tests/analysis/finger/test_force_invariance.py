@@ -22,8 +22,8 @@ from rigctl.analysis.finger.scans import (
     population_reading,
     scale_to_population,
 )
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.protocol.finger import Stage
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.finger_values import Stage
 from tests.analysis.finger.made_scans import RANGES, made_data_set, made_recordings
 
 DATA_SET = made_data_set(1, contrast=0.015)

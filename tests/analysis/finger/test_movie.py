@@ -31,12 +31,12 @@ from rigctl.analysis.finger.movie import (
     write_movie,
 )
 from rigctl.analysis.movies import FRAME_S, HOLD_S, Movie, check_movie_file
-from rigctl.encoding.scaled_time import scale_windows
+from rigctl.bench.world_file import NOMINAL_WORLD
+from rigctl.encoder.scaled_time import scale_windows
 from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.finger_values import PredictionRow
 from rigctl.session.finger_session import FingerSession
 from rigctl.session.sensor_layout import SensorLayout
-from rigctl.simulation.bench.world_file import NOMINAL_WORLD
 from rigctl.values import Verdict
 from tests.session import finger_building
 from tests.session.finger_building import SCAN_MS, VELOCITIES_UM_S, SyntheticFinger

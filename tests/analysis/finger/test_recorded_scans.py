@@ -20,7 +20,7 @@ from rigctl.analysis.finger.scans import (
 from rigctl.analysis.settings import FingerAnalysisSettings
 from rigctl.cli import main
 from rigctl.errors import SessionError, WrongUse
-from rigctl.protocol.finger import Stage
+from rigctl.finger_values import Stage
 from tests.analysis.finger.made_scans import RANGES, made_recordings
 from tests.analysis.finger.made_sessions import HEADER, with_ranges, write_session
 

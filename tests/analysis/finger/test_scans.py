@@ -13,11 +13,11 @@ from rigctl.analysis.finger.scans import (
     mean_reading,
     scan_set,
 )
-from rigctl.encoding.encoder import Encoder
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.scaled_time import original_features, scale_windows, speed_scaled_features
+from rigctl.encoder.encoder import Encoder
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.scaled_time import original_features, scale_windows, speed_scaled_features
 from rigctl.errors import WrongUse
-from rigctl.protocol.finger import Stage
+from rigctl.finger_values import Stage
 from tests.analysis.finger.made_scans import RANGES, made_recordings, made_scans
 
 RECORDINGS = made_recordings({Stage.TRAIN: 1}, 5)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.acquisition.rpc.messages import RunStatus
 from rigctl.cli import demo, main
+from rigctl.engine.rpc.messages import RunStatus
 from rigctl.session.verify import VerifyReport
 from tests.analysis.recordings import record
 

@@ -12,9 +12,9 @@ from rigctl.analysis.report import responses
 from rigctl.analysis.report.responses import Responses, measure_responses
 from rigctl.analysis.report.vega import still
 from rigctl.analysis.trial_set import TrialSet, join_sessions, open_trials
-from rigctl.encoding.encoder import encode_trial
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import DEFAULT
+from rigctl.encoder.encoder import encode_trial
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.parameters import DEFAULT
 from tests.analysis.recordings import record
 
 RANGES = Normalisation(np.zeros(18, np.uint16), np.full(18, 1023, np.uint16), "by hand")

@@ -18,7 +18,7 @@ from rigctl.analysis.cache import Cache, Resources
 from rigctl.analysis.executors import local_executor
 from rigctl.analysis.representations import represent
 from rigctl.analysis.trial_set import TrialSet, join_sessions
-from rigctl.encoding.parameters import DEFAULT
+from rigctl.encoder.parameters import DEFAULT
 
 WARM_TRIALS = 240
 

@@ -21,15 +21,15 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.encoding.batch import (
+from rigctl.encoder.batch import (
     common_bin_edges,
     count_spikes,
     count_spikes_without_and_with_c,
     single_bin_edges,
 )
-from rigctl.encoding.encoder import encode_trials
-from rigctl.encoding.features import SPEED_SCALED, UNSCALED
-from rigctl.encoding.parameters import DEFAULT, PRESETS
+from rigctl.encoder.encoder import encode_trials
+from rigctl.encoder.features import SPEED_SCALED, UNSCALED
+from rigctl.encoder.parameters import DEFAULT, PRESETS
 from tests.benchmarks.encoder.encoder import N_SAMPLES, N_TAXELS, N_TRIALS, RANGES, scene
 
 ROOT = Path(__file__).parents[3]

@@ -23,8 +23,8 @@ import h5py
 import numpy as np
 
 from rigctl.analysis.trial_set import TrialSet, join_sessions
-from rigctl.encoding.features import SPEED_SCALED, UNSCALED
-from rigctl.encoding.parameters import DEFAULT
+from rigctl.encoder.features import SPEED_SCALED, UNSCALED
+from rigctl.encoder.parameters import DEFAULT
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
 from tests.benchmarks.encoder._peers import row

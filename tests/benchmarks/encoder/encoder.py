@@ -20,10 +20,10 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.encoding.encoder import encode_trials
-from rigctl.encoding.kernel import simd
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import DEFAULT, PRESETS, EncoderParameters
+from rigctl.encoder.encoder import encode_trials
+from rigctl.encoder.kernel import simd
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.parameters import DEFAULT, PRESETS, EncoderParameters
 from rigctl.values import Spikes
 from tests.benchmarks.encoder import _peers
 from tests.benchmarks.encoder.numpy_encoder import currents, numpy_spikes, numpy_trains

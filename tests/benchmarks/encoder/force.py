@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.encoding.batch import Floats, mean_normalised_reading
-from rigctl.encoding.force_matrix import REFERENCE_FORCE_G
-from rigctl.encoding.force_search import ForceSearch, mean_sa_rates_hz, search_c
-from rigctl.encoding.kernel import Trials
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.root_bracket import Method, SearchStatus
+from rigctl.encoder.batch import Floats, mean_normalised_reading
+from rigctl.encoder.force_matrix import REFERENCE_FORCE_G
+from rigctl.encoder.force_search import ForceSearch, mean_sa_rates_hz, search_c
+from rigctl.encoder.kernel import Trials
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.root_bracket import Method, SearchStatus
 from tests.benchmarks.encoder._peers import row
 
 TEXTURES, SPEEDS_MM_S, FORCES_G = (0, 1), (80.0, 120.0), (250.0, 1000.0)

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from rigctl.encoding.kernel import butterworth
-from rigctl.encoding.parameters import DEFAULT, EncoderParameters
+from rigctl.encoder.kernel import butterworth
+from rigctl.encoder.parameters import DEFAULT, EncoderParameters
 
 Reals = NDArray[np.float64]
 HIGHEST = 1023.0

@@ -32,7 +32,7 @@ from rigctl.analysis.representations import REPRESENTATIONS, represent
 from rigctl.analysis.spike_counts import CHUNK, count_condition, group_by_condition, prepare_trials
 from rigctl.analysis.splits import Design, make_splits
 from rigctl.analysis.trial_set import TrialSet, join_sessions
-from rigctl.encoding.parameters import DEFAULT
+from rigctl.encoder.parameters import DEFAULT
 from tests.analysis.recordings import record
 from tests.benchmarks.encoder import _scale_page
 from tests.benchmarks.encoder._peers import row

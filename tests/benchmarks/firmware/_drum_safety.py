@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.simulation.chips.simavr import Output
-from rigctl.wire.drum_codes import Command, ResetCause
-from rigctl.wire.drum_states import Fault, State
+from rigctl.bench.chips.simavr import Output
+from rigctl.boards.drum_codes import Command, ResetCause
+from rigctl.boards.drum_states import Fault, State
 from tests.benchmarks.firmware._firmware_rows import US, figure
 from tests.firmware.drum.support.cells import SILENT, enter
 from tests.firmware.drum.support.checks import (

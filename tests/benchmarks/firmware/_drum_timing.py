@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.simulation.bench.parameters import WorldParameters
-from rigctl.simulation.chips.simavr import Output
-from rigctl.wire.drum_codes import Command
-from rigctl.wire.drum_states import State
+from rigctl.bench.chips.simavr import Output
+from rigctl.bench.parameters import WorldParameters
+from rigctl.boards.drum_codes import Command
+from rigctl.boards.drum_states import State
 from tests.benchmarks.firmware._firmware_rows import FAST_ACCEL, GRBL, PREDECESSOR, US, figure
 from tests.firmware.drum.support.chip import ENTRY_CYCLES, DrumChip
 from tests.firmware.drum.support.plant_drum import PlantDrum

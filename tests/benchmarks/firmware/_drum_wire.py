@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.wire.drum_codes import Command
-from rigctl.wire.drum_registers import SETTINGS_BLOCK
-from rigctl.wire.drum_states import State
+from rigctl.boards.drum_codes import Command
+from rigctl.boards.drum_registers import SETTINGS_BLOCK
+from rigctl.boards.drum_states import State
 from tests.benchmarks.firmware._firmware_rows import US, figure
 from tests.firmware.drum.support.chip import MS, DrumChip
 

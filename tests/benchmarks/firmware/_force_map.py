@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.bench.parameters import WorldParameters
 from tests.firmware.drum.support.plant_drum import MEAN_MS, PlantDrum, Trial
 
 SPEEDS_MM_S = (40, 60, 80, 100, 120)

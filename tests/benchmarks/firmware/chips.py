@@ -6,10 +6,10 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-from rigctl.simulation.bench.parameters import WorldParameters
-from rigctl.simulation.chips.rig import open_chip_simulation
+from rigctl.bench.chips.rig import open_chip_simulation
+from rigctl.bench.parameters import WorldParameters
+from tests.bench.host import BOOT_US, Host
 from tests.firmware.building import built
-from tests.simulation.host import BOOT_US, Host
 
 SECONDS = 20
 

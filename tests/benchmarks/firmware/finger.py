@@ -22,7 +22,7 @@ def measure() -> Iterator[dict[str, Any]]:
     sent, count = through_image(scans)
     trains = differing_trains(sent, scans)
     trials = f"of {9 * SCANS} spike trains; {NOTE}"
-    yield row("realtime.differing_trains", trains, "trains", "rigctl.encoding", 0, trials)
+    yield row("realtime.differing_trains", trains, "trains", "rigctl.encoder", 0, trials)
     for name, value in (("longest", count.longest), ("mean", round(count.mean))):
         yield row(
             f"realtime.instructions_{name}",

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.bench.parameters import WorldParameters
 from tests.benchmarks.firmware._firmware_rows import PREDECESSOR, figure
 from tests.benchmarks.firmware._force_map import (
     DRIFT_SCENE,

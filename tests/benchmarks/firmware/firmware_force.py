@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.bench.parameters import WorldParameters
 from tests.benchmarks.firmware._firmware_rows import figure
 from tests.benchmarks.firmware._force_map import (
     FORCES_G,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.wire.taxel_frames import IDENTIFY, SELF_TEST, encode_request
+from rigctl.boards.taxel_frames import IDENTIFY, SELF_TEST, encode_request
 from tests.firmware.taxels.chip import ENTRY_CYCLES, FRAME_CYCLES, TaxelChip
 
 TIMED_FRAMES = 5_000

@@ -12,8 +12,8 @@ from unittest.mock import patch
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.acquisition.live_file import LiveReader
-from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
+from rigctl.engine.live_file import LiveReader
+from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE
 
 if TYPE_CHECKING:
     from gui.shell.main_window import MainWindow

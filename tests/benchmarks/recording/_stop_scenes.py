@@ -27,8 +27,8 @@ from gui.analysis.results import AnalysisResults, plot_page
 from gui.analysis.task_values import TrialCourse, TrialData
 from gui.shell.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
+from rigctl.boards.drum_states import State
 from rigctl.session.sensor_layout import SensorLayout
-from rigctl.wire.drum_states import State
 from tests.gui.texts.results_scenes import ORIGIN, largest_accuracy, largest_confusion
 
 SIZE = (1400, 900)

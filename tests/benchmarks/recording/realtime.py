@@ -20,12 +20,12 @@ from threadpoolctl import threadpool_limits
 
 from rigctl.analysis.finger.classifier import FingerClassifier
 from rigctl.analysis.finger.scans import RecordedScans, read_scans
-from rigctl.encoding.encoder import Encoder
-from rigctl.encoding.scaled_time import first_windows, scale_windows
-from rigctl.protocol.finger import Stage
-from rigctl.realtime.finger_models import calibrate_models, train_models
+from rigctl.encoder.encoder import Encoder
+from rigctl.encoder.scaled_time import first_windows, scale_windows
+from rigctl.finger.finger_models import calibrate_models, train_models
+from rigctl.finger_values import Stage
 from rigctl.session.finger_model_file import load_finger_model
-from tests.realtime.harness import (
+from tests.finger.harness import (
     FingerHarness,
     open_finger_harness,
     open_finger_session,

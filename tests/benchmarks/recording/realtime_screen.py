@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.acquisition.rpc.client import FINGER_ENGINE_COMMAND, EngineClient
-from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
+from rigctl.engine.rpc.client import FINGER_ENGINE_COMMAND, EngineClient
+from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE
 from tests.benchmarks.recording.realtime import LINK, PROTOCOL, calibrated_model, figure
-from tests.realtime.harness import open_finger_session
+from tests.finger.harness import open_finger_session
 
 SIZE = (1400, 900)
 SECONDS = 120.0

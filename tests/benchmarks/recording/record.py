@@ -14,9 +14,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from rigctl.acquisition.rpc.client import EngineClient
-from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
-from rigctl.wire.drum_states import State
+from rigctl.boards.drum_states import State
+from rigctl.engine.rpc.client import EngineClient
+from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE
 
 SECONDS = 20.0
 TICKS_A_SECOND = os.sysconf("SC_CLK_TCK")

@@ -14,8 +14,8 @@ from collections import defaultdict
 from collections.abc import Iterator
 from typing import Any
 
-from rigctl.acquisition.rpc.client import EngineClient
-from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE, running_engines, runtime_folder
+from rigctl.engine.rpc.client import EngineClient
+from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE, running_engines, runtime_folder
 from tests.benchmarks.recording.table import SET, ensure_set
 
 SOURCE = "from tests.benchmarks.recording._stop_scenes import main; main()"

@@ -13,7 +13,7 @@ import numpy as np
 from rigctl.session.ground_truth import trial_truths
 from rigctl.session.session import Session
 from rigctl.synth.dataset import DatasetRequest, generate, load_plan
-from tests.acquisition.engine_harness import open_harness
+from tests.engine.engine_harness import open_harness
 
 SEED = 1
 START_UTC = "2026-01-02T03:04:05+00:00"

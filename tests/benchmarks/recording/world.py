@@ -9,12 +9,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from rigctl.bench.clock import SimulatedTimeLoop
+from rigctl.bench.finger.virtual_finger import open_virtual_finger
+from rigctl.boards import finger_messages
 from rigctl.config.resources import find_protocol
-from rigctl.protocol.finger import TEXTURES, VelocityProfile
-from rigctl.simulation.clock import SimulatedTimeLoop
-from rigctl.simulation.finger.virtual_finger import open_virtual_finger
-from rigctl.wire import finger_messages
-from tests.acquisition.engine_harness import open_harness
+from rigctl.finger_values import TEXTURES, VelocityProfile
+from tests.engine.engine_harness import open_harness
 
 SEED = 1
 ROUNDS = 3

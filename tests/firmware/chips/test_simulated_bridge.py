@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.wire.drum_codes import Command
+from rigctl.boards.drum_codes import Command
 from tests.firmware.drum.support.plant_drum import PlantDrum
 
 ONE_STEP = 0.05

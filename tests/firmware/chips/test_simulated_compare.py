@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rigctl.simulation.chips.simavr import Chip, Kind, Output, load_library
+from rigctl.bench.chips.simavr import Chip, Kind, Output, load_library
 from tests.firmware.building import built
 
 PERIOD = 65_536

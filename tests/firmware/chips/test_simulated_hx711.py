@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from rigctl.simulation.chips.simavr import Chip, Kind, load_library
+from rigctl.bench.chips.simavr import Chip, Kind, load_library
 from tests.firmware.building import built
 
 PERIOD = 200_000  # cycles: 12.5 ms

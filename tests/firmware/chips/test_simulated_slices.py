@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.simulation.chips.simavr import Chip, Kind, load_library
+from rigctl.bench.chips.simavr import Chip, Kind, load_library
 from tests.firmware.building import built
 
 LONGEST_INSTRUCTION = 5

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.simulation.bench.contact import ForceTable, contact_tables, draw_mounting, force_table
-from rigctl.simulation.bench.parameters import WorldParameters
-from rigctl.simulation.chips.simavr import Input, ResetBy
-from rigctl.wire.drum_codes import Command, Status
-from rigctl.wire.drum_registers import BY_NAME
-from rigctl.wire.drum_states import Fault, State
+from rigctl.bench.chips.simavr import Input, ResetBy
+from rigctl.bench.contact import ForceTable, contact_tables, draw_mounting, force_table
+from rigctl.bench.parameters import WorldParameters
+from rigctl.boards.drum_codes import Command, Status
+from rigctl.boards.drum_registers import BY_NAME
+from rigctl.boards.drum_states import Fault, State
 from tests.firmware.drum.support.attacks import (
     ATTACK_CHECKS,
     ATTACK_CONTROLS,

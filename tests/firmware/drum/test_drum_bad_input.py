@@ -8,9 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from rigctl.simulation.chips.simavr import Output
-from rigctl.wire.drum_codes import Command
-from rigctl.wire.drum_registers import (
+from rigctl.bench.chips.simavr import Output
+from rigctl.boards.drum_codes import Command
+from rigctl.boards.drum_registers import (
     BY_NAME,
     END,
     MAGIC,
@@ -20,7 +20,7 @@ from rigctl.wire.drum_registers import (
     Register,
     pack_value,
 )
-from rigctl.wire.drum_states import Fault, State
+from rigctl.boards.drum_states import Fault, State
 from tests.firmware.drum.support.checks import enter_from_idle
 from tests.firmware.drum.support.chip import DrumChip, crc16
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.simulation.bench.parameters import WorldParameters
+from rigctl.bench.parameters import WorldParameters
 from tests.firmware.drum.support.plant_drum import PlantDrum
 
 

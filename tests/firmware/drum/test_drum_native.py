@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import subprocess
 
+from rigctl.boards.codegen.__main__ import GENERATED, find_stale
 from rigctl.config.resources import checkout
-from rigctl.wire.codegen.__main__ import GENERATED, find_stale
 from tests.firmware.building import built
 
 

@@ -7,10 +7,10 @@ import random
 import numpy as np
 import pytest
 
-from rigctl.simulation.chips.simavr import Input, Output, ResetBy
-from rigctl.wire.drum_codes import Command
-from rigctl.wire.drum_registers import BY_NAME, MAGIC
-from rigctl.wire.drum_states import Fault, State
+from rigctl.bench.chips.simavr import Input, Output, ResetBy
+from rigctl.boards.drum_codes import Command
+from rigctl.boards.drum_registers import BY_NAME, MAGIC
+from rigctl.boards.drum_states import Fault, State
 from tests.firmware.drum.support.checks import (
     ESTOP_LIMIT,
     HANGS,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.simulation.chips.simavr import Input, Output, ResetBy
-from rigctl.wire.drum_states import OUTPUTS, State, StateEvent, next_state
+from rigctl.bench.chips.simavr import Input, Output, ResetBy
+from rigctl.boards.drum_states import OUTPUTS, State, StateEvent, next_state
 from tests.firmware.drum.support.cells import (
     ATTENDED,
     COMMANDS,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.simulation.chips.simavr import ResetBy
-from rigctl.wire.drum_codes import Command, SettingsFrom
+from rigctl.bench.chips.simavr import ResetBy
+from rigctl.boards.drum_codes import Command, SettingsFrom
 from tests.firmware.drum.support.chip import MS, DrumChip
 
 SLOTS, STRIDE, SLOT_BYTES = 64, 128, 2 + 2 * 49 + 2

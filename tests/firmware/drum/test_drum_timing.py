@@ -8,9 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from rigctl.simulation.chips.simavr import Input, Output
-from rigctl.wire.drum_codes import Command
-from rigctl.wire.drum_states import State
+from rigctl.bench.chips.simavr import Input, Output
+from rigctl.boards.drum_codes import Command
+from rigctl.boards.drum_states import State
 from tests.firmware.drum.support.chip import ENTRY_CYCLES, DrumChip
 
 STEP_CYCLES_AT_1_MM_S = 16e6 * 0.03125

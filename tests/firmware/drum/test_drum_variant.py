@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from rigctl.simulation.chips.simavr import Input, Output, ResetBy
-from rigctl.wire.drum_codes import Command
-from rigctl.wire.drum_states import Fault, State
+from rigctl.bench.chips.simavr import Input, Output, ResetBy
+from rigctl.boards.drum_codes import Command
+from rigctl.boards.drum_states import Fault, State
 from tests.benchmarks.firmware._drum_timing import run
 from tests.firmware.drum.support.checks import open_emergency_stop
 from tests.firmware.drum.support.other_drum import SELFTEST_MS, STEP_MM, OtherDrum

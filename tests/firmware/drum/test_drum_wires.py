@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.simulation.chips.simavr import ResetBy
-from rigctl.wire.drum_codes import Command, Status
+from rigctl.bench.chips.simavr import ResetBy
+from rigctl.boards.drum_codes import Command, Status
 from tests.firmware.drum.support.attacks import has_status
 from tests.firmware.drum.support.checks import Check
 from tests.firmware.drum.support.chip import DrumChip

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.encoding.encoder import Encoder
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.simulation.boards.finger_firmware import FingerFirmware
-from rigctl.simulation.chips.qemu import InstructionCount, Line, Script, run_script
-from rigctl.wire import finger_messages
-from rigctl.wire.finger_decoder import FingerBlock, FingerDecoder
-from rigctl.wire.finger_messages import BATCH_SAMPLES, N_TAXELS, SampleFlag, WindowReport
+from rigctl.bench.boards.finger_firmware import FingerFirmware
+from rigctl.bench.chips.qemu import InstructionCount, Line, Script, run_script
+from rigctl.boards import finger_messages
+from rigctl.boards.finger_decoder import FingerBlock, FingerDecoder
+from rigctl.boards.finger_messages import BATCH_SAMPLES, N_TAXELS, SampleFlag, WindowReport
+from rigctl.encoder.encoder import Encoder
+from rigctl.encoder.normalisation import Normalisation
 
 LOW = tuple(range(40, 40 + N_TAXELS))
 HIGH = tuple(range(700, 700 + N_TAXELS))

@@ -10,11 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 from rigctl import host_build
-from rigctl.errors import WrongUse
-from rigctl.simulation.boards.finger_firmware import FingerFirmware
-from rigctl.wire import finger_messages
-from rigctl.wire.finger_decoder import FingerDecoder
-from rigctl.wire.finger_messages import (
+from rigctl.bench.boards.finger_firmware import FingerFirmware
+from rigctl.boards import finger_messages
+from rigctl.boards.finger_decoder import FingerDecoder
+from rigctl.boards.finger_messages import (
     N_FEATURES,
     N_TAXELS,
     N_WINDOWS,
@@ -26,6 +25,7 @@ from rigctl.wire.finger_messages import (
     WindowReport,
     model_header,
 )
+from rigctl.errors import WrongUse
 from tests.firmware.finger.scans import synthetic_scan, through_host_build
 
 Floats = NDArray[np.float64]

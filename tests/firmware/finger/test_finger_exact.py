@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from rigctl.encoding.neuron_header import HEADER, neuron_header
-from rigctl.simulation.boards.finger_firmware import FingerFirmware
-from rigctl.wire.finger_decoder import FingerDecoder
-from rigctl.wire.finger_messages import ScanEnded
+from rigctl.bench.boards.finger_firmware import FingerFirmware
+from rigctl.boards.finger_decoder import FingerDecoder
+from rigctl.boards.finger_messages import ScanEnded
+from rigctl.encoder.neuron_header import HEADER, neuron_header
 from tests.firmware.building import built
 from tests.firmware.finger.scans import (
     differing_trains,

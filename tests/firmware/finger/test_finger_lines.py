@@ -7,12 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from rigctl.simulation.boards.finger_firmware import FingerFirmware
-from rigctl.simulation.boards.taxels import TaxelFirmware
-from rigctl.simulation.chips.qemu import FingerImage
-from rigctl.wire import finger_messages
-from rigctl.wire.finger_decoder import FingerDecoder
-from rigctl.wire.finger_messages import BATCH_SAMPLES, BatchReport, ScanEnded, VelocitySource
+from rigctl.bench.boards.finger_firmware import FingerFirmware
+from rigctl.bench.boards.taxels import TaxelFirmware
+from rigctl.bench.chips.qemu import FingerImage
+from rigctl.boards import finger_messages
+from rigctl.boards.finger_decoder import FingerDecoder
+from rigctl.boards.finger_messages import BATCH_SAMPLES, BatchReport, ScanEnded, VelocitySource
 from tests.firmware.building import built
 from tests.firmware.finger.scans import SETTINGS, SyntheticScan, synthetic_scan
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rigctl.bench.boards.finger_firmware import FingerFirmware
+from rigctl.boards.finger_decoder import FingerBlock, FingerDecoder
 from rigctl.finger_values import N_FINGER_TAXELS
-from rigctl.simulation.boards.finger_firmware import FingerFirmware
-from rigctl.wire.finger_decoder import FingerBlock, FingerDecoder
 from tests.session.finger_building import taxel_frame
 
 FRAMES = 400

@@ -9,9 +9,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.simulation.chips.simavr import Chip, Input, Kind, Output, load_library
+from rigctl.bench.chips.simavr import Chip, Input, Kind, Output, load_library
+from rigctl.boards.taxel_frames import FrameDecoder, SelfTest, TaxelIdentity, TaxelStatus
 from rigctl.values import Block
-from rigctl.wire.taxel_frames import FrameDecoder, SelfTest, TaxelIdentity, TaxelStatus
 from tests.firmware.building import built
 
 FRAME_CYCLES = 16_000

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from rigctl.wire.taxel_frames import BAUD, IDENTIFY, SELF_TEST, encode_request, frame
+from rigctl.boards.taxel_frames import BAUD, IDENTIFY, SELF_TEST, encode_request, frame
 from tests.firmware.taxels.chip import BYTE_CYCLES, FRAME_CYCLES, SLOT_CYCLES, TaxelChip
 
 EEPROM_BYTES = 1024

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rigctl.simulation.bench.bench import Bench
-from rigctl.simulation.bench.parameters import WorldParameters
-from rigctl.simulation.bench.skin import SLOT_US
+from rigctl.bench.bench import Bench
+from rigctl.bench.parameters import WorldParameters
+from rigctl.bench.skin import SLOT_US
 from tests.firmware.taxels.chip import TaxelChip, counts_of
 
 DIVIDER_OHM, PRESSED_OHM, REST_OHM = 10e3, 5e3, 200e3

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rigctl.simulation.chips.simavr import Input
-from rigctl.wire.taxel_frames import Flag
+from rigctl.bench.chips.simavr import Input
+from rigctl.boards.taxel_frames import Flag
 from tests.firmware.taxels.chip import FRAME_CYCLES, TaxelChip
 
 UNSURE_CYCLES = 4

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from rigctl.simulation.chips.simavr import Input
-from rigctl.wire.taxel_frames import IDENTIFY, SELF_TEST, encode_request
+from rigctl.bench.chips.simavr import Input
+from rigctl.boards.taxel_frames import IDENTIFY, SELF_TEST, encode_request
 from tests.firmware.taxels.chip import TaxelChip
 
 FRAMES = 100_000

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rigctl.wire.taxel_frames import (
+from rigctl.boards.taxel_frames import (
     IDENTIFY,
     SELF_TEST,
     Coverage,

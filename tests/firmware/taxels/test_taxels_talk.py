@@ -7,8 +7,8 @@ import subprocess
 import numpy as np
 import pytest
 
-from rigctl.simulation.chips.simavr import ResetBy
-from rigctl.wire.taxel_frames import IDENTIFY, encode_request
+from rigctl.bench.chips.simavr import ResetBy
+from rigctl.boards.taxel_frames import IDENTIFY, encode_request
 from tests.firmware.building import built
 from tests.firmware.taxels.chip import TaxelChip
 

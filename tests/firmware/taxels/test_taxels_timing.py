@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from rigctl.wire.taxel_frames import IDENTIFY, SELF_TEST, encode_request
+from rigctl.boards.taxel_frames import IDENTIFY, SELF_TEST, encode_request
 from tests.firmware.taxels.chip import (
     ENTRY_CYCLES,
     FRAME_CYCLES,

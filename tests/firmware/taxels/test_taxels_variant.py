@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rigctl.simulation.chips.simavr import Input
-from rigctl.wire.taxel_frames import Coverage, SelfTest
+from rigctl.bench.chips.simavr import Input
+from rigctl.boards.taxel_frames import Coverage, SelfTest
 from tests.firmware.taxels.chip import FRAME_CYCLES, TaxelChip
 
 IMAGE = "firmware/taxels-driven-low.elf"

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from rigctl.analysis.cache import Cache
-from rigctl.encoding.features import FeatureLayout
-from rigctl.encoding.force_matrix import ForceMatrix
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import EncoderParameters
-from rigctl.encoding.reading import Reading
+from rigctl.encoder.features import FeatureLayout
+from rigctl.encoder.force_matrix import ForceMatrix
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.parameters import EncoderParameters
+from rigctl.encoder.reading import Reading
 from rigctl.session.analysis_file import (
     EncodingInfo,
     SpikeFileWriter,

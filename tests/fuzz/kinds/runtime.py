@@ -11,14 +11,14 @@ from random import Random
 
 import numpy as np
 
-from rigctl.acquisition.live_file import LiveReader, LiveWriter
-from rigctl.acquisition.rpc.engine_files import (
+from rigctl.boards.trackers.plate_frame import PlatePosition
+from rigctl.engine.live_file import LiveReader, LiveWriter
+from rigctl.engine.rpc.engine_files import (
     EngineFile,
     engine_file_path,
     running_engines,
 )
-from rigctl.devices.trackers.plate_frame import PlatePosition
-from rigctl.realtime.live_file import FingerLiveReader, FingerLiveWriter
+from rigctl.finger.live_file import FingerLiveReader, FingerLiveWriter
 from tests.fuzz.kind import Kind, Place
 from tests.fuzz.mutations.bytes import BYTES
 from tests.fuzz.mutations.folders import FOLDER

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from PySide6.QtWidgets import QApplication
 
-from rigctl.acquisition.rpc.engine_files import FOLDER_VARIABLE
+from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
 from tests.gui.bad_input.test_unplugged import LONG

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from gui.analysis.open_sessions import OpenSessions
+from rigctl.boards.drum_states import State
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
-from rigctl.wire.drum_states import State
 from tests.gui.rig_window import RigWindow
 from tests.gui.steps import click, press_escape
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from rigctl.boards.drum_states import State
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
-from rigctl.wire.drum_states import State
 from tests.gui.rig_window import RigWindow
 from tests.gui.steps import click
 

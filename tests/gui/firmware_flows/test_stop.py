@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.wire.drum_states import State
+from rigctl.boards.drum_states import State
 from tests.gui.rig_window import RigWindow
 from tests.gui.steps import click, press_escape
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rigctl.wire.drum_states import State
+from rigctl.boards.drum_states import State
 from tests.gui.rig_window import RigWindow, opened_window
 from tests.gui.steps import click
 

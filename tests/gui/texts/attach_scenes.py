@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from gui.shell.main_window import MainWindow
-from rigctl.acquisition.rpc.client import FoundEngine
-from rigctl.acquisition.rpc.engine_files import EngineFile
+from rigctl.engine.rpc.client import FoundEngine
+from rigctl.engine.rpc.engine_files import EngineFile
 from tests.gui.fake_engine import FakeEngine
 
 OTHER = "window of annamaria.rothenberger on tactile-lab-pc-02 (process 1234567)"

@@ -14,14 +14,14 @@ from gui.protocol.learning_page import NO_SESSION
 from gui.protocol.protocol_panel import ProtocolPanel
 from gui.shell.main_window import MainWindow
 from gui.widgets.file_browser import PathKind
-from rigctl.acquisition.setup.boards import CIRCUMFERENCE
-from rigctl.acquisition.setup.setup import STEPS
-from rigctl.acquisition.setup.switches import HOLD_LOWER
 from rigctl.analysis.learning_curve import CurvePoint, SessionCurve, describe_shortfall
-from rigctl.devices.port_discovery import PortReport
+from rigctl.boards.drum_states import State
+from rigctl.boards.port_discovery import PortReport
+from rigctl.engine.setup.boards import CIRCUMFERENCE
+from rigctl.engine.setup.setup import STEPS
+from rigctl.engine.setup.switches import HOLD_LOWER
 from rigctl.synth.sample_session import MAKING
 from rigctl.values import BoardIdentity
-from rigctl.wire.drum_states import State
 from tests.gui.fake_engine import STATUS, FakeEngine
 from tests.gui.fake_finger import RUNNING, FakeFinger
 from tests.gui.steps import click, wait_until

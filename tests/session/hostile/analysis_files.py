@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from rigctl.encoding.features import FeatureLayout
-from rigctl.encoding.force_matrix import ForceMatrix
-from rigctl.encoding.normalisation import Normalisation
-from rigctl.encoding.parameters import EncoderParameters
+from rigctl.encoder.features import FeatureLayout
+from rigctl.encoder.force_matrix import ForceMatrix
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.parameters import EncoderParameters
 from rigctl.session.analysis_file import EncodingInfo, SpikeFileWriter
 from rigctl.session.finger_model_file import (
     FingerCalibration,

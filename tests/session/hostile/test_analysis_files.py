@@ -12,8 +12,8 @@ import h5py
 import numpy as np
 import pytest
 
-from rigctl.encoding.parameters import EncoderParameters
-from rigctl.encoding.reading import Reading
+from rigctl.encoder.parameters import EncoderParameters
+from rigctl.encoder.reading import Reading
 from rigctl.errors import SessionError
 from rigctl.session.analysis_file import LATER_PARAMETERS, load_force, load_inputs, load_ranges
 from rigctl.session.finger_model_file import load_finger_model

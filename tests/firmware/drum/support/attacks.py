@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from rigctl.simulation.chips.simavr import Input, ResetBy
-from rigctl.wire.drum_codes import Command, ForceMode, Status
-from rigctl.wire.drum_states import Fault, State
+from rigctl.bench.chips.simavr import Input, ResetBy
+from rigctl.boards.drum_codes import Command, ForceMode, Status
+from rigctl.boards.drum_states import Fault, State
 from tests.firmware.drum.support.checks import IMAGE, SET_FORCE_G, Check
 from tests.firmware.drum.support.chip import STIFFNESS_G_MM, DrumChip
 from tests.firmware.drum.support.overshoot import linear, overshoot_g

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-from rigctl.simulation.bench.bench import Bench
-from rigctl.simulation.bench.contact import ForceTable, contact_tables, draw_mounting, force_table
-from rigctl.simulation.bench.electrics import constants
-from rigctl.simulation.bench.load_cell import LoadCellAmplifier
-from rigctl.simulation.bench.mechanics import Mechanics
-from rigctl.simulation.bench.parameters import WorldParameters
-from rigctl.simulation.simulated_rig import Disturbances
+from rigctl.bench.bench import Bench
+from rigctl.bench.contact import ForceTable, contact_tables, draw_mounting, force_table
+from rigctl.bench.electrics import constants
+from rigctl.bench.load_cell import LoadCellAmplifier
+from rigctl.bench.mechanics import Mechanics
+from rigctl.bench.parameters import WorldParameters
+from rigctl.bench.simulated_rig import Disturbances
 
 
 @lru_cache(maxsize=4)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from rigctl.simulation.chips.simavr import ResetBy
-from rigctl.wire.drum_codes import Command
-from rigctl.wire.drum_states import Fault, State
+from rigctl.bench.chips.simavr import ResetBy
+from rigctl.boards.drum_codes import Command
+from rigctl.boards.drum_states import Fault, State
 from tests.firmware.drum.support.checks import IMAGE, SET_FORCE_G, Check
 from tests.firmware.drum.support.chip import G_PER_COUNT, MS, DrumChip
 

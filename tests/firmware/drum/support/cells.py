@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from rigctl.simulation.chips.simavr import Input
-from rigctl.wire.drum_codes import Command
-from rigctl.wire.drum_states import State, StateEvent
+from rigctl.bench.chips.simavr import Input
+from rigctl.boards.drum_codes import Command
+from rigctl.boards.drum_states import State, StateEvent
 from tests.firmware.drum.support.checks import enter_from_idle
 from tests.firmware.drum.support.chip import DrumChip
 

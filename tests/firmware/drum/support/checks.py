@@ -12,10 +12,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.simulation.chips.simavr import Input, Output
-from rigctl.wire.drum_codes import Command, ResetCause
-from rigctl.wire.drum_registers import BY_NAME
-from rigctl.wire.drum_states import Fault, State
+from rigctl.bench.chips.simavr import Input, Output
+from rigctl.boards.drum_codes import Command, ResetCause
+from rigctl.boards.drum_registers import BY_NAME
+from rigctl.boards.drum_states import Fault, State
 from tests.firmware.drum.support.chip import MS, DrumChip
 
 IMAGE = "firmware/drum.elf"

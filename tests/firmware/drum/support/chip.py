@@ -10,12 +10,12 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.simulation.bench.circuit import AS_DRAWN
-from rigctl.simulation.bench.electrics import actuator_pins, constants
-from rigctl.simulation.chips.simavr import Chip, Input, Kind, Output, load_library
-from rigctl.wire.drum_codes import Command, CommandResult, Status
-from rigctl.wire.drum_registers import BY_NAME, Register
-from rigctl.wire.drum_states import State
+from rigctl.bench.chips.simavr import Chip, Input, Kind, Output, load_library
+from rigctl.bench.circuit import AS_DRAWN
+from rigctl.bench.electrics import actuator_pins, constants
+from rigctl.boards.drum_codes import Command, CommandResult, Status
+from rigctl.boards.drum_registers import BY_NAME, Register
+from rigctl.boards.drum_states import State
 from tests.firmware.building import built
 
 MS = 16_000

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from rigctl.simulation.bench.load_cell import LoadCellAmplifier
-from rigctl.simulation.bench.parameters import WorldParameters
-from rigctl.simulation.chips.simavr import Input
-from rigctl.wire.drum_codes import Command
+from rigctl.bench.chips.simavr import Input
+from rigctl.bench.load_cell import LoadCellAmplifier
+from rigctl.bench.parameters import WorldParameters
+from rigctl.boards.drum_codes import Command
 from tests.firmware.drum.support.plant_drum import PlantDrum
 
 IMAGE = "firmware/drum-other.elf"

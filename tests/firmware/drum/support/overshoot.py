@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rigctl.simulation.bench.contact import ForceTable
+from rigctl.bench.contact import ForceTable
 
 
 def overshoot_g(

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.simulation.bench.electrics import LIFT, PRESS, actuator_pins
-from rigctl.simulation.bench.mechanics import DrumTrajectory
-from rigctl.simulation.bench.parameters import WorldParameters, validated
-from rigctl.simulation.chips.simavr import Input, Output
-from rigctl.wire.drum_codes import Command
-from rigctl.wire.drum_states import State
+from rigctl.bench.chips.simavr import Input, Output
+from rigctl.bench.electrics import LIFT, PRESS, actuator_pins
+from rigctl.bench.mechanics import DrumTrajectory
+from rigctl.bench.parameters import WorldParameters, validated
+from rigctl.boards.drum_codes import Command
+from rigctl.boards.drum_states import State
 from tests.firmware.drum.support.bare_bench import BareBench
 from tests.firmware.drum.support.chip import MS, DrumChip
 

@@ -5,9 +5,9 @@ Each passes on the flashed image and fails on one without the tested rule (:data
 
 from __future__ import annotations
 
-from rigctl.simulation.chips.simavr import Input, ResetBy
-from rigctl.wire.drum_codes import Command
-from rigctl.wire.drum_states import Fault, State
+from rigctl.bench.chips.simavr import Input, ResetBy
+from rigctl.boards.drum_codes import Command
+from rigctl.boards.drum_states import Fault, State
 from tests.firmware.drum.support.checks import IMAGE, SET_FORCE_G, Check
 from tests.firmware.drum.support.chip import CONTACT_MM, STIFFNESS_G_MM, DrumChip
 

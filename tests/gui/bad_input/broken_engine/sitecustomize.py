@@ -16,7 +16,7 @@ VARIABLE = "RIGCTL_TEST_FAULT"
 
 
 def _break_engine(fault: Path) -> None:
-    from rigctl.devices import identity
+    from rigctl.boards import identity
     from rigctl.session.writer import PartWriter
 
     write = PartWriter.write

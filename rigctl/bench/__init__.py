@@ -1,0 +1,1 @@
+"""Simulated bench: mechanics, skin, load cell, textures, with the real firmware before it."""

@@ -1,0 +1,182 @@
+"""The virtual rig: the bench with both boards' firmware, compiled for this computer."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from functools import cache
+from pathlib import Path
+
+from rigctl.bench.bench import LOG_EVERY_MS, Bench
+from rigctl.bench.boards.drum_cosimulation import DrumCosimulation
+from rigctl.bench.boards.taxels import FLUSH_US, VirtualTaxels
+from rigctl.bench.circuit import TestPoints
+from rigctl.bench.ground_truth import GroundTruth
+from rigctl.bench.hands import SimulatedHands
+from rigctl.bench.parameters import WorldParameters
+from rigctl.bench.simulated_rig import DRUM, TAXELS, FaultInjection, SimulatedLink
+from rigctl.config.rig_config import PAPER_ARRAY, TaxelArray
+
+SLICE_US = 20_000
+WARM_UP_US = 300_000
+"""By then the boards have booted, the load cell converts and the taxels send frames."""
+
+BYTE_CYCLES = 16_000_000 * 10 // 115_200
+"""Duration of a byte; a longer gap separates two replies."""
+
+
+def open_virtual_rig(
+    parameters: WorldParameters | None = None,
+    seed: int = 0,
+    drum_library: Path | None = None,
+    sensor: TaxelArray = PAPER_ARRAY,
+) -> VirtualRig:
+    """Return a virtual rig with this sensor at power-up, reproducible for a seed.
+
+    Raises WrongUse for a parameter outside its plausible range, RigFault if a board's library
+    cannot be used, ConfigError if the taxel board's was compiled for another sensor.
+    """
+    return VirtualRig(Bench(parameters or WorldParameters(), seed, sensor=sensor), drum_library)
+
+
+@cache
+def compile_kernels(sensor: TaxelArray = PAPER_ARRAY) -> None:
+    """Compile or load every kernel of a simulated bench.
+
+    Compiling takes half a minute after an update; during a run it would stall a paced simulation.
+    """
+    rig = open_virtual_rig(sensor=sensor)
+    rig.advance(WARM_UP_US)
+    rig.close()
+
+
+class DrumCable:
+    """Carries bytes between a link and the drum board. Times are simulated microseconds."""
+
+    def __init__(self, drum: DrumCosimulation, link: SimulatedLink) -> None:
+        self._drum = drum
+        self._link = link
+        self._replies: deque[tuple[bytes, float]] = deque()
+        self._request_end_us = -math.inf
+        self._now_us = 0
+        link.attach(self._receive)
+
+    @property
+    def next_us(self) -> float:
+        """Time at which a request is complete or a reply arrives; infinite on an idle cable."""
+        if self._replies:
+            return self._replies[0][1]
+        return self._request_end_us if self._request_end_us >= self._now_us else math.inf
+
+    def advance(self, now_us: int) -> None:
+        """Deliver the replies that have arrived completely by now."""
+        self._now_us = now_us
+        if self._drum.firmware.io.tx_count:
+            self._split_replies()
+        while self._replies and self._replies[0][1] <= now_us:
+            data, at_us = self._replies.popleft()
+            self._link.deliver(data, at_us * 1e-6)
+
+    def reset(self) -> None:
+        """Discard what the board had not sent when it was reset."""
+        self._drum.firmware.take_sent()
+        self._replies.clear()
+        self._request_end_us = -math.inf
+
+    def _receive(self, data: bytes) -> None:
+        self._drum.firmware.receive(data, self._drum.cycle(self._now_us))
+        # Whole milliseconds: the board runs in them, and has replied at the end of the next.
+        end_us = self._drum.us(self._drum.firmware.io.rx_end_cycle)
+        self._request_end_us = 1000.0 * math.ceil(end_us * 1e-3)
+
+    def _split_replies(self) -> None:
+        data, cycles = self._drum.firmware.take_sent()
+        first = 0
+        for end in range(1, len(data) + 1):
+            if end < len(data) and cycles[end] - cycles[end - 1] <= 1.5 * BYTE_CYCLES:
+                continue
+            self._replies.append((data[first:end], self._drum.us(cycles[end - 1])))
+            first = end
+
+
+class VirtualRig:
+    """A :class:`~rigctl.bench.simulated_rig.SimulatedRig` whose boards run in this process."""
+
+    def __init__(self, bench: Bench, drum_library: Path | None = None) -> None:
+        self.time_us = 0
+        self._closed = False
+        self._bench = bench
+        self.drum = SimulatedLink(DRUM, 2 * bench.seed)
+        self.taxels = SimulatedLink(TAXELS, 2 * bench.seed + 1)
+        self.cosimulation = DrumCosimulation(bench, drum_library)
+        self._drum_cable = DrumCable(self.cosimulation, self.drum)
+        self._taxels = VirtualTaxels(bench)
+        self.taxels.attach(self._taxels.firmware.receive)
+        self.cosimulation.on_index = self._taxels.set_index
+        bench.on_sync = self._taxels.set_sync
+        links = {DRUM: self.drum, TAXELS: self.taxels}
+        self.faults = FaultInjection(
+            links, bench.disturbances, self._apply_disturbances, self._reset
+        )
+        self.hands = SimulatedHands(bench, self.faults, lambda: self.test_points)
+
+    @property
+    def truth(self) -> GroundTruth:
+        return self._bench.truth
+
+    @property
+    def slice_us(self) -> int:
+        return max(1, int(min(SLICE_US, self._drum_cable.next_us - self.time_us)))
+
+    def advance(self, until_us: int) -> None:
+        """Simulate every whole millisecond up to a time.
+
+        A closed rig only advances its time: an event loop may still have timers.
+        """
+        while not self._closed and (self.cosimulation.time_ms + 1) * 1000 <= until_us:
+            self._run(until_us // 1000)
+        self.time_us = until_us
+        if not self._closed:
+            self._drum_cable.advance(until_us)
+
+    @property
+    def plate(self) -> str:
+        return self._bench.plate
+
+    def set_plate(self, texture: str) -> None:
+        self._bench.set_plate(texture)
+
+    def skip_mountings(self, count: int) -> None:
+        self._bench.skip_mountings(count)
+
+    @property
+    def test_points(self) -> TestPoints:
+        return self._bench.test_points(self.cosimulation.firmware.io)
+
+    def close(self) -> None:
+        self._closed = True
+        self.drum.close()
+        self.taxels.close()
+        self.cosimulation.firmware.close()
+        self._taxels.firmware.close()
+
+    def _run(self, until_ms: int) -> None:
+        """Run up to the next flush of the taxels' cable, or up to ``until_ms``."""
+        now_ms, flush_ms = self.cosimulation.time_ms, FLUSH_US // 1000
+        flush_at_ms = (now_ms // flush_ms + 1) * flush_ms
+        self.cosimulation.run(min(until_ms, flush_at_ms, now_ms + LOG_EVERY_MS))
+        if self.cosimulation.time_ms == flush_at_ms:
+            data = self._taxels.send(flush_at_ms * 1000)
+            if data:
+                self.taxels.deliver(data, flush_at_ms * 1e-3)
+
+    def _apply_disturbances(self) -> None:
+        self.cosimulation.apply_disturbances()
+        self._taxels.firmware.io.supply_mv = self._bench.disturbances.circuit.logic_mv
+
+    def _reset(self, board: str) -> None:
+        if board == DRUM:
+            self.cosimulation.reset()
+            self._drum_cable.reset()
+        else:
+            self._taxels.reset(self.time_us)

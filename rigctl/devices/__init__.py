@@ -1,1 +1,0 @@
-"""The devices as a scientist names them: drum, taxels, finger, trackers, and their ports."""

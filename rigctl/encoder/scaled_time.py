@@ -1,0 +1,123 @@
+"""Speed invariance of the moving finger: scaled time in batches of changing velocity, in integers.
+
+Scaled time is ∫ v dt / v_ref (Iskarous et al., equation 2, applied to each 100 ms). 1 µm/s for 1 ms
+is 1 nm, and a window of 100 ms of scaled time is 100 · v_ref nanometres (10 mm at 100 mm/s), so
+nothing is rounded. The finger's board computes the same windows.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.encoder.features import WINDOW_MS
+from rigctl.errors import WrongUse
+
+REFERENCE_UM_PER_S = 100_000
+"""Reference speed of the real-time experiment; the drum's is another."""
+BATCH_SAMPLES = 100
+N_WINDOWS = 20
+MS_PER_S = 1000.0
+
+Spikes1Khz = NDArray[np.uint8]
+Counts = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+
+class ScaledWindows(NamedTuple):
+    """Windows of a scan: ``counts`` of spikes, int64 (w, n_taxels); ``real_ms``, int64 (w,).
+
+    ``real_ms`` is the real time that the finger spent in the window.
+    """
+
+    counts: Counts
+    real_ms: Counts
+
+    @property
+    def rates_hz(self) -> Floats:
+        """Spike rates, float64 (w, n_taxels): counts over real time, as the board has them."""
+        rates: Floats = self.counts * MS_PER_S / np.maximum(self.real_ms, 1)[:, None]
+        return rates
+
+
+def scale_windows(
+    spikes: Spikes1Khz,
+    velocities_um_per_s: Counts,
+    reference_um_per_s: int = REFERENCE_UM_PER_S,
+    batch_samples: int = BATCH_SAMPLES,
+) -> ScaledWindows:
+    """Return the windows of scaled time of one scan: spikes uint8 (n, n_taxels) at 1 kHz.
+
+    ``velocities_um_per_s``: int64, one for each batch; the last batch may be short. The last window
+    may be short, too. Raises :class:`WrongUse` for another number of velocities, a negative one,
+    or one so high that a window would be shorter than a sample.
+    """
+    window_nm = WINDOW_MS * reference_um_per_s
+    velocities = np.asarray(velocities_um_per_s, np.int64)
+    _check_velocities(velocities, -(-len(spikes) // batch_samples), window_nm)
+    per_sample = np.repeat(velocities, batch_samples)[: len(spikes)]
+    window = (np.cumsum(per_sample) - per_sample) // window_nm
+    n_windows = int(window[-1]) + 1 if len(window) else 0
+    counts = np.zeros((n_windows, spikes.shape[1]), np.int64)
+    np.add.at(counts, window, spikes)
+    return ScaledWindows(counts, np.bincount(window, minlength=n_windows))
+
+
+def time_windows(spikes: Spikes1Khz) -> ScaledWindows:
+    """Return the windows of a scan without speed scaling: whole 100 ms; a remainder is dropped."""
+    whole = len(spikes) // WINDOW_MS
+    blocks = spikes[: whole * WINDOW_MS].reshape(whole, WINDOW_MS, spikes.shape[1])
+    counts: Counts = blocks.sum(axis=1, dtype=np.int64)
+    return ScaledWindows(counts, np.full(whole, WINDOW_MS, np.int64))
+
+
+def first_windows(windows: ScaledWindows, n_windows: int = N_WINDOWS) -> Floats:
+    """Return the rates of the first windows in Hz, float64 (n_windows, n_taxels), 0 where absent.
+
+    Windows beyond the last one come from errors of the velocity and are dropped.
+    """
+    return _padded(windows.rates_hz[:n_windows], n_windows)
+
+
+def last_windows(windows: ScaledWindows, n_windows: int = N_WINDOWS) -> Floats:
+    """Return the rates of the last windows in Hz, float64 (n_windows, n_taxels), 0 where absent."""
+    return _padded(windows.rates_hz[-n_windows:], n_windows)
+
+
+def speed_scaled_features(windows: ScaledWindows, n_windows: int = N_WINDOWS) -> Floats:
+    """Return the Speed Scaled feature vector, float64 (n_taxels · n_windows,), taxel after taxel.
+
+    Materials and Methods, Real-time Texture Classification – Feature Extraction.
+    """
+    return feature_vector(first_windows(windows, n_windows))
+
+
+def original_features(spikes: Spikes1Khz, n_windows: int = N_WINDOWS) -> Floats:
+    """Return the Original feature vector, float64 (n_taxels · n_windows,), taxel after taxel.
+
+    It holds the last ``n_windows`` whole windows of 100 ms, or all of them and zeros behind.
+    """
+    return feature_vector(last_windows(time_windows(spikes), n_windows))
+
+
+def feature_vector(rates_hz: Floats) -> Floats:
+    """Return rates float64 (…, windows, taxels) as vectors (…, taxels · windows)."""
+    swapped = np.swapaxes(rates_hz, -1, -2)
+    return swapped.reshape(*swapped.shape[:-2], -1)
+
+
+def _padded(rates_hz: Floats, n_windows: int) -> Floats:
+    return np.pad(rates_hz, ((0, n_windows - len(rates_hz)), (0, 0)))
+
+
+def _check_velocities(velocities: Counts, batches: int, window_nm: int) -> None:
+    if velocities.shape != (batches,):
+        raise WrongUse(
+            f"a scan of {batches} batches needs as many velocities, not {velocities.size}"
+        )
+    if batches and not 0 <= velocities.min() <= velocities.max() <= window_nm:
+        raise WrongUse(
+            f"velocities must lie between 0 and {window_nm} µm/s: a window holds a sample or more"
+        )

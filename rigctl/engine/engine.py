@@ -1,0 +1,218 @@
+"""The engine: both boards, sample pipeline, recorder and runner in one event loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rigctl.boards.drum_codes import Status
+from rigctl.engine.boards import Boards
+from rigctl.engine.calibration import Calibration
+from rigctl.engine.contact import has_status
+from rigctl.engine.early_end import JudgeLink
+from rigctl.engine.health import HeartbeatGate
+from rigctl.engine.live_file import LiveWriter
+from rigctl.engine.manual_recorder import ManualRecorder
+from rigctl.engine.pause_reasons import LINK
+from rigctl.engine.pipeline import FAST_BATCH_SAMPLES, REAL_TIME_BATCH_SAMPLES
+from rigctl.engine.rig import Rig
+from rigctl.engine.rpc.messages import EngineStatus, RecordingStatus, RunStatus
+from rigctl.engine.run_request import RunContext, RunRequest, open_run
+from rigctl.engine.runner import Run
+from rigctl.engine.served_engine import ServedEngine
+from rigctl.engine.setup.desk import SetupDesk
+from rigctl.engine.status import StatusBuilder
+from rigctl.engine.step_runner import mountings_before
+from rigctl.errors import DiskFault, WrongUse
+from rigctl.session.notes import SessionNote, check_note
+from rigctl.session.session import ConditionEnd
+
+
+class Engine(ServedEngine[Run, RunRequest]):
+    """The control program of one drum rig.
+
+    ``real_time``: loop time is as fast as real time, so that people can watch.
+    """
+
+    def __init__(
+        self, rig: Rig, live_writer: LiveWriter, utc_now: Callable[[], str], real_time: bool = True
+    ) -> None:
+        super().__init__(rig.loop, rig.description)
+        self.rig = rig
+        self.heartbeat_gate = HeartbeatGate(rig.loop.time)
+        self.boards = Boards(
+            rig,
+            live_writer,
+            self.event_bus,
+            self.spawn,
+            self.heartbeat_gate.is_open,
+            self._taxel_link_changed,
+            self._fail_run,
+            REAL_TIME_BATCH_SAMPLES if real_time else FAST_BATCH_SAMPLES,
+        )
+        self.manual = ManualRecorder(self.boards, self.event_bus)
+        self.calibration = Calibration(rig, self.boards, self._today)
+        self.setup = SetupDesk(rig, self.boards.motion, self.calibration.measurement, self._today)
+        self.judge: JudgeLink | None = None
+        """Judges the conditions of the run, where its protocol lets them end early."""
+        self._utc_now = utc_now
+        self._texture = rig.plate
+        self._status_builder = StatusBuilder(rig, self.boards, self.calibration, self.setup)
+
+    def start(self, request: RunRequest) -> Run:
+        """Start a run.
+
+        Raises where the request or the disk is at fault, WrongUse while the drum is moved by hand.
+        """
+        self.calibration.measurement.require_none()
+        if self.boards.motion.is_moved_by_hand:
+            raise WrongUse(
+                "the drum is moved by hand: wait until that has ended, or stop it; then start again"
+            )
+        if self.manual.is_recording:
+            raise WrongUse("a recording by hand goes on: end it first, then start the run")
+        first_note = self._note(request.notes) if request.notes.strip() else None
+        check_in = partial(self.heartbeat_gate.check_in, "runner")
+        opened = open_run(request, self._context(request.operator, request.sensor))
+        self.rig.skip_mountings(mountings_before(opened.plan.steps, opened.done))
+        self.run = Run(self.boards, self.event_bus, opened, check_in, self.set_plate)
+        if first_note is not None:
+            self.run.add_note(first_note)
+        rule = opened.plan.protocol.early_end
+        if rule is not None:
+            self.judge = JudgeLink(self.run.folder.absolute(), rule, self.event_bus.publish)
+        self._run_task = self.spawn(self._execute(self.run))
+        folder = str(self.run.folder)
+        self.event_bus.publish("run", f"the run begins: {folder}", session=folder)
+        return self.run
+
+    def add_note(self, text: str) -> None:
+        """Write a note on the session of the run. Raises WrongUse without a run."""
+        self._active_run().add_note(self._note(text))
+
+    def repeat(self, trial_id: int, text: str) -> None:
+        """Run a trial of the run once more; its attempt that counted is marked bad.
+
+        Raises WrongUse without a run, and for a trial that cannot be repeated now.
+        """
+        self._active_run().repeat(trial_id, self._note(text))
+
+    def end_condition(self, end: ConditionEnd) -> None:
+        """End a condition of the run early. Raises WrongUse where that cannot be now."""
+        if not self._active_run().end_condition(end):
+            raise WrongUse("nothing is recorded now: send it again when the run goes on")
+
+    def record_by_hand(self, folder: Path, note: str) -> Path:
+        """Begin to record operation by hand; see :meth:`ManualRecorder.begin`."""
+        return self.manual.begin(folder, note, self._context(), self._texture)
+
+    def set_plate(self, texture: str) -> bool:
+        """Store which plate is mounted; return whether a simulated rig mounted it."""
+        mounted = self.rig.set_plate(texture)
+        self._texture = texture
+        self.manual.change_plate(texture)
+        return mounted
+
+    def status(self) -> EngineStatus:
+        """Return the status message."""
+        recording, run = RecordingStatus(), RunStatus()
+        if self.run is not None:
+            recording = self.run.disk_monitor.status(self.boards.pipeline.is_recording)
+            run = self.run.status()
+        recording = self.manual.status() or recording
+        return self._status_builder.build(self._now_s(), self._texture, recording, run)
+
+    async def send_stop(self, text: str) -> None:
+        """Stop and lift, ahead of everything else; a run ends."""
+        if self.run is not None:
+            self.run.control.abort(text)
+        self.boards.motion.stop_count += 1
+        await self.rig.drum.stop()
+        self.calibration.measurement.cancel()
+        self.event_bus.publish("stop", text)
+
+    def _context(self, operator: str = "", sensor: str = "") -> RunContext:
+        """Return the rig as it is now, for a session that begins."""
+        boards = tuple(self.boards.identities.values())
+        drum = self.boards.drum_poller.state
+        presses = drum is not None and has_status(drum, Status.COMMISSIONED)
+        presses = presses or self.rig.commissions  # a run's first settings commission it again
+        return RunContext(self.rig, boards, self._utc_now(), presses, operator, sensor)
+
+    def _active_run(self) -> Run:
+        if self.run is None or self.run.ended:
+            raise WrongUse("no run is active: start one first")
+        return self.run
+
+    def _today(self) -> str:
+        """Return the date in UTC."""
+        return datetime.fromisoformat(self._utc_now()).astimezone(UTC).strftime("%Y-%m-%d")
+
+    def _note(self, text: str) -> SessionNote:
+        made = datetime.fromisoformat(self._utc_now()).astimezone(UTC)
+        return check_note(SessionNote(made.strftime("%Y-%m-%dT%H:%M:%SZ"), text.strip()))
+
+    def _describe(self) -> dict[str, Any]:
+        return {**super()._describe(), "rig_toml": self.rig.config.to_toml()}
+
+    async def _connect(self) -> None:
+        await self.boards.connect()
+
+    async def _execute(self, run: Run) -> None:
+        self.heartbeat_gate.check_in("runner")
+        with self._publish_disk_fault():
+            self.rig.begin_truth(run.folder, run.start)
+        try:
+            await run.execute()
+        finally:
+            if self.judge is not None:
+                self.judge.close()
+                self.judge = None
+            self.heartbeat_gate.check_out("runner")
+            self.heartbeat_gate.check_out("recorder")
+            with self._publish_disk_fault():
+                self.rig.save_truth(is_last=True)
+        self._send_status()
+
+    @contextmanager
+    def _publish_disk_fault(self) -> Iterator[None]:
+        """Publish that the truth could not be written; the recorder judges the disk itself."""
+        try:
+            yield
+        except DiskFault as fault:
+            self.event_bus.publish("fault", str(fault))
+
+    def _serve_boards(self) -> None:
+        self.boards.pipeline.flush()
+        if self.judge is not None and self.run is not None:
+            self.judge.poll(self.run.status().trials_committed, self.run.end_condition)
+        with self._publish_disk_fault():
+            self.rig.save_truth()
+        self.heartbeat_gate.check_in("pipeline")
+
+    def _check_disk(self) -> None:
+        super()._check_disk()
+        self.manual.check(self._now_s())
+        if self.run is not None and not self.run.ended and self.run.disk_monitor.recorder_works:
+            self.heartbeat_gate.check_in("recorder")
+
+    def _taxel_link_changed(self, connected: bool) -> None:
+        if self.run is not None and connected:
+            self.run.control.resume(LINK)
+        elif self.run is not None and not self.run.ended:
+            self.run.control.pause(LINK)
+
+    async def _make_safe(self) -> None:
+        if self.manual.is_recording:
+            self.manual.end()
+        await self.calibration.measurement.end()
+        if self.boards.drum_poller.connected and self.boards.drum_poller.state is not None:
+            await self.boards.motion.disarm()
+
+    def _disconnect(self) -> None:
+        self.rig.drum.close()
+        self.rig.taxels.close()

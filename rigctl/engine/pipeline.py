@@ -1,0 +1,211 @@
+"""The sample pipeline: every taxel sample, once, from the driver to recorder, encoder and views.
+
+Blocks arrive every few milliseconds. The pipeline merges them into batches, so that the cost per
+second does not depend on the driver's block size. Each batch is, in this order: recorded, searched
+for the sync line's rise, encoded, shown. The encoder resets at each rise and after each gap,
+exactly as it does offline, so live and offline spikes of a trial are equal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.boards.clock_fit import ClockFit
+from rigctl.encoder.encoder import Encoder
+from rigctl.engine.live_file import LiveWriter
+from rigctl.engine.trial_cutter import TrialCutter
+from rigctl.session.recorder import Recorder
+from rigctl.values import SAMPLE_RATE_HZ, Block
+
+REAL_TIME_BATCH_SAMPLES = 10
+"""Samples per batch in real time: at most 10 ms of delay, a hundred batches a second."""
+FAST_BATCH_SAMPLES = 100
+"""Samples per batch where simulated time is faster than real time and no user can watch."""
+MAX_QUEUED_SAMPLES = 30_000
+"""Longest queue at a simulated bench; with more, its clock stops until the disk has caught up."""
+_CLOCK_PERIOD_SAMPLES = 50
+_SAMPLE_S = 1.0 / SAMPLE_RATE_HZ
+_SMOOTHING = 0.02
+_JUMP_S = 0.25
+
+
+class SamplePipeline:
+    """The consumer of the taxel driver's blocks; all calls are in the loop's thread.
+
+    ``waits_for_disk``: the loop's clock stops while this process works, so waiting for the disk
+    costs nothing and no sample need be dropped. ``batch_samples``: samples per batch.
+    """
+
+    def __init__(
+        self,
+        encoder: Encoder,
+        live_writer: LiveWriter,
+        *,
+        waits_for_disk: bool,
+        batch_samples: int = REAL_TIME_BATCH_SAMPLES,
+    ) -> None:
+        self.trial_cutter = TrialCutter()
+        self.clock_fit = ClockFit()
+        self.encoder = encoder
+        self.sample_count = 0
+        self.gap_count = 0
+        self.lost_samples = 0
+        self.last_arrival_s: float | None = None
+        self.last_gap_s: float | None = None
+        self._live_writer = live_writer
+        self._waits_for_disk = waits_for_disk
+        self._batch_samples = batch_samples
+        self._recorder: Recorder | None = None
+        self._pending: list[Block] = []
+        self._pending_samples = 0
+        self._next_counter: int | None = None
+        self._reset_counter = -1
+        self._samples_since_clock = 0
+        self._smoothed_time = _SmoothedTime()
+        self._subscribers: list[Callable[[Block], object]] = []
+
+    def add_block(self, block: Block) -> None:
+        """Accept a block that the driver decoded."""
+        self._pending.append(block)
+        self._pending_samples += len(block)
+        if self._pending_samples >= self._batch_samples:
+            self.flush()
+
+    def flush(self) -> None:
+        """Process the pending blocks; call it before any code that must see all samples."""
+        blocks, self._pending, self._pending_samples = self._pending, [], 0
+        for block in _merge(blocks):
+            self._process(block)
+
+    def set_recorder(self, recorder: Recorder | None) -> None:
+        """Record from the next sample on, or stop recording where it is None."""
+        self.flush()
+        self._recorder = recorder
+
+    @property
+    def is_recording(self) -> bool:
+        """Whether samples go to a recorder now."""
+        return self._recorder is not None
+
+    def subscribe(self, subscriber: Callable[[Block], object]) -> Callable[[], None]:
+        """Call ``subscriber`` with every batch; return the function that unsubscribes it."""
+        self._subscribers.append(subscriber)
+        return lambda: self._subscribers.remove(subscriber)
+
+    def _process(self, block: Block) -> None:
+        if self._next_counter is not None and block.counters[0] < self._next_counter:
+            self._reset()
+        self._count(block)
+        if self._recorder is not None:
+            self._record(self._recorder, block)
+        starts = self.trial_cutter.add_block(block)
+        spikes = self._encode(block, starts)
+        for subscriber in self._subscribers:
+            subscriber(block)
+        self._live_writer.add_taxels(
+            time_s=self._smoothed_time.update(block),
+            counters=block.counters,
+            samples=block.samples,
+            flags=block.flags,
+            spikes=spikes,
+        )
+
+    def _reset(self) -> None:
+        """The board rebooted: its counters and its clock restart."""
+        self.trial_cutter.reset()
+        self.clock_fit.reset()
+        self._next_counter = None
+        self._reset_counter = -1
+
+    def _count(self, block: Block) -> None:
+        self.sample_count += len(block)
+        if block.gaps:
+            self.gap_count += len(block.gaps)
+            self.lost_samples += sum(gap.count for gap in block.gaps)
+            self.last_gap_s = block.arrived_s
+        self.last_arrival_s = block.arrived_s
+        self._samples_since_clock += len(block)
+        if self._samples_since_clock >= _CLOCK_PERIOD_SAMPLES:
+            self._samples_since_clock = 0
+            self.clock_fit.add(int(block.counters[-1]) * _SAMPLE_S, block.arrived_s)
+
+    def _record(self, recorder: Recorder, block: Block) -> None:
+        recorder.add_block(block)
+        if self._waits_for_disk and recorder.status.queue_samples > MAX_QUEUED_SAMPLES:
+            recorder.wait_written()
+
+    def _encode(self, block: Block, starts: list[int]) -> NDArray[np.uint8]:
+        resets = self._reset_rows(block, starts)
+        self._next_counter = int(block.counters[-1]) + 1
+        if not resets:
+            return self.encoder.encode(block.samples)
+        bounds = [0, *[row for row in resets if row], len(block)]
+        parts = []
+        for start, stop in pairwise(bounds):
+            if start in resets:
+                self.encoder.reset()
+            parts.append(self.encoder.encode(np.ascontiguousarray(block.samples[start:stop])))
+        return np.concatenate(parts)
+
+    def _reset_rows(self, block: Block, starts: list[int]) -> list[int]:
+        """Return the rows before which the encoder resets: after gaps and at trial starts."""
+        counters = block.counters
+        if (
+            not starts
+            and counters[0] == self._next_counter
+            and counters[0] != self._reset_counter
+            and counters[-1] - counters[0] == len(block) - 1
+        ):
+            return []
+        rows = set((np.flatnonzero(np.diff(counters) != 1) + 1).tolist())
+        if counters[0] != self._next_counter or counters[0] == self._reset_counter:
+            rows.add(0)
+        within = [start for start in starts if start <= counters[-1]]
+        rows.update(np.searchsorted(counters, within).tolist())
+        self._reset_counter = starts[-1] if starts and starts[-1] > counters[-1] else -1
+        return sorted(rows)
+
+
+class _SmoothedTime:
+    """Loop times of samples: the board's even pace, drawn slowly towards the arrivals."""
+
+    def __init__(self) -> None:
+        self._counter = 0
+        self._time_s = 0.0
+
+    def update(self, block: Block) -> NDArray[np.float64]:
+        """Return the loop time of each sample of the block, float64 (n,)."""
+        newest = int(block.counters[-1])
+        predicted_s = self._time_s + (newest - self._counter) * _SAMPLE_S
+        error_s = block.arrived_s - predicted_s
+        predicted_s += error_s if abs(error_s) > _JUMP_S else _SMOOTHING * error_s
+        self._counter, self._time_s = newest, predicted_s
+        return predicted_s - (newest - block.counters).astype(np.float64) * _SAMPLE_S
+
+
+def _merge(blocks: list[Block]) -> list[Block]:
+    """Return the samples in as few blocks as possible: a new one where the counters fall back."""
+    runs: list[list[Block]] = []
+    for block in blocks:
+        if not len(block):
+            continue
+        if runs and block.counters[0] > runs[-1][-1].counters[-1]:
+            runs[-1].append(block)
+        else:
+            runs.append([block])
+    return [_concatenate(run) if len(run) > 1 else run[0] for run in runs]
+
+
+def _concatenate(blocks: list[Block]) -> Block:
+    return Block(
+        np.concatenate([block.counters for block in blocks]),
+        np.concatenate([block.samples for block in blocks]),
+        np.concatenate([block.flags for block in blocks]),
+        np.concatenate([block.edges for block in blocks]),
+        tuple(gap for block in blocks for gap in block.gaps),
+        blocks[-1].arrived_s,
+    )

@@ -1,0 +1,83 @@
+"""How every wait of a run notices pauses, questions and the end.
+
+All code that waits for the rig calls :meth:`RunControl.check` at every cycle of the poll loop,
+which raises where there is a reason to pause or to end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from rigctl.engine.event_bus import EventBus
+from rigctl.engine.pause_reasons import FAULT, LINK, PROMPT
+from rigctl.engine.poller import DrumPoller
+from rigctl.engine.run_reasons import RunReasons
+from rigctl.errors import LinkLost
+from rigctl.session.recorder import Recorder
+
+LINK_TIMEOUT_S = 60.0
+
+
+class RunControl(RunReasons):
+    """Reasons to pause or to end a run on the drum, checked at every poll.
+
+    ``check_in`` reports to the heartbeat that the run is alive.
+    """
+
+    def __init__(
+        self,
+        poller: DrumPoller,
+        event_bus: EventBus,
+        recorder: Recorder,
+        check_in: Callable[[], None],
+    ) -> None:
+        super().__init__(poller.loop.time, event_bus, lambda: recorder.failure)
+        self.check_in = check_in
+        self._poller = poller
+
+    def check(self) -> None:
+        """Raise RunStopped, RigFault or RunPaused where there is a reason."""
+        self.check_in()
+        self.check_end()
+        self._poller.healthy_state()
+        self.check_pause()
+
+    def check_end(self) -> None:
+        """Raise RunStopped or RigFault where there is a reason to end."""
+        super().check_end()
+        if self.paused_s(LINK) > LINK_TIMEOUT_S:
+            raise LinkLost(
+                f"taxels: no connection for {LINK_TIMEOUT_S:.0f} s: check the cable, "
+                "then resume the session"
+            )
+
+    async def wait(self, seconds: float) -> None:
+        """Wait in loop time, with a check at every poll."""
+        end_s = self._poller.loop.time() + seconds
+        while self._poller.loop.time() < end_s:
+            await self._poller.wait_cycle()
+            self.check()
+
+    async def wait_resumed(self) -> None:
+        """Wait, with the rig already safe, until no reason is left and no fault is latched."""
+        while self._paused_since_s:
+            await self._wait_paused_cycle()
+
+    async def ask(self, text: str, texture: str | None) -> None:
+        """Ask the operator, with the rig already safe, and wait for the answer."""
+        self.show_prompt(text, texture)
+        while PROMPT in self.reasons:
+            await self._wait_paused_cycle()
+        await self.wait_resumed()
+
+    async def _wait_paused_cycle(self) -> None:
+        """Wait for the next poll; a fault is now a reason to pause, as people are at the rig."""
+        await self._poller.wait_cycle()
+        self.check_in()
+        self.check_end()
+        if self._poller.link_error:
+            raise LinkLost(self._poller.link_error)
+        if self._poller.fault_latched:
+            self.pause(FAULT)
+        else:
+            self.resume(FAULT)

@@ -1,0 +1,288 @@
+"""A run of a protocol: its steps in order, with pauses, questions, repeats and a safe end.
+
+::
+
+    running ─► done            every step run, the session closed
+     │   ▲
+     ▼   │ last reason gone    lifted and switched off meanwhile; then the interrupted step
+    paused, prompt             repeats, from the lifted drum
+     │
+     ├─► aborted               stopped by a person or a client
+     └─► failed                the rig or the disk failed
+
+However a run ends, the drum is lifted and the session is complete.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from msgspec.structs import asdict
+
+from rigctl.boards.drum_codes import Command
+from rigctl.boards.drum_states import State
+from rigctl.engine.boards import Boards
+from rigctl.engine.early_end import checked_rule
+from rigctl.engine.event_bus import EventBus
+from rigctl.engine.health import END, DiskMonitor
+from rigctl.engine.progress import RunProgress
+from rigctl.engine.rpc.messages import CurrentTrial, NextPlate, RunStatus
+from rigctl.engine.run_control import RunControl
+from rigctl.engine.run_reasons import SESSION_OUTCOMES, RunPaused, RunStopped
+from rigctl.engine.run_request import OpenedRun
+from rigctl.engine.run_steps import RunSteps
+from rigctl.engine.settings import settle_settings
+from rigctl.engine.step_runner import StepRunner, remaining_steps
+from rigctl.errors import BoardFault, RigFault, WrongUse
+from rigctl.protocol.plan import condition_of
+from rigctl.protocol.steps import Step
+from rigctl.session.notes import Mark, SessionNote
+from rigctl.session.session import EARLY_END_KIND, ConditionEnd
+from rigctl.values import DrumState, Event, PlannedTrial
+
+SAFE_TIMEOUT_S = 20.0
+CLEAR_CYCLES = 3
+
+
+class Run:
+    """One sitting of one plan, controlled through ``control``.
+
+    ``outcome``: done, aborted or failed, empty before the end; ``text``: a sentence on it.
+    """
+
+    def __init__(
+        self,
+        boards: Boards,
+        event_bus: EventBus,
+        opened: OpenedRun,
+        check_in: Callable[[], None],
+        set_plate: Callable[[str], object],
+    ) -> None:
+        plan, self._recorder = opened.plan, opened.recorder
+        self.control = RunControl(boards.drum_poller, event_bus, self._recorder, check_in)
+        self.disk_monitor = DiskMonitor(self._recorder)
+        self.outcome = ""
+        self.text = ""
+        self._opened = opened
+        self._event_bus = event_bus
+        self._motion = boards.motion
+        self._pipeline = boards.pipeline
+        self._poller = boards.drum_poller
+        self._now_s = boards.drum_poller.loop.time
+        self._progress = RunProgress(
+            plan.trials, opened.done, plan.duration_s, self._now_s, opened.ended
+        )
+        self._steps = RunSteps(remaining_steps(plan.steps, opened.done | opened.ended))
+        self._step_runner = StepRunner(
+            boards, event_bus.publish, opened, self.control, self._progress, set_plate
+        )
+        self._left_out = set(opened.ended)
+
+    @property
+    def ended(self) -> bool:
+        """Whether it is over and its session closed."""
+        return bool(self.outcome)
+
+    @property
+    def folder(self) -> Path:
+        """The session's folder."""
+        return self._recorder.folder
+
+    @property
+    def complete(self) -> bool:
+        """Whether every planned trial is committed, or was left out by an early end."""
+        return self._progress.missing == 0
+
+    async def execute(self) -> None:
+        """Run the plan's steps; faults end the run and are published, not raised."""
+        unsubscribe_events = self._event_bus.subscribe(self._record_event)
+        unsubscribe_states = self._poller.subscribe(self._record_drum)
+        self._motion.check = self.control.check
+        outcome = "failed"
+        try:
+            outcome, text = await self._run_steps()
+            await self._make_safe()
+        finally:
+            self._motion.check = lambda: None
+            unsubscribe_states()
+            unsubscribe_events()
+            self._pipeline.set_recorder(None)
+            if self._recorder.status.part == 0:
+                self._recorder.begin_part("nothing was recorded", "")
+            self._step_runner.record_health(END)
+            self._recorder.close(SESSION_OUTCOMES[outcome])
+        self._end(outcome, text)
+
+    @property
+    def start(self) -> tuple[str, float]:
+        """Wall clock and loop time at which the sitting began."""
+        return self._recorder.header.start_utc, self._recorder.header.start_loop_s
+
+    def status(self) -> RunStatus:
+        """Return the run's part of the status message."""
+        progress, trial = self._progress, self._step_runner.current
+        return RunStatus(
+            state=self._state(),
+            text=self.text,
+            reasons=() if self.ended else self.control.reasons,
+            trial_id=trial.trial_id if trial else None,
+            trials_planned=progress.planned,
+            trials_committed=progress.committed,
+            trials_rejected=progress.rejected,
+            trials_ended_early=progress.ended_early,
+            eta_s=None if self.ended else progress.eta_s(),
+            elapsed_s=progress.clock.elapsed_s,
+            trial_age_s=progress.trial_age_s(),
+            next_plate=None if self.ended else self._next_plate(),
+            current=_current_trial(trial) if trial else None,
+            prompt=None if self.ended else self.control.prompt,
+            session=str(self.folder),
+        )
+
+    def add_note(self, note: SessionNote) -> None:
+        """Write a note beside the session's parts."""
+        self._recorder.add_note(replace(note, author=self._recorder.header.operator))
+        self._event_bus.publish("note", note.describe(), trial_id=note.trial_id, mark=note.mark)
+
+    def repeat(self, trial_id: int, note: SessionNote) -> None:
+        """Run a trial once more while its plate is on; ``note`` marks the attempt that counted.
+
+        Raises WrongUse for a trial that the run cannot repeat.
+        """
+        trials = self._opened.plan.trials
+        if not 1 <= trial_id <= len(trials):
+            raise WrongUse(f"the plan has no trial {trial_id}: its trials are 1 to {len(trials)}")
+        if trial_id in self._left_out:
+            raise WrongUse(f"trial {trial_id} is left out: its condition ended early")
+        trial = trials[trial_id - 1]
+        attempt = self._step_runner.committed_attempt(trial_id)
+        if self._step_runner.current == trial and not attempt:
+            raise WrongUse(f"trial {trial_id} is being recorded: wait for its end")
+        self._steps.repeat(trial)
+        self._step_runner.reopen(trial_id)
+        if attempt:
+            self.add_note(replace(note, trial_id=trial_id, attempt=attempt, mark=Mark.BAD))
+        self._progress.reopen(trial, was_committed=bool(attempt))
+
+    def end_condition(self, end: ConditionEnd) -> bool:
+        """Leave out the trials of a condition that are to come; none are left is no error.
+
+        Returns False while the event could not be recorded. Raises WrongUse where the protocol's
+        rule does not allow it.
+        """
+        if not self._pipeline.is_recording:
+            return False
+        rule = checked_rule(end, self._opened.plan, self._step_runner.committed_attempt)
+        left_out = [t for t in self._steps.trials() if condition_of(t) == end.condition]
+        if left_out:
+            self._steps.drop(left_out)
+            self._progress.end_early(left_out)
+            self._left_out.update(trial.trial_id for trial in left_out)
+            self._event_bus.publish(EARLY_END_KIND, end.describe(rule), **asdict(end))
+        return True
+
+    def _next_plate(self) -> NextPlate | None:
+        texture, trials = self._steps.next_plate, self._steps.trials_on_plate()
+        if texture is None:
+            return None
+        return NextPlate(texture, len(trials), self._progress.duration_of_s(trials))
+
+    def _state(self) -> str:
+        if self.ended:
+            return self.outcome
+        if self.control.prompt is not None:
+            return "prompt"
+        return "paused" if self.control.reasons else "running"
+
+    async def _run_steps(self) -> tuple[str, str]:
+        """Return the outcome and a sentence on it."""
+        try:
+            for line in self._opened.missing:
+                self._event_bus.publish("log", line)
+            await self._clear_old_fault()
+            await self._motion.configure()
+            await self._motion.write_settings(**settle_settings(self._opened.plan.protocol.settle))
+            for step in self._steps:
+                await self._run_step(step)
+        except RunStopped as stop:
+            return "aborted", str(stop)
+        except RigFault as fault:
+            if self.control.abort_reason is not None:  # a stop interrupted the run's request
+                return "aborted", self.control.abort_reason
+            self._event_bus.publish("fault", str(fault))
+            return "failed", str(fault)
+        missing, early = self._progress.missing, self._progress.ended_early
+        if not missing and early:
+            return "done", f"every condition is recorded; {early} trials were left out: early end"
+        if missing:
+            return "done", f"{missing} trials could not be committed: see their reasons"
+        return (
+            "done",
+            "every trial is committed" if self._opened.plan.trials else "every step is done",
+        )
+
+    async def _clear_old_fault(self) -> None:
+        """Clear a fault from before the run, if its cause is gone: the operator saw the rig."""
+        if not self._poller.fault_latched:
+            return
+        self._event_bus.publish("log", "a fault from before this run is cleared")
+        await self._poller.drum.command(Command.CLEAR)
+        for _ in range(CLEAR_CYCLES):
+            await self._poller.wait_cycle()
+            self.control.check_in()
+
+    async def _run_step(self, step: Step) -> None:
+        """Run one step; repeat it after each pause."""
+        while True:
+            try:
+                self.control.check()
+                return await self._step_runner.run_step(step)
+            except RunPaused:
+                await self._pause()
+
+    async def _pause(self) -> None:
+        with self._progress.idle():
+            await self._step_runner.make_safe()
+            await self.control.wait_resumed()
+
+    async def _make_safe(self) -> None:
+        """Lift and switch off; where the board does so for a fault, wait for it."""
+        try:
+            await self._step_runner.make_safe()
+        except BoardFault:
+            await self._wait_for_fault_off()
+        except RigFault as fault:
+            self._event_bus.publish("fault", str(fault))
+
+    async def _wait_for_fault_off(self) -> None:
+        end_s = self._now_s() + SAFE_TIMEOUT_S
+        while self._now_s() < end_s and self._poller.connected:
+            if self._poller.state is not None and self._poller.state.state == State.FAULT_OFF:
+                return
+            await self._poller.wait_cycle()
+            self.control.check_in()
+
+    def _end(self, outcome: str, text: str) -> None:
+        failure = self._recorder.failure
+        if failure is not None and outcome == "done":
+            outcome, text = "failed", failure
+        self.outcome, self.text = outcome, text
+        self._event_bus.publish("run", text, state=outcome, **self._session_data())
+
+    def _session_data(self) -> dict[str, str]:
+        return {"session": str(self.folder), "digest": self._recorder.closing_digest}
+
+    def _record_event(self, event: Event) -> None:
+        if self._pipeline.is_recording:
+            self._recorder.add_event(event)
+
+    def _record_drum(self, state: DrumState) -> None:
+        if self._pipeline.is_recording:
+            settings = self._motion.settings
+            self._recorder.add_drum(state, settings["force_set"], settings["speed_set"])
+
+
+def _current_trial(trial: PlannedTrial) -> CurrentTrial:
+    return CurrentTrial(trial.texture, trial.speed_mm_s, trial.force_g, trial.repeat, trial.mount)

@@ -1,0 +1,256 @@
+"""What every engine does: tasks, clients, status and events, the disk, an orderly end.
+
+A run continues without a client. Without client and run the engine makes the rig safe and ends.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Coroutine
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Generic, Protocol, TypeVar
+
+from rigctl.engine.event_bus import EventBus
+from rigctl.engine.health import DiskMonitor
+from rigctl.engine.pause_reasons import DISK
+from rigctl.engine.rpc.commands import RequestHandler
+from rigctl.engine.rpc.messages import STATUS_PERIOD_S, engine_message
+from rigctl.engine.rpc.server import KEPT_EVENTS, Server
+from rigctl.engine.run_reasons import RunReasons
+from rigctl.errors import RigctlError, RigFault
+from rigctl.values import Event
+
+IDLE_TIMEOUT_S = 10.0
+"""Without client and run the engine ends after this time."""
+EVENT_LETTERS = 500
+"""Of the text of a past event, so that all of them fit into one message."""
+FREQUENT_EVENTS = ("batch", "prediction")
+"""Kinds that the moving finger sends every 100 ms; none is kept."""
+
+
+class EngineRun(Protocol):
+    """A run as its engine sees it."""
+
+    @property
+    def control(self) -> RunReasons:
+        """Why it waits or ends."""
+
+    @property
+    def disk_monitor(self) -> DiskMonitor:
+        """The disk that it records to."""
+
+    @property
+    def ended(self) -> bool:
+        """Whether it is over and its session closed."""
+
+    @property
+    def folder(self) -> Path:
+        """The session's folder."""
+
+
+_Run = TypeVar("_Run", bound=EngineRun)
+_Request = TypeVar("_Request")
+
+
+class ServedEngine(ABC, Generic[_Run, _Request]):
+    """The control program of one rig; :meth:`serve` runs it."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, description: str) -> None:
+        self.event_bus = EventBus(loop.time)
+        self.run: _Run | None = None
+        self.is_ready = False
+        self.loop = loop
+        self._description = description
+        self._now_s = loop.time
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._run_task: asyncio.Task[None] | None = None
+        self._server = Server(self._report_failure, self._send_control)
+        self._past_events: deque[Event] = deque(maxlen=KEPT_EVENTS)
+        self._last_used_s = self._now_s()
+        self._shutdown_requested = asyncio.Event()
+
+    async def serve(
+        self,
+        listener: socket.socket,
+        token: str,
+        handle: RequestHandler,
+        request: _Request | None = None,
+        first: socket.socket | None = None,
+    ) -> int:
+        """Connect, serve clients until the engine ends, make the rig safe; return the exit code.
+
+        Clients come to ``listener`` and show the ``token``; ``first`` has come already. ``handle``
+        executes their commands; ``request`` is a run to start immediately.
+        """
+        self.event_bus.subscribe(self._send_event)
+        await self._server.open(listener, token, self, handle, first)
+        try:
+            if not await self._connected():
+                await self._close()
+                return 0
+            self.spawn(self._tick())
+            if request is not None:
+                self.start(request)
+        except RigctlError as error:
+            data = {"exit_code": error.exit_code}
+            self._server.set_greeting(engine_message("failed", str(error), data))
+            await self._close()
+            return error.exit_code
+        self.is_ready = True
+        self._server.set_greeting(engine_message("ready", "", self._describe()))
+        await self._shutdown_requested.wait()
+        await self._close()
+        return 0
+
+    async def _connected(self) -> bool:
+        """Connect the boards; return False where the engine is to end before they answer."""
+        connecting = self.loop.create_task(self._connect())
+        ending = self.loop.create_task(self._shutdown_requested.wait())
+        await asyncio.wait((connecting, ending), return_when=asyncio.FIRST_COMPLETED)
+        for task in (connecting, ending):
+            task.cancel()
+        await asyncio.wait((connecting, ending))
+        if connecting.cancelled():
+            return False
+        connecting.result()
+        return True
+
+    def _describe(self) -> dict[str, Any]:
+        """Return what each client learns of the rig when it connects."""
+        return {"rig": self._description}
+
+    @abstractmethod
+    def start(self, request: _Request) -> _Run:
+        """Start a run. Raises where the request or the disk is at fault."""
+
+    @abstractmethod
+    def status(self) -> Any:
+        """Return the status message."""
+
+    @abstractmethod
+    async def _connect(self) -> None:
+        """Connect the boards. Raises RigFault."""
+
+    @abstractmethod
+    async def _make_safe(self) -> None:
+        """Switch the rig off at the end of the engine."""
+
+    @abstractmethod
+    def _disconnect(self) -> None:
+        """Close the boards."""
+
+    @property
+    def is_running(self) -> bool:
+        """Whether a run is active, paused ones included."""
+        return self.run is not None and not self.run.ended
+
+    def spawn(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+        """Start a task; its failure ends the engine safely."""
+        task = self.loop.create_task(self._supervise(work))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        return task
+
+    def shut_down(self, text: str) -> None:
+        """End the engine: abort a run first, then make the rig safe."""
+        if self.run is not None:
+            self.run.control.abort(text)
+        self._shutdown_requested.set()
+
+    def end_if_unused(self, text: str) -> bool:
+        """End the engine where it has one client at most and no run; return whether it ends.
+
+        A connection that only brings a STOP, as that of `rigctl stop` or of a window whose own
+        connection does not get through, is no client.
+        """
+        is_unused = self._server.users <= 1 and not self.is_running
+        if is_unused:
+            self.shut_down(text)
+        return is_unused
+
+    def past_events(self, count: int) -> list[dict[str, Any]]:
+        """Return the newest ``count`` events with their ages in s, the oldest first."""
+        now_s, events = self._now_s(), list(self._past_events)
+        return [
+            {"age_s": now_s - e.at_s, "kind": e.kind, "text": e.text[:EVENT_LETTERS]}
+            for e in events[max(0, len(events) - count) :]
+        ]
+
+    async def _supervise(self, work: Coroutine[Any, Any, None]) -> None:
+        try:
+            await work
+        except Exception as error:  # noqa: BLE001 - top of a task: it becomes a visible fault
+            sentence = f"internal error of the engine: {error!r}; report it with the session"
+            self.event_bus.publish("fault", sentence)
+            self.shut_down(sentence)
+
+    async def _tick(self) -> None:
+        """Serve recorder and clients, and send the status, ten times a second."""
+        while True:
+            await asyncio.sleep(STATUS_PERIOD_S)
+            self._serve_boards()
+            self._check_disk()
+            self._check_idle()
+            self._send_status()
+
+    def _serve_boards(self) -> None:
+        """Do what the boards need ten times a second."""
+
+    def _check_disk(self) -> None:
+        if self.run is None or self.run.ended:
+            return
+        monitor, control = self.run.disk_monitor, self.run.control
+        monitor.update(self._now_s())
+        if monitor.must_pause(DISK in control.reasons):
+            control.pause(DISK)
+        else:
+            control.resume(DISK)
+
+    def _check_idle(self) -> None:
+        now_s = self._now_s()
+        if self.is_running or len(self._server):
+            self._last_used_s = now_s
+        elif now_s - self._last_used_s > IDLE_TIMEOUT_S:
+            self.shut_down("no client is left")
+
+    def _send_status(self) -> None:
+        if len(self._server):
+            message = engine_message("status", "", self.status(), self._now_s())
+            self._server.broadcast_status(message)
+
+    def _report_failure(self, sentence: str) -> None:
+        """Publish that a request failed inside the engine, which goes on."""
+        self.event_bus.publish("fault", sentence)
+
+    def _send_control(self, text: str) -> None:
+        """Tell every client who has control. It is no event of the session."""
+        state = asdict(self._server.control.state)
+        self._send_event(Event(self._now_s(), "control", text, state))
+
+    def _send_event(self, event: Event) -> None:
+        if event.text and event.kind not in FREQUENT_EVENTS:
+            self._past_events.append(event)
+        self._server.broadcast(engine_message(event.kind, event.text, event.data, event.at_s))
+
+    def _fail_run(self, fault: RigFault) -> None:
+        if self.run is not None:
+            self.run.control.fail(fault)
+
+    async def _close(self) -> None:
+        """Wait for a run's safe end, switch the rig off, close boards and connections."""
+        if self.run is not None and self._run_task is not None:
+            self.run.control.abort("the engine ends")
+            await self._run_task
+        try:
+            await self._make_safe()
+        except RigFault as fault:
+            self.event_bus.publish("fault", str(fault))
+        for task in tuple(self._tasks):
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        self._disconnect()
+        await self._server.close()

@@ -1,1 +1,0 @@
-"""The simulated bench: mechanics, skin, load cell, textures, noise, ground truth."""

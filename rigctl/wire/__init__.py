@@ -1,1 +1,0 @@
-"""Encoding and decoding of both boards' wires: no port, thread or clock."""

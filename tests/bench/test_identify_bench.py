@@ -1,0 +1,88 @@
+"""Identification of the bench's unknown parameters by the Original column alone."""
+
+from __future__ import annotations
+
+import runpy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rigctl.analysis import published
+from rigctl.bench.parameters import IDENTIFIED, WorldParameters, parameter_infos
+from tools import identify_bench
+from tools.identify_bench import Slider, main, simulate_slides
+
+
+@pytest.fixture
+def brief(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Use one session of two repeats per candidate."""
+    monkeypatch.setattr(identify_bench, "SEEDS", (1,))
+    monkeypatch.setattr(identify_bench, "REPEATS", 2)
+
+
+def test_the_scaled_columns_are_never_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    alone = {key: {"original": cells["original"]} for key, cells in published.TABLE_1.items()}
+    before = dict(identify_bench.PAPER)
+    with monkeypatch.context() as patch:
+        patch.setattr(published, "TABLE_1", alone)
+        assert before == runpy.run_path(identify_bench.__file__)["PAPER"]
+    assert list(before.values()) == [91.78, 81.83, 37.44, 57.35, 36.81, 99.93]
+
+
+def test_every_identified_parameter_has_a_start_value_and_no_other_is_searched() -> None:
+    names = [row.name for row in identify_bench.identified_parameters(WorldParameters())]
+    assert names == list(identify_bench.START)
+    assert names == [row.name for row in parameter_infos() if row.source == IDENTIFIED]
+
+
+def test_a_session_depends_only_on_its_own_seed() -> None:
+    (alone,) = simulate_slides(WorldParameters(), 1, [2])
+    beside = simulate_slides(WorldParameters(), 1, [1, 2])[1]
+    assert all(map(np.array_equal, alone.samples, beside.samples))
+    assert len(alone.samples) == 16 * 15
+
+
+def test_a_plate_is_pressed_with_the_requested_force() -> None:
+    slider = Slider(WorldParameters(), 1)
+    slider.mount("C")
+    means = [slider.trial(120.0, force).mean() for force in (250.0, 500.0, 1000.0)]
+    assert means == sorted(means)
+    assert len(slider.trial(120.0, 250.0)) == 2000
+
+
+def test_a_step_replaces_the_best_only_if_better_and_is_reproducible(brief: None) -> None:
+    start = identify_bench.evaluate(replace(WorldParameters(), **identify_bench.START))
+    candidates = []
+    for _ in range(2):
+        parameter_search = identify_bench.ParameterSearch(start, 5)
+        candidates.append(parameter_search.step())
+        assert parameter_search.best is min((start, candidates[-1]), key=lambda one: one.error)
+    assert candidates[0] == candidates[1]
+    assert candidates[0].parameters != start.parameters
+
+
+def test_the_command_prints_a_world_file(brief: None, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--steps", "0", "--set", "plate_tilt_mm=0.02"]) == 0
+    output = capsys.readouterr().out
+    assert "plate_tilt_mm = 0.02  # mm" in output
+    assert "# untrained-speed: " in output
+    assert "# from trial to trial: mean " in output
+
+
+@pytest.mark.parametrize(
+    ("wrong", "why"),
+    [
+        ("plate_tilt_mm=9", "plate_tilt_mm is 9 mm: choose 0 to 0.1"),
+        ("plate_tilt=1", "no parameter 'plate_tilt'"),
+        ("plate_tilt_mm=much", "write plate_tilt_mm=NUMBER"),
+    ],
+)
+def test_a_wrong_start_is_rejected_with_a_sentence(
+    wrong: str, why: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    try:
+        assert main(["--steps", "0", "--set", wrong]) == 2
+    except SystemExit as end:
+        assert end.code == 2
+    assert why in capsys.readouterr().err

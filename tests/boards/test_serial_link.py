@@ -1,0 +1,135 @@
+"""A serial port on a pseudo-terminal: bytes both ways, one owner, and a reported loss."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import termios
+import tty
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from rigctl.boards.links import SerialLink
+from rigctl.errors import LinkLost
+
+
+@dataclass
+class Terminal:
+    """Both ends of a pseudo-terminal; the board holds ``master``."""
+
+    master: int
+    slave: int
+    path: str
+    open_ends: list[int] = field(default_factory=list)
+
+    def close_board(self) -> None:
+        for end in self.open_ends:
+            os.close(end)
+        self.open_ends = []
+
+
+@pytest.fixture
+def terminal() -> Iterator[Terminal]:
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    ends = Terminal(master, slave, os.ttyname(slave), [master, slave])
+    yield ends
+    ends.close_board()
+
+
+class LinkRecorder:
+    """Records bytes and loss of a link, and waits for them."""
+
+    def __init__(self) -> None:
+        self.data = b""
+        self.lost: list[str] = []
+        self.changed = asyncio.Event()
+
+    def on_bytes(self, data: bytes, at_s: float) -> None:
+        self.data += data
+        self.changed.set()
+
+    def on_lost(self, reason: str) -> None:
+        self.lost.append(reason)
+        self.changed.set()
+
+    async def until(self, done: Callable[[], object]) -> None:
+        while not done():
+            self.changed.clear()
+            await asyncio.wait_for(self.changed.wait(), 60)
+
+
+@pytest.mark.parametrize("batch_s", [0.0, 0.01])
+async def test_bytes_go_both_ways(terminal: Terminal, batch_s: float) -> None:
+    link = SerialLink(terminal.path, 115200, asyncio.get_running_loop(), batch_s)
+    ear = LinkRecorder()
+    link.open(ear.on_bytes, ear.on_lost)
+    assert link.is_open
+    sent = bytes(range(256)) * 8
+    os.write(terminal.master, sent)
+    await ear.until(lambda: len(ear.data) >= len(sent))
+    assert ear.data == sent
+    link.write(b"\x00\x03who")
+    assert os.read(terminal.master, 100) == b"\x00\x03who"
+    link.close()
+    link.close()
+    assert not link.is_open
+    with pytest.raises(LinkLost, match="the port is closed"):
+        link.write(b"x")
+
+
+async def test_a_second_owner_is_refused_and_the_port_is_free_after_a_close(
+    terminal: Terminal,
+) -> None:
+    loop = asyncio.get_running_loop()
+    first, second = (SerialLink(terminal.path, 115200, loop) for _ in range(2))
+    ear = LinkRecorder()
+    first.open(ear.on_bytes, ear.on_lost)
+    with pytest.raises(LinkLost, match="the port is in use: close the program that holds it"):
+        second.open(ear.on_bytes, ear.on_lost)
+    first.close()
+    second.open(ear.on_bytes, ear.on_lost)
+    second.close()
+
+
+async def test_the_line_that_resets_the_board_stays_up_after_a_close(terminal: Terminal) -> None:
+    settings = termios.tcgetattr(terminal.slave)
+    settings[2] |= termios.HUPCL
+    termios.tcsetattr(terminal.slave, termios.TCSANOW, settings)
+    link = SerialLink(terminal.path, 115200, asyncio.get_running_loop())
+    ear = LinkRecorder()
+    link.open(ear.on_bytes, ear.on_lost)
+    link.retune(500_000, 0.01)
+    assert termios.tcgetattr(terminal.slave)[4] == termios.B500000
+    link.close()
+    assert not termios.tcgetattr(terminal.slave)[2] & termios.HUPCL
+
+
+async def test_a_port_that_vanishes_is_reported_once(terminal: Terminal) -> None:
+    link = SerialLink(terminal.path, 115200, asyncio.get_running_loop())
+    ear = LinkRecorder()
+    link.open(ear.on_bytes, ear.on_lost)
+    terminal.close_board()
+    await ear.until(lambda: ear.lost)
+    assert len(ear.lost) == 1
+    assert "the port vanished, plug the board in again" in ear.lost[0]
+    assert not link.is_open
+    with pytest.raises(LinkLost):
+        link.write(b"x")
+
+
+async def test_a_missing_port_and_a_file_that_is_no_port_are_one_sentence_each(
+    tmp_path: Path,
+) -> None:
+    loop = asyncio.get_running_loop()
+    ear = LinkRecorder()
+    missing = SerialLink(str(tmp_path / "ttyUSB9"), 115200, loop)
+    with pytest.raises(LinkLost, match="ttyUSB9: there is no such port: plug the board in"):
+        missing.open(ear.on_bytes, ear.on_lost)
+    plain = tmp_path / "notes.txt"
+    plain.write_text("hello")
+    with pytest.raises(LinkLost, match=r"notes\.txt: the port cannot be opened"):
+        SerialLink(str(plain), 115200, loop).open(ear.on_bytes, ear.on_lost)

@@ -1,0 +1,96 @@
+"""The remaining time of a run follows its pace, whatever it waits for."""
+
+from __future__ import annotations
+
+from rigctl.engine.progress import RunProgress
+from rigctl.values import PlannedTrial
+from tests.engine.engine_harness import EngineHarness, until_ended
+
+WINDOW_S, OVERHEAD_S = 2.0, 4.0
+TRIALS = [PlannedTrial(number, "A", 120.0, 500.0, number, 240.0) for number in range(1, 41)]
+ONE_PLATE = """
+name = "one-plate"
+textures = ["A"]
+speeds_mm_s = [120]
+forces_g = [500]
+repeats = 4
+"""
+
+
+class Clock:
+    """A clock that a test sets."""
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def make_progress(clock: Clock) -> RunProgress:
+    planned_s = len(TRIALS) * (WINDOW_S + OVERHEAD_S)
+    return RunProgress(TRIALS, frozenset(), planned_s, clock)
+
+
+def test_the_remaining_time_stands_still_during_a_pause() -> None:
+    clock = Clock()
+    progress = make_progress(clock)
+    for trial in TRIALS[:10]:
+        clock.now_s += WINDOW_S + OVERHEAD_S
+        progress.commit(trial)
+    before_s = progress.eta_s()
+    assert before_s == 30 * (WINDOW_S + OVERHEAD_S)
+    with progress.idle():
+        clock.now_s += 720
+        assert progress.eta_s() == before_s
+    assert progress.eta_s() == before_s
+
+
+def test_homing_before_the_first_trial_is_not_expected_before_each() -> None:
+    clock = Clock()
+    progress = make_progress(clock)
+    clock.now_s += 25
+    for trial in TRIALS[:5]:
+        clock.now_s += WINDOW_S + OVERHEAD_S
+        progress.commit(trial)
+        assert progress.eta_s() == (40 - trial.trial_id) * (WINDOW_S + OVERHEAD_S)
+
+
+def test_only_a_trial_of_this_sitting_has_an_age() -> None:
+    clock = Clock()
+    progress = RunProgress(TRIALS, frozenset({1, 2, 3}), 240.0, clock)
+    assert progress.committed == 3 and progress.trial_age_s() is None
+    progress.commit(TRIALS[3])
+    clock.now_s += 7
+    assert progress.trial_age_s() == 7
+
+
+def test_neither_a_question_nor_a_pause_adds_to_the_time_left(harness: EngineHarness) -> None:
+    left_s: list[float] = []
+
+    async def scenario(harness: EngineHarness) -> None:
+        run = harness.engine.run
+        assert run is not None
+
+        def note() -> None:
+            eta_s = run.status().eta_s
+            assert eta_s is not None
+            left_s.append(eta_s)
+
+        await harness.until(lambda: run.status().prompt is not None)
+        await harness.wait(90)
+        run.control.answer(1, "ok")
+        await harness.until(lambda: run.status().trials_committed == 2)
+        note()
+        run.control.pause()
+        await harness.until(lambda: run.status().state == "paused")
+        note()
+        await harness.wait(90)
+        note()
+        run.control.resume()
+        await until_ended(harness)
+
+    harness.run(scenario, harness.request(ONE_PLATE, yes=False))
+    before_s, at_pause_s, after_s = left_s
+    assert before_s < 40
+    assert abs(at_pause_s - after_s) < 1 and after_s < 60

@@ -1,0 +1,156 @@
+"""The sample pipeline: each sample encoded once, as offline, for any block size."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rigctl.encoder.encoder import Encoder, encode_trial
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.parameters import DEFAULT
+from rigctl.encoder.reading import Reading, conductance, input_of_each
+from rigctl.engine.live_file import LiveReader, LiveWriter
+from rigctl.engine.pipeline import SamplePipeline
+from rigctl.values import DRAWN_WIRING, Block, Gap
+
+N = 1200
+RISES = (300, 700)
+
+
+def touch(n: int = N, lost: range = range(0)) -> Block:
+    """Return a block with one press and two rises of the sync line."""
+    counters = np.arange(n)
+    wave = 400 + 300 * np.sin(counters / 40)[:, None] + 10 * np.arange(18)
+    rises = sum((counters >= frame).astype(np.int64) for frame in RISES)
+    kept = ~np.isin(counters, np.array(lost))
+    gaps = (Gap(lost.start, len(lost), "lost on the line"),) if len(lost) else ()
+    flags = np.zeros(n, np.uint8)
+    samples = wave.astype(np.uint16)
+    edges = (rises % 4).astype(np.uint8)
+    return Block(counters[kept], samples[kept], flags[kept], edges[kept], gaps, 1.0)
+
+
+def pieces(block: Block, length: int) -> Iterator[Block]:
+    for first in range(0, len(block), length):
+        part = slice(first, first + length)
+        behind = {int(counter) for counter in block.counters[part]}
+        inside = tuple(g for g in block.gaps if g.first_counter + g.count in behind)
+        yield Block(
+            block.counters[part],
+            block.samples[part],
+            block.flags[part],
+            block.edges[part],
+            inside,
+            1.0 + first / 1000,
+        )
+
+
+@pytest.fixture
+def live(tmp_path: Path) -> Iterator[LiveWriter]:
+    writer = LiveWriter(tmp_path / "live.ring", 18, taxel_rows=4096, drum_rows=16)
+    yield writer
+    writer.close()
+
+
+def encoder() -> Encoder:
+    return Encoder(Normalisation.full_scale(18))
+
+
+def run_pipeline(live: LiveWriter, block: Block, length: int) -> tuple[SamplePipeline, np.ndarray]:
+    pipeline = SamplePipeline(encoder(), live, waits_for_disk=False)
+    for piece in pieces(block, length):
+        pipeline.add_block(piece)
+    pipeline.flush()
+    view = LiveReader(live.path)
+    try:
+        return pipeline, view.taxels(4096).spikes
+    finally:
+        view.close()
+
+
+def offline(block: Block, starts: list[int]) -> np.ndarray:
+    """Return the spikes of a new encoder for each section."""
+    bounds = [0, *starts, len(block)]
+    return np.concatenate([encoder().encode(block.samples[a:b]) for a, b in pairwise(bounds)])
+
+
+@pytest.mark.parametrize("length", [1, 5, 7, 20, 33, 1200])
+def test_live_spikes_equal_offline_spikes_from_each_rise(live: LiveWriter, length: int) -> None:
+    block = touch()
+    pipeline, spikes = run_pipeline(live, block, length)
+    expected = offline(block, [frame + 1 for frame in RISES])
+    assert np.array_equal(spikes, expected)
+    assert expected.sum() > 100
+    assert pipeline.sample_count == N
+
+
+@pytest.mark.parametrize("length", [1, 20, 1200])
+def test_live_conductances_encode_as_those_of_the_recorded_counts(
+    live: LiveWriter, length: int
+) -> None:
+    block, inputs = touch(), input_of_each(DRAWN_WIRING, 6, "rig.toml")
+    block = replace(block, samples=block.samples // 3)
+    parameters = replace(DEFAULT, reading=Reading.CONDUCTANCE)
+    readings = conductance(block.samples, inputs)
+    ranges = Normalisation.from_samples([readings], "all", Reading.CONDUCTANCE)
+    pipeline = SamplePipeline(
+        Encoder(ranges, parameters, inputs=inputs), live, waits_for_disk=False
+    )
+    for piece in pieces(block, length):
+        pipeline.add_block(piece)
+    pipeline.flush()
+    view = LiveReader(live.path)
+    shown = view.taxels(4096)
+    view.close()
+    bounds = [0, *(frame + 1 for frame in RISES), N]
+    for first, end in pairwise(bounds):
+        spikes = encode_trial(readings[first:end], ranges, parameters)
+        for row in range(36):
+            found = np.repeat(np.arange(end - first), shown.spikes[first:end, row])
+            assert np.array_equal(found, spikes.train(row))
+    assert np.array_equal(shown.samples, block.samples), "the live data hold counts"
+    assert shown.spikes.sum() > 100
+
+
+def test_the_encoder_resets_after_a_gap(live: LiveWriter) -> None:
+    block = touch(lost=range(500, 520))
+    pipeline, spikes = run_pipeline(live, block, 20)
+    assert np.array_equal(spikes, offline(block, [301, 500, 681]))
+    assert (pipeline.gap_count, pipeline.lost_samples) == (1, 20)
+
+
+def test_sample_times_are_even_though_blocks_arrive_unevenly(live: LiveWriter) -> None:
+    pipeline = SamplePipeline(encoder(), live, waits_for_disk=False)
+    random = np.random.default_rng(2)
+    for piece in pieces(touch(), 20):
+        late = float(random.uniform(0, 0.008))
+        pipeline.add_block(
+            Block(
+                piece.counters,
+                piece.samples,
+                piece.flags,
+                piece.edges,
+                (),
+                10 + piece.counters[-1] / 1000 + late,
+            )
+        )
+    view = LiveReader(live.path)
+    times = view.taxels(4096).time_s
+    view.close()
+    assert np.all(np.diff(times) > 0.0005)
+    assert abs(times[-1] - (10 + 1.199)) < 0.01
+
+
+def test_a_reboot_of_the_board_resets_the_pipeline(live: LiveWriter) -> None:
+    pipeline = SamplePipeline(encoder(), live, waits_for_disk=False)
+    pipeline.trial_cutter.expect(100)
+    pipeline.add_block(touch())
+    pipeline.add_block(touch(n=40))
+    pipeline.flush()
+    assert pipeline.sample_count == N + 40
+    assert pipeline.trial_cutter.trial is None
