@@ -1,1 +1,1 @@
-"""The simulated bench: mechanics, skin, load cell, textures, noise, ground truth."""
+"""Simulated bench: mechanics, skin, load cell, textures, with the real firmware before it."""

@@ -1,1 +1,1 @@
-"""The devices as a scientist names them: drum, taxels, finger, trackers, and their ports."""
+"""Drum, taxels, finger and trackers as a scientist names them; their bytes and ports."""
