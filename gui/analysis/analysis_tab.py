@@ -138,8 +138,8 @@ class AnalysisTab(QObject):
         """End both worker processes."""
         self._follow_timer.stop()
         self.files.close()
-        self.worker.cancel()
-        self.reader.cancel()
+        self.worker.close()
+        self.reader.close()
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme to the views."""

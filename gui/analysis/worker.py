@@ -15,6 +15,7 @@ from gui.analysis import worker_tasks
 from gui.widgets.background import Background
 
 WORKER_THREAD = "rigctl-worker"
+CLOSE_TIMEOUT_S = 10.0
 ENDED = "the analysis process ended unexpectedly: try again"
 
 
@@ -61,6 +62,11 @@ class Worker(QObject):
         if process is not None:
             process.kill()
             self._background.run(process.join, _ignore, _ignore)
+
+    def close(self) -> None:
+        """End the process, and wait for its threads, as before the window closes."""
+        self.cancel()
+        self._background.close(CLOSE_TIMEOUT_S)
 
     def _begin(self) -> None:
         assert self._process is not None and self._pipe is not None

@@ -424,7 +424,7 @@ class FingerTab(QObject):
 
     def close(self) -> None:
         """Leave the engine, which continues a run, and end the worker."""
-        self.worker.cancel()
+        self.worker.close()
         self.link.close()
         self.link.wait_closed()
 

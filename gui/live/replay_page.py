@@ -296,9 +296,10 @@ class ReplayPage(QWidget):
             self.session.setFocus()
 
     def close_files(self) -> None:
-        """End the worker process, as before the window closes."""
-        self.worker.cancel()
+        """End the worker processes, as before the window closes."""
+        self.worker.close()
         self.movies.cancel()
+        self.movies.worker.close()
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""

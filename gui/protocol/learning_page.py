@@ -287,7 +287,7 @@ class LearningPage(QWidget):
     def close_worker(self) -> None:
         """End the worker process and what is being saved, as before the window closes."""
         self.files.close()
-        self.worker.cancel()
+        self.worker.close()
 
     def _leave(self, folder: str) -> None:
         """Show another session, and end what is computed for the one before."""

@@ -500,7 +500,7 @@ class ProtocolPanel(QWidget):
 
     def close_workers(self) -> None:
         """End both worker processes."""
-        self.worker.cancel()
+        self.worker.close()
         self.page.learning.close_worker()
 
     def add_protocol(self, path: str) -> None:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
-from typing import TypeVar
+from threading import Thread, current_thread
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from PySide6.QtCore import QObject, Qt, Signal
 
@@ -17,15 +16,26 @@ _CLOSE_TIMEOUT_S = 30.0
 _Result = TypeVar("_Result")
 
 
-class Background(QObject):
-    """Runs functions in threads of their own, as many as are asked for."""
+class _Task(NamedTuple):
+    background: Background
+    done: Callable[[Any], object]
+    failed: Callable[[str], object]
 
-    _ended = Signal(object, object)
+
+class Background(QObject):
+    """Runs functions in threads of their own, as many as are asked for.
+
+    A thread holds no more than its function: what it calls in the window ends in the window's
+    thread, where Qt wants it.
+    """
+
+    _ended = Signal(object, bool, object)
+    """The thread, whether its function returned, and its result or a sentence."""
+    _tasks: ClassVar[dict[Thread, _Task]] = {}
 
     def __init__(self, name: str) -> None:
         super().__init__()
-        self._name, self._is_closed = name, False
-        self._threads: list[threading.Thread] = []
+        self._name = name
         self._ended.connect(self._tell, Qt.ConnectionType.QueuedConnection)
 
     def run(
@@ -35,36 +45,32 @@ class Background(QObject):
         failed: Callable[[str], object],
     ) -> None:
         """Start ``work``; then call ``done`` with its result, or ``failed`` with a sentence."""
-        thread = threading.Thread(
-            target=self._run, args=(work, done, failed), name=self._name, daemon=True
-        )
-        self._threads.append(thread)
-        self._is_closed = False
+        thread = Thread(target=self._run, args=(work,), name=self._name, daemon=True)
+        self._tasks[thread] = _Task(self, done, failed)
         thread.start()
 
     def close(self, timeout_s: float = _CLOSE_TIMEOUT_S) -> None:
         """Wait for what goes on, as before the window closes, and tell nothing of it."""
-        self._is_closed = True
-        for thread in self._threads:
+        for thread in [each for each, task in self._tasks.items() if task.background is self]:
+            self._tasks[thread] = _Task(self, _ignore, _ignore)
             thread.join(timeout_s)
 
-    def _run(
-        self,
-        work: Callable[[], _Result],
-        done: Callable[[_Result], object],
-        failed: Callable[[str], object],
-    ) -> None:
-        tell: Callable[[], object] = partial(failed, UNEXPECTED)
+    def _run(self, work: Callable[[], object]) -> None:
+        has_returned = False
+        outcome: object = UNEXPECTED
         try:
-            tell = partial(done, work())
+            has_returned, outcome = True, work()
         except RigctlError as error:
-            tell = partial(failed, str(error))
+            outcome = str(error)
         finally:
-            with suppress(RuntimeError):  # the window and its objects have gone meanwhile
-                self._ended.emit(threading.current_thread(), tell)
+            with suppress(RuntimeError):  # it took longer than the window waited, and Qt has ended
+                self._ended.emit(current_thread(), has_returned, outcome)
 
-    def _tell(self, thread: threading.Thread, tell: Callable[[], object]) -> None:
+    def _tell(self, thread: Thread, has_returned: bool, outcome: Any) -> None:
         thread.join()  # it has told: what it held, such as a picture, ends in this thread
-        self._threads.remove(thread)
-        if not self._is_closed:
-            tell()
+        task = self._tasks.pop(thread)
+        (task.done if has_returned else task.failed)(outcome)
+
+
+def _ignore(_: object) -> None:
+    pass

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QGraphicsView
 from shiboken6 import delete
 
 from gui.analysis.worker import WORKER_THREAD
@@ -23,6 +23,18 @@ def own_engines(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(FOLDER_VARIABLE, str(tmp_path_factory.mktemp("runtime")))
         yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def no_plot_outlives_qt(own_engines: None) -> Iterator[None]:
+    """Delete the plots that tests made: left to Qt's end, they crash the process.
+
+    Qt's end takes objects in any order, and a scene whose items have gone crashes. Python's
+    collector leaves a plot that has a connection to a function of its own.
+    """
+    yield
+    for plots in [w for w in QApplication.topLevelWidgets() if w.findChild(QGraphicsView)]:
+        delete(plots)
 
 
 @pytest.fixture(autouse=True)
