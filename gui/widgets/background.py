@@ -18,6 +18,7 @@ _Result = TypeVar("_Result")
 
 class _Task(NamedTuple):
     background: Background
+    work: Callable[[], object]
     done: Callable[[Any], object]
     failed: Callable[[str], object]
 
@@ -25,8 +26,8 @@ class _Task(NamedTuple):
 class Background(QObject):
     """Runs functions in threads of their own, as many as are asked for.
 
-    A thread holds no more than its function: what it calls in the window ends in the window's
-    thread, where Qt wants it.
+    A thread keeps nothing of the window alive: a function with what it holds, such as a picture
+    that is half painted, ends in the window's thread, where Qt wants it.
     """
 
     _ended = Signal(object, bool, object)
@@ -46,13 +47,13 @@ class Background(QObject):
     ) -> None:
         """Start ``work``; then call ``done`` with its result, or ``failed`` with a sentence."""
         thread = Thread(target=self._run, args=(work,), name=self._name, daemon=True)
-        self._tasks[thread] = _Task(self, done, failed)
+        self._tasks[thread] = _Task(self, work, done, failed)
         thread.start()
 
     def close(self, timeout_s: float = _CLOSE_TIMEOUT_S) -> None:
         """Wait for what goes on, as before the window closes, and tell nothing of it."""
-        for thread in [each for each, task in self._tasks.items() if task.background is self]:
-            self._tasks[thread] = _Task(self, _ignore, _ignore)
+        for thread, task in [each for each in self._tasks.items() if each[1].background is self]:
+            self._tasks[thread] = task._replace(done=_ignore, failed=_ignore)
             thread.join(timeout_s)
 
     def _run(self, work: Callable[[], object]) -> None:
@@ -67,7 +68,7 @@ class Background(QObject):
                 self._ended.emit(current_thread(), has_returned, outcome)
 
     def _tell(self, thread: Thread, has_returned: bool, outcome: Any) -> None:
-        thread.join()  # it has told: what it held, such as a picture, ends in this thread
+        thread.join()  # it has told, and lets go of its function
         task = self._tasks.pop(thread)
         (task.done if has_returned else task.failed)(outcome)
 
