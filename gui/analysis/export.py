@@ -23,9 +23,11 @@ from PySide6.QtGui import QImage, QImageWriter, QPageLayout, QPageSize, QPainter
 from PySide6.QtSvg import QSvgGenerator
 from PySide6.QtWidgets import QGraphicsView, QMenu, QToolButton, QWidget
 
-from gui.analysis.value_file import data_words, save_new
+from gui.analysis.value_file import data_words, new_path
 from gui.widgets.background import Background
+from gui.widgets.file_browser import new_files_folder
 from gui.widgets.theme import scaled_px
+from rigctl.analysis.files import atomic_file
 from rigctl.errors import WrongUse
 
 FOOT_PX = 20
@@ -172,10 +174,27 @@ def _pdf(buffer: QBuffer, size: QSize, title: str) -> QPdfWriter:
     return device
 
 
+Content = Picture | QImage | bytes | Callable[[Path], object]
+"""What a file holds: a picture, an image for a PNG, a text, or what writes it into a path."""
+
+
+def _write_of(content: Content, suffix: str, title: str) -> Callable[[Path], object]:
+    """Return what writes a content into a file, in any thread; only Qt's may call this."""
+    if isinstance(content, bytes):
+        return lambda path: path.write_bytes(content)
+    if isinstance(content, QImage):
+        return lambda path: path.write_bytes(encoded_png(content))
+    if isinstance(content, Picture):
+        painted = paint_picture(content, suffix, title)
+        return lambda path: path.write_bytes(painted.encode())
+    return content
+
+
 class FileSaver(QObject):
     """Saves new files beside the Qt thread, which only paints their pictures.
 
-    Compressing a large picture takes a tenth of a second and more, a slow disk any time.
+    Compressing a large picture takes a tenth of a second and more, a slow disk any time. No file
+    is replaced, and none is left that is not whole.
     """
 
     saved = Signal(str)
@@ -187,15 +206,20 @@ class FileSaver(QObject):
         super().__init__()
         self._background = Background("rigctl-files")
 
-    def save(self, folder: str, stem: str, suffix: str, content: Picture | bytes) -> None:
-        """Paint a picture now, and save it or a text; a signal follows."""
-        done = content if isinstance(content, bytes) else paint_picture(content, suffix, stem)
+    def save(self, folder: str, stem: str, suffix: str, content: Content) -> None:
+        """Paint a picture now, and save the content; a signal follows."""
+        write = _write_of(content, suffix, stem)
 
-        def write() -> str:
-            file = done if isinstance(done, bytes) else done.encode()
-            return str(save_new(Path(folder), stem, suffix, file))
+        def save() -> str:
+            path = new_path(new_files_folder(folder), stem, suffix)
+            with atomic_file(path) as whole:
+                write(whole)
+            return str(path)
 
-        self._background.run(write, self.saved.emit, self.failed.emit)
+        def fail(sentence: str) -> None:
+            self.failed.emit(f"nothing was saved: {sentence}")
+
+        self._background.run(save, self.saved.emit, fail)
 
     def close(self) -> None:
         """Wait until every file is complete, as before the window closes."""

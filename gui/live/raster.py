@@ -11,9 +11,8 @@ from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QFont, QImage, QPainter, QPolygonF, QTransform
 from PySide6.QtWidgets import QGraphicsItem, QGraphicsWidget
 
-from gui.live.history import SPAN_S
 from gui.live.live_data import LiveData, ValueScale
-from gui.live.timeline import PixelColumns, Timeline, TimeWindow
+from gui.live.timeline import SPAN_S, PixelColumns, Timeline, TimeWindow
 from gui.widgets.plot_axes import label_axis
 from gui.widgets.theme import Theme, blend, rgb, scaled_px, text_scale
 from rigctl.config.rig_config import LAYER_NAMES

@@ -1,29 +1,22 @@
-"""Writes pictures and tables beside the window, which never waits for the disk."""
+"""The samples in view as a table, and the strip that saves them or a picture."""
 
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Callable, Sequence
-from datetime import datetime
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtCore import QObject, QStandardPaths, Signal
-from PySide6.QtGui import QImage
+from PySide6.QtCore import QStandardPaths, Signal
 from PySide6.QtWidgets import QLineEdit, QWidget
 
-from gui.analysis.export import encoded_png
-from gui.analysis.value_file import new_path
 from gui.live.live_data import LiveData
 from gui.live.timeline import TimeWindow
-from gui.widgets.background import Background
-from gui.widgets.file_browser import PathKind, browse_button, new_files_folder
+from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import label
 from gui.widgets.layouts import hbox, push_button
-from rigctl.analysis.files import atomic_file
 from rigctl.encoder.reading import Reading
 from rigctl.errors import DiskFault
 
@@ -52,12 +45,12 @@ class ShownSamples(NamedTuple):
 
 
 def write_table(shown: ShownSamples, path: Path) -> None:
-    """Write one line a sample, behind a comment on the units. Raises DiskFault, never replaces."""
+    """Write one line a sample, behind a comment on the units."""
     names = [f"T{taxel + 1}" for taxel in shown.taxels]
     trains = [f"T_{channel}-{taxel + 1}" for channel in ("SA", "RA") for taxel in shown.taxels]
     header = ["sample", "time_s", *shown.drum, *names, *trains]
     formats = ["%d", "%.6f"] + ["%.2f"] * len(shown.drum) + ["%d"] * (len(names) + len(trains))
-    with atomic_file(path) as whole, whole.open("w", encoding="utf-8") as file:
+    with path.open("w", encoding="utf-8") as file:
         file.write(f"# {shown.title}; T… readings in {shown.unit}, T_… spikes in the sample\n")
         file.write(",".join(header) + "\n")
         for first in range(0, len(shown.time_s), _ROWS_AT_ONCE):
@@ -96,10 +89,8 @@ def shown_samples(
 class SaveStrip(QWidget):
     """``folder``: where pictures and tables go."""
 
-    picture_requested = Signal(str)
-    """The folder."""
-    table_requested = Signal(str)
-    """The folder."""
+    picture_requested = Signal()
+    table_requested = Signal()
     path_requested = Signal(object, object)
     """A :class:`PathKind`, and the function that takes the chosen path."""
 
@@ -112,12 +103,12 @@ class SaveStrip(QWidget):
         self.folder.setAccessibleName("Folder of pictures and tables")
         self.picture = push_button(
             "Picture",
-            lambda: self.picture_requested.emit(self.folder.text()),
+            self.picture_requested.emit,
             "Save the plots as they are now as a PNG",
         )
         self.table = push_button(
             "Table",
-            lambda: self.table_requested.emit(self.folder.text()),
+            self.table_requested.emit,
             "Save the samples in view as a CSV",
         )
         browse = browse_button(self.path_requested, PathKind.OUTPUT, self.folder.setText)
@@ -125,54 +116,7 @@ class SaveStrip(QWidget):
         self.setLayout(hbox(*row, wide=3, margins=(6, 0, 6, 0)))
 
 
-class Saver(QObject):
-    """Each file is written in a thread; a table, which takes longer, in a process behind it."""
-
-    saved = Signal(str)
-    """The path of a file that is complete."""
-    failed = Signal(str)
-    """Why a file was not written, and the cure."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._background = Background("rigctl-live-saver")
-
-    def save_picture(self, image: QImage, folder: str) -> None:
-        """Write a PNG into a folder; :attr:`saved` or :attr:`failed` follows."""
-        self._save(partial(_write_picture, image), folder, "png")
-
-    def save_table(self, shown: ShownSamples, folder: str) -> None:
-        """Write a CSV into a folder; :attr:`saved` or :attr:`failed` follows."""
-        self._save(partial(_write_in_process, shown), folder, "csv")
-
-    def close(self) -> None:
-        """Wait until all files are written, as before the window closes."""
-        self._background.close()
-
-    def _save(self, write: Callable[[Path], None], folder: str, suffix: str) -> None:
-        def save() -> str:
-            parent = new_files_folder(folder)
-            try:
-                path = new_path(parent, f"live-{datetime.now():%Y-%m-%d-%H%M%S}", suffix)
-                write(path)
-            except DiskFault as fault:
-                raise DiskFault(f"{fault}; choose another folder") from fault
-            return str(path)
-
-        def fail(sentence: str) -> None:
-            self.failed.emit(f"nothing was saved: {sentence}")
-
-        self._background.run(save, self.saved.emit, fail)
-
-
-def _write_picture(image: QImage, path: Path) -> None:
-    """Write a PNG, whole or not at all. Raises WrongUse or DiskFault."""
-    content = encoded_png(image)
-    with atomic_file(path) as whole:
-        whole.write_bytes(content)
-
-
-def _write_in_process(shown: ShownSamples, path: Path) -> None:
+def write_in_process(shown: ShownSamples, path: Path) -> None:
     """Write the table in a process, so that the window keeps its time. Raises DiskFault."""
     from concurrent.futures import ProcessPoolExecutor
     from concurrent.futures.process import BrokenProcessPool

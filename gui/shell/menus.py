@@ -228,7 +228,7 @@ def add_live_actions(menus: ActionRegistry, page: LivePage, settings: UserSettin
     tip = "Look back while samples go on to arrive, or follow them again"
     menus.add("View", "&Pause or follow", page.toggle_pause, shortcut="Ctrl+Space", tip=tip)
     tip = "Begin each trial at the left edge of the live plots, or let them scroll"
-    menus.add("View", "Begin at each t&rial", page.toggle_sweeps, tip=tip)
+    menus.add("View", "Begin at each t&rial", page.toggle_alignment, tip=tip)
     add_buttons(menus, "View → Controls of the live plots", page.bar.buttons.values())
     tip = "Save the live plots as they are now"
     menus.add("File", "Save &picture", page.save_picture, shortcut="Ctrl+Shift+P", tip=tip)

@@ -118,7 +118,7 @@ def test_a_picture_or_table_without_room_says_so_and_leaves_no_half(
         click(strip.picture if kind == "picture" else strip.table)
         wait_until(lambda: "nothing was saved" in window.event_log.toPlainText())
     strip.folder.setText(before)
-    assert "choose another folder" in window.status_line.text()
+    assert "free some space" in window.status_line.text()
     assert str(folder) in window.event_log.toPlainText()
     assert list(folder.iterdir()) == []
 

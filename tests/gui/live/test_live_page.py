@@ -260,7 +260,7 @@ def test_a_folder_that_is_a_file_is_refused_in_a_sentence(page: LivePage, tmp_pa
     click(page.bar.buttons[SAVE])
     click(page.save_strip.picture)
     wait_until(lambda: bool(reports))
-    assert reports[0][0] == "refused" and "choose another folder" in reports[0][1]
+    assert reports[0][0] == "refused" and "choose another place" in reports[0][1]
     for text, cure in (
         ("", NO_FOLDER),
         ("pictures", NO_WHOLE_PATH),

@@ -141,7 +141,7 @@ def test_a_run_tells_what_comes_repeats_a_trial_and_starts_the_next(
     _pause(rig)
     _repeat_first_trial(rig)
     click(panel.buttons["Resume"])
-    _see_sweeps(rig)
+    _see_alignment(rig)
     rig.until(lambda: rig.window.prompt_panel.isVisible())
     assert panel.run_rows["Next plate"].text() == "B now"
     rig.confirm()
@@ -181,15 +181,15 @@ def _repeat_first_trial(rig: RigWindow) -> None:
     rig.until(lambda: page.attempts.rows[0].verdict == BAD)
 
 
-def _see_sweeps(rig: RigWindow) -> None:
+def _see_alignment(rig: RigWindow) -> None:
     """Align the trials in the live plots; the one before is behind the present one."""
     page = rig.window.live_page
     click(rig.window.protocol_panel.page_button)
     click(page.bar.buttons[TRIALS])
-    QTest.keyClick(page.sweep_strip.align, Qt.Key.Key_Space)
+    QTest.keyClick(page.alignment_strip.align, Qt.Key.Key_Space)
     axis = page.plots.time_plots.raster_plot.getAxis("bottom")
     rig.until(lambda: axis.labelText == SINCE_START)
-    QTest.keyClick(page.sweep_strip.align, Qt.Key.Key_Space)
+    QTest.keyClick(page.alignment_strip.align, Qt.Key.Key_Space)
     click(page.bar.buttons[TRIALS])
 
 

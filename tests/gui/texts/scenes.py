@@ -197,14 +197,14 @@ def _operate(stage: Stage) -> Iterator[str]:
 def _trials(stage: Stage) -> Iterator[str]:
     page = stage.window.live_page
     click(page.bar.buttons[TRIALS])
-    page.toggle_sweeps()
+    page.toggle_alignment()
     for _ in range(2):
         stage.engine.write_samples(1000)
         page.refresh(stage.engine.live)
         stage.engine.write_samples(2000, sync=True)
         page.refresh(stage.engine.live)
     yield "Trials from the left edge"
-    page.toggle_sweeps()
+    page.toggle_alignment()
     click(page.bar.buttons[ENCODER])
     click(page.encoder_strip.per_mm)
     yield "Encoder of the live views, rates per mm"

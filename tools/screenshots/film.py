@@ -11,10 +11,10 @@ from PySide6.QtGui import QColor, QPainter, QPen
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QPushButton
 
-from gui.screenshots.camera import pixels
-from gui.screenshots.scenes import SAVE_IN, Studio
 from gui.widgets.theme import ThemeChoice
 from rigctl.boards.drum_states import State
+from tools.screenshots.camera import pixels
+from tools.screenshots.scenes import SAVE_IN, Studio
 
 SIZE = (1024, 700)
 FRAME_MS = 125

@@ -16,7 +16,6 @@ from gui.analysis.run_box import METHODS, PAPER, QUICK
 from gui.finger.scan_plots import AnswerState
 from gui.operate.calibrate import PartPage
 from gui.protocol.protocol_panel import LIVE_BUTTON
-from gui.screenshots.camera import THEMES, Camera
 from gui.shell.main_window import MainWindow
 from gui.widgets.file_browser import PathKind
 from gui.widgets.theme import ThemeChoice
@@ -26,6 +25,7 @@ from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE
 from rigctl.engine.rpc.messages import EngineStatus
 from rigctl.engine.setup.boards import installed_build
 from rigctl.values import BoardIdentity
+from tools.screenshots.camera import THEMES, Camera
 
 FINGER_SEED = "1"
 _FINGER = ("--protocol", "quick", "--yes", "--seed", FINGER_SEED, "--out")

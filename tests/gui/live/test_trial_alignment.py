@@ -36,7 +36,7 @@ def page(qapp: QApplication, engine: FakeEngine) -> Iterator[LivePage]:
     page.show()
     arrive(page, engine, PAUSE)
     click(page.bar.buttons[TRIALS])
-    QTest.keyClick(page.sweep_strip.align, Qt.Key.Key_Space)
+    QTest.keyClick(page.alignment_strip.align, Qt.Key.Key_Space)
     yield page
     page.hide()
     engine.close()
@@ -74,7 +74,7 @@ def visible_lines(page: LivePage) -> list[int]:
 
 
 def test_without_a_trial_the_plots_scroll_and_the_strip_says_why(page: LivePage) -> None:
-    assert page.sweep_strip.sentence.text() == WAITS
+    assert page.alignment_strip.sentence.text() == WAITS
     assert caption(page) == NOW
     assert navigation(page).window.right == navigation(page).newest
 
@@ -111,11 +111,11 @@ def test_samples_that_come_are_drawn_and_the_rest_stays_empty(
 def test_earlier_trials_of_the_condition_stand_behind(page: LivePage, engine: FakeEngine) -> None:
     run_trials(page, engine, "A", "B", "A", "B", "A")
     assert visible_lines(page) == [2, 2, 2]
-    text = page.sweep_strip.sentence.text()
+    text = page.alignment_strip.sentence.text()
     assert text.startswith("plate A, 80 mm/s, 500 g; faint: 2 earlier; line in")
-    page.sweep_strip.count.setFocus()
-    page.sweep_strip.count.selectAll()
-    QTest.keyClicks(page.sweep_strip.count, "1")
+    page.alignment_strip.count.setFocus()
+    page.alignment_strip.count.selectAll()
+    QTest.keyClicks(page.alignment_strip.count, "1")
     assert visible_lines(page) == [1, 1, 1]
 
 
@@ -141,7 +141,7 @@ def test_the_mean_rate_counts_the_spikes_of_the_earlier_trials(
     page: LivePage, engine: FakeEngine
 ) -> None:
     run_trials(page, engine, "A", "A", "A")
-    starts, data = page.sweeps.starts, page.plots.data
+    starts, data = page.alignment.starts, page.plots.data
     trials = starts.before(starts.trials[-1], 5, 0)
     at_s, rate_hz = mean_rate_hz(data, trials, navigation(page).window, train=20)
     spikes = [data.timeline.spikes.between(t.start, t.start + TRIAL)[:, 20].sum() for t in trials]
@@ -163,7 +163,7 @@ def test_the_menu_switches_and_another_rig_begins_anew(harness: Harness) -> None
     page.plots.draw()
     wait_until(lambda: caption(page) == NOW)
     action.trigger()
-    assert not page.sweep_strip.align.isChecked()
+    assert not page.alignment_strip.align.isChecked()
 
 
 def test_a_recorded_session_is_cut_where_it_was(
@@ -175,7 +175,7 @@ def test_a_recorded_session_is_cut_where_it_was(
         arrive(page, engine, PAUSE)
         engine.write_readings(samples, sync=True)
         page.refresh(engine.live)
-    first, second = page.sweeps.starts.trials
+    first, second = page.alignment.starts.trials
     assert first.end is not None and first.end - first.start == len(attempts[0])
     assert navigation(page).window.left == second.start
     shown = page.plots.data.timeline.samples.between(second.start, second.start + len(samples))

@@ -1,4 +1,4 @@
-"""``python -m gui.screenshots FOLDER``: render every page, and a film, from live virtual rigs.
+"""``python -m tools.screenshots FOLDER``: render every page, and a film, from live virtual rigs.
 
 All pictures go to FOLDER; those that the documentation shows go beside the ones that it has, too.
 """
@@ -17,9 +17,12 @@ from pathlib import Path
 import pyqtgraph as pg
 from shiboken6 import delete
 
-from gui.screenshots.camera import Camera
-from gui.screenshots.film import film_session
-from gui.screenshots.scenes import (
+from gui.shell.main_window import MainWindow
+from gui.widgets.theme import ThemeChoice
+from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE
+from tools.screenshots.camera import Camera
+from tools.screenshots.film import film_session
+from tools.screenshots.scenes import (
     Recordings,
     Scene,
     Studio,
@@ -28,9 +31,6 @@ from gui.screenshots.scenes import (
     page_scenes,
     recorded_scenes,
 )
-from gui.shell.main_window import MainWindow
-from gui.widgets.theme import ThemeChoice
-from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE
 
 FILM = "session.gif"
 IMAGES = Path("docs/images")
@@ -40,7 +40,7 @@ _SHOWN = re.compile(r"images/([\w.-]+)")
 def main(argv: list[str]) -> int:
     """Render all pictures into the folder; return the exit code."""
     if len(argv) != 1 or argv[0].startswith("-"):
-        print("usage: python -m gui.screenshots FOLDER", file=sys.stderr)
+        print("usage: python -m tools.screenshots FOLDER", file=sys.stderr)
         return 2
     folder = Path(argv[0])
     folder.mkdir(parents=True, exist_ok=True)
