@@ -8,7 +8,7 @@ from typing import Any
 from PySide6.QtCore import QObject, QTimer, Signal
 from PySide6.QtWidgets import QWidget
 
-from gui.analysis.export import TABLE, FileSaver
+from gui.analysis.export import TABLE, FileSaver, in_process
 from gui.analysis.open_sessions import ResponseGrid
 from gui.analysis.results import AnalysisResults
 from gui.analysis.results_view import FigureView, ResultsPanel, ResultsView
@@ -16,6 +16,7 @@ from gui.analysis.run_box import MODEL, PAPER, REALTIME
 from gui.analysis.session_panel import SessionPanel
 from gui.analysis.task_values import DRUM, FINGER, ScanPicture, SessionTable, describe_options
 from gui.analysis.trial_pages import TrialPages
+from gui.analysis.value_file import write_columns
 from gui.analysis.worker import Worker
 from gui.widgets.file_browser import typed_path
 from gui.widgets.formatting import grouped
@@ -73,7 +74,6 @@ READING = (
     "follow_session",
     "load_trial",
     "compare_trials",
-    "save_values",
     "leave_out",
 )
 """Tasks of the reader."""
@@ -208,9 +208,7 @@ class AnalysisTab(QObject):
         pages, folder = self.trial_view, _figures_folder(self.panel.path)
         stem = pages.file_stem()
         if suffix == TABLE:
-            names, columns = pages.values()
-            values = {"names": names, "columns": columns}
-            self.reader.submit("save_values", folder=folder, stem=stem, **values)
+            self.files.save(folder, stem, suffix, in_process(write_columns, *pages.values()))
         else:
             self.files.save(folder, stem, suffix, pages.picture())
 
@@ -243,9 +241,7 @@ class AnalysisTab(QObject):
         self.reported.emit("analysis", "analysis cancelled")
 
     def _finish(self, task: str, result: Any) -> None:
-        if task == "save_values":
-            self.reported.emit("analysis", f"saved {result}")
-        elif task == "prepare" and not self.reader.is_busy:
+        if task == "prepare" and not self.reader.is_busy:
             self.reader.submit("load_encoder")  # after a session that is wanted already
         elif isinstance(result, ResponseGrid):
             self.trial_view.compare.show_grid(result)

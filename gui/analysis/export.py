@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -28,7 +29,7 @@ from gui.widgets.background import Background
 from gui.widgets.file_browser import new_files_folder
 from gui.widgets.theme import scaled_px
 from rigctl.analysis.files import atomic_file
-from rigctl.errors import WrongUse
+from rigctl.errors import DiskFault, WrongUse
 
 FOOT_PX = 20
 _MARGIN_PX = 8
@@ -188,6 +189,22 @@ def _write_of(content: Content, suffix: str, title: str) -> Callable[[Path], obj
         painted = paint_picture(content, suffix, title)
         return lambda path: path.write_bytes(painted.encode())
     return content
+
+
+def in_process(write: Callable[..., object], *content: object) -> Callable[[Path], None]:
+    """Return what lets a process write a large table, so that the window keeps its time."""
+
+    def run(path: Path) -> None:
+        from concurrent.futures import ProcessPoolExecutor
+        from concurrent.futures.process import BrokenProcessPool
+
+        with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+            try:
+                pool.submit(write, *content, path).result()
+            except BrokenProcessPool as error:
+                raise DiskFault("the process that writes the table ended unexpectedly") from error
+
+    return run
 
 
 class FileSaver(QObject):

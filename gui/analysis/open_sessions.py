@@ -385,9 +385,9 @@ class OpenSessions:
         except SessionError:
             return False
 
-    def leave_out(self, path: str, reasons: dict[int, str]) -> SessionTable:
-        """Leave attempts of an open session out, and return its trials again."""
-        self._session(path).leave_out(reasons)
+    def leave_out(self, path: str, altered: tuple[tuple[int, str], ...]) -> SessionTable:
+        """Leave attempts of an open session out, and return its trials again, which marks them."""
+        self._session(path).leave_out(dict(altered))
         return self._table(path)
 
     def trial(self, path: str, row: int, pictures: Path) -> TrialData | ScanPicture:

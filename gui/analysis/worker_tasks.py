@@ -38,8 +38,7 @@ from gui.analysis.results import (
     report_results,
     verify_results,
 )
-from gui.analysis.task_values import ScanPicture, SessionTable, TrialData
-from gui.analysis.value_file import columns_csv, save_new
+from gui.analysis.task_values import ScanPicture, TrialData
 from gui.protocol import run_tasks
 from gui.protocol.run_tasks import (
     SessionNews,
@@ -90,7 +89,9 @@ class WorkerTasks:
 
     def __init__(self, progress: Progress) -> None:
         self._progress = progress
-        self._sessions = OpenSessions()
+        self._sessions = sessions = OpenSessions()
+        self.open_session, self.follow_session = sessions.open, sessions.follow
+        self.session_age, self.leave_out = sessions.age_s, sessions.leave_out
         self._pictures = tempfile.TemporaryDirectory(prefix="rigctl-scans-")
         self._follower = run_tasks.SessionFollower()
         self._curves: SessionCurves | None = None
@@ -126,18 +127,6 @@ class WorkerTasks:
         """Load what reading a session takes, before it is wanted."""
         import_module("rigctl.session.session")
 
-    def open_session(self, path: str) -> SessionTable:
-        """Read a session's trial table. Raises SessionError."""
-        return self._sessions.open(path)
-
-    def follow_session(self, path: str) -> SessionTable | None:
-        """Read the trial table of an open session again; None without a new trial."""
-        return self._sessions.follow(path)
-
-    def session_age(self, path: str) -> float:
-        """Return the age of the newest data of an open session, s."""
-        return self._sessions.age_s(path)
-
     def load_trial(self, path: str, row: int) -> TrialData | ScanPicture:
         """Read an attempt of an open session; a scan of the moving finger becomes a picture."""
         return self._sessions.trial(path, row, Path(self._pictures.name))
@@ -152,12 +141,6 @@ class WorkerTasks:
     ) -> ResponseGrid:
         """Read the responses of a neuron in trials of open sessions, by condition."""
         return compare_responses(self._sessions, trials, train, neuron)
-
-    def save_values(
-        self, folder: str, stem: str, names: tuple[str, ...], columns: tuple[Any, ...]
-    ) -> str:
-        """Write what a page shows as a new CSV; return its path."""
-        return str(save_new(Path(folder), stem, "csv", columns_csv(names, columns)))
 
     def neuron_voltage(self, path: str, row: int, taxel: int) -> NDArray[np.float64]:
         """Return v(t) of SA and RA of a taxel in an attempt of an open session, mV."""
@@ -183,10 +166,6 @@ class WorkerTasks:
         altered = {} if report.whole else self._sessions.altered(path)
         simulated = self._sessions.is_simulated(path)
         return verify_results(report, folder, altered, simulated=simulated)
-
-    def leave_out(self, path: str, altered: tuple[tuple[int, str], ...]) -> SessionTable:
-        """Leave attempts out of an open session; return its table, which marks them."""
-        return self._sessions.leave_out(path, dict(altered))
 
     def quick_check(self, sessions: tuple[str, ...]) -> AnalysisResults:
         """Classify textures as the demo does; write the figures into the first session."""

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from PySide6.QtCore import QDateTime, QObject, Qt, Signal
+from PySide6.QtCore import QObject, Qt, Signal
 from PySide6.QtWidgets import QCheckBox, QGridLayout, QGroupBox, QLineEdit, QWidget
 
 from gui.analysis.task_values import FingerSessionInfo
@@ -37,7 +37,7 @@ from gui.widgets.file_browser import (
     new_files_folder,
     typed_path,
 )
-from gui.widgets.formatting import duration
+from gui.widgets.formatting import duration, time_stamp
 from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import combo_box, container, form_layout, hbox, push_button, vbox
 from gui.widgets.number_box import WholeNumberBox, has_refused
@@ -253,11 +253,10 @@ class FingerSetupForm(QGroupBox):
     def request(self, rig: str) -> StartRequest:
         """Return what to start. Raises WrongUse without the model or the folder that it needs."""
         stage = self.stage.currentData()
-        time = QDateTime.currentDateTimeUtc().toString("yyyyMMdd-HHmmss")
         args: dict[str, Any] = {
             "stages": [part.value for part in STAGES[stage]],
             "protocol": self.protocol.currentData(),
-            "out": str(new_files_folder(self.out.text()) / f"finger-{stage}-{time}"),
+            "out": str(new_files_folder(self.out.text()) / f"finger-{stage}-{time_stamp()}"),
             "yes": self._is_simulated and self.unasked.isChecked(),
         }
         if stage != TRAIN:

@@ -10,7 +10,7 @@ from typing import Any
 from PySide6.QtCore import QElapsedTimer, QObject, QSignalBlocker, Qt, QTimer, Signal
 from PySide6.QtWidgets import QCheckBox, QComboBox, QGridLayout, QPushButton, QScrollBar, QWidget
 
-from gui.analysis.export import Content, FileSaver, foot_text, image_with_foot
+from gui.analysis.export import Content, FileSaver, foot_text, image_with_foot, in_process
 from gui.live.earlier_trials import BIN_S, MOST, TrialSpan, TrialStarts, condition_of
 from gui.live.encoder_strip import EncoderStrip
 from gui.live.live_data import NOMINAL_SUPPLY_V, ValueScale
@@ -18,7 +18,7 @@ from gui.live.live_plots import LivePlots
 from gui.live.navigation import SPANS_S, Navigation
 from gui.live.pointer import Pointer, cursor_text, difference_text
 from gui.live.raster import FULL_SCALE_HZ
-from gui.live.saver import SaveStrip, shown_samples, write_in_process
+from gui.live.saver import SaveStrip, shown_samples, write_table
 from gui.widgets.labels import ElidedLabel, label, show_text
 from gui.widgets.layouts import FlowLayout, container, hbox, push_button, vbox
 from gui.widgets.number_box import WholeNumberBox
@@ -203,7 +203,9 @@ class LiveBar(QWidget):
     def __init__(self, navigation: Navigation, strips: dict[str, str]) -> None:
         super().__init__()
         self._navigation = navigation
-        self.pause = push_button("Pause", self._toggle, "Look back while samples go on (Space)")
+        self.pause = push_button(
+            "Pause", navigation.toggle, "Look back while samples go on (Space)"
+        )
         self.span = QComboBox()
         for span_s in SPANS_S:
             self.span.addItem(f"{span_s} s", span_s)
@@ -255,10 +257,6 @@ class LiveBar(QWidget):
         button.setToolTip(tip)
         button.toggled.connect(lambda is_on: self.strip_toggled.emit(name, is_on))
         return button
-
-    def _toggle(self) -> None:
-        navigation = self._navigation
-        (navigation.resume if navigation.is_paused else navigation.pause)()
 
     def _move(self, value: int) -> None:
         navigation = self._navigation
@@ -396,11 +394,6 @@ class LivePage(QWidget):
         """Mark an event at its engine time."""
         self.plots.data.add_event(at_s, kind, text, data)
 
-    def toggle_pause(self) -> None:
-        """Look back, or follow the newest samples again."""
-        navigation = self.plots.navigation
-        (navigation.resume if navigation.is_paused else navigation.pause)()
-
     def toggle_alignment(self) -> None:
         """Begin each trial at the left, or scroll again."""
         self.alignment_strip.align.toggle()
@@ -487,7 +480,7 @@ class LivePage(QWidget):
         window, taxels = plots.navigation.window, plots.time_plots.taxels
         shown = shown_samples(plots.data, window, taxels, simulated=self._is_simulated)
         if len(shown.position):
-            self._save("csv", partial(write_in_process, shown))
+            self._save("csv", in_process(write_table, shown))
         else:
             self.reported.emit("refused", "no table was saved: there are no samples in view yet")
 

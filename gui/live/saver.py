@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -18,7 +17,6 @@ from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import label
 from gui.widgets.layouts import hbox, push_button
 from rigctl.encoder.reading import Reading
-from rigctl.errors import DiskFault
 
 Floats = NDArray[np.float64]
 _ROWS_AT_ONCE = 20_000
@@ -114,15 +112,3 @@ class SaveStrip(QWidget):
         browse = browse_button(self.path_requested, PathKind.OUTPUT, self.folder.setText)
         row = (self.picture, self.table, label("in", "muted"), self.folder, browse)
         self.setLayout(hbox(*row, wide=3, margins=(6, 0, 6, 0)))
-
-
-def write_in_process(shown: ShownSamples, path: Path) -> None:
-    """Write the table in a process, so that the window keeps its time. Raises DiskFault."""
-    from concurrent.futures import ProcessPoolExecutor
-    from concurrent.futures.process import BrokenProcessPool
-
-    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
-        try:
-            pool.submit(write_table, shown, path).result()
-        except BrokenProcessPool as error:
-            raise DiskFault("the process that writes the table ended unexpectedly") from error

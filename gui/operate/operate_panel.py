@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
-from PySide6.QtCore import QDateTime, QEvent, QSize, Qt, Signal
+from PySide6.QtCore import QEvent, QSize, Qt, Signal
 from PySide6.QtGui import QFont, QFontMetrics, QKeySequence, QShortcut
 from PySide6.QtWidgets import (
     QGridLayout,
@@ -22,6 +22,7 @@ from gui.operate.alarms import RELEASE_FIRST
 from gui.operate.bench_controls import BenchControls
 from gui.widgets.data_ages import DataAges, stale_words
 from gui.widgets.file_browser import PathKind, browse_button, folder_problem, new_files_folder
+from gui.widgets.formatting import time_stamp
 from gui.widgets.labels import Level, StatusLamp, Strip, elastic, label, set_property, show_text
 from gui.widgets.layouts import (
     EventWatch,
@@ -526,8 +527,7 @@ class RecordBox(QGroupBox):
         if self._recording.by_hand:
             self.command_requested.emit("end_record", {})
             return
-        time = QDateTime.currentDateTimeUtc().toString("yyyyMMdd-HHmmss")
-        folder = new_files_folder(self.folder.text()) / f"by-hand-{time}"
+        folder = new_files_folder(self.folder.text()) / f"by-hand-{time_stamp()}"
         args = {"out": str(folder), "note": self.note.text().strip()}
         self.command_requested.emit("record", args)
 

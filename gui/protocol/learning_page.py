@@ -5,6 +5,7 @@ A worker process computes the curve while the tab is shown.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from PySide6.QtCore import QEvent, QPointF, Signal
 from PySide6.QtWidgets import QWidget
 
 from gui.analysis.export import TABLE, ExportButton, FileSaver, widget_picture
-from gui.analysis.value_file import yes_or_no
+from gui.analysis.value_file import write_columns, yes_or_no
 from gui.analysis.worker import Worker
 from gui.widgets.file_browser import typed_path
 from gui.widgets.labels import elastic, label, show_text
@@ -307,19 +308,14 @@ class LearningPage(QWidget):
         self.submit()
 
     def _finish(self, task: str, result: Any) -> None:
-        if task == CURVE and result.folder == self._stage[0]:
+        if result.folder == self._stage[0]:
             self.show_curve(result)
             self.show_idle()
-        elif task != CURVE:
-            self.reported.emit("analysis", f"saved {result}")
         self.submit()
 
     def _fail(self, task: str, sentence: str) -> None:
-        if task == CURVE:
-            self.show_idle(FAILED)
-            self.show_text(sentence)
-        else:
-            self.reported.emit("refused", sentence)
+        self.show_idle(FAILED)
+        self.show_text(sentence)
 
     def _export(self, suffix: str) -> None:
         """Save the curve beside its session."""
@@ -330,7 +326,7 @@ class LearningPage(QWidget):
         stem = f"{STEM}-simulated" if curve.simulated else STEM
         folder = f"{session}-figures"
         if suffix == TABLE:
-            table = {"names": VALUE_NAMES, "columns": values(curve)}
-            self.worker.submit("save_values", folder=folder, stem=stem, **table)
+            write = partial(write_columns, VALUE_NAMES, values(curve))
+            self.files.save(folder, stem, suffix, write)
         else:
             self.files.save(folder, stem, suffix, widget_picture(self.figure))

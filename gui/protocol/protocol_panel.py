@@ -23,7 +23,7 @@ from PySide6.QtWidgets import (
 )
 
 from gui.analysis.worker import Worker
-from gui.protocol.run_tasks import PLAN_ROWS, PlanSummary, ProtocolText, SavedProtocol
+from gui.protocol.run_tasks import PLAN_ROWS, PlanSummary, ProtocolText
 from gui.protocol.session_page import SessionPage
 from gui.widgets.file_browser import (
     ElidedComboBox,
@@ -577,6 +577,8 @@ class ProtocolPanel(QWidget):
     def _fail_task(self, task: str, sentence: str) -> None:
         if task == "plan_protocol":
             self.form.finish_plan(PlanSummary(problem=sentence))
+        elif task == "save_protocol":
+            self.page.editor.show_verdict(sentence, is_bad=True)
         else:
             self.page.show_problem(sentence)
         self._submit_next()
@@ -587,17 +589,14 @@ class ProtocolPanel(QWidget):
             self.worker.submit("read_protocol", path=path)
 
     def _edit(self, read: ProtocolText) -> None:
-        if read.problem:
-            self.page.show_problem(read.problem)
-            return
         self.page.editor.show_file(read.path, read.text, read.own_path)
         self.page.tabs.setCurrentWidget(self.page.editor)
         self.show_page(True)
 
-    def _finish_save(self, saved: SavedProtocol) -> None:
-        self.page.editor.show_saved(saved)
-        if not saved.problem and not self.page.editor.is_finger:
-            self.form.add_protocol(saved.path)
+    def _finish_save(self, path: str) -> None:
+        self.page.editor.show_saved(path)
+        if not self.page.editor.is_finger:
+            self.form.add_protocol(path)
 
     def _submit_next(self) -> None:
         self.form.submit_plan()

@@ -226,7 +226,8 @@ def add_live_actions(menus: ActionRegistry, page: LivePage, settings: UserSettin
     span_s = settings.value(SPAN_KEY, float(SPANS_S[3]), is_span)
     menus.add_choices("View", "Time &span", spans, span_s, page.plots.set_span)
     tip = "Look back while samples go on to arrive, or follow them again"
-    menus.add("View", "&Pause or follow", page.toggle_pause, shortcut="Ctrl+Space", tip=tip)
+    toggle = page.plots.navigation.toggle
+    menus.add("View", "&Pause or follow", toggle, shortcut="Ctrl+Space", tip=tip)
     tip = "Begin each trial at the left edge of the live plots, or let them scroll"
     menus.add("View", "Begin at each t&rial", page.toggle_alignment, tip=tip)
     add_buttons(menus, "View → Controls of the live plots", page.bar.buttons.values())

@@ -125,7 +125,7 @@ def test_a_picture_or_table_without_room_says_so_and_leaves_no_half(
 
 def test_a_table_of_no_samples_is_not_saved(harness: Harness, tmp_path: Path) -> None:
     window, page = harness.window, harness.window.live_page
-    page.save_strip.table_requested.emit(str(tmp_path / "tables"))
+    page.save_strip.table_requested.emit()
     assert "there are no samples in view yet" in window.event_log.toPlainText()
     assert not (tmp_path / "tables").exists()
 

@@ -48,11 +48,11 @@ def listener(harness: Harness) -> Iterator[Listener]:
 def test_a_stop_that_the_setup_asks_for_is_no_alarm(harness: Harness, listener: Listener) -> None:
     window = harness.window
     harness.update(setup={"parts": [{"name": "stop"}], "checking": "stop"}, **FAULT)
-    assert window.drum.safety.alarms.strip.isHidden() and listener.beeps == 0
+    assert window.drum.alarms.strip.isHidden() and listener.beeps == 0
     assert window.toolbar.state_words.text() == "emergency stop"
     assert window.toolbar.state.property("level") != "bad"
     harness.update(setup={"parts": [{"name": "stop"}]}, **FAULT)
-    assert window.drum.safety.alarms.strip.isVisible() and listener.beeps == 1
+    assert window.drum.alarms.strip.isVisible() and listener.beeps == 1
 
 
 def test_a_fault_alarms_by_strip_heading_title_sound_and_notice(
