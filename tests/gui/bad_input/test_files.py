@@ -124,8 +124,11 @@ def test_a_picture_or_table_without_room_says_so_and_leaves_no_half(
 
 
 def test_a_table_of_no_samples_is_not_saved(harness: Harness, tmp_path: Path) -> None:
-    window, page = harness.window, harness.window.live_page
-    page.save_strip.table_requested.emit()
+    window, folder = harness.window, harness.window.live_page.save_strip.folder
+    before = folder.text()
+    folder.setText(str(tmp_path / "tables"))
+    window.live_page.save_strip.table_requested.emit()
+    folder.setText(before)
     assert "there are no samples in view yet" in window.event_log.toPlainText()
     assert not (tmp_path / "tables").exists()
 
