@@ -24,8 +24,16 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.session import finger_layout, layout
-from rigctl.session.finger_layout import BATCHES, FINGER_LAYOUT, SPIKES
+from rigctl.session import layout
+from rigctl.session.finger_layout import (
+    BATCHES,
+    FINGER_LAYOUT,
+    LATENCIES,
+    PREDICTIONS,
+    SPIKES,
+    TRACK,
+    WINDOWS,
+)
 from rigctl.session.hdf5_file import hdf5_errors, read_attributes, read_text
 from rigctl.session.layout import COUNTER, DIGESTS, SAMPLES, TEXTS, Row
 from rigctl.session.part import PREVIOUS_DIGEST, PartReader, StructuredArray
@@ -351,8 +359,8 @@ def name_attempts(part: PartReader, rows: NDArray[np.int64]) -> str:
 
 
 def _selections(part: PartReader) -> dict[str, Callable[[StructuredArray, RowRange], Mask]]:
-    by_time = (layout.EVENTS, layout.DRUM, finger_layout.TRACK, finger_layout.LATENCIES)
-    by_scan = (finger_layout.BATCHES, finger_layout.WINDOWS, finger_layout.PREDICTIONS)
+    by_time = (layout.EVENTS, layout.DRUM, TRACK, LATENCIES)
+    by_scan = (BATCHES, WINDOWS, PREDICTIONS)
     return {
         layout.ARRIVALS.path: partial(_by_samples, part, "first_row"),
         layout.GAPS.path: partial(_by_samples, part, "row"),

@@ -12,8 +12,7 @@ from rigctl.boards.finger_decoder import FingerBlock
 from rigctl.boards.finger_messages import SampleFlag
 from rigctl.errors import WrongUse
 from rigctl.finger_values import FingerSamples, FingerTrialRow
-from rigctl.session import finger_layout
-from rigctl.session.finger_layout import FingerRow, finger_row, finger_trial_row
+from rigctl.session.finger_layout import FINGER_LAYOUT, FingerRow, finger_row, finger_trial_row
 from rigctl.session.header import SessionHeader
 from rigctl.session.layout import SessionLayout
 from rigctl.session.recorder import SessionRecorder
@@ -30,7 +29,7 @@ class FingerRecorder(SessionRecorder):
     Also raises WrongUse for a header without the reference speed of scaled time.
     """
 
-    layout: ClassVar[SessionLayout] = finger_layout.FINGER_LAYOUT
+    layout: ClassVar[SessionLayout] = FINGER_LAYOUT
 
     def __init__(
         self,

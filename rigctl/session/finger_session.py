@@ -11,8 +11,17 @@ from numpy.typing import NDArray
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.errors import SessionError
 from rigctl.finger_values import FingerTrialRow, PredictionRow
-from rigctl.session import finger_layout
-from rigctl.session.finger_layout import parse_finger_trial, parse_prediction
+from rigctl.session.finger_layout import (
+    BATCHES,
+    FINGER_LAYOUT,
+    LATENCIES,
+    PREDICTIONS,
+    SPIKES,
+    TRACK,
+    WINDOWS,
+    parse_finger_trial,
+    parse_prediction,
+)
 from rigctl.session.header import SessionHeader
 from rigctl.session.layout import ARRIVALS, COUNTER, SessionLayout, TableLayout
 from rigctl.session.part import StructuredArray, layout_of, open_part, part_paths
@@ -28,7 +37,7 @@ class FingerSession(SessionReader):
     Rows of tables are structured arrays with the columns of ``docs/reference/session.md``.
     """
 
-    layout: ClassVar[SessionLayout] = finger_layout.FINGER_LAYOUT
+    layout: ClassVar[SessionLayout] = FINGER_LAYOUT
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
@@ -42,7 +51,7 @@ class FingerSession(SessionReader):
     @property
     def latencies(self) -> StructuredArray:
         """All rows of /latencies, with the number of their ``part``."""
-        return self._join(finger_layout.LATENCIES)
+        return self._join(LATENCIES)
 
     @property
     def slides(self) -> int:
@@ -60,7 +69,7 @@ class FingerSession(SessionReader):
     def spikes(self, index: int) -> NDArray[np.uint8]:
         """Return the board's spikes, uint8 (n, 9), a row for each row of :meth:`samples`."""
         part, start, stop = self._rows_of(index)
-        return part.read(finger_layout.SPIKES, start, stop)
+        return part.read(SPIKES, start, stop)
 
     def counters(self, index: int) -> NDArray[np.int64]:
         """Return the board's counters of the samples, int64 (n,); they jump at lost samples."""
@@ -115,7 +124,7 @@ class FingerSession(SessionReader):
     def track(self, index: int) -> StructuredArray:
         """Return the rows of /track between an attempt's start and its end."""
         row = self.trials[index]
-        rows = self._rows(finger_layout.TRACK, int(row["part"]))
+        rows = self._rows(TRACK, int(row["part"]))
         inside: StructuredArray = rows[
             (rows["at_s"] >= row["started_s"]) & (rows["at_s"] <= row["ended_s"])
         ]
@@ -123,16 +132,16 @@ class FingerSession(SessionReader):
 
     def batches(self, index: int) -> StructuredArray:
         """Return the rows of /batches of a trial's scan."""
-        return self._scan_rows(finger_layout.BATCHES, index)
+        return self._scan_rows(BATCHES, index)
 
     def windows(self, index: int) -> StructuredArray:
         """Return the rows of /windows of a trial's scan; ``spike_counts`` returns its counts."""
-        return self._scan_rows(finger_layout.WINDOWS, index)
+        return self._scan_rows(WINDOWS, index)
 
     def predictions(self, index: int) -> tuple[PredictionRow, ...]:
         """Return the answers during a trial's scan, in the order of time."""
         path = self._part(int(self.trials[index]["part"])).path
-        rows = self._scan_rows(finger_layout.PREDICTIONS, index)
+        rows = self._scan_rows(PREDICTIONS, index)
         return tuple(parse_prediction(row, path) for row in rows)
 
     def _rows(self, table: TableLayout, number: int) -> StructuredArray:
@@ -167,7 +176,7 @@ def is_finger_session(path: Path) -> bool:
     for part in part_paths(path):
         try:
             with open_part(part) as file:
-                return layout_of(file.attributes(), part) is finger_layout.FINGER_LAYOUT
+                return layout_of(file.attributes(), part) is FINGER_LAYOUT
         except SessionError as error:
             errors.append(error)
     raise errors[0]

@@ -15,8 +15,16 @@ from rigctl.boards.drum_codes import Status
 from rigctl.boards.drum_states import Fault, State
 from rigctl.boards.finger_messages import BATCH_SAMPLES, SampleFlag, VelocitySource
 from rigctl.finger_values import Stage
-from rigctl.session import finger_layout, layout
-from rigctl.session.finger_layout import FINGER_LAYOUT, PREDICTIONS, TRACK
+from rigctl.session import layout
+from rigctl.session.finger_layout import (
+    BATCHES,
+    FINGER_LAYOUT,
+    FINGER_TRIALS,
+    LATENCIES,
+    PREDICTIONS,
+    TRACK,
+    WINDOWS,
+)
 from rigctl.session.header import IMPORTED
 from rigctl.session.layout import COUNTER, EDGES, FLAGS, SAMPLES, TableLayout
 from rigctl.session.part import PartReader, StructuredArray, read_blocks
@@ -216,12 +224,12 @@ def finger_rules() -> dict[str, tuple[Rule, ...]]:
     )
     latencies = (a_time("at_s"), within("ms", 0, MAX_MM))
     tables = {
-        finger_layout.TRACK: track,
-        finger_layout.BATCHES: batches,
-        finger_layout.WINDOWS: windows,
-        finger_layout.PREDICTIONS: predictions,
-        finger_layout.LATENCIES: latencies,
-        finger_layout.FINGER_TRIALS: _FINGER_TRIALS,
+        TRACK: track,
+        BATCHES: batches,
+        WINDOWS: windows,
+        PREDICTIONS: predictions,
+        LATENCIES: latencies,
+        FINGER_TRIALS: _FINGER_TRIALS,
     }
     return _COMMON | {table.path: rules for table, rules in tables.items()}
 
