@@ -202,7 +202,7 @@ def _begin(window: MainWindow, args: argparse.Namespace) -> None:
 
 def _follow(window: MainWindow, session: Path) -> None:
     """Show the newest trials in Replay; scans of the moving finger, which has none, in Analysis."""
-    from rigctl.session.finger_session import is_finger_session
+    from rigctl.finger.session import is_finger_session
 
     if is_finger_session(session):
         window.show_panel("analysis")

@@ -12,13 +12,13 @@ from rigctl.errors import WrongUse
 from rigctl.protocol.plan import MAX_SEED
 
 if TYPE_CHECKING:
-    from rigctl.analysis.finger.tasks import DrawSettings
     from rigctl.analysis.further_tasks import OFFERED
     from rigctl.analysis.report.report_folder import ReportRequest
     from rigctl.analysis.settings import AnalysisSettings
     from rigctl.analysis.spike_counts import RangesOver
     from rigctl.analysis.training import ModelRequest
     from rigctl.encoder.normalisation import Normalisation
+    from rigctl.finger.analysis.tasks import DrawSettings
 from rigctl.encoder.parameters import EncoderParameters
 
 DRUM, FINGER = "drum", "realtime"
@@ -230,8 +230,8 @@ class AnalysisOptions(EncoderOptions):
 
     def draw_settings(self) -> DrawSettings:
         """Return what the report of the moving finger takes. Raises ConfigError."""
-        from rigctl.analysis.finger.tasks import DrawSettings
         from rigctl.analysis.pca_lda import SweepEngine
+        from rigctl.finger.analysis.tasks import DrawSettings
 
         analysis = self.load_settings()
         draws = analysis.finger.draws if self.iterations is None else self.iterations

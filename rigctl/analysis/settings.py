@@ -14,7 +14,6 @@ from typing import Any
 import tomlkit
 
 from rigctl.analysis import published
-from rigctl.analysis.finger import published as finger
 from rigctl.config.toml_reader import (
     TomlTable,
     TomlText,
@@ -27,7 +26,8 @@ from rigctl.encoder.features import REFERENCE_SPEED_MM_S, WINDOW_MS
 from rigctl.encoder.force_matrix import REFERENCE_FORCE_G
 from rigctl.encoder.scaled_time import N_WINDOWS
 from rigctl.errors import ConfigError, WrongUse
-from rigctl.finger_values import VelocityProfile
+from rigctl.finger import published as finger
+from rigctl.finger.values import VelocityProfile
 
 MAX_SPEED_MM_S, MAX_FORCE_G = 100_000.0, 100_000.0
 MAX_WINDOWS, MAX_WINDOW_MS = 100_000, 60_000

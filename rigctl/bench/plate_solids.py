@@ -28,7 +28,7 @@ from rigctl.bench.textures import (
     plate_names,
     printed_heights,
 )
-from rigctl.finger_values import PLATE_MM, PLATE_WIDTH_MM, TEXTURES
+from rigctl.finger.values import PLATE_MM, PLATE_WIDTH_MM, TEXTURES
 
 THICKNESS_MM = 3.0
 FOOT_MM, FOOT_THICKNESS_MM, BARB_MM = 5.0, 2.0, 0.8

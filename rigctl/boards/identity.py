@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Awaitable, Callable
 
-from rigctl.boards import finger_messages as finger
 from rigctl.boards.boot_silence import ASK_S, BootSilence
 from rigctl.boards.drum_registers import BOARD_DRUM, BOARD_TAXELS, MAGIC, MAP_VERSION
 from rigctl.boards.links import ByteLink
 from rigctl.boards.taxel_frames import WIRE_VERSION, TaxelIdentity
 from rigctl.config.rig_config import TaxelArray
 from rigctl.errors import LinkLost, RigFault, WrongBoard
+from rigctl.finger import board_messages as finger
 from rigctl.values import BoardIdentity
 
 CONNECT_TIMEOUT_S = 4.0

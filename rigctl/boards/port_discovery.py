@@ -10,11 +10,11 @@ from serial.tools import list_ports
 
 from rigctl.boards import drum_registers, taxel_frames
 from rigctl.boards.drum import Drum
-from rigctl.boards.finger import Finger
 from rigctl.boards.links import SCHEME, ByteLink, SerialLink, TcpLink
 from rigctl.boards.taxel_frames import CYCLES_PER_US
 from rigctl.boards.taxels import Taxels
 from rigctl.errors import LinkLost, RigFault
+from rigctl.finger.driver import Finger
 from rigctl.values import DRUM, FINGER, TAXELS, BoardIdentity
 
 COUNTERS = (

@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _run_realtime(options: AnalysisOptions, args: argparse.Namespace) -> int:
     """Analyse sessions of the moving finger. Raises WrongUse for an option of the drum's alone."""
-    from rigctl.analysis.finger.report import make_finger_report
+    from rigctl.finger.analysis.report import make_finger_report
 
     changed = [
         name

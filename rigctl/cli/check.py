@@ -19,8 +19,8 @@ from rigctl.cli.arguments import a_path, add_option, add_seed, path_or_name
 from rigctl.config.resources import find_any_protocol
 from rigctl.config.rig_config import RigConfig, load_config, load_finger_config
 from rigctl.errors import CheckFailed
-from rigctl.finger_values import Stage
-from rigctl.protocol.finger_plan import FingerPlan, is_finger_protocol, load_finger_protocol
+from rigctl.finger.plan import FingerPlan, is_finger_protocol, load_finger_protocol
+from rigctl.finger.values import Stage
 from rigctl.protocol.loader import load_protocol
 from rigctl.protocol.plan import BLOCKED_WORDS, PLATE_BY_PLATE, QUANTITY_NAMES, Plan
 from rigctl.protocol.steps import PLATE_CHANGE_S

@@ -34,7 +34,6 @@ from platformdirs.unix import Unix
 
 from gui.app import DEBIAN_PACKAGES
 from rigctl.bench.boards.drum_firmware import DrumFirmware
-from rigctl.bench.boards.finger_firmware import FingerFirmware
 from rigctl.bench.boards.firmware_library import FirmwareLibrary
 from rigctl.bench.boards.taxels import TaxelFirmware
 from rigctl.boards.port_discovery import PortReport, probe_ports
@@ -45,6 +44,7 @@ from rigctl.config.rig_config import RigConfig
 from rigctl.engine.health import ACTIVE_WINDOW_S, RESERVE_BYTES
 from rigctl.engine.rpc.engine_files import LOG, EngineFile, running_engines, runtime_folder
 from rigctl.errors import RigctlError, RigFault, WrongUse
+from rigctl.finger.bench.firmware import FingerFirmware
 from rigctl.host_build import image_hash
 from rigctl.protocol.plan import recorded_bytes_per_s
 from rigctl.session.writer_lock import LOCK_FILE, Writer, try_lock, writer_of

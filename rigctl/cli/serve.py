@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 from rigctl.cli.arguments import add_option, add_seed, whole_number
 from rigctl.cli.world import add_wirings, add_world, chosen_world
 from rigctl.errors import WrongUse
-from rigctl.finger_rig import open_finger_rig
+from rigctl.finger.open_rig import open_finger_rig
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ def _serve_drum(args: argparse.Namespace, world: SimulatedWorld | None) -> None:
 
 
 def _serve_finger(args: argparse.Namespace, world: SimulatedWorld | None) -> None:
-    from rigctl.bench.finger.served_finger import PersonCable, TrackerCable
+    from rigctl.finger.bench.served import PersonCable, TrackerCable
 
     opened = open_finger_rig(VIRTUAL, seed=args.seed, session=args.session or 0, world=world)
     with closing(opened) as rig:

@@ -18,8 +18,8 @@ from rigctl.cli.arguments import a_path, add_option
 from rigctl.cli.progress import ProgressLine
 from rigctl.config.text_file import is_plain_file
 from rigctl.errors import CheckFailed, SessionError
+from rigctl.finger.session import FingerSession, is_finger_session
 from rigctl.session import layout
-from rigctl.session.finger_session import FingerSession, is_finger_session
 from rigctl.session.layout import PROTOCOL_FILE, parse_event
 from rigctl.session.part import existing_parts
 from rigctl.session.session import Session

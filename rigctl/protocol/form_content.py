@@ -9,9 +9,9 @@ from typing import Any
 from rigctl.config.rig_config import RigConfig
 from rigctl.config.toml_reader import KeyPath, TomlField, TomlTable, TomlText
 from rigctl.errors import ProtocolError
-from rigctl.finger_values import PROTOCOL_KEYS
+from rigctl.finger.plan import finger_groups
+from rigctl.finger.values import PROTOCOL_KEYS
 from rigctl.protocol.fields import EVERY, KIND, PLACE, FieldGroup, field_groups, step_fields
-from rigctl.protocol.finger_plan import finger_groups
 
 NAME = "protocol.toml"
 """What messages call a text that has no file."""

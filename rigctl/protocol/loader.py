@@ -8,7 +8,7 @@ from pathlib import Path
 from rigctl.config.rig_config import RigConfig
 from rigctl.config.toml_reader import TomlTable, TomlText, read_section
 from rigctl.errors import ProtocolError
-from rigctl.finger_values import PROTOCOL_KEYS
+from rigctl.finger.values import PROTOCOL_KEYS
 from rigctl.protocol.fields import (
     EVERY,
     FORCE_MODE,

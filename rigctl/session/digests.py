@@ -24,8 +24,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.session import layout
-from rigctl.session.finger_layout import (
+from rigctl.finger.layout import (
     BATCHES,
     FINGER_LAYOUT,
     LATENCIES,
@@ -34,6 +33,7 @@ from rigctl.session.finger_layout import (
     TRACK,
     WINDOWS,
 )
+from rigctl.session import layout
 from rigctl.session.hdf5_file import hdf5_errors, read_attributes, read_text
 from rigctl.session.layout import COUNTER, DIGESTS, SAMPLES, TEXTS, Row
 from rigctl.session.part import PREVIOUS_DIGEST, PartReader, StructuredArray

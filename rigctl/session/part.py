@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 
 from rigctl.config.text_file import refuse_link_outside
 from rigctl.errors import SessionError
+from rigctl.finger.layout import FINGER_EXPERIMENT, FINGER_LAYOUT
 from rigctl.session import layout
-from rigctl.session.finger_layout import FINGER_EXPERIMENT, FINGER_LAYOUT
 from rigctl.session.hdf5_file import DataSetSchema, Hdf5File, UnclosedFile, text
 from rigctl.session.header import SessionHeader
 from rigctl.session.layout import (

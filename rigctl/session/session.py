@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from rigctl.config.rig_config import RigConfig, parse_config
 from rigctl.encoder.reading import Reading, conductance, input_of_each
 from rigctl.errors import RigctlError, SessionError
+from rigctl.finger.session import FingerSession, is_finger_session
 from rigctl.protocol.loader import parse_protocol
 from rigctl.protocol.plan import QUANTITY_NAMES, Condition, EarlyEnd, Plan, condition_of
 from rigctl.session import layout
-from rigctl.session.finger_session import FingerSession, is_finger_session
 from rigctl.session.header import ADC_COUNTS, IMPORTED, session_inputs, session_wiring
 from rigctl.session.layout import SessionLayout, parse_trial
 from rigctl.session.notes import Mark, SessionNote, write_note

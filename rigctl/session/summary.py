@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.boards.finger_messages import VelocitySource
+from rigctl.finger.board_messages import VelocitySource
+from rigctl.finger.layout import BATCHES, NOT_CLASSIFIED, PREDICTIONS, TRACK, WINDOWS
+from rigctl.finger.session import FingerSession, is_finger_session
 from rigctl.session import layout
-from rigctl.session.finger_layout import BATCHES, NOT_CLASSIFIED, PREDICTIONS, TRACK, WINDOWS
-from rigctl.session.finger_session import FingerSession, is_finger_session
 from rigctl.session.ground_truth import summarise_truth
 from rigctl.session.layout import TableLayout
 from rigctl.session.part import stray_files

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from rigctl.config.text_file import read_bytes, refuse_link_outside
 from rigctl.errors import RigctlError, SessionError, WrongUse
+from rigctl.finger.session import FingerSession, is_finger_session
 from rigctl.protocol.loader import parse_protocol
 from rigctl.protocol.plan import Plan
 from rigctl.session.digests import (
@@ -25,7 +26,6 @@ from rigctl.session.digests import (
     name_attempts,
     touched_attempts,
 )
-from rigctl.session.finger_session import FingerSession, is_finger_session
 from rigctl.session.ground_truth import PARTIAL, log_number, log_paths, open_truth, summarise_truth
 from rigctl.session.header import session_wiring
 from rigctl.session.layout import PROTOCOL_FILE, RIG_FILE, parse_trial, part_name, part_number
@@ -159,7 +159,7 @@ def _verify_drum(path: Path, report: VerifyReport, on_progress: OnProgress, dige
 
 def _verify_finger(path: Path, report: VerifyReport, on_progress: OnProgress, digest: str) -> None:
     # Imported late: the encoder takes a second to load.
-    from rigctl.session.verify_finger import check_finger_part, check_finger_plan
+    from rigctl.finger.verify import check_finger_part, check_finger_plan
 
     with FingerSession.open(path) as session:
         _check_parts(session, report)

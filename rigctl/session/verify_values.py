@@ -13,10 +13,8 @@ from numpy.typing import NDArray
 
 from rigctl.boards.drum_codes import Status
 from rigctl.boards.drum_states import Fault, State
-from rigctl.boards.finger_messages import BATCH_SAMPLES, SampleFlag, VelocitySource
-from rigctl.finger_values import Stage
-from rigctl.session import layout
-from rigctl.session.finger_layout import (
+from rigctl.finger.board_messages import BATCH_SAMPLES, SampleFlag, VelocitySource
+from rigctl.finger.layout import (
     BATCHES,
     FINGER_LAYOUT,
     FINGER_TRIALS,
@@ -25,6 +23,8 @@ from rigctl.session.finger_layout import (
     TRACK,
     WINDOWS,
 )
+from rigctl.finger.values import Stage
+from rigctl.session import layout
 from rigctl.session.header import IMPORTED
 from rigctl.session.layout import COUNTER, EDGES, FLAGS, SAMPLES, TableLayout
 from rigctl.session.part import PartReader, StructuredArray, read_blocks

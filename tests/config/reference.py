@@ -9,7 +9,7 @@ from dataclasses import fields
 from typing import Any
 
 from rigctl.config.rig_config import FingerConfig, RigConfig
-from rigctl.protocol.finger_plan import ScanQuality, StageRepeats
+from rigctl.finger.plan import ScanQuality, StageRepeats
 
 
 def section(name: str, kind: type[Any]) -> str:

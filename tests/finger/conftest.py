@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.finger.finger_models import calibrate_models, train_models
+from rigctl.finger.models import calibrate_models, train_models
 from tests.finger.harness import FingerHarness, open_finger_harness
 
 MADE_UTC = "2026-01-02T03:04:05+00:00"
