@@ -132,11 +132,9 @@ def make_finger_models(session: str, source: str, components: int) -> tuple[str,
 
 def report_on_finger(options: AnalysisOptions, resources: Resources) -> FingerReport:
     """Write the report of the real-time experiment."""
-    from rigctl.finger.analysis.report import make_finger_report
+    from rigctl.finger.analysis.report import report_on
 
-    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    settings = options.draw_settings()
-    return make_finger_report(options.sessions, options.out, settings, now, resources)
+    return report_on(options, datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), resources)
 
 
 def _named(row: Any) -> str:
@@ -334,12 +332,14 @@ class OpenSessions:
 
     def _session(self, path: str) -> Session | FingerSession:
         """Return a session; a process that replaces another one opens it again."""
-        from rigctl.finger.session import FingerSession, is_finger_session
+        from rigctl.finger.layout import FINGER_LAYOUT
+        from rigctl.finger.session import FingerSession
+        from rigctl.session.part import session_layout
         from rigctl.session.session import Session
 
         if path not in self._open:
             folder = typed_path(path)
-            is_finger = is_finger_session(folder)
+            is_finger = session_layout(folder) is FINGER_LAYOUT
             self._open[path] = FingerSession.open(folder) if is_finger else Session.open(folder)
         return self._open[path]
 

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from rigctl.analysis.spike_counts import RangesOver
     from rigctl.analysis.training import ModelRequest
     from rigctl.encoder.normalisation import Normalisation
-    from rigctl.finger.analysis.tasks import DrawSettings
 from rigctl.encoder.parameters import EncoderParameters
 
 DRUM, FINGER = "drum", "realtime"
@@ -227,15 +226,6 @@ class AnalysisOptions(EncoderOptions):
             ranges=self.load_ranges(),
             analysis=analysis,
         )
-
-    def draw_settings(self) -> DrawSettings:
-        """Return what the report of the moving finger takes. Raises ConfigError."""
-        from rigctl.analysis.pca_lda import SweepEngine
-        from rigctl.finger.analysis.tasks import DrawSettings
-
-        analysis = self.load_settings()
-        draws = analysis.finger.draws if self.iterations is None else self.iterations
-        return DrawSettings(draws, self.seed, SweepEngine(self.engine), analysis)
 
     def _model(self) -> ModelRequest | None:
         """Return the requested model, if any. Raises WrongUse for its options without a file."""

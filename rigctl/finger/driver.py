@@ -9,15 +9,18 @@ from typing import NamedTuple, TypeVar
 
 from rigctl.boards.boot_silence import BootSilence, SilenceWatch
 from rigctl.boards.consumers import Consumers
+from rigctl.boards.drum_registers import MAGIC
 from rigctl.boards.identity import (
     CONNECT_TIMEOUT_S,
+    GIVE_IT,
+    WHICH_PORT,
     PortDiagnosis,
-    finger_identity,
     no_answer,
     raise_diagnosis,
+    version_text,
 )
 from rigctl.boards.links import ByteLink
-from rigctl.errors import BoardRebooted, CommandRefused, LinkLost, RigFault, WrongUse
+from rigctl.errors import BoardRebooted, CommandRefused, LinkLost, RigFault, WrongBoard, WrongUse
 from rigctl.finger import board_messages
 from rigctl.finger.board_messages import (
     N_TAXELS,
@@ -30,7 +33,7 @@ from rigctl.finger.board_messages import (
     Result,
 )
 from rigctl.finger.decoder import FingerBlock, FingerDecoder
-from rigctl.values import BoardIdentity
+from rigctl.values import FINGER, BoardIdentity
 
 ANSWER_TIMEOUT_S = 0.5
 """The board answers before its next sample; the answer may queue behind samples."""
@@ -245,7 +248,7 @@ class Finger:
         self.silence.open_link(self._receive, self._lose)
         await self.silence.wait()
         try:
-            identity = finger_identity(self.link.name, await self._read_identity())
+            identity = _identity(self.link.name, await self._read_identity())
             settings = await self._requests.read_settings()
             await self._requests.wait(FingerStatus, lambda _: not self._decoder.waiting)
         except BaseException as failure:
@@ -419,3 +422,27 @@ def _u32(what: str, value: int) -> int:
     if not 0 <= value <= MAX_U32:
         raise WrongUse(f"{what} {value} is outside 0 to {MAX_U32}")
     return value
+
+
+def _identity(name: str, reported: FingerIdentity) -> BoardIdentity:
+    """Return the finger board's identity; raises WrongBoard for another board or wire version."""
+    version = version_text(reported.firmware_version)
+    if reported.magic != MAGIC or reported.board_id != board_messages.BOARD_FINGER:
+        raise WrongBoard(f"{name}: the board there is not a finger board: {WHICH_PORT}")
+    if not reported.is_finger or reported.batch_samples != board_messages.BATCH_SAMPLES:
+        raise WrongBoard(
+            f"{name}: the finger board's firmware {version} speaks wire version "
+            f"{reported.wire_version} with {reported.n_taxels} taxels in batches of "
+            f"{reported.batch_samples}, this program version {board_messages.WIRE_VERSION} with "
+            f"{N_TAXELS} in batches of {board_messages.BATCH_SAMPLES}: "
+            f"{GIVE_IT} `rigctl flash finger`"
+        )
+    return BoardIdentity(
+        board=FINGER,
+        firmware_version=version,
+        build_hash=f"{reported.build_hash:08x}",
+        wire_version=reported.wire_version,
+        boot_count=0,
+        reset_cause=0,
+        details={n: getattr(reported, n) for n in ("rate_hz", "batch_samples")},
+    )

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.experiments import FINGER_EXPERIMENT
 from rigctl.finger.values import (
     N_FINGER_TAXELS,
     BatchRow,
@@ -27,6 +28,7 @@ from rigctl.session.hdf5_file import parse_json
 from rigctl.session.layout import (
     ARRIVALS,
     ATTEMPT,
+    COUNTER,
     COUNTER_ARRAY,
     EVENTS,
     FLAGS,
@@ -43,8 +45,6 @@ from rigctl.session.layout import (
     parse_verdict,
 )
 
-FINGER_EXPERIMENT = "finger"
-"""``experiment`` of a session of the moving finger."""
 SPIKES = "/taxels/spikes"
 SPIKE_COLUMNS = tuple(f"spikes_{taxel}" for taxel in range(1, N_FINGER_TAXELS + 1))
 """Columns of /windows with the spikes of each taxel."""
@@ -114,6 +114,7 @@ BATCHES = TableLayout(
         Column("sent_s", "f8", "s", "loop time at which the velocity was sent"),
         Column("reported_s", "f8", "s", "loop time at which the board's report arrived"),
     ),
+    "scan",
 )
 
 WINDOWS = TableLayout(
@@ -130,6 +131,7 @@ WINDOWS = TableLayout(
         ),
         Column("arrived_s", "f8", "s", "loop time at which the window arrived"),
     ),
+    "scan",
 )
 
 PREDICTIONS = TableLayout(
@@ -149,6 +151,7 @@ PREDICTIONS = TableLayout(
         Column("decided", "u1", "", "1 from the answer that was sure enough"),
         Column("is_final", "u1", "", "1 for the answer at the end of the scan"),
     ),
+    "scan",
 )
 
 LATENCIES = TableLayout(
@@ -201,7 +204,12 @@ FINGER_TABLES = (
     GAPS,
 )
 FINGER_LAYOUT = SessionLayout(
-    FINGER_EXPERIMENT, "finger board", FINGER_ARRAYS, FINGER_TABLES, FINGER_TRIALS
+    FINGER_EXPERIMENT,
+    "finger board",
+    FINGER_ARRAYS,
+    FINGER_TABLES,
+    FINGER_TRIALS,
+    (SAMPLES, COUNTER, SPIKES, BATCHES.path),
 )
 
 

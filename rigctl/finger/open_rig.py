@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 from rigctl.boards.identity import WHICH_PORT
 from rigctl.boards.links import ByteLink
 from rigctl.boards.port_discovery import create_link, find_boards, identify_board
-from rigctl.config.rig_config import FingerConfig, load_finger_config
 from rigctl.config.text_file import read_text
 from rigctl.config.toml_reader import MAX_BYTES
 from rigctl.errors import ConfigError, LinkLost, WrongUse
+from rigctl.finger.config import FingerConfig, load_finger_config
 from rigctl.finger.driver import Finger
 from rigctl.finger.rig import FingerRig
 from rigctl.finger.trackers.open_tracker import open_tracker

@@ -19,7 +19,7 @@ from rigctl.config.toml_reader import (
     section_fields,
 )
 from rigctl.errors import ProtocolError
-from rigctl.finger.values import PROTOCOL_KEYS, FingerTrial, Stage, VelocityProfile
+from rigctl.finger.values import FingerTrial, Stage, VelocityProfile
 from rigctl.protocol.fields import ORDER_SEED, ORDERS, TEXTURES, FieldGroup, name_group
 from rigctl.protocol.plan import checked_seed, digest_of, shuffled
 
@@ -175,12 +175,6 @@ class FingerPlan:
 def load_finger_protocol(path: Path) -> FingerProtocol:
     """Load a protocol of the moving finger. Raises ProtocolError."""
     return _parse(TomlText.read(path, ProtocolError), path.stem)
-
-
-def is_finger_protocol(path: Path) -> bool:
-    """Return whether a protocol is of the moving finger, by its keys. Raises ProtocolError."""
-    root = TomlText.read(path, ProtocolError).root
-    return any(key in root for key in PROTOCOL_KEYS)
 
 
 def parse_finger_protocol(text: str, name: str) -> FingerProtocol:

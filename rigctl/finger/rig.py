@@ -7,7 +7,7 @@ from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Any
 
-from rigctl.config.rig_config import FingerConfig
+from rigctl.finger.config import FingerConfig
 from rigctl.finger.driver import Finger
 from rigctl.finger.trackers.plate_frame import PlateFrame
 from rigctl.finger.trackers.tracker import Tracker

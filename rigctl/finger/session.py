@@ -24,7 +24,7 @@ from rigctl.finger.layout import (
 from rigctl.finger.values import FingerTrialRow, PredictionRow
 from rigctl.session.header import SessionHeader
 from rigctl.session.layout import ARRIVALS, COUNTER, SessionLayout, TableLayout
-from rigctl.session.part import StructuredArray, layout_of, open_part, part_paths
+from rigctl.session.part import StructuredArray
 from rigctl.session.session_reader import SessionReader
 from rigctl.values import SAMPLE_RATE_HZ
 
@@ -164,19 +164,3 @@ def board_ranges(header: SessionHeader) -> Normalisation:
         return Normalisation.full_scale(header.n_taxels)
     low, high = np.array(header.taxel_low, np.uint16), np.array(header.taxel_high, np.uint16)
     return Normalisation(low, high, "the board's ranges")
-
-
-def is_finger_session(path: Path) -> bool:
-    """Return whether a session is of the moving finger.
-
-    The first part that can be read decides. Raises SessionError if none can, and for another kind
-    of folder.
-    """
-    errors = []
-    for part in part_paths(path):
-        try:
-            with open_part(part) as file:
-                return layout_of(file.attributes(), part) is FINGER_LAYOUT
-        except SessionError as error:
-            errors.append(error)
-    raise errors[0]

@@ -19,7 +19,6 @@ PLATE_MM = 300.0
 """Length of a flat plate (Materials and Methods, Real-time Texture Classification)."""
 MARKS_MM = (50.0, 250.0)
 """A trial begins and ends at these places: the middle 200 mm of the plate."""
-PLATE_WIDTH_MM = 36.0
 PLATE_CORNERS_MM = {
     "start left": (0.0, 18.0),
     "start right": (0.0, -18.0),
@@ -28,8 +27,6 @@ PLATE_CORNERS_MM = {
 }
 """Along and across the plate. Left and right as seen from its start towards its end."""
 TEXTURES = ("A", "B", "D", "L", "N")
-PROTOCOL_KEYS = ("profiles", "stages", "reference_mm_s")
-"""Keys that only a protocol of the moving finger has."""
 
 
 class VelocityProfile(StrEnum):

@@ -17,8 +17,17 @@ from rigctl.encoder.encoder import Encoder
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.scaled_time import scale_windows
 from rigctl.errors import ProtocolError, WrongUse
-from rigctl.finger.board_messages import BATCH_SAMPLES, SampleFlag
-from rigctl.finger.layout import BATCHES, SPIKES, WINDOWS, spike_counts
+from rigctl.finger.board_messages import BATCH_SAMPLES, SampleFlag, VelocitySource
+from rigctl.finger.layout import (
+    BATCHES,
+    FINGER_TRIALS,
+    LATENCIES,
+    PREDICTIONS,
+    SPIKES,
+    TRACK,
+    WINDOWS,
+    spike_counts,
+)
 from rigctl.finger.plan import parse_finger_protocol
 from rigctl.finger.session import FingerSession, board_ranges
 from rigctl.finger.values import Stage
@@ -33,6 +42,21 @@ from rigctl.session.verify_part import (
     check_window,
     read_columns,
     window_rows,
+)
+from rigctl.session.verify_values import (
+    ATTEMPT_RULES,
+    COMMON_RULES,
+    MAX_MM,
+    MAX_MM_S,
+    MAX_U32,
+    Rule,
+    a_time,
+    at_least,
+    check_recorded,
+    check_times,
+    json_objects,
+    one_of,
+    within,
 )
 
 MAX_MISSING = 1000
@@ -176,11 +200,74 @@ def _misplaced_windows(numbers: list[int], expected: int) -> Iterator[str]:
         yield f"it has {len(numbers)} windows, its velocities lead to {expected}"
 
 
+_TRIALS = (
+    *ATTEMPT_RULES,
+    one_of("stage", Stage),
+    within("distance_mm", 0, MAX_MM),
+    *(
+        within(name, -MAX_MM_S, MAX_MM_S, unknown=True)
+        for name in ("mean_mm_s", "first_half_mm_s", "second_half_mm_s")
+    ),
+    within("tracker_lost_s", 0, MAX_MM),
+    within("contact_share", 0, 1),
+    one_of("correct", (-1, 0, 1)),
+)
+
+
+def _value_rules() -> dict[str, tuple[Rule, ...]]:
+    """Return the rules of each table's values."""
+    places = ("x_mm", "y_mm", "z_mm", "along_mm", "across_mm", "height_mm")
+    track = (
+        a_time("at_s"),
+        one_of("valid", (0, 1)),
+        *(within(name, -MAX_MM, MAX_MM, unknown=True) for name in places),
+    )
+    batches = (
+        at_least("batch", 0),
+        within("velocity_um_s", 0, MAX_U32),
+        one_of("velocity_source", VelocitySource),
+        within("estimate_mm_s", -MAX_MM_S, MAX_MM_S, unknown=True),
+        at_least("dropouts", 0),
+        at_least("outliers", 0),
+        within("samples", 1, BATCH_SAMPLES),
+        within("lost_samples", 0, BATCH_SAMPLES),
+        at_least("start_nm", 0),
+        a_time("sent_s", unknown=True),
+        a_time("reported_s"),
+    )
+    windows = (at_least("window", 0), at_least("real_ms", 0), a_time("arrived_s"))
+    predictions = (
+        a_time("at_s"),
+        at_least("windows", 0),
+        within("distance_mm", 0, MAX_MM),
+        within("seconds", 0, MAX_MM),
+        json_objects("probabilities"),
+        *(one_of(name, (0, 1)) for name in ("known", "decided", "is_final")),
+    )
+    latencies = (a_time("at_s"), within("ms", 0, MAX_MM))
+    tables = {
+        TRACK: track,
+        BATCHES: batches,
+        WINDOWS: windows,
+        PREDICTIONS: predictions,
+        LATENCIES: latencies,
+        FINGER_TRIALS: _TRIALS,
+    }
+    return COMMON_RULES | {table.path: rules for table, rules in tables.items()}
+
+
 def check_finger_part(part: PartReader, trials: StructuredArray) -> tuple[list[str], list[str]]:
     """Return problems and notes of one part and of its rows of /trials, one line each.
 
     The spikes and windows of every committed scan must be those of the encoder.
     """
+    problems, notes = _check_trials(part, trials)
+    wrong, noted = check_recorded(part, _value_rules(), FLAGS, sum(SampleFlag))
+    wrong += check_times(part, TRACK, PREDICTIONS)
+    return [*problems, *wrong], [*notes, *noted]
+
+
+def _check_trials(part: PartReader, trials: StructuredArray) -> tuple[list[str], list[str]]:
     columns = read_columns(part, COUNTER)
     tables = part.rows(BATCHES), part.rows(WINDOWS)
     rows = attempt_windows(trials)

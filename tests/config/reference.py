@@ -8,7 +8,8 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any
 
-from rigctl.config.rig_config import FingerConfig, RigConfig
+from rigctl.config.rig_config import RigConfig
+from rigctl.finger.config import FingerConfig
 from rigctl.finger.plan import ScanQuality, StageRepeats
 
 

@@ -16,10 +16,12 @@ from rigctl.cli import create_parser, info, main
 from rigctl.encoder.scaled_time import scale_windows
 from rigctl.errors import SessionError, WrongUse
 from rigctl.finger.decoder import FingerBlock
-from rigctl.finger.layout import PREDICTIONS, prediction_row, spike_counts
+from rigctl.finger.layout import FINGER_LAYOUT, PREDICTIONS, prediction_row, spike_counts
 from rigctl.finger.recorder import FingerRecorder, find_gaps
-from rigctl.finger.session import FingerSession, is_finger_session
+from rigctl.finger.session import FingerSession
 from rigctl.finger.values import PredictionRow
+from rigctl.session.layout import DRUM_LAYOUT
+from rigctl.session.part import session_layout
 from rigctl.session.recorder import Recorder
 from rigctl.session.session import Session
 from rigctl.values import Event, Gap, Verdict
@@ -150,8 +152,8 @@ def test_another_reference_speed_or_plan_is_not_resumed(finger: Path) -> None:
 
 
 def test_each_experiment_refuses_the_others_sessions(finger: Path, drum: Path) -> None:
-    assert is_finger_session(finger)
-    assert not is_finger_session(drum)
+    assert session_layout(finger) is FINGER_LAYOUT
+    assert session_layout(drum) is DRUM_LAYOUT
     with pytest.raises(SessionError, match=r"is a session of the moving finger, not of the drum: "):
         Session.open(finger)
     with pytest.raises(SessionError, match=r"is a session of the drum, not of the moving finger: "):

@@ -32,13 +32,12 @@ from rigctl.finger.values import (
     MARKS_MM,
     N_FINGER_TAXELS,
     PLATE_MM,
-    PLATE_WIDTH_MM,
     FingerTrialRow,
     PredictionRow,
 )
 from rigctl.session.header import SessionHeader
 from rigctl.session.sensor_layout import SensorLayout
-from rigctl.values import SAMPLE_RATE_HZ, Verdict
+from rigctl.values import PLATE_WIDTH_MM, SAMPLE_RATE_HZ, Verdict
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,6 +13,8 @@ import numpy as np
 from rigctl.analysis.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.files import atomic_directory
 from rigctl.analysis.notes import summarise_notes
+from rigctl.analysis.options import AnalysisOptions
+from rigctl.analysis.pca_lda import SweepEngine
 from rigctl.analysis.report.html_page import render_page
 from rigctl.analysis.report.vega import save_figure
 from rigctl.errors import WrongUse
@@ -131,6 +133,19 @@ class FingerReport(NamedTuple):
 
     page: Path
     lines: tuple[str, ...]
+
+
+def report_on(
+    options: AnalysisOptions, made_utc: str, resources: Resources = SERIAL_RESOURCES
+) -> FingerReport:
+    """Write the report that options of ``rigctl analyse`` or of the window ask for.
+
+    Raises as :func:`make_finger_report`, and ConfigError for the analysis file.
+    """
+    analysis = options.load_settings()
+    draws = analysis.finger.draws if options.iterations is None else options.iterations
+    settings = DrawSettings(draws, options.seed, SweepEngine(options.engine), analysis)
+    return make_finger_report(options.sessions, options.out, settings, made_utc, resources)
 
 
 def make_finger_report(

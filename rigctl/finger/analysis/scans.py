@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from rigctl import __version__
 from rigctl.analysis.cache import SERIAL_RESOURCES, Resources
-from rigctl.analysis.settings import FingerAnalysisSettings
 from rigctl.config.resources import source_commit
 from rigctl.encoder.encoder import Encoder, encode_trials
 from rigctl.encoder.features import WINDOW_MS
@@ -30,6 +29,7 @@ from rigctl.encoder.scaled_time import (
     time_windows,
 )
 from rigctl.errors import WrongUse
+from rigctl.finger.analysis.settings import FingerAnalysisSettings
 from rigctl.finger.session import FingerSession
 from rigctl.finger.values import Stage
 from rigctl.session.analysis_file import content_digest

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rigctl.analysis.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.pca_lda import Rows, Split, SweepEngine, predict_splits
-from rigctl.analysis.settings import AnalysisSettings, AsteriskThresholds, FingerAnalysisSettings
+from rigctl.analysis.settings import AnalysisSettings, AsteriskThresholds
 from rigctl.analysis.splits import stratified_folds
 from rigctl.analysis.statistics import (
     Difference,
@@ -27,6 +27,7 @@ from rigctl.analysis.statistics import (
 from rigctl.errors import WrongUse
 from rigctl.finger import published
 from rigctl.finger.analysis.scans import KINDS, FingerDataSet, ScanKind, ScanSet
+from rigctl.finger.analysis.settings import FingerAnalysisSettings
 from rigctl.finger.published import (
     DEPLOYED,
     FINGER_TASKS,
@@ -57,7 +58,8 @@ class DrawSettings:
     @property
     def finger(self) -> FingerAnalysisSettings:
         """The constants of the real-time experiment."""
-        return self.analysis.finger
+        settings: FingerAnalysisSettings = self.analysis.finger
+        return settings
 
     def __post_init__(self) -> None:
         if self.draws < 1:

@@ -8,7 +8,7 @@ from contextlib import closing
 from rigctl.cli.arguments import add_option, number, path_or_name, whole_number
 from rigctl.cli.engine_process import EngineProcess, utc_now
 from rigctl.cli.world import add_world, chosen_world
-from rigctl.engine.rpc.engine_files import FINGER_EXPERIMENT
+from rigctl.experiments import FINGER_EXPERIMENT
 from rigctl.finger.analysis.classifier import COVERAGE, ERROR_RATE
 from rigctl.finger.commands import FingerCommands
 from rigctl.finger.engine import FingerEngine

@@ -10,8 +10,8 @@ from statistics import fmean
 
 from rigctl.cli.arguments import a_path, add_option
 from rigctl.cli.progress import ask
-from rigctl.config.rig_config import load_finger_config
 from rigctl.errors import LinkLost, RigFault, WrongUse
+from rigctl.finger.config import load_finger_config
 from rigctl.finger.open_rig import configured_tracker
 from rigctl.finger.trackers.plate_frame import PlateFrame, Vector, fit_plate_frame
 from rigctl.finger.trackers.tracker import Tracker

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.analysis.settings import FingerAnalysisSettings
 from rigctl.cli import main
 from rigctl.errors import SessionError, WrongUse
 from rigctl.finger.analysis.scans import (
@@ -20,6 +19,7 @@ from rigctl.finger.analysis.scans import (
     scan_set,
     training_info,
 )
+from rigctl.finger.analysis.settings import FingerAnalysisSettings
 from rigctl.finger.values import Stage
 from tests.finger.analysis.made_scans import RANGES, made_recordings
 from tests.finger.analysis.made_sessions import HEADER, with_ranges, write_session

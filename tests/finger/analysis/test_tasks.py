@@ -10,10 +10,11 @@ from sklearn.decomposition import PCA
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
 from rigctl.analysis.pca_lda import ScaledCovariance, SweepEngine
-from rigctl.analysis.settings import AnalysisSettings, FingerAnalysisSettings
+from rigctl.analysis.settings import AnalysisSettings
 from rigctl.analysis.statistics import two_proportions, welch_each
 from rigctl.errors import WrongUse
 from rigctl.finger.analysis.scans import KINDS, ScanKind
+from rigctl.finger.analysis.settings import FingerAnalysisSettings
 from rigctl.finger.analysis.tasks import (
     DrawSettings,
     FingerResult,
