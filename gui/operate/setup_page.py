@@ -146,6 +146,7 @@ class SetupPage(QWidget):
             spacing=6,
         )
         right.setStretch(1, 1)
+        right.insertStretch(right.indexOf(check) + 1, 0)  # the way on keeps its place
         left = vbox(self.list, all_of_it, spacing=6)
         left.setStretch(0, 1)
         self.parts = container(hbox(left, right, spacing=12, wide=1))
