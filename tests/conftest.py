@@ -24,7 +24,7 @@ BEGUN_FIRST = (
     "gui/test_joining.py",
     "gui/test_never_blocked.py",
     "encoder/test_processors.py",
-    "finger/test_finger_bench.py",
+    "finger/test_bench.py",
     "gui/test_day_by_keyboard.py",
     "gui/firmware_flows/test_stop.py",
     "gui/test_cut_off.py",

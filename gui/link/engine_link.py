@@ -26,15 +26,9 @@ from rigctl.engine.rpc.client import (
     find_engines,
     stop_engines,
 )
-from rigctl.engine.rpc.engine_files import (
-    DRUM_EXPERIMENT,
-    FINGER_EXPERIMENT,
-    EngineFile,
-    rig_name,
-    running_engines,
-    runtime_folder,
-)
+from rigctl.engine.rpc.engine_files import EngineFile, rig_name, running_engines, runtime_folder
 from rigctl.errors import LinkLost, RigctlError, WrongUse
+from rigctl.experiments import DRUM_EXPERIMENT, FINGER_EXPERIMENT
 
 JOIN = "join"
 ANOTHER = "another"
