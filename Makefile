@@ -192,7 +192,7 @@ docs: firmware
 	@$(BIN)/python -m rigctl.boards.codegen
 	@$(BIN)/python -m rigctl.encoder.neuron_header
 	@$(BIN)/python -m rigctl.bench.parameter_tables
-	@$(BIN)/python -m rigctl.bench.finger.operator_parameters
+	@$(BIN)/python -m rigctl.finger.bench.operator_parameters
 	@$(BIN)/python -m tests.engine.setup.wrong_wirings > docs/reference/wrong-wirings.md
 	@$(BIN)/python -m tests.architecture.picture
 	@$(BIN)/python arduino/wiring.py

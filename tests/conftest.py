@@ -24,7 +24,7 @@ BEGUN_FIRST = (
     "gui/link/test_joining.py",
     "gui/shell/test_never_blocked.py",
     "encoder/test_processors.py",
-    "finger/test_finger_bench.py",
+    "finger/test_bench.py",
     "gui/shell/test_day_by_keyboard.py",
     "gui/firmware_flows/test_stop.py",
     "gui/link/test_cut_off.py",

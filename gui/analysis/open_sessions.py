@@ -33,10 +33,10 @@ from rigctl.values import SAMPLE_RATE_HZ
 if TYPE_CHECKING:
     from rigctl.analysis.cache import Resources
     from rigctl.analysis.executors import Progress
-    from rigctl.analysis.finger.report import FingerReport
     from rigctl.analysis.options import AnalysisOptions
     from rigctl.encoder.normalisation import Normalisation
-    from rigctl.session.finger_session import FingerSession
+    from rigctl.finger.analysis.report import FingerReport
+    from rigctl.finger.session import FingerSession
     from rigctl.session.header import SessionHeader
     from rigctl.session.session import Session
     from rigctl.values import Spikes
@@ -95,7 +95,7 @@ def scan_picture(session: FingerSession, row: int, folder: Path) -> ScanPicture:
 
     Raises WrongUse for an attempt without a scan.
     """
-    from rigctl.analysis.finger.movie import read_timeline, write_movie
+    from rigctl.finger.analysis.movie import read_timeline, write_movie
 
     trial_id = int(session.trials[row]["trial_id"])
     path = session.path
@@ -107,7 +107,7 @@ def scan_picture(session: FingerSession, row: int, folder: Path) -> ScanPicture:
 
 def finger_session_info(path: str) -> FingerSessionInfo:
     """Read whose scans a session of the moving finger has. Raises SessionError."""
-    from rigctl.session.finger_session import FingerSession
+    from rigctl.finger.session import FingerSession
 
     with FingerSession.open(typed_path(path)) as session:
         header, slides = session.header, session.slides
@@ -122,8 +122,8 @@ def make_finger_models(session: str, source: str, components: int) -> tuple[str,
 
     Return their paths. Raises WrongUse where the session has neither stage.
     """
-    from rigctl.finger.finger_models import calibrate_models, train_models
-    from rigctl.finger_values import Stage
+    from rigctl.finger.models import calibrate_models, train_models
+    from rigctl.finger.values import Stage
 
     folder, stages = Path(session), finger_session_info(session).stages
     now = datetime.now(UTC).isoformat(timespec="seconds")
@@ -136,11 +136,9 @@ def make_finger_models(session: str, source: str, components: int) -> tuple[str,
 
 def report_on_finger(options: AnalysisOptions, resources: Resources) -> FingerReport:
     """Write the report of the real-time experiment."""
-    from rigctl.analysis.finger.report import make_finger_report
+    from rigctl.finger.analysis.report import report_on
 
-    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    settings = options.draw_settings()
-    return make_finger_report(options.sessions, options.out, settings, now, resources)
+    return report_on(options, datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), resources)
 
 
 def _named(row: Any) -> str:
@@ -338,12 +336,14 @@ class OpenSessions:
 
     def _session(self, path: str) -> Session | FingerSession:
         """Return a session; a process that replaces another one opens it again."""
-        from rigctl.session.finger_session import FingerSession, is_finger_session
+        from rigctl.finger.layout import FINGER_LAYOUT
+        from rigctl.finger.session import FingerSession
+        from rigctl.session.part import session_layout
         from rigctl.session.session import Session
 
         if path not in self._open:
             folder = typed_path(path)
-            is_finger = is_finger_session(folder)
+            is_finger = session_layout(folder) is FINGER_LAYOUT
             self._open[path] = FingerSession.open(folder) if is_finger else Session.open(folder)
         return self._open[path]
 

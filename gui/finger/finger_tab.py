@@ -44,12 +44,12 @@ from gui.widgets.number_box import WholeNumberBox, has_refused
 from gui.widgets.theme import Theme
 from rigctl.config import resources
 from rigctl.errors import RigctlError
-from rigctl.finger.finger_rig import RUN_FIRST_SLIDE
 from rigctl.finger.live_file import FingerLiveReader
-from rigctl.finger.messages import FingerEngineStatus, FingerRunStatus, parse_finger_status
 from rigctl.finger.model_files import ORIGINAL, SPEED_SCALED, model_path
-from rigctl.finger_values import Stage
-from rigctl.protocol.finger_plan import load_finger_protocol
+from rigctl.finger.plan import load_finger_protocol
+from rigctl.finger.rig import RUN_FIRST_SLIDE
+from rigctl.finger.status import FingerEngineStatus, FingerRunStatus, parse_finger_status
+from rigctl.finger.values import Stage
 
 _ROWS = ("Progress", "Stage", "Scan", "Rejected", "Session")
 _STATES = {

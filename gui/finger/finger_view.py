@@ -15,8 +15,9 @@ from gui.widgets.layouts import EventWatch, container, hbox, scroll_area, vbox
 from gui.widgets.theme import Theme, applied_theme, blend, scaled_px
 from rigctl.engine.pause_reasons import reason_words
 from rigctl.finger.live_file import FingerLiveReader
-from rigctl.finger.messages import FingerEngineStatus, FingerRunStatus
-from rigctl.finger_values import MARKS_MM, PLATE_MM, PLATE_WIDTH_MM, PredictionRow
+from rigctl.finger.status import FingerEngineStatus, FingerRunStatus
+from rigctl.finger.values import MARKS_MM, PLATE_MM, PredictionRow
+from rigctl.values import PLATE_WIDTH_MM
 
 _LINE_PX, _ONE_LINE_PX = 20, 330
 """Height of a line of text, and the width in which title and position share one."""

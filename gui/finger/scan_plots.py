@@ -26,10 +26,10 @@ from gui.widgets.plot_axes import (
     time_ticks,
 )
 from gui.widgets.theme import Theme, blend, rgb, scaled_px
-from rigctl.boards.finger_messages import BATCH_SAMPLES, SampleFlag
+from rigctl.finger.board_messages import BATCH_SAMPLES, SampleFlag
 from rigctl.finger.live_file import FingerLiveReader
-from rigctl.finger_values import N_FINGER_TAXELS, PredictionRow, VelocityProfile
-from rigctl.protocol.finger_plan import ScanQuality
+from rigctl.finger.plan import ScanQuality
+from rigctl.finger.values import N_FINGER_TAXELS, PredictionRow, VelocityProfile
 from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import SAMPLE_RATE_HZ, Verdict
 

@@ -27,18 +27,12 @@ from rigctl.engine.rpc.client import (
     find_engines,
     stop_engines,
 )
-from rigctl.engine.rpc.engine_files import (
-    DRUM_EXPERIMENT,
-    FINGER_EXPERIMENT,
-    EngineFile,
-    rig_name,
-    running_engines,
-    runtime_folder,
-)
+from rigctl.engine.rpc.engine_files import EngineFile, rig_name, running_engines, runtime_folder
 from rigctl.engine.rpc.messages import EngineStatus
 from rigctl.errors import LinkLost, RigctlError, WrongUse
+from rigctl.experiments import DRUM_EXPERIMENT, FINGER_EXPERIMENT
 from rigctl.finger.live_file import FingerLiveReader
-from rigctl.finger.messages import FingerEngineStatus
+from rigctl.finger.status import FingerEngineStatus
 
 JOIN = "join"
 ANOTHER = "another"

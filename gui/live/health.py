@@ -17,7 +17,7 @@ from gui.widgets.theme import text_scale
 from rigctl.boards.drum_registers import SHOWN, Register
 from rigctl.engine.rpc.messages import BoardStatus, EngineStatus, RecordingStatus
 from rigctl.finger.latency import FEATURES, SCREEN
-from rigctl.finger.messages import FingerEngineStatus
+from rigctl.finger.status import FingerEngineStatus
 from rigctl.values import SAMPLE_RATE_HZ
 
 VERDICTS_PX = 1240

@@ -48,7 +48,7 @@ from rigctl.config import resources
 from rigctl.config.rig_config import RigConfig
 from rigctl.engine.pause_reasons import reason_words
 from rigctl.engine.rpc.messages import EngineStatus, RecordingStatus, RunStatus
-from rigctl.finger.messages import FingerRunStatus
+from rigctl.finger.status import FingerRunStatus
 
 MAX_SEED = 2**31 - 1
 MAX_NAME_LETTERS = 200

@@ -347,8 +347,8 @@ def _line_of(error: WrongUse, name: str) -> int:
 
 
 def _finger_summary(text: str, name: str) -> str:
-    from rigctl.finger_values import Stage
-    from rigctl.protocol.finger_plan import parse_finger_protocol
+    from rigctl.finger.plan import parse_finger_protocol
+    from rigctl.finger.values import Stage
 
     plan = parse_finger_protocol(text, name).plan(list(Stage))
     time, disk = duration(plan.duration_s), size(plan.bytes_estimate)

@@ -37,7 +37,8 @@ from gui.widgets.file_browser import FileBrowser, PathKind
 from gui.widgets.layouts import container, scroll_area, vbox
 from gui.widgets.theme import Theme, ThemeChoice, apply_palette, apply_theme, scale_texts
 from rigctl.engine.contact import RESTING_STATES
-from rigctl.engine.rpc.engine_files import FINGER_EXPERIMENT, EngineFile
+from rigctl.engine.rpc.engine_files import EngineFile
+from rigctl.experiments import FINGER_EXPERIMENT
 
 TEXT_SIZES_PERCENT = (90, 100, 115, 130, 150)
 NOT_AT_REST = (

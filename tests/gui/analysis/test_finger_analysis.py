@@ -11,9 +11,9 @@ from PySide6.QtTest import QTest
 from gui.analysis.accuracy import AccuracyPage
 from gui.analysis.results_view import FigureView
 from gui.analysis.run_box import REALTIME
-from rigctl.finger_values import Stage
-from tests.analysis.finger.made_sessions import write_session
-from tests.analysis.finger.test_recorded_scans import FIRST, NEW
+from rigctl.finger.values import Stage
+from tests.finger.analysis.made_sessions import write_session
+from tests.finger.analysis.test_recorded_scans import FIRST, NEW
 from tests.finger.harness import ONE_SCAN, open_finger_harness
 from tests.gui.steps import Harness, click, wait_until
 

@@ -13,7 +13,7 @@ from gui.link.engine_link import FingerEngineSpec
 from gui.widgets.file_browser import NO_WHOLE_PATH
 from gui.widgets.labels import Level
 from rigctl.errors import LinkLost
-from rigctl.finger.finger_rig import RUN_FIRST_SLIDE
+from rigctl.finger.rig import RUN_FIRST_SLIDE
 from tests.gui.fake_finger import RUNNING, FakeFinger
 from tests.gui.steps import FingerWindow, SharedWindow, click, press_escape, wait_until
 

@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QLabel, QScrollArea
 from gui.finger.scan_plots import SPAN_MM
 from gui.live.health import finger_readings
 from gui.widgets.labels import Level
-from rigctl.finger.messages import parse_finger_status
+from rigctl.finger.status import parse_finger_status
 from tests.gui.fake_finger import RUNNING, STATUS
 from tests.gui.steps import FingerWindow
 

@@ -15,8 +15,8 @@ from gui.shell.main_window import MainWindow
 from gui.widgets.labels import Level
 from rigctl.engine.rpc.client import FINGER_ENGINE_COMMAND, EngineClient
 from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE
-from rigctl.finger.finger_models import train_models
-from rigctl.session.finger_session import FingerSession
+from rigctl.finger.models import train_models
+from rigctl.finger.session import FingerSession
 from tests.finger.harness import open_finger_harness
 from tests.gui.steps import click, press_escape, wait_until
 
