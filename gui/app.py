@@ -168,7 +168,7 @@ def _shown_window(theme: str | None) -> MainWindow:
     """Return the window with the user's settings; errors of Python go to its log and a report."""
     import pyqtgraph as pg
 
-    from gui.shell.crash_reports import REPORTS, CrashReporter
+    from gui.shell.help_page import REPORTS, CrashReporter
     from gui.shell.main_window import MainWindow
     from gui.shell.user_settings import UserSettings
     from gui.widgets.theme import ThemeChoice
