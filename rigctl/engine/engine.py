@@ -79,16 +79,13 @@ class Engine(ServedEngine[Run, RunRequest]):
         check_in = partial(self.heartbeat_gate.check_in, "runner")
         opened = open_run(request, self._context(request.operator, request.sensor))
         self.rig.skip_mountings(mountings_before(opened.plan.steps, opened.done))
-        self.run = Run(self.boards, self.event_bus, opened, check_in, self.set_plate)
+        run = Run(self.boards, self.event_bus, opened, check_in, self.set_plate)
         if first_note is not None:
-            self.run.add_note(first_note)
+            run.add_note(first_note)
         rule = opened.plan.protocol.early_end
         if rule is not None:
-            self.judge = JudgeLink(self.run.folder.absolute(), rule, self.event_bus.publish)
-        self._run_task = self.spawn(self._execute(self.run))
-        folder = str(self.run.folder)
-        self.event_bus.publish("run", f"the run begins: {folder}", session=folder)
-        return self.run
+            self.judge = JudgeLink(run.folder.absolute(), rule, self.event_bus.publish)
+        return self._begin(run)
 
     def add_note(self, text: str) -> None:
         """Write a note on the session of the run. Raises WrongUse without a run."""
@@ -201,10 +198,7 @@ class Engine(ServedEngine[Run, RunRequest]):
             self.heartbeat_gate.check_in("recorder")
 
     def _taxel_link_changed(self, connected: bool) -> None:
-        if self.run is not None and connected:
-            self.run.control.resume(LINK)
-        elif self.run is not None and not self.run.ended:
-            self.run.control.pause(LINK)
+        self._mark_link(LINK, connected)
 
     async def _make_safe(self) -> None:
         if self.manual.is_recording:

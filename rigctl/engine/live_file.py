@@ -118,6 +118,22 @@ class RingWindow:
 
 
 @dataclass(frozen=True, slots=True)
+class TaxelWindow(RingWindow):
+    """Newest taxel samples; their times are smoothed over arrival jitter.
+
+    ``counters``: int64 (n,), the board's sample numbers; a step other than 1 is a gap.
+    ``samples``: uint16 (n, n_taxels). ``flags``: uint8 (n,), bits of the board's wire.
+    ``spikes``: uint8 (n, trains), spikes in each sample: of the drum's sensor SA taxel 1…n, then
+    RA 1…n; of the finger's one train a taxel.
+    """
+
+    counters: NDArray[np.int64]
+    samples: NDArray[np.uint16]
+    flags: NDArray[np.uint8]
+    spikes: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
 class LiveLayout:
     """Two rings and their columns: the taxels' and another one. ``magic`` names the layout.
 
@@ -199,11 +215,15 @@ class LiveFile:
 
 
 class LiveFileWriter:
-    """The engine's side: creates the file; a subclass appends rows."""
+    """The engine's side: creates the file and appends rows; a subclass those of the other ring."""
 
     def __init__(self, path: Path, layout: LiveLayout, taxel_rows: int, other_rows: int) -> None:
         self.path = path
         self._file = LiveFile.create(path, layout, taxel_rows, other_rows)
+
+    def add_taxels(self, **columns: NDArray[np.generic]) -> None:
+        """Append samples, oldest first, with the columns of :class:`TaxelWindow`."""
+        self._file.taxels.append(len(columns["time_s"]), **columns)
 
     def set_range(self, low: NDArray[np.uint16], high: NDArray[np.uint16]) -> None:
         """Store the readings that the neurons map to 0 and 1."""
@@ -216,7 +236,7 @@ class LiveFileWriter:
 
 
 class LiveFileReader:
-    """A window's side; a subclass copies the newest rows at any time."""
+    """A window's side: copies of the newest rows at any time; a subclass has the other ring's."""
 
     def __init__(self, path: Path, layout_of: LayoutOf) -> None:
         self._file = LiveFile.open(path, layout_of)
@@ -230,6 +250,11 @@ class LiveFileReader:
     def taxel_head(self) -> int:
         """Taxel samples written since the engine started."""
         return self._file.taxels.head
+
+    def taxels(self, n: int) -> TaxelWindow:
+        """Return the newest ``n`` samples, or all if there are fewer."""
+        first, rows = self._file.taxels.newest(n)
+        return TaxelWindow(first, **rows)
 
     @property
     def normalisation(self) -> NDArray[np.uint16]:
@@ -327,21 +352,6 @@ def drum_live(n_taxels: int) -> LiveLayout:
 
 
 @dataclass(frozen=True, slots=True)
-class TaxelWindow(RingWindow):
-    """Newest taxel samples; their times are smoothed over arrival jitter.
-
-    ``counters``: int64 (n,), the board's sample numbers; a step other than 1 is a gap.
-    ``samples``: uint16 (n, n_taxels). ``flags``: uint8 (n,), bits of the taxel wire.
-    ``spikes``: uint8 (n, 2·n_taxels), spikes in each sample: SA taxel 1…n, then RA 1…n.
-    """
-
-    counters: NDArray[np.int64]
-    samples: NDArray[np.uint16]
-    flags: NDArray[np.uint8]
-    spikes: NDArray[np.uint8]
-
-
-@dataclass(frozen=True, slots=True)
 class DrumWindow(RingWindow):
     """Newest load-cell samples with the drum's set-points.
 
@@ -357,16 +367,12 @@ class DrumWindow(RingWindow):
 
 
 class LiveWriter(LiveFileWriter):
-    """The engine's side: creates the file and appends rows."""
+    """Live data of the drum, as its engine writes them."""
 
     def __init__(
         self, path: Path, n_taxels: int, taxel_rows: int = TAXEL_ROWS, drum_rows: int = DRUM_ROWS
     ) -> None:
         super().__init__(path, drum_live(n_taxels), taxel_rows, drum_rows)
-
-    def add_taxels(self, **columns: NDArray[np.generic]) -> None:
-        """Append samples, oldest first, with the columns of :class:`TaxelWindow`."""
-        self._file.taxels.append(len(columns["time_s"]), **columns)
 
     def add_drum(self, time_s: NDArray[np.float64], **columns: NDArray[np.float64] | float) -> None:
         """Append the load-cell samples of one poll, with the columns of :class:`DrumWindow`."""
@@ -374,15 +380,10 @@ class LiveWriter(LiveFileWriter):
 
 
 class LiveReader(LiveFileReader):
-    """A window's side: copies of the newest rows at any time."""
+    """Live data of the drum, as a window reads them."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, drum_live)
-
-    def taxels(self, n: int) -> TaxelWindow:
-        """Return the newest ``n`` samples, or all if there are fewer."""
-        first, rows = self._file.taxels.newest(n)
-        return TaxelWindow(first, **rows)
 
     def drum(self, n: int) -> DrumWindow:
         """Return the newest ``n`` load-cell samples, or all if there are fewer."""
