@@ -9,7 +9,6 @@ from typing import NamedTuple, TypeVar
 
 from rigctl.boards import finger_messages
 from rigctl.boards.boot_silence import BootSilence, SilenceWatch
-from rigctl.boards.consumers import Consumers
 from rigctl.boards.finger_decoder import FingerBlock, FingerDecoder
 from rigctl.boards.finger_messages import (
     N_TAXELS,
@@ -28,7 +27,7 @@ from rigctl.boards.identity import (
     no_answer,
     raise_diagnosis,
 )
-from rigctl.boards.links import ByteLink
+from rigctl.boards.links import ByteLink, Consumers
 from rigctl.errors import BoardRebooted, CommandRefused, LinkLost, RigFault, WrongUse
 from rigctl.values import BoardIdentity
 

@@ -21,7 +21,7 @@ from rigctl.boards.finger_messages import (
     Message,
     decode_message,
 )
-from rigctl.boards.taxel_constants import JITTER, LATE, MAX_JUMP
+from rigctl.boards.taxel_frames import JITTER, LATE, MAX_JUMP
 
 _LOW, _WHOLE = 1 << 16, 1 << 32
 

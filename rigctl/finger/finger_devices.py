@@ -7,9 +7,9 @@ from collections.abc import Callable, Coroutine
 from functools import partial
 from typing import Any
 
-from rigctl.boards.consumers import Consumers
 from rigctl.boards.finger_decoder import FingerBlock
 from rigctl.boards.finger_messages import N_TAXELS, FingerStatus, Message
+from rigctl.boards.links import Consumers
 from rigctl.boards.trackers.plate_frame import PlatePosition
 from rigctl.boards.trackers.velocity import VelocityEstimator
 from rigctl.encoder.normalisation import Normalisation

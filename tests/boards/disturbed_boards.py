@@ -16,14 +16,8 @@ from numpy.typing import NDArray
 from rigctl.boards.drum_registers import BOARD_TAXELS, MAGIC
 from rigctl.boards.finger_decoder import FingerDecoder
 from rigctl.boards.finger_messages import BOARD_FINGER, DATA_TYPE
-from rigctl.boards.taxel_frames import (
-    WIRE_VERSION,
-    FrameDecoder,
-    TaxelIdentity,
-    TaxelStatus,
-    frame,
-    frame_bytes,
-)
+from rigctl.boards.taxel_decoder import FrameDecoder
+from rigctl.boards.taxel_frames import WIRE_VERSION, TaxelIdentity, TaxelStatus, frame, frame_bytes
 from tests.boards import taxel_encoder
 from tests.boards.disturbance import Disturbance, cut
 
