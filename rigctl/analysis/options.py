@@ -12,7 +12,6 @@ from rigctl.errors import WrongUse
 from rigctl.protocol.plan import MAX_SEED
 
 if TYPE_CHECKING:
-    from rigctl.analysis.finger.tasks import DrawSettings
     from rigctl.analysis.further_tasks import OFFERED
     from rigctl.analysis.report.report_folder import ReportRequest
     from rigctl.analysis.settings import AnalysisSettings
@@ -227,15 +226,6 @@ class AnalysisOptions(EncoderOptions):
             ranges=self.load_ranges(),
             analysis=analysis,
         )
-
-    def draw_settings(self) -> DrawSettings:
-        """Return what the report of the moving finger takes. Raises ConfigError."""
-        from rigctl.analysis.finger.tasks import DrawSettings
-        from rigctl.analysis.pca_lda import SweepEngine
-
-        analysis = self.load_settings()
-        draws = analysis.finger.draws if self.iterations is None else self.iterations
-        return DrawSettings(draws, self.seed, SweepEngine(self.engine), analysis)
 
     def _model(self) -> ModelRequest | None:
         """Return the requested model, if any. Raises WrongUse for its options without a file."""
