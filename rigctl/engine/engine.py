@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.boards.drum_codes import Status
-from rigctl.engine.boards import Boards
 from rigctl.engine.calibration import Calibration
 from rigctl.engine.contact import has_status
 from rigctl.engine.early_end import JudgeLink
@@ -20,11 +19,12 @@ from rigctl.engine.manual_recorder import ManualRecorder
 from rigctl.engine.pause_reasons import LINK
 from rigctl.engine.pipeline import FAST_BATCH_SAMPLES, REAL_TIME_BATCH_SAMPLES
 from rigctl.engine.rig import Rig
+from rigctl.engine.rig_boards import RigBoards
 from rigctl.engine.rpc.messages import EngineStatus, RecordingStatus, RunStatus
 from rigctl.engine.run_request import RunContext, RunRequest, open_run
 from rigctl.engine.runner import Run
 from rigctl.engine.served_engine import ServedEngine
-from rigctl.engine.setup.desk import SetupDesk
+from rigctl.engine.setup.served_setup import ServedSetup
 from rigctl.engine.status import StatusBuilder
 from rigctl.engine.step_runner import mountings_before
 from rigctl.errors import DiskFault, WrongUse
@@ -44,7 +44,7 @@ class Engine(ServedEngine[Run, RunRequest]):
         super().__init__(rig.loop, rig.description)
         self.rig = rig
         self.heartbeat_gate = HeartbeatGate(rig.loop.time)
-        self.boards = Boards(
+        self.boards = RigBoards(
             rig,
             live_writer,
             self.event_bus,
@@ -56,7 +56,7 @@ class Engine(ServedEngine[Run, RunRequest]):
         )
         self.manual = ManualRecorder(self.boards, self.event_bus)
         self.calibration = Calibration(rig, self.boards, self._today)
-        self.setup = SetupDesk(rig, self.boards.motion, self.calibration.measurement, self._today)
+        self.setup = ServedSetup(rig, self.boards.motion, self.calibration.measurement, self._today)
         self.judge: JudgeLink | None = None
         """Judges the conditions of the run, where its protocol lets them end early."""
         self._utc_now = utc_now

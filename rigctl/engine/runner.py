@@ -23,11 +23,11 @@ from msgspec.structs import asdict
 
 from rigctl.boards.drum_codes import Command
 from rigctl.boards.drum_states import State
-from rigctl.engine.boards import Boards
 from rigctl.engine.early_end import checked_rule
 from rigctl.engine.event_bus import EventBus
 from rigctl.engine.health import END
 from rigctl.engine.progress import RunProgress
+from rigctl.engine.rig_boards import RigBoards
 from rigctl.engine.rpc.messages import CurrentTrial, NextPlate, RunStatus
 from rigctl.engine.run_control import RunControl
 from rigctl.engine.run_reasons import RunPaused, RunStopped
@@ -53,7 +53,7 @@ class Run(ServedRun[RunControl, Recorder]):
 
     def __init__(
         self,
-        boards: Boards,
+        boards: RigBoards,
         event_bus: EventBus,
         opened: OpenedRun,
         check_in: Callable[[], None],
