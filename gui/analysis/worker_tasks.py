@@ -236,7 +236,7 @@ class WorkerTasks:
         now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
         cache = Cache(cache_folder())
         resources = Resources(cache=cache, progress=self._progress)
-        report = make_report(options.report_request(), now, resources)
+        report = make_report(options, now, resources)
         cache.trim()
         return report_results(report)
 
