@@ -18,11 +18,11 @@ from rigctl.analysis.representations import Representation, RepresentationSet
 from rigctl.analysis.settings import AsteriskThresholds
 from rigctl.analysis.splits import (
     UNTRAINED_SPEED,
-    Design,
     extrapolation_fits,
     make_splits,
     textures_left_out,
 )
+from rigctl.analysis.trial_set import Design
 from rigctl.errors import WrongUse
 
 Counts = NDArray[np.int64]
