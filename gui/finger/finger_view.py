@@ -13,7 +13,7 @@ from gui.widgets.formatting import capitalised
 from gui.widgets.labels import elastic, label, set_property, show_text
 from gui.widgets.layouts import EventWatch, container, hbox, scroll_area, vbox
 from gui.widgets.theme import Theme, applied_theme, blend, scaled_px
-from rigctl.engine.pause_reasons import reason_words
+from rigctl.engine.rpc.messages import reason_words
 from rigctl.finger.live_file import FingerLiveReader
 from rigctl.finger.status import FingerEngineStatus, FingerRunStatus
 from rigctl.finger.values import MARKS_MM, PLATE_MM, PredictionRow

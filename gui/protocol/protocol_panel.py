@@ -46,8 +46,7 @@ from gui.widgets.layouts import (
 from gui.widgets.number_box import WholeNumberBox
 from rigctl.config import resources
 from rigctl.config.rig_config import RigConfig
-from rigctl.engine.pause_reasons import reason_words
-from rigctl.engine.rpc.messages import EngineStatus, RecordingStatus, RunStatus
+from rigctl.engine.rpc.messages import EngineStatus, RecordingStatus, RunStatus, reason_words
 from rigctl.finger.status import FingerRunStatus
 
 MAX_SEED = 2**31 - 1

@@ -14,7 +14,7 @@ from itertools import groupby
 from rigctl.boards import drum_registers
 from rigctl.boards.boot_silence import BootSilence
 from rigctl.boards.drum_codes import Command, CommandResult, Guard, Status
-from rigctl.boards.drum_poll import PollDecoder, RawPoll, RingSample
+from rigctl.boards.drum_poll import PLACE_NAMES, PollDecoder, RawPoll, RingSample, tare_table
 from rigctl.boards.drum_registers import (
     BY_NAME,
     BlockLayout,
@@ -33,7 +33,6 @@ from rigctl.boards.identity import (
 )
 from rigctl.boards.links import ByteLink
 from rigctl.boards.modbus_client import DRAIN_S, LINK_TIMEOUT_S, ModbusClient, RequestRefused
-from rigctl.boards.tare_table import PLACE_NAMES, tare_table
 from rigctl.errors import BoardRebooted, CommandRefused, LinkLost, WrongBoard
 from rigctl.values import BoardIdentity, DrumState
 

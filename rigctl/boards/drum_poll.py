@@ -6,11 +6,17 @@ still has them for 0.8 s, and :meth:`PollDecoder.missing` returns which to read.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from rigctl.boards.drum_codes import Status
-from rigctl.boards.drum_registers import LOADCELL_RECENT, POLL, POLL_BLOCK, RING_DEPTH, BlockLayout
-from rigctl.boards.tare_table import interpolate
+from rigctl.boards.drum_registers import (
+    LOADCELL_RECENT,
+    POLL,
+    POLL_BLOCK,
+    RING_DEPTH,
+    TARE_PLACES,
+    BlockLayout,
+)
 from rigctl.values import DrumState, LoadcellSample
 
 _U16, _U32 = 1 << 16, 1 << 32
@@ -25,6 +31,31 @@ RingSample = tuple[int, int]
 def unwrap(last: int, wire: int, modulus: int) -> int:
     """Return the first integer at or after ``last`` that equals ``wire`` modulo ``modulus``."""
     return last + (wire - last) % modulus
+
+
+# An unbalanced drum weighs on the load cell by its angle. The table holds what each of sixteen
+# places of the turn adds to `tare_counts`, with linear interpolation between places.
+PLACE_NAMES = tuple(f"tare_place_{place:02d}" for place in range(TARE_PLACES))
+"""Registers of the table, in the order of the turn."""
+
+
+def tare_table(settings: Mapping[str, float]) -> tuple[int, ...]:
+    """Return the table among the settings, empty where every place is 0."""
+    # Every conversion calls this and the table is nearly always empty: no loop in that case.
+    if not any(map(settings.get, PLACE_NAMES)):
+        return ()
+    table = tuple(int(settings.get(name, 0)) for name in PLACE_NAMES)
+    return table if any(table) else ()
+
+
+def interpolate(table: Sequence[int], turns: float) -> float:
+    """Return what the table adds at ``turns`` turns since the index mark; 0 without a table."""
+    if not table:
+        return 0.0
+    place = turns % 1.0 * TARE_PLACES
+    first, share = int(place), place % 1.0
+    here, following = table[first % TARE_PLACES], table[(first + 1) % TARE_PLACES]
+    return here + (following - here) * share
 
 
 class PollDecoder:

@@ -15,6 +15,9 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 from pymodbus.pdu import ExceptionResponse, ModbusPDU
 from pymodbus.pdu.register_message import (
     ReadHoldingRegistersRequest,
@@ -25,11 +28,82 @@ from pymodbus.pdu.register_message import (
     WriteMultipleRegistersResponse,
 )
 
-from rigctl.boards import modbus_rtu
 from rigctl.boards.boot_silence import BootSilence
 from rigctl.boards.drum_registers import UNIT
 from rigctl.boards.links import ByteLink
 from rigctl.errors import CommandRefused, LinkLost
+
+MAX_FRAME_BYTES = 256
+_READ, _WRITE, _READ_WRITE = 3, 16, 23
+_HEAD_BYTES, _EXCEPTION_BYTES, _WRITE_REPLY_BYTES = 4, 5, 8
+
+
+class CorruptFrame(ValueError):
+    """A reply has its full length, but its CRC or its head is wrong."""
+
+
+def _crc_table() -> NDArray[np.uint16]:
+    """Return the CRC of each single byte for the polynomial of Modbus, low bit first."""
+    table = np.arange(256, dtype=np.uint16)
+    for _ in range(8):
+        table = np.where(table & 1, table >> 1 ^ 0xA001, table >> 1)
+    return table.astype(np.uint16)
+
+
+_CRC_TABLE = _crc_table()
+
+
+@njit(cache=True, nogil=True)
+def crc(data: bytes) -> int:
+    """Return CRC-16 of Modbus over serial line (V1.02, §6.2.2); 0 over a frame with its CRC."""
+    value = 0xFFFF
+    for byte in data:
+        value = value >> 8 ^ _CRC_TABLE[(value ^ byte) & 0xFF]
+    return value
+
+
+def compile_crc() -> None:
+    """Compile :func:`crc` or load it from the cache; later it would delay a heartbeat."""
+    crc(b"")
+
+
+def encode_frame(unit: int, pdu: bytes) -> bytes:
+    """Return the frame of a request: unit, PDU, CRC low byte first."""
+    body = bytes([unit]) + pdu
+    return body + crc(body).to_bytes(2, "little")
+
+
+def find_reply(data: bytes, unit: int) -> bytes | None:
+    """Return the PDU of the first intact reply of ``unit``, also behind other bytes.
+
+    Returns None while the reply is incomplete. Raises CorruptFrame if no reply in ``data`` is
+    intact although the first has its full length.
+    """
+    first_end = 0
+    start = data.find(unit)
+    while start >= 0:
+        length = _reply_length(data, start)
+        end = start + length
+        if length and end <= len(data) and crc(data[start:end]) == 0:
+            return data[start + 1 : end - 2]
+        first_end = first_end or (end if length else 0)
+        start = data.find(unit, start + 1)
+    if first_end and first_end <= len(data):
+        raise CorruptFrame(f"no intact reply in {len(data)} bytes")
+    return None
+
+
+def _reply_length(data: bytes, start: int) -> int:
+    """Return the length of the reply that begins at ``start``, 0 where no reply begins there."""
+    if start + _HEAD_BYTES > len(data):
+        return _HEAD_BYTES
+    function = data[start + 1]
+    if function & 0x80:
+        return _EXCEPTION_BYTES
+    if function == _WRITE:
+        return _WRITE_REPLY_BYTES
+    return 5 + data[start + 2] if function in (_READ, _READ_WRITE) else 0
+
 
 REPLY_TIMEOUT_S = 0.06
 MIN_REPLY_TIMEOUT_S = 0.02
@@ -109,7 +183,7 @@ class _Request:
     @property
     def frame(self) -> bytes:
         function = self.pdu.function_code.to_bytes()
-        return modbus_rtu.encode_frame(UNIT, function + self.pdu.encode())
+        return encode_frame(UNIT, function + self.pdu.encode())
 
     def is_answered_by(self, reply: ModbusPDU) -> bool:
         """Return whether function and length of ``reply`` are those of a reply to this."""
@@ -149,7 +223,7 @@ class ModbusClient:
         self._stops_pending = self._stops_total = 0
         self._no_stop_pending = asyncio.Event()
         self._no_stop_pending.set()
-        modbus_rtu.compile_crc()
+        compile_crc()
 
     def open(self) -> None:
         """Open the link unless it is open. Raises LinkLost.
@@ -285,7 +359,7 @@ class ModbusClient:
             pdu = await asyncio.wait_for(self._reply, timeout_s)
             repeats, self._last_reply = pdu == self._last_reply, pdu
             return ModbusPDU() if repeats and not early else _decode(pdu)
-        except modbus_rtu.CorruptFrame:
+        except CorruptFrame:
             pass
         except TimeoutError:
             if early:
@@ -306,13 +380,13 @@ class ModbusClient:
             return
         self._buffer += data
         try:
-            pdu = modbus_rtu.find_reply(self._buffer, UNIT)
-        except modbus_rtu.CorruptFrame as corrupt:
+            pdu = find_reply(self._buffer, UNIT)
+        except CorruptFrame as corrupt:
             self._reply.set_exception(corrupt)
             return
         if pdu is not None:
             self._reply.set_result(pdu)
-        elif len(self._buffer) >= modbus_rtu.MAX_FRAME_BYTES:
+        elif len(self._buffer) >= MAX_FRAME_BYTES:
             self._buffer = b""
 
     def _on_lost(self, reason: str) -> None:

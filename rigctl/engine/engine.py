@@ -16,11 +16,10 @@ from rigctl.engine.early_end import EarlyEndProcess
 from rigctl.engine.health import HeartbeatGate
 from rigctl.engine.live_file import LiveWriter
 from rigctl.engine.manual_recorder import ManualRecorder
-from rigctl.engine.pause_reasons import LINK
 from rigctl.engine.pipeline import FAST_BATCH_SAMPLES, REAL_TIME_BATCH_SAMPLES
 from rigctl.engine.rig import Rig
 from rigctl.engine.rig_boards import RigBoards
-from rigctl.engine.rpc.messages import EngineStatus, RecordingStatus, RunStatus
+from rigctl.engine.rpc.messages import LINK, EngineStatus, RecordingStatus, RunStatus
 from rigctl.engine.run_request import RunContext, RunRequest, open_run
 from rigctl.engine.runner import Run
 from rigctl.engine.served_engine import ServedEngine

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from rigctl.engine.event_bus import EventBus
-from rigctl.engine.pause_reasons import FAULT, LINK
 from rigctl.engine.poller import DrumPoller
+from rigctl.engine.rpc.messages import FAULT, LINK
 from rigctl.engine.run_reasons import RunReasons
 from rigctl.errors import LinkLost
 from rigctl.session.recorder import Recorder

@@ -10,8 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 
 from rigctl.engine.event_bus import EventBus
-from rigctl.engine.pause_reasons import OPERATOR, PROMPT, reason_words
-from rigctl.engine.rpc.messages import PromptStatus
+from rigctl.engine.rpc.messages import OPERATOR, PROMPT, PromptStatus, reason_words
 from rigctl.errors import DiskFault, RigFault
 from rigctl.session.layout import SessionOutcome
 

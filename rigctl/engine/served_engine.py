@@ -14,9 +14,8 @@ from dataclasses import asdict
 from typing import Any, Generic, TypeVar
 
 from rigctl.engine.event_bus import EventBus
-from rigctl.engine.pause_reasons import DISK
 from rigctl.engine.rpc.commands import RequestHandler
-from rigctl.engine.rpc.messages import STATUS_PERIOD_S, engine_message
+from rigctl.engine.rpc.messages import DISK, STATUS_PERIOD_S, engine_message
 from rigctl.engine.rpc.server import KEPT_EVENTS, Server
 from rigctl.engine.served_run import ServedRun
 from rigctl.errors import RigctlError, RigFault

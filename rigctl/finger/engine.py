@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from rigctl.engine.health import age_s
-from rigctl.engine.pause_reasons import LINK
-from rigctl.engine.rpc.messages import BoardStatus, RecordingStatus
+from rigctl.engine.rpc.messages import LINK, BoardStatus, RecordingStatus
 from rigctl.engine.served_engine import ServedEngine
 from rigctl.errors import RigFault
 from rigctl.finger.devices import BOARD, TRACKER, FingerDevices

@@ -24,7 +24,7 @@ import numpy as np
 
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.engine.event_bus import EventBus
-from rigctl.engine.pause_reasons import LINK
+from rigctl.engine.rpc.messages import LINK
 from rigctl.engine.run_reasons import RunPaused, RunStopped
 from rigctl.engine.served_run import ServedRun
 from rigctl.errors import LinkLost, RigctlError, RigFault

@@ -10,8 +10,8 @@ import pytest
 
 from rigctl.bench.simulated_rig import DRUM
 from rigctl.boards.drum_codes import Command, CommandResult, ForceMode, SettingsFrom, Signal, Status
+from rigctl.boards.drum_poll import PLACE_NAMES
 from rigctl.boards.drum_states import Fault, State
-from rigctl.boards.tare_table import PLACE_NAMES
 from rigctl.boards.taxel_frames import Flag
 from rigctl.errors import CommandRefused
 from tests.contract.operator import Operator

@@ -15,7 +15,7 @@ its ``data`` has the fields of :class:`EngineStatus`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Annotated, Any
 
@@ -48,6 +48,21 @@ DISCONNECTED_TEXT = (
 NOMINAL_LIMITS = RigLimits()
 NO_CALIBRATION = CalibrationStatus()
 NO_SETUP = SetupStatus()
+
+
+OPERATOR, PROMPT, LINK, DISK, FAULT = "operator", "prompt", "link", "disk", "fault"
+"""Why a run waits."""
+_REASON_WORDS = {
+    LINK: "a board is lost",
+    DISK: "too little disk space",
+    FAULT: "a fault of the drum",
+    "tracker": "the tracker is lost",
+}
+
+
+def reason_words(reasons: Iterable[str]) -> str:
+    """Return what a run waits for in words; a question speaks for itself."""
+    return ", ".join(_REASON_WORDS.get(reason, reason) for reason in reasons if reason != PROMPT)
 
 
 @dataclass(frozen=True, slots=True)
