@@ -357,6 +357,6 @@ def test_a_texture_of_one_trial_is_left_out_of_an_analysis_and_told(
     import_files(files, load_map(tmp_path / "map.toml"), tmp_path / "session", UTC)
     report = ["analyse", str(tmp_path / "session"), "--out", str(tmp_path / "report")]
     assert main([*report, "--iterations", "1"]) == 0
-    told = capsys.readouterr()
-    assert "textures left out for too few trials to train and test with: silk" in told.err
-    assert "Individual textures (1 components)" in told.out
+    told = capsys.readouterr().out
+    assert "textures left out for too few trials to train and test with: silk" in told
+    assert "Individual textures (1 components)" in told
