@@ -12,7 +12,7 @@ from typing import Any
 from rigctl.boards.drum_codes import Status
 from rigctl.engine.calibration import Calibration
 from rigctl.engine.contact import has_status
-from rigctl.engine.early_end import JudgeLink
+from rigctl.engine.early_end import EarlyEndProcess
 from rigctl.engine.health import HeartbeatGate
 from rigctl.engine.live_file import LiveWriter
 from rigctl.engine.manual_recorder import ManualRecorder
@@ -57,7 +57,7 @@ class Engine(ServedEngine[Run, RunRequest]):
         self.manual = ManualRecorder(self.boards, self.event_bus)
         self.calibration = Calibration(rig, self.boards, self._today)
         self.setup = ServedSetup(rig, self.boards.motion, self.calibration.measurement, self._today)
-        self.judge: JudgeLink | None = None
+        self.early_end: EarlyEndProcess | None = None
         """Judges the conditions of the run, where its protocol lets them end early."""
         self._utc_now = utc_now
         self._texture = rig.plate
@@ -84,7 +84,7 @@ class Engine(ServedEngine[Run, RunRequest]):
             run.add_note(first_note)
         rule = opened.plan.protocol.early_end
         if rule is not None:
-            self.judge = JudgeLink(run.folder.absolute(), rule, self.event_bus.publish)
+            self.early_end = EarlyEndProcess(run.folder.absolute(), rule, self.event_bus.publish)
         return self._begin(run)
 
     def add_note(self, text: str) -> None:
@@ -166,9 +166,9 @@ class Engine(ServedEngine[Run, RunRequest]):
         try:
             await run.execute()
         finally:
-            if self.judge is not None:
-                self.judge.close()
-                self.judge = None
+            if self.early_end is not None:
+                self.early_end.close()
+                self.early_end = None
             self.heartbeat_gate.check_out("runner")
             self.heartbeat_gate.check_out("recorder")
             with self._publish_disk_fault():
@@ -185,8 +185,8 @@ class Engine(ServedEngine[Run, RunRequest]):
 
     def _serve_boards(self) -> None:
         self.boards.pipeline.flush()
-        if self.judge is not None and self.run is not None:
-            self.judge.poll(self.run.status().trials_committed, self.run.end_condition)
+        if self.early_end is not None and self.run is not None:
+            self.early_end.poll(self.run.status().trials_committed, self.run.end_condition)
         with self._publish_disk_fault():
             self.rig.save_truth()
         self.heartbeat_gate.check_in("pipeline")
