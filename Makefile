@@ -140,7 +140,7 @@ shots: boards
 	@sh .ci/debian-packages $(DEBIAN_RUN)
 	$(SAY) "every page of the window in two themes and three sizes, and a film: build/shots (three minutes)"
 	@rm -rf build/shots
-	@QT_QPA_PLATFORM=offscreen $(BIN)/python -m gui.screenshots build/shots
+	@QT_QPA_PLATFORM=offscreen $(BIN)/python -m tools.screenshots build/shots
 	$(SAY) "a scan of the moving finger, from a quick experiment with the virtual finger"
 	@folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
 	  $(BIN)/python -m rigctl realtime demo --out "$$folder/demo" && \
@@ -192,7 +192,7 @@ docs: firmware
 	@$(BIN)/python -m rigctl.boards.codegen
 	@$(BIN)/python -m rigctl.encoder.neuron_header
 	@$(BIN)/python -m rigctl.bench.parameter_tables
-	@$(BIN)/python -m rigctl.bench.finger.operator_parameters
+	@$(BIN)/python -m rigctl.finger.bench.operator_parameters
 	@$(BIN)/python -m tests.engine.setup.wrong_wirings > docs/reference/wrong-wirings.md
 	@$(BIN)/python -m tests.architecture.picture
 	@$(BIN)/python arduino/wiring.py

@@ -26,7 +26,7 @@ from rigctl.bench.plate_solids import (
     THICKNESS_MM,
 )
 from rigctl.bench.textures import OVERHANG_MM
-from rigctl.finger_values import PLATE_WIDTH_MM
+from rigctl.values import PLATE_WIDTH_MM
 
 HERE = Path(__file__).parent
 DRAWING = HERE / "mechanics.svg"

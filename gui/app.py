@@ -17,6 +17,7 @@ from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING
 
+from rigctl.config.resources import WINDOW_DEBIAN_PACKAGES
 from rigctl.config.text_file import visible
 from rigctl.errors import RigctlError, WrongUse
 
@@ -37,7 +38,6 @@ def screen_complaint(width_px: int, height_px: int) -> str:
     )
 
 
-DEBIAN_PACKAGES = "libegl1 libgl1 libxkbcommon-x11-0 libxcb-cursor0 libdbus-1-3 libfontconfig1"
 SOON_MS = 100
 """After the start: the window is on the screen by then."""
 
@@ -117,7 +117,7 @@ def told_abort() -> Iterator[None]:
 def _start_failure(said: str) -> str:
     return (
         f"the window needs Qt, but Qt does not start ({' '.join(said.split())}): install "
-        f"PySide6-Essentials and, on Debian, {DEBIAN_PACKAGES}"
+        f"PySide6-Essentials and, on Debian, {WINDOW_DEBIAN_PACKAGES}"
     )
 
 
@@ -168,7 +168,7 @@ def _shown_window(theme: str | None) -> MainWindow:
     """Return the window with the user's settings; errors of Python go to its log and a report."""
     import pyqtgraph as pg
 
-    from gui.shell.crash_reports import REPORTS, CrashReporter
+    from gui.shell.help_page import REPORTS, CrashReporter
     from gui.shell.main_window import MainWindow
     from gui.shell.user_settings import UserSettings
     from gui.widgets.theme import ThemeChoice
@@ -202,9 +202,10 @@ def _begin(window: MainWindow, args: argparse.Namespace) -> None:
 
 def _follow(window: MainWindow, session: Path) -> None:
     """Show the newest trials in Replay; scans of the moving finger, which has none, in Analysis."""
-    from rigctl.session.finger_session import is_finger_session
+    from rigctl.finger.layout import FINGER_LAYOUT
+    from rigctl.session.part import session_layout
 
-    if is_finger_session(session):
+    if session_layout(session) is FINGER_LAYOUT:
         window.show_panel("analysis")
         window.analysis_tab.open_session(str(session))
     else:

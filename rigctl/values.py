@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+PLATE_WIDTH_MM = 36.0
+"""Of every texture plate, bent or flat."""
 DRUM, TAXELS, FINGER = "drum", "taxels", "finger"
 """The boards, as they name themselves."""
 SAMPLE_RATE_HZ = 1000

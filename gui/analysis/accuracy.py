@@ -575,9 +575,7 @@ class AccuracyPage(QWidget):
         self._figure = container(column)
         head = hbox(self.task, self.whole_button, margins=(8, 6, 8, 2))
         self._area = scroll_area(self._figure)
-        rows = vbox(head, self._area, self.readout)
-        rows.setStretch(1, 1)
-        self.setLayout(rows)
+        self.setLayout(vbox(head, self._area, self.readout, tall=1))
 
 
 def _marks(figure: Figure) -> str:

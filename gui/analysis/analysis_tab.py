@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QObject, QTimer, Signal
-from PySide6.QtWidgets import QFrame, QWidget
+from PySide6.QtWidgets import QWidget
 
-from gui.analysis.export import TABLE, NewFile, PictureEncoder
+from gui.analysis.export import TABLE, FileSaver, in_process
 from gui.analysis.open_sessions import ResponseGrid
 from gui.analysis.results import AnalysisResults
 from gui.analysis.results_view import FigureView, ResultsPanel, ResultsView
@@ -16,16 +16,17 @@ from gui.analysis.run_box import MODEL, PAPER, REALTIME
 from gui.analysis.session_panel import SessionPanel
 from gui.analysis.task_values import DRUM, FINGER, ScanPicture, SessionTable, describe_options
 from gui.analysis.trial_pages import TrialPages
+from gui.analysis.value_file import write_columns
 from gui.analysis.worker import Worker
 from gui.widgets.file_browser import typed_path
 from gui.widgets.formatting import grouped
-from gui.widgets.labels import label
-from gui.widgets.layouts import hbox, push_button
+from gui.widgets.labels import Strip
+from gui.widgets.layouts import push_button
 from gui.widgets.theme import Theme
 from rigctl.engine.rpc.messages import EngineStatus, RunStatus
 
 
-class RunEndStrip(QFrame):
+class RunEndStrip(Strip):
     """Names the session of a run that ended while this window watched; hidden otherwise."""
 
     analyse_requested = Signal(str)
@@ -33,15 +34,11 @@ class RunEndStrip(QFrame):
 
     def __init__(self) -> None:
         super().__init__()
-        self.setProperty("role", "prompt")
         self.session = ""
         self._watched = ""
-        self.text = label("", "heading", wraps=True)
         self.analyse_button = push_button("Analyse it", self._analyse)
         self.close_button = push_button("Close", self.hide)
-        row = (self.text, self.analyse_button, self.close_button)
-        self.setLayout(hbox(*row, spacing=6, margins=(10, 6, 10, 6)))
-        self.hide()
+        self.lay_out(self.analyse_button, self.close_button, warns=False)
 
     def show_status(self, status: EngineStatus) -> None:
         """Watch a run, and offer its session when it ends."""
@@ -77,8 +74,6 @@ READING = (
     "follow_session",
     "load_trial",
     "compare_trials",
-    "save_values",
-    "save_file",
     "leave_out",
 )
 """Tasks of the reader."""
@@ -99,7 +94,7 @@ class AnalysisTab(QObject):
         super().__init__()
         self.panel, self.worker, self.reader = SessionPanel(), Worker(), Worker()
         self.trial_view, self.figure_view = TrialPages(theme), FigureView()
-        self.results_view, self.encoder = ResultsView(), PictureEncoder()
+        self.results_view, self.files = ResultsView(), FileSaver()
         self.results_panel = ResultsPanel(self.results_view)
         self.run_end_strip = RunEndStrip()
         self._settings = self._analysed = ""
@@ -116,8 +111,8 @@ class AnalysisTab(QObject):
         panel.run_box.results_requested.connect(lambda: self._show(self.results_panel))
         for save_button in (self.trial_view.save_button, self.results_view.save_button):
             save_button.export_requested.connect(self.save_page)
-        self.encoder.encoded.connect(self._write_file)
-        self.encoder.failed.connect(lambda text: self.reported.emit("refused", text))
+        self.files.saved.connect(lambda path: self.reported.emit("analysis", f"saved {path}"))
+        self.files.failed.connect(lambda text: self.reported.emit("refused", text))
         self.trial_view.compare.compare_requested.connect(self._compare)
         self.results_panel.refused.connect(lambda text: self.reported.emit("refused", text))
         panel.shown.connect(self.prepare)
@@ -139,17 +134,12 @@ class AnalysisTab(QObject):
             self._is_prepared = True
             self.reader.submit("prepare")
 
-    def poll(self) -> None:
-        """Process the messages of both worker processes."""
-        self.worker.poll()
-        self.reader.poll()
-
     def close(self) -> None:
         """End both worker processes."""
         self._follow_timer.stop()
-        self.encoder.wait()
-        self.worker.cancel()
-        self.reader.cancel()
+        self.files.close()
+        self.worker.close()
+        self.reader.close()
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme to the views."""
@@ -218,24 +208,19 @@ class AnalysisTab(QObject):
         pages, folder = self.trial_view, _figures_folder(self.panel.path)
         stem = pages.file_stem()
         if suffix == TABLE:
-            names, columns = pages.values()
-            values = {"names": names, "columns": columns}
-            self.reader.submit("save_values", folder=folder, stem=stem, **values)
+            self.files.save(folder, stem, suffix, in_process(write_columns, *pages.values()))
         else:
-            self.encoder.encode(pages.picture(), NewFile(folder, stem, suffix))
+            self.files.save(folder, stem, suffix, pages.picture())
 
     def _save_results(self, suffix: str) -> None:
         view = self.results_view
-        file = NewFile(_figures_folder(self._analysed), view.file_stem(), suffix)
+        place = (_figures_folder(self._analysed), view.file_stem(), suffix)
         if suffix == TABLE:
-            self._write_file(file, view.csv().encode())
+            self.files.save(*place, view.csv().encode())
         elif view.isVisible() and not view.is_whole:  # what is missing has its own turns
             QTimer.singleShot(0, self, lambda: self._save_results(suffix))
         else:
-            self.encoder.encode(view.picture(), file)
-
-    def _write_file(self, file: NewFile, content: bytes) -> None:
-        self.reader.submit("save_file", **file._asdict(), content=content)
+            self.files.save(*place, view.picture())
 
     def _compare(self, train: int, neuron: str) -> None:
         trials = self.panel.selected_trials()
@@ -256,9 +241,7 @@ class AnalysisTab(QObject):
         self.reported.emit("analysis", "analysis cancelled")
 
     def _finish(self, task: str, result: Any) -> None:
-        if task in ("save_values", "save_file"):
-            self.reported.emit("analysis", f"saved {result}")
-        elif task == "prepare" and not self.reader.is_busy:
+        if task == "prepare" and not self.reader.is_busy:
             self.reader.submit("load_encoder")  # after a session that is wanted already
         elif isinstance(result, ResponseGrid):
             self.trial_view.compare.show_grid(result)

@@ -249,13 +249,12 @@ class ConfusionPage(QWidget):
 
     def _lay_out(self, origin_words: str) -> None:
         origin = label(origin_words, "muted", wraps=True)
-        column = vbox(self.name, self.words, self.view, origin, spacing=2, margins=(8, 0, 8, 0))
-        column.setStretch(2, 1)
+        column = vbox(
+            self.name, self.words, self.view, origin, spacing=2, margins=(8, 0, 8, 0), tall=2
+        )
         self._figure = container(column)
         for box in (self.task, self.representation):
             box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToContents)
         boxes = (self.task, self.representation, self.whole_button)
         head = FlowLayout(*boxes, margins=(8, 6, 8, 2))
-        rows = vbox(head, self._figure, self.readout)
-        rows.setStretch(1, 1)
-        self.setLayout(rows)
+        self.setLayout(vbox(head, self._figure, self.readout, tall=1))

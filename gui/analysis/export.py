@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import threading
+import multiprocessing
 from collections.abc import Callable
-from itertools import count
+from pathlib import Path
 from typing import NamedTuple
 
 from PySide6.QtCore import (
@@ -24,9 +24,12 @@ from PySide6.QtGui import QImage, QImageWriter, QPageLayout, QPageSize, QPainter
 from PySide6.QtSvg import QSvgGenerator
 from PySide6.QtWidgets import QGraphicsView, QMenu, QToolButton, QWidget
 
-from gui.analysis.value_file import data_words
+from gui.analysis.value_file import data_words, new_path
+from gui.widgets.background import Background
+from gui.widgets.file_browser import new_files_folder
 from gui.widgets.theme import scaled_px
-from rigctl.errors import RigctlError, WrongUse
+from rigctl.analysis.files import atomic_file
+from rigctl.errors import DiskFault, WrongUse
 
 FOOT_PX = 20
 _MARGIN_PX = 8
@@ -88,14 +91,22 @@ class PaintedPicture(NamedTuple):
     def encode(self) -> bytes:
         """Return the bytes of the file; any thread may do that. Raises WrongUse without memory."""
         if self.image is not None:
-            writer = QImageWriter(self.buffer, QByteArray(b"png"))
-            if not writer.write(self.image):
-                reason = writer.errorString()
-                raise WrongUse(f"the picture cannot be encoded ({reason}): make the window smaller")
-        elif self.painter is not None:
+            return encoded_png(self.image)
+        if self.painter is not None:
             self.painter.end()
         self.buffer.close()
         return bytes(self.buffer.data().data())
+
+
+def encoded_png(image: QImage) -> bytes:
+    """Return the bytes of a PNG. Raises WrongUse without memory."""
+    buffer = QBuffer()
+    buffer.open(QIODevice.OpenModeFlag.WriteOnly)
+    writer = QImageWriter(buffer, QByteArray(b"png"))
+    if not writer.write(image):
+        reason = writer.errorString()
+        raise WrongUse(f"the picture cannot be encoded ({reason}): make the window smaller")
+    return bytes(buffer.data().data())
 
 
 def widget_picture(widget: QWidget) -> Picture:
@@ -164,63 +175,72 @@ def _pdf(buffer: QBuffer, size: QSize, title: str) -> QPdfWriter:
     return device
 
 
-_CLOSE_TIMEOUT_S = 30.0
+Content = Picture | QImage | bytes | Callable[[Path], object]
+"""What a file holds: a picture, an image for a PNG, a text, or what writes it into a path."""
 
 
-class NewFile(NamedTuple):
-    """Where a file goes: its folder, the beginning of its name, and its suffix."""
+def _write_of(content: Content, suffix: str, title: str) -> Callable[[Path], object]:
+    """Return what writes a content into a file, in any thread; only Qt's may call this."""
+    if isinstance(content, bytes):
+        return lambda path: path.write_bytes(content)
+    if isinstance(content, QImage):
+        return lambda path: path.write_bytes(encoded_png(content))
+    if isinstance(content, Picture):
+        painted = paint_picture(content, suffix, title)
+        return lambda path: path.write_bytes(painted.encode())
+    return content
 
-    folder: str
-    stem: str
-    suffix: str
+
+def in_process(write: Callable[..., object], *content: object) -> Callable[[Path], None]:
+    """Return what lets a process write a large table, so that the window keeps its time."""
+
+    def run(path: Path) -> None:
+        from concurrent.futures import ProcessPoolExecutor
+        from concurrent.futures.process import BrokenProcessPool
+
+        with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+            try:
+                pool.submit(write, *content, path).result()
+            except BrokenProcessPool as error:
+                raise DiskFault("the process that writes the table ended unexpectedly") from error
+
+    return run
 
 
-class PictureEncoder(QObject):
-    """Each picture has a thread: compressing a large one takes a tenth of a second and more."""
+class FileSaver(QObject):
+    """Saves new files beside the Qt thread, which only paints their pictures.
 
-    encoded = Signal(object, object)
-    """The :class:`NewFile`, and its content in bytes."""
+    Compressing a large picture takes a tenth of a second and more, a slow disk any time. No file
+    is replaced, and none is left that is not whole.
+    """
+
+    saved = Signal(str)
+    """The path of a file that is complete."""
     failed = Signal(str)
-    """Why a picture was not encoded, and the cure."""
-    _ended = Signal(int, object, str)
+    """Why a file was not saved, and the cure."""
 
     def __init__(self) -> None:
         super().__init__()
-        self._numbers = count()
-        self._jobs: dict[int, tuple[NewFile, PaintedPicture]] = {}
-        self._threads: list[threading.Thread] = []
-        self._ended.connect(self._finish)
+        self._background = Background("rigctl-files")
 
-    def encode(self, picture: Picture, file: NewFile) -> None:
-        """Paint a picture now; :attr:`encoded` or :attr:`failed` follows."""
-        number, painted = next(self._numbers), paint_picture(picture, file.suffix, file.stem)
-        self._jobs[number] = file, painted  # Qt's objects end in the thread that made them
-        self._threads = [thread for thread in self._threads if thread.is_alive()]
-        thread = threading.Thread(
-            target=self._encode, args=(number, painted), name="rigctl-picture-encoder"
-        )
-        self._threads.append(thread)
-        thread.start()
+    def save(self, folder: str, stem: str, suffix: str, content: Content) -> None:
+        """Paint a picture now, and save the content; a signal follows."""
+        write = _write_of(content, suffix, stem)
 
-    def wait(self) -> None:
-        """Wait until every picture is encoded, as before the window closes."""
-        for thread in self._threads:
-            thread.join(_CLOSE_TIMEOUT_S)
+        def save() -> str:
+            path = new_path(new_files_folder(folder), stem, suffix)
+            with atomic_file(path) as whole:
+                write(whole)
+            return str(path)
 
-    def _encode(self, number: int, painted: PaintedPicture) -> None:
-        content, problem = b"", ""
-        try:
-            content = painted.encode()
-        except RigctlError as error:
-            problem = str(error)
-        self._ended.emit(number, content, problem)
+        def fail(sentence: str) -> None:
+            self.failed.emit(f"nothing was saved: {sentence}")
 
-    def _finish(self, number: int, content: bytes, problem: str) -> None:
-        file, _ = self._jobs.pop(number)
-        if problem:
-            self.failed.emit(problem)
-        else:
-            self.encoded.emit(file, content)
+        self._background.run(save, self.saved.emit, fail)
+
+    def close(self) -> None:
+        """Wait until every file is complete, as before the window closes."""
+        self._background.close()
 
 
 TABLE = "csv"

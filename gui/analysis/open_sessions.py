@@ -23,16 +23,20 @@ from gui.analysis.task_values import (
     TrialFeatures,
 )
 from gui.analysis.trial_table import AttemptColumn
+from gui.live.drum_course import DrumCourse
+from gui.live.timeline import Timeline
 from gui.widgets.file_browser import typed_path
 from rigctl.errors import SessionError, WrongUse
+from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import SAMPLE_RATE_HZ
 
 if TYPE_CHECKING:
     from rigctl.analysis.cache import Resources
-    from rigctl.analysis.finger.report import FingerReport
+    from rigctl.analysis.executors import Progress
     from rigctl.analysis.options import AnalysisOptions
     from rigctl.encoder.normalisation import Normalisation
-    from rigctl.session.finger_session import FingerSession
+    from rigctl.finger.analysis.report import FingerReport
+    from rigctl.finger.session import FingerSession
     from rigctl.session.header import SessionHeader
     from rigctl.session.session import Session
     from rigctl.values import Spikes
@@ -91,7 +95,7 @@ def scan_picture(session: FingerSession, row: int, folder: Path) -> ScanPicture:
 
     Raises WrongUse for an attempt without a scan.
     """
-    from rigctl.analysis.finger.movie import read_timeline, write_movie
+    from rigctl.finger.analysis.movie import read_timeline, write_movie
 
     trial_id = int(session.trials[row]["trial_id"])
     path = session.path
@@ -103,7 +107,7 @@ def scan_picture(session: FingerSession, row: int, folder: Path) -> ScanPicture:
 
 def finger_session_info(path: str) -> FingerSessionInfo:
     """Read whose scans a session of the moving finger has. Raises SessionError."""
-    from rigctl.session.finger_session import FingerSession
+    from rigctl.finger.session import FingerSession
 
     with FingerSession.open(typed_path(path)) as session:
         header, slides = session.header, session.slides
@@ -118,8 +122,8 @@ def make_finger_models(session: str, source: str, components: int) -> tuple[str,
 
     Return their paths. Raises WrongUse where the session has neither stage.
     """
-    from rigctl.finger.finger_models import calibrate_models, train_models
-    from rigctl.finger_values import Stage
+    from rigctl.finger.models import calibrate_models, train_models
+    from rigctl.finger.values import Stage
 
     folder, stages = Path(session), finger_session_info(session).stages
     now = datetime.now(UTC).isoformat(timespec="seconds")
@@ -132,11 +136,9 @@ def make_finger_models(session: str, source: str, components: int) -> tuple[str,
 
 def report_on_finger(options: AnalysisOptions, resources: Resources) -> FingerReport:
     """Write the report of the real-time experiment."""
-    from rigctl.analysis.finger.report import make_finger_report
+    from rigctl.finger.analysis.report import report_on
 
-    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    settings = options.draw_settings()
-    return make_finger_report(options.sessions, options.out, settings, now, resources)
+    return report_on(options, datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), resources)
 
 
 def _named(row: Any) -> str:
@@ -334,12 +336,14 @@ class OpenSessions:
 
     def _session(self, path: str) -> Session | FingerSession:
         """Return a session; a process that replaces another one opens it again."""
-        from rigctl.session.finger_session import FingerSession, is_finger_session
+        from rigctl.finger.layout import FINGER_LAYOUT
+        from rigctl.finger.session import FingerSession
+        from rigctl.session.part import session_layout
         from rigctl.session.session import Session
 
         if path not in self._open:
             folder = typed_path(path)
-            is_finger = is_finger_session(folder)
+            is_finger = session_layout(folder) is FINGER_LAYOUT
             self._open[path] = FingerSession.open(folder) if is_finger else Session.open(folder)
         return self._open[path]
 
@@ -381,9 +385,9 @@ class OpenSessions:
         except SessionError:
             return False
 
-    def leave_out(self, path: str, reasons: dict[int, str]) -> SessionTable:
-        """Leave attempts of an open session out, and return its trials again."""
-        self._session(path).leave_out(reasons)
+    def leave_out(self, path: str, altered: tuple[tuple[int, str], ...]) -> SessionTable:
+        """Leave attempts of an open session out, and return its trials again, which marks them."""
+        self._session(path).leave_out(dict(altered))
         return self._table(path)
 
     def trial(self, path: str, row: int, pictures: Path) -> TrialData | ScanPicture:
@@ -520,3 +524,84 @@ def _taxel_range(session: Session) -> Normalisation:
     return Normalisation.from_samples(
         map(session.samples, chosen.tolist()), "trials of the session"
     )
+
+
+class ReplayTrial(NamedTuple):
+    """A trial as the live views keep it: sample 0 is at position 0.
+
+    ``low``, ``high``: uint16 (n_taxels,), each taxel's lowest and highest reading.
+    """
+
+    title: str
+    simulated: bool
+    layout: SensorLayout
+    timeline: Timeline
+    drum: DrumCourse
+    low: NDArray[np.uint16]
+    high: NDArray[np.uint16]
+
+
+def replay_trial(data: TrialData) -> ReplayTrial:
+    """Return a trial for the live views, with what draws any part of it quickly."""
+    n, n_taxels = data.samples.shape
+    counters = np.arange(n, dtype=np.int64)
+    timeline = Timeline(n_taxels=n_taxels, n_rows=2 * n_taxels, capacity=max(n, 1))
+    flags = np.zeros(n, np.uint8)
+    spikes = data.spike_counts
+    timeline.append(counters / SAMPLE_RATE_HZ, counters, data.samples, flags, spikes)
+    low, high = data.samples.min(axis=0), data.samples.max(axis=0)
+    drum = _drum_course(data.course)
+    return ReplayTrial(data.title, data.simulated, data.layout, timeline, drum, low, high)
+
+
+def _drum_course(course: TrialCourse | None) -> DrumCourse:
+    drum = DrumCourse()
+    if course is None or not np.isfinite(course.speed_s).any():
+        return drum
+    known = np.isfinite(course.force_s)
+    at_s = course.force_s[known]
+    columns = {
+        "force_g": course.force_g[known],
+        "force_set_g": np.full(len(at_s), course.planned_g),
+        "speed_mm_s": np.interp(at_s, course.speed_s, course.speed_mm_s),
+        "speed_set_mm_s": np.full(len(at_s), course.planned_mm_s),
+    }
+    drum.append(at_s * SAMPLE_RATE_HZ, columns)
+    return drum
+
+
+def neuron_voltage(
+    session: Session, row: int, taxel: int, ranges: Normalisation
+) -> NDArray[np.float64]:
+    """Return the membrane voltage of SA and RA of a taxel, from 0, float64 (n, 2) in mV."""
+    from rigctl.encoder.encoder import membrane_mv
+    from rigctl.encoder.normalisation import Normalisation
+
+    samples = np.ascontiguousarray(session.samples(row)[:, [taxel]])
+    own = Normalisation(ranges.low[[taxel]], ranges.high[[taxel]], ranges.source)
+    return membrane_mv(samples, own)
+
+
+def write_movie(
+    session: Session, row: int, taxel: int, section_s: tuple[float, float], out: str, show: Progress
+) -> str:
+    """Write the movie of a taxel, from 0, as ``rigctl encode --movie`` does; return its path.
+
+    ``section_s``: where the shown part of the trial begins, and its length. Raises WrongUse for an
+    attempt that does not count.
+    """
+    from rigctl.analysis.cache import Resources
+    from rigctl.analysis.taxel import EncodeRequest, encode_taxel
+
+    if row not in session.committed():
+        raise WrongUse("this attempt does not count: choose a committed one for a movie")
+    request = EncodeRequest(
+        (session.path,),
+        trial=int(session.trials[row]["trial_id"]),
+        taxel=taxel + 1,
+        start_s=section_s[0],
+        seconds=section_s[1],
+        movie=typed_path(out),
+    )
+    encode_taxel(request, Resources(progress=show))
+    return out

@@ -15,9 +15,9 @@ from rigctl.values import SAMPLE_RATE_HZ
 
 if TYPE_CHECKING:
     from rigctl.analysis.classify_sessions import Classification
-    from rigctl.analysis.finger.report import FingerReport
     from rigctl.analysis.report.demo import DemoResult
     from rigctl.analysis.report.report_folder import ReportResult
+    from rigctl.finger.analysis.report import FingerReport
     from rigctl.session.verify import VerifyReport
 
 
@@ -145,8 +145,8 @@ def report_results(report: ReportResult) -> AnalysisResults:
 
 def finger_results(report: FingerReport) -> AnalysisResults:
     """Return the results of a report on the moving finger: its sentences and figures."""
-    from rigctl.analysis.finger.figures import accuracy_figures, evidence_figure, promises_figure
-    from rigctl.analysis.finger.report import CAPTIONS
+    from rigctl.finger.analysis.figures import accuracy_figures, evidence_figure, promises_figure
+    from rigctl.finger.analysis.report import CAPTIONS
 
     out = report.page.parent
     values = _values(out)

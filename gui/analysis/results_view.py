@@ -234,9 +234,7 @@ class ResultsPanel(QWidget):
         self._folder = ""
         words = container(vbox(self.origin, self.settings))
         head = hbox(words, self.report_button, self.folder_button, margins=(8, 6, 8, 4))
-        column = vbox(head, view)
-        column.setStretch(1, 1)
-        self.setLayout(column)
+        self.setLayout(vbox(head, view, tall=1))
 
     def show_results(self, results: AnalysisResults, settings: str) -> None:
         """Show results and, in a sentence, the settings that they were made with."""

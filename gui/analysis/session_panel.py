@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import Signal
-from PySide6.QtGui import QShowEvent
+from PySide6.QtCore import QEvent, Signal, SignalInstance
 from PySide6.QtWidgets import QLineEdit, QWidget
 
 from gui.analysis.run_box import AnalysisRunBox
@@ -14,7 +14,7 @@ from gui.analysis.trial_list import TrialList
 from gui.analysis.trial_table import AttemptTable, join_tables
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import label, set_property
-from gui.widgets.layouts import container, hbox, push_button, vbox
+from gui.widgets.layouts import EventWatch, container, hbox, push_button, vbox
 
 
 class SessionPanel(QWidget):
@@ -49,6 +49,7 @@ class SessionPanel(QWidget):
         self.run_box = AnalysisRunBox()
         self.sessions: dict[str, SessionTable] = {}
         self._is_busy = False
+        EventWatch(self, self.shown.emit, QEvent.Type.Show)
         self._set_up()
         self._lay_out()
         self.show_idle()
@@ -62,11 +63,6 @@ class SessionPanel(QWidget):
     def growing(self) -> tuple[str, ...]:
         """The open sessions that are still being recorded."""
         return tuple(path for path, table in self.sessions.items() if table.is_growing)
-
-    def showEvent(self, event: QShowEvent) -> None:
-        """Say that the panel is used."""
-        super().showEvent(event)
-        self.shown.emit()
 
     def open_session(self, folder: str) -> None:
         """Request the trials of a session folder, in place of the sessions that are open."""
@@ -193,8 +189,8 @@ class SessionPanel(QWidget):
         )
         self.missing.hide()
         self.folder.returnPressed.connect(self._open)
-        self.trials.trial_requested.connect(self._request_trial)
-        self.trials.replay_requested.connect(self._request_replay)
+        self.trials.trial_requested.connect(partial(self._request, self.trial_requested))
+        self.trials.replay_requested.connect(partial(self._request, self.replay_requested))
         self.run_box.run_requested.connect(lambda key: self.run_requested.emit(key, self.path))
         self.run_box.path_requested.connect(self.path_requested)
         self.run_box.form.sessions_changed.connect(self._keep_sessions)
@@ -208,11 +204,8 @@ class SessionPanel(QWidget):
     def _verify(self) -> None:
         self.verify_requested.emit(self.path, self.kept.text().strip())
 
-    def _request_trial(self, session: int, row: int) -> None:
-        self.trial_requested.emit(list(self.sessions)[session], row)
-
-    def _request_replay(self, session: int, row: int) -> None:
-        self.replay_requested.emit(list(self.sessions)[session], row)
+    def _request(self, requested: SignalInstance, session: int, row: int) -> None:
+        requested.emit(list(self.sessions)[session], row)
 
     def _lay_out(self) -> None:
         folder = hbox(self.folder, self.folder_button, self.open_button)
@@ -220,6 +213,4 @@ class SessionPanel(QWidget):
         verify = container(hbox(self.kept, self.verify_button))
         also = self.run_box.form.session_row
         rows = (folder, self.about, self.missing, also, digest, verify, self.trials, self.run_box)
-        column = vbox(*rows, spacing=5, margins=(6, 8, 6, 6))
-        column.setStretch(rows.index(self.trials), 1)
-        self.setLayout(column)
+        self.setLayout(vbox(*rows, spacing=5, margins=(6, 8, 6, 6), tall=rows.index(self.trials)))

@@ -295,9 +295,7 @@ class TrialList(QWidget):
         self._has_replay = True
         self._set_up()
         below = hbox(self.count, self.replay_button)
-        column = vbox(self.filter, self.table, below, self.reason, spacing=4)
-        column.setStretch(1, 1)
-        self.setLayout(column)
+        self.setLayout(vbox(self.filter, self.table, below, self.reason, spacing=4, tall=1))
         self._show_replay()
 
     def show_table(self, table: AttemptTable, reasons: dict[tuple[int, int], str]) -> None:
@@ -343,10 +341,6 @@ class TrialList(QWidget):
         """Choose a trial, or the first that is shown where the filter hides it."""
         self.table.selectRow(max(self.model.shown_row(session, row), 0))
 
-    def choose_first(self) -> None:
-        """Choose the first trial that is shown."""
-        self.table.selectRow(0)
-
     def selected_rows(self) -> list[tuple[int, int]]:
         """Return session and row of the selected trials, or of all shown if one is selected."""
         chosen = [index.row() for index in self.table.selectionModel().selectedRows()]
@@ -384,7 +378,7 @@ class TrialList(QWidget):
         """Go on to the rows: to the chosen one, else the first."""
         self.table.setFocus(Qt.FocusReason.ShortcutFocusReason)
         if not self.table.selectionModel().hasSelection():
-            self.choose_first()
+            self.table.selectRow(0)
 
     def _replay(self) -> None:
         if self._chosen is not None and self._has_replay:

@@ -253,9 +253,7 @@ class CompareView(QWidget):
         self.rasters: list[pg.PlotItem] = []
         self.rates: list[pg.PlotItem] = []
         head = hbox(self.neuron, self.button, self.note, wide=2, margins=(8, 6, 8, 4))
-        column = vbox(head, self.plots)
-        column.setStretch(1, 1)
-        self.setLayout(column)
+        self.setLayout(vbox(head, self.plots, tall=1))
         self.show_taxels(0)
         self.set_theme(theme)
 

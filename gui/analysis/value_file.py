@@ -1,4 +1,4 @@
-"""Write pictures and tables as new files, whole or not at all. This module does not import Qt."""
+"""Tables as CSV, and the names of new files. This module does not import Qt."""
 
 from __future__ import annotations
 
@@ -9,27 +9,23 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from rigctl.analysis.files import atomic_file
 from rigctl.errors import DiskFault
 
 SIMULATED = "simulated"
 """Name of the column with the origin of the data."""
 
 
-def save_new(folder: Path, stem: str, suffix: str, content: bytes) -> Path:
-    """Write a new file into a folder, which is made; no file is ever overwritten.
+def new_path(folder: Path, stem: str, suffix: str) -> Path:
+    """Return the path of a file that is not there yet, in a folder, which is made.
 
-    Raises DiskFault; then there is no file.
+    Raises DiskFault.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DiskFault(f"{folder} cannot be made ({error}): choose another place") from error
     names = (f"{stem}{f'-{n}' if n > 1 else ''}.{suffix}" for n in count(1))
-    path = next(folder / name for name in names if not (folder / name).exists())
-    with atomic_file(path) as partial:
-        partial.write_bytes(content)
-    return path
+    return next(folder / name for name in names if not (folder / name).exists())
 
 
 def data_words(*, simulated: bool) -> str:
@@ -57,9 +53,10 @@ def with_origin(text: str, *, simulated: bool) -> str:
     return "".join(lines[:n_comments]) + table
 
 
-def columns_csv(names: Sequence[str], columns: Sequence[Any]) -> bytes:
-    """Return columns of equal length under their names."""
-    return rows_csv(names, zip(*(column.tolist() for column in columns), strict=True)).encode()
+def write_columns(names: Sequence[str], columns: Sequence[Any], path: Path) -> None:
+    """Write columns of equal length under their names."""
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    path.write_text(rows_csv(names, rows), encoding="utf-8", newline="")
 
 
 def rows_csv(names: Sequence[str], rows: Any) -> str:

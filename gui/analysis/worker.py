@@ -3,97 +3,24 @@
 from __future__ import annotations
 
 import multiprocessing
-import threading
-from collections import deque
+from collections.abc import Callable
+from functools import partial
 from multiprocessing.connection import Connection
-from multiprocessing.connection import Connection as Pipe
 from multiprocessing.process import BaseProcess
-from multiprocessing.reduction import ForkingPickler
-from queue import SimpleQueue
-from typing import Any, NamedTuple
+from typing import Any
 
 from PySide6.QtCore import QObject, Signal
 
 from gui.analysis import worker_tasks
+from gui.widgets.background import Background
 
-JOIN_TIMEOUT_S = 1.0
-
-
-class TaskSender:
-    """Sends through a pipe in the order of :meth:`put`, in a thread that ends with the last one.
-
-    A pipe takes some 100 kB that nobody has read, and a picture has more: whoever sends it to a
-    process that works waits for the end of that work.
-    """
-
-    def __init__(self, pipe: Connection) -> None:
-        self._pipe = pipe
-        self._waiting: deque[memoryview] = deque()
-        self._lock = threading.Lock()
-        self._thread: threading.Thread | None = None
-
-    def put(self, task: Any) -> None:
-        """Send a task as soon as the process reads it."""
-        content = ForkingPickler.dumps(task)
-        with self._lock:
-            self._waiting.append(content)
-            if self._thread is None:
-                self._thread = threading.Thread(
-                    target=self._send, name="rigctl-worker-tasks", daemon=True
-                )
-                self._thread.start()
-
-    def join(self) -> None:
-        """Wait for the thread; the process has ended, so that nothing keeps it."""
-        with self._lock:
-            self._waiting.clear()
-            thread = self._thread
-        if thread is not None:
-            thread.join(JOIN_TIMEOUT_S)
-
-    def _send(self) -> None:
-        while (content := self._next()) is not None:
-            try:
-                self._pipe.send_bytes(content)
-            except (OSError, ValueError):  # the process has ended: its side of the pipe tells so
-                with self._lock:
-                    self._waiting.clear()
-
-    def _next(self) -> memoryview | None:
-        """Return what is to be sent, None for nothing: then the thread ends."""
-        with self._lock:
-            if self._waiting:
-                return self._waiting.popleft()
-            self._thread = None
-            return None
-
-
-QUICK_S = 0.002
-"""Most that the window waits for a result: for the short ones, which are all but few."""
-
-
-class _KilledProcess(NamedTuple):
-    """A process that is about to end, with what leads to it."""
-
-    process: BaseProcess
-    pipe: Pipe
-    sender: TaskSender
-    receiver: threading.Thread | None
-
-    def close(self) -> bool:
-        """Close all of it once the process has ended; return whether it has."""
-        if self.process.exitcode is None:
-            return False
-        self.sender.join()
-        if self.receiver is not None:
-            self.receiver.join(JOIN_TIMEOUT_S)
-        self.pipe.close()
-        self.process.close()
-        return True
+WORKER_THREAD = "rigctl-worker"
+CLOSE_TIMEOUT_S = 10.0
+ENDED = "the analysis process ended unexpectedly: try again"
 
 
 class Worker(QObject):
-    """One spawned process, started by the first task; :meth:`poll` emits all signals."""
+    """One spawned process, started by the first task; it works through the tasks in order."""
 
     progressed = Signal(str, float)
     """The stage of the task, and its progress from 0 to 1."""
@@ -101,16 +28,15 @@ class Worker(QObject):
     """The name of the task, and its result."""
     failed = Signal(str, str)
     """The name of the task, and the error message."""
+    _progress_received = Signal(object, str, float)
 
     def __init__(self) -> None:
         super().__init__()
+        self._background = Background(WORKER_THREAD)
         self._process: BaseProcess | None = None
-        self._pipe: Pipe | None = None
-        self._sender: TaskSender | None = None
-        self._receiver: threading.Thread | None = None
-        self._received: SimpleQueue[Any] = SimpleQueue()
-        self._pending: list[str] = []
-        self._killed: list[_KilledProcess] = []
+        self._pipe: Connection | None = None
+        self._pending: list[tuple[str, dict[str, Any]]] = []
+        self._progress_received.connect(self._show_progress)
 
     @property
     def is_busy(self) -> bool:
@@ -119,28 +45,11 @@ class Worker(QObject):
 
     def submit(self, task: str, **args: Any) -> None:
         """Run a method of :class:`gui.analysis.worker_tasks.WorkerTasks` in the process."""
-        if self._pipe is None:
+        if self._process is None:
             self._start()
-        assert self._sender is not None
-        self._pending.append(task)
-        self._sender.put((task, args))
-
-    def poll(self) -> None:
-        """Emit the signals for everything that the process sent since the last call."""
-        self._close_killed()
-        if self._pipe is not None and self._pending:
-            self._receive(self._pipe)
-        while self._pending and not self._received.empty():
-            message = self._received.get()
-            if message is None:
-                task = self._pending[0]
-                self.cancel()
-                self.failed.emit(task, "the analysis process ended unexpectedly: try again")
-            elif message[0] == "progress":
-                self.progressed.emit(*message[1:])
-            else:
-                task = self._pending.pop(0)
-                (self.finished if message[0] == "done" else self.failed).emit(task, *message[1:])
+        self._pending.append((task, args))
+        if len(self._pending) == 1:
+            self._begin()
 
     def cancel(self) -> None:
         """End the process and its task; the next task starts another process.
@@ -149,33 +58,41 @@ class Worker(QObject):
         process that the system keeps, as on a share that hangs.
         """
         self._pending.clear()
-        process, self._process = self._process, None
-        pipe, self._pipe = self._pipe, None
-        sender, self._sender = self._sender, None
-        receiver, self._receiver = self._receiver, None
-        self._received = SimpleQueue()
-        if process is not None and pipe is not None and sender is not None:
+        process, self._process, self._pipe = self._process, None, None
+        if process is not None:
             process.kill()
-            self._killed.append(_KilledProcess(process, pipe, sender, receiver))
-        self._close_killed()
+            self._background.run(process.join, _ignore, _ignore)
 
-    def _receive(self, pipe: Pipe) -> None:
-        """Read what has arrived in a thread, as a result may be the rows of a long session."""
-        if self._receiver is None and _has_arrived(pipe):
-            self._receiver = threading.Thread(
-                target=_read_all,
-                args=(pipe, self._received),
-                name="rigctl-worker-results",
-                daemon=True,
-            )
-            self._receiver.start()
-        if self._receiver is not None:
-            self._receiver.join(QUICK_S)
-            if not self._receiver.is_alive():
-                self._receiver = None
+    def close(self) -> None:
+        """End the process, and wait for its threads, as before the window closes."""
+        self.cancel()
+        self._background.close(CLOSE_TIMEOUT_S)
 
-    def _close_killed(self) -> None:
-        self._killed = [killed for killed in self._killed if not killed.close()]
+    def _begin(self) -> None:
+        assert self._process is not None and self._pipe is not None
+        show = partial(self._progress_received.emit, self._process)
+        work = partial(_answer, self._pipe, self._pending[0], show)
+        done = partial(self._end, self._process)
+        self._background.run(work, done, lambda sentence: done(("failed", sentence)))
+
+    def _end(self, process: BaseProcess, answer: tuple[str, Any] | None) -> None:
+        """Tell of the end of a task; None is the end of the process."""
+        if process is not self._process:  # cancelled meanwhile
+            return
+        task, _ = self._pending[0]
+        if answer is None:
+            self.cancel()
+            self.failed.emit(task, ENDED)
+            return
+        self._pending.pop(0)
+        if self._pending:
+            self._begin()
+        kind, result = answer
+        (self.finished if kind == "done" else self.failed).emit(task, result)
+
+    def _show_progress(self, process: BaseProcess, stage: str, share: float) -> None:
+        if process is self._process:
+            self.progressed.emit(stage, share)
 
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
@@ -183,20 +100,21 @@ class Worker(QObject):
         self._process = context.Process(target=worker_tasks.serve, args=(far_end,), daemon=True)
         self._process.start()
         far_end.close()
-        self._sender = TaskSender(self._pipe)
 
 
-def _has_arrived(pipe: Pipe) -> bool:
+def _answer(
+    pipe: Connection, task: tuple[str, dict[str, Any]], show: Callable[[str, float], object]
+) -> tuple[str, Any] | None:
+    """Let the process do a task; return ("done", result), ("failed", sentence) or None."""
     try:
-        return pipe.poll()
-    except OSError:  # its process has ended, which reading tells
-        return True
+        pipe.send(task)
+        while (message := pipe.recv())[0] == "progress":
+            show(*message[1:])
+    except (EOFError, OSError):  # the process has ended
+        return None
+    kind, result = message
+    return kind, result
 
 
-def _read_all(pipe: Pipe, received: SimpleQueue[Any]) -> None:
-    """Read the messages that have arrived; None for the end of the process."""
-    try:
-        while pipe.poll():
-            received.put(pipe.recv())
-    except (EOFError, OSError):
-        received.put(None)
+def _ignore(_: object) -> None:
+    pass

@@ -19,13 +19,17 @@ from typing import TYPE_CHECKING, Any
 
 from gui.analysis.open_sessions import (
     OpenSessions,
+    ReplayTrial,
     ResponseGrid,
     compare_responses,
     finger_session_info,
     load_encoder,
     make_finger_models,
+    neuron_voltage,
     read_trial,
+    replay_trial,
     report_on_finger,
+    write_movie,
 )
 from gui.analysis.results import (
     AnalysisResults,
@@ -35,14 +39,9 @@ from gui.analysis.results import (
     report_results,
     verify_results,
 )
-from gui.analysis.task_values import FingerSessionInfo, ScanPicture, SessionTable, TrialData
-from gui.analysis.value_file import columns_csv, save_new
+from gui.analysis.task_values import ScanPicture, TrialData
 from gui.protocol import run_tasks
 from gui.protocol.run_tasks import (
-    CheckedText,
-    PlanSummary,
-    ProtocolText,
-    SavedProtocol,
     SessionNews,
 )
 from gui.widgets.file_browser import typed_path
@@ -52,7 +51,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from gui.analysis.replay_tasks import ReplayTrial
     from rigctl.analysis.executors import Progress
     from rigctl.analysis.learning_curve import GrowingCurve, SessionCurve
     from rigctl.analysis.options import AnalysisOptions
@@ -98,28 +96,20 @@ class WorkerTasks:
 
     def __init__(self, progress: Progress) -> None:
         self._progress = progress
-        self._sessions = OpenSessions()
+        self._sessions = sessions = OpenSessions()
+        self.open_session, self.follow_session = sessions.open, sessions.follow
+        self.session_age, self.leave_out = sessions.age_s, sessions.leave_out
         self._pictures = tempfile.TemporaryDirectory(prefix="rigctl-scans-")
         self._follower = run_tasks.SessionFollower()
         self._growing: GrowingCurve | None = None
 
-    def plan_protocol(
-        self, path: str, seed: int | None, out: str = "", rig_toml: str = ""
-    ) -> PlanSummary:
-        """Plan a protocol as ``rigctl check`` does; None takes the protocol's own seed."""
-        return run_tasks.plan_protocol(path, seed, out, rig_toml)
-
-    def read_protocol(self, path: str) -> ProtocolText:
-        """Return the text of a protocol's file."""
-        return run_tasks.read_protocol(path)
-
-    def check_text(self, text: str, rig_toml: str, name: str) -> CheckedText:
-        """Return whether a text is a protocol for a rig."""
-        return run_tasks.check_text(text, rig_toml, name)
-
-    def save_protocol(self, path: str, text: str, may_replace: bool) -> SavedProtocol:
-        """Save a protocol as a file of the user."""
-        return run_tasks.save_protocol(path, text, may_replace)
+    plan_protocol = staticmethod(run_tasks.plan_protocol)
+    read_protocol = staticmethod(run_tasks.read_protocol)
+    check_text = staticmethod(run_tasks.check_text)
+    save_protocol = staticmethod(run_tasks.save_protocol)
+    read_finger_session = staticmethod(finger_session_info)
+    make_finger_models = staticmethod(make_finger_models)
+    load_encoder = staticmethod(load_encoder)
 
     def follow_run(self, folder: str, known: int) -> SessionNews:
         """Read the attempts of a session after the first ``known`` ones, and its notes."""
@@ -145,30 +135,12 @@ class WorkerTasks:
         """Load what reading a session takes, before it is wanted."""
         import_module("rigctl.session.session")
 
-    def load_encoder(self) -> None:
-        """Load what drawing the first trial takes, before it is wanted."""
-        load_encoder()
-
-    def open_session(self, path: str) -> SessionTable:
-        """Read a session's trial table. Raises SessionError."""
-        return self._sessions.open(path)
-
-    def follow_session(self, path: str) -> SessionTable | None:
-        """Read the trial table of an open session again; None without a new trial."""
-        return self._sessions.follow(path)
-
-    def session_age(self, path: str) -> float:
-        """Return the age of the newest data of an open session, s."""
-        return self._sessions.age_s(path)
-
     def load_trial(self, path: str, row: int) -> TrialData | ScanPicture:
         """Read an attempt of an open session; a scan of the moving finger becomes a picture."""
         return self._sessions.trial(path, row, Path(self._pictures.name))
 
     def load_replay(self, path: str, row: int) -> ReplayTrial:
         """Read an attempt of an open session of the drum for the live views."""
-        from gui.analysis.replay_tasks import replay_trial
-
         session = self._sessions.drum_session(path)
         return replay_trial(read_trial(session, row, self._sessions.taxel_range(path)))
 
@@ -178,20 +150,8 @@ class WorkerTasks:
         """Read the responses of a neuron in trials of open sessions, by condition."""
         return compare_responses(self._sessions, trials, train, neuron)
 
-    def save_values(
-        self, folder: str, stem: str, names: tuple[str, ...], columns: tuple[Any, ...]
-    ) -> str:
-        """Write what a page shows as a new CSV; return its path."""
-        return str(save_new(Path(folder), stem, "csv", columns_csv(names, columns)))
-
-    def save_file(self, folder: str, stem: str, suffix: str, content: bytes) -> str:
-        """Write a picture or a table as a new file; return its path."""
-        return str(save_new(Path(folder), stem, suffix, content))
-
     def neuron_voltage(self, path: str, row: int, taxel: int) -> NDArray[np.float64]:
         """Return v(t) of SA and RA of a taxel in an attempt of an open session, mV."""
-        from gui.analysis.replay_tasks import neuron_voltage
-
         ranges = self._sessions.taxel_range(path)
         return neuron_voltage(self._sessions.drum_session(path), row, taxel, ranges)
 
@@ -199,8 +159,6 @@ class WorkerTasks:
         self, path: str, row: int, taxel: int, section_s: tuple[float, float], out: str
     ) -> str:
         """Write the movie of a taxel as ``rigctl encode --movie`` does; return its path."""
-        from gui.analysis.replay_tasks import write_movie
-
         session = self._sessions.drum_session(path)
         return write_movie(session, row, taxel, section_s, out, self._progress)
 
@@ -216,10 +174,6 @@ class WorkerTasks:
         altered = {} if report.whole else self._sessions.altered(path)
         simulated = self._sessions.is_simulated(path)
         return verify_results(report, folder, altered, simulated=simulated)
-
-    def leave_out(self, path: str, altered: tuple[tuple[int, str], ...]) -> SessionTable:
-        """Leave attempts out of an open session; return its table, which marks them."""
-        return self._sessions.leave_out(path, dict(altered))
 
     def quick_check(self, sessions: tuple[str, ...]) -> AnalysisResults:
         """Classify textures as the demo does; write the figures into the first session."""
@@ -256,14 +210,6 @@ class WorkerTasks:
         loaded = load_model(typed_path(model))
         resources = Resources(progress=self._progress)
         return prediction_results(classify(loaded, tuple(map(Path, sessions)), resources))
-
-    def read_finger_session(self, path: str) -> FingerSessionInfo:
-        """Read whose scans a session of the moving finger has. Raises SessionError."""
-        return finger_session_info(path)
-
-    def make_finger_models(self, session: str, source: str, components: int) -> tuple[str, ...]:
-        """Train the models of a session, or centre those of ``source`` by its calibration."""
-        return make_finger_models(session, source, components)
 
     def discard(self, folder: str) -> None:
         """Remove the partial report of a cancelled analysis, whose process could not do so."""

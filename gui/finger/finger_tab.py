@@ -7,8 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from PySide6.QtCore import QDateTime, QObject, Qt, Signal
-from PySide6.QtWidgets import QCheckBox, QGridLayout, QGroupBox, QLineEdit, QProgressBar, QWidget
+from PySide6.QtCore import QObject, Qt, Signal
+from PySide6.QtWidgets import QCheckBox, QGridLayout, QGroupBox, QLineEdit, QWidget
 
 from gui.analysis.task_values import FingerSessionInfo
 from gui.analysis.worker import Worker
@@ -29,6 +29,7 @@ from gui.live.health import FingerHealthStrip
 from gui.operate.connection_bar import ConnectionBar
 from gui.operate.event_log import injected_words
 from gui.operate.operate_panel import PromptPanel
+from gui.protocol.protocol_panel import RunStateBox
 from gui.widgets.file_browser import (
     FileComboBox,
     PathKind,
@@ -36,20 +37,19 @@ from gui.widgets.file_browser import (
     new_files_folder,
     typed_path,
 )
-from gui.widgets.formatting import capitalised, duration
-from gui.widgets.labels import elastic, label, plain_tooltip, set_property, show_progress, show_text
+from gui.widgets.formatting import duration, time_stamp
+from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import combo_box, container, form_layout, hbox, push_button, vbox
 from gui.widgets.number_box import WholeNumberBox, has_refused
 from gui.widgets.theme import Theme
 from rigctl.config import resources
-from rigctl.engine.pause_reasons import reason_words
 from rigctl.errors import RigctlError
-from rigctl.finger.finger_rig import RUN_FIRST_SLIDE
 from rigctl.finger.live_file import FingerLiveReader
-from rigctl.finger.messages import FingerEngineStatus, FingerRunStatus, parse_finger_status
 from rigctl.finger.model_files import ORIGINAL, SPEED_SCALED, model_path
-from rigctl.finger_values import Stage
-from rigctl.protocol.finger_plan import load_finger_protocol
+from rigctl.finger.plan import load_finger_protocol
+from rigctl.finger.rig import RUN_FIRST_SLIDE
+from rigctl.finger.status import FingerEngineStatus, FingerRunStatus, parse_finger_status
+from rigctl.finger.values import Stage
 
 _ROWS = ("Progress", "Stage", "Scan", "Rejected", "Session")
 _STATES = {
@@ -103,9 +103,9 @@ class FingerRunBox(QGroupBox):
             self.models_requested.emit,
             "Train, or centre by the calibration, the models of the last session",
         )
-        self.state, self.models = label("No run", "heading", wraps=True), label("", wraps=True)
-        self.bar = QProgressBar(format="%p %")
-        self.rows = {name: elastic(label("–")) for name in _ROWS}
+        self.models = label("", wraps=True)
+        self.run_state = RunStateBox(_ROWS, _STATES)
+        self.state, self.rows = self.run_state.state, self.run_state.rows
         self.fault = combo_box({text: text for text in FAULTS})
         self.inject = push_button("Inject", self._inject)
         self.inject.setAccessibleName("Inject the chosen fault")
@@ -133,22 +133,15 @@ class FingerRunBox(QGroupBox):
         self.models.setVisible(bool(text))
 
     def _show_run(self, run: FingerRunStatus) -> None:
-        show_text(self.state, run_sentence(run))
-        set_property(self.state, "role", "bad" if run.state == "failed" else "heading")
-        show_progress(self.bar, run.trials_committed, run.trials_planned)
         left = f", {duration(run.eta_s)} left" if run.is_active and run.eta_s is not None else ""
-        texts = dict.fromkeys(_ROWS, "–")
+        texts = dict.fromkeys(_ROWS[:-1], "–")
         if run.trials_planned:
             texts["Progress"] = f"{run.trials_committed} of {run.trials_planned} scans{left}"
             texts["Rejected"] = str(run.trials_rejected)
         if run.scan is not None:
             texts["Stage"] = run.scan.stage
             texts["Scan"] = f"{run.scan.texture}, {run.scan.profile}, attempt {run.scan.attempt}"
-        if run.session is not None:
-            texts["Session"] = Path(run.session).name
-        for name, text in texts.items():
-            show_text(self.rows[name], text)
-        self.rows["Session"].setToolTip(plain_tooltip(run.session or ""))
+        self.run_state.show_run(run, run.trials_planned, texts)
 
     def _inject(self) -> None:
         self.command_requested.emit("inject", FAULTS[self.fault.currentText()])
@@ -164,25 +157,11 @@ class FingerRunBox(QGroupBox):
             grid.addWidget(button, place // 2, place % 2)
         column = vbox(spacing=4, margins=(8, 6, 8, 8))
         column.addLayout(grid)
-        column.addWidget(self.state)
-        column.addWidget(self.bar)
-        form = form_layout(2)
-        for name, text in self.rows.items():
-            form.addRow(label(name, "muted"), text)
-        column.addLayout(form)
+        column.addLayout(self.run_state)
         column.addWidget(self.models)
         column.addWidget(self._fault_row)
         self.setLayout(column)
         self.show_models("")
-
-
-def run_sentence(run: FingerRunStatus) -> str:
-    """Return the run's state, with the reasons of a pause."""
-    if run.text:
-        return capitalised(run.text)
-    words = _STATES.get(run.state, run.state)
-    reasons = reason_words(run.reasons)
-    return f"{words} ({reasons})" if reasons else words
 
 
 MAX_SEED = 2**31 - 1
@@ -274,11 +253,10 @@ class FingerSetupForm(QGroupBox):
     def request(self, rig: str) -> StartRequest:
         """Return what to start. Raises WrongUse without the model or the folder that it needs."""
         stage = self.stage.currentData()
-        time = QDateTime.currentDateTimeUtc().toString("yyyyMMdd-HHmmss")
         args: dict[str, Any] = {
             "stages": [part.value for part in STAGES[stage]],
             "protocol": self.protocol.currentData(),
-            "out": str(new_files_folder(self.out.text()) / f"finger-{stage}-{time}"),
+            "out": str(new_files_folder(self.out.text()) / f"finger-{stage}-{time_stamp()}"),
             "yes": self._is_simulated and self.unasked.isChecked(),
         }
         if stage != TRAIN:
@@ -414,8 +392,7 @@ class FingerTab(QObject):
         )
         self.bar, self.health, self.prompt_panel = FingerBar(), FingerHealthStrip(), PromptPanel()
         self.setup, self.run_box, self.view = FingerSetupForm(), FingerRunBox(), FingerView(theme)
-        column = vbox(self.setup, self.run_box, spacing=4, margins=(6, 4, 6, 6))
-        column.addStretch(1)
+        column = vbox(self.setup, self.run_box, spacing=4, margins=(6, 4, 6, 6), tall=-1)
         self.panel = container(column)
         self.worker = Worker()
         self._engine: FingerEngineSpec | None = None
@@ -430,7 +407,6 @@ class FingerTab(QObject):
     def poll(self, *, is_visible: bool) -> None:
         """Process messages; pull and draw the live data while the view is visible."""
         self.link.poll()
-        self.worker.poll()
         if self.link.live is not None and is_visible:
             self.view.refresh(self.link.live)
 
@@ -447,7 +423,7 @@ class FingerTab(QObject):
 
     def close(self) -> None:
         """Leave the engine, which continues a run, and end the worker."""
-        self.worker.cancel()
+        self.worker.close()
         self.link.close()
         self.link.wait_closed()
 

@@ -11,12 +11,13 @@ from PySide6.QtWidgets import QBoxLayout, QFrame, QSizePolicy, QWidget
 from gui.finger.scan_plots import AnswerState, ScanPlots, ScanRecord, velocity_title
 from gui.widgets.formatting import capitalised
 from gui.widgets.labels import elastic, label, set_property, show_text
-from gui.widgets.layouts import container, hbox, scroll_area, vbox
+from gui.widgets.layouts import EventWatch, container, hbox, scroll_area, vbox
 from gui.widgets.theme import Theme, applied_theme, blend, scaled_px
 from rigctl.engine.pause_reasons import reason_words
 from rigctl.finger.live_file import FingerLiveReader
-from rigctl.finger.messages import FingerEngineStatus, FingerRunStatus
-from rigctl.finger_values import MARKS_MM, PLATE_MM, PLATE_WIDTH_MM, PredictionRow
+from rigctl.finger.status import FingerEngineStatus, FingerRunStatus
+from rigctl.finger.values import MARKS_MM, PLATE_MM, PredictionRow
+from rigctl.values import PLATE_WIDTH_MM
 
 _LINE_PX, _ONE_LINE_PX = 20, 330
 """Height of a line of text, and the width in which title and position share one."""
@@ -41,6 +42,7 @@ class PlateView(QWidget):
         self._texture = ""
         self._status = FingerEngineStatus()
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+        EventWatch(self, self._take_height, QEvent.Type.Resize, QEvent.Type.FontChange)
 
     def show_status(self, status: FingerEngineStatus) -> None:
         """Show position and contact."""
@@ -68,18 +70,8 @@ class PlateView(QWidget):
         contact = "in contact" if status.in_contact else "not in contact"
         return f"{contact}, {place}".replace("-", "−")
 
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        """Take the height at which the plate fills the width."""
-        super().resizeEvent(event)
-        self._take_height()
-
-    def changeEvent(self, event: QEvent) -> None:
-        """Take the height of larger texts."""
-        super().changeEvent(event)
-        if event.type() == QEvent.Type.FontChange:
-            self._take_height()
-
     def _take_height(self) -> None:
+        """Take the height at which the plate fills the width, with its texts."""
         plate_px = min(self.width() * _SHOWN_MM[1] / _SHOWN_MM[0], _MAX_PLATE_PX)
         self.setFixedHeight(round(plate_px) + self._title_px + scaled_px(_LINE_PX))
 
@@ -543,8 +535,7 @@ class FingerView(QWidget):
         banner.setProperty("role", "card")
         head = hbox(self.task, self.progress, spacing=10)
         banner.setLayout(vbox(head, self.notice, spacing=0, margins=(10, 4, 10, 4)))
-        left = vbox(self.plate, self.velocity_title, self.plots, spacing=3)
-        left.setStretch(2, 1)
+        left = vbox(self.plate, self.velocity_title, self.plots, spacing=3, tall=2)
         right = vbox(self.answer, self.bars, self.confusion, spacing=6)
         for place, stretch in enumerate((4, 3, 4)):
             right.setStretch(place, stretch)

@@ -13,8 +13,8 @@ from PySide6.QtCore import QRectF, Qt
 from PySide6.QtGui import QImage, QPainter, QTransform
 from PySide6.QtWidgets import QApplication, QGraphicsItem
 
-from gui.live.heatmap import HeatMap
-from gui.live.history import History
+from gui.live.raster import MEAN_SAMPLES, HeatMap
+from gui.live.timeline import Timeline
 from gui.widgets.plot_axes import (
     BOTTOM_PX,
     LEFT_PX,
@@ -26,10 +26,10 @@ from gui.widgets.plot_axes import (
     time_ticks,
 )
 from gui.widgets.theme import Theme, blend, rgb, scaled_px
-from rigctl.boards.finger_messages import BATCH_SAMPLES, SampleFlag
+from rigctl.finger.board_messages import BATCH_SAMPLES, SampleFlag
 from rigctl.finger.live_file import FingerLiveReader
-from rigctl.finger_values import N_FINGER_TAXELS, PredictionRow, VelocityProfile
-from rigctl.protocol.finger_plan import ScanQuality
+from rigctl.finger.plan import ScanQuality
+from rigctl.finger.values import N_FINGER_TAXELS, PredictionRow, VelocityProfile
 from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import SAMPLE_RATE_HZ, Verdict
 
@@ -148,19 +148,21 @@ SPAN_MM = 210.0
 WINDOW_MM = 10.0
 
 
-def scan_samples(history: History) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
+def scan_samples(timeline: Timeline) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
     """Return the samples of the newest scan: their numbers in it (n,), and their spikes (n, 9).
 
-    Empty if the scan's first sample is no longer in the history.
+    Empty if the scan's first sample is no longer in the timeline.
     """
-    firsts = np.flatnonzero(history.flags & SampleFlag.FIRST)
+    oldest, end = timeline.flags.first, timeline.flags.end
+    flags = timeline.flags.between(oldest, end)
+    firsts = np.flatnonzero(flags & SampleFlag.FIRST)
     if not len(firsts):
         return np.zeros(0, np.int64), np.zeros((0, N_FINGER_TAXELS), np.uint8)
     first = int(firsts[-1])
-    outside = np.flatnonzero((history.flags[first:] & SampleFlag.IN_SCAN) == 0)
-    end = first + int(outside[0]) if len(outside) else len(history)
-    counters = history.counters[first:end]
-    return counters - history.counters[first], history.spikes[first:end]
+    outside = np.flatnonzero((flags[first:] & SampleFlag.IN_SCAN) == 0)
+    rows = oldest + first, oldest + first + int(outside[0]) if len(outside) else end
+    counters = timeline.counters.between(*rows)
+    return counters - counters[0], timeline.spikes.between(*rows)
 
 
 class ScaledRaster(QGraphicsItem):
@@ -183,14 +185,14 @@ class ScaledRaster(QGraphicsItem):
         self._drawn = ()
 
     def refresh(
-        self, history: History, record: ScanRecord, width: int, height: int, ratio: float
+        self, timeline: Timeline, record: ScanRecord, width: int, height: int, ratio: float
     ) -> None:
         """Draw the scan for a view of ``width`` × ``height`` logical pixels, if it changed."""
         shape = (max(1, round(height * ratio)), max(1, round(width * ratio)))
         wanted = (shape, ratio, record.version)
         if wanted != self._drawn:
             self._drawn, self._ratio = wanted, ratio
-            self._draw(shape, *_placed_spikes(history, record))
+            self._draw(shape, *_placed_spikes(timeline, record))
             self.update()
 
     @property
@@ -242,10 +244,10 @@ def _row_edges(height: int) -> NDArray[np.int64]:
 
 
 def _placed_spikes(
-    history: History, record: ScanRecord
+    timeline: Timeline, record: ScanRecord
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return taxel (k,) and way in mm (k,) of each spike in the batches that are scaled."""
-    numbers, spikes = scan_samples(history)
+    numbers, spikes = scan_samples(timeline)
     edges = np.rint(record.edges_s * SAMPLE_RATE_HZ).astype(np.int64)
     # A scan has started whose first batch is not scaled: the record is of the scan before.
     is_of_record = len(numbers) > 0 and numbers[-1] + 1 >= edges[-1]
@@ -272,7 +274,9 @@ class ScanPlots(PlotGrid):
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
-        self.history = History(N_FINGER_TAXELS, N_FINGER_TAXELS, HISTORY_S * SAMPLE_RATE_HZ)
+        self.timeline = Timeline(
+            n_taxels=N_FINGER_TAXELS, n_rows=N_FINGER_TAXELS, capacity=HISTORY_S * SAMPLE_RATE_HZ
+        )
         self._frame = -1
         self._version = -1
         self._quality = ScanQuality()
@@ -288,7 +292,7 @@ class ScanPlots(PlotGrid):
 
     def refresh(self, live: FingerLiveReader, record: ScanRecord) -> None:
         """Draw the new samples and batches."""
-        self.history.pull(live)
+        self.timeline.pull(live)
         self._refresh_raster(record)
         if record.version != self._version:
             self._version = record.version
@@ -296,11 +300,13 @@ class ScanPlots(PlotGrid):
         self._frame += 1
         if self._frame % _SLOW_REFRESH_FRAMES == 0:
             low, high = (np.asarray(side, float) for side in live.normalisation)
-            self.heat_map.refresh(self.history.samples, low, high)
+            end = self.timeline.samples.end
+            newest = self.timeline.samples.between(end - MEAN_SAMPLES, end)
+            self.heat_map.refresh(newest, low, high)
 
     def clear_history(self) -> None:
         """Remove all samples, as when another engine is connected."""
-        self.history.clear()
+        self.timeline.clear()
         self._frame = self._version = -1
 
     def set_quality(self, quality: ScanQuality) -> None:
@@ -386,7 +392,7 @@ class ScanPlots(PlotGrid):
         area = self._raster_plot.getViewBox().sceneBoundingRect()
         width = round(area.right()) - round(area.left())
         height = round(area.bottom()) - round(area.top())
-        self.raster.refresh(self.history, record, width, height, self.devicePixelRatioF())
+        self.raster.refresh(self.timeline, record, width, height, self.devicePixelRatioF())
 
     def _refresh_velocity(self, record: ScanRecord) -> None:
         speeds = record.velocities_mm_s

@@ -2,79 +2,27 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any, NamedTuple
 
 import msgspec
-from PySide6.QtCore import QDateTime, QEvent, QObject, Qt, Signal
+from PySide6.QtCore import QDateTime, QEvent, QObject, Signal
 from PySide6.QtWidgets import QPushButton, QWidget
 
 from gui.link.engine_link import EngineChoice, EngineLink, name_this_window
+from gui.widgets.background import Background
 from gui.widgets.labels import Strip, label
 from gui.widgets.layouts import container, hbox, push_button, vbox
 from rigctl.engine.rpc.client import WINDOW, FoundEngine, client_name, find_engines
 from rigctl.engine.rpc.engine_files import EngineFile
 from rigctl.engine.rpc.messages import ControlState
-from rigctl.errors import RigctlError
 
+_Told = Callable[[list[FoundEngine]], None]
 FindEngines = Callable[[], list[FoundEngine]]
-JOIN_LIMIT_S = 10.0
+CLOSE_TIMEOUT_S = 10.0
 SHOWN_ENGINES = 8
 """More would not fit on a small screen; the newest are shown."""
-
-
-class EngineFinder(QObject):
-    """Asks all running engines what they do; one search at a time."""
-
-    found = Signal(list)
-    """The :class:`FoundEngine` of each."""
-    failed = Signal(str)
-    """One sentence."""
-
-    def __init__(self, find: FindEngines = find_engines) -> None:
-        super().__init__()
-        self._find = find
-        self._thread: threading.Thread | None = None
-        self._told: Callable[[list[FoundEngine]], None] | None = None
-        queued = Qt.ConnectionType.QueuedConnection  # the thread emits, the window's thread acts
-        self.found.connect(self._tell, queued)
-        self.failed.connect(self._fail, queued)
-
-    def search(self, told: Callable[[list[FoundEngine]], None]) -> None:
-        """Search, then call ``told`` in the window's thread.
-
-        A search that is under way answers the later question instead of the earlier one.
-        """
-        self._told = told
-        if self._thread is None or not self._thread.is_alive():
-            self._thread = threading.Thread(target=self._search, name="rigctl-engine-finder")
-            self._thread.start()
-
-    def wait(self) -> None:
-        """Wait for the end of a search, a few seconds at most."""
-        if self._thread is not None:
-            self._thread.join(JOIN_LIMIT_S)
-            self._thread = None
-
-    def cancel(self) -> None:
-        """Forget a search that goes on."""
-        self._told = None
-
-    def _search(self) -> None:
-        try:
-            self.found.emit(self._find())
-        except RigctlError as error:
-            self.failed.emit(str(error))
-
-    def _tell(self, engines: list[FoundEngine]) -> None:
-        told, self._told = self._told, None
-        if told is not None:
-            told(engines)
-
-    def _fail(self, _: str) -> None:
-        self._tell([])
 
 
 class EnginesPage(QWidget):
@@ -94,11 +42,15 @@ class EnginesPage(QWidget):
         heading = hbox(self.text, self.start_button, self.dismiss_button, spacing=6)
         self._rows: list[QWidget] = []
         self._column = vbox(spacing=4)
-        column = vbox(
-            container(heading), container(self._column), spacing=8, margins=(12, 10, 8, 8)
+        self.setLayout(
+            vbox(
+                container(heading),
+                container(self._column),
+                spacing=8,
+                margins=(12, 10, 8, 8),
+                tall=-1,
+            )
         )
-        column.addStretch(1)
-        self.setLayout(column)
 
     def show_engines(self, text: str, engines: list[FoundEngine], *, may_start: bool) -> None:
         """Show a sentence and the engines to join."""
@@ -209,7 +161,7 @@ class ControlStrip(Strip):
         self.ask = push_button("Ask for control", lambda: self._send("ask_control"))
         self.take = push_button("Take control", lambda: self._send("take_control"))
         self.give = push_button("Give control", self._give)
-        self.setLayout(self.row(self.ask, self.take, self.give))
+        self.lay_out(self.ask, self.take, self.give)
         sharing.changed.connect(self._show)
 
     def _show(self) -> None:
@@ -319,7 +271,7 @@ class ClosingStrip(Strip):
         self.leave = push_button("Close, the run goes on", self.close_requested.emit)
         self.stop = push_button("End the run and close", self.stop_requested.emit)
         self.stay = push_button("Stay", self.hide)
-        self.setLayout(self.row(self.leave, self.stop, self.stay))
+        self.lay_out(self.leave, self.stop, self.stay)
 
     def ask(self, session: str) -> None:
         """Ask about the run into a session."""
@@ -358,7 +310,8 @@ class AttachController(QObject):
     ) -> None:
         super().__init__()
         self._links = links
-        self._finder = EngineFinder(find)
+        self._find, self._background = find, Background("rigctl-engine-finder")
+        self._told: _Told | None = None
         self.engines, self.closing = EnginesPage(), ClosingStrip()
         self.shared = tuple(map(SharedControl, links))
         self.controls = tuple(map(ControlStrip, self.shared))
@@ -378,11 +331,11 @@ class AttachController(QObject):
 
     def announce(self) -> None:
         """Look for running engines; if there are any, say so and offer to join them."""
-        self._finder.search(self._announce)
+        self._search(self._announce)
 
     def list_engines(self) -> None:
         """List the running engines; say so where there are none."""
-        self._finder.search(self._list)
+        self._search(self._list)
 
     def leave(self) -> None:
         """Close the window without a question; a run goes on."""
@@ -398,8 +351,7 @@ class AttachController(QObject):
 
     def close(self) -> None:
         """Forget a search and wait for its end."""
-        self._finder.cancel()
-        self._finder.wait()
+        self._background.close(CLOSE_TIMEOUT_S)
 
     def _connect(
         self, link: EngineLink[Any, Any], shared: SharedControl, control: ControlStrip
@@ -410,6 +362,17 @@ class AttachController(QObject):
         link.choice_needed.connect(partial(self._choose, link))
         link.status_changed.connect(lambda _: self._follow_run())
         link.closed.connect(lambda _: self._follow_run())
+
+    def _search(self, told: _Told) -> None:
+        """Ask all engines what they do; the later of two questions gets the answer to both."""
+        if self._told is None:
+            self._background.run(self._find, self._tell, lambda _: self._tell([]))
+        self._told = told
+
+    def _tell(self, found: list[FoundEngine]) -> None:
+        told, self._told = self._told, None
+        if told is not None:
+            told(found)
 
     def _announce(self, found: list[FoundEngine]) -> None:
         if found and not any(link.is_connected for link in self._links):

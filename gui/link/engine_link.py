@@ -10,10 +10,11 @@ import threading
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from PySide6.QtCore import QElapsedTimer, QObject, QSocketNotifier, Signal
 
+from rigctl.engine.live_file import LiveReader
 from rigctl.engine.rpc.client import (
     FINGER_ENGINE_COMMAND,
     WINDOW,
@@ -26,15 +27,12 @@ from rigctl.engine.rpc.client import (
     find_engines,
     stop_engines,
 )
-from rigctl.engine.rpc.engine_files import (
-    DRUM_EXPERIMENT,
-    FINGER_EXPERIMENT,
-    EngineFile,
-    rig_name,
-    running_engines,
-    runtime_folder,
-)
+from rigctl.engine.rpc.engine_files import EngineFile, rig_name, running_engines, runtime_folder
+from rigctl.engine.rpc.messages import EngineStatus
 from rigctl.errors import LinkLost, RigctlError, WrongUse
+from rigctl.experiments import DRUM_EXPERIMENT, FINGER_EXPERIMENT
+from rigctl.finger.live_file import FingerLiveReader
+from rigctl.finger.status import FingerEngineStatus
 
 JOIN = "join"
 ANOTHER = "another"
@@ -183,31 +181,8 @@ ClientFactory = Callable[..., EngineClient]
 """Opens the engine that the arguments of :meth:`EngineLink.open` name; raises if it cannot."""
 
 
-class LinkedRun(Protocol):
-    """A run as the link sees it."""
-
-    @property
-    def is_active(self) -> bool:
-        """Whether it goes on."""
-
-
-class LinkedStatus(Protocol):
-    """A status message with a run."""
-
-    @property
-    def run(self) -> LinkedRun:
-        """The run."""
-
-
-class LinkedLive(Protocol):
-    """A reader of live data."""
-
-    def close(self) -> None:
-        """Close the file."""
-
-
-_Status = TypeVar("_Status", bound=LinkedStatus)
-_Live = TypeVar("_Live", bound=LinkedLive)
+_Status = TypeVar("_Status", bound=EngineStatus | FingerEngineStatus)
+_Live = TypeVar("_Live", bound=LiveReader | FingerLiveReader)
 
 
 class EngineLink(QObject, Generic[_Status, _Live]):

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 from numpy.typing import NDArray
 
 from gui.live.timeline import CAPACITY_S, Ring, Timeline, TimeWindow
-from rigctl.engine.live_file import DrumWindow
+from rigctl.engine.live_file import LiveReader
 from rigctl.values import SAMPLE_RATE_HZ
 
 COLUMNS = ("force_g", "force_set_g", "speed_mm_s", "speed_set_mm_s")
@@ -18,13 +16,6 @@ _ROWS_A_S = 100
 _NEW_ROWS, _ALL_ROWS = 256, 1 << 13
 
 Floats = NDArray[np.float64]
-
-
-class LiveDrum(Protocol):
-    """A live buffer of load-cell samples."""
-
-    def drum(self, n: int) -> DrumWindow:
-        """Return the newest ``n`` rows."""
 
 
 class DrumCourse:
@@ -47,7 +38,7 @@ class DrumCourse:
         ring = self._rings["position"]
         return float(ring.between(ring.end - 1, ring.end)[0]) if ring.end else -np.inf
 
-    def pull(self, live: LiveDrum, timeline: Timeline) -> None:
+    def pull(self, live: LiveReader, timeline: Timeline) -> None:
         """Append what the engine wrote since the last pull."""
         window = live.drum(_NEW_ROWS)
         if window.first > self._head:

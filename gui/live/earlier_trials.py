@@ -34,7 +34,7 @@ class Condition(NamedTuple):
 
 
 @dataclass(slots=True)
-class TrialSweep:
+class TrialSpan:
     """A trial's positions ``start`` … ``end``; ``end`` is None while it goes on."""
 
     start: int
@@ -58,7 +58,7 @@ class TrialStarts:
 
     def clear(self) -> None:
         """Remove all trials."""
-        self.trials: list[TrialSweep] = []
+        self.trials: list[TrialSpan] = []
         self._row, self._generation, self._is_high = 0, -1, True
 
     def follow(self, timeline: Timeline) -> None:
@@ -75,12 +75,12 @@ class TrialStarts:
         for row in changes.tolist():
             self._change(int(timeline.counters.take(np.array([row]))[0]), bool(high[row - first]))
 
-    def newest(self, oldest_position: int) -> TrialSweep | None:
+    def newest(self, oldest_position: int) -> TrialSpan | None:
         """Return the newest trial whose beginning is still there."""
         trial = self.trials[-1] if self.trials else None
         return trial if trial is not None and trial.start >= oldest_position else None
 
-    def before(self, trial: TrialSweep, count: int, oldest_position: int) -> list[TrialSweep]:
+    def before(self, trial: TrialSpan, count: int, oldest_position: int) -> list[TrialSpan]:
         """Return at most ``count`` whole trials of its condition before it, the newest last."""
         like = [
             other
@@ -94,7 +94,7 @@ class TrialStarts:
 
     def _change(self, position: int, is_high: bool) -> None:
         if is_high:
-            self.trials.append(TrialSweep(position, self.condition))
+            self.trials.append(TrialSpan(position, self.condition))
             del self.trials[:-KEPT]
         elif self.trials:
             self.trials[-1].end = position
@@ -135,9 +135,7 @@ class EarlierTrials:
             for line in (line for lines in (*self._lines, self._rates) for line in lines):
                 line.setVisible(False)
 
-    def show(
-        self, data: LiveData, window: TimeWindow, trials: list[TrialSweep], taxel: int
-    ) -> None:
+    def show(self, data: LiveData, window: TimeWindow, trials: list[TrialSpan], taxel: int) -> None:
         """Show trials in a window whose time 0 is the beginning of the present one."""
         starts = tuple(trial.start for trial in trials)
         ranges = (float(data.low[taxel]), float(data.high[taxel]))
@@ -157,7 +155,7 @@ class EarlierTrials:
             self._show_rates(data, window, trials, taxel)
 
     def _show_rates(
-        self, data: LiveData, window: TimeWindow, trials: list[TrialSweep], taxel: int
+        self, data: LiveData, window: TimeWindow, trials: list[TrialSpan], taxel: int
     ) -> None:
         n_taxels = len(data.low)
         for line, train in zip(self._rates, (taxel, n_taxels + taxel), strict=True):
@@ -189,7 +187,7 @@ class EarlierTrials:
         return line
 
 
-def mean_rate_hz(data: LiveData, trials: list[TrialSweep], window: TimeWindow, train: int) -> Line:
+def mean_rate_hz(data: LiveData, trials: list[TrialSpan], window: TimeWindow, train: int) -> Line:
     """Return steps of the mean spike rate of a train over trials: times in s, and Hz.
 
     A bin counts the trials that last to its end.
@@ -211,7 +209,7 @@ def mean_rate_hz(data: LiveData, trials: list[TrialSweep], window: TimeWindow, t
     return edges, np.repeat(rate_hz, 2)
 
 
-def _window_of(trial: TrialSweep, window: TimeWindow) -> TimeWindow:
+def _window_of(trial: TrialSpan, window: TimeWindow) -> TimeWindow:
     """Return the part of a trial that stands in a window, with time 0 at its own beginning."""
     shift = trial.start - window.origin
     right = min(window.right + shift, trial.start if trial.end is None else trial.end)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import threading
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -12,6 +12,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QCheckBox, QLineEdit, QWidget
 
 from gui.live.live_data import LiveData
+from gui.widgets.background import Background
 from gui.widgets.file_browser import PathKind, browse_button, typed_path
 from gui.widgets.labels import ElidedLabel, label, show_text
 from gui.widgets.layouts import FlowLayout, combo_box, vbox
@@ -22,7 +23,7 @@ from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import PRESETS, EncoderParameters, preset
 from rigctl.encoder.reading import Reading
 from rigctl.engine.rpc.messages import EngineStatus
-from rigctl.errors import RigctlError, WrongUse
+from rigctl.errors import WrongUse
 
 
 class Recoder:
@@ -93,13 +94,12 @@ class EncoderStrip(QWidget):
     """What the views show from now on, in words."""
     per_mm_toggled = Signal(bool)
     """Whether to show spikes per mm of texture instead of per second."""
-    _loaded = Signal(object)
 
     def __init__(self, data: LiveData) -> None:
         super().__init__()
         self._data = data
         self._force: ForceMatrix | None = None
-        self._thread: threading.Thread | None = None
+        self._background = Background("rigctl-live-c")
         self._condition = ("", 0.0, 0.0)
         self.preset = combo_box({"the engine's": ENGINE, **{name: name for name in _LIVE_PRESETS}})
         scalings = {"no C": NO_C, "C, blind": BLIND, "C of the plate": OF_PLATE, "C, typed": TYPED}
@@ -129,7 +129,6 @@ class EncoderStrip(QWidget):
         self.scaling.activated.connect(lambda _: self._choose_scaling())
         self.c.valueChanged.connect(lambda _: self._apply())
         self.model.editingFinished.connect(self._load)
-        self._loaded.connect(self._take)
         self._show_fields()
 
     def show_status(self, status: EngineStatus) -> None:
@@ -152,10 +151,9 @@ class EncoderStrip(QWidget):
         elif self._data.timeline.recode is not None or self._data.has_own_range:
             self._apply()
 
-    def wait(self) -> None:
+    def close_files(self) -> None:
         """Wait for a model that is being read, as before the window closes."""
-        if self._thread is not None:
-            self._thread.join()
+        self._background.close()
 
     def _choose_scaling(self) -> None:
         self._show_fields()
@@ -178,25 +176,21 @@ class EncoderStrip(QWidget):
         if self.scaling.currentData() in (NO_C, TYPED) or not path:
             self._take(None)
             return
-        self.wait()
-        self._thread = threading.Thread(target=self._read, args=(path,), name="rigctl-live-c")
-        self._thread.start()
+        self._background.run(lambda: self._read(path), self._take, partial(self._take, None))
 
-    def _read(self, path: str) -> None:
+    def _read(self, path: str) -> ForceMatrix:
+        """Return C of a model file. Raises RigctlError, also for another sensor's."""
         from rigctl.session.analysis_file import load_force
 
-        try:
-            force, _ = load_force(typed_path(path), self._data.reading)
-        except RigctlError as error:
-            self._loaded.emit(str(error))
-            return
+        force, _ = load_force(typed_path(path), self._data.reading)
         n_taxels = force.c.shape[1]
-        fits = n_taxels == len(self._data.low)
-        self._loaded.emit(force if fits else f"C of {path} is for {n_taxels} taxels")
+        if n_taxels != len(self._data.low):
+            raise WrongUse(f"C of {path} is for {n_taxels} taxels")
+        return force
 
-    def _take(self, read: object) -> None:
-        self._force = read if isinstance(read, ForceMatrix) else None
-        self._apply("" if not isinstance(read, str) else read)
+    def _take(self, force: ForceMatrix | None, problem: str = "") -> None:
+        self._force = force
+        self._apply(problem)
 
     def _apply(self, problem: str = "") -> None:
         scaling, name = self.scaling.currentData(), self.preset.currentData()

@@ -6,23 +6,22 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from PySide6.QtCore import QEvent, QTimer
-from PySide6.QtGui import QHideEvent, QResizeEvent, QShowEvent
+from PySide6.QtGui import QHideEvent, QResizeEvent
 from PySide6.QtWidgets import QFrame, QGridLayout, QWidget
 
 from gui.widgets.data_ages import DataAges, stale_words
 from gui.widgets.formatting import age, ago, size
 from gui.widgets.labels import Level, StatusLamp, elastic, label, set_property
-from gui.widgets.layouts import hbox, vbox
+from gui.widgets.layouts import EventWatch, hbox, vbox
 from gui.widgets.theme import text_scale
 from rigctl.boards.drum_registers import SHOWN, Register
 from rigctl.engine.rpc.messages import BoardStatus, EngineStatus, RecordingStatus
 from rigctl.finger.latency import FEATURES, SCREEN
-from rigctl.finger.messages import FingerEngineStatus
+from rigctl.finger.status import FingerEngineStatus
 from rigctl.values import SAMPLE_RATE_HZ
 
 VERDICTS_PX = 1240
 _CELL_GAP_PX, _SIDES_PX = 2, 16
-_TEXT_CHANGES = (QEvent.Type.FontChange, QEvent.Type.StyleChange)
 DISK_HOURS_LIMIT = 1.0
 DISK_FREE_LIMIT_BYTES = 2_000_000_000
 RECENT_LOSS_S = 60.0
@@ -92,6 +91,8 @@ class HealthRow(QWidget):
         self.setLayout(vbox(*self._lines, spacing=2, margins=(8, 0, 8, 0)))
         self.cells = {key: HealthCell(spec) for key, spec in specs.items()}
         self._fill_lines(1)
+        kinds = QEvent.Type
+        EventWatch(self, self._fit, kinds.Show, kinds.FontChange, kinds.StyleChange)
         self.setMinimumWidth(1)  # a strip that another one hides must not widen the window
         self.show_nothing()
 
@@ -100,21 +101,10 @@ class HealthRow(QWidget):
         super().resizeEvent(event)
         QTimer.singleShot(0, self, self._fit)
 
-    def showEvent(self, event: QShowEvent) -> None:
-        """Take a second line if it is needed."""
-        super().showEvent(event)
-        self._fit()
-
     def hideEvent(self, event: QHideEvent) -> None:
         """Take no more height than one line behind another strip."""
         super().hideEvent(event)
         self._fill_lines(1)
-
-    def changeEvent(self, event: QEvent) -> None:
-        """Follow another size of the texts."""
-        super().changeEvent(event)
-        if hasattr(self, "cells") and event.type() in _TEXT_CHANGES:
-            self._fit()
 
     def _fit(self) -> None:
         """Use a second line, and leave the verdicts to the lamps, where the words do not fit."""

@@ -10,15 +10,15 @@ from typing import Any
 from PySide6.QtCore import QElapsedTimer, QObject, QSignalBlocker, Qt, QTimer, Signal
 from PySide6.QtWidgets import QCheckBox, QComboBox, QGridLayout, QPushButton, QScrollBar, QWidget
 
-from gui.analysis.export import foot_text, image_with_foot
-from gui.live.earlier_trials import BIN_S, MOST, TrialStarts, TrialSweep, condition_of
+from gui.analysis.export import Content, FileSaver, foot_text, image_with_foot, in_process
+from gui.live.earlier_trials import BIN_S, MOST, TrialSpan, TrialStarts, condition_of
 from gui.live.encoder_strip import EncoderStrip
 from gui.live.live_data import NOMINAL_SUPPLY_V, ValueScale
 from gui.live.live_plots import LivePlots
 from gui.live.navigation import SPANS_S, Navigation
 from gui.live.pointer import Pointer, cursor_text, difference_text
 from gui.live.raster import FULL_SCALE_HZ
-from gui.live.saver import Saver, SaveStrip, shown_samples
+from gui.live.saver import SaveStrip, shown_samples, write_table
 from gui.widgets.labels import ElidedLabel, label, show_text
 from gui.widgets.layouts import FlowLayout, container, hbox, push_button, vbox
 from gui.widgets.number_box import WholeNumberBox
@@ -33,7 +33,7 @@ OFF = "The time axis scrolls with the newest samples."
 WAITS = "No trial has begun yet: the time axis scrolls until the sync line rises."
 
 
-class SweepStrip(QWidget):
+class AlignmentStrip(QWidget):
     """``align``: the mode's switch; ``count``: the number of earlier trials."""
 
     changed = Signal()
@@ -72,10 +72,10 @@ class SweepStrip(QWidget):
         return f"{words}; line in the raster rows of T{taxel + 1}: {rate}"
 
 
-class SweepMode(QObject):
+class TrialAlignment(QObject):
     """Finds trials in the samples as they come, and aligns the plots if the strip says so."""
 
-    def __init__(self, plots: LivePlots, strip: SweepStrip) -> None:
+    def __init__(self, plots: LivePlots, strip: AlignmentStrip) -> None:
         super().__init__(plots)
         self._plots, self._strip = plots, strip
         self.starts = TrialStarts()
@@ -101,7 +101,7 @@ class SweepMode(QObject):
         if navigation.trial_start != (None if trial is None else trial.start):
             self._align(trial)
 
-    def _present(self) -> TrialSweep | None:
+    def _present(self) -> TrialSpan | None:
         return self.starts.newest(self._plots.data.timeline.oldest)
 
     def _apply(self) -> None:
@@ -113,12 +113,12 @@ class SweepMode(QObject):
             self._align(self._shown())
         self._plots.draw()
 
-    def _shown(self) -> TrialSweep | None:
+    def _shown(self) -> TrialSpan | None:
         """Return the trial that a look back shows."""
         start = self._plots.navigation.trial_start
         return next((trial for trial in self.starts.trials if trial.start == start), None)
 
-    def _align(self, trial: TrialSweep | None) -> None:
+    def _align(self, trial: TrialSpan | None) -> None:
         plots = self._plots
         oldest, count = plots.data.timeline.oldest, self._strip.count.value()
         earlier = [] if trial is None else self.starts.before(trial, count, oldest)
@@ -203,7 +203,9 @@ class LiveBar(QWidget):
     def __init__(self, navigation: Navigation, strips: dict[str, str]) -> None:
         super().__init__()
         self._navigation = navigation
-        self.pause = push_button("Pause", self._toggle, "Look back while samples go on (Space)")
+        self.pause = push_button(
+            "Pause", navigation.toggle, "Look back while samples go on (Space)"
+        )
         self.span = QComboBox()
         for span_s in SPANS_S:
             self.span.addItem(f"{span_s} s", span_s)
@@ -256,10 +258,6 @@ class LiveBar(QWidget):
         button.toggled.connect(lambda is_on: self.strip_toggled.emit(name, is_on))
         return button
 
-    def _toggle(self) -> None:
-        navigation = self._navigation
-        (navigation.resume if navigation.is_paused else navigation.pause)()
-
     def _move(self, value: int) -> None:
         navigation = self._navigation
         navigation.pause()
@@ -296,13 +294,13 @@ class LivePage(QWidget):
         self.bar = LiveBar(self.plots.navigation, _STRIPS)
         self.taxel_strip = TaxelStrip(self.plots.sensor_layout)
         self.encoder_strip, self.save_strip = EncoderStrip(self.plots.data), SaveStrip()
-        self.sweep_strip = SweepStrip()
-        self.sweeps = SweepMode(self.plots, self.sweep_strip)
-        self.saver = Saver()
+        self.alignment_strip = AlignmentStrip()
+        self.alignment = TrialAlignment(self.plots, self.alignment_strip)
+        self.files = FileSaver()
         self.cursor_label, self.difference_label = ElidedLabel(), ElidedLabel()
         self._strips: dict[str, QWidget] = {
             TAXELS: self.taxel_strip,
-            TRIALS: self.sweep_strip,
+            TRIALS: self.alignment_strip,
             ENCODER: self.encoder_strip,
             SAVE: self.save_strip,
         }
@@ -318,9 +316,16 @@ class LivePage(QWidget):
         self.timer.setTimerType(Qt.TimerType.PreciseTimer)
         self.timer.timeout.connect(self._look)
         texts = vbox(self.cursor_label, self.difference_label, margins=(6, 0, 6, 0))
-        column = vbox(self.bar, *self._strips.values(), self.plots, texts, spacing=3)
-        column.setStretch(1 + len(self._strips), 1)
-        self.setLayout(column)
+        self.setLayout(
+            vbox(
+                self.bar,
+                *self._strips.values(),
+                self.plots,
+                texts,
+                spacing=3,
+                tall=1 + len(self._strips),
+            )
+        )
         for strip in self._strips.values():
             strip.hide()
         self._connect()
@@ -340,7 +345,7 @@ class LivePage(QWidget):
             self._since_samples.start()
         self._head = live.taxel_head
         self.plots.pull(live)
-        self.sweeps.follow()
+        self.alignment.follow()
         self.encoder_strip.set_ranges(self.plots.data.low, self.plots.data.high)
         if not self.isVisible():
             return
@@ -374,7 +379,7 @@ class LivePage(QWidget):
             self.plots.set_sensor_layout(layout)
             self.taxel_strip.set_sensor_layout(layout)
         self.encoder_strip.show_status(status)
-        self.sweeps.show_status(status)
+        self.alignment.show_status(status)
         board = status.boards.get("taxels")
         supply_v = board.supply_v if board is not None else None
         self._supply_v = supply_v or NOMINAL_SUPPLY_V
@@ -389,26 +394,20 @@ class LivePage(QWidget):
         """Mark an event at its engine time."""
         self.plots.data.add_event(at_s, kind, text, data)
 
-    def toggle_pause(self) -> None:
-        """Look back, or follow the newest samples again."""
-        navigation = self.plots.navigation
-        (navigation.resume if navigation.is_paused else navigation.pause)()
-
-    def toggle_sweeps(self) -> None:
+    def toggle_alignment(self) -> None:
         """Begin each trial at the left, or scroll again."""
-        self.sweep_strip.align.toggle()
+        self.alignment_strip.align.toggle()
 
     def save_picture(self) -> None:
         """Save the plots as they are now into the folder of the strip Save."""
         now = f"{datetime.now():%Y-%m-%d %H:%M:%S}"
         foot = foot_text("live views", now, simulated=self._is_simulated)
-        image = image_with_foot(self.plots.grab().toImage(), foot)
-        self.saver.save_picture(image, self.save_strip.folder.text())
+        self._save("png", image_with_foot(self.plots.grab().toImage(), foot))
 
     def close_files(self) -> None:
         """Wait until all files are written and read, as before the window closes."""
-        self.saver.wait()
-        self.encoder_strip.wait()
+        self.files.close()
+        self.encoder_strip.close_files()
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
@@ -432,14 +431,14 @@ class LivePage(QWidget):
         self.bar.unit.currentTextChanged.connect(lambda _: self._set_unit())
         self.encoder_strip.changed.connect(self._mark_encoder)
         self.encoder_strip.per_mm_toggled.connect(self.plots.set_rates_per_mm)
-        self.save_strip.picture_requested.connect(lambda _: self.save_picture())
+        self.save_strip.picture_requested.connect(self.save_picture)
         self.save_strip.table_requested.connect(self._save_table)
-        self.saver.saved.connect(lambda path: self.reported.emit("saved", f"saved {path}"))
-        self.saver.failed.connect(lambda sentence: self.reported.emit("refused", sentence))
+        self.files.saved.connect(lambda path: self.reported.emit("saved", f"saved {path}"))
+        self.files.failed.connect(lambda sentence: self.reported.emit("refused", sentence))
         self.taxel_strip.chosen.connect(self.plots.show_taxels)
         self.pointer.enlarge_requested.connect(self._enlarge)
         self.pointer.taxel_changed.connect(lambda _: self.show_texts())
-        self.pointer.taxel_changed.connect(self.sweeps.show_taxel)
+        self.pointer.taxel_changed.connect(self.alignment.show_taxel)
         self.plots.lines_changed.connect(self.show_texts)
         self.plots.navigation.changed.connect(self.show_texts)
 
@@ -472,18 +471,22 @@ class LivePage(QWidget):
         self.add_event(self.plots.data.timeline.newest_s, "encoder", text, {})
         self.plots.draw()
 
-    def _save_table(self, folder: str) -> None:
+    def _save(self, suffix: str, content: Content) -> None:
+        stem = f"live-{datetime.now():%Y-%m-%d-%H%M%S}"
+        self.files.save(self.save_strip.folder.text(), stem, suffix, content)
+
+    def _save_table(self) -> None:
         plots = self.plots
         window, taxels = plots.navigation.window, plots.time_plots.taxels
         shown = shown_samples(plots.data, window, taxels, simulated=self._is_simulated)
         if len(shown.position):
-            self.saver.save_table(shown, folder)
+            self._save("csv", in_process(write_table, shown))
         else:
             self.reported.emit("refused", "no table was saved: there are no samples in view yet")
 
     def _enlarge(self, taxel: int) -> None:
         """Show one taxel alone, or all again."""
         self.pointer.taxel = taxel
-        self.sweeps.show_taxel(taxel)
+        self.alignment.show_taxel(taxel)
         self.plots.toggle_alone(taxel)
         self.taxel_strip.show_chosen(self.plots.time_plots.taxels)

@@ -7,11 +7,10 @@ from typing import Any, Protocol
 from PySide6.QtCore import QElapsedTimer, QPointF, QRectF, QTimer, Signal
 from PySide6.QtGui import QResizeEvent
 
-from gui.live.earlier_trials import EarlierTrials, TrialSweep
-from gui.live.heatmap import HeatMap
+from gui.live.earlier_trials import EarlierTrials, TrialSpan
 from gui.live.live_data import LiveData, ValueScale
 from gui.live.navigation import Cursors, Navigation
-from gui.live.raster import FULL_SCALE_HZ, RateBars, label_rates
+from gui.live.raster import FULL_SCALE_HZ, HeatMap, RateBars, label_rates
 from gui.live.time_plots import NOW, PAUSED, SINCE_START, TimePlots
 from gui.widgets.data_ages import DataAges, StaleCovers
 from gui.widgets.plot_axes import BOTTOM_PX, PlotGrid, colour_axes, fixed_plot, reserve
@@ -70,7 +69,7 @@ class LivePlots(PlotGrid):
         self.views: list[LiveView] = []
         self.time_plots = TimePlots(self.cells, theme, self.sensor_layout)
         self._earlier_trials = EarlierTrials(self.time_plots, theme)
-        self._earlier: tuple[list[TrialSweep], int] = ([], 0)
+        self._earlier: tuple[list[TrialSpan], int] = ([], 0)
         self._build_right_column(theme)
         boxes = [plot.getViewBox() for plot in self.time_plots.plots]
         self.stale_covers = StaleCovers(*boxes, self.heat_map, self._rate_plot.getViewBox())
@@ -112,7 +111,7 @@ class LivePlots(PlotGrid):
             self._since_numbers.start()
             self._refresh_right_column(min(window.right, self.navigation.newest))
 
-    def show_earlier(self, trials: list[TrialSweep], taxel: int) -> None:
+    def show_earlier(self, trials: list[TrialSpan], taxel: int) -> None:
         """Put trials behind the one that begins at the left, with the readings of a taxel."""
         self._earlier = (trials, taxel)
 

@@ -93,6 +93,10 @@ class Navigation(QObject):
             self.is_paused, self._span = False, self._live_span
             self.changed.emit()
 
+    def toggle(self) -> None:
+        """Look back, or follow the newest samples again."""
+        (self.resume if self.is_paused else self.pause)()
+
     def set_span(self, span_s: float) -> None:
         """Show so many seconds; a look back keeps its middle."""
         self._live_span = round(span_s * SAMPLE_RATE_HZ)

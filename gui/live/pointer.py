@@ -192,7 +192,7 @@ class Pointer(QObject):
         if key in steps:
             navigation.scroll(steps[_Key(key)])
         elif key == _Key.Key_Space:
-            (navigation.resume if navigation.is_paused else navigation.pause)()
+            navigation.toggle()
         elif key == _Key.Key_Home:
             navigation.scroll(navigation.oldest - navigation.window.right)
         elif key == _Key.Key_End:

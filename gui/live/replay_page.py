@@ -12,7 +12,7 @@ from PySide6.QtCore import QElapsedTimer, QObject, QRectF, QSignalBlocker, Qt, Q
 from PySide6.QtWidgets import QAbstractSpinBox, QCheckBox, QComboBox, QLineEdit, QScrollBar, QWidget
 
 from gui.analysis.export import foot_text
-from gui.analysis.replay_tasks import ReplayTrial
+from gui.analysis.open_sessions import ReplayTrial
 from gui.analysis.task_values import DRUM, SessionTable
 from gui.analysis.worker import Worker
 from gui.live.live_data import LiveData
@@ -220,7 +220,7 @@ OFFERED = "Press Return in the field to replay the last session, or choose anoth
 
 
 class ReplayPage(QWidget):
-    """Plays trials; :meth:`poll` moves the time and takes what the worker process read."""
+    """Plays trials; :meth:`poll` moves the time."""
 
     reported = Signal(str, str)
     """Kind and text for the event log."""
@@ -245,17 +245,22 @@ class ReplayPage(QWidget):
         self.growth = ElidedLabel("", "muted")
         """How old the newest data of a session are that is still recorded."""
         rows = (FlowLayout(*self._session_row), FlowLayout(*self._play_row))
-        column = vbox(
-            *rows, self.growth, self.sentence, self.plots, self.voltage, self.values, spacing=3
+        self.setLayout(
+            vbox(
+                *rows,
+                self.growth,
+                self.sentence,
+                self.plots,
+                self.voltage,
+                self.values,
+                spacing=3,
+                tall=4,
+            )
         )
-        column.setStretch(4, 1)
-        self.setLayout(column)
         self._connect()
 
     def poll(self) -> None:
-        """Take results of the worker, and show the present moment."""
-        self.worker.poll()
-        self.movies.worker.poll()
+        """Show the present moment."""
         if not self.isVisible() or not self.player.is_playing:
             return
         self.player.advance()
@@ -291,9 +296,10 @@ class ReplayPage(QWidget):
             self.session.setFocus()
 
     def close_files(self) -> None:
-        """End the worker process, as before the window closes."""
-        self.worker.cancel()
+        """End the worker processes, as before the window closes."""
+        self.worker.close()
         self.movies.cancel()
+        self.movies.worker.close()
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""

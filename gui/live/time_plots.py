@@ -13,11 +13,10 @@ from PySide6.QtGui import QPainter, QPen, QPolygonF
 from PySide6.QtWidgets import QGraphicsItem
 
 from gui.live.drum_course import DrumCourse, thin_out
-from gui.live.history import SPAN_S
 from gui.live.live_data import ValueScale
 from gui.live.navigation import MarkLine, Overlay
 from gui.live.raster import Raster, ScrollingImage, TrainRows
-from gui.live.timeline import PixelColumns, Timeline, TimeWindow
+from gui.live.timeline import SPAN_S, PixelColumns, Timeline, TimeWindow
 from gui.widgets.plot_axes import (
     LEFT_PX,
     MAX_TICKS,

@@ -13,9 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gui.live.history import LiveSamples, SampleWindow
 from rigctl.encoder.reading import conductance
+from rigctl.engine.live_file import LiveReader
+from rigctl.finger.live_file import FingerLiveReader
 from rigctl.values import SAMPLE_RATE_HZ
+
+SPAN_S = 10
 
 
 class Ring:
@@ -260,7 +263,7 @@ class Timeline:
             return 0
         return int(self.counters.between(self.counters.first, self.counters.first + 1)[0])
 
-    def pull(self, live: LiveSamples[SampleWindow]) -> int:
+    def pull(self, live: LiveReader | FingerLiveReader) -> int:
         """Append what the engine wrote since the last pull; return the number of new samples."""
         n_new = live.taxel_head - self._head
         if n_new <= 0:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-import threading
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from PySide6.QtCore import QObject, Qt, Signal
+from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QComboBox, QLineEdit, QProgressBar, QPushButton, QWidget
 
 from gui.operate.part_picture import PartDrawing
+from gui.widgets.background import Background
 from gui.widgets.file_browser import PathKind, browse_button, typed_path
 from gui.widgets.labels import Strip, label, set_property, show_progress, show_text
 from gui.widgets.layouts import FlowLayout, container, hbox, push_button, vbox
@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     from rigctl.boards.port_discovery import PortReport
 
 
-JOIN_LIMIT_S = 10.0
-UNEXPECTED = "the boards could not be asked: Help → Crash reports says why"
+CLOSE_TIMEOUT_S = 10.0
 _Work = Callable[[], Coroutine[Any, Any, Callable[[], None]]]
 """Does something in the thread's event loop, and returns what then tells it in the window's."""
 
@@ -53,20 +52,14 @@ class BoardWorker(QObject):
     failed = Signal(str)
     """One sentence."""
     cancelled = Signal()
-    _ended = Signal(object)
 
     def __init__(self) -> None:
         super().__init__()
-        self._thread: threading.Thread | None = None
+        self._background = Background("rigctl-boards")
+        self.is_busy = False
+        """Whether ports are asked or a board is flashed."""
         self._running: tuple[asyncio.AbstractEventLoop, asyncio.Task[Any]] | None = None
         self._is_cancelled = False
-        # The thread emits, the window's thread acts.
-        self._ended.connect(self._end, Qt.ConnectionType.QueuedConnection)
-
-    @property
-    def is_busy(self) -> bool:
-        """Whether ports are asked or a board is flashed."""
-        return self._thread is not None
 
     def find(self) -> None:
         """Ask the board on every serial port for its name and firmware."""
@@ -87,9 +80,8 @@ class BoardWorker(QObject):
 
     def close(self) -> None:
         """End what goes on, and wait until the ports are free."""
-        if self._thread is not None:
-            self.cancel()
-            self._thread.join(JOIN_LIMIT_S)
+        self.cancel()
+        self._background.close(CLOSE_TIMEOUT_S)
 
     async def _find(self) -> Callable[[], None]:
         # Drivers are loaded when a board is asked for, not at the start of the window.
@@ -109,25 +101,21 @@ class BoardWorker(QObject):
     def _start(
         self, work: _Work, loop_factory: Callable[[], asyncio.AbstractEventLoop] | None
     ) -> None:
-        if self._thread is None:
-            self._is_cancelled = False
+        if not self.is_busy:
+            self.is_busy, self._is_cancelled = True, False
             run = partial(self._run, work, loop_factory)
-            self._thread = threading.Thread(target=run, name="rigctl-boards")
-            self._thread.start()
+            self._background.run(
+                run, self._end, lambda text: self._end(lambda: self.failed.emit(text))
+            )
 
     def _run(
         self, work: _Work, loop_factory: Callable[[], asyncio.AbstractEventLoop] | None
-    ) -> None:
-        tell: Callable[[], None] = partial(self.failed.emit, UNEXPECTED)
+    ) -> Callable[[], None]:
         try:
             with asyncio.Runner(loop_factory=loop_factory) as runner:
-                tell = runner.run(self._cancellable(work))
-        except RigctlError as error:
-            tell = partial(self.failed.emit, str(error))
+                return runner.run(self._cancellable(work))
         except asyncio.CancelledError:
-            tell = self.cancelled.emit
-        finally:
-            self._ended.emit(tell)
+            return self.cancelled.emit
 
     async def _cancellable(self, work: _Work) -> Callable[[], None]:
         task = asyncio.current_task()
@@ -141,9 +129,7 @@ class BoardWorker(QObject):
             self._running = None
 
     def _end(self, tell: Callable[[], None]) -> None:
-        thread, self._thread = self._thread, None
-        if thread is not None:
-            thread.join()
+        self.is_busy = False
         tell()
 
 
@@ -158,7 +144,7 @@ class FlashStrip(Strip):
         self._board, self._port = "", ""
         self.flash = push_button("Flash", self._accept, "Write this installation's firmware to it")
         self.dismiss = push_button("Not now", self.hide)
-        self.setLayout(self.row(self.flash, self.dismiss))
+        self.lay_out(self.flash, self.dismiss)
 
     def offer(self, board: str, port: str, sentence: str) -> None:
         """Offer to flash the board at a port; the sentence says why."""
@@ -272,15 +258,16 @@ class BoardsBox(QWidget):
         buttons = FlowLayout(self.find_button, *flash, container(at), self.cancel_button)
         browse = browse_button(self.path_requested, PathKind.RIG_FILE, self.rig_file.setText)
         connect = hbox(label("Then use"), self.rig_file, browse, self.connect_button, wide=1)
-        column = vbox(
-            label("Boards and ports", "heading"),
-            label(INTRODUCTION, "muted", wraps=True),
-            *(self.drawing, buttons, self.progress, self.state),
-            *(self.expected, self.found, self.problem, connect),
-            spacing=6,
+        self.setLayout(
+            vbox(
+                label("Boards and ports", "heading"),
+                label(INTRODUCTION, "muted", wraps=True),
+                *(self.drawing, buttons, self.progress, self.state),
+                *(self.expected, self.found, self.problem, connect),
+                spacing=6,
+                tall=2,
+            )
         )
-        column.setStretch(2, 1)
-        self.setLayout(column)
 
     def _connect_worker(self) -> None:
         worker = self.worker

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import QEvent, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import (
     QHeaderView,
@@ -15,14 +17,29 @@ from PySide6.QtWidgets import (
     QTableWidget,
     QTableWidgetItem,
     QTabWidget,
-    QVBoxLayout,
     QWidget,
 )
 
 from gui.widgets.formatting import age, grouped
 from gui.widgets.labels import label, set_property, show_text
-from gui.widgets.layouts import FlowLayout, focus_wheel, hbox, push_button, scroll_area, vbox
+from gui.widgets.layouts import (
+    EventWatch,
+    FlowLayout,
+    focus_wheel,
+    hbox,
+    push_button,
+    scroll_area,
+    vbox,
+)
 from gui.widgets.number_box import NumberBox, has_refused
+from gui.widgets.plot_axes import (
+    BOTTOM_PX,
+    LEFT_PX,
+    PlotGrid,
+    colour_axes,
+    fixed_plot,
+    reserve,
+)
 from gui.widgets.theme import Theme, applied_theme, scaled_px
 from rigctl.config.rig_config import RigLimits
 from rigctl.engine.calibration_values import (
@@ -47,8 +64,7 @@ from rigctl.engine.wiring_identification import (
     reading_name,
 )
 
-LEFT_PX, BOTTOM_PX, TOP_PX, RIGHT_PX = 62, 34, 20, 14
-POINT_PX = 4.0
+WIDTH_PX, LEAST_PX, HEIGHT_PX, POINT_PX = 300, 200, 140, 8
 
 
 class Stem(NamedTuple):
@@ -59,26 +75,25 @@ class Stem(NamedTuple):
     name: str
 
 
-class StemPlot(QWidget):
+class StemPlot(PlotGrid):
     """Draws stems; ``hint`` stands in place of them. ``title`` says what both axes are."""
 
     def __init__(self, title: str, hint: str) -> None:
-        super().__init__()
+        super().__init__(label(title, "muted", wraps=True))
         self.stems: list[Stem] = []
-        self._title, self._hint = title, hint
+        self._hint = hint
         self.setAccessibleName(title)
-
-    def minimumSizeHint(self) -> QSize:
-        """Return the size that the title needs in two lines."""
-        return QSize(max(self._title_px * 5 // 8, scaled_px(200)), scaled_px(150))
+        self.graphics.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self._plot = fixed_plot(self.cells, 0, 0)
+        reserve(self._plot, "left", LEFT_PX)
+        reserve(self._plot, "bottom", BOTTOM_PX)
+        self._plot.setXRange(-0.03, 1.03, padding=0)
+        self._draw()
+        EventWatch(self, self._draw, QEvent.Type.PaletteChange, QEvent.Type.FontChange)
 
     def sizeHint(self) -> QSize:
         """Return a size that suits a small window."""
-        return QSize(min(self._title_px, scaled_px(300)), scaled_px(150))
-
-    @property
-    def _title_px(self) -> int:
-        return self.fontMetrics().horizontalAdvance(self._title) + 4
+        return QSize(scaled_px(WIDTH_PX), self.minimumSizeHint().height())
 
     def show_stems(self, stems: Sequence[Stem], unit: str = "") -> None:
         """Show errors; ``unit`` follows each name in words."""
@@ -87,101 +102,39 @@ class StemPlot(QWidget):
             lines = [f"{stem.name}{unit}: {stem.error_g:+.2f} g" for stem in stems]
             self.setToolTip("\n".join(lines))
             self.setAccessibleDescription("; ".join(lines))
-            self.update()
+            self._draw()
 
-    def paintEvent(self, event: QPaintEvent) -> None:
-        """Draw frame, axes and points."""
-        painter, theme = QPainter(self), applied_theme()
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        left, top, right, bottom = map(scaled_px, (LEFT_PX, TOP_PX, RIGHT_PX, BOTTOM_PX))
-        top *= 1 if self._title_px <= self.width() else 2
-        area = QRectF(self.rect()).adjusted(left, top, -right, -bottom)
-        painter.fillRect(area, QColor(theme.plot))
-        painter.setPen(QColor(theme.muted))
-        title = QRectF(0, 0, self.width(), top)
-        centre = Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap
-        painter.drawText(title, centre, self._title)
-        if self.stems:
-            self._draw(painter, area, theme)
-        else:
-            painter.drawText(area, Qt.AlignmentFlag.AlignCenter, self._hint)
-        painter.setPen(QColor(theme.line))
-        painter.setBrush(Qt.BrushStyle.NoBrush)
-        painter.drawRect(area)
-
-    def _draw(self, painter: QPainter, area: QRectF, theme: Theme) -> None:
-        most_g = max(0.1, *(abs(stem.error_g) for stem in self.stems)) * 1.25
-        self._draw_axis(painter, area, most_g, theme)
-        right_px = -1.0
-        for stem in self.stems:
-            x = area.left() + 8 + stem.place * (area.width() - 16)
-            y = area.center().y() - stem.error_g / most_g * area.height() / 2
-            painter.setPen(QPen(QColor(theme.accent), 1.5))
-            painter.drawLine(QPointF(x, area.center().y()), QPointF(x, y))
-            painter.setBrush(QColor(theme.accent))
-            painter.drawEllipse(QPointF(x, y), POINT_PX, POINT_PX)
-            right_px = self._draw_name(painter, area, x, stem.name, right_px, theme)
-
-    def _draw_axis(self, painter: QPainter, area: QRectF, most_g: float, theme: Theme) -> None:
-        painter.setPen(QPen(QColor(theme.muted), 1, Qt.PenStyle.DashLine))
-        middle = area.center().y()
-        painter.drawLine(QPointF(area.left(), middle), QPointF(area.right(), middle))
-        half = scaled_px(8)
-        ends = area.top() + half - 1, area.bottom() - half + 1
-        for value_g, y in ((most_g, ends[0]), (0.0, middle), (-most_g, ends[1])):
-            text = f"{value_g:+.2f}" if value_g else "0"
-            place = QRectF(0, y - half, area.left() - 6, 2 * half)
-            flags = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
-            painter.drawText(place, flags, text.replace("-", "−"))
-
-    def _draw_name(
-        self, painter: QPainter, area: QRectF, x: float, text: str, free_px: float, theme: Theme
-    ) -> float:
-        """Write a name below its point unless another one is there; return where there is room."""
-        width = painter.fontMetrics().horizontalAdvance(text)
-        left = min(max(0.0, x - width / 2), self.width() - width)
-        if left < free_px:
-            return free_px
-        painter.setPen(QColor(theme.muted))
-        place = QRectF(left - 1, area.bottom() + 4, width + 2, scaled_px(18))
-        painter.drawText(place, Qt.AlignmentFlag.AlignCenter, text)
-        return left + width + 6
+    def _draw(self) -> None:
+        theme, plot = applied_theme(), self._plot
+        self.graphics.setMinimumWidth(scaled_px(LEAST_PX))
+        self.graphics.setFixedHeight(scaled_px(HEIGHT_PX))
+        self.graphics.setBackground(None)
+        plot.getViewBox().setBorder(theme.line)
+        colour_axes(plot, theme)
+        plot.clear()
+        most_g = 1.25 * max(0.1, *(abs(stem.error_g) for stem in self.stems), 0.0)
+        plot.setYRange(-most_g, most_g, padding=0)
+        values = [(value, f"{value:+.2f}".replace("-", "−")) for value in (most_g, -most_g)]
+        plot.getAxis("left").setTicks([[*values, (0, "0")] if self.stems else [], []])
+        plot.getAxis("bottom").setTicks([[(stem.place, stem.name) for stem in self.stems], []])
+        if not self.stems:
+            hint = pg.TextItem(self._hint, color=theme.muted, anchor=(0.5, 0.5))
+            plot.addItem(hint)
+            hint.setPos(0.5, 0)
+            return
+        x, y = np.array([(stem.place, stem.error_g) for stem in self.stems]).T
+        zero = pg.mkPen(theme.muted, width=1, style=Qt.PenStyle.DashLine)
+        plot.addItem(pg.InfiniteLine(0, angle=0, pen=zero))
+        ends = np.column_stack((np.zeros(len(y)), y)).ravel()
+        pen = pg.mkPen(theme.accent, width=1.5)
+        plot.addItem(pg.PlotCurveItem(np.repeat(x, 2), ends, connect="pairs", pen=pen))
+        plot.addItem(pg.ScatterPlotItem(x, y, size=POINT_PX, brush=theme.accent, pen=pen))
 
 
 IMBALANCE_TITLE = "Error (g) over the sixteenth of the turn, from the index mark on"
 IMBALANCE_HINT = "Turn the drum once to measure it"
-
-
-class ImbalancePlot(StemPlot):
-    """A point for each sixteenth."""
-
-    def __init__(self) -> None:
-        super().__init__(IMBALANCE_TITLE, IMBALANCE_HINT)
-
-    def show_table(self, table_g: Sequence[float]) -> None:
-        """Show the errors; none before they are measured."""
-        last = max(1, len(table_g) - 1)
-        self.show_stems([Stem(n / last, value, f"{n + 1}") for n, value in enumerate(table_g)])
-
-
 RESIDUAL_TITLE = "Mass less the line (g) over the mass (g)"
 RESIDUAL_HINT = "Two readings make a line"
-
-
-class ResidualPlot(StemPlot):
-    """A point for each mass; the line in the middle is the scale."""
-
-    def __init__(self) -> None:
-        super().__init__(RESIDUAL_TITLE, RESIDUAL_HINT)
-
-    def show_points(self, masses_g: Sequence[float], residuals_g: Sequence[float]) -> None:
-        """Show residuals; none for no line."""
-        widest_g = max(masses_g, default=0.0) or 1.0
-        pairs = zip(masses_g, residuals_g, strict=True)
-        stems = [Stem(mass / widest_g, residual, f"{mass:g}") for mass, residual in pairs]
-        self.show_stems(stems, " g")
-
-
 SAVE_TIP = "Save the result on the drum's board and, at a bench, in its rig.toml"
 DISCARD_TIP = "Forget what was measured"
 CANCEL_TIP = "End the measurement: the drum lifts and switches off"
@@ -260,13 +213,14 @@ class PartPage(QWidget):
         """Put the rows between the task and the buttons."""
         self.buttons.extend(extra)
         buttons = FlowLayout(self.measure_button, *extra, *self.buttons[1:4])
-        column: QVBoxLayout = vbox(
-            *(self.task, *rows, buttons, self.state, self.result_label),
-            spacing=6,
-            margins=(9, 6, 9, 6),
+        self.setLayout(
+            vbox(
+                *(self.task, *rows, buttons, self.state, self.result_label),
+                spacing=6,
+                margins=(9, 6, 9, 6),
+                tall=-1,
+            )
         )
-        column.addStretch(1)
-        self.setLayout(column)
 
     def _show_state(self, obstacle: str, found: CalibrationStatus) -> None:
         text, role = obstacle, "muted"
@@ -399,8 +353,7 @@ class WiringPart(PartPage):
         self._found_before: int | None = None
         """Number of the step that followed what was found, None before a status tells it."""
         self.repeat_button = push_button("Repeat last", self._repeat, REPEAT_TIP)
-        beside = vbox(label(LEGEND, "muted", wraps=True), self.found, spacing=8)
-        beside.addStretch(1)
+        beside = vbox(label(LEGEND, "muted", wraps=True), self.found, spacing=8, tall=-1)
         self.lay_out(hbox(self.map, beside, spacing=12, wide=1), extra=(self.repeat_button,))
 
     def measure(self) -> None:
@@ -502,20 +455,14 @@ class LoadCellPart(PartPage):
         self.table.setMinimumHeight(110)
         self.table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
         self.table.setAccessibleName("Readings with known masses")
-        self.plot = ResidualPlot()
+        self.plot = StemPlot(RESIDUAL_TITLE, RESIDUAL_HINT)
         self.remove_button = push_button("Remove", self._remove, REMOVE_TIP)
         self._readings: tuple[MassReading, ...] = ()
         field = hbox(label("Mass"), self.mass, wide=-1, spacing=6)
-        field.addStretch(1)
         both = FlowLayout(self.table, self.plot)
         self._fit_texts()
+        EventWatch(self, self._fit_texts, QEvent.Type.FontChange)
         self.lay_out(field, self.live, both, extra=(self.remove_button,))
-
-    def changeEvent(self, event: QEvent) -> None:
-        """Keep the numbers whole when the texts become larger."""
-        super().changeEvent(event)
-        if event.type() == QEvent.Type.FontChange and hasattr(self, "plot"):
-            self._fit_texts()
 
     def _fit_texts(self) -> None:
         self.table.horizontalHeader().setMinimumSectionSize(scaled_px(COLUMN_PX))
@@ -583,7 +530,9 @@ class LoadCellPart(PartPage):
         masses_g = [reading.mass_g for reading in self._readings]
         differ = len({reading.mean_counts for reading in self._readings}) > 1
         residuals = fit_line(self._readings).residuals_g if differ else ()
-        self.plot.show_points(masses_g if residuals else [], residuals)
+        widest_g = max(masses_g, default=0.0) or 1.0
+        points = zip(masses_g, residuals, strict=False)  # no residual: no line
+        self.plot.show_stems([Stem(g / widest_g, left_g, f"{g:g}") for g, left_g in points], " g")
         self.table.setRowCount(len(self._readings))
         for row, reading in enumerate(self._readings):
             left = f"{residuals[row]:+.2f}".replace("-", "−") if residuals else "–"
@@ -621,7 +570,6 @@ class ForcePart(PartPage):
         self._set_limits(RigLimits())
         self.force.setValue(500.0)
         field = hbox(label("Force"), self.force, wide=-1, spacing=6)
-        field.addStretch(1)
         show_text(self.task, FORCE_TASK)
         self.lay_out(field)
 
@@ -654,7 +602,8 @@ class ImbalancePart(PartPage):
 
     def __init__(self) -> None:
         super().__init__(IMBALANCE, "Turn and measure", "Measure the imbalance over one turn")
-        self.plot, self.table = ImbalancePlot(), label("", "muted", wraps=True)
+        self.plot = StemPlot(IMBALANCE_TITLE, IMBALANCE_HINT)
+        self.table = label("", "muted", wraps=True)
         show_text(self.task, IMBALANCE_TASK)
         self.lay_out(self.plot, self.table)
 
@@ -670,7 +619,8 @@ class ImbalancePart(PartPage):
         """Show the table, and what becomes of it."""
         super().show_status(status)
         table_g, saved = status.calibration.imbalance_g, status.calibration.saved
-        self.plot.show_table(table_g)
+        last = max(1, len(table_g) - 1)
+        self.plot.show_stems([Stem(n / last, g, f"{n + 1}") for n, g in enumerate(table_g)])
         values = ", ".join(f"{value:+.2f}" for value in table_g).replace("-", "−")
         kept = "" if IMBALANCE in saved else f"; {KEPT}"
         show_text(self.table, f"From the index mark on, in g: {values}{kept}" if table_g else "")
@@ -709,9 +659,7 @@ class CalibratePage(QWidget):
             part.command_requested.connect(self._request)
         self.close_button = push_button("Close", self.closed.emit)
         heading = hbox(label("Calibrate", "heading"), self.close_button, spacing=8)
-        column = vbox(heading, self.tabs, spacing=4, margins=(9, 4, 9, 4))
-        column.setStretch(1, 1)
-        self.setLayout(column)
+        self.setLayout(vbox(heading, self.tabs, spacing=4, margins=(9, 4, 9, 4), tall=1))
         self.show_status(EngineStatus())
 
     @property

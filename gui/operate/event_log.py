@@ -85,7 +85,7 @@ def _measured(command: str, result: Mapping[str, Any]) -> str:
             saved = f"{result['part']} is saved in {' and '.join(result['kept_in'])}"
             return f"{saved}; {result['remark']}" if result.get("remark") else saved
         case "setup_check" if "part" in result:
-            return f"{result['part']} {'is right' if result['passed'] else result['problem']}"
+            return f"{result['part']}: {'right' if result['passed'] else result['problem']}"
         case "setup_keep" if "says" in result:
             return f"rig.toml says {result['says']}"
         case "setup_commission" if "not_checked" in result:

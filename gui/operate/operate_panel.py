@@ -1,4 +1,4 @@
-"""The Operate tab: arm, jog, set-points, approach, run, retract, clear a fault."""
+"""The panel Operate: bring-up, jog, set-points, approach, run, retract, clear a fault."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
-from PySide6.QtCore import QDateTime, QEvent, QSize, Qt, Signal
+from PySide6.QtCore import QEvent, QSize, Qt, Signal
 from PySide6.QtGui import QFont, QFontMetrics, QKeySequence, QShortcut
 from PySide6.QtWidgets import (
-    QFrame,
     QGridLayout,
     QGroupBox,
     QHBoxLayout,
@@ -21,11 +20,12 @@ from PySide6.QtWidgets import (
 
 from gui.operate.alarms import RELEASE_FIRST
 from gui.operate.bench_controls import BenchControls
-from gui.operate.bring_up import BringUpBox
 from gui.widgets.data_ages import DataAges, stale_words
 from gui.widgets.file_browser import PathKind, browse_button, folder_problem, new_files_folder
-from gui.widgets.labels import Level, StatusLamp, elastic, label, set_property, show_text
+from gui.widgets.formatting import time_stamp
+from gui.widgets.labels import Level, StatusLamp, Strip, elastic, label, set_property, show_text
 from gui.widgets.layouts import (
+    EventWatch,
     FlowLayout,
     container,
     focus_wheel,
@@ -39,28 +39,160 @@ from gui.widgets.number_box import NumberBox, has_refused
 from rigctl.boards.drum_registers import BY_NAME
 from rigctl.boards.drum_states import State, StateEvent, next_state
 from rigctl.config.rig_config import RigLimits
+from rigctl.engine.calibration_values import LOADCELL, WIRING
 from rigctl.engine.rpc.messages import EngineStatus, PromptStatus, RecordingStatus
 
+CALIBRATE_TIP = "Calibrate load cell and force loop, measure the imbalance, identify the taxels"
+STEPS, STEPS_TIP = "All steps", "List each step of the bring-up, and whether it is done"
+SETUP = "setup"
+READY = "Ready to approach"
+_ON = (State.ARMED, State.POSITION, State.APPROACH, State.HOLD, State.RUN, State.RETRACT)
 
-class PromptPanel(QFrame):
+
+class BringUpStep(NamedTuple):
+    """A step: whether it is done, in words, and the command that does it.
+
+    ``part``: the part of the page Calibrate, or the page Set up, that does it, empty for a
+    command. ``is_needed``: the drum cannot approach without it.
+    """
+
+    name: str
+    is_done: bool
+    words: str
+    command: str = ""
+    part: str = ""
+    is_needed: bool = False
+
+
+def bring_up_steps(status: EngineStatus) -> list[BringUpStep]:
+    """Return the steps in their order."""
+    taxels = status.boards.get("taxels")
+    findings = taxels.self_test if taxels is not None else None
+    is_on = status.drum_connected and status.state in _ON
+    tested = "not run" if findings is None else _findings(len(findings))
+    calibrated = status.loadcell_calibrated
+    is_commissioned = status.commissioned
+    return [
+        BringUpStep(
+            "Set up",
+            is_commissioned,
+            "commissioned" if is_commissioned else "not commissioned for its wiring",
+            part=SETUP,
+            is_needed=True,
+        ),
+        BringUpStep("Self-test", findings == (), tested, "test_taxels"),
+        BringUpStep("Arm", is_on, "on" if is_on else "off", "arm", is_needed=True),
+        BringUpStep("Home", status.homed, "homed" if status.homed else "angle unknown", "home"),
+        BringUpStep(
+            "Tare", status.tared, "tared" if status.tared else "no zero", "tare", is_needed=True
+        ),
+        BringUpStep(
+            "Taxel range",
+            status.has_taxel_range,
+            "known" if status.has_taxel_range else "not measured",
+            "calibrate_range",
+        ),
+        BringUpStep("Load cell", bool(calibrated), calibrated or "nominal scale", part=LOADCELL),
+        BringUpStep(
+            "Taxel order",
+            status.has_taxel_order,
+            "identified" if status.has_taxel_order else "as drawn, not identified",
+            part=WIRING,
+        ),
+    ]
+
+
+def _findings(n: int) -> str:
+    return "no findings" if not n else f"{n} finding{'s' if n > 1 else ''}"
+
+
+def missing_words(steps: list[BringUpStep]) -> str:
+    """Return what is missing before approach in one sentence."""
+    missing = [step.name.lower() for step in steps if step.is_needed and not step.is_done]
+    return f"Before approach: {', '.join(missing)}" if missing else READY
+
+
+class BringUpBox(QGroupBox):
+    """The sentence before approach and the next step; a lamp and words for each step on request.
+
+    It folds only when the user asks: buttons below it must not move under the mouse.
+    """
+
+    command_requested = Signal(str, dict)
+    calibrate_requested = Signal(str)
+    """Show this part of the page Calibrate."""
+    setup_requested = Signal()
+    """Show the page Set up."""
+
+    def __init__(self) -> None:
+        super().__init__("Bring-up")
+        grid = QGridLayout(self)
+        grid.setContentsMargins(8, 6, 8, 8)
+        grid.setVerticalSpacing(2)
+        steps_grid = QGridLayout()
+        self.rows: dict[str, tuple[StatusLamp, QLabel]] = {}
+        for row, step in enumerate(bring_up_steps(EngineStatus())):
+            lamp, words = StatusLamp(11), label("", "muted", wraps=True)
+            self.rows[step.name] = (lamp, words)
+            for column, widget in enumerate((lamp, label(step.name), words)):
+                steps_grid.addWidget(widget, row, column)
+        steps_grid.setColumnStretch(2, 1)
+        self.list = container(steps_grid)
+        self.list.hide()
+        self.steps = QPushButton(STEPS)
+        self.steps.setCheckable(True)
+        self.steps.setToolTip(STEPS_TIP)
+        self.steps.toggled.connect(self.list.setVisible)
+        self.missing = label("", "heading", wraps=True)
+        self.next = push_button("Next step", self._do_next, "Do the first step that is missing")
+        show_page = partial(self.calibrate_requested.emit, LOADCELL)
+        self.calibrate = push_button("Calibrate …", show_page, CALIBRATE_TIP)
+        self._next_step: BringUpStep | None = None
+        grid.addWidget(self.missing, 0, 0, 1, 2)
+        grid.addWidget(self.next, 1, 0, 1, 2)
+        grid.addWidget(self.calibrate, 2, 0)
+        grid.addWidget(self.steps, 2, 1)
+        grid.addWidget(self.list, 3, 0, 1, 2)
+
+    def show_status(self, status: EngineStatus) -> None:
+        """Show the steps; the next one can be done while no protocol runs."""
+        steps = bring_up_steps(status)
+        for step in steps:
+            self._show_step(step)
+        show_text(self.missing, missing_words(steps))
+        undone = [step for step in steps if not step.is_done]
+        self._next_step = undone[0] if undone else None
+        self.next.setText(f"Next: {undone[0].name}" if undone else "All done")
+        is_free = status.drum_connected and not (status.run.is_active or status.is_moved_by_hand)
+        self.next.setEnabled(bool(undone) and is_free and not status.fault)
+
+    def _show_step(self, step: BringUpStep) -> None:
+        lamp, words = self.rows[step.name]
+        lamp.set_level(Level.OK if step.is_done else Level.WARN if step.is_needed else Level.OFF)
+        show_text(words, step.words)
+        set_property(words, "role", "warn" if step.is_needed and not step.is_done else "muted")
+
+    def _do_next(self) -> None:
+        step = self._next_step
+        if step is not None and step.part == SETUP:
+            self.setup_requested.emit()
+        elif step is not None and step.part:
+            self.calibrate_requested.emit(step.part)
+        elif step is not None:
+            self.command_requested.emit(step.command, {})
+
+
+class PromptPanel(Strip):
     """A question and its two answers; hidden without a question."""
 
     command_requested = Signal(str, dict)
 
     def __init__(self) -> None:
         super().__init__()
-        self.setProperty("role", "prompt")
         self._prompt_id = 0
-        lamp = StatusLamp(18)
-        lamp.set_level(Level.WARN)
-        self.text = label("", "heading", wraps=True)
-        self.confirm = QPushButton("Done, continue")
-        self.abort = QPushButton("Abort the run")
-        self.confirm.clicked.connect(lambda: self._answer("ok"))
-        self.abort.clicked.connect(lambda: self._answer("abort"))
-        row = (lamp, self.text, self.confirm, self.abort)
-        self.setLayout(hbox(*row, wide=1, spacing=6, margins=(10, 6, 10, 6)))
-        self.hide()
+        self.confirm = push_button("Done, continue", lambda: self._answer("ok"))
+        self.abort = push_button("Abort the run", lambda: self._answer("abort"))
+        self.lay_out(self.confirm, self.abort)
 
     def show_prompt(self, prompt: PromptStatus | None) -> None:
         """Show a question, or hide the panel without one."""
@@ -212,16 +344,11 @@ class ReadingBox(QGroupBox):
         pairs = [container(hbox(name, reading, wide=1)) for name, reading in both]
         self.setLayout(vbox(FlowLayout(*pairs), self.age, spacing=2, margins=(8, 6, 8, 8)))
         self._keep_whole()
+        EventWatch(self, self._keep_whole, QEvent.Type.FontChange)
 
     def sizeHint(self) -> QSize:
         """Return the size for one reading in a line; the panel decides how many there are."""
         return QSize(self.minimumSizeHint().width(), super().sizeHint().height())
-
-    def changeEvent(self, event: QEvent) -> None:
-        """Keep the readings whole when the texts become larger."""
-        super().changeEvent(event)
-        if event.type() == QEvent.Type.FontChange and hasattr(self, "_names"):
-            self._keep_whole()
 
     def _keep_whole(self) -> None:
         bold = QFont(self.font())
@@ -400,8 +527,7 @@ class RecordBox(QGroupBox):
         if self._recording.by_hand:
             self.command_requested.emit("end_record", {})
             return
-        time = QDateTime.currentDateTimeUtc().toString("yyyyMMdd-HHmmss")
-        folder = new_files_folder(self.folder.text()) / f"by-hand-{time}"
+        folder = new_files_folder(self.folder.text()) / f"by-hand-{time_stamp()}"
         args = {"out": str(folder), "note": self.note.text().strip()}
         self.command_requested.emit("record", args)
 
@@ -553,9 +679,7 @@ class OperatePanel(QWidget):
             *(self.bring_up, drum, self.set_points, contact, self._fault_box()),
             *(self.reading_box, self.record_box),
         )
-        column = vbox(*boxes, self.bench, spacing=4, margins=(6, 4, 6, 6))
-        column.addStretch(1)
-        self.setLayout(column)
+        self.setLayout(vbox(*boxes, self.bench, spacing=4, margins=(6, 4, 6, 6), tall=-1))
 
     def _action_box(self, title: str, actions: tuple[Action, ...]) -> tuple[QGroupBox, QGridLayout]:
         box, grid = group_box(title, QGridLayout())

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
+from math import ceil, floor
 
-from PySide6.QtCore import QPointF, QRectF, QSize, Qt
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt
+from PySide6.QtGui import QPainter, QPaintEvent
 from PySide6.QtSvg import QSvgRenderer
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
+from gui.widgets.labels import label
+from gui.widgets.layouts import EventWatch
+from gui.widgets.plot_axes import LEFT_PX, PlotGrid, colour_axes, fixed_plot, reserve
 from gui.widgets.theme import applied_theme, scaled_px
 from rigctl.config.resources import part_title, wiring_drawing
 from rigctl.engine.rpc.messages import EngineStatus
@@ -17,6 +22,7 @@ from rigctl.engine.rpc.messages import EngineStatus
 MARGIN = 8.0
 SHOWN_S = 30.0
 LEAST_SPAN_G = 20.0
+LEAST_TRACE_PX = (160, 90)
 TRACE_TITLE = "Load cell (g), last 30 s"
 
 
@@ -66,21 +72,23 @@ class PartDrawing(QWidget):
         return self._pages[page]
 
 
-class CellTrace(QWidget):
+class CellTrace(PlotGrid):
     """The load cell's reading over the last half minute, with its range at the left."""
 
     def __init__(self) -> None:
-        super().__init__()
+        super().__init__(label(TRACE_TITLE, "muted"))
         self._points: deque[tuple[float, float]] = deque()
         self.setAccessibleName(TRACE_TITLE)
-
-    def sizeHint(self) -> QSize:
-        """Return a size that suits a small window."""
-        return QSize(scaled_px(300), scaled_px(130))
-
-    def minimumSizeHint(self) -> QSize:
-        """Return the smallest size that shows a curve."""
-        return QSize(scaled_px(160), scaled_px(90))
+        self.graphics.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self._plot = fixed_plot(self.cells, 0, 0)
+        reserve(self._plot, "left", LEFT_PX)
+        self._plot.setXRange(-SHOWN_S, 0.0, padding=0)
+        self._plot.getAxis("bottom").setTicks([[], []])
+        self._curve = pg.PlotCurveItem(antialias=True)
+        self._plot.addItem(self._curve)
+        self.graphics.setMinimumSize(*LEAST_TRACE_PX)
+        self._colour()
+        EventWatch(self, self._colour, QEvent.Type.PaletteChange, QEvent.Type.FontChange)
 
     def add(self, status: EngineStatus) -> None:
         """Add the newest reading."""
@@ -91,39 +99,21 @@ class CellTrace(QWidget):
         while at_s - points[0][0] > SHOWN_S:
             points.popleft()
         if self.isVisible():
-            self.update()
+            self._draw()
 
-    def paintEvent(self, _: QPaintEvent) -> None:
-        """Draw title, range and curve."""
-        painter, theme = QPainter(self), applied_theme()
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.fillRect(self.rect(), QColor(theme.plot))
-        line_px = self.fontMetrics().height()
-        painter.setPen(QColor(theme.muted))
-        painter.drawText(QPointF(MARGIN, line_px), TRACE_TITLE)
-        if not self._points:
-            return
-        low_g, high_g = self._range_g()
-        left_px = self.fontMetrics().horizontalAdvance("−00000 ") + MARGIN
-        room = QRectF(self.rect()).adjusted(left_px, 1.6 * line_px, -MARGIN, -MARGIN)
-        for top_px, value_g in ((room.top(), high_g), (room.bottom() - line_px, low_g)):
-            place = QRectF(MARGIN, top_px, left_px - MARGIN, line_px)
-            painter.drawText(place, Qt.AlignmentFlag.AlignLeft, f"{value_g:.0f}")
-        painter.setPen(QPen(QColor(theme.line), 1))
-        painter.drawRect(room)
-        painter.setPen(QPen(QColor(theme.accent), 1.5))
-        painter.drawPolyline([self._place(room, point, low_g, high_g) for point in self._points])
+    def _draw(self) -> None:
+        time_s, force_g = np.array(self._points).T
+        low_g, high_g = force_g.min(), force_g.max()
+        half_g = max(LEAST_SPAN_G, 1.1 * (high_g - low_g)) / 2
+        middle_g = (low_g + high_g) / 2
+        ends_g = floor(middle_g - half_g), ceil(middle_g + half_g)
+        self._plot.setYRange(*ends_g, padding=0)
+        self._plot.getAxis("left").setTicks([[(end, f"{end}") for end in ends_g], []])
+        self._curve.setData(time_s - time_s[-1], force_g)
 
-    def _range_g(self) -> tuple[float, float]:
-        """Return round ends of an axis that holds all readings."""
-        values = [value for _, value in self._points]
-        middle, span = (min(values) + max(values)) / 2, max(values) - min(values)
-        half = max(LEAST_SPAN_G, 1.1 * span) / 2
-        return math.floor(middle - half), math.ceil(middle + half)
-
-    def _place(
-        self, room: QRectF, point: tuple[float, float], low_g: float, high_g: float
-    ) -> QPointF:
-        age = (self._points[-1][0] - point[0]) / SHOWN_S
-        height = (point[1] - low_g) / (high_g - low_g)
-        return QPointF(room.right() - age * room.width(), room.bottom() - height * room.height())
+    def _colour(self) -> None:
+        theme = applied_theme()
+        self.colour_background(theme)
+        self._plot.getViewBox().setBorder(theme.line)
+        colour_axes(self._plot, theme)
+        self._curve.setPen(pg.mkPen(theme.accent, width=1.5))

@@ -144,15 +144,14 @@ class SetupPage(QWidget):
             *(hbox(self.answer, self.unit, spacing=6), self.answers_box),
             *(self.expected, self.found, self.problem, self.state, check, moves),
             spacing=6,
+            tall=1,
         )
-        right.setStretch(1, 1)
-        left = vbox(self.list, all_of_it, spacing=6)
-        left.setStretch(0, 1)
+        right.insertStretch(right.indexOf(check) + 1, 0)  # the way on keeps its place
+        left = vbox(self.list, all_of_it, spacing=6, tall=0)
         self.parts = container(hbox(left, right, spacing=12, wide=1))
         self.introduction = label(INTRODUCTION, "muted", wraps=True)
         rows = (heading, self.introduction, self.boards, self.parts)
-        column = vbox(*rows, spacing=6, margins=(9, 4, 9, 4))
-        column.setStretch(2, 1)
+        column = vbox(*rows, spacing=6, margins=(9, 4, 9, 4), tall=2)
         column.setStretch(3, 1)
         self.setLayout(column)
         bar_px = self.list.verticalScrollBar().sizeHint().width()

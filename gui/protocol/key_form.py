@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from PySide6.QtCore import QEvent, QObject, QSignalBlocker, Signal
-from PySide6.QtGui import QFocusEvent, QKeyEvent, QKeySequence
+from PySide6.QtGui import QKeyEvent, QKeySequence
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
@@ -37,65 +37,7 @@ from rigctl.protocol.fields import (
 from rigctl.protocol.form_content import FormContent, groups_of
 
 _LINES, _FRAME_PX = 4, 12
-
-
-class TypedLine(QLineEdit):
-    """A line."""
-
-    undo_requested = Signal()
-    redo_requested = Signal()
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Pass undo and redo on."""
-        if not _pass_undo(self, event):
-            super().keyPressEvent(event)
-
-
-class TypedLines(QPlainTextEdit):
-    """A text of several lines; Tab leaves it."""
-
-    edited = Signal()
-    left = Signal()
-    """The focus went elsewhere."""
-    undo_requested = Signal()
-    redo_requested = Signal()
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.setTabChangesFocus(True)
-        self.setUndoRedoEnabled(False)
-        self.textChanged.connect(self.edited)
-        self._set_height()
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Pass undo and redo on."""
-        if not _pass_undo(self, event):
-            super().keyPressEvent(event)
-
-    def changeEvent(self, event: QEvent) -> None:
-        """Keep the number of lines with texts of another size."""
-        super().changeEvent(event)
-        if event.type() in (QEvent.Type.FontChange, QEvent.Type.StyleChange):
-            self._set_height()
-
-    def focusOutEvent(self, event: QFocusEvent) -> None:
-        """Tell that the text is complete."""
-        super().focusOutEvent(event)
-        self.left.emit()
-
-    def _set_height(self) -> None:
-        self.setFixedHeight(_LINES * self.fontMetrics().lineSpacing() + _FRAME_PX)
-
-
-def _pass_undo(field: TypedLine | TypedLines, event: QKeyEvent) -> bool:
-    """Ask for undo or redo if the keys are theirs; return whether they are."""
-    if event.matches(QKeySequence.StandardKey.Undo):
-        field.undo_requested.emit()
-    elif event.matches(QKeySequence.StandardKey.Redo):
-        field.redo_requested.emit()
-    else:
-        return False
-    return True
+_NEW_LOOKS = (QEvent.Type.FontChange, QEvent.Type.StyleChange)
 
 
 _UNITS = {
@@ -115,8 +57,6 @@ class KeyRow(QObject):
 
     edited = Signal(object, object)
     """Path and value; None leaves the key out."""
-    undo_requested = Signal()
-    redo_requested = Signal()
 
     def __init__(self, item: TomlField, path: KeyPath) -> None:
         super().__init__()
@@ -128,8 +68,27 @@ class KeyRow(QObject):
         self.note = label("", "muted", wraps=True)
         self.field = self._make_field()
         self.field.setAccessibleName(title_of(item))
+        self.field.installEventFilter(self)
         self.set_item(item)
         self.field.setMinimumWidth(_FIELD_PX)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Leave undo and redo to the editor: form and text have one history.
+
+        A field of several lines keeps their number with other texts, and tells when it is left.
+        """
+        if isinstance(watched, QPlainTextEdit):
+            if event.type() in _NEW_LOOKS:
+                _set_height(watched)
+            elif event.type() == QEvent.Type.FocusOut:
+                self._leave_out_if_empty()
+        keys = QKeySequence.StandardKey
+        if event.type() != QEvent.Type.ShortcutOverride or not isinstance(event, QKeyEvent):
+            return False
+        if not (event.matches(keys.Undo) or event.matches(keys.Redo)):
+            return False
+        event.ignore()  # the field would take them
+        return True
 
     @property
     def mistake(self) -> str:
@@ -180,21 +139,17 @@ class KeyRow(QObject):
             return choices
         if self.item.has_lines:
             return self._make_lines()
-        line = TypedLine()
+        line = QLineEdit()
         line.setPlaceholderText(default_of(self.item))
         line.textEdited.connect(lambda typed: self._emit(value_of(self.item, typed)))
         line.editingFinished.connect(self._leave_out_if_empty)
-        line.undo_requested.connect(self.undo_requested)
-        line.redo_requested.connect(self.redo_requested)
         return line
 
     def _make_lines(self) -> QWidget:
-        lines = TypedLines()
+        lines = QPlainTextEdit(tabChangesFocus=True, undoRedoEnabled=False)
         lines.setPlaceholderText(default_of(self.item))
-        lines.edited.connect(lambda: self._emit(value_of(self.item, lines.toPlainText())))
-        lines.left.connect(self._leave_out_if_empty)
-        lines.undo_requested.connect(self.undo_requested)
-        lines.redo_requested.connect(self.redo_requested)
+        lines.textChanged.connect(lambda: self._emit(value_of(self.item, lines.toPlainText())))
+        _set_height(lines)
         return lines
 
     def _emit(self, value: Any) -> None:
@@ -216,7 +171,7 @@ class KeyRow(QObject):
             if self._differs(self.field.text(), written):
                 self.field.setText(typed_of(written))
                 self.field.setCursorPosition(0)
-        elif isinstance(self.field, TypedLines) and self._differs(
+        elif isinstance(self.field, QPlainTextEdit) and self._differs(
             self.field.toPlainText(), written
         ):
             self.field.setPlainText(typed_of(written))
@@ -226,6 +181,10 @@ class KeyRow(QObject):
         if written is None:
             return bool(typed.strip())
         return bool(value_of(self.item, typed) != written)
+
+
+def _set_height(lines: QPlainTextEdit) -> None:
+    lines.setFixedHeight(_LINES * lines.fontMetrics().lineSpacing() + _FRAME_PX)
 
 
 def title_of(item: TomlField) -> str:
@@ -344,7 +303,8 @@ class StepsBox(QGroupBox):
         at, kind = self._written(place, "at"), self._written(place, "kind")
         for row in self.rows():
             row.path = (NAME, place, row.item.key)
-            row.show_value(self._content.values.get(row.path), self._mistake(row.path))
+            mistake = self._content.mistakes.get(row.path, "")
+            row.show_value(self._content.values.get(row.path), mistake)
         is_chosen = place >= 0
         for row in (self.at, self.kind):
             row.set_visible(is_chosen)
@@ -357,9 +317,6 @@ class StepsBox(QGroupBox):
         self.buttons["Remove"].setEnabled(is_chosen)
         self.buttons["Up"].setEnabled(place > 0)
         self.buttons["Down"].setEnabled(0 <= place < count - 1)
-
-    def _mistake(self, path: KeyPath) -> str:
-        return self._content.mistakes.get(path, "")
 
     def _edit(self, path: KeyPath, value: Any) -> None:
         """Change a key; another place or kind leaves out what belongs to the one before."""
@@ -398,8 +355,6 @@ class KeyForm(QWidget):
 
     edited = Signal(list)
     """Pairs of path and value, None to leave a key out."""
-    undo_requested = Signal()
-    redo_requested = Signal()
 
     def __init__(self, *, is_finger: bool) -> None:
         super().__init__()
@@ -414,9 +369,6 @@ class KeyForm(QWidget):
         self._column.addStretch(1)
         self.setLayout(self._column)
         self.steps.edited.connect(self.edited)
-        for row in (*self.rows.values(), *self.steps.rows()):
-            row.undo_requested.connect(self.undo_requested)
-            row.redo_requested.connect(self.redo_requested)
 
     def set_rig(self, config: RigConfig) -> None:
         """Show the ranges of a rig."""

@@ -5,20 +5,20 @@ A worker process computes the curve while the tab is shown.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import QEvent, QObject, QPointF, Signal
-from PySide6.QtGui import QShowEvent
+from PySide6.QtCore import QEvent, QPointF, Signal
 from PySide6.QtWidgets import QWidget
 
-from gui.analysis.export import TABLE, ExportButton, NewFile, PictureEncoder, widget_picture
-from gui.analysis.value_file import yes_or_no
+from gui.analysis.export import TABLE, ExportButton, FileSaver, widget_picture
+from gui.analysis.value_file import write_columns, yes_or_no
 from gui.analysis.worker import Worker
 from gui.widgets.file_browser import typed_path
 from gui.widgets.labels import elastic, label, show_text
-from gui.widgets.layouts import container, hbox, push_button, vbox
+from gui.widgets.layouts import EventWatch, container, hbox, push_button, vbox
 from gui.widgets.plot_axes import (
     LEFT_PX,
     PlotGrid,
@@ -54,7 +54,6 @@ VALUE_NAMES = (
 HINT = "Point at the curve to read its values"
 LOWEST_PX = 182
 PERCENT_TICKS = range(0, 101, 20)
-_NEW_LOOKS = (QEvent.Type.PaletteChange, QEvent.Type.FontChange)
 NO_SESSION = "No session: start a run, or open one."
 NO_TRIAL = "Not enough trials yet: no trial counts so far."
 COMPUTING = "The first curve of this session is being computed."
@@ -139,6 +138,8 @@ class CurveView(PlotGrid):
         self.plot.showGrid(y=True, alpha=0.15)
         self.graphics.scene().sigMouseMoved.connect(self._point_at)
         self.show_points(())
+        kinds = QEvent.Type.PaletteChange, QEvent.Type.FontChange
+        EventWatch(self, lambda: self.show_points(self.points), *kinds)
 
     def show_points(self, points: tuple[CurvePoint, ...]) -> None:
         """Draw points, or an empty plot without any."""
@@ -172,12 +173,6 @@ class CurveView(PlotGrid):
         self.plot.addItem(pg.PlotDataItem(x, y, pen=line, **symbols))
         self._name_chance(float(x[-1]), float(chance[-1]))
 
-    def changeEvent(self, event: QEvent) -> None:
-        """Draw in the colours of another theme."""
-        super().changeEvent(event)
-        if event.type() in _NEW_LOOKS and hasattr(self, "plot"):
-            self.show_points(self.points)
-
     def _name_chance(self, x: float, chance: float) -> None:
         name = pg.TextItem("chance", color=applied_theme().muted, anchor=(1, 1))
         self.plot.addItem(name)
@@ -195,13 +190,13 @@ class CurveView(PlotGrid):
 
 
 class LearningPage(QWidget):
-    """Shows a curve, how far its computation is, and saves it."""
+    """Shows a curve, how far its computation is, and saves it.
 
-    shown = Signal()
-    """The tab came to the front."""
-    pressed = Signal()
-    """Cancel or Compute was pressed."""
-    export_requested = Signal(str)
+    It asks for another one whenever the session has got further, of a process of its own, so that
+    neither the trial table nor an analysis waits for it.
+    """
+
+    reported = Signal(str, str)
 
     def __init__(self) -> None:
         super().__init__()
@@ -210,19 +205,24 @@ class LearningPage(QWidget):
         self.view = CurveView()
         self.remarks = label("", "muted", wraps=True)
         self.progress = elastic(label("", "muted"))
-        self.button = push_button(
-            CANCEL, self.pressed.emit, "End the computation, or begin it again"
-        )
+        self.button = push_button(CANCEL, self._press, "End the computation, or begin it again")
         self.save_button = ExportButton("png", "svg", "pdf", TABLE)
-        self.save_button.export_requested.connect(self.export_requested)
-        figure = vbox(self.heading, self.view, self.remarks, spacing=4)
-        figure.setStretch(1, 1)
+        self.save_button.export_requested.connect(self._export)
+        figure = vbox(self.heading, self.view, self.remarks, spacing=4, tall=1)
         self.figure = container(figure)
         """What is saved as a picture."""
         foot = hbox(self.progress, self.button, self.save_button, spacing=6)
-        column = vbox(self.figure, container(foot), spacing=4, margins=(6, 6, 6, 4))
-        column.setStretch(0, 1)
-        self.setLayout(column)
+        self.setLayout(vbox(self.figure, container(foot), spacing=4, margins=(6, 6, 6, 4), tall=0))
+        self.worker, self.files = Worker(), FileSaver()
+        self._stage: Stage = ("", 0, 0)
+        self._computed: Stage | None = None
+        self._is_cancelled = False
+        self.files.saved.connect(lambda path: self.reported.emit("analysis", f"saved {path}"))
+        self.files.failed.connect(lambda text: self.reported.emit("refused", text))
+        EventWatch(self, self.submit, QEvent.Type.Show)
+        self.worker.progressed.connect(self.show_progress)
+        self.worker.finished.connect(self._finish)
+        self.worker.failed.connect(self._fail)
         self.show_text(NO_SESSION)
         self.show_idle()
 
@@ -265,36 +265,6 @@ class LearningPage(QWidget):
         self.button.setEnabled(bool(text))
         show_text(self.progress, text)
 
-    def showEvent(self, event: QShowEvent) -> None:
-        """Tell that the curve is wanted."""
-        super().showEvent(event)
-        self.shown.emit()
-
-
-class LearningLink(QObject):
-    """Asks for a curve whenever the session of the page has got further.
-
-    It has a process of its own, so that neither the trial table nor an analysis waits for it.
-    """
-
-    reported = Signal(str, str)
-
-    def __init__(self, page: LearningPage) -> None:
-        super().__init__()
-        self.worker, self.encoder = Worker(), PictureEncoder()
-        self._page = page
-        self._stage: Stage = ("", 0, 0)
-        self._computed: Stage | None = None
-        self._is_cancelled = False
-        page.shown.connect(self.submit)
-        page.pressed.connect(self._press)
-        page.export_requested.connect(self._export)
-        self.encoder.encoded.connect(self._write_file)
-        self.encoder.failed.connect(lambda text: self.reported.emit("refused", text))
-        self.worker.progressed.connect(page.show_progress)
-        self.worker.finished.connect(self._finish)
-        self.worker.failed.connect(self._fail)
-
     def show_session(self, folder: str, committed: int, attempts: int) -> None:
         """Take note of how far the session of the page is."""
         stage = folder, committed, attempts
@@ -309,62 +279,54 @@ class LearningLink(QObject):
         """Ask for the curve, if it is looked at and the process is free."""
         folder, committed, _ = self._stage
         is_due = self._computed != self._stage and committed > 0 and not self._is_cancelled
-        if not is_due or self.worker.is_busy or not self._page.isVisible():
+        if not is_due or self.worker.is_busy or not self.isVisible():
             return
         self._computed = self._stage
-        self._page.show_computing()
+        self.show_computing()
         self.worker.submit(CURVE, folder=folder)
 
-    def close(self) -> None:
+    def close_worker(self) -> None:
         """End the worker process and what is being saved, as before the window closes."""
-        self.encoder.wait()
-        self.worker.cancel()
+        self.files.close()
+        self.worker.close()
 
     def _leave(self, folder: str) -> None:
         """Show another session, and end what is computed for the one before."""
         if self.worker.is_busy:
             self.worker.cancel()
         self._computed, self._is_cancelled = None, False
-        self._page.show_idle()
-        self._page.show_text(NO_TRIAL if folder else NO_SESSION)
+        self.show_idle()
+        self.show_text(NO_TRIAL if folder else NO_SESSION)
 
     def _press(self) -> None:
         if self.worker.is_busy:
             self.worker.cancel()
             self._is_cancelled = True
-            self._page.show_cancelled()
+            self.show_cancelled()
             return
         self._is_cancelled, self._computed = False, None
         self.submit()
 
     def _finish(self, task: str, result: Any) -> None:
-        if task == CURVE and result.folder == self._stage[0]:
-            self._page.show_curve(result)
-            self._page.show_idle()
-        elif task != CURVE:
-            self.reported.emit("analysis", f"saved {result}")
+        if result.folder == self._stage[0]:
+            self.show_curve(result)
+            self.show_idle()
         self.submit()
 
     def _fail(self, task: str, sentence: str) -> None:
-        if task == CURVE:
-            self._page.show_idle(FAILED)
-            self._page.show_text(sentence)
-        else:
-            self.reported.emit("refused", sentence)
+        self.show_idle(FAILED)
+        self.show_text(sentence)
 
     def _export(self, suffix: str) -> None:
         """Save the curve beside its session."""
-        curve = self._page.curve
+        curve = self.curve
         if curve is None:
             return
         session = typed_path(curve.folder).absolute()
         stem = f"{STEM}-simulated" if curve.simulated else STEM
-        file = NewFile(f"{session}-figures", stem, suffix)
+        folder = f"{session}-figures"
         if suffix == TABLE:
-            table = {"names": VALUE_NAMES, "columns": values(curve)}
-            self.worker.submit("save_values", folder=file.folder, stem=stem, **table)
+            write = partial(write_columns, VALUE_NAMES, values(curve))
+            self.files.save(folder, stem, suffix, write)
         else:
-            self.encoder.encode(widget_picture(self._page.figure), file)
-
-    def _write_file(self, file: NewFile, content: bytes) -> None:
-        self.worker.submit("save_file", **file._asdict(), content=content)
+            self.files.save(folder, stem, suffix, widget_picture(self.figure))

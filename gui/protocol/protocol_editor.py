@@ -27,7 +27,7 @@ from PySide6.QtWidgets import (
 
 from gui.protocol.key_form import NAME as STEPS
 from gui.protocol.key_form import KeyForm
-from gui.protocol.run_tasks import CheckedText, SavedProtocol
+from gui.protocol.run_tasks import CheckedText
 from gui.widgets.file_browser import typed_path
 from gui.widgets.formatting import grouped
 from gui.widgets.labels import label, set_property, show_text
@@ -164,17 +164,16 @@ class ProtocolEditor(QWidget):
         if checked.text != self.text.toPlainText():
             return  # of an earlier text
         self._is_good = not checked.problem
-        self._show_verdict(checked.problem or checked.summary, is_bad=bool(checked.problem))
+        self.show_verdict(checked.problem or checked.summary, is_bad=bool(checked.problem))
         self.text.mark_line(checked.line)
         mistakes = {checked.key_path: checked.reason} if checked.problem else {}
         self._shown_form.show_mistakes(mistakes)
         self._enable()
 
-    def show_saved(self, saved: SavedProtocol) -> None:
-        """Show that the text was saved, or why not."""
-        if not saved.problem:
-            self._own_path = saved.path
-        self._show_verdict(saved.problem or f"Saved: {saved.path}", is_bad=bool(saved.problem))
+    def show_saved(self, path: str) -> None:
+        """Show that the text was saved as this file."""
+        self._own_path = path
+        self.show_verdict(f"Saved: {path}", is_bad=False)
 
     @property
     def is_checking(self) -> bool:
@@ -237,7 +236,7 @@ class ProtocolEditor(QWidget):
             self.text.change(edited, step)
         except WrongUse as error:
             self._show_content()
-            self._show_verdict(str(error), is_bad=True)
+            self.show_verdict(str(error), is_bad=True)
 
     def _insert_step(self, place: int) -> None:
         self._change(lambda text: insert_table(text, STEPS, place, NEW_STEP))
@@ -252,7 +251,8 @@ class ProtocolEditor(QWidget):
         path = str(typed_path(self.path.text()))
         self.save_requested.emit(path, self.text.toPlainText(), path == self._own_path)
 
-    def _show_verdict(self, sentence: str, *, is_bad: bool) -> None:
+    def show_verdict(self, sentence: str, *, is_bad: bool) -> None:
+        """Say whether the text is a protocol, is saved, or why not."""
         show_text(self.verdict, sentence)
         set_property(self.verdict, "role", "bad" if is_bad else "")
 
@@ -266,8 +266,6 @@ class ProtocolEditor(QWidget):
         self.text.textChanged.connect(self._on_changed)
         for form in (self.form, self.finger_form):
             form.edited.connect(self._edit)
-            form.undo_requested.connect(self.text.undo)
-            form.redo_requested.connect(self.text.redo)
         _add_shortcut(self.views, QKeySequence.StandardKey.Undo, self.text.undo)
         _add_shortcut(self.views, QKeySequence.StandardKey.Redo, self.text.redo)
         steps.insert_requested.connect(self._insert_step)
@@ -287,14 +285,11 @@ class ProtocolEditor(QWidget):
             self.views.addWidget(view)
         top = hbox(
             self.form_button, self.text_button, self.undo_button, self.redo_button,
-            wide=4, spacing=6,
+            wide=-1, spacing=6,
         )  # fmt: skip
-        top.addStretch(1)
         bottom = hbox(label("Save as"), self.path, self.save_button, wide=1, spacing=6)
         rows = (container(top), self.waiting, self.views, self.verdict, container(bottom))
-        column = vbox(*rows, spacing=4)
-        column.setStretch(2, 1)
-        self.setLayout(column)
+        self.setLayout(vbox(*rows, spacing=4, tall=2))
 
 
 def _config_of(rig_toml: str) -> RigConfig:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,9 +23,8 @@ from PySide6.QtWidgets import (
 )
 
 from gui.analysis.worker import Worker
-from gui.protocol.learning_page import LearningLink
-from gui.protocol.run_tasks import PLAN_ROWS, PlanSummary, ProtocolText, SavedProtocol
-from gui.protocol.session_page import SessionLink, SessionPage
+from gui.protocol.run_tasks import PLAN_ROWS, PlanSummary, ProtocolText
+from gui.protocol.session_page import SessionPage
 from gui.widgets.file_browser import (
     ElidedComboBox,
     PathKind,
@@ -49,12 +48,12 @@ from rigctl.config import resources
 from rigctl.config.rig_config import RigConfig
 from rigctl.engine.pause_reasons import reason_words
 from rigctl.engine.rpc.messages import EngineStatus, RecordingStatus, RunStatus
+from rigctl.finger.status import FingerRunStatus
 
 MAX_SEED = 2**31 - 1
 MAX_NAME_LETTERS = 200
 MAX_NOTE_LETTERS = 2000
 FINISH_ROW = "Would finish"
-REMEMBERED = ("out", "operator", "sensor")
 
 
 class ProtocolForm(QWidget):
@@ -129,15 +128,11 @@ class ProtocolForm(QWidget):
         path, seed = self.protocol.currentData(), self.seed.value()
         return {"protocol": path, "out": out, "seed": seed, "yes": False, **self.people()}
 
-    def remembered(self) -> dict[str, str]:
-        """Return what the next start of the window asks no more."""
-        return {name: getattr(self, name).text() for name in REMEMBERED}
-
-    def restore(self, values: Mapping[str, str]) -> None:
-        """Fill in what an earlier window remembered."""
-        for name in REMEMBERED:
-            if values.get(name):
-                getattr(self, name).setText(values[name])
+    @property
+    def remembered(self) -> dict[str, QLineEdit]:
+        """What the next start of the window asks no more, by the key of the settings."""
+        people = {"protocol/operator": self.operator, "protocol/sensor": self.sensor}
+        return {"save_in": self.out, **people}
 
     @property
     def current_problem(self) -> str:
@@ -337,17 +332,23 @@ _STATES = {
     "done": "Done: all trials are on disk",
     "aborted": f"Aborted{_KEPT}",
     "failed": f"Failed{_KEPT}",
+    "kept": _KEPT,
 }
 
 
 class RunStateBox(QVBoxLayout):
-    """Shows the run that the engine reports; a layout, so that its box follows its height."""
+    """Shows the run that an engine reports; a layout, so that its box follows its height.
 
-    def __init__(self) -> None:
+    ``rows``: names of lines below the bar. ``states``: words for each state of a run, and for
+    ``kept``, which follows those of an aborted one.
+    """
+
+    def __init__(self, rows: Sequence[str] = ROWS, states: Mapping[str, str] = _STATES) -> None:
         super().__init__()
+        self._states = states
         self.state = label("No run", "heading", wraps=True)
         self.bar = QProgressBar(format="%p %")
-        self.rows = {name: label("–", wraps=True) for name in ROWS}
+        self.rows = {name: label("–", wraps=True) for name in rows}
         self.addWidget(self.state)
         self.addWidget(self.bar)
         form = form_layout(3)
@@ -355,35 +356,40 @@ class RunStateBox(QVBoxLayout):
             form.addRow(label(name, "muted"), text)
         self.addLayout(form)
 
-    def show_status(self, status: EngineStatus) -> None:
-        """Show the run of a status."""
-        run = status.run
-        show_text(self.state, run_sentence(run))
+    def show_run(
+        self, run: RunStatus | FingerRunStatus, planned: int, texts: Mapping[str, str]
+    ) -> None:
+        """Show a run, with the texts of the rows but the session's."""
+        show_text(self.state, self._sentence(run))
         set_property(self.state, "role", "bad" if run.state == "failed" else "heading")
-        planned = run.trials_planned - run.trials_ended_early
         show_progress(self.bar, run.trials_committed, planned)
-        texts = {
-            "Progress": progress_sentence(run),
-            "Finishes": finish_sentence(run),
-            "Trial": trial_sentence(run),
-            "Next plate": plate_sentence(run),
-            "Rejected": f"{run.trials_rejected}" if run.trials_planned else "–",
-            "Disk": disk_sentence(status.recording),
-        }
         for name, text in texts.items():
             show_text(self.rows[name], text)
         name = Path(run.session).name if run.session else "–"
         self.rows["Session"].setText(name if len(name) <= MAX_NAME else f"…{name[-STAMP:]}")
         self.rows["Session"].setToolTip(plain_tooltip(run.session or ""))
 
+    def _sentence(self, run: RunStatus | FingerRunStatus) -> str:
+        """Return the run's state, with the reasons of a pause."""
+        if run.text:
+            kept = self._states.get("kept", "") if run.state == "aborted" else ""
+            return f"{capitalised(run.text)}{kept}"
+        words = self._states.get(run.state, run.state)
+        reasons = reason_words(run.reasons)
+        return f"{words} ({reasons})" if reasons else words
 
-def run_sentence(run: RunStatus) -> str:
-    """Return the run's state, with the reasons of a pause."""
-    if run.text:
-        return f"{capitalised(run.text)}{_KEPT if run.state == 'aborted' else ''}"
-    words = _STATES.get(run.state, run.state)
-    reasons = reason_words(run.reasons)
-    return f"{words} ({reasons})" if reasons else words
+
+def run_texts(status: EngineStatus) -> dict[str, str]:
+    """Return the text of each row of a drum's run."""
+    run = status.run
+    return {
+        "Progress": progress_sentence(run),
+        "Finishes": finish_sentence(run),
+        "Trial": trial_sentence(run),
+        "Next plate": plate_sentence(run),
+        "Rejected": f"{run.trials_rejected}" if run.trials_planned else "–",
+        "Disk": disk_sentence(status.recording),
+    }
 
 
 def progress_sentence(run: RunStatus) -> str:
@@ -460,7 +466,8 @@ class ProtocolPanel(QWidget):
         self.shows_page = False
         """Whether the middle shows :attr:`page`, and not the live plots."""
         self._can_start = False
-        self.form, self.page = ProtocolForm(self.worker), SessionPage()
+        self.form = ProtocolForm(self.worker)
+        self.page = SessionPage(self.worker, self.form.people)
         self.queue = RunQueue(self.form.start_arguments)
         self.run_box = RunStateBox()
         self.protocol, self.out, self.seed = self.form.protocol, self.form.out, self.form.seed
@@ -471,8 +478,6 @@ class ProtocolPanel(QWidget):
             self.run_box.bar,
             self.run_box.state,
         )
-        self.session_link = SessionLink(self.worker, self.page, self.form.people)
-        self.learning_link = LearningLink(self.page.learning)
         self.continue_button = browse_button(
             self.path_requested,
             PathKind.INTERRUPTED,
@@ -493,15 +498,10 @@ class ProtocolPanel(QWidget):
         self._connect()
         self.show_status(EngineStatus())
 
-    def poll(self) -> None:
-        """Process the messages of both worker processes."""
-        self.worker.poll()
-        self.learning_link.worker.poll()
-
     def close_workers(self) -> None:
         """End both worker processes."""
-        self.worker.cancel()
-        self.learning_link.close()
+        self.worker.close()
+        self.page.learning.close_worker()
 
     def add_protocol(self, path: str) -> None:
         """Add a file to the list and choose it."""
@@ -544,8 +544,9 @@ class ProtocolPanel(QWidget):
         self.buttons["Resume"].setEnabled(run.state == "paused")
         self.buttons["Abort"].setEnabled(run.is_active)
         self.form.show_finish()
-        self.run_box.show_status(status)
-        self.session_link.show_run(run)
+        planned = run.trials_planned - run.trials_ended_early
+        self.run_box.show_run(run, planned, run_texts(status))
+        self.page.show_run(run)
         self.queue.show_run(run)
         self._arrange(run.is_active)
 
@@ -570,14 +571,16 @@ class ProtocolPanel(QWidget):
         elif task in self._editor_tasks:
             self._editor_tasks[task](result)
         else:
-            self.session_link.finish_task(task, result)
+            self.page.finish_task(task, result)
         self._submit_next()
 
     def _fail_task(self, task: str, sentence: str) -> None:
         if task == "plan_protocol":
             self.form.finish_plan(PlanSummary(problem=sentence))
+        elif task == "save_protocol":
+            self.page.editor.show_verdict(sentence, is_bad=True)
         else:
-            self.session_link.fail_task(sentence)
+            self.page.show_problem(sentence)
         self._submit_next()
 
     def _read_protocol(self) -> None:
@@ -586,21 +589,18 @@ class ProtocolPanel(QWidget):
             self.worker.submit("read_protocol", path=path)
 
     def _edit(self, read: ProtocolText) -> None:
-        if read.problem:
-            self.page.show_problem(read.problem)
-            return
         self.page.editor.show_file(read.path, read.text, read.own_path)
         self.page.tabs.setCurrentWidget(self.page.editor)
         self.show_page(True)
 
-    def _finish_save(self, saved: SavedProtocol) -> None:
-        self.page.editor.show_saved(saved)
-        if not saved.problem and not self.page.editor.is_finger:
-            self.form.add_protocol(saved.path)
+    def _finish_save(self, path: str) -> None:
+        self.page.editor.show_saved(path)
+        if not self.page.editor.is_finger:
+            self.form.add_protocol(path)
 
     def _submit_next(self) -> None:
         self.form.submit_plan()
-        self.session_link.submit()
+        self.page.submit()
 
     def _connect(self) -> None:
         self.worker.finished.connect(self._finish_task)
@@ -608,9 +608,9 @@ class ProtocolPanel(QWidget):
         self.form.checked.connect(self._enable_start)
         self.form.planned.connect(self.page.show_plan)
         self.queue.start_requested.connect(partial(self.command_requested.emit, "start"))
-        self.session_link.command_requested.connect(self.command_requested)
-        self.session_link.advanced.connect(self.learning_link.show_session)
-        for link in (self.session_link, self.learning_link):
+        self.page.command_requested.connect(self.command_requested)
+        self.page.advanced.connect(self.page.learning.show_session)
+        for link in (self.page, self.page.learning):
             link.reported.connect(self.reported)
         self.form.edit_button.clicked.connect(lambda: self._read_protocol())
         editor = self.page.editor

@@ -19,7 +19,7 @@ from rigctl.config import resources
 from rigctl.config.text_file import read_text
 from rigctl.config.toml_edit import replace_file
 from rigctl.config.toml_reader import MAX_BYTES
-from rigctl.errors import DiskFault, ProtocolError, RigctlError, SessionError, WrongUse
+from rigctl.errors import DiskFault, ProtocolError, SessionError, WrongUse
 
 if TYPE_CHECKING:
     from rigctl.protocol.plan import Plan
@@ -114,7 +114,6 @@ class ProtocolText(NamedTuple):
     path: str
     text: str = ""
     own_path: str = ""
-    problem: str = ""
 
 
 class CheckedText(NamedTuple):
@@ -131,13 +130,6 @@ class CheckedText(NamedTuple):
     line: int = 0
 
 
-class SavedProtocol(NamedTuple):
-    """The path of a protocol that was saved, and why it was not; empty if it was."""
-
-    path: str
-    problem: str = ""
-
-
 def plan_protocol(path: str, seed: int | None, out: str = "", rig_toml: str = "") -> PlanSummary:
     """Plan a protocol as ``rigctl check`` does; None takes the protocol's own seed.
 
@@ -147,11 +139,7 @@ def plan_protocol(path: str, seed: int | None, out: str = "", rig_toml: str = ""
     from rigctl.config.rig_config import parse_config
     from rigctl.protocol.loader import load_protocol
 
-    try:
-        plan = load_protocol(Path(path), parse_config(rig_toml)).plan(seed)
-    except RigctlError as error:
-        return PlanSummary(problem=str(error))
-    return summarise(plan, out)
+    return summarise(load_protocol(Path(path), parse_config(rig_toml)).plan(seed), out)
 
 
 def summarise(plan: Plan, out: str = "") -> PlanSummary:
@@ -318,15 +306,12 @@ OWN_FOLDER = "rigctl-protocols"
 
 
 def read_protocol(path: str) -> ProtocolText:
-    """Return the text of a protocol's file."""
+    """Return the text of a protocol's file. Raises ProtocolError."""
     file = Path(path)
     own = Path.home() / OWN_FOLDER / file.name
     built_in = (resources.protocols().resolve(), resources.finger_protocols().resolve())
     is_built_in = file.parent.resolve() in built_in
-    try:
-        text = read_text(file, MAX_BYTES, ProtocolError)
-    except RigctlError as error:
-        return ProtocolText(path, problem=str(error))
+    text = read_text(file, MAX_BYTES, ProtocolError)
     return ProtocolText(path, text, str(own) if is_built_in else path)
 
 
@@ -362,8 +347,8 @@ def _line_of(error: WrongUse, name: str) -> int:
 
 
 def _finger_summary(text: str, name: str) -> str:
-    from rigctl.finger_values import Stage
-    from rigctl.protocol.finger_plan import parse_finger_protocol
+    from rigctl.finger.plan import parse_finger_protocol
+    from rigctl.finger.values import Stage
 
     plan = parse_finger_protocol(text, name).plan(list(Stage))
     time, disk = duration(plan.duration_s), size(plan.bytes_estimate)
@@ -372,18 +357,19 @@ def _finger_summary(text: str, name: str) -> str:
     )
 
 
-def save_protocol(path: str, text: str, may_replace: bool) -> SavedProtocol:
-    """Save a protocol; another file than the one that was opened is never replaced."""
+def save_protocol(path: str, text: str, may_replace: bool) -> str:
+    """Save a protocol and return its path; only the file that was opened is ever replaced.
+
+    Raises WrongUse or DiskFault.
+    """
     file = Path(path)
     if not file.is_absolute() or file.suffix != ".toml":
-        return SavedProtocol(path, "Save as: give the whole path of a file that ends with .toml")
+        raise WrongUse("Save as: give the whole path of a file that ends with .toml")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         if not may_replace and file.exists():
-            return SavedProtocol(path, f"{path} exists: choose another name")
+            raise WrongUse(f"{path} exists: choose another name")
         replace_file(file, text)
     except OSError as error:
-        return SavedProtocol(path, f"{path} cannot be saved: {error.strerror}")
-    except DiskFault as fault:
-        return SavedProtocol(path, str(fault))
-    return SavedProtocol(path)
+        raise DiskFault(f"{path} cannot be saved: {error.strerror}") from error
+    return path

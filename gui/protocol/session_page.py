@@ -10,7 +10,6 @@ from PySide6.QtCore import (
     QAbstractTableModel,
     QEvent,
     QModelIndex,
-    QObject,
     QPersistentModelIndex,
     Qt,
     Signal,
@@ -40,7 +39,7 @@ from gui.protocol.run_tasks import (
 )
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import ElidedLabel, label, show_text
-from gui.widgets.layouts import FlowLayout, PageTabs, container, hbox, push_button, vbox
+from gui.widgets.layouts import EventWatch, FlowLayout, PageTabs, container, hbox, push_button, vbox
 from gui.widgets.theme import applied_theme, scaled_px
 from rigctl.engine.rpc.messages import RunStatus
 
@@ -163,20 +162,36 @@ _NEEDS_TRIAL = {
 }
 
 
+MAX_LOOKS = 20
+"""Reads of a session whose rows are not on the disk yet, a status apart, after each change."""
+LAST_LOOKS = 3
+"""Reads after every trial that counts was seen."""
+
+
 class SessionPage(QWidget):
     """Shows one session: that of the run, or one that was opened for notes.
 
-    Trials are marked and notes written here; what is written goes to dated files beside the parts.
+    The worker reads what is new whenever the run has got further. Trials are marked and notes
+    written here: a plain note on the session of a run goes through its engine, which may be
+    elsewhere; what is said of a trial goes straight to dated files in the session's folder.
+    ``people`` returns the operator.
     """
 
-    note_requested = Signal(dict)
-    """Text, trial_id, attempt and mark of a note; ``repeat`` asks for the trial once more."""
+    command_requested = Signal(str, dict)
     path_requested = Signal(object, object)
-    opened = Signal(str)
-    """Folder of a session that the user opened."""
+    advanced = Signal(str, int, int)
+    """The session's folder, its trials that count, and its attempts that are read."""
+    reported = Signal(str, str)
+    """Kind and text for the event log."""
 
-    def __init__(self) -> None:
+    def __init__(self, worker: Worker, people: Callable[[], Mapping[str, str]]) -> None:
         super().__init__()
+        self._worker, self._people = worker, people
+        self._run = RunStatus()
+        self._looks = 0
+        self._notes: list[dict[str, Any]] = []
+        self._written: dict[str, Any] = {}
+        """The note that the worker writes."""
         self.folder = ""
         self._is_active = False
         self.heading = ElidedLabel(_NO_SESSION, "heading")
@@ -191,7 +206,8 @@ class SessionPage(QWidget):
         self.text = QLineEdit(maxLength=MAX_NOTE_LETTERS)
         self.text.setPlaceholderText("A note on the session or a trial")
         self.text.setToolTip("What was noticed, or why a trial is bad")
-        self.text.setMinimumWidth(scaled_px(_TEXT_PX))
+        self._fit_text()
+        EventWatch(self, self._fit_text, QEvent.Type.FontChange)
         self.buttons = {
             "note": push_button("Add note", lambda: self._request("", about_trial=False)),
             "bad": push_button("Mark bad", lambda: self._request("bad")),
@@ -199,7 +215,7 @@ class SessionPage(QWidget):
             "repeat": push_button("Repeat", lambda: self._request("bad", repeat=True)),
         }
         self.open_button = browse_button(
-            self.path_requested, PathKind.SESSION, self.opened.emit, "Open a session …"
+            self.path_requested, PathKind.SESSION, self.open_session, "Open a session …"
         )
         self.tabs = PageTabs()
         self._lay_out()
@@ -212,27 +228,21 @@ class SessionPage(QWidget):
         """Show the order in which a protocol would record its trials."""
         self.order.set_texts(plan.order)
 
-    def show_session(self, folder: str) -> None:
-        """Show another session, without rows until :meth:`show_news` gets them."""
-        if folder != self.folder:
-            self.folder = folder
-            self.attempts.clear()
-            self.notes.clear()
-            self.early_ends.hide()
-            self._enable()
-        show_text(self.heading, folder or _NO_SESSION)
-
     def show_run(self, run: RunStatus) -> None:
-        """Allow what the state of the run allows."""
+        """Allow what the state of the run allows; look for new attempts where it has changed."""
+        before, self._run = self._run, run
+        if run.session and run.session != before.session:
+            self.show_session(run.session)
         is_active = run.is_active and run.session == self.folder
         if is_active != self._is_active:
             self._is_active = is_active
             self._enable()
+        if _stage(run) != _stage(before):
+            self._looks = MAX_LOOKS
+        self.submit()
 
     def show_news(self, news: SessionNews) -> None:
         """Add what is new in the session."""
-        if news.folder != self.folder:
-            return
         self.show_problem(news.problem)
         if news.problem:
             return
@@ -254,10 +264,6 @@ class SessionPage(QWidget):
         """Show why something cannot be read or written; empty for nothing."""
         show_text(self.problem, sentence)
         self.problem.setVisible(bool(sentence))
-
-    def finish_note(self) -> None:
-        """Clear the text of a note that was written."""
-        self.text.clear()
 
     @property
     def chosen(self) -> AttemptRow | None:
@@ -301,13 +307,70 @@ class SessionPage(QWidget):
             "mark": mark,
             "repeat": repeat,
         }
-        self.note_requested.emit(note)
+        self._take_note(note)
 
-    def changeEvent(self, event: QEvent) -> None:
-        """Keep room for the hint in the field of the note when the size of the texts changes."""
-        super().changeEvent(event)
-        if event.type() in (QEvent.Type.FontChange, QEvent.Type.ApplicationFontChange):
-            self.text.setMinimumWidth(scaled_px(_TEXT_PX))
+    def finish_task(self, task: str, news: SessionNews) -> None:
+        """Show what a task of the worker has read, and log a note that it has written."""
+        if task == "write_note":
+            self.reported.emit("note", note_line(**self._written))
+        if news.folder != self.folder:
+            return
+        self.show_news(news)
+        self.advanced.emit(news.folder, news.committed, len(self.attempts.rows))
+        if task == "write_note":
+            self.text.clear()
+        if news.committed >= self._run.trials_committed:  # an attempt that failed may follow
+            self._looks = min(self._looks, LAST_LOOKS)
+
+    def submit(self) -> None:
+        """Write the next note, or read what is new, if the worker is free."""
+        if self._worker.is_busy:
+            return
+        if self._notes:
+            self._written = self._notes.pop(0)
+            self._worker.submit("write_note", **self._written)
+        elif self._looks > 0 and self.folder:
+            self._looks -= 1
+            known = len(self.attempts.rows)
+            self._worker.submit("follow_run", folder=self.folder, known=known)
+
+    def open_session(self, folder: str) -> None:
+        """Show a session that is not the run's."""
+        self.show_session(folder)
+        self._looks = 1
+        self.submit()
+
+    def show_session(self, folder: str) -> None:
+        """Show another session, without rows until they are read."""
+        if folder != self.folder:
+            self.folder = folder
+            self.attempts.clear()
+            self.notes.clear()
+            self.early_ends.hide()
+            self._enable()
+        show_text(self.heading, folder or _NO_SESSION)
+        self.advanced.emit(folder, 0, 0)
+
+    def _take_note(self, note: dict[str, Any]) -> None:
+        is_running = self._run.is_active and self._run.session == self.folder
+        if note.pop("repeat"):
+            args = {"trial_id": note["trial_id"], "text": note["text"]}
+            self._send("repeat", args)
+        elif is_running and not note["trial_id"]:
+            self._send("note", {"text": note["text"]})
+        else:
+            author = self._people()["operator"]
+            self._notes.append({"folder": self.folder, "author": author, **note})
+            self.submit()
+
+    def _send(self, command: str, args: dict[str, Any]) -> None:
+        self.command_requested.emit(command, args)
+        self.text.clear()
+        self._looks = MAX_LOOKS
+
+    def _fit_text(self) -> None:
+        """Keep room for the hint in the field of the note."""
+        self.text.setMinimumWidth(scaled_px(_TEXT_PX))
 
     def _lay_out(self) -> None:
         self.tabs.addTab(self.attempt_view, "Trials")
@@ -319,121 +382,24 @@ class SessionPage(QWidget):
         self.early_ends.hide()
         top = hbox(self.heading, self.open_button, spacing=6)
         bottom = FlowLayout(self.text, *self.buttons.values())
-        column = vbox(
-            container(top), self.tabs, self.early_ends, self.problem, container(bottom), spacing=6,
-            margins=(6, 2, 6, 2),
-        )  # fmt: skip
-        column.setStretch(1, 1)
-        self.setLayout(column)
+        self.setLayout(
+            vbox(
+                container(top),
+                self.tabs,
+                self.early_ends,
+                self.problem,
+                container(bottom),
+                spacing=6,
+                margins=(6, 2, 6, 2),
+                tall=1,
+            )
+        )
 
 
 def _shown_ends(ends: tuple[str, ...]) -> str:
     """Return the newest sentences on conditions that ended early, and how many there are."""
     lines = [f"Early ends: {len(ends)}, the newest below"] if len(ends) > SHOWN_ENDS else []
     return "\n".join((*lines, *ends[-SHOWN_ENDS:]))
-
-
-MAX_LOOKS = 20
-"""Reads of a session whose rows are not on the disk yet, a status apart, after each change."""
-
-
-LAST_LOOKS = 3
-"""Reads after every trial that counts was seen."""
-
-
-class SessionLink(QObject):
-    """Reads what is new in a worker process whenever the run has got further.
-
-    ``people`` returns the operator. A plain note on the session of a run goes through its engine,
-    which may be elsewhere; what is said of a trial goes straight to the session's folder.
-    """
-
-    command_requested = Signal(str, dict)
-    advanced = Signal(str, int, int)
-    """The session's folder, its trials that count, and its attempts that are read."""
-    reported = Signal(str, str)
-    """Kind and text for the event log."""
-
-    def __init__(
-        self, worker: Worker, page: SessionPage, people: Callable[[], Mapping[str, str]]
-    ) -> None:
-        super().__init__()
-        self._worker = worker
-        self._page = page
-        self._people = people
-        self._run = RunStatus()
-        self._looks = 0
-        self._notes: list[dict[str, Any]] = []
-        self._written: dict[str, Any] = {}
-        """The note that the worker writes."""
-        page.note_requested.connect(self._take_note)
-        page.opened.connect(self._open)
-
-    def show_run(self, run: RunStatus) -> None:
-        """Look for new attempts where the run has changed."""
-        before, self._run = self._run, run
-        if run.session and run.session != before.session:
-            self._show_session(run.session)
-        self._page.show_run(run)
-        if _stage(run) != _stage(before):
-            self._looks = MAX_LOOKS
-        self.submit()
-
-    def finish_task(self, task: str, news: SessionNews) -> None:
-        """Show what a task of the worker has read, and log a note that it has written."""
-        if task == "write_note":
-            self.reported.emit("note", note_line(**self._written))
-        if news.folder != self._page.folder:
-            return
-        self._page.show_news(news)
-        self.advanced.emit(news.folder, news.committed, len(self._page.attempts.rows))
-        if task == "write_note":
-            self._page.finish_note()
-        if news.committed >= self._run.trials_committed:  # an attempt that failed may follow
-            self._looks = min(self._looks, LAST_LOOKS)
-
-    def fail_task(self, sentence: str) -> None:
-        """Show why a task failed."""
-        self._page.show_problem(sentence)
-
-    def submit(self) -> None:
-        """Write the next note, or read what is new, if the worker is free."""
-        if self._worker.is_busy:
-            return
-        if self._notes:
-            self._written = self._notes.pop(0)
-            self._worker.submit("write_note", **self._written)
-        elif self._looks > 0 and self._page.folder:
-            self._looks -= 1
-            known = len(self._page.attempts.rows)
-            self._worker.submit("follow_run", folder=self._page.folder, known=known)
-
-    def _open(self, folder: str) -> None:
-        """Show a session that is not the run's."""
-        self._show_session(folder)
-        self._looks = 1
-        self.submit()
-
-    def _show_session(self, folder: str) -> None:
-        self._page.show_session(folder)
-        self.advanced.emit(folder, 0, 0)
-
-    def _take_note(self, note: dict[str, Any]) -> None:
-        is_running = self._run.is_active and self._run.session == self._page.folder
-        if note.pop("repeat"):
-            args = {"trial_id": note["trial_id"], "text": note["text"]}
-            self._send("repeat", args)
-        elif is_running and not note["trial_id"]:
-            self._send("note", {"text": note["text"]})
-        else:
-            author = self._people()["operator"]
-            self._notes.append({"folder": self._page.folder, "author": author, **note})
-            self.submit()
-
-    def _send(self, command: str, args: dict[str, Any]) -> None:
-        self.command_requested.emit(command, args)
-        self._page.finish_note()
-        self._looks = MAX_LOOKS
 
 
 def note_line(folder: str, author: str, text: str, trial_id: int, attempt: int, mark: str) -> str:

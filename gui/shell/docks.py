@@ -1,18 +1,18 @@
-"""Panels around the middle of the window, and where the keyboard's focus goes."""
+"""The window's frame: pages in the middle, docks around them, and where the focus goes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
 
-from PySide6.QtCore import QByteArray, QCoreApplication, QEvent, QObject, Qt, QTimer, Signal
-from PySide6.QtGui import QKeyEvent, QShowEvent
+from PySide6.QtCore import QByteArray, QCoreApplication, QEvent, QObject, QSize, Qt, QTimer, Signal
+from PySide6.QtGui import QResizeEvent, QShowEvent
 from PySide6.QtWidgets import (
     QApplication,
     QDockWidget,
     QMainWindow,
-    QPushButton,
     QScrollArea,
+    QStackedWidget,
     QTabWidget,
     QWidget,
 )
@@ -20,8 +20,117 @@ from shiboken6 import isValid
 
 from gui.widgets.labels import StopButton
 from gui.widgets.layouts import container, hbox, vbox
+from gui.widgets.theme import text_scale
 
-_PRESS_KEYS = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
+_LEAST_PX, _WIDER_PX, _LOWER_PX, _LOWEST_PX = QSize(400, 360), 380, 440, 200
+"""What a page is left in a small window. Texts twice as large make it so much wider and lower:
+the panels beside it are then narrow, and what is above and below it is high."""
+
+
+class PageArea(QScrollArea):
+    """Fills its room with a page, and scrolls one that needs more: a low screen, large texts.
+
+    Qt's own resizing of the page gives it the height that it would like to have, not the one
+    that it needs.
+    """
+
+    def __init__(self, page: QWidget) -> None:
+        super().__init__()
+        self.page = page
+        self.setFrameShape(QScrollArea.Shape.NoFrame)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # Tab leads to the controls in it
+        self.setWidget(page)
+        self.fit()
+
+    def fit(self) -> None:
+        """Give the page the room, or what it needs beside the scroll bars."""
+        bars = self.verticalScrollBar(), self.horizontalScrollBar()
+        width_px, height_px = self.maximumViewportSize().toTuple()
+        is_high = _least_size(self.page, width_px).height() > height_px
+        room = QSize(width_px - is_high * bars[0].sizeHint().width(), height_px)
+        needs = _least_size(self.page, room.width())
+        if needs.width() > room.width():
+            room.setHeight(height_px - bars[1].sizeHint().height())
+            if needs.height() > room.height() and not is_high:
+                room.setWidth(width_px - bars[0].sizeHint().width())
+        self.page.resize(needs.expandedTo(room))
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Fit the page into the new room."""
+        super().resizeEvent(event)
+        self.fit()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Fit the page when it needs another size."""
+        if watched is self.page and event.type() == QEvent.Type.LayoutRequest:
+            self.fit()
+            self.updateGeometry()
+        return super().eventFilter(watched, event)
+
+    def minimumSizeHint(self) -> QSize:
+        """Return the size that the smallest screen leaves for a page, or less if it is enough."""
+        larger = max(0.0, text_scale() - 1)
+        height_px = max(_LOWEST_PX, _LEAST_PX.height() - round(larger * _LOWER_PX))
+        most = QSize(_LEAST_PX.width() + round(larger * _WIDER_PX), height_px)
+        needs = self.page.minimumSizeHint() + QSize(self.verticalScrollBar().sizeHint().width(), 0)
+        return needs.boundedTo(most)
+
+    def sizeHint(self) -> QSize:
+        """Return the size that the page would like to have."""
+        return self.page.sizeHint()
+
+
+class PageStack(QStackedWidget):
+    """A stack of pages with names, each in a :class:`PageArea`."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.currentChanged.connect(lambda _: self.updateGeometry())
+        self._pages: dict[str, QWidget] = {}
+        self._areas: dict[QWidget, PageArea] = {}
+
+    def minimumSizeHint(self) -> QSize:
+        """Return what the present page needs."""
+        area = super().currentWidget()
+        return area.minimumSizeHint() if area is not None else QSize()
+
+    def add_page(self, name: str, page: QWidget) -> None:
+        """Add a page, whose name no other page has."""
+        self._pages[name] = page
+        self._areas[page] = PageArea(page)
+        self.addWidget(self._areas[page])
+
+    def currentWidget(self) -> QWidget:
+        """Return the present page."""
+        area = super().currentWidget()
+        assert isinstance(area, PageArea)
+        return area.page
+
+    def setCurrentWidget(self, page: QWidget) -> None:
+        """Show a page.
+
+        The focus stays in the middle: from a page that is hidden, Qt moves it to a panel, which
+        then counts as used and brings its own page while this one is being shown.
+        """
+        focus = QApplication.focusWidget()
+        if focus is not None and self.isAncestorOf(focus) and page is not self.currentWidget():
+            self.setFocus()
+        super().setCurrentWidget(self._areas[page])
+
+    def show_page(self, name: str) -> None:
+        """Show the page with that name."""
+        self.setCurrentWidget(self._pages[name])
+
+
+def _least_size(page: QWidget, width_px: int) -> QSize:
+    """Return the smallest size of a page that is at least so wide."""
+    least, layout = page.minimumSizeHint().expandedTo(page.minimumSize()), page.layout()
+    if layout is not None and layout.hasHeightForWidth():
+        needs_px = layout.totalMinimumHeightForWidth(max(width_px, least.width()))
+        least.setHeight(max(needs_px, page.minimumHeight()))
+    return least
+
+
 _BY_KEY = Qt.FocusReason.ShortcutFocusReason
 """Qt then shows where the focus is; for Tab's reason it does so only while Tab is pressed."""
 _REASONS = {True: Qt.FocusReason.TabFocusReason, False: Qt.FocusReason.BacktabFocusReason}
@@ -57,15 +166,6 @@ class SteadyFocus(QObject):
         give_focus(found, _REASONS[is_next])
         return True
 
-    def press(self, event: QKeyEvent) -> bool:
-        """Let Return press the button that has the focus, as the space bar does."""
-        focus = QApplication.focusWidget()
-        is_press = event.key() in _PRESS_KEYS and not event.isAutoRepeat()
-        if not is_press or not isinstance(focus, QPushButton):
-            return False
-        focus.click()
-        return True
-
     def rest(self) -> None:
         """Give the focus to the window itself, where no key presses anything."""
         self._window.setFocus(Qt.FocusReason.OtherFocusReason)
@@ -99,11 +199,6 @@ class SteadyFocusWindow(QMainWindow):
         """Move the focus as :class:`SteadyFocus` does."""
         return self._steady_focus.move(is_next=is_next) or super().focusNextPrevChild(is_next)
 
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Let Return press the button that has the focus."""
-        if not self._steady_focus.press(event):
-            super().keyPressEvent(event)
-
 
 class SteadyFocusDock(QDockWidget):
     """A dock that has a :class:`SteadyFocus` of its own while it is a window of its own."""
@@ -119,11 +214,6 @@ class SteadyFocusDock(QDockWidget):
         return (floats and self._steady_focus.move(is_next=is_next)) or super().focusNextPrevChild(
             is_next
         )
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Let Return press the button that has the focus in the floating dock."""
-        if not (self.isWindow() and self._steady_focus.press(event)):
-            super().keyPressEvent(event)
 
     def _begin(self, floats: bool) -> None:
         """Rest the focus of a new window: Qt would give it to the first button."""
@@ -242,8 +332,7 @@ class DockArea(QMainWindow):
         bar = container(hbox(stop, wide=0, margins=_STOP_MARGINS_PX))
         bar.hide()
         dock.topLevelChanged.connect(bar.setVisible)
-        column = vbox(bar, widget)
-        column.setStretch(1, 1)
+        column = vbox(bar, widget, tall=1)
         return container(column)
 
     def keep_on_screen(self, name: str) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 from PySide6.QtCore import QElapsedTimer, QObject, Signal
 
@@ -19,71 +19,6 @@ from gui.widgets.theme import Theme
 from rigctl.engine.live_file import LiveReader
 from rigctl.engine.notices import wiring_notice
 from rigctl.engine.rpc.messages import EngineStatus, parse_status
-
-
-class AgeView(Protocol):
-    """A view that turns grey what is no longer live."""
-
-    def show_ages(self, ages: DataAges) -> None:
-        """Show how old the newest data are."""
-
-
-class DrumSafety(QObject):
-    """Follows one engine: passes the ages of its data to the views, and its alarms to the strip.
-
-    After a loss the ages of the last data go on growing, so that nothing old looks live.
-    ``connected_views`` show nothing without an engine, ``other_views`` keep the last data.
-    """
-
-    title_changed = Signal(str)
-    """Title of the first alarm, empty without one."""
-
-    def __init__(
-        self, connected_views: tuple[AgeView, ...], other_views: tuple[AgeView, ...]
-    ) -> None:
-        super().__init__()
-        self.alarms = AlarmCenter()
-        self.alarms.title_changed.connect(self.title_changed)
-        self._connected_views, self._other_views = connected_views, other_views
-        self._is_connected = False
-        self._status = EngineStatus()
-        self._since_status = QElapsedTimer()
-
-    def show_status(self, status: EngineStatus) -> None:
-        """Take a status that came now."""
-        self._status = status
-        self._since_status.start()
-        self._is_connected = True
-        self.alarms.show_status(status)
-        self.poll()
-
-    def show_opened(self) -> None:
-        """Forget the last engine: another one is connected."""
-        self._status = EngineStatus()
-        self._since_status.invalidate()
-        self.alarms.forget()
-        for view in (*self._connected_views, *self._other_views):
-            view.show_ages(DataAges())
-
-    def show_closed(self, reason: str) -> None:
-        """Raise the alarm unless the user has disconnected or no engine was there."""
-        was_connected, self._is_connected = self._is_connected, False
-        if reason == NOT_CONNECTED:
-            self.alarms.forget()
-        elif was_connected:
-            self.alarms.show_lost(reason)
-
-    def poll(self) -> None:
-        """Let the ages grow; the window's timer calls this."""
-        if not self._since_status.isValid():
-            return
-        ages = data_ages(self._status, self._since_status.elapsed() / 1000)
-        for view in self._other_views:
-            view.show_ages(ages)
-        if self._is_connected:
-            for view in self._connected_views:
-                view.show_ages(ages)
-
 
 ENGINE_SILENT = "the engine does not answer: press the emergency stop if the drum moves"
 
@@ -102,8 +37,11 @@ class DrumController(QObject):
         self.toolbar, self.health_strip, self.prompt_panel = Toolbar(), HealthStrip(), PromptPanel()
         self.operate_panel, self.protocol_panel = OperatePanel(), ProtocolPanel()
         self.live_page = LivePage(theme)
-        connected_views = (self.toolbar, self.health_strip, self.operate_panel)
-        self.safety = DrumSafety(connected_views, (self.live_page.plots,))
+        self.alarms = AlarmCenter()
+        self._is_connected, self._since_status = False, QElapsedTimer()
+        self._connected_views = (self.toolbar, self.health_strip, self.operate_panel)
+        """Views that show nothing without an engine; the plots keep the last data."""
+        self._status = EngineStatus()
         self._title, self._alarm = "rigctl", ""
         self._is_silent = False
         self._connect_engine()
@@ -112,8 +50,7 @@ class DrumController(QObject):
     def poll(self) -> None:
         """Process messages; take the live data, and draw them while the plots are visible."""
         self.link.poll()
-        self.safety.poll()
-        self.protocol_panel.poll()
+        self._show_ages()
         if self.link.live is not None:
             self.live_page.refresh_slowly(self.link.live)
 
@@ -157,8 +94,8 @@ class DrumController(QObject):
         self.toolbar.disconnect_requested.connect(self.link.close)
         self.live_page.reported.connect(self.reported)
         self.protocol_panel.reported.connect(self.reported)
-        self.safety.title_changed.connect(self._show_alarm)
-        strip = self.safety.alarms.strip
+        self.alarms.title_changed.connect(self._show_alarm)
+        strip = self.alarms.strip
         for panel in (self.operate_panel, self.protocol_panel, self.prompt_panel, strip):
             panel.command_requested.connect(self._request)
 
@@ -169,7 +106,10 @@ class DrumController(QObject):
         self._is_silent = False
         self.live_page.plots.clear_history()
         self.live_page.follow(self.link.live)
-        self.safety.show_opened()
+        self._since_status.invalidate()
+        self.alarms.forget()
+        for view in (*self._connected_views, self.live_page.plots):
+            view.show_ages(DataAges())
         self.toolbar.show_connected()
         self.reported.emit("rig", "connected")
 
@@ -182,7 +122,11 @@ class DrumController(QObject):
         self.protocol_panel.show_status(EngineStatus())
         self.protocol_panel.set_rig("")
         self.prompt_panel.show_prompt(None)
-        self.safety.show_closed(reason)
+        was_connected, self._is_connected = self._is_connected, False
+        if reason == NOT_CONNECTED:
+            self.alarms.forget()
+        elif was_connected:
+            self.alarms.show_lost(reason)
         self.reported.emit("rig" if reason == NOT_CONNECTED else "lost", reason)
 
     def _on_refused(self, command: str, sentence: str) -> None:
@@ -208,14 +152,26 @@ class DrumController(QObject):
         self.operate_panel.show_status(status)
         self.protocol_panel.show_status(status)
         self.prompt_panel.show_prompt(status.run.prompt)
-        self.safety.show_status(status)
+        self._status, self._is_connected = status, True
+        self._since_status.start()
+        self.alarms.show_status(status)
+        self._show_ages()
+
+    def _show_ages(self) -> None:
+        """Let the ages of the data grow, also after a loss: nothing old looks live."""
+        if not self._since_status.isValid():
+            return
+        ages = data_ages(self._status, self._since_status.elapsed() / 1000)
+        views = self._connected_views if self._is_connected else ()
+        for view in (self.live_page.plots, *views):
+            view.show_ages(ages)
 
     def _on_silent(self, seconds: float) -> None:
         self.toolbar.show_silent(seconds)
         if not self._is_silent:
             self._is_silent = True
             self.health_strip.show_nothing()
-            self.safety.alarms.show_silent()
+            self.alarms.show_silent()
             self.reported.emit("lost", ENGINE_SILENT)
 
     def _on_answered(self, command: str, result: dict[str, Any]) -> None:

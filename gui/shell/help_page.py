@@ -1,12 +1,17 @@
-"""A page of text: the shortcut sheet, and what the program is."""
+"""The page Help: the shortcut sheet, what the program is, and reports of unexpected errors."""
 
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterable
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Iterable
+from datetime import datetime
 from html import escape
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from types import TracebackType
 
 from PySide6.QtCore import QObject, QUrl, Signal, qVersion
 from PySide6.QtGui import QDesktopServices
@@ -38,25 +43,6 @@ FIXED_KEYS = (
     ActionRow("Confusion", "Choose a cell", "Arrow keys", "The line below names its trials"),
     ActionRow("Accuracy, Confusion", "Zoom", "+, −", "0 shows the whole plot again"),
 )
-
-
-class HelpPage(QWidget):
-    """Shows one text at a time; *Back* returns to the page before."""
-
-    closed = Signal()
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.title, self.text = label("", "heading"), QTextBrowser(openExternalLinks=True)
-        self.back = push_button("Back", self.closed.emit)
-        head = hbox(self.title, self.back, margins=(8, 0, 0, 0))
-        self.setLayout(vbox(head, self.text, spacing=4))
-
-    def show_html(self, title: str, html: str) -> None:
-        """Show a text."""
-        self.title.setText(title)
-        self.text.setHtml(html)
-        self.text.setFocus()
 
 
 def shortcut_table(rows: Iterable[ActionRow]) -> str:
@@ -102,16 +88,24 @@ def _table_row(row: ActionRow) -> str:
 DOCS = Path(__file__).parents[2] / "docs" / "README.md"
 
 
-class HelpController(QObject):
-    """Adds the actions of the menu and fills the page that they show."""
+class HelpPage(QWidget):
+    """Shows one text at a time; *Back* returns to the page before.
 
+    Its actions are in the menu Help.
+    """
+
+    closed = Signal()
     shown = Signal()
     """The page has a text to show."""
     reported = Signal(str, str)
 
     def __init__(self, menus: ActionRegistry, reports: Path) -> None:
         super().__init__()
-        self.page, self._menus, self._reports = HelpPage(), menus, reports
+        self._menus, self._reports = menus, reports
+        self.title, self.text = label("", "heading"), QTextBrowser(openExternalLinks=True)
+        self.back = push_button("Back", self.closed.emit)
+        head = hbox(self.title, self.back, margins=(8, 0, 0, 0))
+        self.setLayout(vbox(head, self.text, spacing=4))
         tip = "All actions and keys"
         menus.add("Help", "&Shortcuts", self._show_shortcuts, shortcut="F1", tip=tip)
         menus.add("Help", "&Documentation", self._open_docs, tip="Open the documentation")
@@ -120,13 +114,17 @@ class HelpController(QObject):
         tip = "Versions of the program and its parts"
         menus.add("Help", "&About rigctl", self._show_about, tip=tip)
 
-    def _show_shortcuts(self) -> None:
-        self.page.show_html("Actions and shortcuts", shortcut_table(self._menus.rows()))
+    def _show(self, title: str, html: str) -> None:
+        self.title.setText(title)
+        self.text.setHtml(html)
+        self.text.setFocus()
         self.shown.emit()
 
+    def _show_shortcuts(self) -> None:
+        self._show("Actions and shortcuts", shortcut_table(self._menus.rows()))
+
     def _show_about(self) -> None:
-        self.page.show_html("About rigctl", about_text(QUrl.fromLocalFile(str(DOCS)).toString()))
-        self.shown.emit()
+        self._show("About rigctl", about_text(QUrl.fromLocalFile(str(DOCS)).toString()))
 
     def _open_docs(self) -> None:
         if DOCS.exists():
@@ -143,3 +141,68 @@ class HelpController(QObject):
             return
         QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder)))
         self.reported.emit("opened", f"opened {folder}")
+
+
+REPORTS = "crash-reports"
+"""Folder of the reports, beside the settings."""
+MAX_REPORTS = 20
+"""In a sitting: an error in a timer repeats thirty times a second."""
+
+
+class CrashReporter(QObject):
+    """Writes a file for each unexpected error of this process, in any of its threads.
+
+    ``read_log`` returns the event log, which becomes a part of the file.
+    """
+
+    reported = Signal(str, str)
+    """Kind and sentence for the event log; Qt passes them to the window's thread."""
+
+    def __init__(self, folder: Path, read_log: Callable[[], str]) -> None:
+        super().__init__()
+        self._folder, self._read_log = folder, read_log
+        self._seen: set[str] = set()
+
+    def install(self) -> None:
+        """Take the errors that Python would print, of slots and of threads."""
+        sys.excepthook = self.take
+        threading.excepthook = self._take_of_thread
+
+    def remove(self) -> None:
+        """Leave the errors to Python again."""
+        sys.excepthook = sys.__excepthook__
+        threading.excepthook = threading.__excepthook__
+
+    def take(
+        self, kind: type[BaseException], error: BaseException, trace: TracebackType | None
+    ) -> None:
+        """Write the report of an error and tell where it is; the same error only once."""
+        lines = "".join(traceback.format_exception(kind, error, trace))
+        print(lines, file=sys.stderr)
+        if lines in self._seen or len(self._seen) >= MAX_REPORTS:
+            return
+        self._seen.add(lines)
+        self.reported.emit("failed", self._sentence(lines))
+
+    def _take_of_thread(self, args: threading.ExceptHookArgs) -> None:
+        if args.exc_value is not None:
+            self.take(args.exc_type, args.exc_value, args.exc_traceback)
+
+    def _sentence(self, lines: str) -> str:
+        try:
+            path = self._write(lines)
+        except OSError as error:
+            return f"something in the window failed, and its report could not be written ({error})"
+        return (
+            f"something in the window failed; please send its report to who looks after it: {path}"
+        )
+
+    def _write(self, lines: str) -> Path:
+        self._folder.mkdir(parents=True, exist_ok=True)
+        now = datetime.now().astimezone()
+        path = self._folder / f"rigctl-crash-{now:%Y%m%d-%H%M%S}-{len(self._seen)}.txt"
+        log = self._read_log() if threading.current_thread() is threading.main_thread() else ""
+        parts = (now.isoformat(), "\n".join(version_lines()), lines, "Event log:", log)
+        with path.open("x", encoding="utf-8") as file:
+            file.write("\n\n".join(parts))
+        return path

@@ -8,19 +8,17 @@ from typing import Any
 
 from PySide6.QtCore import QEvent, QObject, QRect, Qt, QTimer, Signal
 from PySide6.QtGui import QAction, QCloseEvent, QGuiApplication, QKeyEvent
-from PySide6.QtWidgets import QApplication, QStackedWidget, QWidget
+from PySide6.QtWidgets import QApplication, QPushButton, QStackedWidget, QWidget
 
 from gui.analysis.analysis_tab import AnalysisTab
 from gui.finger.finger_tab import FingerTab
 from gui.link.attach import AttachController, ControlLock, PastLine
 from gui.link.engine_link import ClientFactory, joined_rig, open_client, open_finger_client
 from gui.operate.event_log import EventLog, StatusLine
-from gui.protocol.protocol_panel import REMEMBERED, ProtocolPanel
 from gui.shell.actions import ActionRegistry
-from gui.shell.crash_reports import REPORTS
-from gui.shell.docks import DockArea, SteadyFocusWindow, give_focus, neighbour_of
+from gui.shell.docks import DockArea, PageStack, SteadyFocusWindow, give_focus, neighbour_of
 from gui.shell.drum_controller import DrumController
-from gui.shell.help_page import HelpController
+from gui.shell.help_page import REPORTS, HelpPage
 from gui.shell.menus import (
     SaveMenu,
     add_alarm_sound,
@@ -31,17 +29,16 @@ from gui.shell.menus import (
     drum_controls,
     finger_controls,
 )
-from gui.shell.page_stack import PageStack
 from gui.shell.replay_controller import ReplayController
-from gui.shell.start_page import StartController
+from gui.shell.start_page import StartPage
 from gui.shell.tools_controller import ToolsController
-from gui.shell.user_settings import UserSettings
-from gui.shell.window_memory import RecentRigs, RecentSessions, WindowMemory
+from gui.shell.user_settings import RecentRigs, RecentSessions, UserSettings, WindowMemory
 from gui.widgets.file_browser import FileBrowser, PathKind
 from gui.widgets.layouts import container, scroll_area, vbox
 from gui.widgets.theme import Theme, ThemeChoice, apply_palette, apply_theme, scale_texts
 from rigctl.engine.contact import RESTING_STATES
-from rigctl.engine.rpc.engine_files import FINGER_EXPERIMENT, EngineFile
+from rigctl.engine.rpc.engine_files import EngineFile
+from rigctl.experiments import FINGER_EXPERIMENT
 
 TEXT_SIZES_PERCENT = (90, 100, 115, 130, 150)
 NOT_AT_REST = (
@@ -146,9 +143,9 @@ class Regions:
     def add_menus(self, menus: ActionRegistry) -> None:
         """Add the keys of regions and panels to the View menu."""
         tip = "Move the keyboard's focus to heading, question, panel, middle or log"
-        menus.add("View", "&Next region", self.show_next, shortcut="F6", tip=tip)
+        menus.add("View", "&Next region", partial(self._move, 1), shortcut="F6", tip=tip)
         tip = "Move the keyboard's focus back by one region"
-        menus.add("View", "Pre&vious region", self.show_previous, shortcut="Shift+F6", tip=tip)
+        menus.add("View", "Pre&vious region", partial(self._move, -1), shortcut="Shift+F6", tip=tip)
         for number, (name, dock) in enumerate(self._docks.docks.items(), start=1):
             tip = "Bring this panel to the front, with the keyboard's focus"
             text, keys = dock.windowTitle(), f"Ctrl+{number}"
@@ -160,15 +157,8 @@ class Regions:
         self._docks.show_panel(name)
         focus_first(self._docks.docks[name])
 
-    def show_next(self) -> None:
-        """Move the focus to the next region."""
-        self._move(1)
-
-    def show_previous(self) -> None:
-        """Move the focus to the region before."""
-        self._move(-1)
-
     def _move(self, step: int) -> None:
+        """Move the focus by regions."""
         regions = self._regions()
         focus = QApplication.focusWidget()
         inside = [n for n, region in enumerate(regions) if focus and region.isAncestorOf(focus)]
@@ -194,10 +184,13 @@ def focus_first(region: QWidget) -> bool:
     return True
 
 
-class EscapeKey(QObject):
-    """Reports one press of Esc once; an open menu or list still gets the key and closes."""
+class KeyFilter(QObject):
+    """Reports one press of Esc once; an open menu or list still gets the key and closes.
 
-    pressed = Signal()
+    Return presses the button that has the focus, as the space bar does, on every desktop.
+    """
+
+    escaped = Signal()
 
     def __init__(self, parent: QObject) -> None:
         super().__init__(parent)
@@ -212,8 +205,12 @@ class EscapeKey(QObject):
         self._app.removeEventFilter(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Take Esc before the widget with the focus gets it."""
-        if not isinstance(event, QKeyEvent) or event.key() != Qt.Key.Key_Escape:
+        """Take the keys before the widget with the focus gets them."""
+        if not isinstance(event, QKeyEvent):
+            return False
+        if event.key() in _PRESS_KEYS and event.type() == QEvent.Type.KeyPress:
+            return not event.isAutoRepeat() and _click(watched)
+        if event.key() != Qt.Key.Key_Escape:
             return False
         if event.type() == QEvent.Type.KeyRelease:
             self._is_down = False
@@ -228,34 +225,22 @@ class EscapeKey(QObject):
         if not self._is_down:
             self._is_down = True
             QTimer.singleShot(0, self._forget)
-            self.pressed.emit()
+            self.escaped.emit()
 
     def _forget(self) -> None:
         self._is_down = False
 
 
-class ProtocolController(QObject):
-    """Fills in folder, operator and sensor of the last time, and remembers those of this one."""
-
-    def __init__(self, panel: ProtocolPanel, settings: UserSettings) -> None:
-        super().__init__()
-        self._form = panel.form
-        self._settings = settings
-        self._form.restore({name: settings.value(_key(name), "") for name in REMEMBERED})
-        panel.command_requested.connect(self._remember)
-
-    def _remember(self, command: str) -> None:
-        """Remember the fields with which a run starts."""
-        if command == "start":
-            for name, text in self._form.remembered().items():
-                self._settings.set_value(_key(name), text)
-
-
-def _key(name: str) -> str:
-    return f"protocol/{name}"
+def _click(watched: QObject) -> bool:
+    """Press a button with the focus; return whether it is one."""
+    if not isinstance(watched, QPushButton) or not watched.hasFocus():
+        return False
+    watched.click()
+    return True
 
 
 FRAME_MS = 33
+_PRESS_KEYS = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 WIDTH_PX, HEIGHT_PX = 1280, 800
 LEFT_PX, LOG_PX = 330, 88
 _LEFT = Qt.DockWidgetArea.LeftDockWidgetArea
@@ -289,7 +274,6 @@ class MainWindow(SteadyFocusWindow):
         self.operate_panel = self.drum.operate_panel
         self.protocol_panel = self.drum.protocol_panel
         self.live_page, self.live_plots = self.drum.live_page, self.drum.live_page.plots
-        self.protocol = ProtocolController(self.protocol_panel, self.settings)
         self.analysis_tab = AnalysisTab(theme)
         self.finger_tab = FingerTab(theme, finger_factory)
         self.attach = AttachController((self.engine_link, self.finger_tab.link))
@@ -299,8 +283,8 @@ class MainWindow(SteadyFocusWindow):
         self.sessions = RecentSessions(self.menus, self.settings)
         panel = self.analysis_tab.panel
         self.replay = ReplayController(theme, self.stack, panel, self.sessions)
-        self.help = HelpController(self.menus, self.settings.folder / REPORTS)
-        self.start = StartController(self.stack, self.menus, self.toolbar)
+        self.help = HelpPage(self.menus, self.settings.folder / REPORTS)
+        self.start = StartPage(self.stack, self.menus, self.toolbar)
         self.tools = ToolsController(self.stack, self.menus, self.engine_link)
         self._panel = "operate"
         self._lay_out()
@@ -309,8 +293,8 @@ class MainWindow(SteadyFocusWindow):
         self._connect_panels()
         self.memory = WindowMemory(self.settings, self, self.docks)
         self._remember()
-        self._escape_key = EscapeKey(self)
-        self._escape_key.pressed.connect(self.stop)
+        self._keys = KeyFilter(self)
+        self._keys.escaped.connect(self.stop)
         self.timer = QTimer(self)
         self.timer.setTimerType(Qt.TimerType.PreciseTimer)
         self.timer.timeout.connect(self.poll)
@@ -325,11 +309,10 @@ class MainWindow(SteadyFocusWindow):
         self.grab(QRect(0, 0, 1, 1))
 
     def poll(self) -> None:
-        """Process the messages of engine and workers, and draw new samples; 30 times a second."""
+        """Process the messages of the engines, and draw new samples; 30 times a second."""
         page = self.stack.currentWidget()
         self.drum.poll()
         self.replay.poll()
-        self.analysis_tab.poll()
         self.finger_tab.poll(is_visible=page is self.finger_tab.view)
 
     def connect_rig(self, rig: str, world: str = "") -> None:
@@ -378,10 +361,10 @@ class MainWindow(SteadyFocusWindow):
             event.ignore()
             return
         self.timer.stop()
-        self._escape_key.release()
+        self._keys.release()
         self.memory.close()
         self.hide()  # the window does not stay while an engine or a worker ends slowly
-        for part in (self.attach, self.tools, self.start, self.analysis_tab, self.replay):
+        for part in (self.attach, self.tools, self.start.maker, self.analysis_tab, self.replay):
             part.close()
         self.drum.close()
         self.finger_tab.close()
@@ -392,17 +375,19 @@ class MainWindow(SteadyFocusWindow):
         """Restore what the settings hold, and tell what in them is damaged."""
         self.memory.keep_number("speed_mm_s", self.operate_panel.speed)
         self.memory.keep_number("force_g", self.operate_panel.force)
-        self.memory.keep_folders(
-            save_in=self.protocol_panel.out,
-            record_in=self.operate_panel.record_box.folder,
-            pictures_in=self.live_page.save_strip.folder,
-            scans_in=self.finger_tab.setup.out,
+        self.memory.keep_texts(
+            {
+                **self.protocol_panel.form.remembered,
+                "record_in": self.operate_panel.record_box.folder,
+                "pictures_in": self.live_page.save_strip.folder,
+                "scans_in": self.finger_tab.setup.out,
+            }
         )
         self.memory.keep_live_views(self.live_page)
         self.memory.restore_layout()
         self._show_view()
         if self.settings.is_first:
-            self.start.show()
+            self.start.show_page()
         if complaint := self.settings.complaint():
             self.report("check", complaint)
 
@@ -416,12 +401,12 @@ class MainWindow(SteadyFocusWindow):
         run_end = self.analysis_tab.run_end_strip
         questions = (self.prompt_panel, self.finger_tab.prompt_panel, run_end)
         offer = self.tools.flash_strip
-        strips = (self.drum.safety.alarms.strip, *self.attach.strips, offer, *questions)
+        strips = (self.drum.alarms.strip, *self.attach.strips, offer, *questions)
         self.regions = Regions(self.toolbar, strips, self.docks)
-        body = vbox(*strips, self.docks, self.status_line, spacing=3, margins=(8, 0, 8, 0))
-        body.setStretch(len(strips), 1)
-        column = vbox(self.toolbar, self.health, body, spacing=3, margins=(0, 0, 0, 3))
-        column.setStretch(2, 1)
+        body = vbox(
+            *strips, self.docks, self.status_line, spacing=3, margins=(8, 0, 8, 0), tall=len(strips)
+        )
+        column = vbox(self.toolbar, self.health, body, spacing=3, margins=(0, 0, 0, 3), tall=2)
         self.setCentralWidget(container(column))
         screen = QGuiApplication.primaryScreen().availableSize()
         self.resize(min(WIDTH_PX, screen.width()), min(HEIGHT_PX, screen.height()))
@@ -436,7 +421,7 @@ class MainWindow(SteadyFocusWindow):
             "figure": analysis.figure_view,
             "results": analysis.results_panel,
             "files": self.file_browser,
-            "help": self.help.page,
+            "help": self.help,
             "engines": self.attach.engines,
         }
         for name, page in pages.items():
@@ -515,8 +500,8 @@ class MainWindow(SteadyFocusWindow):
         chosen = self.toolbar.rig
         chosen.currentIndexChanged.connect(lambda _: suggest(chosen.currentData() or ""))
         self.start.reported.connect(self.report)
-        self.start.page.session_requested.connect(self._open_session)
-        for pages in (self.file_browser, self.tools, self.help.page, self.start):
+        self.start.browse_requested.connect(self._open_session)
+        for pages in (self.file_browser, self.tools, self.help, self.start):
             pages.closed.connect(self._show_view)
         self.protocol_panel.page_changed.connect(self._show_view)
         self.operate_panel.bring_up.calibrate_requested.connect(self.tools.show_calibration)

@@ -22,8 +22,7 @@ from gui.protocol.protocol_panel import ProtocolPanel
 from gui.shell.actions import ActionRegistry
 from gui.shell.docks import DockArea
 from gui.shell.drum_controller import DrumController
-from gui.shell.user_settings import UserSettings
-from gui.shell.window_memory import SPAN_KEY, is_span
+from gui.shell.user_settings import SPAN_KEY, UserSettings, is_span
 
 _CHANGES = (
     QEvent.Type.EnabledChange,
@@ -209,7 +208,7 @@ def add_rig_menu(
 
 def add_alarm_sound(menus: ActionRegistry, drum: DrumController, settings: UserSettings) -> None:
     """Add the switch of the sound, which the settings keep."""
-    announcer = drum.safety.alarms.announcer
+    announcer = drum.alarms.announcer
 
     def switch(sounds: bool) -> None:
         announcer.sounds = sounds
@@ -227,9 +226,10 @@ def add_live_actions(menus: ActionRegistry, page: LivePage, settings: UserSettin
     span_s = settings.value(SPAN_KEY, float(SPANS_S[3]), is_span)
     menus.add_choices("View", "Time &span", spans, span_s, page.plots.set_span)
     tip = "Look back while samples go on to arrive, or follow them again"
-    menus.add("View", "&Pause or follow", page.toggle_pause, shortcut="Ctrl+Space", tip=tip)
+    toggle = page.plots.navigation.toggle
+    menus.add("View", "&Pause or follow", toggle, shortcut="Ctrl+Space", tip=tip)
     tip = "Begin each trial at the left edge of the live plots, or let them scroll"
-    menus.add("View", "Begin at each t&rial", page.toggle_sweeps, tip=tip)
+    menus.add("View", "Begin at each t&rial", page.toggle_alignment, tip=tip)
     add_buttons(menus, "View → Controls of the live plots", page.bar.buttons.values())
     tip = "Save the live plots as they are now"
     menus.add("File", "Save &picture", page.save_picture, shortcut="Ctrl+Shift+P", tip=tip)

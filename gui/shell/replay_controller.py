@@ -10,8 +10,8 @@ from PySide6.QtCore import QObject, Signal
 from gui.analysis.session_panel import SessionPanel
 from gui.analysis.task_values import DRUM
 from gui.shell.actions import ActionRegistry
-from gui.shell.page_stack import PageStack
-from gui.shell.window_memory import RecentSessions
+from gui.shell.docks import PageStack
+from gui.shell.user_settings import RecentSessions
 from gui.widgets.theme import Theme
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ class ReplayController(QObject):
         return "page" in vars(self)
 
     def poll(self) -> None:
-        """Let the page take results of its worker, and show the present moment."""
+        """Let the page show the present moment."""
         if self.is_made:
             self.page.poll()
 

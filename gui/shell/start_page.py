@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import threading
+from functools import partial
 
-from PySide6.QtCore import QElapsedTimer, QObject, Qt, QTimer, Signal
+from PySide6.QtCore import QElapsedTimer, QObject, QTimer, Signal
 from PySide6.QtWidgets import QFormLayout, QWidget
 
 from gui.operate.connection_bar import Toolbar
 from gui.shell.actions import ActionRegistry
-from gui.shell.page_stack import PageStack
+from gui.shell.docks import PageStack
+from gui.widgets.background import Background
 from gui.widgets.labels import label, set_property
 from gui.widgets.layouts import (
     FlowLayout,
@@ -20,7 +21,6 @@ from gui.widgets.layouts import (
     scroll_area,
     vbox,
 )
-from rigctl.errors import RigctlError
 from rigctl.synth.sample_session import CHECKING, SYNTH, SampleSession, sample_folder
 
 REMEDY = (
@@ -100,7 +100,7 @@ class SampleBox(QWidget):
         self.show()
 
 
-_JOIN_LIMIT_S = 10.0
+_CLOSE_TIMEOUT_S = 10.0
 
 
 class SampleMaker(QObject):
@@ -116,14 +116,11 @@ class SampleMaker(QObject):
     """The command has ended, and what it made is gone."""
     failed = Signal(str)
     """One sentence."""
-    _ended = Signal(bool, str)
 
     def __init__(self) -> None:
         super().__init__()
         self._sample: SampleSession | None = None
-        self._thread: threading.Thread | None = None
-        # The thread emits, the window's thread acts.
-        self._ended.connect(self._end, Qt.ConnectionType.QueuedConnection)
+        self._background = Background("rigctl-sample-session")
 
     @property
     def is_busy(self) -> bool:
@@ -133,11 +130,8 @@ class SampleMaker(QObject):
     def start(self) -> None:
         """Check the sample session and make it if need be; a signal tells how that ended."""
         if self._sample is None:
-            sample = self._sample = SampleSession(sample_folder(), self.told.emit)
-            self._thread = threading.Thread(
-                target=self._provide, args=(sample,), name="rigctl-sample-session"
-            )
-            self._thread.start()
+            self._sample = SampleSession(sample_folder(), self.told.emit)
+            self._background.run(self._sample.provide, self._end, partial(self._end, False))
 
     def cancel(self) -> None:
         """End the command; :attr:`cancelled` follows once it has ended."""
@@ -147,20 +141,11 @@ class SampleMaker(QObject):
     def close(self) -> None:
         """End the command, and wait until what it has made is gone."""
         self.cancel()
-        self._sample = None
-        if self._thread is not None:
-            self._thread.join(_JOIN_LIMIT_S)
+        self._background.close(_CLOSE_TIMEOUT_S)
 
-    def _provide(self, sample: SampleSession) -> None:
-        try:
-            self._ended.emit(sample.provide(), "")
-        except RigctlError as error:
-            self._ended.emit(False, str(error))
-
-    def _end(self, is_ready: bool, sentence: str) -> None:
+    def _end(self, is_ready: bool, sentence: str = "") -> None:
         sample, self._sample = self._sample, None
-        if sample is None:  # the window has closed
-            return
+        assert sample is not None
         if sample.remark:
             self.remarked.emit(sample.remark)
         if is_ready:
@@ -188,33 +173,6 @@ HINT = (
 )
 
 
-class StartPage(QWidget):
-    """Stands in the middle of a window that was never used before."""
-
-    virtual_requested = Signal()
-    sample_requested = Signal()
-    session_requested = Signal()
-    closed = Signal()
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.virtual = push_button(
-            "Start the virtual rig", self.virtual_requested.emit, "Needs no hardware"
-        )
-        self.sample = push_button(SAMPLE, self.sample_requested.emit, SAMPLE_TIP)
-        self.session = push_button(
-            "Open a session …", self.session_requested.emit, "Choose the folder of a recording"
-        )
-        self.back = push_button("Close", self.closed.emit, "Help → Start page shows it again")
-        self.sample_box = SampleBox()
-        title, hint = label("Welcome to rigctl", "state"), label(HINT, "muted", wraps=True)
-        buttons = FlowLayout(self.virtual, self.sample, self.session, self.back)
-        rows = (title, _panel_lines(), hint, buttons, self.sample_box)
-        column = vbox(*rows, spacing=14, margins=(18, 14, 18, 14))
-        column.addStretch(1)
-        self.setLayout(vbox(scroll_area(container(column))))
-
-
 def _panel_lines() -> QFormLayout:
     form = form_layout(10)
     for name, purpose in PANELS.items():
@@ -226,8 +184,8 @@ READY = f"the sample session is ready: File → {SAMPLE} opens it"
 CONNECTED = "the virtual rig was not started: this window has a rig, disconnect it first"
 
 
-class StartController(QObject):
-    """Adds the page to the window and its actions to the menus, and makes the sample session."""
+class StartPage(QWidget):
+    """Stands in the middle of a window that was never used before; makes the sample session."""
 
     closed = Signal()
     """The user has closed the page."""
@@ -235,44 +193,54 @@ class StartController(QObject):
     """Connect to this rig."""
     session_requested = Signal(str)
     """Open this session."""
+    browse_requested = Signal()
+    """Let the user choose a session to open."""
     reported = Signal(str, str)
 
     def __init__(self, stack: PageStack, menus: ActionRegistry, toolbar: Toolbar) -> None:
         super().__init__()
-        self.page, self.maker = StartPage(), SampleMaker()
+        self.maker = SampleMaker()
         self._stack, self._toolbar = stack, toolbar
-        stack.add_page("start", self.page)
-        self.page.closed.connect(self.closed)
-        self.page.virtual_requested.connect(self._start_virtual)
+        stack.add_page("start", self)
+        self._lay_out()
         self._connect_sample()
         menus.add("File", SAMPLE.replace("sample", "&sample"), self.open_sample, tip=SAMPLE_TIP)
-        menus.add("Help", "S&tart page", self.show, tip="What each panel is for")
+        menus.add("Help", "S&tart page", self.show_page, tip="What each panel is for")
 
-    def show(self) -> None:
+    def show_page(self) -> None:
         """Show the page in the middle of the window."""
         if not self.maker.is_busy and not self._is_shown:
-            self.page.sample_box.clear()
-        self._stack.setCurrentWidget(self.page)
+            self.sample_box.clear()
+        self._stack.setCurrentWidget(self)
 
     def open_sample(self) -> None:
         """Open the sample session, which is made where there is no whole one."""
-        self.show()
+        self.show_page()
         if not self.maker.is_busy:
-            self.page.sample.setEnabled(False)
-            self.page.sample_box.show_progress(CHECKING, "")
+            self.sample.setEnabled(False)
+            self.sample_box.show_progress(CHECKING, "")
             self.maker.start()
-
-    def close(self) -> None:
-        """End the making of a sample session."""
-        self.maker.close()
 
     @property
     def _is_shown(self) -> bool:
-        return self._stack.currentWidget() is self.page
+        return self._stack.currentWidget() is self
+
+    def _lay_out(self) -> None:
+        tip = "Needs no hardware"
+        self.virtual = push_button("Start the virtual rig", self._start_virtual, tip)
+        self.sample = push_button(SAMPLE, self.open_sample, SAMPLE_TIP)
+        tip = "Choose the folder of a recording"
+        self.session = push_button("Open a session …", self.browse_requested.emit, tip)
+        self.back = push_button("Close", self.closed.emit, "Help → Start page shows it again")
+        self.sample_box = SampleBox()
+        title, hint = label("Welcome to rigctl", "state"), label(HINT, "muted", wraps=True)
+        buttons = FlowLayout(self.virtual, self.sample, self.session, self.back)
+        rows = (title, _panel_lines(), hint, buttons, self.sample_box)
+        column = vbox(*rows, spacing=14, margins=(18, 14, 18, 14), tall=-1)
+        self.setLayout(vbox(scroll_area(container(column))))
 
     def _connect_sample(self) -> None:
-        page, box, maker = self.page, self.page.sample_box, self.maker
-        page.sample_requested.connect(self.open_sample)
+        box, maker = self.sample_box, self.maker
         box.cancel_requested.connect(maker.cancel)
         maker.told.connect(box.show_progress)
         maker.remarked.connect(lambda remark: self.reported.emit("check", remark))
@@ -280,11 +248,11 @@ class StartController(QObject):
         maker.cancelled.connect(box.show_cancelled)
         maker.failed.connect(self._fail)
         for ended in (maker.ready, maker.cancelled, maker.failed):
-            ended.connect(lambda *_: page.sample.setEnabled(True))
+            ended.connect(lambda *_: self.sample.setEnabled(True))
 
     def _open(self, session: str) -> None:
         """Open the session, unless the user has gone on to something else meanwhile."""
-        self.page.sample_box.clear()
+        self.sample_box.clear()
         if self._is_shown:
             self.session_requested.emit(session)
             self.closed.emit()
@@ -292,7 +260,7 @@ class StartController(QObject):
             self.reported.emit("analysis", READY)
 
     def _fail(self, sentence: str) -> None:
-        self.page.sample_box.show_failure(sentence)
+        self.sample_box.show_failure(sentence)
         self.reported.emit("refused", f"the sample session was not made: {sentence}")
 
     def _start_virtual(self) -> None:

@@ -15,7 +15,7 @@ from gui.operate.boards_box import BoardsBox, FlashStrip
 from gui.operate.calibrate import CalibratePage
 from gui.operate.setup_page import SetupPage
 from gui.shell.actions import ActionRegistry
-from gui.shell.page_stack import PageStack
+from gui.shell.docks import PageStack
 from gui.widgets.file_browser import PathKind, browse_button, typed_path
 from gui.widgets.labels import label, set_property
 from gui.widgets.layouts import hbox, push_button, vbox
@@ -24,6 +24,7 @@ from rigctl.engine.live_file import LiveReader
 from rigctl.engine.rpc.messages import EngineStatus
 
 _KILL_MS = 1000
+NO_FOLDER = "Choose the folder of a session first."
 
 
 class CommandPage(QWidget):
@@ -57,11 +58,10 @@ class CommandPage(QWidget):
         self._process: QProcess | None = None
         self._inputs = QHBoxLayout()
         buttons = hbox(self.run_button, self.cancel_button, self.close_button, wide=-1)
-        buttons.addStretch(1)
         rows = (label(title, "heading"), label(explanation, "muted", wraps=True), self._inputs)
-        column = vbox(*rows, buttons, self.verdict, self.output, spacing=6, margins=(9, 4, 9, 4))
-        column.setStretch(5, 1)
-        self.setLayout(column)
+        self.setLayout(
+            vbox(*rows, buttons, self.verdict, self.output, spacing=6, margins=(9, 4, 9, 4), tall=5)
+        )
         self._show_running(False)
 
     @property
@@ -148,20 +148,14 @@ class AcceptPage(CommandPage):
             "Accept a rig",
             explanation,
             "Judge the rig",
-            words=self._accept_words,
-            refusal=self._missing_session,
+            words=lambda: ("accept", "--", str(typed_path(self.folder.text()))),
+            refusal=lambda: "" if self.folder.text().strip() else NO_FOLDER,
         )
         self.folder = QLineEdit(placeholderText="Session of the acceptance protocol")
         self.folder.returnPressed.connect(self.run)
         self.add_input(label("Session"))
         self.add_input(self.folder, 1)
         self.add_input(browse_button(self.path_requested, PathKind.SESSION, self.folder.setText))
-
-    def _accept_words(self) -> Sequence[str]:
-        return ("accept", "--", str(typed_path(self.folder.text())))
-
-    def _missing_session(self) -> str:
-        return "" if self.folder.text().strip() else "Choose the folder of a session first."
 
 
 class PortsPage(CommandPage):

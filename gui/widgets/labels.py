@@ -10,7 +10,6 @@ from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF, QResiz
 from PySide6.QtWidgets import (
     QFrame,
     QLabel,
-    QLayout,
     QProgressBar,
     QPushButton,
     QSizePolicy,
@@ -184,18 +183,17 @@ def show_progress(bar: QProgressBar, done: int, planned: int) -> None:
 
 
 class Strip(QFrame):
-    """A lamp, a sentence and buttons; hidden until it has something to say."""
+    """A sentence and buttons, behind a lamp where it warns; hidden without a sentence."""
 
     def __init__(self) -> None:
         super().__init__()
         self.setProperty("role", "prompt")
-        self.text = QLabel(wordWrap=True, textFormat=Qt.TextFormat.PlainText)
-        self.text.setProperty("role", "heading")
+        self.text = label("", "heading", wraps=True)
         self.hide()
 
-    def row(self, *buttons: QPushButton, level: Level = Level.WARN) -> QLayout:
-        """Return a layout of the lamp, the sentence and the buttons."""
+    def lay_out(self, *buttons: QPushButton, warns: bool = True) -> None:
+        """Put the sentence and the buttons in a row."""
         lamp = StatusLamp(18)
-        lamp.set_level(level)
-        margins = (10, 6, 10, 6)
-        return hbox(lamp, self.text, *buttons, wide=1, spacing=6, margins=margins)
+        lamp.set_level(Level.WARN)
+        row = (lamp, self.text, *buttons) if warns else (self.text, *buttons)
+        self.setLayout(hbox(*row, wide=int(warns), spacing=6, margins=(10, 6, 10, 6)))

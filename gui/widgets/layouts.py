@@ -167,6 +167,21 @@ class PageTabs(QTabWidget):
         return head_px + max(least_px, page.minimumHeight(), scaled_px(LEAST_PX))
 
 
+class EventWatch(QObject):
+    """Calls ``slot`` when its widget gets an event of these kinds, such as another font."""
+
+    def __init__(self, widget: QWidget, slot: Callable[[], object], *kinds: QEvent.Type) -> None:
+        super().__init__(widget)
+        self._slot, self._kinds = slot, kinds
+        widget.installEventFilter(self)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Call the slot; the widget gets the event, too."""
+        if event.type() in self._kinds:
+            self._slot()
+        return False
+
+
 _WheelBox = TypeVar("_WheelBox", bound=QComboBox | QAbstractSpinBox)
 
 
@@ -204,22 +219,32 @@ def group_box(title: str, layout: _Layout) -> tuple[QGroupBox, _Layout]:
     return box, layout
 
 
-def vbox(*items: QWidget | QLayout, spacing: int = 0, margins: _Margins = _NONE) -> QVBoxLayout:
-    """Return a vertical layout; ``margins`` are left, top, right and bottom."""
-    return _fill(QVBoxLayout(), items, spacing, margins)
+def vbox(
+    *items: QWidget | QLayout, tall: int | None = None, spacing: int = 0, margins: _Margins = _NONE
+) -> QVBoxLayout:
+    """Return a vertical layout; ``margins`` are left, top, right and bottom.
+
+    The item with the index ``tall`` takes the spare height; −1: none does, it stays below them.
+    """
+    return _fill(QVBoxLayout(), items, tall, spacing, margins)
 
 
 def hbox(
     *items: QWidget | QLayout, wide: int = 0, spacing: int = 4, margins: _Margins = _NONE
 ) -> QHBoxLayout:
-    """Return a horizontal layout; the item with the index ``wide`` takes the spare width."""
-    layout = _fill(QHBoxLayout(), items, spacing, margins)
-    layout.setStretch(wide, 1)
-    return layout
+    """Return a horizontal layout; the item with the index ``wide`` takes the spare width.
+
+    −1: none does, it stays behind them.
+    """
+    return _fill(QHBoxLayout(), items, wide, spacing, margins)
 
 
 def _fill(
-    layout: _Box, items: tuple[QWidget | QLayout, ...], spacing: int, margins: _Margins
+    layout: _Box,
+    items: tuple[QWidget | QLayout, ...],
+    growing: int | None,
+    spacing: int,
+    margins: _Margins,
 ) -> _Box:
     layout.setContentsMargins(*margins)
     layout.setSpacing(spacing)
@@ -228,6 +253,10 @@ def _fill(
             layout.addWidget(item)
         else:
             layout.addLayout(item)
+    if growing == -1:
+        layout.addStretch(1)
+    elif growing is not None:
+        layout.setStretch(growing, 1)
     return layout
 
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from PySide6.QtCore import QPoint, Qt, Signal
-from PySide6.QtGui import QHideEvent, QMoveEvent, QResizeEvent, QShowEvent, QValidator
+from PySide6.QtCore import QEvent, QPoint, Qt, Signal
+from PySide6.QtGui import QHideEvent, QValidator
 from PySide6.QtWidgets import QDoubleSpinBox, QFrame, QLabel, QWidget
 
+from gui.widgets.layouts import EventWatch
 from gui.widgets.theme import scaled_px
 from rigctl.config.typed_number import number_in_steps
 from rigctl.errors import WrongUse
@@ -34,6 +35,9 @@ class NumberBox(QDoubleSpinBox):
         super().__init__(**properties)
         self.lineEdit().textEdited.connect(self._follow_typing)
         self.editingFinished.connect(self.show_refusal)
+        EventWatch(self, self._follow, QEvent.Type.Move, QEvent.Type.Resize)
+        EventWatch(self, self.show_refusal, QEvent.Type.Show)
+        EventWatch(self, self._hide_note, QEvent.Type.Hide)
 
     @property
     def refusal(self) -> str:
@@ -76,33 +80,11 @@ class NumberBox(QDoubleSpinBox):
     def show_refusal(self) -> None:
         """Show why the text is refused, below the box; nothing for a number."""
         if not self.refusal:
-            if self._note is not None:
-                self._note.hide()
+            self._hide_note()
             return
         if self._note is None:
             self._note = _Note(self)
         self._note.show_text(self.refusal)
-
-    def moveEvent(self, event: QMoveEvent) -> None:
-        """Take the sentence along."""
-        super().moveEvent(event)
-        self._follow()
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        """Take the sentence along."""
-        super().resizeEvent(event)
-        self._follow()
-
-    def showEvent(self, event: QShowEvent) -> None:
-        """Show the sentence again."""
-        super().showEvent(event)
-        self.show_refusal()
-
-    def hideEvent(self, event: QHideEvent) -> None:
-        """Hide the sentence with the box."""
-        if self._note is not None:
-            self._note.hide()
-        super().hideEvent(event)
 
     def _read(self, typed: str) -> float:
         """Return the number that is typed. Raises WrongUse."""
@@ -128,6 +110,10 @@ class NumberBox(QDoubleSpinBox):
             return 0 <= number_in_steps(typed, self.decimals()) < self.minimum()
         except WrongUse:
             return False
+
+    def _hide_note(self) -> None:
+        if self._note is not None:
+            self._note.hide()
 
     def _follow(self) -> None:
         if self._note is not None and self._note.isVisible():

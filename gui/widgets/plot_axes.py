@@ -147,14 +147,15 @@ HEADING_PT = 10.0
 class PlotGrid(QWidget):
     """Holds a pyqtgraph view: pyqtgraph has no types, so that a subclass of its would have none.
 
-    ``graphics``: the view, which fills the widget. ``cells``: the layout of its plots.
+    ``graphics``: the view, which fills the widget below what stands ``above``. ``cells``: the
+    layout of its plots.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *above: QWidget) -> None:
         super().__init__()
         self.graphics = pg.GraphicsLayoutWidget()
         self.cells = self.graphics.ci
-        self.setLayout(vbox(self.graphics, spacing=0, margins=(0, 0, 0, 0)))
+        self.setLayout(vbox(*above, self.graphics, tall=len(above)))
         self.setFocusProxy(self.graphics)
 
     def reserve_plots(self, width_px: float, *heights_px: float) -> None:
@@ -191,9 +192,7 @@ class Readout(QWidget):
         super().__init__()
         self._described, self._hint = described, hint
         self.label = label("", wraps=True)
-        column = vbox(self.label, margins=(8, 2, 8, 2))
-        column.addStretch(1)
-        self.setLayout(column)
+        self.setLayout(vbox(self.label, margins=(8, 2, 8, 2), tall=-1))
         self.show_words("")
 
     def show_words(self, words: str) -> None:

@@ -13,7 +13,6 @@ from rigctl.errors import WrongUse
 from rigctl.protocol.plan import MAX_SEED
 
 if TYPE_CHECKING:
-    from rigctl.analysis.finger.tasks import DrawSettings
     from rigctl.analysis.settings import AnalysisSettings
     from rigctl.analysis.spike_counts import RangesOver
     from rigctl.analysis.tasks import SweepSettings
@@ -220,14 +219,6 @@ class AnalysisOptions(EncoderOptions):
         iterations = draws.count if self.iterations is None else self.iterations
         k_max = draws.components if self.k_max is None else self.k_max
         return SweepSettings(iterations, k_max, self.seed, SweepEngine(self.engine), self.task)
-
-    def draw_settings(self) -> DrawSettings:
-        """Return what the report of the moving finger takes. Raises ConfigError."""
-        from rigctl.analysis.finger.tasks import DrawSettings
-        from rigctl.analysis.pca_lda import SweepEngine
-
-        draws = self.analysis.finger.draws if self.iterations is None else self.iterations
-        return DrawSettings(draws, self.seed, SweepEngine(self.engine), self.analysis)
 
     @property
     def model(self) -> ModelRequest | None:

@@ -14,29 +14,23 @@ from typing import Any
 import tomlkit
 
 from rigctl.analysis import published
-from rigctl.analysis.finger import published as finger
 from rigctl.config.toml_reader import (
     TomlTable,
     TomlText,
     lines_of_paths,
     number,
     read_section,
-    texts,
 )
 from rigctl.encoder.features import REFERENCE_SPEED_MM_S, WINDOW_MS
 from rigctl.encoder.force_matrix import REFERENCE_FORCE_G
-from rigctl.encoder.scaled_time import N_WINDOWS
 from rigctl.errors import ConfigError, WrongUse
-from rigctl.finger_values import VelocityProfile
+from rigctl.experiments import EXPERIMENTS, FINGER_EXPERIMENT
 
 MAX_SPEED_MM_S, MAX_FORCE_G = 100_000.0, 100_000.0
 MAX_WINDOWS, MAX_WINDOW_MS = 100_000, 60_000
 MAX_DRAWS, MAX_COMPONENTS = 10_000, 100_000
 LEAST_SHARE = 0.001
 GROUPS = "groups"
-
-
-PROFILES = tuple(str(profile) for profile in VelocityProfile)
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,53 +184,10 @@ class AsteriskThresholds:
 
 
 @dataclass(frozen=True, slots=True)
-class FingerAnalysisSettings:
-    """The real-time experiment. A reference speed of 0 stands for that of the sessions.
-
-    Empty untrained profiles stand for all others. The paper's reference speed is 100 mm/s.
-    """
-
-    draws: int = number(finger.DRAWS, "", 1, MAX_DRAWS, "random draws of each data set")
-    folds: int = number(finger.N_FOLDS, "", 2, 100, "folds in the same session (Figure 4B)")
-    trained_share: float = number(
-        finger.TRAINED_SHARE, "", LEAST_SHARE, 1, "share of the training scans in a draw"
-    )
-    components: int = number(
-        finger.COMPONENTS, "", 1, MAX_COMPONENTS, "components of the deployed classifier"
-    )
-    session_components: int = number(
-        finger.SAME_SESSION.k_max, "", 1, MAX_COMPONENTS, "components at most in Figure 4B"
-    )
-    profile_components: int = number(
-        finger.TRAINED.k_max, "", 1, MAX_COMPONENTS, "components at most in Figure 4C"
-    )
-    deployed_components: int = number(
-        finger.DEPLOYED.k_max, "", 1, MAX_COMPONENTS, "components at most in Figure S5"
-    )
-    trained_profiles: tuple[str, ...] = texts(
-        tuple(map(str, finger.TRAINED_PROFILES)), "velocity profiles to train on", PROFILES
-    )
-    untrained_profiles: tuple[str, ...] = texts(
-        (), "velocity profiles to test without training; none: all others", PROFILES
-    )
-    windows: int = number(N_WINDOWS, "", 1, 1000, "windows of a scan")
-    reference_speed_mm_s: float = number(
-        0.0, "mm/s", 0, MAX_SPEED_MM_S, "speed to which time is scaled; 0: that of the sessions"
-    )
-
-    def k_max(self, task: finger.FingerTask) -> int:
-        """Return the largest number of components of a task."""
-        by_figure = {
-            finger.SAME_SESSION.figure: self.session_components,
-            finger.TRAINED.figure: self.profile_components,
-            finger.DEPLOYED.figure: self.deployed_components,
-        }
-        return by_figure[task.figure]
-
-
-@dataclass(frozen=True, slots=True)
 class AnalysisSettings:
     """All constants of both experiments' analysis; ``file``: where they are from, or empty.
+
+    ``finger``: the moving finger's, as its package defines them.
 
     ``given``: keys that the file sets, with their lines.
     """
@@ -248,7 +199,7 @@ class AnalysisSettings:
     windows: WindowSettings = field(default_factory=WindowSettings)
     draws: DrawCounts = field(default_factory=DrawCounts)
     statistics: AsteriskThresholds = field(default_factory=AsteriskThresholds)
-    finger: FingerAnalysisSettings = field(default_factory=FingerAnalysisSettings)
+    finger: Any = field(default_factory=lambda: _finger_settings()())
     file: str = field(default="", compare=False)
     given: tuple[tuple[str, int], ...] = field(default=(), compare=False)
 
@@ -262,6 +213,11 @@ class AnalysisSettings:
         """Return file and line of a dotted key, empty where the file does not set it."""
         line = dict(self.given).get(key)
         return "" if line is None else f"{self.file}, line {line}: {key}"
+
+
+def _finger_settings() -> type[Any]:
+    kind: type[Any] = EXPERIMENTS[FINGER_EXPERIMENT].load("settings")
+    return kind
 
 
 def load_settings(path: Path) -> AnalysisSettings:
@@ -283,7 +239,7 @@ def read_settings(text: TomlText) -> AnalysisSettings:
         windows=read_section(root.table("windows"), WindowSettings),
         draws=read_section(root.table("draws"), DrawCounts),
         statistics=read_section(root.table("statistics"), AsteriskThresholds),
-        finger=read_section(root.table("finger"), FingerAnalysisSettings),
+        finger=read_section(root.table("finger"), _finger_settings()),
         file=text.name,
         given=_given(text),
     )

@@ -1,4 +1,4 @@
-"""The texture plates as solids to print: those bent over the drum, and five flat ones.
+"""The texture plates as solids to print: those bent over the drum, and flat ones.
 
 Their heights are those of the catalogue that the simulated bench presses
 (:mod:`rigctl.bench.textures`). The paper gives the flat plates' size; thickness, feet,
@@ -28,7 +28,7 @@ from rigctl.bench.textures import (
     plate_names,
     printed_heights,
 )
-from rigctl.finger_values import PLATE_MM, PLATE_WIDTH_MM, TEXTURES
+from rigctl.values import PLATE_WIDTH_MM
 
 THICKNESS_MM = 3.0
 FOOT_MM, FOOT_THICKNESS_MM, BARB_MM = 5.0, 2.0, 0.8
@@ -79,24 +79,20 @@ def drum_plate(texture: Texture, parameters: WorldParameters) -> Any:
     return (body + _snap(section, radius_mm) - label).set_tolerance(TOLERANCE_MM)
 
 
-def flat_plate(texture: Texture, parameters: WorldParameters) -> Any:
+def flat_plate(texture: Texture, parameters: WorldParameters, length_mm: float) -> Any:
     """Return a flat plate as a ``manifold3d.Manifold``, mm: x travel, y height, z across."""
     from manifold3d import CrossSection, Manifold
 
-    section = _section(texture, parameters, 0.0, PLATE_MM)
+    section = _section(texture, parameters, 0.0, length_mm)
     body = Manifold.extrude(CrossSection([section]), PLATE_WIDTH_MM)
-    return body - _label(texture, parameters, PLATE_MM / 2.0)
+    return body - _label(texture, parameters, length_mm / 2.0)
 
 
-def write_plates(folder: Path, parameters: WorldParameters) -> Iterator[Path]:
-    """Write the drum's plates and the finger's flat ones to a folder; yield each path."""
+def write_drum_plates(folder: Path, parameters: WorldParameters) -> Iterator[Path]:
+    """Write the drum's plates to a folder; yield each path."""
     for name in plate_names(parameters):
         path = folder / f"drum-{name}.stl"
         write_stl(path, drum_plate(find_texture(name, parameters), parameters), f"plate {name}")
-        yield path
-    for name in TEXTURES:
-        path = folder / f"flat-{name}.stl"
-        write_stl(path, flat_plate(find_texture(name, parameters), parameters), f"flat {name}")
         yield path
 
 

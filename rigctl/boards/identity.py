@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Awaitable, Callable
 
-from rigctl.boards import finger_messages as finger
 from rigctl.boards.boot_silence import ASK_S, BootSilence
 from rigctl.boards.drum_registers import BOARD_DRUM, BOARD_TAXELS, MAGIC, MAP_VERSION
 from rigctl.boards.links import ByteLink
@@ -63,7 +62,7 @@ def drum_identity(name: str, raw: dict[str, tuple[int, ...]]) -> BoardIdentity:
     """Return the drum's identity from its identity block; raises WrongBoard for another board."""
     if raw["magic"][0] != MAGIC or raw["board_id"][0] != BOARD_DRUM:
         raise WrongBoard(f"{name}: the Modbus device there is not a drum board: {WHICH_PORT}")
-    version, map_version = _version(raw["firmware_version"][0]), raw["map_version"][0]
+    version, map_version = version_text(raw["firmware_version"][0]), raw["map_version"][0]
     if map_version != MAP_VERSION:
         raise WrongBoard(
             f"{name}: the drum board's firmware {version} speaks register map {map_version}, "
@@ -89,7 +88,7 @@ def taxel_identity(
     Raises WrongBoard for another board or wire version, and for the board of another sensor than
     ``sensor``; None takes any.
     """
-    version = _version(reported.firmware_version)
+    version = version_text(reported.firmware_version)
     if reported.magic != MAGIC or reported.board_id != BOARD_TAXELS:
         raise WrongBoard(f"{name}: the board there is not a taxel board: {WHICH_PORT}")
     if reported.wire_version != WIRE_VERSION:
@@ -115,29 +114,6 @@ def taxel_identity(
     )
 
 
-def finger_identity(name: str, reported: finger.FingerIdentity) -> BoardIdentity:
-    """Return the finger board's identity; raises WrongBoard for another board or wire version."""
-    version = _version(reported.firmware_version)
-    if reported.magic != MAGIC or reported.board_id != finger.BOARD_FINGER:
-        raise WrongBoard(f"{name}: the board there is not a finger board: {WHICH_PORT}")
-    if not reported.is_finger or reported.batch_samples != finger.BATCH_SAMPLES:
-        raise WrongBoard(
-            f"{name}: the finger board's firmware {version} speaks wire version "
-            f"{reported.wire_version} with {reported.n_taxels} taxels in batches of "
-            f"{reported.batch_samples}, this program version {finger.WIRE_VERSION} with "
-            f"{finger.N_TAXELS} in batches of {finger.BATCH_SAMPLES}: "
-            f"{GIVE_IT} `rigctl flash finger`"
-        )
-    return BoardIdentity(
-        board="finger",
-        firmware_version=version,
-        build_hash=f"{reported.build_hash:08x}",
-        wire_version=reported.wire_version,
-        boot_count=0,
-        reset_cause=0,
-        details={n: getattr(reported, n) for n in ("rate_hz", "batch_samples")},
-    )
-
-
-def _version(number: int) -> str:
+def version_text(number: int) -> str:
+    """Return a firmware's version from its number on the wire."""
     return f"{number >> 8}.{number & 255}"

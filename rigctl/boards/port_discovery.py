@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from serial.tools import list_ports
 
 from rigctl.boards import drum_registers, taxel_frames
 from rigctl.boards.drum import Drum
-from rigctl.boards.finger import Finger
 from rigctl.boards.links import SCHEME, ByteLink, SerialLink, TcpLink
 from rigctl.boards.taxel_frames import CYCLES_PER_US
 from rigctl.boards.taxels import Taxels
 from rigctl.errors import LinkLost, RigFault
+from rigctl.experiments import EXPERIMENTS, FINGER_EXPERIMENT
 from rigctl.values import DRUM, FINGER, TAXELS, BoardIdentity
 
 COUNTERS = (
@@ -34,9 +35,9 @@ FINGER_BAUD = 115_200
 """Over USB the board sends as fast as it can, whatever the baud rate."""
 
 
-_DRIVERS: dict[str, type[Drum] | type[Taxels] | type[Finger]] = {
+_DRIVERS: dict[str, Callable[[ByteLink, asyncio.AbstractEventLoop], Any]] = {
     TAXELS: Taxels,
-    FINGER: Finger,
+    FINGER: lambda *opened: EXPERIMENTS[FINGER_EXPERIMENT].load("driver")(*opened),
     DRUM: Drum,
 }
 """The drum comes last: while the others are asked, a bootloader that its board may have is gone."""
@@ -111,10 +112,10 @@ async def _report(
     try:
         if isinstance(device, Taxels):
             return _add_taxel_status(report, device)
-        if isinstance(device, Finger):
-            return report
-        counts = await device.get(*COUNTERS)
-        return replace(report, counters={name: round(counts[name]) for name in COUNTERS})
+        if isinstance(device, Drum):
+            counts = await device.get(*COUNTERS)
+            return replace(report, counters={name: round(counts[name]) for name in COUNTERS})
+        return report
     finally:
         device.close()
 

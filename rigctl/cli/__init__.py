@@ -43,10 +43,10 @@ MODULES = {
     "ports": ".ports",
     "flash": ".flash",
     "doctor": ".doctor",
-    "realtime": ".realtime",
+    "realtime": "rigctl.finger.cli.realtime",
     "gui": "gui.app",
     "engine": ".engine",
-    "finger-engine": ".finger_engine",
+    "finger-engine": "rigctl.finger.cli.engine",
 }
 """The module of each command, in the order of the help. Its docstring is the command's help:
 a summary, and after an empty line a description."""

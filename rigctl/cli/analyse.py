@@ -15,6 +15,7 @@ from rigctl.analysis.options import DRUM, AnalysisOptions, declared
 from rigctl.cli.arguments import a_path, add_option
 from rigctl.cli.encoder_options import add_declared, add_resources, options_of, resources_of
 from rigctl.errors import WrongUse
+from rigctl.experiments import EXPERIMENTS, FINGER_EXPERIMENT
 
 if TYPE_CHECKING:
     from rigctl.analysis.report.report_folder import ReportResult
@@ -43,8 +44,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _run_realtime(options: AnalysisOptions, args: argparse.Namespace) -> int:
     """Analyse sessions of the moving finger. Raises WrongUse for an option of the drum's alone."""
-    from rigctl.analysis.finger.report import make_finger_report
-
     changed = [
         name
         for name, one in declared(AnalysisOptions).items()
@@ -53,9 +52,9 @@ def _run_realtime(options: AnalysisOptions, args: argparse.Namespace) -> int:
     for name in changed or (["dask"] if args.dask is not None else []):
         option = name.replace("_", "-")
         raise WrongUse(f"--{option} belongs to the drum's analysis: leave it out")
-    settings = options.draw_settings()
+    report_on = EXPERIMENTS[FINGER_EXPERIMENT].load("report")
     with resources_of(args) as resources:
-        report = make_finger_report(options.sessions, options.out, settings, _now(), resources)
+        report = report_on(options, _now(), resources)
     files = [f"report: {report.page}", f"results: {options.out / 'results.json'}"]
     print("\n".join([*report.lines, *files]), flush=True)
     return 0

@@ -11,59 +11,18 @@ import json
 import shutil
 from collections.abc import Sequence
 from dataclasses import asdict
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from rigctl.cli.arguments import a_path, add_option, add_seed, path_or_name
 from rigctl.config.resources import find_any_protocol
-from rigctl.config.rig_config import RigConfig, load_config, load_finger_config
-from rigctl.errors import CheckFailed
-from rigctl.finger_values import Stage
-from rigctl.protocol.finger_plan import FingerPlan, is_finger_protocol, load_finger_protocol
+from rigctl.config.rig_config import RigConfig, load_config
+from rigctl.config.toml_reader import TomlText
+from rigctl.errors import CheckFailed, ProtocolError
+from rigctl.experiments import protocol_key
 from rigctl.protocol.loader import load_protocol
-from rigctl.protocol.plan import BLOCKED_WORDS, PLATE_BY_PLATE, QUANTITY_NAMES, Plan
+from rigctl.protocol.plan import BLOCKED_WORDS, QUANTITY_NAMES, Plan
 from rigctl.protocol.steps import PLATE_CHANGE_S
-
-
-def describe_finger(plan: FingerPlan) -> dict[str, Any]:
-    """Return the summary of a plan of all stages as plain values.
-
-    ``seconds`` are those of the scans and the ways back, without changes of plates.
-    """
-    protocol = plan.protocol
-    return {
-        "protocol": protocol.name,
-        "description": protocol.description,
-        "textures": list(protocol.textures),
-        "profiles": [profile.value for profile in protocol.profiles],
-        "reference_mm_s": protocol.reference_mm_s,
-        "order": protocol.order,
-        "seed": plan.seed,
-        "stages": {stage.value: _stage(plan, stage) for stage in Stage},
-        "trials": len(plan.trials),
-        "plate_changes": _plate_changes(plan),
-        "seconds": plan.duration_s,
-        "bytes": plan.bytes_estimate,
-        "hash": plan.hash,
-    }
-
-
-def _stage(plan: FingerPlan, stage: Stage) -> dict[str, Any]:
-    part = plan.protocol.plan([stage], plan.seed)
-    return {
-        "trials": len(part.trials),
-        "plate_changes": _plate_changes(part),
-        "seconds": part.duration_s,
-        "bytes": part.bytes_estimate,
-    }
-
-
-def _plate_changes(plan: FingerPlan) -> int:
-    """Return how often a person lays a plate down, the first one included."""
-    changes = sum(before.texture != after.texture for before, after in pairwise(plan.trials))
-    return changes + bool(plan.trials)
-
 
 SIMULATED = ("virtual", "firmware")
 """Rigs without a rig.toml: they have the nominal description."""
@@ -90,10 +49,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print the summary. Raises ProtocolError for a protocol that cannot be run."""
     protocol = find_any_protocol(args.protocol)
-    if is_finger_protocol(protocol):
-        summary, rows = _check_finger(protocol, args)
-    else:
-        summary, rows = _check_drum(protocol, args)
+    its, key = protocol_key(TomlText.read(protocol, ProtocolError).root)
+    check = its.load("check") if key else _check_drum
+    summary, rows = check(protocol, args)
     print(json.dumps(summary, ensure_ascii=False) if args.json else rows)
     if args.out:
         _check_disk_space(args.out, summary["bytes"])
@@ -104,13 +62,6 @@ def _check_drum(path: Path, args: argparse.Namespace) -> tuple[dict[str, Any], s
     config = RigConfig() if args.rig in SIMULATED else load_config(Path(args.rig))
     summary = describe(load_protocol(path, config).plan(args.seed))
     return summary, table(summary)
-
-
-def _check_finger(path: Path, args: argparse.Namespace) -> tuple[dict[str, Any], str]:
-    if args.rig not in SIMULATED:
-        load_finger_config(Path(args.rig))
-    summary = describe_finger(load_finger_protocol(path).plan(list(Stage), args.seed))
-    return summary, finger_table(summary)
 
 
 def describe(plan: Plan) -> dict[str, Any]:
@@ -146,22 +97,22 @@ def table(summary: dict[str, Any]) -> str:
     """Return the summary as a table of two columns."""
     presses, unit = ("forces", "g") if summary["forces_g"] else ("depths", "mm")
     rows = (
-        ("protocol", _title(summary)),
+        ("protocol", title_text(summary)),
         ("plates", " ".join(summary["textures"]) or "none"),
         ("speeds", _numbers(summary["speeds_mm_s"], "mm/s")),
         (presses, _numbers(summary[f"{presses}_{unit}"], unit)),
-        ("order", f"{_order(summary, BLOCKED_WORDS)}, {summary['repeats']} of each"),
+        ("order", f"{order_text(summary, BLOCKED_WORDS)}, {summary['repeats']} of each"),
         ("trials", f"{summary['trials']:,} of {summary['travel_mm']:g} mm"),
         *_early_end_rows(summary),
         ("steps", f"{summary['steps']:,}"),
         ("plate changes", _changes(summary)),
-        ("samples", f"{_time(summary['trial_seconds'])} of trials"),
-        ("duration", _time(summary["rig_seconds"])),
-        ("with plate changes", _time(summary["rig_seconds"] + summary["people_seconds"])),
-        ("disk space", _size(summary["bytes"])),
+        ("samples", f"{time_text(summary['trial_seconds'])} of trials"),
+        ("duration", time_text(summary["rig_seconds"])),
+        ("with plate changes", time_text(summary["rig_seconds"] + summary["people_seconds"])),
+        ("disk space", size_text(summary["bytes"])),
         ("plan", summary["hash"]),
     )
-    return _columns(rows)
+    return in_columns(rows)
 
 
 def _early_end_rows(summary: dict[str, Any]) -> tuple[tuple[str, str], ...]:
@@ -176,36 +127,13 @@ def _early_end_rows(summary: dict[str, Any]) -> tuple[tuple[str, str], ...]:
     return (("early end", text),)
 
 
-def finger_table(summary: dict[str, Any]) -> str:
-    """Return the summary of a protocol of the moving finger as a table of two columns."""
-    stages: list[tuple[str, str]] = [
-        (name, f"{stage['trials']} scans, {_needs(stage)}")
-        for name, stage in summary["stages"].items()
-    ]
-    rows: list[tuple[str, str]] = [
-        ("protocol", _title(summary)),
-        ("plates", " ".join(summary["textures"])),
-        ("profiles", " ".join(summary["profiles"])),
-        ("reference", f"{summary['reference_mm_s']:g} mm/s"),
-        ("order", _order(summary, PLATE_BY_PLATE)),
-        *stages,
-        ("all", f"{summary['trials']} scans, {_needs(summary)}"),
-        ("plan", summary["hash"]),
-        ("record it with", "rigctl realtime train, calibrate, run"),
-    ]
-    return _columns(rows)
-
-
-def _needs(part: dict[str, Any]) -> str:
-    changes = f"{part['plate_changes']} changes of plates"
-    return f"{_time(part['seconds'])} and {changes}, {_size(part['bytes'])}"
-
-
-def _title(summary: dict[str, Any]) -> str:
+def title_text(summary: dict[str, Any]) -> str:
+    """Return name and description of a protocol."""
     return f"{summary['protocol']} – {summary['description']}".rstrip(" –")
 
 
-def _order(summary: dict[str, Any], blocked: str) -> str:
+def order_text(summary: dict[str, Any], blocked: str) -> str:
+    """Return the order of the trials in words; ``blocked``: those of a blocked one."""
     return f"shuffled by seed {summary['seed']}" if summary["order"] == "shuffled" else blocked
 
 
@@ -214,7 +142,8 @@ def _changes(summary: dict[str, Any]) -> str:
     return f"{changes}, each plate mounted {mounts} times" if mounts > 1 else changes
 
 
-def _columns(rows: Sequence[tuple[str, str]]) -> str:
+def in_columns(rows: Sequence[tuple[str, str]]) -> str:
+    """Return rows as a table of two columns."""
     width = max(len(name) for name, _ in rows)
     return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
 
@@ -224,8 +153,8 @@ def _check_disk_space(folder: Path, needed_bytes: int) -> None:
     free_bytes = shutil.disk_usage(existing).free
     if needed_bytes > free_bytes:
         raise CheckFailed(
-            f"the disk of {folder} has {_size(free_bytes)} free, but the protocol needs "
-            f"{_size(needed_bytes)}: make room or choose another disk"
+            f"the disk of {folder} has {size_text(free_bytes)} free, but the protocol needs "
+            f"{size_text(needed_bytes)}: make room or choose another disk"
         )
 
 
@@ -233,7 +162,8 @@ def _numbers(values: list[float], unit: str) -> str:
     return f"{', '.join(f'{value:g}' for value in values)} {unit}" if values else "none"
 
 
-def _time(seconds: float) -> str:
+def time_text(seconds: float) -> str:
+    """Return a duration in words."""
     whole = round(seconds)
     hours, minutes = whole // 3600, whole // 60 % 60
     if hours:
@@ -241,7 +171,8 @@ def _time(seconds: float) -> str:
     return f"{minutes} min {whole % 60:02d} s" if minutes else f"{whole} s"
 
 
-def _size(count: float) -> str:
+def size_text(count: float) -> str:
+    """Return a number of bytes with its unit."""
     for unit in ("B", "kB", "MB"):
         if count < 1000:
             return f"{count:.0f} {unit}"

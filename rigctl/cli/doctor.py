@@ -32,19 +32,18 @@ from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 from platformdirs.unix import Unix
 
-from gui.app import DEBIAN_PACKAGES
 from rigctl.bench.boards.drum_firmware import DrumFirmware
-from rigctl.bench.boards.finger_firmware import FingerFirmware
 from rigctl.bench.boards.firmware_library import FirmwareLibrary
 from rigctl.bench.boards.taxels import TaxelFirmware
 from rigctl.boards.port_discovery import PortReport, probe_ports
 from rigctl.cli.arguments import a_path, add_option
 from rigctl.cli.ports import SILENT_FIRST
-from rigctl.config.resources import checkout, flash_image
+from rigctl.config.resources import WINDOW_DEBIAN_PACKAGES, checkout, flash_image
 from rigctl.config.rig_config import RigConfig
 from rigctl.engine.health import ACTIVE_WINDOW_S, RESERVE_BYTES
 from rigctl.engine.rpc.engine_files import LOG, EngineFile, running_engines, runtime_folder
 from rigctl.errors import RigctlError, RigFault, WrongUse
+from rigctl.experiments import EXPERIMENTS, FINGER_EXPERIMENT
 from rigctl.host_build import image_hash
 from rigctl.protocol.plan import recorded_bytes_per_s
 from rigctl.session.writer_lock import LOCK_FILE, Writer, try_lock, writer_of
@@ -395,8 +394,15 @@ def child_error(code: str, *words: str, environment: Mapping[str, str] | None = 
     )
 
 
+VIRTUAL_BOARDS: tuple[Callable[[], FirmwareLibrary], ...] = (
+    DrumFirmware,
+    TaxelFirmware,
+    lambda: EXPERIMENTS[FINGER_EXPERIMENT].load("firmware")(),
+)
+
+
 def check_virtual_boards(
-    boards: Iterable[Callable[[], FirmwareLibrary]] = (DrumFirmware, TaxelFirmware, FingerFirmware),
+    boards: Iterable[Callable[[], FirmwareLibrary]] = VIRTUAL_BOARDS,
 ) -> Finding:
     """Load the boards that were compiled for this computer."""
     try:
@@ -415,7 +421,7 @@ def check_qt(system: str, environment: Mapping[str, str]) -> Finding:
     child = dict(environment) if has_display else {**environment, "QT_QPA_PLATFORM": "offscreen"}
     failure = child_error(_START_QT, environment=child)
     if failure:
-        cure = f"install PySide6-Essentials and, on Debian, {DEBIAN_PACKAGES}"
+        cure = f"install PySide6-Essentials and, on Debian, {WINDOW_DEBIAN_PACKAGES}"
         return Finding("Qt", ATTENTION, f"Qt does not start ({failure})", cure)
     if has_display:
         return Finding("Qt", OK, "starts on this display")

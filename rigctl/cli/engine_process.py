@@ -15,7 +15,6 @@ from typing import Any
 
 from rigctl.engine.rpc.commands import RequestHandler
 from rigctl.engine.rpc.engine_files import (
-    DRUM_EXPERIMENT,
     LIVE,
     LOG,
     SOCKET,
@@ -31,6 +30,7 @@ from rigctl.engine.rpc.engine_files import (
 from rigctl.engine.rpc.server import open_listener, wait_first_client
 from rigctl.engine.served_engine import ServedEngine
 from rigctl.errors import WrongUse
+from rigctl.experiments import DRUM_EXPERIMENT
 
 
 class EngineProcess:

@@ -1,8 +1,8 @@
 """Import recordings from elsewhere into a session.
 
 Each trial of the files becomes a trial of 1 kHz samples. The map names the columns and says where
-the labels are; --guess looks at the files and writes such a map. Reads .csv, .tsv, .txt, .mat, .npy
-and .npz, and all of these in a folder.
+the labels are; --guess looks at the files and writes such a map. Reads .csv, .tsv, .txt, .lvm,
+.mat, .npy and .npz, and all of these in a folder.
 """
 
 from __future__ import annotations

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from rigctl.cli.arguments import a_path, add_option, number
 from rigctl.cli.world import add_world, chosen_world
 from rigctl.errors import WrongUse
+from rigctl.experiments import EXPERIMENTS
 
 if TYPE_CHECKING:
     from rigctl.bench.parameters import WorldParameters
@@ -44,8 +45,9 @@ def run(args: argparse.Namespace) -> int:
         args.out.mkdir(parents=True)
     except FileExistsError:
         raise WrongUse(f"{args.out} exists: name a new folder") from None
-    for path in plate_solids.write_plates(args.out, parameters):
-        print(path)
+    for experiment in EXPERIMENTS.values():
+        for path in experiment.load("plates")(args.out, parameters):
+            print(path)
     print(_advice(parameters))
     return 0
 

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 from rigctl.cli.arguments import add_option, add_seed, whole_number
 from rigctl.cli.world import add_wirings, add_world, chosen_world
 from rigctl.errors import WrongUse
-from rigctl.finger_rig import open_finger_rig
+from rigctl.experiments import EXPERIMENTS, FINGER_EXPERIMENT
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
         print(OPEN_TO_ALL, file=sys.stderr)
     print(PREPARING, file=sys.stderr)
     if args.finger:
-        _serve_finger(args, world)
+        EXPERIMENTS[FINGER_EXPERIMENT].load("serve")(args, world)
     else:
         _serve_drum(args, world)
     return 0
@@ -98,20 +98,11 @@ def _serve_drum(args: argparse.Namespace, world: SimulatedWorld | None) -> None:
         rig.set_plate(args.plate or "A")
         assert rig.simulation is not None
         links = (rig.simulation.drum, rig.simulation.taxels)
-        rig.loop.run_until_complete(_serve(links, args))
+        rig.loop.run_until_complete(serve_links(links, args))
 
 
-def _serve_finger(args: argparse.Namespace, world: SimulatedWorld | None) -> None:
-    from rigctl.bench.finger.served_finger import PersonCable, TrackerCable
-
-    opened = open_finger_rig(VIRTUAL, seed=args.seed, session=args.session or 0, world=world)
-    with closing(opened) as rig:
-        finger = rig.simulation
-        tracker, person = TrackerCable(finger.tracker, args.udp), PersonCable(finger, rig.loop)
-        rig.loop.run_until_complete(_serve((finger.finger, tracker, person), args))
-
-
-async def _serve(links: Sequence[ServedLink], args: argparse.Namespace) -> None:
+async def serve_links(links: Sequence[ServedLink], args: argparse.Namespace) -> None:
+    """Offer links until a signal comes; their addresses are printed first."""
     from rigctl.bench.board_server import serve
 
     loop = asyncio.get_running_loop()

@@ -19,10 +19,9 @@ from rigctl.cli.progress import ProgressLine
 from rigctl.config.text_file import is_plain_file
 from rigctl.errors import CheckFailed, SessionError
 from rigctl.session import layout
-from rigctl.session.finger_session import FingerSession, is_finger_session
 from rigctl.session.layout import PROTOCOL_FILE, parse_event
 from rigctl.session.part import existing_parts
-from rigctl.session.session import Session
+from rigctl.session.session import open_session
 from rigctl.session.session_reader import SessionReader
 from rigctl.session.writer_lock import LOCK_FILE, Writer, lock_owner_pid, writer_of
 from rigctl.values import Verdict
@@ -80,7 +79,7 @@ def looks(folder: Path) -> Iterator[Look]:
         is_gone = writer_of(folder) is Writer.GONE
         yield Look([], NOTHING_YET, is_gone=is_gone and was_gone)
         was_gone = is_gone
-    with _open(folder) as session:
+    with open_session(folder) as session:
         taken = session.parts[-1].number, max(0, _n_events(session) - PAST_EVENTS)
         while True:
             try:
@@ -98,10 +97,6 @@ def _is_prepared(folder: Path) -> bool:
     """Return whether a recorder has prepared a folder, and no part was ever begun in it."""
     prepared = all(is_plain_file(folder / name) for name in (LOCK_FILE, PROTOCOL_FILE))
     return prepared and not existing_parts(folder)
-
-
-def _open(folder: Path) -> SessionReader:
-    return (FingerSession if is_finger_session(folder) else Session).open(folder)
 
 
 def _n_events(session: SessionReader) -> int:

@@ -12,6 +12,10 @@ from pathlib import Path
 from rigctl.config.text_file import is_plain_file, kind_of, shorten
 from rigctl.errors import ProtocolError, WrongUse
 
+WINDOW_DEBIAN_PACKAGES = (
+    "libegl1 libgl1 libxkbcommon-x11-0 libxcb-cursor0 libdbus-1-3 libfontconfig1"
+)
+"""What the window needs of Debian."""
 _PACKAGE = Path(__file__).resolve().parents[1]
 _FINGER_FOLDERS = (Path("finger"), Path("protocols/finger"))
 

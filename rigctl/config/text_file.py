@@ -165,12 +165,33 @@ def read_bytes(path: Path, limit: int, error: type[WrongUse] = WrongUse) -> byte
 
 
 def read_text(path: Path, limit: int, error: type[WrongUse] = WrongUse) -> str:
-    """Return the text of a UTF-8 file of up to ``limit`` bytes, with line ends as ``\\n``.
+    """Return the text of a file of up to ``limit`` bytes, with line ends as ``\\n``.
 
-    Raises ``error`` as :func:`read_bytes`, and for bytes that are not UTF-8.
+    It is UTF-8, or UTF-16 with a byte-order mark. Raises ``error`` as :func:`read_bytes`, and for
+    bytes of any other encoding.
     """
+    content = read_bytes(path, limit, error)
     try:
-        text = read_bytes(path, limit, error).decode("utf-8")
+        text = content.decode(text_encoding(content))
     except UnicodeDecodeError as problem:
-        raise error(f"{path} is not UTF-8 text") from problem
+        raise error(f"{path} is not UTF-8 text: {SAVE_AS_UTF8}") from problem
     return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+SAVE_AS_UTF8 = "save it as UTF-8"
+
+
+def text_encoding(start: bytes) -> str:
+    """Return the encoding of a text from its first bytes. Raises UnicodeDecodeError.
+
+    Windows writes UTF-16 with a byte-order mark, and its editors write one before UTF-8 too.
+    """
+    if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    halves = start[0:_FIRST_BYTES:2], start[1:_FIRST_BYTES:2]
+    if any(half and not any(half) for half in halves):  # UTF-16 without a mark
+        raise UnicodeDecodeError("utf-8", start, start.index(0), start.index(0) + 1, "UTF-16")
+    return "utf-8-sig"
+
+
+_FIRST_BYTES = 64

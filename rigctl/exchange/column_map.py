@@ -24,7 +24,8 @@ class ImportMap:
 
     ``time_column`` is empty where ``rate_hz`` is given. Factors convert the values of the file
     to s and g. ``trial_column``: its values tell the trials of one file apart. ``elements``: the
-    MATLAB array whose elements are trials. ``max_gap_s``: 0 for three times the median interval
+    MATLAB array whose elements are trials. ``header``: whether the first row of a text table has
+    names, None where its cells tell. ``max_gap_s``: 0 for three times the median interval
     of rows. ``taxel_low``, ``taxel_high``: values that are stored as 0 and 65535; equal for each
     taxel's own lowest and highest. ``low_pass_hz``: cutoff of the filter before rows faster than
     1 kHz are decimated, 0 for none. ``sensor_layout``: None for the default of the number of
@@ -42,6 +43,7 @@ class ImportMap:
     delimiter: str
     decimal: str
     skip_lines: int
+    header: bool | None
     transpose: bool
     taxels: tuple[str, ...]
     unit: str
@@ -100,6 +102,7 @@ def parse_map(text: TomlText, default_name: str) -> ImportMap:
         delimiter=_read_delimiter(files),
         decimal=files.choice("decimal", DECIMALS, "."),
         skip_lines=files.integer("skip_lines", 0, low=0, high=MAX_SKIPPED),
+        header=_read_header(files),
         transpose=files.flag("transpose", False),
         taxels=taxels.texts("columns"),
         unit=taxels.text("unit", ""),
@@ -159,6 +162,12 @@ def _read_sensor(root: TomlTable) -> tuple[str, SensorLayout | None]:
         return name, SensorLayout(rows, columns, layers)
     except ValueError as error:
         sensor.fail("", str(error))
+
+
+def _read_header(table: TomlTable) -> bool | None:
+    """Return whether the first row has names, None where its cells tell."""
+    table.allow("header")
+    return table.flag("header", False) if "header" in table else None
 
 
 def _read_delimiter(table: TomlTable) -> str:

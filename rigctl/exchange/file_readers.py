@@ -16,7 +16,7 @@ from rigctl.errors import WrongUse
 from rigctl.exchange.column_map import ImportMap
 from rigctl.exchange.matlab import read_mat
 from rigctl.exchange.recording_files import SUFFIXES
-from rigctl.exchange.text_table import TextFormat, read_text_table
+from rigctl.exchange.text_table import HEAD_ROWS, TextFormat, first_rows, read_text_table
 from rigctl.exchange.trial_tables import (
     FileTrials,
     Floats,
@@ -28,9 +28,8 @@ from rigctl.exchange.trial_tables import (
 )
 from rigctl.session.hdf5_file import describe
 
-DELIMITERS = {".csv": ",", ".tsv": "\t", ".txt": "\t"}
+DELIMITERS = {".csv": ",", ".tsv": "\t", ".txt": "\t", ".lvm": "\t"}
 KEPT_BYTES = 512 << 20
-TRUNCATED = "its last row is incomplete: left out"
 
 
 class RecordingReader:
@@ -95,23 +94,36 @@ def _read_numpy(path: Path) -> Mapping[str, Any]:
 
 def _from_text(path: Path, mapping: ImportMap) -> FileTrials:
     delimiter = mapping.delimiter or DELIMITERS[path.suffix.lower()]
-    if delimiter == mapping.decimal:
-        raise WrongUse(
-            f"{path}: {delimiter!r} divides both cells and decimals: correct delimiter or decimal "
-            "in [files]"
-        )
-    form = TextFormat(delimiter, mapping.decimal, mapping.skip_lines)
+    form = TextFormat(delimiter, mapping.decimal, mapping.skip_lines, mapping.header)
     try:
-        table = read_text_table(path, form, mapping.channels, mapping.label_columns)
+        _refuse_one_letter(path, form)
+        clocks = [mapping.time_column] if mapping.time_column else []
+        table = read_text_table(path, form, mapping.channels, mapping.label_columns, clocks)
     except OSError as error:
         raise WrongUse(f"cannot read {path}: {error.strerror or error}") from error
+    if table.clocks and mapping.time_s != 1:
+        raise WrongUse(
+            f"{path}: {mapping.time_column} has times of day, which are read as seconds: "
+            'unit = "s" in [time]'
+        )
     whole = TrialTable(path, str(path), table.names, table.values, table.row_numbers)
     keys = [
         LabelColumn(column, *whole.texts_of(column, table.texts))
         for column in mapping.label_columns
     ]
-    remarks = (TRUNCATED,) if table.truncated else ()
-    return split_trials(whole, keys, mapping, remarks)
+    return split_trials(whole, keys, mapping, table.remarks)
+
+
+def _refuse_one_letter(path: Path, form: TextFormat) -> None:
+    """Raise WrongUse where a letter divides both cells and decimals, unless cells are quoted."""
+    if form.delimiter != form.decimal:
+        return
+    rows = first_rows(path, form, HEAD_ROWS)
+    if not any(form.decimal in cell for _, row in rows for cell in row):
+        raise WrongUse(
+            f"{path}: {form.delimiter!r} divides both cells and decimals: correct delimiter or "
+            "decimal in [files]"
+        )
 
 
 def _from_elements(path: Path, variables: Mapping[str, Any], mapping: ImportMap) -> FileTrials:
@@ -258,10 +270,26 @@ def split_columns(place: str, name: str, value: Any, transpose: bool) -> list[tu
 
 
 def _as_floats(place: str, name: str, array: NDArray[Any]) -> Floats:
+    if array.dtype.kind in "mM":
+        return np.asarray((array - array.reshape(-1)[:1]) / np.timedelta64(1, "s"), np.float64)
     if array.dtype.kind not in "biuf":
-        raise WrongUse(
-            f"{place}: {name or 'the array'} holds no plain numbers: name arrays of numbers in the "
-            "map, for example a field as structure.field"
-        )
+        raise WrongUse(f"{place}: {name or 'the array'} {no_numbers(array)}")
     with np.errstate(over="ignore"):  # a long double beyond float64 is infinite, not a reading
         return array.astype(np.float64)
+
+
+def no_numbers(array: NDArray[Any]) -> str:
+    """Return why an array has no numbers and the cure, in words that follow its name."""
+    kind = str(array.item()) if array.dtype == object and array.size == 1 else ""
+    if kind in ("table", "timetable"):
+        return (
+            f"is a MATLAB {kind}, which only MATLAB reads: there, S = table2struct(NAME, "
+            "'ToScalar', true); save('FILE.mat', '-struct', 'S')"
+        )
+    if kind in ("string", "datetime", "duration", "categorical"):
+        convert = "char(NAME)" if kind in ("string", "categorical") else "seconds(NAME - NAME(1))"
+        return f"is a MATLAB {kind}, which only MATLAB reads: there, save {convert} instead"
+    return (
+        "holds no plain numbers: name arrays of numbers in the map, for example a field as "
+        "structure.field"
+    )

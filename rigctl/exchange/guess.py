@@ -337,6 +337,8 @@ def _form(sample: RecordingSample) -> list[str]:
         lines.append(f"delimiter = {_quote(form.delimiter)}")
     if form.decimal != ".":
         lines.append(f"decimal = {_quote(form.decimal)}")
+    if form.header is not None:
+        lines.append("header = true  # the first row counts the columns; false: it has values")
     if form.skip_lines:
         lines.append(f"skip_lines = {form.skip_lines}  # they have other numbers of cells")
     return lines
@@ -355,7 +357,7 @@ def _time(parts: MapParts) -> str:
     roles = parts.roles
     if roles.time is None:
         rate_hz = roles.rate_hz or ASSUMED_RATE_HZ
-        found = "as a field says" if roles.rate_hz else "assumed: no column ascends like a time"
+        found = roles.rate_why if roles.rate_hz else "assumed: no column ascends like a time"
         return _section("time", [f"rate_hz = {rate_hz:.12g}  # {found}"])
     unit = f"unit = {_quote(roles.time_unit)}"
     if not roles.unit_named:

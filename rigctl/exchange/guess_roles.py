@@ -22,15 +22,19 @@ from rigctl.exchange.column_map import MAX_RATE_HZ
 from rigctl.exchange.file_readers import (
     DELIMITERS,
     label_text,
+    no_numbers,
     read_variables,
     split_columns,
     split_elements,
 )
 from rigctl.exchange.labels import LABELS, SECONDS
 from rigctl.exchange.recording_files import SUFFIXES
+from rigctl.exchange.resampling import burst_rate
 from rigctl.exchange.text_table import (
+    CLOCK,
     HEAD_ROWS,
     TextFormat,
+    column_names,
     count_header_rows,
     first_rows,
     is_number,
@@ -40,7 +44,10 @@ from rigctl.exchange.text_table import (
 from rigctl.exchange.trial_tables import RANGE, Floats, bounded, format_names, refuse_too_many
 
 WORDS = {
-    "time": {"t", "time", "timestamp", "zeit", "clock", "millis", "micros", "ms", "us", "sec"},
+    "time": {
+        *("t", "time", "timestamp", "zeit", "uhrzeit", "clock", "millis", "micros", "ms", "us"),
+        *("sec", "seconds", "datetime", "datenum", "elapsed"),
+    },
     "trial": {
         *("trial", "run", "recording", "take", "sweep", "trialno", "trialid", "versuch", "messung"),
     },
@@ -87,9 +94,10 @@ _FORCE_UNITS = {
 }
 _TIME_UNITS = {
     "ms": "ms|msec|millis",
-    "us": "us|[µμ]s|usec|micros",
+    "us": "us|[\u00b5\u03bc]s|usec|micros",
     "ns": "ns",
     "s": "s|sec|seconds",
+    "d": "days?|datenum",
 }
 UNITS = {"speed": _SPEED_UNITS, "force": {**_FORCE_UNITS, "mm": "mm"}, "time": _TIME_UNITS}
 """Expressions of the units of each role."""
@@ -133,11 +141,14 @@ def first_role(word: str, roles: Iterable[str]) -> str:
     return next((role for role in roles if word.lower() in FILE_WORDS[role]), "")
 
 
-FIRST_LINES = 30
+FIRST_LINES = 100
 _LETTERS = (",", ";", "\t", "|", " ")
 _DECIMAL_COMMA = re.compile(r"-?\d+,\d+$")
 _ELEMENT = re.compile(r"^(?P<array>.+?)\.(?P<number>\d+)(?:\.(?P<field>.*))?$")
 MOST_TRANSPOSED = 64
+MOST_LAYOUTS = 4
+MOST_COMMENTS = 0.2
+"""Share of the first lines that may be comments amid the table."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +158,7 @@ class RecordingSample:
     ``texts``: the different texts of each text column by its index, whose values are their places.
     ``fields``: texts and scalars of every element by name. ``named``: whether columns have names
     of their own. ``form``: that of a text table. ``elements``: the array whose elements are
-    trials; values are those of the first.
+    trials; values are those of the first. ``clocks``: the columns with times of day, in seconds.
     """
 
     path: Path
@@ -159,6 +170,7 @@ class RecordingSample:
     form: TextFormat | None = None
     elements: str = ""
     transpose: bool = False
+    clocks: frozenset[int] = frozenset()
 
     def cell(self, row: int, column: int) -> str:
         """Return one cell as text."""
@@ -194,20 +206,48 @@ def read_sample(paths: Sequence[Path]) -> RecordingSample:
 def _read_text(paths: Sequence[Path]) -> RecordingSample:
     form = _find_format(paths[0])
     head = _head(paths[0], form)
-    for path in paths[1:]:
-        if (other := _head(path, form)) != head:
-            raise WrongUse(
-                f"{path} has {_describe(other)}, but {paths[0].name} has {_describe(head)}: guess "
-                "a map for each layout"
-            )
+    _refuse_layouts(paths, form)
     rows = [row for _, row in first_rows(paths[0], form, FIRST_LINES)]
-    rows = rows[count_header_rows(rows[:HEAD_ROWS], form.decimal) :]
-    columns = [[row[k] for row in rows if k < len(row)] for k in range(head[1])]
+    n_header = count_header_rows(rows[:HEAD_ROWS], form)
+    rows = [row for row in rows[n_header:] if len(row) >= head[1]]
+    columns = [[row[k] for row in rows] for k in range(head[1])]
+    clocks = [str(k + 1) for k, cells in enumerate(columns) if _are_clocks(cells)]
     labels = [str(k + 1) for k, cells in enumerate(columns) if _are_labels(cells, form.decimal)]
-    table = read_text_table(paths[0], form, (), labels)
+    labels = [label for label in labels if label not in clocks]
+    table = read_text_table(paths[0], form, (), labels, clocks)
+    if n_header and not head[0]:
+        form = form._replace(header=True)
     return RecordingSample(
-        paths[0], table.names, bounded(table.values), bool(head[0]), table.texts, form=form
+        paths[0],
+        table.names,
+        bounded(table.values),
+        bool(head[0]),
+        table.texts,
+        form=form,
+        clocks=table.clocks,
     )
+
+
+def _refuse_layouts(paths: Sequence[Path], form: TextFormat) -> None:
+    """Raise WrongUse for files of several layouts; it says which files have which."""
+    layouts: dict[tuple[tuple[str, ...], int], list[Path]] = defaultdict(list)
+    for path in paths:
+        layouts[_head(path, form)].append(path)
+    if len(layouts) == 1:
+        return
+    told = [
+        f"{len(files)} with {_describe(head)}, such as {files[0].name}"
+        for head, files in layouts.items()
+    ]
+    raise WrongUse(
+        f"the files have {len(layouts)} layouts: {'; '.join(told[:MOST_LAYOUTS])}. Guess a map for "
+        "the files of each: rigctl import --guess FILES --map NAME.toml"
+    )
+
+
+def _are_clocks(cells: Sequence[str]) -> bool:
+    """Return whether a column has times of day."""
+    return bool(cells) and all(CLOCK.fullmatch(cell) for cell in cells)
 
 
 def _find_format(path: Path) -> TextFormat:
@@ -218,19 +258,39 @@ def _find_format(path: Path) -> TextFormat:
     """
     lines = read_first_lines(path, FIRST_LINES)
     best = TextFormat(DELIMITERS[path.suffix.lower()])
-    most = 1
+    most = (False, 1)
     for letter in _LETTERS:
         widths = [len(_cells(line, letter)) for _, line in lines]
         width = Counter(widths).most_common(1)[0][0] if widths else 0
-        start = next(
-            (k for k in range(len(widths)) if set(widths[k:-1] or widths[k:]) == {width}), -1
-        )
-        if width > most and 0 <= start <= len(lines) / 2:
+        start = _first_of_table(widths, width)
+        if start > 0 and _are_names(lines[start - 1][1], lines[start][1], letter):
+            start -= 1
+        # A decimal comma divides every row, but not the names above them.
+        if width > 1 and 0 <= start <= len(lines) / 2 and (start == 0, width) > most:
             skipped = lines[start - 1][0] if start else 0
-            best, most = TextFormat(letter, skip_lines=skipped), width
+            best, most = TextFormat(letter, skip_lines=skipped), (start == 0, width)
     cells = [cell.strip() for _, line in lines for cell in _cells(line, best.delimiter)]
-    has_commas = best.delimiter != "," and any(_DECIMAL_COMMA.match(cell) for cell in cells)
+    has_commas = any(_DECIMAL_COMMA.match(cell) for cell in cells)
     return best._replace(decimal=",") if has_commas else best
+
+
+def _first_of_table(widths: Sequence[int], width: int) -> int:
+    """Return the first of the lines that all have that many cells, the last line left out; or -1.
+
+    Single lines of another number of cells, which a comment has, may stand between them.
+    """
+    lines = range(len(widths))
+    right = [k for k in lines if widths[k] == width]
+    start = next((k for k in right if k + 1 in right or k + 1 == len(widths)), -1)
+    wrong = sum(widths[k] != width for k in lines[start:-1])
+    return start if wrong <= MOST_COMMENTS * len(widths) else -1
+
+
+def _are_names(line: str, below: str, letter: str) -> bool:
+    """Return whether a line has the names of the rows below, with one cell more or less."""
+    names, cells = _cells(line, letter), _cells(below, letter)
+    few, most = sorted((len(names), len(cells)))
+    return most == few + 1 > 2 and not any(is_number(name) for name in names if name)
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
@@ -247,7 +307,10 @@ def _head(path: Path, form: TextFormat) -> tuple[tuple[str, ...], int]:
     if not rows:
         raise WrongUse(f"{path} is empty")
     refuse_too_many(path, len(rows[0]))
-    return tuple(rows[0]) if count_header_rows(rows, form.decimal) else (), len(rows[0])
+    n_header = count_header_rows(rows, form)
+    names = column_names(rows, n_header)
+    are_numbers = names[1:] == tuple(str(k) for k in range(2, len(names) + 1))
+    return () if are_numbers or not n_header else names, len(names)
 
 
 def _describe(head: tuple[tuple[str, ...], int]) -> str:
@@ -336,7 +399,7 @@ def _table(
         for name, value in trial.items()
         if name not in fields
         and np.ndim(value) in (1, 2)
-        and np.asarray(value).dtype.kind in "biufV"
+        and np.asarray(value).dtype.kind in "biufVmM"
     }
     transpose = any(
         array.ndim == 2 and 1 < array.shape[0] <= MOST_TRANSPOSED < array.shape[1]
@@ -348,6 +411,9 @@ def _table(
         for pair in split_columns(str(path), name, array, transpose)
     ]
     if not columns:
+        for name, value in trial.items():
+            if np.asarray(value).dtype == object:
+                raise WrongUse(f"{path}: {name or 'the array'} {no_numbers(np.asarray(value))}")
         raise WrongUse(f"{path}: no variable is a table of numbers, with samples along rows")
     refuse_too_many(path, len(columns))
     length = Counter(len(column) for _, column in columns).most_common(1)[0][0]
@@ -360,6 +426,9 @@ REGULAR_SHARE, ASCENDING_SHARE = 0.8, 0.9
 ROWS_A_LABEL = 20
 LAYER_TAXELS = 4
 SHORTEST_STEP = 1e-9
+FEWEST_STAMPS = 2
+CALENDAR_DAYS = ((693_962.0, 767_011.0), (36_526.0, 73_050.0))
+"""Days of the years 1900 to 2099 by MATLAB's datenum, of 2000 to 2099 by a spreadsheet."""
 
 
 @dataclass(slots=True)
@@ -374,6 +443,7 @@ class ColumnRoles:
     time_unit: str = "s"
     unit_named: bool = False
     rate_hz: float = 0.0
+    rate_why: str = ""
     trial: int | None = None
     labels: dict[str, int] = field(default_factory=dict)
     fields: dict[str, str] = field(default_factory=dict)
@@ -412,6 +482,7 @@ class _RoleGuess:
             elif has_word("rate", name):
                 rate_hz = _number(self._sample.fields[name][0])
                 self.roles.rate_hz = rate_hz if 0 < rate_hz <= MAX_RATE_HZ else 0.0
+                self.roles.rate_why = "as a field says"
         texts = {name for name, found in self._sample.fields.items() if len(set(found)) > 1}
         if "texture" not in self.roles.fields and len(texts - {*self.roles.fields.values()}) == 1:
             (name,) = texts - {*self.roles.fields.values()}
@@ -425,12 +496,26 @@ class _RoleGuess:
         named = [k for k in ascending if has_word("time", self._sample.names[k])]
         unnamed = [k for k in ascending if not has_word("index", self._sample.names[k])]
         for column in (named or unnamed)[:1]:
-            step = _step(self._sample.values[:, column])
-            unit = find_unit("time", self._sample.names[column])
-            self.roles.time, self.roles.unit_named = column, bool(unit)
-            self.roles.time_unit = unit or _plausible_unit(step)
-            rate_hz = 1 / (step * SECONDS[self.roles.time_unit])
-            self._take(column, f"time in {self.roles.time_unit}: {rate_hz:.4g} rows a second")
+            self._take_time(column)
+
+    def _take_time(self, column: int) -> None:
+        """Take a clock for time, or its mean rate where rows come in bursts or share a stamp."""
+        values = self._sample.values[:, column]
+        unit = find_unit("time", self._sample.names[column])
+        if column in self._sample.clocks:
+            unit = "s"
+        step = _step(values)
+        self.roles.time_unit = unit or _plausible_unit(values, step)
+        seconds = SECONDS[self.roles.time_unit]
+        if rate := burst_rate(values):
+            self.roles.rate_hz = float(f"{rate / seconds:.4g}")
+            name = reference(self._sample, column)
+            self.roles.rate_why = f"the mean of {name}, whose rows come in bursts or share a stamp"
+            self._take(column, f"not used: {self.roles.rate_why}")
+            return
+        self.roles.time, self.roles.unit_named = column, bool(unit)
+        rate_hz = 1 / (step * seconds)
+        self._take(column, f"time in {self.roles.time_unit}: {rate_hz:.4g} rows a second")
 
     def find_labels(self) -> None:
         """Take the columns that stay the same over many rows and have a label's name."""
@@ -516,6 +601,7 @@ class _RoleGuess:
             for k in numbers
             if np.nanmax(self._sample.values[:, k]) > np.nanmin(self._sample.values[:, k])
         ]
+        moving = [k for k in moving if not has_word("index", self._sample.names[k])]
         return [k for k in numbers if moving and moving[0] <= k <= moving[-1]]
 
     def _span(self, column: int) -> str:
@@ -578,13 +664,15 @@ def _stem(name: str) -> str:
 def _is_clock(values: Floats) -> bool:
     """Return whether values ascend by regular steps, trials that begin anew left out.
 
+    Rows may share a value, as those of a coarse clock do, or of a bus that sends many at once.
     Steps below 10⁻⁹ are no time in any unit.
     """
     steps = np.diff(values)
     if len(steps) < 2 or not np.isfinite(values).all():
         return False
     ahead = steps[steps > 0]
-    if len(ahead) < ASCENDING_SHARE * len(steps):
+    repeated = np.count_nonzero(steps == 0)
+    if len(ahead) < FEWEST_STAMPS or len(ahead) + repeated < ASCENDING_SHARE * len(steps):
         return False
     step = float(np.median(ahead))
     if step < SHORTEST_STEP:
@@ -597,10 +685,14 @@ def _step(values: Floats) -> float:
     return float(np.median(steps[steps > 0]))
 
 
-def _plausible_unit(step: float) -> str:
-    """Return the unit in which rows come at 5 Hz to 20 kHz."""
+def _plausible_unit(values: Floats, step: float) -> str:
+    """Return the unit in which rows come at 5 Hz to 20 kHz; days only for those of a calendar."""
     low, high = RATES_HZ
-    return next((u for u, s in SECONDS.items() if low <= 1 / (step * s) <= high), "s")
+    first = float(values[0])
+    units = dict(SECONDS)
+    if not any(since <= first <= until for since, until in CALENDAR_DAYS):
+        del units["d"]
+    return next((u for u, s in units.items() if low <= 1 / (step * s) <= high), "s")
 
 
 def _number(text: str) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 
 from rigctl.config.text_file import open_file
 from rigctl.errors import WrongUse
-from rigctl.exchange.column_map import MAX_RATE_HZ, ImportMap
+from rigctl.exchange.column_map import ImportMap
 from rigctl.exchange.file_readers import DELIMITERS, RecordingReader
 from rigctl.exchange.labels import (
     DEPTH,
@@ -25,20 +25,26 @@ from rigctl.exchange.labels import (
 )
 from rigctl.exchange.recording_files import common_folder, refuse_unreadable_names
 from rigctl.exchange.resampling import (
+    FEWEST_STEPS,
     Floats,
     ResampledSeries,
     TimeSeries,
+    burst_rate,
     clean_time_column,
     find_outliers,
     is_oversampled,
     resample,
+    unwrap_clock,
 )
 from rigctl.exchange.trial_tables import TrialTable, bounded, format_names, range_ends
 from rigctl.values import SAMPLE_RATE_HZ
 
 MAX_COUNT = 65535
 MAX_DURATION_S = 24 * 3600.0
+PLAUSIBLE_RATE_HZ = 100_000.0
+"""Faster than any converter that a lab has at a skin."""
 GRID_TOLERANCE_ROWS = 1e-6
+MOST_LISTED = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,13 +115,41 @@ def extract_series(table: TrialTable, mapping: ImportMap) -> tuple[TimeSeries, l
     values = bounded(table.values[:, taxels + loadcell + table.indices(mapping.extra)])
     if mapping.time_column:
         times = table.values[:, table.indices([mapping.time_column])[0]]
-        time_s = bounded(times) * mapping.time_s
+        times, n_overflows = unwrap_clock(bounded(times))
+        time_s = times * mapping.time_s
         _refuse_several_trials(time_s, table)
+        _refuse_bursts(time_s, table, mapping)
     else:
-        time_s = np.arange(len(values)) / mapping.rate_hz
+        time_s, n_overflows = np.arange(len(values)) / mapping.rate_hz, 0
     series, remarks = clean_time_column(time_s, values, table.row_numbers, len(taxels))
+    if n_overflows:
+        remarks.append(f"its clock begins again at 2³² {n_overflows} times: continued")
+    remarks += _index_remarks(table, taxels)
     _refuse_impossible_times(series, table.place)
     return series, remarks
+
+
+def _index_remarks(table: TrialTable, taxels: Sequence[int]) -> list[str]:
+    """Return a remark on a first column without a name that counts the rows and is a taxel."""
+    steps = np.diff(bounded(table.values[:, 0]))
+    is_index = len(steps) >= FEWEST_STEPS and bool((steps == 1).all())
+    if 0 not in taxels or table.names[0] not in ("index", "1") or not is_index:
+        return []
+    return ["column 1 counts the rows, so it is no taxel: leave it out of columns in [taxels]"]
+
+
+def _refuse_bursts(time_s: Floats, table: TrialTable, mapping: ImportMap) -> None:
+    """Raise WrongUse for times of arrival, which leave a few samples of many rows.
+
+    A map that says how long a gap is has looked at them.
+    """
+    if mapping.max_gap_s or not (rate_hz := burst_rate(time_s)):
+        return
+    raise WrongUse(
+        f"{table.place}: its {len(time_s)} rows come in bursts or share a time stamp, "
+        f"{rate_hz:.4g} rows a second on average: give rate_hz = {rate_hz:.4g} in [time] in place "
+        "of the column, or max_gap_s in [quality] to keep these times"
+    )
 
 
 def _refuse_impossible_times(series: TimeSeries, place: str) -> None:
@@ -124,10 +158,12 @@ def _refuse_impossible_times(series: TimeSeries, place: str) -> None:
         raise WrongUse(f"{place}: fewer than two rows have different times")
     if series.time_s[-1] > MAX_DURATION_S:
         raise WrongUse(f"{place}: its times span {series.time_s[-1]:.6g} s: check unit in [time]")
-    if series.period_s * MAX_RATE_HZ < 1 - GRID_TOLERANCE_ROWS:
+    if series.period_s * PLAUSIBLE_RATE_HZ < 1 - GRID_TOLERANCE_ROWS:
         raise WrongUse(
             f"{place}: its rows are {series.period_s:.2g} s apart, which is more than "
-            f"{MAX_RATE_HZ:,.0f} a second: check unit in [time]"
+            f"{PLAUSIBLE_RATE_HZ:,.0f} a second: check unit in [time], for "
+            f"{len(series.time_s)} rows span {series.time_s[-1]:.2g} s (days, as of MATLAB's "
+            "datenum, are 'd')"
         )
 
 
@@ -250,7 +286,10 @@ class _Inspector:
         found = find_outliers(taxels, self._mapping.outlier_sigma)
         if not found:
             return []
-        listed = ", ".join(f"{self._names[column]} {count}" for column, count, _ in found)
+        shown = [f"{self._names[column]} {count}" for column, count, _ in found[:MOST_LISTED]]
+        listed = ", ".join(shown) + (
+            f", … ({len(found)} taxels)" if len(found) > len(shown) else ""
+        )
         first_s = series.time_s[min(row for *_, row in found)]
         return [f"outliers from {first_s:.3f} s on, kept: {listed}"]
 

@@ -15,7 +15,7 @@ from rigctl.errors import WrongUse
 from rigctl.protocol.fields import TEXTURE_BYTES
 from rigctl.values import SAMPLE_RATE_HZ, PlannedTrial
 
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "d": 86_400.0}
 RPM, KPA = "rpm", "kPa"
 LEVEL, DEPTH = "level", "mm"
 """Units of a force label that is no force: a number without unit, and a depth of pressing."""

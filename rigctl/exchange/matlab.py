@@ -1,5 +1,7 @@
 """MATLAB files, 5 and 7.3, read as variables by name; fields of structures have dotted names.
 
+What only MATLAB reads, such as a table, is an array of objects that holds the name of its class.
+
 ``run.force`` is the field ``force`` of the structure ``run``; ``run.2.force`` is that of the second
 element where ``run`` is an array of structures; ``cells.3`` is the third cell. Numbers start at 1.
 """
@@ -13,6 +15,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from rigctl.config.text_file import open_file
 from rigctl.errors import WrongUse
@@ -25,7 +28,7 @@ _MATLAB_HEADER = 512
 
 
 def read_mat(path: Path) -> dict[str, Any]:
-    """Return all variables by name; what is no array of numbers or text is an empty object.
+    """Return all variables by name; what is no array of numbers or text is an object.
 
     Raises WrongUse for a damaged file, for cells nested without an end, and for data in other
     files.
@@ -50,7 +53,11 @@ def _read_mat5(path: Path) -> dict[str, Any]:
 
 def _flatten(name: str, value: Any) -> Iterator[tuple[str, Any]]:
     """Yield the arrays inside a value with their dotted names."""
-    if isinstance(value, dict):
+    from scipy.io.matlab import MatlabOpaque
+
+    if isinstance(value, MatlabOpaque):
+        yield name, _only_matlab(value["s2"].reshape(-1)[0])
+    elif isinstance(value, dict):
         for key, item in value.items():
             yield from _flatten(f"{name}.{key}" if name else str(key), item)
     elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
@@ -119,12 +126,18 @@ def _matlab_class(node: Any) -> str:
 
 
 def _read(node: Any) -> Any:
+    if "MATLAB_object_decode" in node.attrs:
+        return _only_matlab(_matlab_class(node))
     if node.dtype.kind not in NUMBERS:
         return np.empty((), object)
     values = node[()].T  # MATLAB stores columns first, HDF5 rows
     if _matlab_class(node) == "char":
         return np.array("".join(map(_letter, values.ravel().tolist())))
     return values
+
+
+def _only_matlab(kind: str | bytes) -> NDArray[np.object_]:
+    return np.array(kind.decode() if isinstance(kind, bytes) else kind, object)
 
 
 def _letter(code: float) -> str:

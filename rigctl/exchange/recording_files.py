@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from rigctl.errors import WrongUse
 
-TEXT_SUFFIXES = (".csv", ".tsv", ".txt")
+TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".lvm")
 SUFFIXES = (*TEXT_SUFFIXES, ".mat", ".npy", ".npz")
 MOST_FILES = 1_000_000
 

@@ -20,6 +20,10 @@ MIN_ROWS = 2
 FAST_SHARE = 1.01
 FILTER_ORDER = 8
 PAD_ROWS = 100
+FEWEST_STEPS = 20
+REPEATED_SHARE, GAP_SHARE = 0.3, 0.05
+"""Fewer rows with one time are a stamp in whole milliseconds, fewer gaps are lost packets."""
+OVERFLOW = 2.0**32
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +44,43 @@ class TimeSeries:
         steps = np.diff(self.time_s)
         regular = steps[steps <= GAP_PERIODS * self.period_s]
         return float(1.0 / regular.mean()) if regular.size else 0.0
+
+
+def burst_rate(times: Floats) -> float:
+    """Return rows per unit of time where many share a time or come in bursts; 0 where they do not.
+
+    ``times``: float64 (n,). What a bus or a coarse clock stamps so says when rows arrived, not
+    when they were measured. The rate is that from the first beginning of a burst to the last.
+    """
+    times = _longest_rise(times[np.isfinite(times)])
+    steps = np.diff(times)
+    ahead = steps[steps > 0]
+    if len(steps) < FEWEST_STEPS or not len(ahead):
+        return 0.0
+    longest = GAP_PERIODS * float(np.median(ahead))
+    begins = np.flatnonzero(steps > (longest if np.mean(ahead > longest) > GAP_SHARE else 0)) + 1
+    share_times = len(ahead) < (1 - REPEATED_SHARE) * len(steps)
+    if len(begins) < MIN_ROWS or not (share_times or np.mean(ahead > longest) > GAP_SHARE):
+        return 0.0
+    return float((begins[-1] - begins[0]) / (times[begins[-1]] - times[begins[0]]))
+
+
+def _longest_rise(times: Floats) -> Floats:
+    """Return the longest stretch in which no time is before another one."""
+    stretches = np.split(times, np.flatnonzero(np.diff(times) < 0) + 1)
+    return max(stretches, key=len)
+
+
+def unwrap_clock(times: Floats) -> tuple[Floats, int]:
+    """Return the times of a counter of 32 bits without its overflows, and how many there were.
+
+    ``micros()`` of an Arduino begins again at 0 after 71 minutes.
+    """
+    known = np.where(np.isfinite(times), times, 0.0)
+    falls = np.diff(known, prepend=known[:1]) < -OVERFLOW / 2
+    if not falls.any() or known.min() < 0 or known.max() >= OVERFLOW:
+        return times, 0
+    return times + OVERFLOW * np.cumsum(falls), int(np.count_nonzero(falls))
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.boards.finger_decoder import FingerBlock
-from rigctl.boards.finger_messages import N_TAXELS
-from rigctl.boards.trackers.plate_frame import PlatePosition
 from rigctl.engine.live_file import (
     LiveFileReader,
     LiveFileWriter,
@@ -19,6 +16,9 @@ from rigctl.engine.live_file import (
     RingWindow,
     taxel_columns,
 )
+from rigctl.finger.board_messages import N_TAXELS
+from rigctl.finger.decoder import FingerBlock
+from rigctl.finger.trackers.plate_frame import PlatePosition
 from rigctl.values import SAMPLE_RATE_HZ
 
 MAGIC = 0x3152_474E_4947_4952  # "RIGINGR1", low byte first

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from rigctl.boards.finger_decoder import FingerBlock
-from rigctl.boards.finger_messages import BatchReport, Message, WindowReport
-from rigctl.boards.trackers.plate_frame import PlatePosition
 from rigctl.errors import RigFault
-from rigctl.finger.finger_control import FingerControl
-from rigctl.finger.finger_devices import FingerDevices
-from rigctl.finger.finger_rig import FingerRig
+from rigctl.finger.board_messages import BatchReport, Message, WindowReport
+from rigctl.finger.control import FingerControl
+from rigctl.finger.decoder import FingerBlock
+from rigctl.finger.devices import FingerDevices
+from rigctl.finger.plan import ScanQuality
+from rigctl.finger.rig import FingerRig
 from rigctl.finger.scan_in_progress import ScanInProgress
 from rigctl.finger.scan_quality import ScanMeasures, judge_scan, measure_scan
 from rigctl.finger.scan_recording import ScanOutput
 from rigctl.finger.slide_detector import SlideDetector, SlideState
-from rigctl.finger_values import FingerTrial
-from rigctl.protocol.finger_plan import ScanQuality
+from rigctl.finger.trackers.plate_frame import PlatePosition
+from rigctl.finger.values import FingerTrial
 from rigctl.values import Position
 
 END_TIMEOUT_S = 1.0

@@ -18,9 +18,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.boards.finger import Finger
-from rigctl.boards.finger_decoder import FingerBlock
-from rigctl.boards.finger_messages import (
+from rigctl.errors import RigFault
+from rigctl.finger.board_messages import (
     BATCH_SAMPLES,
     N_TAXELS,
     Answer,
@@ -32,8 +31,9 @@ from rigctl.boards.finger_messages import (
     ScanEnded,
     WindowReport,
 )
-from rigctl.boards.trackers.velocity import BatchVelocity, VelocityEstimator
-from rigctl.errors import RigFault
+from rigctl.finger.decoder import FingerBlock
+from rigctl.finger.driver import Finger
+from rigctl.finger.trackers.velocity import BatchVelocity, VelocityEstimator
 from rigctl.values import SAMPLE_RATE_HZ
 
 BATCH_S = BATCH_SAMPLES / SAMPLE_RATE_HZ

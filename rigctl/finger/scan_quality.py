@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.boards.finger_messages import VelocitySource
-from rigctl.boards.trackers.velocity import MISSED_S, EstimateSource
+from rigctl.finger.board_messages import VelocitySource
+from rigctl.finger.plan import ScanQuality
 from rigctl.finger.scan_in_progress import ScanData
-from rigctl.finger_values import MARKS_MM, FingerTrial, VelocityProfile
-from rigctl.protocol.finger_plan import ScanQuality
+from rigctl.finger.trackers.velocity import MISSED_S, EstimateSource
+from rigctl.finger.values import MARKS_MM, FingerTrial, VelocityProfile
 
 Floats = NDArray[np.float64]
 

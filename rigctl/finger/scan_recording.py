@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import nan
 
-from rigctl.boards.finger_messages import BatchReport, VelocitySource, WindowReport
-from rigctl.boards.trackers.plate_frame import PlatePosition
 from rigctl.engine.event_bus import EventBus
+from rigctl.finger.board_messages import BatchReport, VelocitySource, WindowReport
 from rigctl.finger.latency import FEATURES, PREDICTION, SCREEN, LatencyLog
 from rigctl.finger.live_answers import LiveAnswers
+from rigctl.finger.recorder import FingerRecorder
 from rigctl.finger.scan_in_progress import ScanInProgress
 from rigctl.finger.scan_quality import ScanMeasures
-from rigctl.finger_values import (
+from rigctl.finger.trackers.plate_frame import PlatePosition
+from rigctl.finger.values import (
     BatchRow,
     FingerTrial,
     FingerTrialRow,
@@ -21,7 +22,6 @@ from rigctl.finger_values import (
     TrackRow,
     WindowRow,
 )
-from rigctl.session.finger_recorder import FingerRecorder
 from rigctl.values import Position, Verdict
 
 

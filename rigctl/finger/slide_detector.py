@@ -9,7 +9,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.finger_values import MARKS_MM
+from rigctl.finger.values import MARKS_MM
 from rigctl.values import SAMPLE_RATE_HZ
 
 SLOPE_S = 0.06

@@ -9,9 +9,8 @@ from typing import Any
 from rigctl.config.rig_config import RigConfig
 from rigctl.config.toml_reader import KeyPath, TomlField, TomlTable, TomlText
 from rigctl.errors import ProtocolError
-from rigctl.finger_values import PROTOCOL_KEYS
+from rigctl.experiments import EXPERIMENTS, FINGER_EXPERIMENT, protocol_key
 from rigctl.protocol.fields import EVERY, KIND, PLACE, FieldGroup, field_groups, step_fields
-from rigctl.protocol.finger_plan import finger_groups
 
 NAME = "protocol.toml"
 """What messages call a text that has no file."""
@@ -35,14 +34,17 @@ class FormContent:
 
 def groups_of(config: RigConfig, *, is_finger: bool) -> tuple[FieldGroup, ...]:
     """Return the keys of a protocol of the drum or of the moving finger."""
-    return finger_groups() if is_finger else field_groups(config)
+    if not is_finger:
+        return field_groups(config)
+    groups: tuple[FieldGroup, ...] = EXPERIMENTS[FINGER_EXPERIMENT].load("field_groups")()
+    return groups
 
 
 def read_content(source: str, config: RigConfig, name: str = NAME) -> FormContent:
     """Return what a form shows of a text; ``name``: its file, for messages."""
     try:
         root = TomlText(name, source, ProtocolError).root
-        is_finger = any(key in root for key in PROTOCOL_KEYS)
+        is_finger = protocol_key(root)[0] is EXPERIMENTS[FINGER_EXPERIMENT]
         content = FormContent(is_finger)
         for group in groups_of(config, is_finger=is_finger):
             table = root.table(group.table) if group.table else root

@@ -8,7 +8,7 @@ from pathlib import Path
 from rigctl.config.rig_config import RigConfig
 from rigctl.config.toml_reader import TomlTable, TomlText, read_section
 from rigctl.errors import ProtocolError
-from rigctl.finger_values import PROTOCOL_KEYS
+from rigctl.experiments import protocol_key
 from rigctl.protocol.fields import (
     EVERY,
     FORCE_MODE,
@@ -54,7 +54,7 @@ def parse_protocol(text: str, name: str, config: RigConfig | None = None) -> Pro
 
 def _parse(text: TomlText, stem: str, config: RigConfig) -> Protocol:
     root = text.root
-    _refuse_finger_protocol(root)
+    _refuse_other_experiment(root)
     order, trial, plates = root.table("order"), root.table("trial"), root.table("plates")
     _refuse_other_presses(root, FORCE_MODE.read(trial))
     conditions = name_group(stem).read(root) | trials_group(config).read(root)
@@ -83,12 +83,10 @@ def _parse(text: TomlText, stem: str, config: RigConfig) -> Protocol:
     return protocol
 
 
-def _refuse_finger_protocol(root: TomlTable) -> None:
-    for key in PROTOCOL_KEYS:
-        if key in root:
-            root.fail(
-                key, "belongs to a protocol of the moving finger: record it with `rigctl realtime`"
-            )
+def _refuse_other_experiment(root: TomlTable) -> None:
+    its, key = protocol_key(root)
+    if key:
+        root.fail(key, f"belongs to a protocol of {its.title}: record it with `{its.recorded_by}`")
 
 
 def _refuse_other_presses(root: TomlTable, force_mode: str) -> None:

@@ -17,17 +17,15 @@ import json
 from collections.abc import Callable, Collection, Iterator, Mapping
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.session import finger_layout, layout
-from rigctl.session.finger_layout import BATCHES, FINGER_LAYOUT, SPIKES
+from rigctl.session import layout
 from rigctl.session.hdf5_file import hdf5_errors, read_attributes, read_text
-from rigctl.session.layout import COUNTER, DIGESTS, SAMPLES, TEXTS, Row
+from rigctl.session.layout import DIGESTS, TEXTS, Row
 from rigctl.session.part import PREVIOUS_DIGEST, PartReader, StructuredArray
 from rigctl.session.session_reader import SessionReader
 from rigctl.values import Verdict
@@ -281,12 +279,10 @@ def damaged_trials(
 ) -> dict[int, str]:
     """Return the attempts whose rows were altered, by their index in ``session.trials``.
 
-    The value says which rows. Reads what an analysis needs: samples and trials, and with the
-    moving finger spikes and batches. Raises SessionError for a part that cannot be read.
+    The value says which rows. Reads what an analysis needs: trials, and what the layout says is
+    analysed. Raises SessionError for a part that cannot be read.
     """
-    tables = {SAMPLES, COUNTER, session.layout.trials.path}
-    if session.layout is FINGER_LAYOUT:
-        tables |= {SPIKES, BATCHES.path}
+    tables = {*session.layout.analysed, session.layout.trials.path}
     total = sum(part.path.stat().st_size for part in session.parts)
     done, first_index = 0, 0
     reasons: dict[int, str] = {}
@@ -337,8 +333,10 @@ def touched_attempts(part: PartReader, place: RowRange) -> NDArray[np.int64]:
         return np.arange(place.first_row, min(place.end, len(trials)))
     if place.table in part.lengths():
         return np.flatnonzero(_with_samples(trials, place.first_row, place.end - 1))
-    select = _selections(part).get(place.table)
-    return np.flatnonzero(select(trials, place)) if select else np.empty(0, np.int64)
+    for table in part.layout.tables:
+        if table.path == place.table:
+            return np.flatnonzero(_SELECT[table.place](part, table.place, trials, place))
+    return np.empty(0, np.int64)
 
 
 def name_attempts(part: PartReader, rows: NDArray[np.int64]) -> str:
@@ -348,18 +346,6 @@ def name_attempts(part: PartReader, rows: NDArray[np.int64]) -> str:
     if len(trials) > MAX_NAMED:
         names.append(f"{len(trials) - MAX_NAMED} more trials")
     return " and ".join(filter(None, ("; ".join(names[:-1]), *names[-1:]))) or "no trial"
-
-
-def _selections(part: PartReader) -> dict[str, Callable[[StructuredArray, RowRange], Mask]]:
-    by_time = (layout.EVENTS, layout.DRUM, finger_layout.TRACK, finger_layout.LATENCIES)
-    by_scan = (finger_layout.BATCHES, finger_layout.WINDOWS, finger_layout.PREDICTIONS)
-    return {
-        layout.ARRIVALS.path: partial(_by_samples, part, "first_row"),
-        layout.GAPS.path: partial(_by_samples, part, "row"),
-        layout.LOADCELL.path: partial(_by_board_time, part),
-        **{table.path: partial(_by_time, part) for table in by_time},
-        **{table.path: partial(_by_scan, part) for table in by_scan},
-    }
 
 
 def _with_samples(trials: StructuredArray, first: float, last: float) -> Mask:
@@ -372,15 +358,15 @@ def _by_samples(part: PartReader, column: str, trials: StructuredArray, place: R
     return _with_samples(trials, *_neighbours(part, place, column))
 
 
-def _by_time(part: PartReader, trials: StructuredArray, place: RowRange) -> Mask:
-    return _during(trials, *_neighbours(part, place, "at_s"))
+def _by_time(part: PartReader, column: str, trials: StructuredArray, place: RowRange) -> Mask:
+    return _during(trials, *_neighbours(part, place, column))
 
 
-def _by_board_time(part: PartReader, trials: StructuredArray, place: RowRange) -> Mask:
-    first_us, last_us = _neighbours(part, place, "board_time_us")
+def _by_board_time(part: PartReader, column: str, trials: StructuredArray, place: RowRange) -> Mask:
+    first_us, last_us = _neighbours(part, place, column)
     polls = part.rows(layout.DRUM)
-    before = polls["at_s"][polls["board_time_us"] <= first_us]
-    after = polls["at_s"][polls["board_time_us"] >= last_us]
+    before = polls["at_s"][polls[column] <= first_us]
+    after = polls["at_s"][polls[column] >= last_us]
     first_s = before.max() if len(before) else -np.inf
     return _during(trials, first_s, after.min() if len(after) else np.inf)
 
@@ -390,10 +376,20 @@ def _during(trials: StructuredArray, first_s: float, last_s: float) -> Mask:
     return mask
 
 
-def _by_scan(part: PartReader, trials: StructuredArray, place: RowRange) -> Mask:
-    first, last = _neighbours(part, place, "scan")
-    mask: Mask = (trials["scan"] >= first) & (trials["scan"] <= last)
+def _by_scan(part: PartReader, column: str, trials: StructuredArray, place: RowRange) -> Mask:
+    first, last = _neighbours(part, place, column)
+    mask: Mask = (trials[column] >= first) & (trials[column] <= last)
     return mask
+
+
+_SELECT: Mapping[str, Callable[[PartReader, str, StructuredArray, RowRange], Mask]] = {
+    "first_row": _by_samples,
+    "row": _by_samples,
+    "board_time_us": _by_board_time,
+    "at_s": _by_time,
+    "scan": _by_scan,
+}
+"""Selects the attempts of a range of rows, by the column that says where they belong."""
 
 
 def _neighbours(part: PartReader, place: RowRange, column: str) -> tuple[Any, Any]:

@@ -24,8 +24,8 @@ from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import DEFAULT, PRESETS, EncoderParameters
 from rigctl.encoder.reading import FULL_SCALE, Reading
 from rigctl.errors import SessionError
+from rigctl.experiments import DRUM_EXPERIMENT
 from rigctl.session.hdf5_file import Attributes, damage, describe, parse_json
-from rigctl.session.layout import DRUM_EXPERIMENT
 from rigctl.session.sensor_layout import ATTRIBUTE, PAPER_SENSOR, SensorLayout
 from rigctl.values import SAMPLE_RATE_HZ, BoardIdentity
 

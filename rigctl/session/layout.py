@@ -25,6 +25,7 @@ import h5py
 import numpy as np
 
 from rigctl.boards.drum_registers import STORED
+from rigctl.experiments import DRUM_EXPERIMENT
 from rigctl.session.hdf5_file import Attributes, parse_json, text_scalar, write_attributes
 from rigctl.values import DrumState, Event, PlannedTrial, TrialRow, Verdict
 
@@ -64,12 +65,16 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class TableLayout:
-    """A growing one-dimensional data set whose rows are HDF5 compounds."""
+    """A growing one-dimensional data set whose rows are HDF5 compounds.
+
+    ``place``: the column that says to which trials a row belongs.
+    """
 
     path: str
     doc: str
     chunk_rows: int
     columns: tuple[Column, ...]
+    place: str = "at_s"
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -118,8 +123,8 @@ class SessionLayout:
     """All data sets of the parts of one experiment.
 
     ``experiment`` is the attribute of a part's root, ``board`` the name of the board that samples,
-    for people. ``trials`` is the one of ``tables`` that is written last. ``has_digests``: whether
-    its rows are covered by digests.
+    for people. ``trials`` is the one of ``tables`` that is written last. ``analysed``: paths of
+    what an analysis needs besides them. ``has_digests``: whether its rows are covered by digests.
     """
 
     experiment: str
@@ -127,6 +132,7 @@ class SessionLayout:
     arrays: tuple[ArrayLayout, ...]
     tables: tuple[TableLayout, ...]
     trials: TableLayout
+    analysed: tuple[str, ...] = ()
     has_digests: bool = True
 
     @property
@@ -177,8 +183,6 @@ def _create(file: Any, path: str, dtype: Any, chunk_rows: int, tail: tuple[int, 
 
 LAYOUT = "rigctl-session"
 LAYOUT_VERSION = 1
-DRUM_EXPERIMENT = "drum"
-"""``experiment`` of a session of the drum; its parts have no such attribute."""
 PART_END_KIND = "part_end"
 """Kind of the event in the last row of a finished part."""
 SESSION_END_KIND = "session_end"
@@ -218,6 +222,7 @@ ARRIVALS = TableLayout(
         Column("first_row", "i8", "rows", "first row of the block in /taxels/samples"),
         Column("arrived_s", "f8", "s", "loop time at which the block's bytes arrived"),
     ),
+    "first_row",
 )
 
 DRUM = TableLayout(
@@ -258,6 +263,7 @@ LOADCELL = TableLayout(
         Column("raw_counts", "i4", "counts", "reading of the amplifier"),
         Column("force_g", "f4", "g", "after tare and scale"),
     ),
+    "board_time_us",
 )
 
 ATTEMPT = (
@@ -319,10 +325,13 @@ GAPS = TableLayout(
         Column("row", "i8", "rows", "row of /taxels/samples before which they are missing"),
         Column("reason", "S32", "", "place of the loss"),
     ),
+    "row",
 )
 
 TABLES = (ARRIVALS, DRUM, LOADCELL, TRIALS, EVENTS, GAPS)
-DRUM_LAYOUT = SessionLayout(DRUM_EXPERIMENT, "taxel board", TAXEL_ARRAYS, TABLES, TRIALS)
+DRUM_LAYOUT = SessionLayout(
+    DRUM_EXPERIMENT, "taxel board", TAXEL_ARRAYS, TABLES, TRIALS, (SAMPLES, COUNTER)
+)
 
 
 class SessionOutcome(StrEnum):

@@ -28,14 +28,12 @@ from numpy.typing import NDArray
 
 from rigctl.config.text_file import refuse_link_outside
 from rigctl.errors import SessionError
+from rigctl.experiments import DRUM_EXPERIMENT, EXPERIMENTS
 from rigctl.session import layout
-from rigctl.session.finger_layout import FINGER_EXPERIMENT, FINGER_LAYOUT
 from rigctl.session.hdf5_file import DataSetSchema, Hdf5File, UnclosedFile, text
 from rigctl.session.header import SessionHeader
 from rigctl.session.layout import (
     DIGESTS,
-    DRUM_EXPERIMENT,
-    DRUM_LAYOUT,
     LIBVER,
     PART_PATTERN,
     TEXTS,
@@ -45,14 +43,6 @@ from rigctl.session.layout import (
 )
 from rigctl.session.writer_lock import is_being_written
 
-_LAYOUTS = {each.experiment: each for each in (DRUM_LAYOUT, FINGER_LAYOUT)}
-_NAMES = {DRUM_EXPERIMENT: "the drum", FINGER_EXPERIMENT: "the moving finger"}
-_COMMANDS = {
-    DRUM_EXPERIMENT: "`rigctl run` resumes and `rigctl analyse` reads it",
-    FINGER_EXPERIMENT: "`rigctl realtime` resumes and `rigctl analyse --experiment realtime` "
-    "reads it",
-}
-
 
 def layout_of(attributes: Mapping[str, Any], path: Path) -> SessionLayout:
     """Return the layout of a part with these attributes; a part without experiment is the drum's.
@@ -60,20 +50,23 @@ def layout_of(attributes: Mapping[str, Any], path: Path) -> SessionLayout:
     Raises SessionError for an experiment that this program does not know.
     """
     experiment = attributes.get("experiment", DRUM_EXPERIMENT)
-    if not isinstance(experiment, str) or experiment not in _LAYOUTS:
+    if not isinstance(experiment, str) or experiment not in EXPERIMENTS:
         raise SessionError(
             f"{path} is of experiment {experiment}, which this program does not know: use the "
             "rigctl that recorded it"
         )
-    return _LAYOUTS[experiment]
+    found: SessionLayout = EXPERIMENTS[experiment].load("layout")
+    return found
 
 
 def check_experiment(folder: Path, found: SessionLayout, wanted: SessionLayout) -> None:
     """Raise SessionError where a session is of another experiment than the one wanted."""
     if found.experiment != wanted.experiment:
+        its = EXPERIMENTS[found.experiment]
         raise SessionError(
-            f"{folder} is a session of {_NAMES[found.experiment]}, not of "
-            f"{_NAMES[wanted.experiment]}: {_COMMANDS[found.experiment]}"
+            f"{folder} is a session of {its.title}, not of "
+            f"{EXPERIMENTS[wanted.experiment].title}: `{its.recorded_by}` resumes and "
+            f"`{its.analysed_by}` reads it"
         )
 
 
@@ -166,6 +159,22 @@ def part_paths(folder: Path) -> list[Path]:
     if not parts:
         raise no_session(folder)
     return parts
+
+
+def session_layout(folder: Path) -> SessionLayout:
+    """Return the layout of a session's parts.
+
+    The first part that can be read decides. Raises SessionError if none can, and for another kind
+    of folder.
+    """
+    errors = []
+    for part in part_paths(folder):
+        try:
+            with open_part(part) as file:
+                return layout_of(file.attributes(), part)
+        except SessionError as error:
+            errors.append(error)
+    raise errors[0]
 
 
 def no_session(folder: Path) -> SessionError:

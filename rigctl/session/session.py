@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 from rigctl.config.rig_config import RigConfig, parse_config
 from rigctl.encoder.reading import Reading, conductance, input_of_each
 from rigctl.errors import RigctlError, SessionError
+from rigctl.experiments import EXPERIMENTS
 from rigctl.protocol.loader import parse_protocol
 from rigctl.protocol.plan import QUANTITY_NAMES, Condition, EarlyEnd, Plan, condition_of
 from rigctl.session import layout
-from rigctl.session.finger_session import FingerSession, is_finger_session
 from rigctl.session.header import ADC_COUNTS, IMPORTED, session_inputs, session_wiring
 from rigctl.session.layout import SessionLayout, parse_trial
 from rigctl.session.notes import Mark, SessionNote, write_note
-from rigctl.session.part import PartReader, StructuredArray
+from rigctl.session.part import PartReader, StructuredArray, session_layout
 from rigctl.session.sample_index import SampleFile, SampleRange, locate_samples, locate_windows
 from rigctl.session.session_reader import SessionReader, read_closing_digest
 from rigctl.values import Gap, TrialRow, Verdict
@@ -192,7 +192,8 @@ def open_session(path: Path) -> SessionReader:
 
     Raises SessionError if no part can be read, and for another kind of folder.
     """
-    return FingerSession.open(path) if is_finger_session(path) else Session.open(path)
+    reader: type[SessionReader] = EXPERIMENTS[session_layout(path).experiment].load("reader")
+    return reader.open(path)
 
 
 def add_note(folder: Path, note: SessionNote) -> Path:

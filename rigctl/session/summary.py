@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rigctl.boards.finger_messages import VelocitySource
+from rigctl.experiments import DRUM_EXPERIMENT, EXPERIMENTS
 from rigctl.session import layout
-from rigctl.session.finger_layout import BATCHES, NOT_CLASSIFIED, PREDICTIONS, TRACK, WINDOWS
-from rigctl.session.finger_session import FingerSession, is_finger_session
 from rigctl.session.ground_truth import summarise_truth
 from rigctl.session.layout import TableLayout
 from rigctl.session.part import stray_files
-from rigctl.session.session import Session, describe_ends, ended_early
+from rigctl.session.session import Session, describe_ends, ended_early, open_session
 from rigctl.session.session_reader import SessionReader, read_closing_digest
 from rigctl.session.writer_lock import is_being_written, lock_owner_pid
 from rigctl.values import Verdict
@@ -26,90 +23,44 @@ BOARD_KIND = "board"
 
 def summarise_session(path: Path) -> dict[str, Any]:
     """Return the summary. Raises SessionError for another kind of folder."""
-    return _summarise_finger(path) if is_finger_session(path) else _summarise_drum(path)
+    with open_session(path) as session:
+        if isinstance(session, Session):
+            return _summarise_drum(session)
+        summary: dict[str, Any] = EXPERIMENTS[session.layout.experiment].load("summarise")(session)
+        return summary
 
 
-def _summarise_drum(path: Path) -> dict[str, Any]:
-    with Session.open(path) as session:
-        trials = session.trials
-        summary = {
-            "path": str(path),
-            **_identity(session),
-            **_trials(session),
-            "speeds_mm_s": sorted(set(trials["speed_mm_s"].tolist())),
-            "forces_g": sorted(set(trials["force_g"].tolist())),
-            "mounts": max(trials["mount"].tolist(), default=0),
-            **_samples(session),
-            "drum_polls": _count_rows(session, layout.DRUM),
-            "loadcell_samples": _count_rows(session, layout.LOADCELL),
-            "loadcell_lost": session.loadcell_lost(),
-            "events": _count_rows(session, layout.EVENTS),
-            **_boards(session),
-        }
-        truth = summarise_truth(session)
-    return summary if truth is None else {**summary, "world": truth}
-
-
-def _summarise_finger(path: Path) -> dict[str, Any]:
-    with FingerSession.open(path) as session:
-        return {
-            "path": str(path),
-            "experiment": session.header.experiment,
-            **_identity(session),
-            "tracker": session.header.tracker.get("name", ""),
-            "reference_mm_s": session.header.reference_um_per_s / 1000,
-            **_trials(session),
-            "profiles": sorted(set(session.trials["profile"].tolist())),
-            "committed_by_stage": dict(_count_committed(session)),
-            **_answers(session),
-            **_samples(session),
-            **_scans(session),
-            "latency_p99_ms": _latencies(session),
-            "events": _count_rows(session, layout.EVENTS),
-            **_boards(session),
-        }
-
-
-def _count_committed(session: FingerSession) -> Counter[str]:
-    return Counter(session.trials["stage"][session.committed()].tolist())
-
-
-def _answers(session: FingerSession) -> dict[str, int]:
-    """Return the committed trials that were classified, and those that were right."""
-    correct = session.trials["correct"][session.committed()]
-    classified = int(np.count_nonzero(correct != NOT_CLASSIFIED))
-    return {"classified": classified, "right": int(np.count_nonzero(correct == 1))}
-
-
-def _scans(session: FingerSession) -> dict[str, int]:
-    sources = np.concatenate([part.rows(BATCHES)["velocity_source"] for part in session.parts])
+def _summarise_drum(session: Session) -> dict[str, Any]:
+    trials, truth = session.trials, summarise_truth(session)
     return {
-        "positions": _count_rows(session, TRACK),
-        "batches": len(sources),
-        "batches_without_velocity": int(np.count_nonzero(sources != VelocitySource.RECEIVED)),
-        "windows": _count_rows(session, WINDOWS),
-        "predictions": _count_rows(session, PREDICTIONS),
+        **summarise_header(session),
+        **summarise_trials(session),
+        "speeds_mm_s": sorted(set(trials["speed_mm_s"].tolist())),
+        "forces_g": sorted(set(trials["force_g"].tolist())),
+        "mounts": max(trials["mount"].tolist(), default=0),
+        **summarise_samples(session),
+        "drum_polls": count_rows(session, layout.DRUM),
+        "loadcell_samples": count_rows(session, layout.LOADCELL),
+        "loadcell_lost": session.loadcell_lost(),
+        "events": count_rows(session, layout.EVENTS),
+        **summarise_boards(session),
+        **({} if truth is None else {"world": truth}),
     }
 
 
-def _latencies(session: FingerSession) -> dict[str, float]:
-    """Return the 99th percentile of each kind, ms."""
-    rows = session.latencies
-    return {
-        kind: round(float(np.percentile(rows["ms"][rows["kind"] == kind], 99)), 3)
-        for kind in sorted(set(rows["kind"].tolist()))
-    }
-
-
-def _count_rows(session: SessionReader, table: TableLayout) -> int:
+def count_rows(session: SessionReader, table: TableLayout) -> int:
+    """Return the rows of a table in all parts."""
     return sum(part.n_rows(table) for part in session.parts)
 
 
-def _identity(session: SessionReader) -> dict[str, Any]:
+def summarise_header(session: SessionReader) -> dict[str, Any]:
+    """Return where the session is from, and how far it is written."""
     header = session.header
     writing = is_being_written(session.path)
     boards = session.parts[-1].header.boards
     return {
+        "path": str(session.path),
+        **({} if header.experiment == DRUM_EXPERIMENT else {"experiment": header.experiment}),
         "layout": f"{layout.LAYOUT} {layout.LAYOUT_VERSION}",
         "protocol": header.protocol,
         "plan_hash": header.plan_hash,
@@ -134,7 +85,7 @@ def _identity(session: SessionReader) -> dict[str, Any]:
     }
 
 
-def _boards(session: SessionReader) -> dict[str, Any]:
+def summarise_boards(session: SessionReader) -> dict[str, Any]:
     """Return the boards' own counts over all sittings; empty without such events."""
     counts: dict[str, list[dict[str, Any]]] = {}
     for event in session.events_of(BOARD_KIND):
@@ -153,7 +104,8 @@ def _combine(rows: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def _trials(session: SessionReader) -> dict[str, Any]:
+def summarise_trials(session: SessionReader) -> dict[str, Any]:
+    """Return the numbers of trials and attempts, and the plates."""
     trials = session.trials
     committed = len(set(trials["trial_id"][session.committed()].tolist()))
     ended = ended_early(session) if isinstance(session, Session) else {}
@@ -173,7 +125,8 @@ def _trials(session: SessionReader) -> dict[str, Any]:
     }
 
 
-def _samples(session: SessionReader) -> dict[str, Any]:
+def summarise_samples(session: SessionReader) -> dict[str, Any]:
+    """Return the numbers of samples and losses, and the sensor."""
     gaps, header = session.gaps, session.header
     return {
         "samples": session.n_samples,

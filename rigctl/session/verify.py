@@ -14,6 +14,7 @@ from pathlib import Path
 
 from rigctl.config.text_file import read_bytes, refuse_link_outside
 from rigctl.errors import RigctlError, SessionError, WrongUse
+from rigctl.experiments import EXPERIMENTS
 from rigctl.protocol.loader import parse_protocol
 from rigctl.protocol.plan import Plan
 from rigctl.session.digests import (
@@ -25,7 +26,6 @@ from rigctl.session.digests import (
     name_attempts,
     touched_attempts,
 )
-from rigctl.session.finger_session import FingerSession, is_finger_session
 from rigctl.session.ground_truth import PARTIAL, log_number, log_paths, open_truth, summarise_truth
 from rigctl.session.header import session_wiring
 from rigctl.session.layout import PROTOCOL_FILE, RIG_FILE, parse_trial, part_name, part_number
@@ -38,7 +38,7 @@ from rigctl.session.part import (
     stray_files,
 )
 from rigctl.session.sensor_layout import layouts_match
-from rigctl.session.session import Session, describe_ends, ended_early
+from rigctl.session.session import Session, describe_ends, ended_early, open_session
 from rigctl.session.session_reader import SessionReader, session_end
 from rigctl.session.verify_part import check_part
 from rigctl.session.verify_values import check_values
@@ -126,10 +126,13 @@ def verify(
     report = VerifyReport()
     part_paths(path)  # raises SessionError for another kind of folder
     try:
-        if is_finger_session(path):
-            _verify_finger(path, report, on_progress, digest)
-        else:
-            _verify_drum(path, report, on_progress, digest)
+        with open_session(path) as session:
+            _check_parts(session, report)
+            if isinstance(session, Session):
+                _check_drum(session, report, on_progress)
+            else:
+                _check_other(session, report, on_progress)
+            _compare_digest(session.parts, digest, report)
     except SessionError as error:
         report.problems.append(str(error))
     return report
@@ -146,26 +149,23 @@ def parse_digest(text: str) -> str:
     return digest
 
 
-def _verify_drum(path: Path, report: VerifyReport, on_progress: OnProgress, digest: str) -> None:
-    parts_share = 1.0 - TRUTH_SHARE if log_paths(path) else 1.0
-    with Session.open(path) as session:
-        _check_parts(session, report)
-        _check_wiring(session, report)
-        _check_contents(session, check_part, report, on_progress, parts_share)
-        _check_drum_plan(session, report)
-        _check_truth(session, report, on_progress, parts_share)
-        _compare_digest(session.parts, digest, report)
+def _check_drum(session: Session, report: VerifyReport, on_progress: OnProgress) -> None:
+    share = 1.0 - TRUTH_SHARE if log_paths(session.path) else 1.0
+    _check_wiring(session, report)
+    _check_contents(session, _check_drum_part, report, on_progress, share)
+    _check_drum_plan(session, report)
+    _check_truth(session, report, on_progress, share)
 
 
-def _verify_finger(path: Path, report: VerifyReport, on_progress: OnProgress, digest: str) -> None:
-    # Imported late: the encoder takes a second to load.
-    from rigctl.session.verify_finger import check_finger_part, check_finger_plan
+def _check_drum_part(part: PartReader, trials: StructuredArray) -> tuple[list[str], list[str]]:
+    (problems, notes), (wrong, noted) = check_part(part, trials), check_values(part)
+    return [*problems, *wrong], [*notes, *noted]
 
-    with FingerSession.open(path) as session:
-        _check_parts(session, report)
-        _check_contents(session, check_finger_part, report, on_progress, 1.0)
-        report.problems += check_finger_plan(session)
-        _compare_digest(session.parts, digest, report)
+
+def _check_other(session: SessionReader, report: VerifyReport, on_progress: OnProgress) -> None:
+    experiment = EXPERIMENTS[session.layout.experiment]
+    _check_contents(session, experiment.load("check_part"), report, on_progress, 1.0)
+    report.problems += experiment.load("check_plan")(session)
 
 
 def _check_parts(session: SessionReader, report: VerifyReport) -> None:
@@ -235,10 +235,9 @@ def _check_contents(
         on_bytes(0)
         try:
             damage = check_digests(part, on_bytes=on_bytes)
-            found = _damage_lines(part, damage)
-            notes = _damage_notes(part, damage)
-            for one_check in (check(part, _trials_of(session, part)), check_values(part)):
-                found, notes = [*found, *one_check[0]], [*notes, *one_check[1]]
+            problems, noted = check(part, _trials_of(session, part))
+            found = [*_damage_lines(part, damage), *problems]
+            notes = [*_damage_notes(part, damage), *noted]
         except SessionError as error:
             report.problems.append(str(error))
             continue

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import Enum
 from functools import partial
 from typing import Any, NamedTuple
@@ -13,12 +13,9 @@ from numpy.typing import NDArray
 
 from rigctl.boards.drum_codes import Status
 from rigctl.boards.drum_states import Fault, State
-from rigctl.boards.finger_messages import BATCH_SAMPLES, SampleFlag, VelocitySource
-from rigctl.finger_values import Stage
-from rigctl.session import finger_layout, layout
-from rigctl.session.finger_layout import FINGER_LAYOUT, PREDICTIONS, TRACK
+from rigctl.session import layout
 from rigctl.session.header import IMPORTED
-from rigctl.session.layout import COUNTER, EDGES, FLAGS, SAMPLES, TableLayout
+from rigctl.session.layout import COUNTER, EDGES, SAMPLES, TableLayout
 from rigctl.session.part import PartReader, StructuredArray, read_blocks
 from rigctl.values import SCALE_BAND_UG_PER_COUNT, Verdict
 
@@ -114,12 +111,12 @@ HIGHEST_COUNT = 1 << 23
 MAX_FORCE_G = 2 * HIGHEST_COUNT * SCALE_BAND_UG_PER_COUNT[1] * 1e-6
 """No cell reads more: the converter's whole span, with the coarsest scale."""
 MAX_MM, MAX_MM_S = 1e6, 1e5
-_U32 = (1 << 32) - 1
+MAX_U32 = (1 << 32) - 1
 _FAULT_BITS = sum(1 << fault for fault in Fault if fault)
 _STATUS_BITS = sum(1 << bit for bit in Status)
 
 _GAPS = (at_least("count", 1), at_least("row", 0))
-_ATTEMPT = (
+ATTEMPT_RULES = (
     at_least("trial_id", 1),
     at_least("attempt", 1),
     at_least("first_counter", -1),
@@ -129,7 +126,7 @@ _ATTEMPT = (
     a_time("started_s"),
     a_time("ended_s"),
 )
-_COMMON: dict[str, tuple[Rule, ...]] = {
+COMMON_RULES: dict[str, tuple[Rule, ...]] = {
     layout.ARRIVALS.path: (at_least("first_row", 0), a_time("arrived_s")),
     layout.EVENTS.path: (a_time("at_s"), json_objects("data")),
     layout.GAPS.path: _GAPS,
@@ -166,7 +163,7 @@ def drum_rules(measured: bool) -> dict[str, tuple[Rule, ...]]:
         within("force_g", -MAX_FORCE_G, MAX_FORCE_G),
     )
     trials = (
-        *_ATTEMPT,
+        *ATTEMPT_RULES,
         within("speed_mm_s", 0, MAX_MM_S),
         within("force_g", 0, MAX_FORCE_G),
         within("travel_mm", 0, MAX_MM),
@@ -177,67 +174,11 @@ def drum_rules(measured: bool) -> dict[str, tuple[Rule, ...]]:
     )
     tables = (layout.DRUM, layout.LOADCELL, layout.TRIALS)
     rules = zip(tables, (drum, loadcell, trials), strict=True)
-    return _COMMON | {table.path: each for table, each in rules}
+    return COMMON_RULES | {table.path: each for table, each in rules}
 
 
 MAX_CLOCK_LEAD_US = 1_000_000
 """The first conversion may be from before the board's clock began, by as much."""
-
-
-def finger_rules() -> dict[str, tuple[Rule, ...]]:
-    """Return the rules of the moving finger's tables."""
-    places = ("x_mm", "y_mm", "z_mm", "along_mm", "across_mm", "height_mm")
-    track = (
-        a_time("at_s"),
-        one_of("valid", (0, 1)),
-        *(within(name, -MAX_MM, MAX_MM, unknown=True) for name in places),
-    )
-    batches = (
-        at_least("batch", 0),
-        within("velocity_um_s", 0, _U32),
-        one_of("velocity_source", VelocitySource),
-        within("estimate_mm_s", -MAX_MM_S, MAX_MM_S, unknown=True),
-        at_least("dropouts", 0),
-        at_least("outliers", 0),
-        within("samples", 1, BATCH_SAMPLES),
-        within("lost_samples", 0, BATCH_SAMPLES),
-        at_least("start_nm", 0),
-        a_time("sent_s", unknown=True),
-        a_time("reported_s"),
-    )
-    windows = (at_least("window", 0), at_least("real_ms", 0), a_time("arrived_s"))
-    predictions = (
-        a_time("at_s"),
-        at_least("windows", 0),
-        within("distance_mm", 0, MAX_MM),
-        within("seconds", 0, MAX_MM),
-        json_objects("probabilities"),
-        *(one_of(name, (0, 1)) for name in ("known", "decided", "is_final")),
-    )
-    latencies = (a_time("at_s"), within("ms", 0, MAX_MM))
-    tables = {
-        finger_layout.TRACK: track,
-        finger_layout.BATCHES: batches,
-        finger_layout.WINDOWS: windows,
-        finger_layout.PREDICTIONS: predictions,
-        finger_layout.LATENCIES: latencies,
-        finger_layout.FINGER_TRIALS: _FINGER_TRIALS,
-    }
-    return _COMMON | {table.path: rules for table, rules in tables.items()}
-
-
-_FINGER_TRIALS = (
-    *_ATTEMPT,
-    one_of("stage", Stage),
-    within("distance_mm", 0, MAX_MM),
-    *(
-        within(name, -MAX_MM_S, MAX_MM_S, unknown=True)
-        for name in ("mean_mm_s", "first_half_mm_s", "second_half_mm_s")
-    ),
-    within("tracker_lost_s", 0, MAX_MM),
-    within("contact_share", 0, 1),
-    one_of("correct", (-1, 0, 1)),
-)
 
 
 Floats = NDArray[np.float64]
@@ -300,20 +241,28 @@ def _lone(tare_g: Floats) -> NDArray[np.int64]:
 
 
 EDGE_BITS = 0b1111
-FINGER_FLAGS = sum(SampleFlag)
 LINK_KIND = "link"
 """Kind of the event at which a board was lost or came back."""
 
 
 def check_values(part: PartReader) -> tuple[list[str], list[str]]:
-    """Return problems and notes on the values of a part, one line each."""
+    """Return problems and notes on the values of a part of the drum, one line each."""
+    rules = drum_rules(measured=part.header.rig != IMPORTED)
+    problems, notes = check_recorded(part, rules, EDGES, EDGE_BITS)
+    return [*problems, *_check_drum(part, notes)], notes
+
+
+def check_recorded(
+    part: PartReader, rules: Mapping[str, tuple[Rule, ...]], bits: str, known_bits: int
+) -> tuple[list[str], list[str]]:
+    """Return problems and notes on what the parts of all experiments hold.
+
+    ``rules``: those of each table's columns, by its path; ``bits``: the array whose values have no
+    bits but ``known_bits``.
+    """
     notes: list[str] = []
-    problems = [*_check_ranges(part, notes), *_check_samples(part), *_check_tables(part)]
-    if part.layout is FINGER_LAYOUT:
-        problems += _check_times(part, (TRACK, PREDICTIONS))
-    else:
-        problems += _check_drum(part, notes)
-    return problems, notes
+    samples = _check_samples(part, bits, known_bits)
+    return [*_check_ranges(part, notes), *samples, *_check_tables(part, rules)], notes
 
 
 def _check_ranges(part: PartReader, notes: list[str]) -> Iterator[str]:
@@ -326,14 +275,11 @@ def _check_ranges(part: PartReader, notes: list[str]) -> Iterator[str]:
             notes.append(f"the range of taxel {taxel} is the single reading {low}")
 
 
-def _check_samples(part: PartReader) -> Iterator[str]:
+def _check_samples(part: PartReader, bits: str, known_bits: int) -> Iterator[str]:
     n, highest = part.n_samples, part.header.highest_reading
     if highest < np.iinfo(np.uint16).max:
         yield from _check_highest(part, SAMPLES, highest, "above the converter's highest reading")
-    if part.layout is FINGER_LAYOUT:
-        yield from _check_highest(part, FLAGS, FINGER_FLAGS, "has bits without a meaning")
-    else:
-        yield from _check_highest(part, EDGES, EDGE_BITS, "has bits without a meaning")
+    yield from _check_highest(part, bits, known_bits, "has bits without a meaning")
     if n and int(part.read(COUNTER, 0, 1)[0]) < 0:
         yield f"{COUNTER} begins below 0"
 
@@ -347,16 +293,15 @@ def _check_highest(part: PartReader, path: str, highest: int, words: str) -> Ite
             return
 
 
-def _check_tables(part: PartReader) -> Iterator[str]:
+def _check_tables(part: PartReader, rules: Mapping[str, tuple[Rule, ...]]) -> Iterator[str]:
     measured = part.header.rig != IMPORTED
-    rules = finger_rules() if part.layout is FINGER_LAYOUT else drum_rules(measured)
     for table in part.layout.tables:
         rows = part.rows(table)
         if table is part.layout.trials:
             rows = _written(part, rows)
             yield from _check_means(rows, measured)
         yield from check_rules(table.path, rows, rules[table.path])
-    yield from _check_times(part, (layout.EVENTS,))
+    yield from check_times(part, layout.EVENTS)
 
 
 def _written(part: PartReader, trials: StructuredArray) -> StructuredArray:
@@ -379,7 +324,8 @@ def _check_means(trials: StructuredArray, measured: bool) -> Iterator[str]:
                 )
 
 
-def _check_times(part: PartReader, tables: tuple[TableLayout, ...]) -> Iterator[str]:
+def check_times(part: PartReader, *tables: TableLayout) -> Iterator[str]:
+    """Check that the loop times of tables ascend."""
     for table in tables:
         yield from check_ascent(f"at_s of {table.path}", part.rows(table)["at_s"])
 

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from rigctl.analysis import published
-from rigctl.analysis.finger.published import FINGER_TASKS
 from rigctl.analysis.statistics import wilson_interval
 from rigctl.cli import create_parser, main
+from rigctl.finger.published import FINGER_TASKS
 from tests.architecture.imports import CHECKOUT
 
 PAPER = "docs/explanation/paper.md"
@@ -65,7 +65,7 @@ def test_the_paper_page_names_files_of_both_experiments() -> None:
     for room in (
         "rigctl/encoder",
         "rigctl/analysis/published",
-        "rigctl/analysis/finger",
+        "rigctl/finger/analysis",
         "arduino",
     ):
         assert any(name.startswith(room) for name in named), room

@@ -7,8 +7,9 @@ heartbeat  after 250 ms without a heartbeat nothing presses; the drive is off af
            contact has ended by then, and after the longest lift in any case
 stop       while the emergency stop is pressed nothing drives or turns, and the state allows neither
 lift       a lift that ends without a command has ended contact, also with a broken potentiometer,
-           and with a broken upper switch beside a potentiometer; not where the potentiometer was
-           set as reversed, because then the actuator seems to be, and everything goes off
+           and with a broken upper switch beside a potentiometer; not where the potentiometer or
+           the load cell was set as reversed, because then the actuator seems to be, and
+           everything goes off
 guard      settings that determine the meaning of a force change only at rest and without contact
 bounds     the board accepts no value that the register table forbids
 tare       the board accepts no plain tare during contact
@@ -100,7 +101,7 @@ class Judge:
         self._limit, self._is_commissioned = limit, is_commissioned
         self._is_balanced = is_balanced
         self._circuit, self._is_whole, self._least_gain = AS_DRAWN, True, 1.0
-        self._zero_is_blind = self._position_is_wrong = self._position_lied = False
+        self._zero_is_blind = self._seems_reversed = self._position_lied = False
         self._place_is_kept = self._place_is_known = False
         self._cell_changes, self._finger_was_felt, self._contact_is_blind = 0, False, False
         self._only_position_broke = self._only_upper_end_broke = self._has_position = True
@@ -271,7 +272,7 @@ class Judge:
             self._lifting_ms = span.start_ms
         if self._stop_since_ms is not None or LIFT_STATES.get(self._state) is not state:
             return
-        if self._position_is_wrong or not (self._is_whole or self._lifts_by_others(state)):
+        if self._seems_reversed or not (self._is_whole or self._lifts_by_others(state)):
             return
         # An emergency stop that was configured before ends a lift all the same.
         if self._button_ms >= self._lifting_ms:
@@ -296,6 +297,8 @@ class Judge:
         if register.name == "over_force":
             self._highest_g = max(self._highest_g, after * 0.1)
             self._set_limit()
+        if register.name == "scale_ug_per_count" and after < 0:
+            self._seems_reversed = True
         if register.name in BOUND_SETTINGS and before != after:
             self._place_is_kept = self._place_is_known = False
         if register.address in WIRES:
@@ -307,7 +310,7 @@ class Judge:
 
     def _check_wires(self, register: Register, after: int, changed: bool) -> None:
         if register.name == "signal_polarity" and after & POSITION_BIT:
-            self._position_is_wrong = True
+            self._seems_reversed = True
         if register.name == "optional_signals" and not after & POSITION_BIT:
             self._has_position = False
         normal = after & ESTOP_BIT == (register.name == "optional_signals")

@@ -76,7 +76,7 @@ def test_the_flat_plates_have_the_papers_size(folder: Path) -> None:
 
 
 def test_a_label_is_cut_into_the_back() -> None:
-    plate = plate_solids.flat_plate(CATALOGUE["A"], NOMINAL).rotate((90.0, 0.0, 0.0))
+    plate = plate_solids.flat_plate(CATALOGUE["A"], NOMINAL, 300.0).rotate((90.0, 0.0, 0.0))
     whole_mm2 = plate.slice(-1.0).area()
     assert whole_mm2 == pytest.approx(300 * 36)
     assert plate.slice(plate_solids.LABEL_DEPTH_MM / 2 - BACK_MM).area() < whole_mm2 - 20

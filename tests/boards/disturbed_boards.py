@@ -14,8 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.boards.drum_registers import BOARD_TAXELS, MAGIC
-from rigctl.boards.finger_decoder import FingerDecoder
-from rigctl.boards.finger_messages import BOARD_FINGER, DATA_TYPE
 from rigctl.boards.taxel_frames import (
     WIRE_VERSION,
     FrameDecoder,
@@ -24,6 +22,8 @@ from rigctl.boards.taxel_frames import (
     frame,
     frame_bytes,
 )
+from rigctl.finger.board_messages import BOARD_FINGER, DATA_TYPE
+from rigctl.finger.decoder import FingerDecoder
 from tests.boards import taxel_encoder
 from tests.boards.disturbance import Disturbance, cut
 

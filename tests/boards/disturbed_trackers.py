@@ -8,8 +8,8 @@ from operator import xor
 import numpy as np
 
 from rigctl.boards.links import OnBytes, OnLost
-from rigctl.boards.trackers.imu_tracker import ImuIntegrator, ImuTracker
-from rigctl.boards.trackers.streaming_tracker import (
+from rigctl.finger.trackers.imu import ImuIntegrator, ImuTracker
+from rigctl.finger.trackers.streaming import (
     LOOPBACK,
     SerialTracker,
     StreamingTracker,

@@ -17,17 +17,17 @@ import pytest
 
 from rigctl.boards import boot_silence, taxel_frames
 from rigctl.boards import drum as drum_module
-from rigctl.boards import finger as finger_module
 from rigctl.boards import taxels as taxels_module
 from rigctl.boards.port_discovery import find_boards, probe_ports
 from rigctl.cli import create_parser
 from rigctl.cli import ports as ports_command
 from rigctl.errors import ConfigError, LinkLost, WrongBoard, WrongUse
+from rigctl.finger import driver as finger_module
 from rigctl.rig import open_rig
 from tests.boards import taxel_encoder
-from tests.boards.finger_board import FirmwareBoard
 from tests.boards.memory_link import RegisterBoard
 from tests.boards.test_taxels import StreamingBoard
+from tests.finger.board import FirmwareBoard
 
 
 def ports_cli(argv: list[str]) -> int:

@@ -373,7 +373,7 @@ class TestCrashes:
         assert crash.state is ATTENTION and str(left) in crash.sentence
 
     def test_the_reports_of_the_window_are_looked_for_where_it_writes_them(self) -> None:
-        from gui.shell.crash_reports import REPORTS
+        from gui.shell.help_page import REPORTS
         from gui.shell.user_settings import UserSettings
 
         folder = UserSettings.of_user().folder / REPORTS

@@ -12,7 +12,7 @@ import pytest
 from rigctl.cli import main
 from rigctl.cli.watch import NOTHING_YET, Look, looks
 from rigctl.errors import SessionError
-from rigctl.session.finger_session import FingerSession
+from rigctl.finger.session import FingerSession
 from rigctl.session.session import Session
 from tests.engine.engine_harness import TINY, EngineHarness, open_harness
 from tests.finger.harness import SMALL, FingerHarness, open_finger_harness

@@ -8,8 +8,9 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any
 
-from rigctl.config.rig_config import FingerConfig, RigConfig
-from rigctl.protocol.finger_plan import ScanQuality, StageRepeats
+from rigctl.config.rig_config import RigConfig
+from rigctl.finger.config import FingerConfig
+from rigctl.finger.plan import ScanQuality, StageRepeats
 
 
 def section(name: str, kind: type[Any]) -> str:

@@ -6,7 +6,7 @@ import pytest
 
 from rigctl.config.text_file import name_problem
 from rigctl.errors import ProtocolError
-from rigctl.protocol.finger_plan import parse_finger_protocol
+from rigctl.finger.plan import parse_finger_protocol
 from rigctl.protocol.loader import parse_protocol
 
 TRIALS = "speeds_mm_s = [40]\nforces_g = [250]\n"

@@ -23,7 +23,7 @@ from tests.encoder.other_registers import digest
 TESTS = (
     "tests/encoder/test_encoder.py",
     "tests/encoder/test_scaled_time.py",
-    "tests/bench/finger/test_virtual_finger.py",
+    "tests/finger/bench/test_virtual.py",
 )
 """Their tests with the mark compare to the bit what was computed in two ways."""
 CACHES = Path(__file__).parents[2] / "build" / "numba"

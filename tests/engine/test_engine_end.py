@@ -18,8 +18,9 @@ from rigctl.engine.rpc.client import (
     EngineClient,
     EngineRefusal,
 )
-from rigctl.engine.rpc.engine_files import DRUM_EXPERIMENT, FINGER_EXPERIMENT, FOLDER_VARIABLE
+from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE
 from rigctl.engine.rpc.server import open_listener
+from rigctl.experiments import DRUM_EXPERIMENT, FINGER_EXPERIMENT
 from tests.engine.engine_harness import open_harness
 from tests.engine.served_harness import ServedHarness
 from tests.finger.harness import open_finger_harness

@@ -169,7 +169,10 @@ def two_forms(folder: Path) -> list[Path]:
     ("write", "words"),
     [
         (two_kinds, "a.csv and b.npy are of two kinds: guess a map for each kind"),
-        (two_headers, "silk_2.csv has the columns t, b (2), but silk_1.csv has the columns t, a"),
+        (
+            two_headers,
+            "2 layouts: 1 with the columns t, a (2), such as silk_1.csv; 1 with",
+        ),
         (two_depths, "are not at the same depth of folders: guess a map for each"),
         (two_forms, "silk_1.csv and silk_20mms_2.csv are names of two forms: guess a map for each"),
     ],

@@ -8,8 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.finger.finger_models import calibrate_models, train_models
+from rigctl.finger.models import calibrate_models, train_models
+from tests.boards.conftest import loop
 from tests.finger.harness import FingerHarness, open_finger_harness
+from tests.session.conftest import drum, finger, recorded, session
+
+__all__ = ["drum", "finger", "loop", "recorded", "session"]  # fixtures of the rooms below
 
 MADE_UTC = "2026-01-02T03:04:05+00:00"
 

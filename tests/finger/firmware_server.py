@@ -12,9 +12,9 @@ import numpy as np
 
 from rigctl.bench.boards.taxels import TaxelFirmware
 from rigctl.boards.drum_registers import MAGIC
-from rigctl.boards.finger_messages import BATCH_SAMPLES, BOARD_FINGER, WIRE_VERSION
-from rigctl.boards.finger_messages import N_TAXELS as FINGER_TAXELS
 from rigctl.boards.taxel_frames import frame
+from rigctl.finger.board_messages import BATCH_SAMPLES, BOARD_FINGER, WIRE_VERSION
+from rigctl.finger.board_messages import N_TAXELS as FINGER_TAXELS
 
 TICK_S = 0.01
 IDENTITY_TYPE = 0x30

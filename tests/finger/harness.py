@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rigctl.engine.rpc.commands import RequestHandler
-from rigctl.finger.finger_commands import FingerCommands
-from rigctl.finger.finger_engine import FingerEngine
-from rigctl.finger.finger_rig import FingerRig
-from rigctl.finger.finger_run import FingerRun
-from rigctl.finger.finger_run_request import FingerRunRequest
+from rigctl.finger.commands import FingerCommands
+from rigctl.finger.engine import FingerEngine
 from rigctl.finger.live_file import FingerLiveWriter
-from rigctl.finger_rig import open_finger_rig
-from rigctl.session.finger_session import FingerSession
+from rigctl.finger.open_rig import open_finger_rig
+from rigctl.finger.rig import FingerRig
+from rigctl.finger.run import FingerRun
+from rigctl.finger.run_request import FingerRunRequest
+from rigctl.finger.session import FingerSession
 from tests.engine.served_harness import ServedHarness
 
 SMALL = """

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from rigctl import host_build
-from rigctl.analysis.finger.classifier import FingerClassifier, centred_stages
-from rigctl.analysis.finger.scans import ScanKind, read_scans
 from rigctl.analysis.pca_lda import log_posteriors
-from rigctl.bench.boards.finger_firmware import FingerFirmware
-from rigctl.boards import finger_messages
-from rigctl.boards.finger_decoder import FingerDecoder
-from rigctl.boards.finger_messages import BoardPrediction
 from rigctl.cli import main
-from rigctl.finger_values import Stage
-from rigctl.session.finger_model_file import FingerModel, load_finger_model
-from rigctl.session.finger_session import FingerSession
+from rigctl.finger import board_messages
+from rigctl.finger.analysis.classifier import FingerClassifier, centred_stages
+from rigctl.finger.analysis.scans import ScanKind, read_scans
+from rigctl.finger.bench.firmware import FingerFirmware
+from rigctl.finger.board_messages import BoardPrediction
+from rigctl.finger.decoder import FingerDecoder
+from rigctl.finger.model_file import FingerModel, load_finger_model
+from rigctl.finger.session import FingerSession
+from rigctl.finger.values import Stage
 from tests.finger.conftest import Trained
 from tests.firmware.finger.scans import SyntheticScan, through_host_build
 
@@ -40,7 +40,7 @@ def board_answers(
     library = host_build.build("finger", folder / "finger.so", [f'FINGER_MODEL="{header}"'])
     ranges = model.normalisation
     board = FingerFirmware(library)
-    settings = finger_messages.set_ranges(ranges.low.tolist(), ranges.high.tolist())
+    settings = board_messages.set_ranges(ranges.low.tolist(), ranges.high.tolist())
     _, decoded = FingerDecoder().feed(through_host_build(scans, board, settings))
     board.close()
     return [message for message in decoded if isinstance(message, BoardPrediction)]

@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
-from rigctl.boards.finger_messages import BatchReport, VelocitySource, WindowReport
-from rigctl.boards.trackers.velocity import BatchVelocity, EstimateSource
 from rigctl.engine.event_bus import EventBus
+from rigctl.finger.board_messages import BatchReport, VelocitySource, WindowReport
 from rigctl.finger.latency import LatencyLog
 from rigctl.finger.scan_in_progress import ScanData, SentVelocity
 from rigctl.finger.scan_recording import ScanOutput
-from rigctl.finger_values import LatencyRow
+from rigctl.finger.trackers.velocity import BatchVelocity, EstimateSource
+from rigctl.finger.values import LatencyRow
 
 
 class _Recorder:

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rigctl.boards.finger_messages import BatchReport, VelocitySource, WindowReport
-from rigctl.boards.trackers.velocity import BatchVelocity, EstimateSource
+from rigctl.finger.board_messages import BatchReport, VelocitySource, WindowReport
+from rigctl.finger.plan import ScanQuality
 from rigctl.finger.scan_in_progress import ScanData, SentVelocity
 from rigctl.finger.scan_quality import judge_scan, measure_scan
 from rigctl.finger.slide_detector import ContactMeter
-from rigctl.finger_values import FingerTrial, Stage, VelocityProfile
-from rigctl.protocol.finger_plan import ScanQuality
+from rigctl.finger.trackers.velocity import BatchVelocity, EstimateSource
+from rigctl.finger.values import FingerTrial, Stage, VelocityProfile
 
 SLOW_UM_S, MEDIUM_UM_S, FAST_UM_S = 50_000, 100_000, 200_000
 NO_SPIKES = (0,) * 9

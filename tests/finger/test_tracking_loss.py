@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.finger.finger_devices import TrackingLoss
+from rigctl.finger.devices import TrackingLoss
 from rigctl.values import Position
 
 

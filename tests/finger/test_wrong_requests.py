@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from rigctl.bench.finger.virtual_finger import FingerFaults
-from rigctl.finger.finger_commands import FingerCommands
+from rigctl.finger.bench.virtual import FingerFaults
+from rigctl.finger.commands import FingerCommands
 from tests.engine.rpc.wrong_requests import Attacker, declared, wrong_requests
 from tests.finger.harness import ONE_SCAN, FingerHarness, until_ended
 

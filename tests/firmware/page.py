@@ -12,6 +12,7 @@ import json
 import sys
 from collections.abc import Iterable
 from itertools import groupby
+from math import isinf
 from pathlib import Path
 from typing import Any
 
@@ -164,6 +165,8 @@ def amount(value: float, name: str, unit: str) -> str:
     """Format a value with its unit, and a share as percent."""
     if name in SHARES or (name.startswith(SHARE_FAMILIES) and unit == ""):
         return f"{value:.2%}".replace("%", " %")
+    if isinf(value):
+        return "never"
     number = f"{value:,.4g}" if isinstance(value, float) and abs(value) < 1000 else f"{value:,.0f}"
     return f"{number} {unit}".rstrip()
 
@@ -177,7 +180,8 @@ def force_map(rows: Iterable[Row]) -> str:
     for name, r in ((name, found[name]) for name in PLANTS if name in found):
         worst = r["note"].rsplit("; build/", 1)[0]
         grid = " | ".join(" ".join(r["cells"][force]) for force in forces)
-        lines.append(f"| {name} | {r['value']:.2f} | {grid} | {worst} |\n")
+        settles_in = "never" if isinf(r["value"]) else f"{r['value']:.2f}"
+        lines.append(f"| {name} | {settles_in} | {grid} | {worst} |\n")
     return head + "".join(lines)
 
 

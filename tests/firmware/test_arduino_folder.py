@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.boards.finger_messages import model_header
 from rigctl.boards.flash import write_sketches
 from rigctl.boards.taxel_frames import input_name, line_name
 from rigctl.config.resources import checkout
 from rigctl.config.rig_config import TaxelArray
 from rigctl.errors import WrongUse
+from rigctl.finger.board_messages import model_header
 from rigctl.values import DRAWN_WIRING
 from tests.firmware.building import built
 

@@ -20,7 +20,7 @@ from typing import Any
 from rigctl.engine.drum_commands import DrumCommands
 from rigctl.engine.rpc.messages import decode_request, encode_message
 from rigctl.errors import RigctlError
-from rigctl.finger.finger_commands import FingerCommands
+from rigctl.finger.commands import FingerCommands
 from tests.engine.engine_harness import EngineHarness, open_harness
 from tests.finger.harness import FingerHarness, open_finger_harness
 from tests.fuzz.guard import SENTENCE_LETTERS, Attempt, Finding, TooLong, raise_too_long

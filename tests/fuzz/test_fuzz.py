@@ -11,7 +11,7 @@ from random import Random
 import pytest
 
 from rigctl.engine.drum_commands import DrumCommands
-from rigctl.finger.finger_commands import FingerCommands
+from rigctl.finger.commands import FingerCommands
 from tests.fuzz.campaign import Campaign
 from tests.fuzz.kinds.every_kind import KINDS
 from tests.fuzz.requests import DRUM, FINGER, Requests

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QGraphicsView
 from shiboken6 import delete
 
+from gui.analysis.worker import WORKER_THREAD
 from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE
 from tests.gui.fake_engine import FakeEngine
 from tests.gui.fake_finger import FakeFinger
@@ -21,6 +23,25 @@ def own_engines(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(FOLDER_VARIABLE, str(tmp_path_factory.mktemp("runtime")))
         yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def no_plot_outlives_qt(own_engines: None) -> Iterator[None]:
+    """Delete the plots that tests made: left to Qt's end, they crash the process.
+
+    Qt's end takes objects in any order, and a scene whose items have gone crashes. Python's
+    collector leaves a plot that has a connection to a function of its own.
+    """
+    yield
+    for plots in [w for w in QApplication.topLevelWidgets() if w.findChild(QGraphicsView)]:
+        delete(plots)
+
+
+@pytest.fixture(autouse=True)
+def workers_rest() -> Iterator[None]:
+    """Let worker processes finish what a test has asked of them: a thread waits for the answer."""
+    yield
+    wait_until(lambda: not any(t.name == WORKER_THREAD for t in threading.enumerate()), 120_000)
 
 
 @pytest.fixture
@@ -61,6 +82,14 @@ def harness(disconnected: SharedWindow, engine: FakeEngine) -> Iterator[Harness]
     window.engine_link.close()
     window.engine_link.wait_closed()
     assert engine.is_closed
+
+
+@pytest.fixture
+def leave_nothing(harness: Harness) -> Iterator[None]:
+    """Leave no session and no long sentence in the window that the tests share."""
+    yield
+    harness.window.analysis_tab.panel.show_unopened("No session is open.")
+    harness.window.status_line.clear()
 
 
 @pytest.fixture

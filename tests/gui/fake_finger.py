@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.boards.finger_decoder import FingerBlock
-from rigctl.boards.finger_messages import SampleFlag
-from rigctl.boards.trackers.plate_frame import PlatePosition
+from rigctl.finger.board_messages import SampleFlag
+from rigctl.finger.decoder import FingerBlock
 from rigctl.finger.live_file import FingerLiveWriter
+from rigctl.finger.trackers.plate_frame import PlatePosition
 from tests.gui.fake_engine import FakeClient
 
 TEXTURES = ("A", "B", "D", "L", "N")

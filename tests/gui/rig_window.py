@@ -12,7 +12,7 @@ import pytest
 from PySide6.QtWidgets import QApplication
 from shiboken6 import delete
 
-from gui.operate.bring_up import READY
+from gui.operate.operate_panel import READY
 from gui.shell.main_window import MainWindow
 from rigctl.boards.drum_states import State
 from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE

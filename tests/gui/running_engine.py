@@ -1,20 +1,23 @@
-"""A real engine with a protocol that runs for long, started by another client than the window."""
+"""Protocols for real engines, and one that runs for long, started by another client."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 from rigctl.engine.rpc.client import EngineClient
 from tests.waiting import until
 
-LONG = """
-name = "long"
-textures = ["A"]
-speeds_mm_s = [40]
-forces_g = [500]
-repeats = 500
-"""
+
+def ridges(name: str, repeats: int, *, texture: str = "D", speed_mm_s: float = 120) -> str:
+    """Return a protocol of one plate, pressed with 500 g."""
+    keys = {"name": name, "textures": [texture], "speeds_mm_s": [speed_mm_s], "forces_g": [500]}
+    lines = [f"{key} = {json.dumps(value)}" for key, value in keys.items()]
+    return "\n".join([*lines, f"repeats = {repeats}", ""])
+
+
+LONG = ridges("long", 500, texture="A", speed_mm_s=40)
 
 
 def start_protocol(folder: Path) -> EngineClient:

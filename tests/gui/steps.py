@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from PySide6.QtCore import QPoint, QPointF, Qt
@@ -10,6 +11,7 @@ from PySide6.QtGui import QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QPushButton, QWidget
 
+from gui.analysis.export import ExportButton
 from gui.finger.finger_tab import FingerTab
 from gui.link.engine_link import FingerEngineSpec
 from gui.shell.main_window import MainWindow
@@ -88,6 +90,16 @@ def wait_until(done: Callable[[], bool], timeout_ms: int = TIMEOUT_MS) -> None:
             return
         QTest.qWait(_POLL_MS)
     raise AssertionError(f"the condition is not true after {timeout_ms} ms")
+
+
+def save_page(harness: Harness, button: ExportButton, suffix: str) -> Path:
+    """Save the page that a button is on; return the file that the log names."""
+    log = harness.window.event_log
+    n_before = len(log.toPlainText())
+    actions = {action.text(): action for action in button.formats.actions()}
+    actions[suffix.upper()].trigger()
+    wait_until(lambda: f".{suffix}" in log.toPlainText()[n_before:])
+    return Path(log.toPlainText()[n_before:].partition("saved ")[2].partition("\n")[0])
 
 
 def click(button: QPushButton) -> None:

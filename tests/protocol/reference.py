@@ -9,8 +9,8 @@ from collections.abc import Iterable, Iterator
 
 from rigctl.config.rig_config import RigConfig
 from rigctl.config.toml_reader import TomlField
+from rigctl.finger.plan import ORDER_GROUP, SCANS_GROUP
 from rigctl.protocol.fields import STEP_KINDS, field_groups, step_fields
-from rigctl.protocol.finger_plan import ORDER_GROUP, SCANS_GROUP
 
 HEADER = "| key | default | unit | range | meaning |\n|---|---|---|---|---|"
 

@@ -7,7 +7,7 @@ import tracemalloc
 import pytest
 
 from rigctl.errors import ProtocolError, WrongUse
-from rigctl.protocol.finger_plan import parse_finger_protocol
+from rigctl.finger.plan import parse_finger_protocol
 from rigctl.protocol.loader import parse_protocol
 
 TRIALS = "speeds_mm_s = [40]\nforces_g = [250]\n"

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.session import building, finger_building
+from tests.finger import finger_building
+from tests.session import building
 from tests.session.block_session import record_in_blocks
 
 

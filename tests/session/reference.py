@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from rigctl.finger.layout import FINGER_LAYOUT
 from rigctl.session import layout
-from rigctl.session.finger_layout import FINGER_LAYOUT
 from rigctl.session.layout import DRUM_LAYOUT
 
 LAYOUTS = (DRUM_LAYOUT, FINGER_LAYOUT)

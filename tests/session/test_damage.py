@@ -8,15 +8,16 @@ import h5py
 import numpy as np
 import pytest
 
-from rigctl.analysis.finger.scans import read_scans
 from rigctl.analysis.trial_set import join_sessions
+from rigctl.finger.analysis.scans import read_scans
+from rigctl.finger.session import FingerSession
 from rigctl.session.digests import PartDamage, RowRange, check_digests, damaged_trials
-from rigctl.session.finger_session import FingerSession
 from rigctl.session.hdf5_file import text_scalar
 from rigctl.session.layout import SAMPLES, TRIALS
 from rigctl.session.part import PartReader
 from rigctl.session.session import Session
-from tests.session import building, finger_building
+from tests.finger import finger_building
+from tests.session import building
 from tests.session.building import SyntheticRig, plan
 
 

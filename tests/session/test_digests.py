@@ -16,7 +16,8 @@ from rigctl.session.layout import DIGESTS, SessionOutcome
 from rigctl.session.recorder import Recorder
 from rigctl.session.session import Session
 from rigctl.session.session_reader import read_closing_digest
-from tests.session import building, finger_building
+from tests.finger import finger_building
+from tests.session import building
 from tests.session.building import PROTOCOL, RIG, SyntheticRig, header, plan
 
 

@@ -17,14 +17,14 @@ import pytest
 from rigctl.analysis.trial_set import join_sessions
 from rigctl.cli import main
 from rigctl.errors import SessionError
-from rigctl.session.finger_session import FingerSession
+from rigctl.finger.session import FingerSession
 from rigctl.session.hdf5_file import write_attributes
 from rigctl.session.layout import part_name, part_number
 from rigctl.session.recorder import Recorder
 from rigctl.session.session import Session, open_session
 from rigctl.session.summary import summarise_session
 from rigctl.session.verify import verify
-from tests.session import finger_building
+from tests.finger import finger_building
 from tests.session.building import PROTOCOL, RIG, SyntheticRig, header, plan
 from tests.session.damage import kill_while_recording, record_four_parts, truncate, zero
 

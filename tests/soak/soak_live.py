@@ -127,7 +127,7 @@ def test_an_hour_of_streaming_grows_nothing(
     shared.window.show()
     shared.window.connect_rig("virtual")
     wait_until(lambda: shared.window.engine_link.live is not None)
-    shared.window.live_page.toggle_sweeps()
+    shared.window.live_page.toggle_alignment()
     rig = Streaming(shared, engine, tmp_path / "session")
     mib: dict[int, float] = {}
     for minute in range(1, MINUTES + 1):

@@ -8,11 +8,11 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from rigctl.bench.finger.virtual_finger import FingerFaults
 from rigctl.bench.simulated_rig import FaultInjection
 from rigctl.engine.drum_commands import DrumCommands
 from rigctl.engine.engine_commands import EngineCommands
-from rigctl.finger.finger_commands import FingerCommands
+from rigctl.finger.bench.virtual import FingerFaults
+from rigctl.finger.commands import FingerCommands
 from tests.engine.engine_harness import EngineHarness, open_harness
 from tests.engine.rpc.wrong_requests import Attacker, declared, mutated, wrong_requests
 from tests.finger.harness import FingerHarness, open_finger_harness

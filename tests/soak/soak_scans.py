@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rigctl.bench.boards.finger_firmware import FingerFirmware
+from rigctl.finger.bench.firmware import FingerFirmware
 from tests.finger.harness import ONE_SCAN, open_finger_harness, open_finger_session
 from tests.firmware.building import built
 from tests.firmware.finger.scans import (

@@ -1,4 +1,4 @@
-// Inputs and outputs of the virtual finger board; rigctl/bench/boards/finger_firmware.py
+// Inputs and outputs of the virtual finger board; rigctl/finger/bench/firmware.py
 // mirrors this struct and checks its size when it loads the library.
 #ifndef HOST_FINGER_IO_H
 #define HOST_FINGER_IO_H

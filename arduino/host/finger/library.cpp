@@ -1,4 +1,4 @@
-// C functions of the virtual finger board, for rigctl/bench/boards/finger_firmware.py.
+// C functions of the virtual finger board, for rigctl/finger/bench/firmware.py.
 #include "../export.h"
 #include "finger_board.h"
 

@@ -28,7 +28,6 @@ import msgspec
 from rigctl import __version__
 from rigctl.engine.live_file import LiveReader
 from rigctl.engine.rpc.engine_files import (
-    DRUM_EXPERIMENT,
     LOG,
     EngineFile,
     connecting_socket,
@@ -48,6 +47,7 @@ from rigctl.engine.rpc.messages import (
     engine_message,
 )
 from rigctl.errors import LinkLost, RigctlError, RigFault, WrongUse
+from rigctl.experiments import DRUM_EXPERIMENT
 
 COMPILE_TIMEOUT_S = 600.0
 """An engine's first start after an update compiles, on a busy machine for minutes; an engine that

@@ -28,9 +28,8 @@ from msgspec import Meta
 from rigctl import __version__
 from rigctl.config.text_file import is_plain_file
 from rigctl.errors import WrongUse
+from rigctl.experiments import DRUM_EXPERIMENT
 
-DRUM_EXPERIMENT, FINGER_EXPERIMENT = "drum", "finger"
-"""What an engine runs: clients of one experiment do not join the other's engine."""
 LOOPBACK = "127.0.0.1"
 
 _PROBE_TIMEOUT_S = 0.5

@@ -21,8 +21,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
 from shiboken6 import delete
 
-from gui.analysis.open_sessions import block_extremes
-from gui.analysis.replay_tasks import replay_trial
+from gui.analysis.open_sessions import block_extremes, replay_trial
 from gui.analysis.results import AnalysisResults, plot_page
 from gui.analysis.task_values import TrialCourse, TrialData
 from gui.shell.main_window import MainWindow
@@ -105,7 +104,7 @@ class StopScenes:
         wider = {name: px + 80 for name, px in widths_px.items()}
         yield "docks", lambda: window.docks.set_side_widths(wider)
         yield "panel Protocol", lambda: window.show_panel("protocol")
-        yield "trials and notes", lambda: window.protocol_panel.page.opened.emit(self._session)
+        yield "trials and notes", lambda: window.protocol_panel.page.open_session(self._session)
         yield "panel Analysis", lambda: window.show_panel("analysis")
         tab.panel.folder.setText(self._session)
         yield "a session of 24,000 trials", tab.panel.open_button.click

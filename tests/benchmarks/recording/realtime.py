@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from rigctl.analysis.finger.classifier import FingerClassifier
-from rigctl.analysis.finger.scans import RecordedScans, read_scans
 from rigctl.encoder.encoder import Encoder
 from rigctl.encoder.scaled_time import first_windows, scale_windows
-from rigctl.finger.finger_models import calibrate_models, train_models
-from rigctl.finger_values import Stage
-from rigctl.session.finger_model_file import load_finger_model
+from rigctl.finger.analysis.classifier import FingerClassifier
+from rigctl.finger.analysis.scans import RecordedScans, read_scans
+from rigctl.finger.model_file import load_finger_model
+from rigctl.finger.models import calibrate_models, train_models
+from rigctl.finger.values import Stage
 from tests.finger.harness import (
     FingerHarness,
     open_finger_harness,

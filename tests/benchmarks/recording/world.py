@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.bench.clock import SimulatedTimeLoop
-from rigctl.bench.finger.virtual_finger import open_virtual_finger
-from rigctl.boards import finger_messages
 from rigctl.config.resources import find_protocol
-from rigctl.finger_values import TEXTURES, VelocityProfile
+from rigctl.finger import board_messages
+from rigctl.finger.bench.virtual import open_virtual_finger
+from rigctl.finger.values import TEXTURES, VelocityProfile
 from tests.engine.engine_harness import open_harness
 
 SEED = 1
@@ -65,12 +65,12 @@ def finger_factor() -> float:
     async def slide(texture: str, profile: VelocityProfile) -> None:
         scan, batch = rig.next_slide, 0
         rig.slide(texture, profile)
-        rig.finger.write(finger_messages.start(scan))
+        rig.finger.write(board_messages.start(scan))
         while rig.sliding:
             await asyncio.sleep(VELOCITY_S)
-            rig.finger.write(finger_messages.velocity(scan, batch, 100_000))
+            rig.finger.write(board_messages.velocity(scan, batch, 100_000))
             batch += 1
-        rig.finger.write(finger_messages.stop(scan))
+        rig.finger.write(board_messages.stop(scan))
         await asyncio.sleep(IDLE_S)
 
     loop = SimulatedTimeLoop(rig)

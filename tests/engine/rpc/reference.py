@@ -21,7 +21,6 @@ from msgspec.inspect import (
     type_info,
 )
 
-from rigctl.bench.finger.virtual_finger import FingerFaults
 from rigctl.bench.simulated_rig import FaultInjection
 from rigctl.engine.drum_commands import DrumCommands
 from rigctl.engine.rpc.commands import (
@@ -31,7 +30,8 @@ from rigctl.engine.rpc.commands import (
     summary_of,
 )
 from rigctl.engine.rpc.server import ClientCommands
-from rigctl.finger.finger_commands import FingerCommands
+from rigctl.finger.bench.virtual import FingerFaults
+from rigctl.finger.commands import FingerCommands
 
 HEAD = ["| command | arguments | what it does |", "|---|---|---|"]
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.bench.boards.finger_firmware import FingerFirmware
 from rigctl.bench.chips.qemu import InstructionCount, Line, Script, run_script
-from rigctl.boards import finger_messages
-from rigctl.boards.finger_decoder import FingerBlock, FingerDecoder
-from rigctl.boards.finger_messages import BATCH_SAMPLES, N_TAXELS, SampleFlag, WindowReport
 from rigctl.encoder.encoder import Encoder
 from rigctl.encoder.normalisation import Normalisation
+from rigctl.finger import board_messages
+from rigctl.finger.bench.firmware import FingerFirmware
+from rigctl.finger.board_messages import BATCH_SAMPLES, N_TAXELS, SampleFlag, WindowReport
+from rigctl.finger.decoder import FingerBlock, FingerDecoder
 
 LOW = tuple(range(40, 40 + N_TAXELS))
 HIGH = tuple(range(700, 700 + N_TAXELS))
@@ -25,7 +25,7 @@ PROFILES = {
     "fast-to-slow": (200, 50),
 }
 """Velocities in mm/s at the start and at the end of the scan."""
-SETTINGS = finger_messages.set_ranges(LOW, HIGH) + finger_messages.read_settings()
+SETTINGS = board_messages.set_ranges(LOW, HIGH) + board_messages.read_settings()
 
 
 @dataclass(frozen=True)
@@ -61,15 +61,15 @@ def synthetic_scan(number: int, seed: int = 1) -> SyntheticScan:
 def steps(scan: SyntheticScan) -> list[tuple[Line, bytes]]:
     """Return what reaches the board in a scan: start, samples, velocities, stop."""
     whole = len(scan.readings) // BATCH_SAMPLES
-    done: list[tuple[Line, bytes]] = [(Line.HOST, finger_messages.start(scan.number))]
+    done: list[tuple[Line, bytes]] = [(Line.HOST, board_messages.start(scan.number))]
     for batch, velocity in enumerate(scan.velocities_um_per_s):
         rows = scan.readings[batch * BATCH_SAMPLES : (batch + 1) * BATCH_SAMPLES]
         done.append((Line.CONVERTER, rows.tobytes()))
         if batch == whole:  # the last, short one
-            done.append((Line.HOST, finger_messages.stop(scan.number)))
-        done.append((Line.HOST, finger_messages.velocity(scan.number, batch, velocity)))
+            done.append((Line.HOST, board_messages.stop(scan.number)))
+        done.append((Line.HOST, board_messages.velocity(scan.number, batch, velocity)))
     if len(scan.velocities_um_per_s) == whole:
-        done.append((Line.HOST, finger_messages.stop(scan.number)))
+        done.append((Line.HOST, board_messages.stop(scan.number)))
     return done
 
 

@@ -10,10 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 from rigctl import host_build
-from rigctl.bench.boards.finger_firmware import FingerFirmware
-from rigctl.boards import finger_messages
-from rigctl.boards.finger_decoder import FingerDecoder
-from rigctl.boards.finger_messages import (
+from rigctl.errors import WrongUse
+from rigctl.finger import board_messages
+from rigctl.finger.bench.firmware import FingerFirmware
+from rigctl.finger.board_messages import (
     N_FEATURES,
     N_TAXELS,
     N_WINDOWS,
@@ -25,7 +25,7 @@ from rigctl.boards.finger_messages import (
     WindowReport,
     model_header,
 )
-from rigctl.errors import WrongUse
+from rigctl.finger.decoder import FingerDecoder
 from tests.firmware.finger.scans import synthetic_scan, through_host_build
 
 Floats = NDArray[np.float64]
@@ -112,7 +112,7 @@ def test_a_calibrations_mean_replaces_the_training_mean(
 ) -> None:
     mean = model.mean + np.random.default_rng(6).uniform(-30, 30, N_FEATURES)
     requests = [
-        finger_messages.set_mean(window, row.tolist())
+        board_messages.set_mean(window, row.tolist())
         for window, row in enumerate(mean.reshape(N_TAXELS, N_WINDOWS).T)
     ]
     board = FingerFirmware(library)
@@ -124,7 +124,7 @@ def test_a_calibrations_mean_replaces_the_training_mean(
 def test_a_board_without_a_model_refuses_a_mean() -> None:
     board = FingerFirmware()
     board.boot(0)
-    board.receive(finger_messages.set_mean(0, [0.0] * N_TAXELS))
+    board.receive(board_messages.set_mean(0, [0.0] * N_TAXELS))
     _, decoded = FingerDecoder().feed(board.take_sent())
     assert decoded[-1] == Answer(RequestType.SET_MEAN, Result.NO_MODEL, 0)
     board.close()

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.bench.boards.finger_firmware import FingerFirmware
-from rigctl.boards.finger_decoder import FingerDecoder
+from rigctl.finger.bench.firmware import FingerFirmware
+from rigctl.finger.decoder import FingerDecoder
 from tests.firmware.broken import BROKEN
 from tests.firmware.building import host_library
 from tests.firmware.finger.scans import (

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from rigctl.bench.boards.finger_firmware import FingerFirmware
 from rigctl.bench.boards.taxels import TaxelFirmware
 from rigctl.bench.chips.qemu import FingerImage
-from rigctl.boards import finger_messages
-from rigctl.boards.finger_decoder import FingerDecoder
-from rigctl.boards.finger_messages import BATCH_SAMPLES, BatchReport, ScanEnded, VelocitySource
+from rigctl.finger import board_messages
+from rigctl.finger.bench.firmware import FingerFirmware
+from rigctl.finger.board_messages import BATCH_SAMPLES, BatchReport, ScanEnded, VelocitySource
+from rigctl.finger.decoder import FingerDecoder
 from tests.firmware.building import built
 from tests.firmware.finger.scans import SETTINGS, SyntheticScan, synthetic_scan
 
@@ -76,13 +76,13 @@ def test_a_scan_over_the_lines_equals_the_host_build(
     with FingerImage() as image:
         boards = TwoBuilds(host_build, image)
         boards.receive(SETTINGS)
-        boards.receive(finger_messages.start(scan.number))
+        boards.receive(board_messages.start(scan.number))
         for batch, piece in enumerate(taxel_frames(scan)):
             boards.receive_taxels(piece)
             if len(scan.readings) < (batch + 1) * BATCH_SAMPLES:
-                boards.receive(finger_messages.stop(scan.number))
+                boards.receive(board_messages.stop(scan.number))
             velocity = scan.velocities_um_per_s[batch]
-            boards.receive(finger_messages.velocity(scan.number, batch, velocity))
+            boards.receive(board_messages.velocity(scan.number, batch, velocity))
     block, decoded = FingerDecoder().feed(boards.sent)
     assert np.array_equal(block.readings, scan.readings)
     assert isinstance(decoded[-2], ScanEnded)

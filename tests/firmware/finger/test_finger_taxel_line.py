@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rigctl.bench.boards.finger_firmware import FingerFirmware
-from rigctl.boards.finger_decoder import FingerBlock, FingerDecoder
-from rigctl.finger_values import N_FINGER_TAXELS
-from tests.session.finger_building import taxel_frame
+from rigctl.finger.bench.firmware import FingerFirmware
+from rigctl.finger.decoder import FingerBlock, FingerDecoder
+from rigctl.finger.values import N_FINGER_TAXELS
+from tests.finger.finger_building import taxel_frame
 
 FRAMES = 400
 

@@ -15,18 +15,18 @@ from rigctl.encoder.force_matrix import ForceMatrix
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import EncoderParameters
 from rigctl.encoder.reading import Reading
+from rigctl.finger.model_file import (
+    FingerCalibration,
+    FingerModel,
+    load_finger_model,
+    save_finger_model,
+)
 from rigctl.session.analysis_file import (
     EncodingInfo,
     SpikeFileWriter,
     load_force,
     load_inputs,
     load_ranges,
-)
-from rigctl.session.finger_model_file import (
-    FingerCalibration,
-    FingerModel,
-    load_finger_model,
-    save_finger_model,
 )
 from rigctl.session.model_file import Classifier, Model, TrainingInfo, load_model, save_model
 from rigctl.session.sensor_layout import SensorLayout

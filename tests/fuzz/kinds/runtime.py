@@ -11,7 +11,6 @@ from random import Random
 
 import numpy as np
 
-from rigctl.boards.trackers.plate_frame import PlatePosition
 from rigctl.engine.live_file import LiveReader, LiveWriter
 from rigctl.engine.rpc.engine_files import (
     EngineFile,
@@ -19,6 +18,7 @@ from rigctl.engine.rpc.engine_files import (
     running_engines,
 )
 from rigctl.finger.live_file import FingerLiveReader, FingerLiveWriter
+from rigctl.finger.trackers.plate_frame import PlatePosition
 from tests.fuzz.kind import Kind, Place
 from tests.fuzz.mutations.bytes import BYTES
 from tests.fuzz.mutations.folders import FOLDER

@@ -11,22 +11,23 @@ import h5py
 
 from rigctl.analysis.trial_set import join_sessions, open_trials
 from rigctl.errors import SessionError
+from rigctl.finger.session import FingerSession
 from rigctl.protocol.loader import parse_protocol
 from rigctl.session.analysis_file import content_digest
-from rigctl.session.finger_session import FingerSession
 from rigctl.session.notes import PATTERN as NOTES
 from rigctl.session.notes import Mark, SessionNote, damaged_notes, read_notes
 from rigctl.session.session import Session, add_note
 from rigctl.session.summary import summarise_session
 from rigctl.session.verify import WORLD, VerifyReport, verify
 from rigctl.synth.dataset import DatasetRequest, generate
+from tests.finger import finger_building
 from tests.fuzz.kind import Kind, Place
 from tests.fuzz.kinds.contents import folder_content
 from tests.fuzz.mutations.data_bits import WITHOUT_DATA, flip_data_bit
 from tests.fuzz.mutations.folders import FOLDER
 from tests.fuzz.mutations.hdf5 import HDF5
 from tests.fuzz.mutations.texts import TEXT
-from tests.session import building, finger_building
+from tests.session import building
 
 PROTOCOL = """\
 name = "tiny"

@@ -12,17 +12,19 @@ from rigctl.analysis.settings import (
     to_toml,
 )
 from rigctl.bench.world_file import NOMINAL_WORLD, format_world, load_world
-from rigctl.boards.trackers.open_tracker import read_track
-from rigctl.boards.trackers.plate_frame import PlateFrame
-from rigctl.cli.check import describe, describe_finger, finger_table, table
+from rigctl.cli.check import describe, table
 from rigctl.config.resources import finger_protocols, protocols
-from rigctl.config.rig_config import RigConfig, load_config, load_finger_config
+from rigctl.config.rig_config import RigConfig, load_config
 from rigctl.config.toml_edit import set_keys
 from rigctl.exchange.column_map import load_map
 from rigctl.exchange.labels import parse_label
-from rigctl.finger_rig import open_finger_rig
-from rigctl.finger_values import Stage
-from rigctl.protocol.finger_plan import load_finger_protocol
+from rigctl.finger.cli.check import describe_finger, finger_table
+from rigctl.finger.config import load_finger_config
+from rigctl.finger.open_rig import open_finger_rig
+from rigctl.finger.plan import load_finger_protocol
+from rigctl.finger.trackers.open_tracker import read_track
+from rigctl.finger.trackers.plate_frame import PlateFrame
+from rigctl.finger.values import Stage
 from rigctl.protocol.loader import load_protocol
 from tests.fuzz.kind import Kind, Place
 from tests.fuzz.mutations.bytes import BYTES

@@ -41,7 +41,7 @@ def broken(qapp: QApplication, fault: Path) -> Iterator[RigWindow]:
 def test_a_full_disk_ends_a_run_and_keeps_its_trials(
     broken: RigWindow, fault: Path, tmp_path: Path
 ) -> None:
-    protocol, strip = tmp_path / "long.toml", broken.window.drum.safety.alarms.strip
+    protocol, strip = tmp_path / "long.toml", broken.window.drum.alarms.strip
     protocol.write_text(LONG)
     broken.connect("virtual")
     broken.start(protocol, tmp_path / "out")

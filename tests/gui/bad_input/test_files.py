@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import h5py
@@ -18,13 +18,7 @@ from tests.gui.full_disk import full_disk
 from tests.gui.steps import Harness, click, wait_until
 from tests.session.damage import record_four_parts, zero
 
-
-@pytest.fixture(autouse=True)
-def leave_nothing(harness: Harness) -> Iterator[None]:
-    """Leave no session and no long sentence in the window that the tests share."""
-    yield
-    harness.window.analysis_tab.panel.show_unopened("No session is open.")
-    harness.window.status_line.clear()
+pytestmark = pytest.mark.usefixtures("leave_nothing")
 
 
 def _newer(folder: Path) -> None:
@@ -124,14 +118,17 @@ def test_a_picture_or_table_without_room_says_so_and_leaves_no_half(
         click(strip.picture if kind == "picture" else strip.table)
         wait_until(lambda: "nothing was saved" in window.event_log.toPlainText())
     strip.folder.setText(before)
-    assert "choose another folder" in window.status_line.text()
+    assert "free some space" in window.status_line.text()
     assert str(folder) in window.event_log.toPlainText()
     assert list(folder.iterdir()) == []
 
 
 def test_a_table_of_no_samples_is_not_saved(harness: Harness, tmp_path: Path) -> None:
-    window, page = harness.window, harness.window.live_page
-    page.save_strip.table_requested.emit(str(tmp_path / "tables"))
+    window, folder = harness.window, harness.window.live_page.save_strip.folder
+    before = folder.text()
+    folder.setText(str(tmp_path / "tables"))
+    window.live_page.save_strip.table_requested.emit()
+    folder.setText(before)
     assert "there are no samples in view yet" in window.event_log.toPlainText()
     assert not (tmp_path / "tables").exists()
 

@@ -12,19 +12,14 @@ from rigctl.boards.drum_states import State
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
 from tests.gui.rig_window import RigWindow
+from tests.gui.running_engine import ridges
 from tests.gui.steps import click, press_escape
 
 BOARDS = {"drum": "No drum board answers", "taxels": "No taxel board answers"}
 NEWS_S = 0.5
 """Engine time after which a status tells what a board has said since."""
 CURE = "check its cable and its supply"
-LONG = """
-name = "long"
-textures = ["D"]
-speeds_mm_s = [60]
-forces_g = [500]
-repeats = 50
-"""
+LONG = ridges("long", 50, speed_mm_s=60)
 
 
 def _is_back(rig: RigWindow) -> bool:
@@ -33,7 +28,7 @@ def _is_back(rig: RigWindow) -> bool:
 
 def _unplug_and_plug_in(rig: RigWindow, board: str) -> None:
     """Unplug a board, read the alarm, plug the board in, and see the alarm go."""
-    strip = rig.window.drum.safety.alarms.strip
+    strip = rig.window.drum.alarms.strip
     rig.window.show_panel("operate")
     rig.inject(f"Unplug the {board}")
     rig.until(lambda: strip.isVisible() and BOARDS[board] in strip.text.text())
@@ -129,7 +124,7 @@ def _verified(rig: RigWindow) -> None:
 
 
 def test_a_run_without_its_drum_ends_and_says_how_to_go_on(rig: RigWindow, tmp_path: Path) -> None:
-    strip = rig.window.drum.safety.alarms.strip
+    strip = rig.window.drum.alarms.strip
     _run(rig, tmp_path)
     _unplug_and_plug_in(rig, "drum")
     rig.until(lambda: rig.status.run.state == "failed")

@@ -6,17 +6,10 @@ from pathlib import Path
 
 from rigctl.session.verify import verify
 from tests.gui.rig_window import RigWindow
+from tests.gui.running_engine import ridges
 from tests.gui.steps import click
 
-TWO_TRIALS = """
-name = "two-trials"
-textures = ["D"]
-speeds_mm_s = [120]
-forces_g = [500]
-repeats = 2
-[trial]
-travel_mm = 60
-"""
+TWO_TRIALS = ridges("two-trials", 2) + "[trial]\ntravel_mm = 60\n"
 
 
 def test_two_trials_are_recorded_verified_and_looked_at(rig: RigWindow, tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ def attach_scenes(window: MainWindow, engine: FakeEngine, run: dict[str, Any]) -
     files = [EngineFile(f"e{n}", 123_456 + n, 9, "", RIG, "") for n in range(4)]
     found = [FoundEngine(file, run, OTHER) for file in files]
     attach = window.attach
-    window.drum.safety.alarms.strip.dismiss.click()  # of the scene before
+    window.drum.alarms.strip.dismiss.click()  # of the scene before
     attach.engines.show_engines("An engine of the virtual rig runs already.", found, may_start=True)
     yield "Running engines"
     attach.engines.closed.emit()

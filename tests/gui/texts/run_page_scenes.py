@@ -21,7 +21,7 @@ def run_page_scenes(panel: ProtocolPanel, session: str) -> Iterator[str]:
     """Show each tab with the attempts of a session."""
     panel.show_page(True)
     page = panel.page
-    page.opened.emit(session)
+    page.open_session(session)
     wait_until(lambda: len(page.attempts.rows) > 0)
     known = len(page.attempts.rows)
     page.show_news(SessionNews(session, known, (), (), known, early_ends=(END,) * 4))

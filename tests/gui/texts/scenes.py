@@ -156,16 +156,16 @@ def _not_connected(stage: Stage) -> Iterator[str]:
 
 
 def _start(stage: Stage) -> Iterator[str]:
-    stage.window.start.show()
+    stage.window.start.show_page()
     QApplication.processEvents()
     yield "Start page"
-    box = stage.window.start.page.sample_box
+    box = stage.window.start.sample_box
     box.show_progress(MAKING, "12/32 trials · 123 × real time · 0:01:23 left")
     yield "Start page, the sample session is made"
     box.show_failure(NO_SAMPLE)
     yield "Start page, the sample session failed"
     box.clear()
-    click(stage.window.start.page.back)
+    click(stage.window.start.back)
 
 
 def _operate(stage: Stage) -> Iterator[str]:
@@ -197,14 +197,14 @@ def _operate(stage: Stage) -> Iterator[str]:
 def _trials(stage: Stage) -> Iterator[str]:
     page = stage.window.live_page
     click(page.bar.buttons[TRIALS])
-    page.toggle_sweeps()
+    page.toggle_alignment()
     for _ in range(2):
         stage.engine.write_samples(1000)
         page.refresh(stage.engine.live)
         stage.engine.write_samples(2000, sync=True)
         page.refresh(stage.engine.live)
     yield "Trials from the left edge"
-    page.toggle_sweeps()
+    page.toggle_alignment()
     click(page.bar.buttons[ENCODER])
     click(page.encoder_strip.per_mm)
     yield "Encoder of the live views, rates per mm"

@@ -10,12 +10,12 @@ from rigctl.encoder.features import FeatureLayout
 from rigctl.encoder.force_matrix import ForceMatrix
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import EncoderParameters
-from rigctl.session.analysis_file import EncodingInfo, SpikeFileWriter
-from rigctl.session.finger_model_file import (
+from rigctl.finger.model_file import (
     FingerCalibration,
     FingerModel,
     save_finger_model,
 )
+from rigctl.session.analysis_file import EncodingInfo, SpikeFileWriter
 from rigctl.session.model_file import Classifier, Model, TrainingInfo, save_model
 from rigctl.session.sensor_layout import SensorLayout
 

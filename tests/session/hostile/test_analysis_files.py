@@ -15,8 +15,8 @@ import pytest
 from rigctl.encoder.parameters import EncoderParameters
 from rigctl.encoder.reading import Reading
 from rigctl.errors import SessionError
+from rigctl.finger.model_file import load_finger_model
 from rigctl.session.analysis_file import LATER_PARAMETERS, load_force, load_inputs, load_ranges
-from rigctl.session.finger_model_file import load_finger_model
 from rigctl.session.hdf5_file import text_scalar
 from rigctl.session.layout import LIBVER
 from rigctl.session.model_file import load_model

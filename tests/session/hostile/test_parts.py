@@ -13,14 +13,15 @@ import numpy as np
 import pytest
 
 from rigctl.errors import SessionError
-from rigctl.session.finger_layout import FINGER_LAYOUT
-from rigctl.session.finger_session import FingerSession
+from rigctl.finger.layout import FINGER_LAYOUT
+from rigctl.finger.session import FingerSession
 from rigctl.session.hdf5_file import write_attributes
 from rigctl.session.layout import DRUM_LAYOUT, LIBVER, TEXTS, SessionLayout
 from rigctl.session.part import PartReader
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
-from tests.session import building, finger_building
+from tests.finger import finger_building
+from tests.session import building
 from tests.session.hostile.spoiling import HOSTILE, spoil
 
 LAYOUTS = {"drum": DRUM_LAYOUT, "finger": FINGER_LAYOUT}

@@ -12,7 +12,7 @@ from rigctl.bench.electrics import LIFT, PRESS, actuator_pins
 from rigctl.bench.mechanics import DrumTrajectory
 from rigctl.bench.parameters import WorldParameters, validated
 from rigctl.boards.drum_codes import Command
-from rigctl.boards.drum_states import State
+from rigctl.boards.drum_states import Fault, State
 from tests.firmware.drum.support.bare_bench import BareBench
 from tests.firmware.drum.support.chip import MS, DrumChip
 
@@ -109,11 +109,11 @@ class PlantDrum(DrumChip):
         begun = len(self.forces)
         self.clear_edges()
         assert self.command(Command.APPROACH, 15_000) == 0
-        assert self.state is State.HOLD, self.get("fault")
+        assert self.state is State.HOLD, Fault(self.get("fault")).name
         self.poll_for(REST_MS)
         rest = len(self.forces)
         assert self.command(Command.RUN, 20_000) == 0
-        assert self.state is State.HOLD, self.get("fault")
+        assert self.state is State.HOLD, Fault(self.get("fault")).name
         trial = evaluate_trial(
             np.array(self.forces[begun:]), rest - begun, self._window(begun), force_g
         )

@@ -1,0 +1,51 @@
+"""Read a ``finger.toml``: the ports of a rig of the moving finger."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rigctl.config.rig_config import About, RecordingConfig
+from rigctl.config.toml_reader import TomlText, read_section, text
+from rigctl.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True)
+class FingerPort:
+    """The port of the finger board."""
+
+    port: str = text("", "port of the finger board; empty: search all ports")
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerConfig:
+    """The tracker that measures where the finger is."""
+
+    source: str = text("", "serial:PORT, udp:PORT, imu:PORT, file:PATH or vive[:SERIAL]")
+    frame: str = text("", "file with the place of the plate, from `rigctl realtime frame`")
+
+
+@dataclass(frozen=True, slots=True)
+class FingerConfig:
+    """A rig of the moving finger; ``text`` is the file's content."""
+
+    about: About = field(default_factory=About)
+    finger: FingerPort = field(default_factory=FingerPort)
+    tracker: TrackerConfig = field(default_factory=TrackerConfig)
+    recording: RecordingConfig = field(default_factory=RecordingConfig)
+    text: str = ""
+
+
+def load_finger_config(path: Path) -> FingerConfig:
+    """Load a ``finger.toml``. Raises ConfigError with file, line and key."""
+    content = TomlText.read(path, ConfigError)
+    root = content.root
+    config = FingerConfig(
+        about=read_section(root.table("about"), About),
+        finger=read_section(root.table("finger"), FingerPort),
+        tracker=read_section(root.table("tracker"), TrackerConfig),
+        recording=read_section(root.table("recording"), RecordingConfig),
+        text=content.source,
+    )
+    root.finish()
+    return config

@@ -1,0 +1,118 @@
+"""The engine of the moving finger: board, tracker, recorder and run in one event loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from rigctl.engine.pause_reasons import LINK
+from rigctl.engine.rpc.messages import BoardStatus, RecordingStatus
+from rigctl.engine.served_engine import ServedEngine
+from rigctl.errors import RigFault
+from rigctl.finger.devices import BOARD, TRACKER, FingerDevices
+from rigctl.finger.latency import LatencyLog
+from rigctl.finger.live_file import FingerLiveWriter
+from rigctl.finger.rig import FingerRig
+from rigctl.finger.run import FingerRun
+from rigctl.finger.run_request import FingerRunRequest, open_finger_run
+from rigctl.finger.status import FingerEngineStatus, FingerRunStatus
+
+
+class FingerEngine(ServedEngine[FingerRun, FingerRunRequest]):
+    """The control program of one rig of the moving finger."""
+
+    def __init__(
+        self, rig: FingerRig, live_writer: FingerLiveWriter, utc_now: Callable[[], str]
+    ) -> None:
+        super().__init__(rig.loop, rig.description)
+        self.rig = rig
+        self.latencies = LatencyLog()
+        self.devices = FingerDevices(
+            rig, live_writer, self.event_bus, self.spawn, self._link_changed, self._fail_run
+        )
+        self._utc_now = utc_now
+
+    def start(self, request: FingerRunRequest) -> FingerRun:
+        """Start a run. Raises where the request or the disk is at fault."""
+        board = self.devices.identity
+        if board is None:
+            raise RigFault("the finger board is not connected: plug it in, then start again")
+        opened = open_finger_run(request, self.rig, board, self._utc_now())
+        self.run = FingerRun(self.rig, self.devices, self.event_bus, opened, self.latencies)
+        for device, connected in self.devices.connected.items():
+            if not connected:
+                self.run.control.pause(_reason(device))
+        self._run_task = self.spawn(self._execute(self.run))
+        folder = str(opened.recorder.folder)
+        self.event_bus.publish("run", f"the run begins: {folder}", session=folder)
+        return self.run
+
+    def status(self) -> FingerEngineStatus:
+        """Return the status message."""
+        now_s, devices, rig = self._now_s(), self.devices, self.rig
+        recording, run = RecordingStatus(), FingerRunStatus()
+        if self.run is not None:
+            recording = self.run.disk_monitor.status(self.run.recording)
+            run = self.run.status()
+        position, board = devices.estimator.latest, devices.board_status
+        return FingerEngineStatus(
+            at_s=now_s,
+            rig=rig.description,
+            simulated=rig.simulated,
+            finger_connected=devices.connected[BOARD],
+            tracker_connected=devices.connected[TRACKER],
+            tracker=rig.tracker.name,
+            sample_rate_hz=devices.samples.per_s,
+            lost_samples=devices.lost_samples,
+            lost_age_s=_age(now_s, devices.lost_s),
+            damaged_frames=rig.finger.counters.damaged_frames,
+            block_age_s=_age(now_s, devices.block_s),
+            position_age_s=_age(now_s, devices.position_s),
+            position_valid=position is not None and position.valid,
+            along_mm=position.along_mm if position else 0.0,
+            across_mm=position.across_mm if position else 0.0,
+            height_mm=position.height_mm if position else 0.0,
+            in_contact=devices.contact.touches,
+            late_velocities=board.late_velocities if board else 0,
+            dropouts=devices.estimator.counters.dropouts,
+            outliers=devices.estimator.path_counters.outliers,
+            latency_p99_ms=self.latencies.percentiles(99.0),
+            board=self._board_status(),
+            recording=recording,
+            run=run,
+        )
+
+    def _board_status(self) -> BoardStatus:
+        identity = self.devices.identity
+        if identity is None:
+            return BoardStatus()
+        return BoardStatus(firmware=identity.firmware_version, boot_count=identity.boot_count)
+
+    async def _execute(self, run: FingerRun) -> None:
+        await run.execute()
+        self._send_status()
+
+    def _link_changed(self, device: str, connected: bool) -> None:
+        if self.run is None or self.run.ended:
+            return
+        if connected:
+            self.run.control.resume(_reason(device))
+        else:
+            self.run.control.pause(_reason(device))
+
+    async def _connect(self) -> None:
+        await self.devices.connect()
+
+    async def _make_safe(self) -> None:
+        """Do nothing: the finger board moves nothing."""
+
+    def _disconnect(self) -> None:
+        self.rig.finger.close()
+        self.rig.tracker.close()
+
+
+def _reason(device: str) -> str:
+    return LINK if device == BOARD else device
+
+
+def _age(now_s: float, then_s: float | None) -> float | None:
+    return None if then_s is None else now_s - then_s

@@ -1,0 +1,328 @@
+"""A run of the finger's protocol: its scans in order, with pauses, questions and repeats.
+
+::
+
+    running ─► done            every scan made, the session closed
+     │   ▲
+     ▼   │ last reason gone    the interrupted scan repeats
+    paused, prompt
+     │
+     ├─► aborted               stopped by a person or a client
+     └─► failed                board, tracker or disk failed
+
+However a run ends, the session is complete.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.engine.event_bus import EventBus
+from rigctl.engine.health import DiskMonitor
+from rigctl.engine.pause_reasons import LINK
+from rigctl.engine.run_reasons import SESSION_OUTCOMES, RunPaused, RunStopped
+from rigctl.errors import LinkLost, RigctlError, RigFault
+from rigctl.finger.board_messages import N_TAXELS, Message
+from rigctl.finger.control import FingerControl
+from rigctl.finger.decoder import FingerBlock
+from rigctl.finger.devices import FingerDevices
+from rigctl.finger.latency import LatencyLog
+from rigctl.finger.live_answers import LiveAnswers
+from rigctl.finger.rig import FingerRig
+from rigctl.finger.run_request import MODEL_KIND, OpenedFingerRun
+from rigctl.finger.run_status import FingerProgress, run_status
+from rigctl.finger.scan_attempt import ScanAttempt
+from rigctl.finger.scan_recording import ScanOutput, track_row, trial_row
+from rigctl.finger.session import FingerSession
+from rigctl.finger.status import CurrentScan, FingerRunStatus
+from rigctl.finger.trackers.plate_frame import PlatePosition
+from rigctl.finger.values import FingerTrial, PredictionRow, Stage
+from rigctl.values import Event, Position, Verdict
+
+
+class FingerRun:
+    """One sitting of one plan, controlled through ``control``.
+
+    ``outcome``: done, aborted or failed, empty before the end; ``text``: a sentence on it.
+    """
+
+    def __init__(
+        self,
+        rig: FingerRig,
+        devices: FingerDevices,
+        event_bus: EventBus,
+        opened: OpenedFingerRun,
+        latencies: LatencyLog,
+    ) -> None:
+        self._recorder = opened.recorder
+        now_s = rig.loop.time
+        self.control = FingerControl(now_s, event_bus, lambda: opened.recorder.failure)
+        self.disk_monitor = DiskMonitor(opened.recorder)
+        self.output = ScanOutput(opened.recorder, event_bus, latencies, now_s)
+        self.outcome = ""
+        self.text = ""
+        self._rig = rig
+        self._devices = devices
+        self._event_bus = event_bus
+        self._opened = opened
+        self._now_s = now_s
+        self._attempts: Counter[int] = Counter(opened.attempts)
+        self._scans = opened.scans
+        self._progress = FingerProgress(opened.plan, opened.done, now_s, opened.rejected)
+        for true, answer in opened.named:
+            self._progress.classify(true, answer)
+        self._attempt: ScanAttempt | None = None
+        self._texture: str | None = None
+        self._stage: Stage | None = None
+        self._recording = False
+
+    @property
+    def ended(self) -> bool:
+        """Whether it is over and its session closed."""
+        return bool(self.outcome)
+
+    @property
+    def folder(self) -> Path:
+        """The session's folder."""
+        return self._recorder.folder
+
+    @property
+    def recording(self) -> bool:
+        """Whether samples go to the session."""
+        return self._recording
+
+    def has_scanned(self, scan: int) -> bool:
+        """Return whether a scan of this number is or was under way in this sitting."""
+        return self._recording and self._opened.scans < scan <= self._scans
+
+    async def execute(self) -> None:
+        """Run the plan's scans; faults end the run and are published, not raised."""
+        unsubscribe = (
+            self._event_bus.subscribe(self._record_event),
+            self._devices.subscribe(self._record_block, self._pass, self._record_position),
+        )
+        outcome = "failed"
+        try:
+            outcome, text = await self._run_trials()
+        finally:
+            for end in unsubscribe:
+                end()
+            self._recording = False
+            if self._recorder.status.part == 0:
+                self._recorder.begin_part("nothing was recorded")
+            self._recorder.close(SESSION_OUTCOMES[outcome])
+        if self._recorder.failure is not None and outcome == "done":
+            outcome, text = "failed", self._recorder.failure
+        self.outcome, self.text = outcome, text
+        data = {"session": str(self.folder), "digest": self._recorder.closing_digest}
+        self._event_bus.publish("run", text, state=outcome, **data)
+
+    def status(self) -> FingerRunStatus:
+        """Return the run's part of the status message."""
+        attempt = self._attempt
+        current = None
+        if attempt is not None and not self.ended:
+            trial = attempt.trial
+            current = CurrentScan(
+                trial.stage.value,
+                trial.texture,
+                trial.profile.value,
+                trial.repeat,
+                self._attempts[trial.trial_id],
+                attempt.scanning,
+            )
+        state = self.outcome or self._state()
+        folder = str(self._recorder.folder)
+        control = None if self.ended else self.control
+        status = run_status(self._progress, state, self.text, current, control, folder)
+        return replace(status, coverage=self._opened.coverage)
+
+    def _state(self) -> str:
+        if self.control.prompt is not None:
+            return "prompt"
+        return "paused" if self.control.reasons else "running"
+
+    async def _run_trials(self) -> tuple[str, str]:
+        """Return the outcome and a sentence on it."""
+        trials = [t for t in self._opened.plan.trials if t.trial_id not in self._opened.done]
+        for line in self._opened.missing:
+            self._event_bus.publish("log", line)
+        try:
+            for trial in trials:
+                if trial.stage is not self._stage:
+                    await self._begin_stage(trial.stage)
+                await self._run_trial(trial)
+        except RunStopped as stop:
+            return "aborted", str(stop)
+        except RigctlError as error:
+            self._event_bus.publish("fault", str(error))
+            return "failed", str(error)
+        missing = self._progress.planned - self._progress.committed
+        if missing:
+            return "done", f"scans that could not be committed: {missing}; see their reasons"
+        return "done", "every scan is committed"
+
+    async def _begin_stage(self, stage: Stage) -> None:
+        """Set the ranges that the stage uses, and begin the part that holds them."""
+        ranges = self._ranges(stage)
+        await self._configure(ranges)
+        header = replace(
+            self._opened.header,
+            taxel_low=tuple(ranges.low.tolist()),
+            taxel_high=tuple(ranges.high.tolist()),
+        )
+        reason = f"stage {stage.value}" + (", continued" if self._opened.resumed else "")
+        self._recorder.begin_part(reason, header=header)
+        self._recording, self._stage = True, stage
+        self._event_bus.publish("stage", f"stage {stage.value} begins", stage=stage.value)
+        self.output.answers = self._answers() if stage is Stage.RUN else None
+
+    def _answers(self) -> LiveAnswers | None:
+        """Return what names the scans; the session says which model it is."""
+        classifier = self._opened.classifier
+        if classifier is None:
+            return None
+        name, digest = classifier.model.representation, self._opened.model_digest
+        text = f"a model of {name} names the scans, SHA-256 {digest[:16]}…"
+        self._event_bus.publish(MODEL_KIND, text, representation=name, digest=digest)
+        return LiveAnswers(classifier)
+
+    async def _configure(self, ranges: Normalisation) -> None:
+        """Set the board's ranges; a board that is lost meanwhile is waited for."""
+        while True:
+            try:
+                self.control.check()
+                await self._devices.configure(ranges, self._opened.reference_um_per_s)
+                return
+            except RunPaused:
+                await self._wait_resumed()
+            except LinkLost:
+                if LINK not in self.control.reasons:
+                    raise
+
+    def _ranges(self, stage: Stage) -> Normalisation:
+        """Return the range of each taxel: all before normalisation, its own or the model's after.
+
+        Raises RigFault where the normalisation scans leave a taxel without a range.
+        """
+        if stage is Stage.NORMALISE:
+            return Normalisation.full_scale(N_TAXELS)
+        if self._opened.classifier is not None:
+            return self._opened.classifier.model.normalisation
+        return self._opened.ranges or self._recorded_ranges()
+
+    def _recorded_ranges(self) -> Normalisation:
+        """Return the lowest and highest reading of each taxel in the normalisation scans."""
+        self._recorder.wait_written()
+        with FingerSession.open(self._recorder.folder) as session:
+            rows = [i for i in session.committed() if session.trials["stage"][i] == "normalise"]
+            if not rows:
+                raise RigFault(
+                    "no normalisation scan is committed, so the taxels have no ranges: plan the "
+                    "stage normalise before train"
+                )
+            ranges = Normalisation.from_samples(map(session.samples, rows), "normalisation scans")
+        flat = np.flatnonzero(ranges.low >= ranges.high)
+        if len(flat):
+            raise RigFault(
+                f"taxel {flat[0] + 1} did not change in the normalisation scans: check its wires"
+            )
+        return ranges
+
+    async def _run_trial(self, trial: FingerTrial) -> None:
+        """Make one scan; repeat it after a pause, and while its data are not good."""
+        quality = self._opened.plan.protocol.quality
+        tries = 0
+        while tries < quality.attempts:
+            try:
+                await self._ask_for_plate(trial)
+                self.control.check()
+                if await self._attempt_scan(trial):
+                    self._progress.commit()
+                    return
+                tries += 1
+                self._progress.rejected += 1
+            except RunPaused:
+                await self._wait_resumed()
+        self._event_bus.publish("log", f"scan {trial.trial_id} is given up, attempts: {tries}")
+        self._progress.finish()
+
+    async def _wait_resumed(self) -> None:
+        with self._progress.clock.idle():
+            await self.control.wait_resumed()
+
+    async def _ask_for_plate(self, trial: FingerTrial) -> None:
+        if trial.texture == self._texture:
+            return
+        if not self._opened.unattended:
+            text = f"Lay plate {trial.texture} under the finger, then confirm."
+            with self._progress.clock.idle():
+                await self.control.ask(text, trial.texture)
+        self._texture = trial.texture
+
+    async def _attempt_scan(self, trial: FingerTrial) -> bool:
+        """Make one attempt, store it, and return whether it is committed."""
+        self._attempts[trial.trial_id] += 1
+        self._scans += 1
+        attempt = ScanAttempt(trial, self._scans, self._rig, self._devices, self.output)
+        self._attempt = attempt
+        self.output.begin_scan()
+        text = f"plate {trial.texture}, {trial.profile.value}: slide over the plate"
+        self._event_bus.publish("instruction", text, texture=trial.texture, profile=trial.profile)
+        try:
+            reasons = await attempt.run(self.control, self._opened.plan.protocol.quality)
+        except (RunPaused, RunStopped, RigFault) as interruption:
+            self._store(attempt, Verdict.ABORTED, (str(interruption),))
+            raise
+        self._store(attempt, Verdict.REJECTED if reasons else Verdict.COMMITTED, reasons)
+        return not reasons
+
+    def _store(self, attempt: ScanAttempt, verdict: Verdict, reasons: tuple[str, ...]) -> None:
+        trial, answer = attempt.trial, self.output.prediction
+        predicted = answer.texture if answer is not None and answer.is_final else ""
+        number = self._attempts[trial.trial_id]
+        times_s = attempt.started_s, self._now_s()
+        row = trial_row(
+            trial, number, attempt.scan, attempt.measures, verdict, reasons, times_s, predicted
+        )
+        self._recorder.commit_trial(row)
+        if predicted and verdict is Verdict.COMMITTED:
+            self._progress.classify(trial.texture, predicted)
+        why = f": {'; '.join(reasons)}" if reasons else ""
+        named = _named(answer) if predicted and answer is not None else ""
+        self._event_bus.publish(
+            "trial",
+            f"scan {trial.trial_id} ({trial.texture}, {trial.profile.value}) {verdict}{named}{why}",
+            trial_id=trial.trial_id,
+            attempt=number,
+            texture=trial.texture,
+            predicted=predicted,
+            verdict=str(verdict),
+            reasons=list(reasons),
+        )
+
+    def _record_event(self, event: Event) -> None:
+        if self._recording and event.kind not in ("batch", "prediction"):
+            self._recorder.add_event(event)
+
+    def _record_block(self, block: FingerBlock, arrived_s: float) -> None:
+        if self._recording:
+            self._recorder.add_samples(block, arrived_s)
+
+    def _record_position(self, position: Position, plate: PlatePosition) -> None:
+        if self._recording:
+            self._recorder.add_row(track_row(position, plate))
+
+    def _pass(self, message: Message, arrived_s: float) -> None:
+        """Take no message: the attempt records what belongs to a scan."""
+
+
+def _named(answer: PredictionRow) -> str:
+    """Return what the classifier said of a scan."""
+    unknown = "" if answer.known else ", though it is unlike every trained plate"
+    return f", named {answer.texture}{unknown}"

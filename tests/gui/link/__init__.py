@@ -1,0 +1,1 @@
+"""Tests of the window: an engine joined, shared and left."""

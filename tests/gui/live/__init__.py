@@ -1,0 +1,1 @@
+"""Tests of the window: samples as they come, and replayed."""

@@ -1,0 +1,242 @@
+"""The page of a run: what is planned, what came in, notes, marks, repeats and queued runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
+
+from gui.protocol.protocol_panel import ProtocolPanel
+from gui.protocol.run_tasks import BAD, COMMITTED, TRIAL_COLUMNS
+from gui.shell.user_settings import UserSettings, WindowMemory
+from rigctl.session.session import Session
+from tests.gui.ended_early import record_early_ends
+from tests.gui.protocol.test_protocol_panel import RUN, open_panel
+from tests.gui.steps import Harness, click, wait_until
+from tests.session.building import record_plan
+
+MEAN_FORCE, LOST = TRIAL_COLUMNS.index("Mean force\n(g)"), TRIAL_COLUMNS.index("Lost\nsamples")
+
+
+@pytest.fixture
+def panel(harness: Harness) -> Iterator[ProtocolPanel]:
+    panel = open_panel(harness)
+    panel.queue.list.clear()
+    panel.form.operator.setText("Jörg")
+    if not panel.shows_page:
+        click(panel.page_button)
+    yield panel
+    click(panel.page_button)
+    panel.form.operator.clear()
+    panel.form.sensor.clear()
+    panel.page.show_session("")
+
+
+@pytest.fixture
+def recorded(harness: Harness, panel: ProtocolPanel, tmp_path: Path) -> Path:
+    """Return a session whose run the engine reports as paused."""
+    session = tmp_path / "recorded"
+    record_plan(session)
+    run = {**RUN, "state": "paused", "trials_planned": 8, "trials_committed": 8}
+    harness.update(run={**run, "session": str(session)})
+    wait_attempts(harness, 8)
+    return session
+
+
+def wait_attempts(harness: Harness, count: int) -> None:
+    def has_them() -> bool:
+        harness.update()
+        return len(harness.window.protocol_panel.page.attempts.rows) == count
+
+    wait_until(has_them)
+
+
+def verdicts(panel: ProtocolPanel) -> list[str]:
+    return [row.verdict for row in panel.page.attempts.rows]
+
+
+def write(panel: ProtocolPanel, text: str) -> None:
+    panel.page.text.clear()
+    QTest.keyClicks(panel.page.text, text)
+
+
+def test_a_plan_shows_conditions_and_order_before_the_start(
+    harness: Harness, panel: ProtocolPanel
+) -> None:
+    assert panel.form.description.text().startswith("Four textures, two speeds")
+    rows = {name: row.text() for name, row in panel.plan_rows.items()}
+    assert rows["Plates"] == "A B D L"
+    assert (rows["Speeds"], rows["Forces"]) == ("60, 120 mm/s", "250, 500 g")
+    assert rows["Order"] == "plate by plate, forces, speeds, repeats, 2 of each"
+    assert "with plate changes" in rows["Duration"] and ":" in rows["Would finish"]
+    page = panel.page
+    page.tabs.setCurrentWidget(page.order_view)
+    assert harness.window.stack.currentWidget() is page
+    assert page.order.rowCount() == 32
+    first = [page.order.data(page.order.index(0, column)) for column in range(7)]
+    assert first == ["1", "A", "60", "250", "–", "1", "1"]
+
+
+def test_a_run_says_when_it_ends_and_which_plate_is_next(
+    harness: Harness, panel: ProtocolPanel
+) -> None:
+    plate = {"texture": "D", "trials": 3, "left_s": 95.0}
+    harness.update(run={**RUN, "next_plate": plate, "session": None})
+    assert panel.run_rows["Next plate"].text() == "D after 3 trials, in 1 min 35 s"
+    assert panel.run_rows["Finishes"].text().endswith("plus plate changes")
+    assert panel.run_rows["Disk"].text() == "210 GB free"
+    last = {**RUN, "next_plate": {**plate, "trials": 0, "left_s": 0.0}}
+    harness.update(run=last)
+    assert panel.run_rows["Next plate"].text() == "D after this trial"
+    harness.update(run={**last, "state": "paused"})
+    assert panel.run_rows["Next plate"].text() == "D after the pause"
+    asked = {"id": 1, "text": "Mount plate D.", "texture": "D"}
+    harness.update(run={**RUN, "state": "prompt", "prompt": asked, "next_plate": None})
+    assert panel.run_rows["Next plate"].text() == "D now"
+    harness.update(run={**RUN, "prompt": None, "next_plate": None, "session": None})
+    assert panel.run_rows["Next plate"].text() == "no other plate"
+
+
+def test_attempts_come_in_with_what_was_measured(
+    harness: Harness, panel: ProtocolPanel, recorded: Path
+) -> None:
+    first = panel.page.attempts.rows[0]
+    assert first.verdict == COMMITTED
+    assert (first.texts[MEAN_FORCE], first.texts[LOST]) == ("250.0", "0")
+
+
+def test_conditions_that_ended_early_are_named_below_the_trials(
+    harness: Harness, panel: ProtocolPanel, recorded: Path, tmp_path: Path
+) -> None:
+    line = panel.page.early_ends
+    assert not line.isVisible()
+    reasons = record_early_ends(tmp_path / "early")
+    run = {**RUN, "state": "running", "session": str(tmp_path / "early")}
+    harness.update(run={**run, "trials_planned": 28, "trials_committed": 20})
+    wait_attempts(harness, 20)
+    first, *newest = line.text().split("\n")
+    assert line.isVisible() and first == "Early ends: 4, the newest below"
+    assert newest == [f"{reason}; 2 trials not recorded" for reason in reasons[1:]]
+    assert newest[0].startswith("A, 80 mm/s, 250 g ends early after 5 trials: mean SA rate 41.25")
+    record_early_ends(tmp_path / "one", conditions=1)
+    harness.update(run={**run, "session": str(tmp_path / "one")})
+    wait_until(lambda: line.text() == f"{reasons[0]}; 2 trials not recorded")
+    panel.page.show_session("")
+    assert not line.isVisible()
+
+
+def test_a_trial_is_marked_bad_and_good_again(
+    harness: Harness, panel: ProtocolPanel, recorded: Path
+) -> None:
+    page = panel.page
+    assert not page.buttons["bad"].isEnabled()
+    page.attempt_view.selectRow(2)
+    assert page.buttons["bad"].toolTip() == "Write the note first"
+    assert page.buttons["good"].toolTip() == "Choose a trial that is marked bad in the table"
+    write(panel, "slipped")
+    click(page.buttons["bad"])
+    wait_until(lambda: verdicts(panel)[2] == BAD)
+    assert page.text.text() == ""
+    line = f"note  {recorded.name}, trial 3, attempt 1 marked bad: “slipped”, noted by Jörg"
+    assert line in harness.window.event_log.toPlainText()
+    with Session.open(recorded) as session:
+        assert 3 not in session.trials["trial_id"][session.committed()]
+        assert session.notes[0].author == "Jörg"
+    assert page.chosen is not None and page.chosen.trial_id == 3
+    write(panel, "it had not")
+    assert not page.buttons["bad"].isEnabled()
+    click(page.buttons["good"])
+    wait_until(lambda: verdicts(panel)[2] == COMMITTED)
+    assert page.notes.count() == 2 and page.notes.item(0).text().endswith("marked bad: slipped")
+
+
+def test_notes_of_a_run_go_through_its_engine(
+    harness: Harness, panel: ProtocolPanel, recorded: Path
+) -> None:
+    write(panel, "someone leans on the table")
+    QTest.keyClick(panel.page.text, Qt.Key.Key_Return)
+    assert harness.engine.requests[-1] == ("note", {"text": "someone leans on the table"})
+    panel.page.attempt_view.selectRow(7)
+    write(panel, "the plate was dusty")
+    click(panel.page.buttons["repeat"])
+    arguments = {"trial_id": 8, "text": "the plate was dusty"}
+    assert harness.engine.requests[-1] == ("repeat", arguments)
+
+
+def test_notes_can_be_added_long_after_the_run(
+    harness: Harness, panel: ProtocolPanel, tmp_path: Path
+) -> None:
+    session = tmp_path / "old"
+    record_plan(session)
+    click(panel.page.open_button)
+    dialog = harness.window.file_browser.dialog
+    assert dialog is not None
+    dialog.fileSelected.emit(str(session))
+    harness.window.file_browser.dismiss()
+    wait_attempts(harness, 8)
+    assert not panel.page.buttons["repeat"].isEnabled()
+    write(panel, "the sensor was replaced afterwards")
+    click(panel.page.buttons["note"])
+    wait_until(lambda: panel.page.notes.count() == 1)
+    assert "old: “the sensor was replaced afterwards”" in harness.window.event_log.toPlainText()
+    assert "note" not in harness.engine.commands
+
+
+def test_a_folder_that_is_no_session_says_so(
+    harness: Harness, panel: ProtocolPanel, tmp_path: Path
+) -> None:
+    (tmp_path / "part-0001.h5").write_text("torn")
+    panel.page.open_session(str(tmp_path))
+    wait_until(panel.page.problem.isVisible)
+    assert "part-0001.h5" in panel.page.problem.text()
+
+
+def test_the_next_run_of_the_queue_starts_after_one_that_is_done(
+    harness: Harness, panel: ProtocolPanel, tmp_path: Path
+) -> None:
+    panel.out.setText(str(tmp_path))
+    harness.update()
+    for _ in range(2):
+        click(panel.queue.add_button)
+    assert panel.queue.list.count() == 2
+    harness.update(run={**RUN, "state": "running", "session": str(tmp_path / "now")})
+    assert not panel.queue.next_button.isEnabled()
+    harness.update(run={"state": "done"})
+    command, arguments = harness.engine.requests[-1]
+    assert command == "start" and arguments["operator"] == "Jörg"
+    harness.update(run={**RUN, "state": "running", "session": arguments["out"]})
+    assert panel.queue.list.count() == 1
+    harness.update(run={"state": "aborted"})
+    QApplication.processEvents()
+    for part in (panel.queue.problem, panel.queue.next_button):  # nobody has to scroll for it
+        assert part.isVisible() and part.visibleRegion().boundingRect() == part.rect()
+    assert harness.engine.commands.count("start") == 1
+    click(panel.queue.next_button)
+    assert harness.engine.commands.count("start") == 2
+
+
+def test_the_next_window_knows_folder_operator_and_sensor(
+    harness: Harness, panel: ProtocolPanel, tmp_path: Path
+) -> None:
+    window = harness.window
+    memory = WindowMemory(UserSettings(tmp_path / "window.ini"), window, window.docks)
+    memory.keep_texts(panel.form.remembered)
+    panel.out.setText(str(tmp_path))
+    panel.form.sensor.setText("batch 7")
+    panel.form.notes.setText("new skin")
+    harness.update()
+    wait_until(panel.buttons["Start"].isEnabled)
+    click(panel.buttons["Start"])
+    _, arguments = harness.engine.requests[-1]
+    assert (arguments["operator"], arguments["sensor"]) == ("Jörg", "batch 7")
+    assert arguments["notes"] == "new skin" and panel.form.notes.text() == ""
+    memory.save()
+    later = ProtocolPanel()
+    settings = UserSettings(tmp_path / "window.ini")
+    WindowMemory(settings, window, window.docks).keep_texts(later.form.remembered)
+    assert later.out.text() == str(tmp_path)
+    assert (later.form.operator.text(), later.form.sensor.text()) == ("Jörg", "batch 7")
