@@ -201,7 +201,8 @@ def write_finger_report(
         if analysis.latencies:
             latencies = draw_latencies(analysis.latencies, origin, folder / "latencies")
         page = render_page(
-            "finger.html",
+            "report.html",
+            "rigctl.finger.analysis",
             results=values,
             latencies=latencies,
             accuracies=accuracies,

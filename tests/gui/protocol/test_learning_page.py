@@ -39,10 +39,10 @@ def panel(harness: Harness) -> Iterator[ProtocolPanel]:
     panel.page.show_session("")
 
 
-@pytest.fixture
-def session(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a session of three plates at six conditions, four trials each."""
-    return record(tmp_path / "session", "ABD", repeats=4)
+    return record(tmp_path_factory.mktemp("learning") / "session", "ABD", repeats=4)
 
 
 def show_run(harness: Harness, session: Path, committed: int) -> None:
