@@ -11,9 +11,10 @@ from typing import Any, Generic, TypeVar
 from rigctl.engine.event_bus import EventBus
 from rigctl.engine.health import DiskMonitor
 from rigctl.engine.run_reasons import SESSION_OUTCOMES, RunReasons
+from rigctl.session.recorder import SessionRecorder
 
 _Control = TypeVar("_Control", bound=RunReasons)
-_Recorder = TypeVar("_Recorder", bound=Any)
+_Recorder = TypeVar("_Recorder", bound=SessionRecorder)
 
 
 class ServedRun(ABC, Generic[_Control, _Recorder]):
@@ -42,8 +43,7 @@ class ServedRun(ABC, Generic[_Control, _Recorder]):
     @property
     def folder(self) -> Path:
         """The session's folder."""
-        folder: Path = self._recorder.folder
-        return folder
+        return self._recorder.folder
 
     @property
     def state(self) -> str:
@@ -68,7 +68,7 @@ class ServedRun(ABC, Generic[_Control, _Recorder]):
                 outcome, text = await self._run_plan()
         finally:
             if self._recorder.status.part == 0:
-                self._recorder.begin_part("nothing was recorded", "")
+                self._recorder.begin_part("nothing was recorded")
             self._record_end()
             self._recorder.close(SESSION_OUTCOMES[outcome])
         if self._recorder.failure is not None and outcome == "done":
