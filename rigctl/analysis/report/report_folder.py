@@ -15,7 +15,6 @@ from rigctl.analysis.comparisons import Ablations, measure_ablations
 from rigctl.analysis.files import atomic_directory
 from rigctl.analysis.force_scaling import load_c
 from rigctl.analysis.options import AnalysisOptions
-from rigctl.analysis.report.example_taxel import check_selection, trials_origin
 from rigctl.analysis.report.html_report import html_report
 from rigctl.analysis.report.responses import measure_responses
 from rigctl.analysis.report.result_figures import (
@@ -29,7 +28,13 @@ from rigctl.analysis.sensitivity import as_dict as sensitivity_dict
 from rigctl.analysis.sensitivity import compare_presets
 from rigctl.analysis.settings import differences_from_paper, to_toml
 from rigctl.analysis.tasks import TaskResult, run_tasks
-from rigctl.analysis.taxel import draw_taxel, load_course, write_course
+from rigctl.analysis.taxel import (
+    check_selection,
+    draw_taxel,
+    load_course,
+    trials_origin,
+    write_course,
+)
 from rigctl.analysis.training import train_model
 from rigctl.analysis.trial_set import TrialSet, join_sessions
 from rigctl.session.analysis_file import check_output_path
