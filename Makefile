@@ -56,7 +56,7 @@ check: $(VENV)/.ready
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
 	@$(BIN)/python -m rigctl.boards.codegen --check
-	@$(BIN)/python -m rigctl.encoder.neuron_header --check
+	@$(BIN)/python -m rigctl.finger.neuron_header --check
 
 firmware: $(VENV)/.ready
 	@sh .ci/debian-packages $(DEBIAN_FIRMWARE)
@@ -190,7 +190,7 @@ attack: firmware
 docs: firmware
 	$(SAY) "pages and pictures that are rendered from the code"
 	@$(BIN)/python -m rigctl.boards.codegen
-	@$(BIN)/python -m rigctl.encoder.neuron_header
+	@$(BIN)/python -m rigctl.finger.neuron_header
 	@$(BIN)/python -m rigctl.bench.parameter_tables
 	@$(BIN)/python -m rigctl.finger.bench.operator_parameters
 	@$(BIN)/python -m tests.engine.setup.wrong_wirings > docs/reference/wrong-wirings.md

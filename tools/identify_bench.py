@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from rigctl.analysis import published
 from rigctl.analysis.pca_lda import Split
-from rigctl.analysis.splits import Design, make_splits, stratified_folds
+from rigctl.analysis.splits import make_splits, stratified_folds
 from rigctl.analysis.tasks import score_splits
+from rigctl.analysis.trial_set import Design
 from rigctl.bench.contact import contact_tables, draw_mounting, force_table
 from rigctl.bench.mechanics import DrumTrajectory, Mechanics
 from rigctl.bench.parameter_fields import ParameterInfo

@@ -1,7 +1,7 @@
 // Nine slowly adapting neurons (Izhikevich, 2003) with the default preset of rigctl.encoder.
 //
 // Double precision and the encoder's own order of operations: the spikes are equal bit for bit.
-// neuron_constants.h comes from the same constants (python -m rigctl.encoder.neuron_header).
+// neuron_constants.h comes from the same constants (python -m rigctl.finger.neuron_header).
 #ifndef FINGER_NEURONS_H
 #define FINGER_NEURONS_H
 

@@ -11,6 +11,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 from datetime import UTC, datetime
+from functools import cache
 from importlib import import_module
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -51,7 +52,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rigctl.analysis.executors import Progress
-    from rigctl.analysis.learning_curve import SessionCurve, SessionCurves
+    from rigctl.analysis.learning_curve import GrowingCurve, SessionCurve
     from rigctl.analysis.options import AnalysisOptions
 
 
@@ -84,6 +85,12 @@ def _run(task: Callable[..., Any], args: dict[str, Any]) -> tuple[str, Any]:
         return "failed", f"{type(error).__name__} in the analysis: {error}"
 
 
+@cache
+def _let_engine_first() -> None:
+    if sys.platform != "win32":
+        os.nice(ENGINE_FIRST)
+
+
 class WorkerTasks:
     """The tasks of one process, which holds the sessions open that it reads trials of."""
 
@@ -94,7 +101,7 @@ class WorkerTasks:
         self.session_age, self.leave_out = sessions.age_s, sessions.leave_out
         self._pictures = tempfile.TemporaryDirectory(prefix="rigctl-scans-")
         self._follower = run_tasks.SessionFollower()
-        self._curves: SessionCurves | None = None
+        self._growing: GrowingCurve | None = None
 
     plan_protocol = staticmethod(run_tasks.plan_protocol)
     read_protocol = staticmethod(run_tasks.read_protocol)
@@ -110,13 +117,14 @@ class WorkerTasks:
 
     def learning_curve(self, folder: str) -> SessionCurve:
         """Return the learning curve of a session's trials so far. Raises SessionError."""
-        from rigctl.analysis.learning_curve import SessionCurves
+        from rigctl.analysis.learning_curve import GrowingCurve
 
-        if self._curves is None:
-            self._curves = SessionCurves()
-            if sys.platform != "win32":
-                os.nice(ENGINE_FIRST)
-        return self._curves.curve(folder, self._progress)
+        _let_engine_first()
+        if self._growing is None or self._growing.session.path != Path(folder):
+            before, self._growing = self._growing, GrowingCurve(Path(folder))
+            if before is not None:
+                before.session.close()
+        return self._growing.curve(self._progress)
 
     def write_note(self, folder: str, **note: Any) -> SessionNews:
         """Add a note to a session; return the session anew."""
@@ -182,7 +190,7 @@ class WorkerTasks:
         now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
         cache = Cache(cache_folder())
         resources = Resources(cache=cache, progress=self._progress)
-        report = make_report(options.report_request(), now, resources)
+        report = make_report(options, now, resources)
         cache.trim()
         return report_results(report)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gui.live.timeline import CAPACITY_S, Ring, Timeline, TimeWindow
-from rigctl.engine.live_file import LiveReader
+from gui.live.timeline import CAPACITY_S, Timeline, TimeWindow
+from rigctl.engine.live_file import LiveReader, Ring
 from rigctl.values import SAMPLE_RATE_HZ
 
 COLUMNS = ("force_g", "force_set_g", "speed_mm_s", "speed_set_mm_s")

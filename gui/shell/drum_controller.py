@@ -17,7 +17,6 @@ from gui.protocol.protocol_panel import ProtocolPanel
 from gui.widgets.data_ages import DataAges, data_ages
 from gui.widgets.theme import Theme
 from rigctl.engine.live_file import LiveReader
-from rigctl.engine.notices import wiring_notice
 from rigctl.engine.rpc.messages import EngineStatus, parse_status
 
 ENGINE_SILENT = "the engine does not answer: press the emergency stop if the drum moves"
@@ -61,8 +60,6 @@ class DrumController(QObject):
         self.toolbar.show_connecting()
         with_world = f" with world {world}" if world else ""
         self.reported.emit("rig", f"connecting to {shown_rig(rig)}{with_world} …")
-        if notice := wiring_notice(rig):
-            self.reported.emit("check", notice)
         self.link.open(rig, world)
 
     def start_another(self) -> None:

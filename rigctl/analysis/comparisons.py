@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 from rigctl.analysis import published
 from rigctl.analysis.cache import Resources
 from rigctl.analysis.representations import REPRESENTATIONS, RepresentationSet
-from rigctl.analysis.splits import Design, make_splits
+from rigctl.analysis.splits import make_splits
 from rigctl.analysis.statistics import Difference, k_ranges, welch_each
 from rigctl.analysis.tasks import Curve, SweepSettings, TaskResult, score_splits
+from rigctl.analysis.trial_set import Design
 
 THRESHOLDS = (0.80, 0.90, 0.95)
 CEILING = 0.99

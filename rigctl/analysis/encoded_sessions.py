@@ -19,7 +19,6 @@ from rigctl.analysis.force_scaling import (
     sa_factors,
     trials_to_encode,
 )
-from rigctl.analysis.report.example_taxel import check_selection
 from rigctl.analysis.spike_counts import (
     ConditionTask,
     PreparedTrials,
@@ -37,6 +36,7 @@ from rigctl.analysis.taxel import (
     SHOWN_S,
     EncodeRequest,
     Section,
+    check_selection,
     draw_every_signal,
     load_course,
     write_course,

@@ -6,8 +6,8 @@ each start, so this module loads no classifier.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,36 +16,12 @@ from rigctl.analysis import published
 from rigctl.analysis.published import Task
 from rigctl.errors import WrongUse
 
+if TYPE_CHECKING:
+    from rigctl.analysis.trial_set import Design
+
 Rows = NDArray[np.intp]
 TrainAndTests = tuple[Rows, dict[str, Rows]]
 """Training rows of one fit, and its test rows by the key of a task."""
-
-
-class Trials(Protocol):
-    """What splits are drawn from: :class:`rigctl.analysis.splits.Design`, arrays (n_trials,)."""
-
-    @property
-    def texture(self) -> NDArray[np.int64]:
-        """Number of each trial's texture."""
-
-    @property
-    def speed_mm_s(self) -> NDArray[np.float64]:
-        """Planned speed of each trial."""
-
-    @property
-    def force_g(self) -> NDArray[np.float64]:
-        """Planned force of each trial."""
-
-    @property
-    def textures(self) -> tuple[str, ...]:
-        """Names of the textures."""
-
-    @property
-    def settings(self) -> Any:
-        """The settings of the analysis."""
-
-    def conditions(self) -> Iterable[Rows]:
-        """Return the trials of each texture, speed and force."""
 
 
 class Family(NamedTuple):
@@ -58,30 +34,30 @@ class Family(NamedTuple):
     name: str
     title: str
     tasks: tuple[Task, ...]
-    splits: Callable[[Trials, np.random.Generator], list[TrainAndTests]]
+    splits: Callable[[Design, np.random.Generator], list[TrainAndTests]]
 
 
-def _each_speed(trials: Trials, random: np.random.Generator) -> list[TrainAndTests]:
-    return _leave_one_out(trials, random, "leave-speed-out", trials.speed_mm_s)
+def _each_speed(design: Design, random: np.random.Generator) -> list[TrainAndTests]:
+    return _leave_one_out(design, random, "leave-speed-out", design.speed_mm_s)
 
 
-def _each_force(trials: Trials, random: np.random.Generator) -> list[TrainAndTests]:
-    return _leave_one_out(trials, random, "leave-force-out", trials.force_g)
+def _each_force(design: Design, random: np.random.Generator) -> list[TrainAndTests]:
+    return _leave_one_out(design, random, "leave-force-out", design.force_g)
 
 
 def _leave_one_out(
-    trials: Trials, random: np.random.Generator, key: str, levels: NDArray[np.float64]
+    design: Design, random: np.random.Generator, key: str, levels: NDArray[np.float64]
 ) -> list[TrainAndTests]:
     """Draw three quarters of each condition; test each level on a fit of the other levels."""
     if len(np.unique(levels)) < 2:
         raise WrongUse("it needs two levels or more, one to leave out and one to train on")
-    if len(trials.textures) < 2:
+    if len(design.textures) < 2:
         raise WrongUse("it needs two textures or more")
-    share = trials.settings.extrapolation.trained_share
+    share = design.settings.extrapolation.trained_share
     drawn = np.concatenate(
         [
             random.permutation(rows)[: max(1, round(len(rows) * share))]
-            for rows in trials.conditions()
+            for rows in design.conditions()
         ]
     )
     return [

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from rigctl.analysis.executors import Progress
 from rigctl.analysis.pca_lda import Labels, Split, SweepEngine, predict_splits
-from rigctl.analysis.splits import LEAST_TRIALS, Design, Fold
-from rigctl.analysis.trial_set import TrialSet
+from rigctl.analysis.splits import LEAST_TRIALS, Fold
+from rigctl.analysis.trial_set import Design, TrialSet
 from rigctl.encoder.features import FeatureLayout, feature_matrices
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.errors import WrongUse

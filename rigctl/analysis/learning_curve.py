@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigctl.analysis.executors import Progress
 from rigctl.analysis.held_out import MAX_COMPONENTS, N_FOLDS, SHOWN_COMPONENTS, TASK
@@ -19,7 +18,7 @@ from rigctl.analysis.splits import Fold, stratified_folds
 from rigctl.analysis.statistics import wilson_interval
 from rigctl.encoder.features import FeatureLayout, feature_matrices
 from rigctl.encoder.normalisation import Normalisation
-from rigctl.session.session import Session
+from rigctl.session.session import Session, rows_by_condition
 
 Condition = tuple[float, float, float]
 """Speed in mm/s, force in g, depth in mm."""
@@ -144,92 +143,6 @@ def predict_held_out(features: Matrix, labels: Labels, folds: list[Fold]) -> Lab
     return predictions
 
 
-class GrowingFeatures:
-    """Reads new committed trials, and encodes them with the session's preset and range.
-
-    Without a calibrated range, that of the first 1, 2, 4, 8, … trials holds until there are twice
-    as many; then all are encoded again, with the range of twice as many. ``features``: float64 (p,)
-    by row of /trials, scaled to speed. ``points``: those of the curve so far.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self.session = Session.open(folder)
-        self.features: dict[int, Matrix] = {}
-        self.points: KnownPoints = {}
-        self.has_calibrated_range = self.session.header.calibrated_ranges is not None
-        self._parameters = self.session.header.encoder_parameters
-        self._complete: dict[int, bool] = {}
-        self._n_ranged = 0
-        self._ranges = self.session.header.calibrated_ranges
-        self._layout: FeatureLayout | None = None
-
-    def update(self, progress: Progress = lambda stage, done, total: None) -> None:
-        """Take in what was recorded since the last time."""
-        self.session.refresh()
-        rows = self.usable_rows()
-        if not rows:
-            self.features.clear()
-            return
-        ranges = self._range_for(rows)
-        if self._layout is None:
-            self._layout = self._covering(rows)
-        new = [row for row in rows if row not in self.features]
-        for start in range(0, len(new), TILE_TRIALS):
-            progress("encoding trials", start, len(new))
-            self._encode(new[start : start + TILE_TRIALS], ranges, self._layout)
-
-    def usable_rows(self) -> list[int]:
-        """Return the rows of committed trials with motion and all samples, as recorded."""
-        table, committed = self.session.trials, np.sort(self.session.committed())
-        moving = (table["speed_mm_s"][committed] > 0) & (table["travel_mm"][committed] > 0)
-        rows: list[int] = committed[moving].tolist()
-        new = [row for row in rows if row not in self._complete]
-        for row, place in zip(new, self.session.sample_ranges(new) if new else (), strict=True):
-            self._complete[row] = place.complete and place.stop > place.start
-        return [row for row in rows if self._complete[row]]
-
-    def by_condition(self) -> dict[str, dict[Condition, list[int]]]:
-        """Return the rows of encoded trials by plate and condition."""
-        found: dict[str, dict[Condition, list[int]]] = {}
-        for row in self.usable_rows():
-            trial = self.session.trials[row]
-            speed, force, depth = (
-                float(trial[name]) for name in ("speed_mm_s", "force_g", "depth_mm")
-            )
-            cells = found.setdefault(str(trial["texture"]), {})
-            cells.setdefault((speed, force, depth), []).append(row)
-        return found
-
-    def _encode(self, rows: Sequence[int], ranges: Normalisation, layout: FeatureLayout) -> None:
-        samples = [self.session.readings(row) for row in rows]
-        speeds = [float(self.session.trials[row]["speed_mm_s"]) for row in rows]
-        (matrix,) = feature_matrices(samples, speeds, ranges, [layout], self._parameters)
-        self.features.update(zip(rows, matrix, strict=True))
-
-    def _range_for(self, rows: Sequence[int]) -> Normalisation:
-        """Return the range for these trials; forget features of another one."""
-        first = 1 << (len(rows).bit_length() - 1)
-        if self._ranges is not None and (self.has_calibrated_range or first == self._n_ranged):
-            return self._ranges
-        ends = [self._ends_of(row) for row in rows[:first]]
-        source = f"the first {first} trials"
-        self._ranges = Normalisation.from_samples(ends, source, self._parameters.reading)
-        self._n_ranged, self._layout = first, self._covering(rows)
-        self.features.clear()
-        self.points.clear()
-        return self._ranges
-
-    def _ends_of(self, row: int) -> NDArray[np.uint16]:
-        """Return each taxel's lowest and highest reading in a trial, uint16 (2, n_taxels)."""
-        samples = self.session.readings(row)
-        return np.stack((samples.min(axis=0), samples.max(axis=0)))
-
-    def _covering(self, rows: Sequence[int]) -> FeatureLayout:
-        table = self.session.trials[list(rows)]
-        counts, speeds = table["count"].tolist(), table["speed_mm_s"].tolist()
-        return FeatureLayout.covering(counts, speeds, scaled=True)
-
-
 class SessionCurve(NamedTuple):
     """The points of a session's learning curve.
 
@@ -246,39 +159,89 @@ class SessionCurve(NamedTuple):
     remarks: tuple[str, ...] = ()
 
 
-class SessionCurves:
-    """Computes the curve of one session after the other, and remembers the features of one."""
+class GrowingCurve:
+    """Reads new committed trials, and encodes them with the session's preset and range.
 
-    def __init__(self) -> None:
-        self._growing: GrowingFeatures | None = None
+    Without a calibrated range, that of the first 1, 2, 4, 8, … trials holds until there are twice
+    as many; then all are encoded again, with the range of twice as many. ``features``: float64 (p,)
+    by row of /trials, scaled to speed.
+    """
 
-    def curve(
-        self, folder: str, progress: Progress = lambda stage, done, total: None
-    ) -> SessionCurve:
+    def __init__(self, folder: Path) -> None:
+        self.session = Session.open(folder)
+        self.features: dict[int, Matrix] = {}
+        self.has_calibrated_range = self.session.header.calibrated_ranges is not None
+        self._points: KnownPoints = {}
+        self._parameters = self.session.header.encoder_parameters
+        self._complete: dict[int, bool] = {}
+        self._n_ranged = 0
+        self._ranges = self.session.header.calibrated_ranges
+        self._layout: FeatureLayout | None = None
+
+    def curve(self, progress: Progress = lambda stage, done, total: None) -> SessionCurve:
         """Return the curve of the trials so far. Raises SessionError."""
-        growing = self._open(Path(folder))
-        growing.update(progress)
-        trials = growing.by_condition()
+        trials = self.update(progress)
         progress("classifying", 0, 1)
-        points = learning_curve(trials, growing.features, growing.points)
-        used = len(growing.usable_rows())
-        committed = len(growing.session.committed())
+        points = learning_curve(trials, self.features, self._points)
+        used = sum(len(rows) for cells in trials.values() for rows in cells.values())
+        committed = len(self.session.committed())
         shortfall = "" if points else describe_shortfall(trials)
-        simulated = growing.session.header.simulated
-        remarks = tuple(_remarks(growing, trials, points, committed - used))
-        return SessionCurve(folder, points, used, committed, simulated, shortfall, remarks)
+        remarks = _remarks(trials, points, committed - used, self.has_calibrated_range)
+        of_all = (used, committed, self.session.header.simulated)
+        return SessionCurve(str(self.session.path), points, *of_all, shortfall, tuple(remarks))
 
-    def close(self) -> None:
-        """Close the session that is open."""
-        if self._growing is not None:
-            self._growing.session.close()
-        self._growing = None
+    def update(self, progress: Progress = lambda stage, done, total: None) -> RecordedTrials:
+        """Take in what was recorded since the last time; return the trials that may be used."""
+        self.session.refresh()
+        rows = self._usable_rows()
+        if rows:
+            self._encode_new(rows, progress)
+        else:
+            self.features.clear()
+        found: dict[str, dict[Condition, list[int]]] = {}
+        for (plate, *levels), of_condition in rows_by_condition(self.session, rows).items():
+            found.setdefault(plate, {})[levels[0], levels[1], levels[2]] = of_condition
+        return found
 
-    def _open(self, folder: Path) -> GrowingFeatures:
-        if self._growing is None or self._growing.session.path != folder:
-            self.close()
-            self._growing = GrowingFeatures(folder)
-        return self._growing
+    def _usable_rows(self) -> list[int]:
+        """Return the rows of committed trials with motion and all samples, as recorded."""
+        table, committed = self.session.trials, np.sort(self.session.committed())
+        moving = (table["speed_mm_s"][committed] > 0) & (table["travel_mm"][committed] > 0)
+        rows: list[int] = committed[moving].tolist()
+        new = [row for row in rows if row not in self._complete]
+        for row, place in zip(new, self.session.sample_ranges(new) if new else (), strict=True):
+            self._complete[row] = place.complete and place.stop > place.start
+        return [row for row in rows if self._complete[row]]
+
+    def _encode_new(self, rows: Sequence[int], progress: Progress) -> None:
+        ranges = self._range_for(rows)
+        if self._layout is None:
+            table = self.session.trials[list(rows)]
+            counts, speeds = table["count"].tolist(), table["speed_mm_s"].tolist()
+            self._layout = FeatureLayout.covering(counts, speeds, scaled=True)
+        new = [row for row in rows if row not in self.features]
+        for start in range(0, len(new), TILE_TRIALS):
+            progress("encoding trials", start, len(new))
+            tile = new[start : start + TILE_TRIALS]
+            samples = [self.session.readings(row) for row in tile]
+            speeds = self.session.trials["speed_mm_s"][tile].tolist()
+            layouts = [self._layout]
+            (matrix,) = feature_matrices(samples, speeds, ranges, layouts, self._parameters)
+            self.features.update(zip(tile, matrix, strict=True))
+
+    def _range_for(self, rows: Sequence[int]) -> Normalisation:
+        """Return the range for these trials; forget features of another one."""
+        first = 1 << (len(rows).bit_length() - 1)
+        if self._ranges is not None and (self.has_calibrated_range or first == self._n_ranged):
+            return self._ranges
+        readings = map(self.session.readings, rows[:first])
+        ends = [np.stack((one.min(axis=0), one.max(axis=0))) for one in readings]
+        source = f"the first {first} trials"
+        self._ranges = Normalisation.from_samples(ends, source, self._parameters.reading)
+        self._n_ranged, self._layout = first, None
+        self.features.clear()
+        self._points.clear()
+        return self._ranges
 
 
 def describe_shortfall(trials: RecordedTrials) -> str:
@@ -296,10 +259,10 @@ def describe_shortfall(trials: RecordedTrials) -> str:
 
 
 def _remarks(
-    growing: GrowingFeatures, trials: RecordedTrials, points: tuple[CurvePoint, ...], without: int
+    trials: RecordedTrials, points: Sequence[CurvePoint], without: int, is_calibrated: bool
 ) -> list[str]:
     lines = []
-    if not growing.has_calibrated_range:
+    if not is_calibrated:
         lines.append(
             "No calibrated range of the taxels: that of the first trials holds, and the curve "
             "changes when there are twice as many"

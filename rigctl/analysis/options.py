@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import Field, dataclass, field, fields
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,13 +13,12 @@ from rigctl.errors import WrongUse
 from rigctl.protocol.plan import MAX_SEED
 
 if TYPE_CHECKING:
-    from rigctl.analysis.further_tasks import OFFERED
-    from rigctl.analysis.report.report_folder import ReportRequest
     from rigctl.analysis.settings import AnalysisSettings
     from rigctl.analysis.spike_counts import RangesOver
+    from rigctl.analysis.tasks import SweepSettings
     from rigctl.analysis.training import ModelRequest
     from rigctl.encoder.normalisation import Normalisation
-from rigctl.encoder.parameters import EncoderParameters
+    from rigctl.encoder.parameters import EncoderParameters
 
 DRUM, FINGER = "drum", "realtime"
 """Experiments whose sessions are analysed."""
@@ -109,8 +109,9 @@ class EncoderOptions:
 
         return REFERENCE_FORCE_G if self.reference_force is None else self.reference_force
 
-    def load_ranges(self) -> RangesOver | Normalisation:
-        """Return the chosen taxel ranges.
+    @property
+    def taxel_ranges(self) -> RangesOver | Normalisation:
+        """The chosen taxel ranges.
 
         Raises SessionError for a file without ranges, or with another order of taxels.
         """
@@ -195,8 +196,12 @@ class AnalysisOptions(EncoderOptions):
         None, "principal components (50)", "K", low=1, group=MODEL,
     )  # fmt: skip
 
-    def load_settings(self) -> AnalysisSettings:
-        """Return the constants of the analysis file, or the paper's; options come before both."""
+    @cached_property
+    def analysis(self) -> AnalysisSettings:
+        """The constants of the analysis file, or the paper's; options come before both.
+
+        Raises ConfigError.
+        """
         from rigctl.analysis.settings import AnalysisSettings, load_settings
 
         settings = AnalysisSettings() if self.settings is None else load_settings(self.settings)
@@ -204,31 +209,20 @@ class AnalysisOptions(EncoderOptions):
             return settings
         return settings.with_reference_force(self.reference_force)
 
-    def report_request(self) -> ReportRequest:
-        """Return what the drum's report takes. Raises WrongUse or ConfigError."""
+    @property
+    def sweep(self) -> SweepSettings:
+        """The draws of the drum's report, and its tasks. Raises ConfigError."""
         from rigctl.analysis.pca_lda import SweepEngine
-        from rigctl.analysis.report.report_folder import ReportRequest
         from rigctl.analysis.tasks import SweepSettings
 
-        analysis = self.load_settings()
-        iterations = analysis.draws.count if self.iterations is None else self.iterations
-        k_max = analysis.draws.components if self.k_max is None else self.k_max
-        return ReportRequest(
-            self.sessions,
-            self.out,
-            SweepSettings(iterations, k_max, self.seed, SweepEngine(self.engine), self.task),
-            self.parameters,
-            trial=self.trial,
-            taxel=self.taxel,
-            model=self._model(),
-            c=self.c,
-            sensitivity=self.sensitivity,
-            ranges=self.load_ranges(),
-            analysis=analysis,
-        )
+        draws = self.analysis.draws
+        iterations = draws.count if self.iterations is None else self.iterations
+        k_max = draws.components if self.k_max is None else self.k_max
+        return SweepSettings(iterations, k_max, self.seed, SweepEngine(self.engine), self.task)
 
-    def _model(self) -> ModelRequest | None:
-        """Return the requested model, if any. Raises WrongUse for its options without a file."""
+    @property
+    def model(self) -> ModelRequest | None:
+        """The requested model, if any. Raises WrongUse for its options without a file."""
         from rigctl.analysis.training import ModelRequest
 
         options = ("representation", "components")

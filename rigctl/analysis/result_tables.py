@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 from rigctl import __version__
 from rigctl.analysis import published
@@ -24,7 +24,7 @@ from rigctl.analysis.force_scaling import (
     unconverged_entries,
     unconverged_shares,
 )
-from rigctl.analysis.representations import Representation, RepresentationSet
+from rigctl.analysis.representations import RepresentationSet
 from rigctl.analysis.settings import as_plain
 from rigctl.analysis.statistics import (
     NOT_IN_PAPER,
@@ -53,65 +53,37 @@ LABELS_SEEN = (
 )
 
 
-class MountingGap(NamedTuple):
-    """Mean accuracies, shares, of one representation with ``components`` components.
-
-    ``same``: trials of the mountings that were trained; ``other``: of one that was not.
-    ``spread``: standard deviation of the difference over draws (n − 1), None for a single draw.
-    """
-
-    task: str
-    representation: Representation
-    components: int
-    same: float
-    other: float
-    spread: float | None
-
-    @property
-    def points(self) -> float:
-        """What the plate's own seat contributes, percentage points."""
-        return 100 * (self.same - self.other)
-
-
 def describe_mountings(results: Sequence[TaskResult]) -> list[dict[str, Any]]:
-    """Return the gaps as values for JSON, in per cent and percentage points."""
+    """Return what a plate's own seat contributes, for JSON, in per cent and percentage points.
+
+    A mapping for each representation in each pair of tasks that was run; ``sd_points``: standard
+    deviation of the difference over draws (n − 1), None for a single draw.
+    """
+    by_key = {result.task.key: result for result in results}
     return [
-        {
-            "task": gap.task,
-            "untrained_speed": gap.task != PAIRS[0][1],
-            "representation": gap.representation.key,
-            "components": gap.components,
-            "same_mounting_percent": round(100 * gap.same, GAP_DECIMALS),
-            "other_mounting_percent": round(100 * gap.other, GAP_DECIMALS),
-            "points": round(gap.points, GAP_DECIMALS),
-            "sd_points": None if gap.spread is None else round(100 * gap.spread, GAP_DECIMALS),
-        }
-        for gap in mounting_gaps(results)
+        _mounting_gap(other_key, curve, beside, min(same.shown_components, other.shown_components))
+        for same_key, other_key in PAIRS
+        if (same := by_key.get(same_key)) and (other := by_key.get(other_key))
+        for curve in same.curves
+        if (beside := other.curve(curve.representation.key))
     ]
 
 
-def mounting_gaps(results: Sequence[TaskResult]) -> list[MountingGap]:
-    """Return a gap for each representation in each pair of tasks that was run, in their order."""
-    by_key = {result.task.key: result for result in results}
-    gaps = []
-    for same_key, other_key in PAIRS:
-        same, other = by_key.get(same_key), by_key.get(other_key)
-        if same is None or other is None:
-            continue
-        k = min(same.shown_components, other.shown_components)
-        for curve in same.curves:
-            beside = other.curve(curve.representation.key)
-            if beside is not None:
-                gaps.append(_gap(other_key, curve, beside, k))
-    return gaps
-
-
-def _gap(task: str, same: Curve, other: Curve, k: int) -> MountingGap:
+def _mounting_gap(task: str, same: Curve, other: Curve, k: int) -> dict[str, Any]:
     """Return the gap between two curves of the same draws, with ``k`` components."""
     by_draw = same.accuracy[:, k - 1] - other.accuracy[:, k - 1]
-    spread = float(by_draw.std(ddof=1)) if len(by_draw) > 1 else None
-    shares = float(same.mean[k - 1]), float(other.mean[k - 1])
-    return MountingGap(task, same.representation, k, *shares, spread)
+    known, unknown = float(same.mean[k - 1]), float(other.mean[k - 1])
+    spread = round(100 * float(by_draw.std(ddof=1)), GAP_DECIMALS) if len(by_draw) > 1 else None
+    return {
+        "task": task,
+        "untrained_speed": task != PAIRS[0][1],
+        "representation": same.representation.key,
+        "components": k,
+        "same_mounting_percent": round(100 * known, GAP_DECIMALS),
+        "other_mounting_percent": round(100 * unknown, GAP_DECIMALS),
+        "points": round(100 * (known - unknown), GAP_DECIMALS),
+        "sd_points": spread,
+    }
 
 
 def table_rows(results: Sequence[TaskResult]) -> list[dict[str, Any]]:

@@ -29,13 +29,12 @@ from rigctl.encoder.batch import (
     Counts,
     common_bin_edges,
     count_spikes,
-    count_spikes_without_and_with_c,
     mean_normalised_reading,
     sa_rates_hz,
 )
 from rigctl.encoder.features import FeatureLayout
 from rigctl.encoder.force_matrix import ForceMatrix
-from rigctl.encoder.force_search import ForceSearch, search_c
+from rigctl.encoder.force_search import search_c
 from rigctl.encoder.kernel import TrialViews
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import EncoderParameters
@@ -226,9 +225,16 @@ def _search_c(condition: ConditionTask, reader: TrialReader) -> Arrays:
         if not rows:
             found["status"][:, f], found["rate_hz"][:, f] = SearchStatus.ABSENT, 0.0
             continue
-        plain[rows], search = _search_at_force(
-            condition, _read(condition, reader, rows), reading, target
+        search = search_c(
+            _read(condition, reader, rows),
+            reading,
+            target,
+            condition.normalisation,
+            condition.parameters,
+            bin_edges=condition.bin_edges,
+            with_plain=True,
         )
+        plain[rows] = search.plain
         forced[rows] = search.counts
         found["c"][:, f], found["status"][:, f] = search.c, search.status
         found["rate_hz"][:, f] = search.rate_hz
@@ -251,26 +257,6 @@ def _count_reference(
     sa_counts = plain[rows, : condition.normalisation.n_taxels]
     rates_hz = sa_rates_hz(sa_counts, reference.lengths.tolist(), condition.parameters)
     return mean_normalised_reading(reference, condition.normalisation), rates_hz
-
-
-def _search_at_force(
-    condition: ConditionTask,
-    trials: TrialViews,
-    reading: NDArray[np.float64],
-    target: NDArray[np.float64],
-) -> tuple[Counts, ForceSearch]:
-    """Return the counts without C, which the first encoding of the search adds, and the search."""
-    plain: list[Counts] = []
-    edges, encoder = condition.bin_edges, (condition.normalisation, condition.parameters)
-
-    def count_first(c: NDArray[np.float64]) -> Counts:
-        scale = np.tile(c, (len(trials), 1))
-        without, with_c = count_spikes_without_and_with_c(trials, edges, *encoder, scale)
-        plain.append(without)
-        return with_c
-
-    search = search_c(trials, reading, target, *encoder, bin_edges=edges, first_counts=count_first)
-    return plain[0], search
 
 
 def _downcast(counts: Counts) -> NDArray[Any]:

@@ -1,19 +1,16 @@
-"""Splits by the mounting of a plate: does a classifier know the texture, or how its plate sat?"""
+"""Splits of trials into training and test: folds, extrapolation, and a mounting left out."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis import published
 from rigctl.analysis.further_tasks import FURTHER
 from rigctl.analysis.pca_lda import Labels, Rows, Split
-from rigctl.analysis.settings import AnalysisSettings
-from rigctl.analysis.trial_set import TrialSet
+from rigctl.analysis.trial_set import Design
 from rigctl.errors import WrongUse
 
 MAX_FOLDS = 4
@@ -55,20 +52,6 @@ class MountSplit(NamedTuple):
     train: Rows
     same: Rows
     other: Rows
-
-
-def number_mountings(texture: Labels, places: Sequence[tuple[int, int]]) -> NDArray[np.int64]:
-    """Return the mounting of each trial's plate, from 0 for each texture, int64 (n_trials,).
-
-    ``places``: each trial's session and its mounting there: a plate was mounted anew in another
-    session.
-    """
-    _, place = np.unique(np.array(places, np.int64).reshape(-1, 2), axis=0, return_inverse=True)
-    numbers = np.empty(len(texture), np.int64)
-    for label in np.unique(texture):
-        rows = texture == label
-        numbers[rows] = np.unique(place.reshape(-1)[rows], return_inverse=True)[1].reshape(-1)
-    return numbers
 
 
 def mounted_again(texture: Labels, mount: Labels) -> NDArray[np.int64]:
@@ -121,71 +104,6 @@ def split_mountings(
 
 def _joined(rows: Iterable[Rows]) -> Rows:
     return np.concatenate([np.empty(0, np.int64), *rows])
-
-
-@dataclass(frozen=True, slots=True)
-class Design:
-    """Labels and conditions of a set's trials, an element for each trial.
-
-    ``texture``: int64 index into ``textures``; ``speed_mm_s``, ``force_g``: float64.
-    ``settings``: the groups, trained conditions and shares. ``mount``: int64, the mounting of the
-    texture's plate over all sessions, from 0; empty if unknown.
-    """
-
-    textures: tuple[str, ...]
-    texture: NDArray[np.int64]
-    speed_mm_s: NDArray[np.float64]
-    force_g: NDArray[np.float64]
-    settings: AnalysisSettings = field(default_factory=AnalysisSettings)
-    mount: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
-
-    @classmethod
-    def from_trials(cls, trials: TrialSet, settings: AnalysisSettings | None = None) -> Design:
-        """Return the design of a set of trials."""
-        names = trials.textures
-        texture = np.array([names.index(t.texture) for t in trials.trials], np.int64)
-        return cls(
-            names,
-            texture,
-            np.array([t.speed_mm_s for t in trials.trials]),
-            np.array([t.force_g for t in trials.trials]),
-            settings or AnalysisSettings(),
-            mount=number_mountings(texture, [(t.session, t.mount) for t in trials.trials]),
-        )
-
-    @property
-    def groups(self) -> tuple[str, ...]:
-        """The texture groups in the set."""
-        return self.settings.groups.present(self.textures)
-
-    @property
-    def ungrouped(self) -> tuple[str, ...]:
-        """Textures without a group."""
-        group_of = self.settings.groups.group_of
-        return tuple(name for name in self.textures if name not in group_of)
-
-    def classes(self, task: published.Task) -> tuple[str, ...]:
-        """Return the class names of a task."""
-        return self.groups if task.grouped else self.textures
-
-    def labels(self, task: published.Task) -> NDArray[np.int64]:
-        """Return the index of each trial's class in :meth:`classes`, int64; −1 for none."""
-        return self.group_labels if task.grouped else self.texture
-
-    @property
-    def group_labels(self) -> NDArray[np.int64]:
-        """Index of each trial's texture group, int64; −1 for a texture without one."""
-        groups, group_of = self.groups, self.settings.groups.group_of
-        index = [groups.index(group_of[n]) if n in group_of else -1 for n in self.textures]
-        return np.array(index, np.int64)[self.texture]
-
-    def conditions(self) -> list[Rows]:
-        """Return the rows of each texture × speed × force in the set, in a fixed order."""
-        keys = np.stack([self.texture, self.speed_mm_s, self.force_g], axis=1)
-        _, which = np.unique(keys, axis=0, return_inverse=True)
-        order = np.argsort(which.reshape(-1), kind="stable")
-        ends = np.cumsum(np.bincount(which.reshape(-1)))[:-1]
-        return list(np.split(order, ends))
 
 
 def make_splits(design: Design, family: str, seed: int, iteration: int) -> list[Split]:

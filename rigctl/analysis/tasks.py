@@ -18,11 +18,11 @@ from rigctl.analysis.representations import Representation, RepresentationSet
 from rigctl.analysis.settings import AsteriskThresholds
 from rigctl.analysis.splits import (
     UNTRAINED_SPEED,
-    Design,
     extrapolation_fits,
     make_splits,
     textures_left_out,
 )
+from rigctl.analysis.trial_set import Design
 from rigctl.errors import WrongUse
 
 Counts = NDArray[np.int64]
@@ -270,9 +270,10 @@ def _plan_family(
         layout.n_features(representations.trials.n_taxels)
         for layout in (representations.unscaled, representations.scaled)
     )
-    k_max = min(settings.k_max, n_train - len(design.textures), narrowest)
+    n_textures = max(len(np.unique(design.texture[fit.train])) for fit in fits)
+    k_max = min(settings.k_max, n_train - n_textures, narrowest)
     if k_max < 1:
-        raise WrongUse(f"{n_train} training trials are too few for {len(design.textures)} textures")
+        raise WrongUse(f"{n_train} training trials are too few for {n_textures} textures")
     tested = {key for fit in fits for key in fit.tests}
     remaining = tuple(task for task in tasks if task.key in tested)
     if not remaining:

@@ -24,7 +24,6 @@ from rigctl.analysis.movies import (
     write_head,
     write_movie_file,
 )
-from rigctl.analysis.report.example_taxel import check_selection, chosen_trial, trials_origin
 from rigctl.analysis.report.figures import (
     DPI,
     FAINT,
@@ -52,6 +51,7 @@ from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import DEFAULT, EncoderParameters, RaDerivative
 from rigctl.encoder.ra_filter import ra_signals
 from rigctl.errors import WrongUse
+from rigctl.session.header import IMPORTED
 from rigctl.values import SAMPLE_RATE_HZ
 
 if TYPE_CHECKING:
@@ -73,6 +73,8 @@ COLOURS = (SA_COLOUR, RA_COLOUR)
 HEIGHTS_OF_2C = (2.2, 1.6, 0.5, 1.6, 0.5)
 HEIGHTS_OF_2D = (1.7, 1.2, 1.2, 1.3, 0.5, 1.2, 1.3, 0.5)
 """Relative heights of the panels of Figure 2C, and of all signals of Figure 2D."""
+SHOWN_TRIAL = ("L", 80.0, 500.0)
+"""Texture, speed and force of the paper's Figure 2C."""
 SHOWN_S = 1.0
 """Length of the paper's Figure 2C."""
 FORMATS = (".svg", ".png", ".pdf")
@@ -81,6 +83,44 @@ MAX_WORDS = 110
 """Of the words below the title: the clock stands beside them."""
 MOVIE_S = 10.0
 """How long a movie plays, whatever the length of the section."""
+
+
+def trials_origin(trials: TrialSet) -> str:
+    """Return the origin of the data, for the foot of a figure."""
+    rigs = {str(source["rig"]) for source in trials.provenance}
+    bench = "Imported recordings" if rigs == {IMPORTED} else "Real bench"
+    bench = "Simulated bench" if trials.simulated else bench
+    first, n = trials.paths[0].name, len(trials.paths)
+    rest = f" and {n - 1} more" if n > 1 else ""
+    return f"{bench} · session {first}{rest} · {len(trials.trials):,} trials"
+
+
+def check_selection(trials: TrialSet, trial: int | None, taxel: int | None) -> None:
+    """Raise WrongUse for a trial or a taxel, counted from 1, that the set does not have."""
+    if taxel is not None and not 1 <= taxel <= trials.n_taxels:
+        raise WrongUse(f"there is no taxel {taxel}: choose 1 to {trials.n_taxels}")
+    if trial is not None and not any(t.trial_id == trial for t in trials.trials):
+        raise WrongUse(f"no session has a committed trial {trial} with motion")
+
+
+def chosen_trial(trials: TrialSet, trial_id: int | None = None) -> int:
+    """Return the row of a trial, by default of that nearest to the paper's Figure 2C.
+
+    Of several sessions with a trial of this number, the first counts. Raises WrongUse for a trial
+    with gaps.
+    """
+    texture, speed, force = SHOWN_TRIAL
+    if trial_id is not None:
+        matching = [row for row, t in enumerate(trials.trials) if t.trial_id == trial_id]
+        if not matching:
+            raise WrongUse(f"trial {trial_id} has gaps or no C: choose another for the figure")
+        return matching[0]
+
+    def distance(row: int) -> tuple[bool, float, float]:
+        t = trials.trials[row]
+        return t.texture != texture, abs(t.speed_mm_s - speed), abs(t.force_g - force)
+
+    return min(range(len(trials.trials)), key=distance)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from rigctl.analysis import published
 from rigctl.analysis.executors import Progress
 from rigctl.analysis.pca_lda import fit_classifier
 from rigctl.analysis.representations import REPRESENTATIONS, Representation, RepresentationSet
-from rigctl.analysis.splits import Design
+from rigctl.analysis.trial_set import Design
 from rigctl.config.resources import source_commit
 from rigctl.errors import WrongUse
 from rigctl.session.analysis_file import content_digest

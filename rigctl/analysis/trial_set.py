@@ -15,7 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.analysis import published
 from rigctl.analysis.executors import Progress
+from rigctl.analysis.settings import AnalysisSettings
 from rigctl.encoder.reading import Reading, conductance
 from rigctl.errors import SessionError
 from rigctl.session.analysis_file import load_inputs
@@ -400,3 +402,84 @@ def _left_out(ids: Sequence[int], reason: str) -> str:
     trials = "1 trial" if len(ids) == 1 else f"{len(ids)} trials"
     listed = ", ".join(map(str, ids[:MAX_LISTED_IDS])) + (" …" if len(ids) > MAX_LISTED_IDS else "")
     return f"{trials} left out for {reason}: {listed}"
+
+
+def number_mountings(
+    texture: NDArray[np.int64], places: Sequence[tuple[int, int]]
+) -> NDArray[np.int64]:
+    """Return the mounting of each trial's plate, from 0 for each texture, int64 (n_trials,).
+
+    ``places``: each trial's session and its mounting there: a plate was mounted anew in another
+    session.
+    """
+    _, place = np.unique(np.array(places, np.int64).reshape(-1, 2), axis=0, return_inverse=True)
+    numbers = np.empty(len(texture), np.int64)
+    for label in np.unique(texture):
+        rows = texture == label
+        numbers[rows] = np.unique(place.reshape(-1)[rows], return_inverse=True)[1].reshape(-1)
+    return numbers
+
+
+@dataclass(frozen=True, slots=True)
+class Design:
+    """Labels and conditions of a set's trials, an element for each trial.
+
+    ``texture``: int64 index into ``textures``; ``speed_mm_s``, ``force_g``: float64.
+    ``settings``: the groups, trained conditions and shares. ``mount``: int64, the mounting of the
+    texture's plate over all sessions, from 0; empty if unknown.
+    """
+
+    textures: tuple[str, ...]
+    texture: NDArray[np.int64]
+    speed_mm_s: NDArray[np.float64]
+    force_g: NDArray[np.float64]
+    settings: AnalysisSettings = field(default_factory=AnalysisSettings)
+    mount: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+
+    @classmethod
+    def from_trials(cls, trials: TrialSet, settings: AnalysisSettings | None = None) -> Design:
+        """Return the design of a set of trials."""
+        names = trials.textures
+        texture = np.array([names.index(t.texture) for t in trials.trials], np.int64)
+        return cls(
+            names,
+            texture,
+            np.array([t.speed_mm_s for t in trials.trials]),
+            np.array([t.force_g for t in trials.trials]),
+            settings or AnalysisSettings(),
+            mount=number_mountings(texture, [(t.session, t.mount) for t in trials.trials]),
+        )
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """The texture groups in the set."""
+        return self.settings.groups.present(self.textures)
+
+    @property
+    def ungrouped(self) -> tuple[str, ...]:
+        """Textures without a group."""
+        group_of = self.settings.groups.group_of
+        return tuple(name for name in self.textures if name not in group_of)
+
+    def classes(self, task: published.Task) -> tuple[str, ...]:
+        """Return the class names of a task."""
+        return self.groups if task.grouped else self.textures
+
+    def labels(self, task: published.Task) -> NDArray[np.int64]:
+        """Return the index of each trial's class in :meth:`classes`, int64; −1 for none."""
+        return self.group_labels if task.grouped else self.texture
+
+    @property
+    def group_labels(self) -> NDArray[np.int64]:
+        """Index of each trial's texture group, int64; −1 for a texture without one."""
+        groups, group_of = self.groups, self.settings.groups.group_of
+        index = [groups.index(group_of[n]) if n in group_of else -1 for n in self.textures]
+        return np.array(index, np.int64)[self.texture]
+
+    def conditions(self) -> list[NDArray[np.intp]]:
+        """Return the rows of each texture × speed × force in the set, in a fixed order."""
+        keys = np.stack([self.texture, self.speed_mm_s, self.force_g], axis=1)
+        _, which = np.unique(keys, axis=0, return_inverse=True)
+        order = np.argsort(which.reshape(-1), kind="stable")
+        ends = np.cumsum(np.bincount(which.reshape(-1)))[:-1]
+        return list(np.split(order, ends))

@@ -1,4 +1,4 @@
-"""Links to boards: the interface, serial ports and TCP sockets."""
+"""Links to boards: the interface, serial ports and TCP sockets, and who gets what arrives."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import socket
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Protocol
+from typing import Generic, ParamSpec, Protocol
 
 import serial
 
@@ -47,6 +47,35 @@ class ByteLink(Protocol):
     def close(self) -> None:
         """Stop reading and free the port; closing twice is harmless."""
         ...
+
+
+Values = ParamSpec("Values")
+
+
+class Consumers(Generic[Values]):
+    """Callbacks that get each value in order; one that raises is reported and dropped."""
+
+    def __init__(self, on_failure: Callable[[Exception], None]) -> None:
+        self._on_failure = on_failure
+        self._callbacks: list[Callable[Values, None]] = []
+
+    def add(self, callback: Callable[Values, None]) -> None:
+        """Call ``callback`` with every value from now on."""
+        self._callbacks.append(callback)
+
+    def remove(self, callback: Callable[Values, None]) -> None:
+        """Call it no more; it may have been dropped already."""
+        if callback in self._callbacks:
+            self._callbacks.remove(callback)
+
+    def publish(self, *args: Values.args, **kwargs: Values.kwargs) -> None:
+        """Pass a value to all consumers."""
+        for callback in tuple(self._callbacks):
+            try:
+                callback(*args, **kwargs)
+            except Exception as error:  # noqa: BLE001 - becomes a visible fault, reading continues
+                self._callbacks.remove(callback)
+                self._on_failure(error)
 
 
 READ_SIZE = 65536

@@ -1,8 +1,6 @@
-"""Encode and decode the taxel board's frames: samples, status, identity, self-test.
+"""What the taxel board sends and accepts: samples, status, identity, self-test.
 
-``docs/reference/taxel-wire.md`` describes the layout. :class:`FrameDecoder` returns the same
-samples however the byte stream is sliced; damaged bytes cost the frames they touch, repeated and
-late frames are refused, and every lost sample is counted as a gap or reported with a reboot.
+``docs/reference/taxel-wire.md`` describes the layout; :mod:`rigctl.boards.taxel_decoder` reads it.
 """
 
 from __future__ import annotations
@@ -12,14 +10,8 @@ import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass
 from enum import IntFlag
-from itertools import pairwise
-from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from rigctl.boards import taxel_constants
-from rigctl.values import DRAWN_WIRING, Block, Gap
+from rigctl.values import DRAWN_WIRING
 
 N_INPUTS = 6
 """Inputs of the paper's board; another has ``[taxels] inputs`` of ``rig.toml``."""
@@ -183,9 +175,22 @@ BAUD = 500_000
 CYCLES_PER_US = 16
 """Cycles of the board's chip, the unit of its longest interrupt."""
 IDENTIFY, SELF_TEST = 0x01, 0x02
-
-_STATUS = struct.Struct("<2xIIHHHBHHHHB")
-_IDENTITY = struct.Struct("<xHBBHIBHHBHB")
+"""Requests to the board; the numbers that follow are of what it sends."""
+IDENTITY, DATA, STATUS, SELF_TEST_OUTCOME = 0x10, 0x11, 0x12, 0x13
+STATUS_BODY, IDENTITY_BODY, SELF_TEST_BODY = 26, 20, 18
+CONTROLS = ((STATUS, STATUS_BODY), (IDENTITY, IDENTITY_BODY), (SELF_TEST_OUTCOME, SELF_TEST_BODY))
+READING_BITS = 10
+EDGE_BITS = 4
+READINGS_AT = 4
+"""Offset of the readings in the body of a data frame; behind them are the edges."""
+OVERHEAD = 5
+"""Bytes that CRC-32 and COBS add to a body, without the closing zero."""
+JITTER = 50
+"""Samples by which a status frame may lag behind the data frames around it."""
+MAX_JUMP = 1000
+"""Longest gap that a data frame alone can tell: it holds only 16 bits of the counter."""
+LATE = 8
+"""Samples of the boot before that may still come behind the news of a reboot."""
 
 
 class SelfTestBit(IntFlag):
@@ -239,25 +244,6 @@ class TaxelIdentity:
     slots: int
 
 
-class Decoded(NamedTuple):
-    """Contents of one slice of the byte stream.
-
-    ``blocks``: the samples in order, in one block and another after each reboot, because the
-    board's counters restart; between two blocks' first and last sample, each counter is either a
-    row or in a gap. ``reboots`` counts reboots, ``rejected_frames`` and ``rejected_bytes`` what was
-    no intact frame, ``stale_frames`` intact ones that repeat or come behind newer ones.
-    """
-
-    blocks: tuple[Block, ...]
-    statuses: tuple[TaxelStatus, ...]
-    identities: tuple[TaxelIdentity, ...]
-    self_tests: tuple[SelfTest, ...]
-    reboots: int
-    rejected_frames: int
-    rejected_bytes: int
-    stale_frames: int
-
-
 def cobs_encode(data: bytes) -> bytes:
     """Return at most 253 bytes without zero bytes, so that a zero can end a frame.
 
@@ -274,129 +260,15 @@ def frame(body: bytes) -> bytes:
 
 def data_body(n_taxels: int) -> int:
     """Return the bytes in the body of a data frame, as ``DATA_SIZE`` in the firmware's wire.h."""
-    bits = taxel_constants.READING_BITS * n_taxels + taxel_constants.EDGE_BITS
-    return taxel_constants.READINGS_AT + -(-bits // 8)
+    bits = READING_BITS * n_taxels + EDGE_BITS
+    return READINGS_AT + -(-bits // 8)
 
 
 def frame_bytes(n_taxels: int) -> int:
     """Return the bytes of a data frame on the wire, its closing zero included."""
-    return data_body(n_taxels) + taxel_constants.OVERHEAD + 1
+    return data_body(n_taxels) + OVERHEAD + 1
 
 
 def encode_request(kind: int) -> bytes:
     """Return a request to the board: IDENTIFY or SELF_TEST."""
     return frame(bytes([kind]))
-
-
-class FrameDecoder:
-    """Decodes the byte stream of a board with ``n_taxels``, in slices of any length.
-
-    Call :meth:`resync` to join a running stream: a data frame holds only the low 16 bits of the
-    sample counter, a status frame all of them.
-    """
-
-    def __init__(self, n_taxels: int) -> None:
-        # Numba takes long to load: only who decodes waits for it, not a window that opens.
-        from rigctl.boards.taxel_kernels import decode_wire
-
-        self._decode_wire = decode_wire
-        self._tail = b""
-        self._n_taxels = n_taxels
-        self._data_body = data_body(n_taxels)
-        bodies = self._data_body, *(body for _, body in taxel_constants.CONTROLS)
-        self._min_chunk = min(bodies) + taxel_constants.OVERHEAD + 1
-        self._max_chunk = max(bodies) + taxel_constants.OVERHEAD
-        self._state = np.zeros(taxel_constants.STATE_SIZE, np.int64)
-        unknown = [taxel_constants.LAST, taxel_constants.BOOT_COUNT, taxel_constants.DROPS]
-        unknown += [taxel_constants.PREVIOUS, taxel_constants.WITNESS]
-        self._state[unknown] = taxel_constants.UNKNOWN
-        self._counts = np.zeros(taxel_constants.COUNTS_SIZE, np.int64)
-        self._allocate(16)
-        # Loads the compiled kernel now: later it would delay a heartbeat.
-        self.feed(b"", 0.0)
-
-    def resync(self) -> None:
-        """Restart after an interruption: wait for a status frame, then count the lost samples."""
-        self._tail = b""
-        self._state[[taxel_constants.SYNCHRONISED, taxel_constants.DISCARDED]] = 0
-        self._state[taxel_constants.WITNESS] = taxel_constants.UNKNOWN
-        self._state[taxel_constants.WAITING] = taxel_constants.JOINING
-
-    @property
-    def waiting(self) -> bool:
-        """True from :meth:`resync`, or a gap that may hide a reboot, to the next status frame.
-
-        Data frames are dropped and counted in the next gap.
-        """
-        return bool(self._state[taxel_constants.WAITING])
-
-    def feed(self, data: bytes, at_s: float) -> Decoded:
-        """Decode bytes that arrived at loop time ``at_s``."""
-        wire = np.frombuffer(self._tail + data, np.uint8)
-        capacity = wire.shape[0] // self._min_chunk + 1
-        if capacity > self._notes.shape[0]:
-            self._allocate(capacity)
-        counters = np.empty(capacity, np.int64)
-        samples = np.empty((capacity, self._n_taxels), np.uint16)
-        marks = np.empty((2, capacity), np.uint8)
-        self._decode_wire(
-            wire,
-            self._state,
-            counters,
-            samples,
-            marks,
-            self._notes,
-            self._controls,
-            self._counts,
-            self._data_body,
-        )
-        rows, gaps, controls, reboots, frames, bytes_, used, stale = self._counts.tolist()
-        self._set_tail(wire, used)
-        cuts = [0, *self._notes[:reboots, 4].tolist(), rows] if reboots else [0, rows]
-        blocks = [
-            Block(
-                counters[first:end],
-                samples[first:end],
-                marks[0, first:end],
-                marks[1, first:end],
-                self._gaps(gaps, first, end) if gaps else (),
-                at_s,
-            )
-            for first, end in pairwise(cuts)
-            if end > first
-        ]
-        control_frames = self._decode_controls(controls) if controls else ((), (), ())
-        return Decoded(tuple(blocks), *control_frames, reboots, frames, bytes_, stale)
-
-    def _allocate(self, capacity: int) -> None:
-        self._notes = np.empty((capacity, 5), np.int64)
-        self._controls = np.empty((capacity, self._max_chunk), np.uint8)
-
-    def _set_tail(self, wire: NDArray[np.uint8], used: int) -> None:
-        """Keep the unfinished chunk; of an endless one, no more than can end in a frame."""
-        surplus = wire.shape[0] - used - 2 * self._max_chunk
-        if surplus > 0:
-            self._state[taxel_constants.DISCARDED] += surplus
-            used += surplus
-        self._tail = wire[used:].tobytes()
-
-    def _gaps(self, n_gaps: int, first: int, end: int) -> tuple[Gap, ...]:
-        notes = self._notes[:n_gaps, :4].tolist()
-        return tuple(
-            Gap(at, count, "dropped by the board" if dropped > 0 else "lost on the line")
-            for row, at, count, dropped in notes
-            if first <= row < end
-        )
-
-    def _decode_controls(
-        self, n: int
-    ) -> tuple[tuple[TaxelStatus, ...], tuple[TaxelIdentity, ...], tuple[SelfTest, ...]]:
-        statuses, identities, tests = [], [], []
-        for body in map(bytes, self._controls[:n]):
-            if body[0] == taxel_constants.STATUS:
-                statuses.append(TaxelStatus(*_STATUS.unpack_from(body)))
-            elif body[0] == taxel_constants.IDENTITY:
-                identities.append(TaxelIdentity(*_IDENTITY.unpack_from(body)))
-            else:
-                tests.append(decode_self_test(body))
-        return tuple(statuses), tuple(identities), tuple(tests)

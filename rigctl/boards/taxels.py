@@ -5,11 +5,11 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rigctl.boards.boot_silence import BootSilence, SilenceWatch
-from rigctl.boards.consumers import Consumers
 from rigctl.boards.identity import (
     CONNECT_TIMEOUT_S,
     PortDiagnosis,
@@ -17,12 +17,10 @@ from rigctl.boards.identity import (
     raise_diagnosis,
     taxel_identity,
 )
-from rigctl.boards.links import ByteLink
+from rigctl.boards.links import ByteLink, Consumers
 from rigctl.boards.taxel_frames import (
     IDENTIFY,
     SELF_TEST,
-    Decoded,
-    FrameDecoder,
     SelfTest,
     TaxelIdentity,
     TaxelStatus,
@@ -32,6 +30,9 @@ from rigctl.boards.taxel_frames import (
 from rigctl.config.rig_config import ADC_MAX, PAPER_ARRAY, TaxelArray
 from rigctl.errors import BoardRebooted, LinkLost, RigFault
 from rigctl.values import Block, BoardIdentity
+
+if TYPE_CHECKING:
+    from rigctl.boards.taxel_decoder import Decoded
 
 IDENTIFY_INTERVAL_S = 0.1
 LINK_TIMEOUT_S = 0.2
@@ -78,6 +79,9 @@ class Taxels:
         diagnose_port: PortDiagnosis | None = None,
         array: TaxelArray | None = None,
     ) -> None:
+        # Numba takes long to load: only who decodes waits, not a window that opens.
+        from rigctl.boards.taxel_decoder import FrameDecoder
+
         self.link = link
         self.array = array or PAPER_ARRAY
         self._wanted = array

@@ -36,9 +36,8 @@ def run(args: argparse.Namespace) -> int:
         return _run_realtime(options, args)
     from rigctl.analysis.report.report_folder import make_report
 
-    request = options.report_request()
     with resources_of(args) as resources:
-        report = make_report(request, _now(), resources)
+        report = make_report(options, _now(), resources)
     print(_summary(report), flush=True)
     return 0
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from contextlib import closing
 from datetime import UTC, datetime
 from typing import Any
@@ -33,7 +32,6 @@ from rigctl.engine.calibrator import (
     loadcell_values,
 )
 from rigctl.engine.load_cell_scale import fit_scale, validate_masses
-from rigctl.engine.notices import wiring_notice
 from rigctl.engine.rig import Rig
 from rigctl.engine.setup.progress import note_calibration
 from rigctl.rig import open_rig
@@ -77,8 +75,6 @@ def run(args: argparse.Namespace) -> int:
     if args.part == "loadcell":
         validate_masses(args.mass)
     world = chosen_world(args.world)
-    if notice := wiring_notice(args.rig):
-        print(f"rigctl: {notice}", file=sys.stderr, flush=True)
     with closing(open_rig(args.rig, seed=args.seed, paced=False, world=world)) as rig:
         session = _CalibrationSession(args, rig)
         rig.loop.run_until_complete(calibrate_alone(rig, session.run))

@@ -112,7 +112,7 @@ def _request(args: argparse.Namespace) -> EncodeRequest:
         options.sessions,
         options.parameters,
         reference_g=options.reference_g,
-        ranges=options.load_ranges(),
+        ranges=options.taxel_ranges,
         scaled_by=ScaledBy(args.scaled_by),
         trial=args.trial,
         taxel=args.taxel,

@@ -7,14 +7,12 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rigctl.cli.arguments import add_option, path_or_name, whole_number
-from rigctl.cli.engine_process import EngineProcess, utc_now
-from rigctl.cli.world import add_wirings, add_world, chosen_world, session_world
+from rigctl.cli.engine_process import EngineProcess, add_engine_arguments, utc_now
+from rigctl.cli.world import add_wirings, chosen_world, session_world
 from rigctl.engine.drum_commands import DrumCommands
 from rigctl.engine.engine import Engine
 from rigctl.engine.live_file import LiveWriter
 from rigctl.engine.run_request import RunRequest
-from rigctl.protocol.plan import MAX_SEED
 from rigctl.rig import open_rig
 
 if TYPE_CHECKING:
@@ -23,16 +21,7 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    add_option(parser, "--rig", path_or_name, required=True)
-    parser.add_argument("--name", default=None)
-    add_option(parser, "--seed", whole_number(0, MAX_SEED), default=0)
-    parser.add_argument("--paced", action="store_true")
-    add_option(parser, "--protocol", path_or_name, default=None)
-    add_option(parser, "--out", path_or_name, default=None)
-    add_option(parser, "--resume", path_or_name, default=None)
-    add_option(parser, "--order-seed", whole_number(0, MAX_SEED), default=None)
-    parser.add_argument("--yes", action="store_true")
-    add_world(parser)
+    add_engine_arguments(parser, protocol=None)
     add_wirings(parser)
 
 

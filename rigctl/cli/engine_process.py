@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import faulthandler
 import os
@@ -13,6 +14,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from rigctl.cli.arguments import add_option, path_or_name, whole_number
+from rigctl.cli.world import add_world
 from rigctl.engine.rpc.commands import RequestHandler
 from rigctl.engine.rpc.engine_files import (
     LIVE,
@@ -31,6 +34,7 @@ from rigctl.engine.rpc.server import open_listener, wait_first_client
 from rigctl.engine.served_engine import ServedEngine
 from rigctl.errors import WrongUse
 from rigctl.experiments import DRUM_EXPERIMENT
+from rigctl.protocol.plan import MAX_SEED
 
 
 class EngineProcess:
@@ -91,6 +95,20 @@ class EngineProcess:
         return EngineFile(
             self._name, os.getpid(), port, token, self._rig, live, self._experiment, path
         )
+
+
+def add_engine_arguments(parser: argparse.ArgumentParser, protocol: str | None) -> None:
+    """Add the options of every engine's command; ``protocol``: the one without that option."""
+    add_option(parser, "--rig", path_or_name, required=True)
+    parser.add_argument("--name", default=None)
+    add_option(parser, "--seed", whole_number(0, MAX_SEED), default=0)
+    parser.add_argument("--paced", action="store_true")
+    add_option(parser, "--protocol", path_or_name, default=protocol)
+    add_option(parser, "--out", path_or_name, default=None)
+    add_option(parser, "--resume", path_or_name, default=None)
+    add_option(parser, "--order-seed", whole_number(0, MAX_SEED), default=None)
+    parser.add_argument("--yes", action="store_true")
+    add_world(parser)
 
 
 def utc_now() -> str:

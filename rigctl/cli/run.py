@@ -23,7 +23,6 @@ from rigctl.cli.progress import Interrupts, ProgressLine, clock
 from rigctl.cli.verify import print_missing, print_session
 from rigctl.cli.world import add_wirings, add_world
 from rigctl.config.text_file import refuse_link_outside
-from rigctl.engine.notices import wiring_notice
 from rigctl.engine.rpc.client import COMMAND_LINE, EngineClient, EngineRefusal, client_name
 from rigctl.engine.rpc.messages import (
     EngineStatus,
@@ -82,8 +81,6 @@ def run(args: argparse.Namespace) -> int:
     if args.resume is not None:
         print_missing(Path(args.resume))
     rig = _rig(args)
-    if notice := wiring_notice(rig):
-        print(f"rigctl: {notice}", file=sys.stderr, flush=True)
     client = EngineClient.start(
         rig, paced=args.paced, seed=args.seed or 0, run=_engine_arguments(args)
     )

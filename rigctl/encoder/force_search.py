@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -13,6 +13,7 @@ from rigctl.encoder.batch import (
     Counts,
     Floats,
     count_spikes,
+    count_spikes_without_and_with_c,
     mean_readings,
     normalise_mean_readings,
     sa_rates_hz,
@@ -22,8 +23,6 @@ from rigctl.encoder.kernel import Trials, TrialViews
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import DEFAULT, EncoderParameters
 from rigctl.encoder.root_bracket import LIMIT_C, Bracket, Method
-
-CountWithC = Callable[[Floats], Counts]
 
 TOLERANCE_HZ = 0.1
 MAX_EVALUATIONS = 60
@@ -40,7 +39,8 @@ class ForceSearch:
 
     ``c``, ``rate_hz``: float64 (n_taxels,); ``status``: int8; ``evaluations``: float64, encodings
     of the taxel, those of the pilot by its share of the samples; ``counts``: uint32
-    (n_trials, n_taxels, n_bins), SA spikes with that C.
+    (n_trials, n_taxels, n_bins), SA spikes with that C. ``plain``: uint32 (n_trials, 2 n_taxels,
+    n_bins), the spikes of both channels without C; empty unless asked for.
     """
 
     c: Floats
@@ -48,6 +48,7 @@ class ForceSearch:
     status: NDArray[np.int8]
     evaluations: Floats
     counts: Counts
+    plain: Counts
 
 
 def mean_sa_rates_hz(
@@ -78,15 +79,14 @@ def search_c(
     tolerance_hz: float = TOLERANCE_HZ,
     method: Method = Method.REGULA_FALSI,
     bin_edges: NDArray[np.int64] | None = None,
-    first_counts: CountWithC | None = None,
+    with_plain: bool = False,
 ) -> ForceSearch:
     """Search C of every taxel of one condition; taxels that are done are not encoded again.
 
     Starts with the C that makes the mean reading equal to ``reference_reading``, float64
     (n_taxels,). Regula falsi searches every eighth trial first and starts with that result; the
     rate of all trials decides. ``bin_edges``: of the bins to count spikes in (default one bin a
-    trial). ``first_counts``: returns the counts of all taxels with the first C, for callers that do
-    more with the same readings.
+    trial). ``with_plain``: whether the first encoding also counts the spikes without C.
     """
     views = TrialViews.from_arrays(trials)
     bin_edges = single_bin_edges(views) if bin_edges is None else bin_edges
@@ -99,7 +99,8 @@ def search_c(
     known = zip(target_hz.tolist(), start.tolist(), slopes.tolist(), strict=True)
     brackets = [Bracket(target, guess, method, slope) for target, guess, slope in known]
     best_counts = np.zeros((len(trials), len(brackets), len(bin_edges) - 1), np.uint32)
-    rounds = condition.evaluate(brackets, tolerance_hz, MAX_EVALUATIONS, first_counts)
+    plain: list[Counts] | None = [] if with_plain else None
+    rounds = condition.evaluate(brackets, tolerance_hz, MAX_EVALUATIONS, plain)
     for taxels, counts, best in rounds:
         best_counts[:, taxels[best]] = counts[:, best]
     for bracket in brackets:
@@ -110,6 +111,7 @@ def search_c(
         np.array([b.status for b in brackets], np.int8),
         pilot_evaluations + [b.evaluations for b in brackets],
         best_counts,
+        plain[0] if plain else best_counts[:0],
     )
 
 
@@ -156,11 +158,12 @@ class _Condition(NamedTuple):
         brackets: Sequence[Bracket],
         tolerance_hz: float,
         max_rounds: int,
-        first_counts: CountWithC | None = None,
+        plain: list[Counts] | None = None,
     ) -> Iterator[tuple[NDArray[np.int64], Counts, NDArray[np.bool_]]]:
         """Encode with the guesses of all open brackets until none is open.
 
-        Each round yields the taxels, their counts, and whether each guess was the best so far.
+        Each round yields the taxels, their counts, and whether each guess was the best so far. The
+        first one adds the counts without C to ``plain``.
         """
         lengths = self.views.lengths.tolist()
         for number in range(max_rounds):
@@ -168,8 +171,12 @@ class _Condition(NamedTuple):
             if not len(taxels):
                 return
             guesses = np.array([brackets[i].guess for i in taxels])
-            use_first = first_counts if number == 0 else None
-            counts = use_first(guesses) if use_first else self._count(taxels, guesses)
+            if number == 0 and plain is not None:
+                scale = np.tile(guesses, (len(self.views), 1))
+                without, counts = count_spikes_without_and_with_c(*self, scale)
+                plain.append(without)
+            else:
+                counts = self._count(taxels, guesses)
             rates = zip(taxels, sa_rates_hz(counts, lengths, self.parameters).tolist(), strict=True)
             yield taxels, counts, np.array([brackets[i].update(r, tolerance_hz) for i, r in rates])
 

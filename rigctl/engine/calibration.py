@@ -11,7 +11,6 @@ from typing import Any, TypeVar
 
 from rigctl.config.rig_config import DrumGeometry
 from rigctl.config.toml_edit import replace_file
-from rigctl.engine.boards import Boards
 from rigctl.engine.calibration_values import (
     FORCE,
     IMBALANCE,
@@ -31,6 +30,7 @@ from rigctl.engine.calibrator import (
 )
 from rigctl.engine.load_cell_scale import MassReadings
 from rigctl.engine.rig import Rig
+from rigctl.engine.rig_boards import RigBoards
 from rigctl.engine.setup.progress import note_calibration
 from rigctl.engine.wiring_steps import (
     WiringStep,
@@ -149,7 +149,7 @@ class Calibration:
     ``today`` returns the date that goes into ``rig.toml``.
     """
 
-    def __init__(self, rig: Rig, boards: Boards, today: Callable[[], str]) -> None:
+    def __init__(self, rig: Rig, boards: RigBoards, today: Callable[[], str]) -> None:
         self._rig, self._boards, self._today = rig, boards, today
         self._calibrator = Calibrator(rig, boards.motion)
         self.measurement = Measurement(self._calibrator, rig.loop)

@@ -35,7 +35,7 @@ from rigctl.engine.rpc.commands import (
     summary_of,
 )
 from rigctl.engine.run_request import RunRequest
-from rigctl.engine.setup.desk import SetupDesk
+from rigctl.engine.setup.served_setup import ServedSetup
 from rigctl.errors import WrongUse
 from rigctl.session.session import ConditionEnd
 from rigctl.values import DrumState
@@ -230,11 +230,11 @@ class DrumCommands(EngineCommands[Engine]):
 
     async def on_setup_open(self) -> Result:
         """Read how far the setup has come; return a remark for each part to check again."""
-        return {"remarks": self._desk().open()}
+        return {"remarks": self._opened_setup().open()}
 
     async def on_setup_check(self, part: Word) -> Result:
         """Check a part of the rig; meanwhile its questions are answered by ``setup_answer``."""
-        verdict = await self._desk().check(part)
+        verdict = await self._opened_setup().check(part)
         return {"part": part, "passed": verdict.passed, "problem": verdict.problem}
 
     async def on_setup_answer(self, question_id: Number, text: AnswerText = "") -> None:
@@ -243,15 +243,15 @@ class DrumCommands(EngineCommands[Engine]):
 
     async def on_setup_keep(self, part: Word) -> Result:
         """Let ``rig.toml`` describe a part as it is wired, where the check offers that."""
-        return {"part": part, "says": await self._desk().keep(part)}
+        return {"part": part, "says": await self._opened_setup().keep(part)}
 
     async def on_setup_begin_again(self) -> None:
         """Forget which parts have passed."""
-        self._desk().begin_again()
+        self._opened_setup().begin_again()
 
     async def on_setup_commission(self) -> Result:
         """Commission the board without checks; return the parts that nobody has checked."""
-        return {"not_checked": await self._desk().commission()}
+        return {"not_checked": await self._opened_setup().commission()}
 
     def _calibration(self) -> Calibration:
         """Return the calibrations. Raises WrongUse during a run and during a move by hand."""
@@ -261,7 +261,7 @@ class DrumCommands(EngineCommands[Engine]):
             raise WrongUse("the drum is moved by hand: wait until that has ended, then calibrate")
         return self._engine.calibration
 
-    def _desk(self) -> SetupDesk:
+    def _opened_setup(self) -> ServedSetup:
         """Return the setup. Raises WrongUse during a run and during a move by hand."""
         self._refuse_during_run()
         if self._engine.manual.is_recording:

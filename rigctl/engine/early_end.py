@@ -10,7 +10,6 @@ from __future__ import annotations
 import multiprocessing
 import os
 import sys
-from collections import defaultdict
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from math import inf, sqrt
@@ -24,7 +23,7 @@ from rigctl.encoder.encoder import encode_trials
 from rigctl.errors import SessionError, WrongUse
 from rigctl.protocol.plan import Condition, EarlyEnd, Plan, condition_of
 from rigctl.session.part import existing_parts
-from rigctl.session.session import ConditionEnd, Session
+from rigctl.session.session import ConditionEnd, Session, rows_by_condition
 from rigctl.values import SAMPLE_RATE_HZ
 
 LATE_TRIALS = 10
@@ -35,6 +34,9 @@ ENGINE_FIRST = 10
 """By how much the process is nicer than the engine."""
 PRIOR_TRIALS = 1.0
 """Weight of the mixture over means, in trials: any positive one is valid, this one suits few."""
+
+RatesHz = dict[tuple[int, int], float]
+"""By trial and attempt: rows of /trials move where a part cannot be read for a while."""
 
 
 def checked_rule(
@@ -60,7 +62,7 @@ def checked_rule(
     return rule
 
 
-class JudgeLink:
+class EarlyEndProcess:
     """Starts the process for one run, and hands on what it has decided.
 
     ``publish`` takes a kind of event and a sentence.
@@ -143,60 +145,45 @@ def judge_session(pipe: Connection, folder: Path, rule: EarlyEnd) -> None:
 
 def judge_folder(pipe: Connection, folder: Path, rule: EarlyEnd) -> None:
     """Judge a session until the pipe closes; one that cannot be read now is opened again."""
-    judge, session = ConditionJudge(rule), None
+    session, rates_hz, ended = None, RatesHz(), set[Condition]()
     try:
         while not pipe.poll(LOOK_S):
-            before, found = len(judge.rates_hz), []
+            before, found = len(rates_hz), []
             try:
                 if session is None and existing_parts(folder):
                     session = Session.open(folder)
                 if session is not None:
                     session.refresh()
-                    found = judge.take(session)
+                    found = known_conditions(session, rule, rates_hz)
             except (SessionError, OSError):
                 if session is not None:
                     session.close()
                 session = None
             for end in found:
-                pipe.send(end)
-            if len(judge.rates_hz) != before:
-                pipe.send(len(judge.rates_hz))
+                if end.condition not in ended:
+                    pipe.send(end)
+                    ended.add(end.condition)
+            if len(rates_hz) != before:
+                pipe.send(len(rates_hz))
     finally:
         if session is not None:
             session.close()
 
 
-class ConditionJudge:
-    """Keeps the rate of each committed trial, and finds conditions that are known well enough."""
-
-    def __init__(self, rule: EarlyEnd) -> None:
-        self.rates_hz: dict[tuple[int, int], float] = {}
-        """By trial and attempt: rows of /trials move where a part cannot be read for a while."""
-        self._rule = rule
-        self._ended: set[Condition] = set()
-
-    def take(self, session: Session) -> list[ConditionEnd]:
-        """Take in what is new in a session; return the conditions that may end now."""
-        rates: defaultdict[Condition, list[float]] = defaultdict(list)
-        for row in session.committed().tolist():
-            trial = session.trials[row]
-            attempt = int(trial["trial_id"]), int(trial["attempt"])
-            if attempt not in self.rates_hz:
-                self.rates_hz[attempt] = mean_rate_hz(session, row, self._rule.of)
-            speed, force, depth = (
-                float(trial[name]) for name in ("speed_mm_s", "force_g", "depth_mm")
-            )
-            rates[str(trial["texture"]), speed, force, depth].append(self.rates_hz[attempt])
-        return [end for key, found in rates.items() if (end := self._judge(key, found)) is not None]
-
-    def _judge(self, condition: Condition, rates: list[float]) -> ConditionEnd | None:
-        if condition in self._ended or len(rates) < self._rule.least_trials:
-            return None
-        width_hz = half_width(rates, self._rule.confidence_percent)
-        if width_hz > self._rule.half_width_hz:
-            return None
-        self._ended.add(condition)
-        return ConditionEnd(*condition, len(rates), float(np.mean(rates)), width_hz)
+def known_conditions(session: Session, rule: EarlyEnd, rates_hz: RatesHz) -> list[ConditionEnd]:
+    """Return the conditions whose mean is known well enough; adds new trials to ``rates_hz``."""
+    found = []
+    for condition, rows in rows_by_condition(session, session.committed().tolist()).items():
+        rates = []
+        for row in rows:
+            attempt = int(session.trials["trial_id"][row]), int(session.trials["attempt"][row])
+            if attempt not in rates_hz:
+                rates_hz[attempt] = mean_rate_hz(session, row, rule.of)
+            rates.append(rates_hz[attempt])
+        width_hz = half_width(rates, rule.confidence_percent)
+        if len(rates) >= rule.least_trials and width_hz <= rule.half_width_hz:
+            found.append(ConditionEnd(*condition, len(rates), float(np.mean(rates)), width_hz))
+    return found
 
 
 def mean_rate_hz(session: Session, row: int, of: str) -> float:

@@ -10,21 +10,21 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.boards.drum_codes import Status
-from rigctl.engine.boards import Boards
 from rigctl.engine.calibration import Calibration
 from rigctl.engine.contact import has_status
-from rigctl.engine.early_end import JudgeLink
+from rigctl.engine.early_end import EarlyEndProcess
 from rigctl.engine.health import HeartbeatGate
 from rigctl.engine.live_file import LiveWriter
 from rigctl.engine.manual_recorder import ManualRecorder
 from rigctl.engine.pause_reasons import LINK
 from rigctl.engine.pipeline import FAST_BATCH_SAMPLES, REAL_TIME_BATCH_SAMPLES
 from rigctl.engine.rig import Rig
+from rigctl.engine.rig_boards import RigBoards
 from rigctl.engine.rpc.messages import EngineStatus, RecordingStatus, RunStatus
 from rigctl.engine.run_request import RunContext, RunRequest, open_run
 from rigctl.engine.runner import Run
 from rigctl.engine.served_engine import ServedEngine
-from rigctl.engine.setup.desk import SetupDesk
+from rigctl.engine.setup.served_setup import ServedSetup
 from rigctl.engine.status import StatusBuilder
 from rigctl.engine.step_runner import mountings_before
 from rigctl.errors import DiskFault, WrongUse
@@ -44,7 +44,7 @@ class Engine(ServedEngine[Run, RunRequest]):
         super().__init__(rig.loop, rig.description)
         self.rig = rig
         self.heartbeat_gate = HeartbeatGate(rig.loop.time)
-        self.boards = Boards(
+        self.boards = RigBoards(
             rig,
             live_writer,
             self.event_bus,
@@ -56,8 +56,8 @@ class Engine(ServedEngine[Run, RunRequest]):
         )
         self.manual = ManualRecorder(self.boards, self.event_bus)
         self.calibration = Calibration(rig, self.boards, self._today)
-        self.setup = SetupDesk(rig, self.boards.motion, self.calibration.measurement, self._today)
-        self.judge: JudgeLink | None = None
+        self.setup = ServedSetup(rig, self.boards.motion, self.calibration.measurement, self._today)
+        self.early_end: EarlyEndProcess | None = None
         """Judges the conditions of the run, where its protocol lets them end early."""
         self._utc_now = utc_now
         self._texture = rig.plate
@@ -79,16 +79,13 @@ class Engine(ServedEngine[Run, RunRequest]):
         check_in = partial(self.heartbeat_gate.check_in, "runner")
         opened = open_run(request, self._context(request.operator, request.sensor))
         self.rig.skip_mountings(mountings_before(opened.plan.steps, opened.done))
-        self.run = Run(self.boards, self.event_bus, opened, check_in, self.set_plate)
+        run = Run(self.boards, self.event_bus, opened, check_in, self.set_plate)
         if first_note is not None:
-            self.run.add_note(first_note)
+            run.add_note(first_note)
         rule = opened.plan.protocol.early_end
         if rule is not None:
-            self.judge = JudgeLink(self.run.folder.absolute(), rule, self.event_bus.publish)
-        self._run_task = self.spawn(self._execute(self.run))
-        folder = str(self.run.folder)
-        self.event_bus.publish("run", f"the run begins: {folder}", session=folder)
-        return self.run
+            self.early_end = EarlyEndProcess(run.folder.absolute(), rule, self.event_bus.publish)
+        return self._begin(run)
 
     def add_note(self, text: str) -> None:
         """Write a note on the session of the run. Raises WrongUse without a run."""
@@ -169,9 +166,9 @@ class Engine(ServedEngine[Run, RunRequest]):
         try:
             await run.execute()
         finally:
-            if self.judge is not None:
-                self.judge.close()
-                self.judge = None
+            if self.early_end is not None:
+                self.early_end.close()
+                self.early_end = None
             self.heartbeat_gate.check_out("runner")
             self.heartbeat_gate.check_out("recorder")
             with self._publish_disk_fault():
@@ -188,8 +185,8 @@ class Engine(ServedEngine[Run, RunRequest]):
 
     def _serve_boards(self) -> None:
         self.boards.pipeline.flush()
-        if self.judge is not None and self.run is not None:
-            self.judge.poll(self.run.status().trials_committed, self.run.end_condition)
+        if self.early_end is not None and self.run is not None:
+            self.early_end.poll(self.run.status().trials_committed, self.run.end_condition)
         with self._publish_disk_fault():
             self.rig.save_truth()
         self.heartbeat_gate.check_in("pipeline")
@@ -201,10 +198,7 @@ class Engine(ServedEngine[Run, RunRequest]):
             self.heartbeat_gate.check_in("recorder")
 
     def _taxel_link_changed(self, connected: bool) -> None:
-        if self.run is not None and connected:
-            self.run.control.resume(LINK)
-        elif self.run is not None and not self.run.ended:
-            self.run.control.pause(LINK)
+        self._mark_link(LINK, connected)
 
     async def _make_safe(self) -> None:
         if self.manual.is_recording:

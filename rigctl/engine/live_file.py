@@ -36,16 +36,86 @@ RingColumns = Mapping[str, np.dtype[Any]]
 """The element type of each column by name; a subarray type has several elements per row."""
 
 
+class Ring:
+    """The newest rows of one column. A row's number counts from the first row ever appended.
+
+    ``capacity``: rows kept. ``dtype``: of a row; a subarray type has several elements.
+    Memory is its own, used as rows arrive and never beyond the capacity, or at ``offset`` of
+    ``memory``, whose owner says which rows are in it.
+    """
+
+    def __init__(
+        self,
+        capacity: int,
+        dtype: np.dtype[Any],
+        memory: mmap.mmap | None = None,
+        offset: int = 0,
+    ) -> None:
+        self.capacity = capacity
+        shape = (capacity, *dtype.shape)
+        if memory is None:
+            self._rows = np.zeros(shape, dtype.base)
+        else:
+            self._rows = np.ndarray(shape, dtype.base, memory, offset)
+        self.end = 0
+
+    def clear(self) -> None:
+        """Remove all rows; the numbers begin at 0 again."""
+        self.end = 0
+
+    @property
+    def first(self) -> int:
+        """Number of the oldest row."""
+        return max(0, self.end - self.capacity)
+
+    def append(self, rows: NDArray[Any]) -> None:
+        """Add rows, oldest first."""
+        kept = rows[max(0, len(rows) - self.capacity) :]
+        self.end += len(rows)
+        self.put(self.end - len(kept), kept)
+
+    def put(self, first: int, rows: NDArray[Any]) -> None:
+        """Store rows from number ``first`` on, at most the capacity."""
+        begin = first % self.capacity
+        n_before_seam = min(len(rows), self.capacity - begin)
+        self._rows[begin : begin + n_before_seam] = rows[:n_before_seam]
+        self._rows[: len(rows) - n_before_seam] = rows[n_before_seam:]
+
+    def between(self, first: int, end: int) -> NDArray[Any]:
+        """Return the rows ``first`` … ``end - 1``: a view, or a copy where they cross the seam."""
+        first = max(first, self.first)
+        return self.get(first, max(first, min(end, self.end)))
+
+    def get(self, first: int, end: int) -> NDArray[Any]:
+        """Return as :meth:`between` rows that the ring must have."""
+        n = end - first
+        begin = first % self.capacity
+        if begin + n <= self.capacity:
+            return self._rows[begin : begin + n]
+        return np.concatenate((self._rows[begin:], self._rows[: begin + n - self.capacity]))
+
+    def take(self, rows: NDArray[np.int64]) -> NDArray[Any]:
+        """Return some rows by their numbers, which the ring must have."""
+        return np.asarray(self._rows[rows % self.capacity])
+
+    def count_below(self, values: NDArray[Any]) -> NDArray[np.int64]:
+        """Return the number of the first row at or above each value; the rows ascend."""
+        seam = max(self.first, self.end - self.end % self.capacity)
+        older, newer = self.between(self.first, seam), self.between(seam, self.end)
+        below = np.searchsorted(older, values) + np.searchsorted(newer, values)
+        return np.asarray(self.first + below, np.int64)
+
+
 class RingBuffer:
     """Rows of a few columns inside memory that processes share."""
 
     def __init__(self, memory: mmap.mmap, offset: int, rows: int, columns: RingColumns) -> None:
         self.rows = rows
         self._counters = np.ndarray(2, np.int64, memory, offset)
-        self._columns: dict[str, NDArray[Any]] = {}
+        self._columns: dict[str, Ring] = {}
         offset += _COUNTERS_BYTES
         for name, dtype in columns.items():
-            self._columns[name] = np.ndarray((rows, *dtype.shape), dtype.base, memory, offset)
+            self._columns[name] = Ring(rows, dtype, memory, offset)
             offset += _column_bytes(rows, dtype)
 
     @property
@@ -65,31 +135,21 @@ class RingBuffer:
         """
         head = self.head
         self._counters[0] = head + count
-        start = head % self.rows
-        first = min(count, self.rows - start)
         for name, column in self._columns.items():
             value = values[name]
-            column[start : start + first] = (
-                value[:first] if isinstance(value, np.ndarray) else value
-            )
-            if count > first:
-                column[: count - first] = value[first:] if isinstance(value, np.ndarray) else value
+            column.put(head, value if isinstance(value, np.ndarray) else np.full(count, value))
         self._counters[1] = head + count
 
     def newest(self, n: int) -> tuple[int, dict[str, NDArray[Any]]]:
         """Return the number of the first row, and copies of the newest ``n`` rows or fewer."""
         head = self.head
         first = max(0, head - n, self.reserved - self.rows)
-        copies = {name: self._copy(column, first, head) for name, column in self._columns.items()}
+        copies = {
+            name: column.get(first, max(first, head)).copy()
+            for name, column in self._columns.items()
+        }
         safe = min(head, max(first, self.reserved - self.rows))
         return safe, {name: copy[safe - first :] for name, copy in copies.items()}
-
-    def _copy(self, column: NDArray[Any], first: int, head: int) -> NDArray[Any]:
-        start = first % self.rows
-        end = start + max(0, head - first)
-        if end <= self.rows:
-            return column[start:end].copy()
-        return np.concatenate((column[start:], column[: end - self.rows]))
 
 
 def ring_bytes(rows: int, columns: RingColumns) -> int:
@@ -115,6 +175,22 @@ class RingWindow:
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+
+@dataclass(frozen=True, slots=True)
+class TaxelWindow(RingWindow):
+    """Newest taxel samples; their times are smoothed over arrival jitter.
+
+    ``counters``: int64 (n,), the board's sample numbers; a step other than 1 is a gap.
+    ``samples``: uint16 (n, n_taxels). ``flags``: uint8 (n,), bits of the board's wire.
+    ``spikes``: uint8 (n, trains), spikes in each sample: of the drum's sensor SA taxel 1…n, then
+    RA 1…n; of the finger's one train a taxel.
+    """
+
+    counters: NDArray[np.int64]
+    samples: NDArray[np.uint16]
+    flags: NDArray[np.uint8]
+    spikes: NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,11 +275,15 @@ class LiveFile:
 
 
 class LiveFileWriter:
-    """The engine's side: creates the file; a subclass appends rows."""
+    """The engine's side: creates the file and appends rows; a subclass those of the other ring."""
 
     def __init__(self, path: Path, layout: LiveLayout, taxel_rows: int, other_rows: int) -> None:
         self.path = path
         self._file = LiveFile.create(path, layout, taxel_rows, other_rows)
+
+    def add_taxels(self, **columns: NDArray[np.generic]) -> None:
+        """Append samples, oldest first, with the columns of :class:`TaxelWindow`."""
+        self._file.taxels.append(len(columns["time_s"]), **columns)
 
     def set_range(self, low: NDArray[np.uint16], high: NDArray[np.uint16]) -> None:
         """Store the readings that the neurons map to 0 and 1."""
@@ -216,7 +296,7 @@ class LiveFileWriter:
 
 
 class LiveFileReader:
-    """A window's side; a subclass copies the newest rows at any time."""
+    """A window's side: copies of the newest rows at any time; a subclass has the other ring's."""
 
     def __init__(self, path: Path, layout_of: LayoutOf) -> None:
         self._file = LiveFile.open(path, layout_of)
@@ -230,6 +310,11 @@ class LiveFileReader:
     def taxel_head(self) -> int:
         """Taxel samples written since the engine started."""
         return self._file.taxels.head
+
+    def taxels(self, n: int) -> TaxelWindow:
+        """Return the newest ``n`` samples, or all if there are fewer."""
+        first, rows = self._file.taxels.newest(n)
+        return TaxelWindow(first, **rows)
 
     @property
     def normalisation(self) -> NDArray[np.uint16]:
@@ -327,21 +412,6 @@ def drum_live(n_taxels: int) -> LiveLayout:
 
 
 @dataclass(frozen=True, slots=True)
-class TaxelWindow(RingWindow):
-    """Newest taxel samples; their times are smoothed over arrival jitter.
-
-    ``counters``: int64 (n,), the board's sample numbers; a step other than 1 is a gap.
-    ``samples``: uint16 (n, n_taxels). ``flags``: uint8 (n,), bits of the taxel wire.
-    ``spikes``: uint8 (n, 2·n_taxels), spikes in each sample: SA taxel 1…n, then RA 1…n.
-    """
-
-    counters: NDArray[np.int64]
-    samples: NDArray[np.uint16]
-    flags: NDArray[np.uint8]
-    spikes: NDArray[np.uint8]
-
-
-@dataclass(frozen=True, slots=True)
 class DrumWindow(RingWindow):
     """Newest load-cell samples with the drum's set-points.
 
@@ -357,16 +427,12 @@ class DrumWindow(RingWindow):
 
 
 class LiveWriter(LiveFileWriter):
-    """The engine's side: creates the file and appends rows."""
+    """Live data of the drum, as its engine writes them."""
 
     def __init__(
         self, path: Path, n_taxels: int, taxel_rows: int = TAXEL_ROWS, drum_rows: int = DRUM_ROWS
     ) -> None:
         super().__init__(path, drum_live(n_taxels), taxel_rows, drum_rows)
-
-    def add_taxels(self, **columns: NDArray[np.generic]) -> None:
-        """Append samples, oldest first, with the columns of :class:`TaxelWindow`."""
-        self._file.taxels.append(len(columns["time_s"]), **columns)
 
     def add_drum(self, time_s: NDArray[np.float64], **columns: NDArray[np.float64] | float) -> None:
         """Append the load-cell samples of one poll, with the columns of :class:`DrumWindow`."""
@@ -374,15 +440,10 @@ class LiveWriter(LiveFileWriter):
 
 
 class LiveReader(LiveFileReader):
-    """A window's side: copies of the newest rows at any time."""
+    """Live data of the drum, as a window reads them."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, drum_live)
-
-    def taxels(self, n: int) -> TaxelWindow:
-        """Return the newest ``n`` samples, or all if there are fewer."""
-        first, rows = self._file.taxels.newest(n)
-        return TaxelWindow(first, **rows)
 
     def drum(self, n: int) -> DrumWindow:
         """Return the newest ``n`` load-cell samples, or all if there are fewer."""

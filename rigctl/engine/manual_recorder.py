@@ -10,9 +10,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from rigctl.engine.boards import Boards
 from rigctl.engine.event_bus import EventBus
 from rigctl.engine.health import END, START, DiskMonitor
+from rigctl.engine.rig_boards import RigBoards
 from rigctl.engine.rpc.messages import RecordingStatus
 from rigctl.engine.run_request import RunContext, check_disk_space, open_recorder
 from rigctl.errors import WrongUse
@@ -55,7 +55,7 @@ class ManualRecording:
     """One recording: samples, polls and events from its making until :meth:`close`."""
 
     def __init__(
-        self, boards: Boards, event_bus: EventBus, recorder: Recorder, texture: str | None
+        self, boards: RigBoards, event_bus: EventBus, recorder: Recorder, texture: str | None
     ) -> None:
         self.disk_monitor = DiskMonitor(recorder)
         self._recorder = recorder
@@ -112,7 +112,7 @@ class ManualRecording:
 class ManualRecorder:
     """The recording by hand of one engine; there is one at a time."""
 
-    def __init__(self, boards: Boards, event_bus: EventBus) -> None:
+    def __init__(self, boards: RigBoards, event_bus: EventBus) -> None:
         self._boards = boards
         self._event_bus = event_bus
         self._recording: ManualRecording | None = None

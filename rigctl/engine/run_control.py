@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from rigctl.engine.event_bus import EventBus
-from rigctl.engine.pause_reasons import FAULT, LINK, PROMPT
+from rigctl.engine.pause_reasons import FAULT, LINK
 from rigctl.engine.poller import DrumPoller
 from rigctl.engine.run_reasons import RunReasons
 from rigctl.errors import LinkLost
@@ -58,19 +58,7 @@ class RunControl(RunReasons):
             await self._poller.wait_cycle()
             self.check()
 
-    async def wait_resumed(self) -> None:
-        """Wait, with the rig already safe, until no reason is left and no fault is latched."""
-        while self._paused_since_s:
-            await self._wait_paused_cycle()
-
-    async def ask(self, text: str, texture: str | None) -> None:
-        """Ask the operator, with the rig already safe, and wait for the answer."""
-        self.show_prompt(text, texture)
-        while PROMPT in self.reasons:
-            await self._wait_paused_cycle()
-        await self.wait_resumed()
-
-    async def _wait_paused_cycle(self) -> None:
+    async def _wait_paused(self) -> None:
         """Wait for the next poll; a fault is now a reason to pause, as people are at the rig."""
         await self._poller.wait_cycle()
         self.check_in()

@@ -6,6 +6,7 @@ another.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 
 from rigctl.engine.event_bus import EventBus
@@ -30,7 +31,7 @@ class RunStopped(Exception):
     """A request to end the run."""
 
 
-class RunReasons:
+class RunReasons(ABC):
     """Why a run waits or ends. ``disk_failure`` returns the recorder's failure, if any."""
 
     def __init__(
@@ -90,6 +91,22 @@ class RunReasons:
         self._prompt_count += 1
         self.prompt = PromptStatus(self._prompt_count, text, texture)
         self._event_bus.publish("prompt", text, id=self._prompt_count, texture=texture)
+
+    async def wait_resumed(self) -> None:
+        """Wait, with the rig already safe, until no reason to pause is left."""
+        while self._paused_since_s:
+            await self._wait_paused()
+
+    async def ask(self, text: str, texture: str | None) -> None:
+        """Ask the operator, with the rig already safe, and wait for the answer."""
+        self.show_prompt(text, texture)
+        while PROMPT in self.reasons:
+            await self._wait_paused()
+        await self.wait_resumed()
+
+    @abstractmethod
+    async def _wait_paused(self) -> None:
+        """Wait a moment of a pause or a question. Raises as :meth:`check_end`."""
 
     def check_end(self) -> None:
         """Raise RunStopped or RigFault where there is a reason to end."""

@@ -96,7 +96,7 @@ def open_run(request: RunRequest, context: RunContext) -> OpenedRun:
     assert request.protocol is not None
     plan = load_protocol(find_protocol(request.protocol), context.rig.config).plan(request.seed)
     _check_plan(plan, context)
-    folder = Path(request.out) if request.out else _default_folder(plan, context.start_utc)
+    folder = chosen_folder(request.out, context.start_utc, plan.protocol.name)
     check_disk_space(folder, plan.bytes_estimate)
     return OpenedRun(plan, open_recorder(folder, plan, context, resume=False), unattended)
 
@@ -127,10 +127,10 @@ def _check_early_end(plan: Plan) -> None:
         )
 
 
-def _default_folder(plan: Plan, start_utc: str) -> Path:
-    """Return a folder below ``sessions`` in the current folder."""
+def chosen_folder(out: str | None, start_utc: str, name: str) -> Path:
+    """Return the folder that a request names, by default one below ``sessions``."""
     stamp = start_utc[:19].replace(":", "").replace("T", "-")
-    return Path("sessions") / f"{stamp}-{plan.protocol.name}"
+    return Path(out) if out else Path("sessions") / f"{stamp}-{name}"
 
 
 def check_disk_space(folder: Path, needed_bytes: int) -> None:
@@ -151,12 +151,7 @@ def _resume(folder: Path, context: RunContext, unattended: bool) -> OpenedRun:
         done = frozenset(session.trials["trial_id"][session.committed()].tolist())
         missing = tuple(session.describe_missing())
         ended = frozenset(ended_early(session))
-    if header.rig != rig.kind:
-        raise SessionError(
-            f"{folder} was recorded on the {header.rig} rig and this is the {rig.kind} one: "
-            "connect the rig that began the session"
-        )
-    check_same_world(folder, header.simulation, rig.world)
+    check_same_rig(folder, header, rig.kind, rig.world)
     refuse_link_outside(folder / layout.PROTOCOL_FILE)
     plan = load_protocol(folder / layout.PROTOCOL_FILE, rig.config).plan(header.seed)
     if len(done) + len(ended) == len(plan.trials):
@@ -171,10 +166,20 @@ def _resume(folder: Path, context: RunContext, unattended: bool) -> OpenedRun:
     return OpenedRun(plan, recorder, unattended, True, done, ended, attempts, missing)
 
 
+def check_same_rig(folder: Path, header: SessionHeader, kind: str, world: dict[str, Any]) -> None:
+    """Raise SessionError where another rig or simulated world began the session."""
+    if header.rig != kind:
+        raise SessionError(
+            f"{folder} was recorded on the {header.rig} rig and this is the {kind} one: "
+            "connect the rig that began the session"
+        )
+    check_same_world(folder, header.simulation, world)
+
+
 def open_recorder(folder: Path, plan: Plan, context: RunContext, resume: bool) -> Recorder:
     """Lock the folder and return the recorder of a session that runs this plan."""
     rig, config = context.rig, context.rig.config
-    header = session_header(
+    header = drum_header(
         plan,
         rig=rig.kind,
         simulated=rig.simulated,
@@ -195,12 +200,25 @@ def open_recorder(folder: Path, plan: Plan, context: RunContext, resume: bool) -
     )
 
 
-def session_header(plan: Plan, **fields: Any) -> SessionHeader:
+def drum_header(plan: Plan, **fields: Any) -> SessionHeader:
     """Return the header of a session that runs this plan with this program.
 
     ``fields``: the others of :class:`SessionHeader`, which depend on the rig.
     """
     config = plan.protocol.config
+    return session_header(
+        plan,
+        encoder_preset=config.encoder.preset,
+        encoder_reading=config.encoder.reading,
+        n_taxels=config.taxels.count,
+        wiring=config.taxels.order,
+        sensor_layout=SensorLayout.of_rig(config.taxels),
+        **fields,
+    )
+
+
+def session_header(plan: Any, **fields: Any) -> SessionHeader:
+    """Return a header with what the plan of any experiment and this program say."""
     return SessionHeader(
         plan_hash=plan.hash,
         seed=plan.seed,
@@ -208,10 +226,5 @@ def session_header(plan: Plan, **fields: Any) -> SessionHeader:
         protocol=plan.protocol.name,
         software_version=__version__,
         software_commit=source_commit(),
-        encoder_preset=config.encoder.preset,
-        encoder_reading=config.encoder.reading,
-        n_taxels=config.taxels.count,
-        wiring=config.taxels.order,
-        sensor_layout=SensorLayout.of_rig(config.taxels),
         **fields,
     )

@@ -15,30 +15,32 @@ However a run ends, the drum is lifted and the session is complete.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
 
 from msgspec.structs import asdict
 
 from rigctl.boards.drum_codes import Command
 from rigctl.boards.drum_states import State
-from rigctl.engine.boards import Boards
 from rigctl.engine.early_end import checked_rule
 from rigctl.engine.event_bus import EventBus
-from rigctl.engine.health import END, DiskMonitor
+from rigctl.engine.health import END
 from rigctl.engine.progress import RunProgress
+from rigctl.engine.rig_boards import RigBoards
 from rigctl.engine.rpc.messages import CurrentTrial, NextPlate, RunStatus
 from rigctl.engine.run_control import RunControl
-from rigctl.engine.run_reasons import SESSION_OUTCOMES, RunPaused, RunStopped
+from rigctl.engine.run_reasons import RunPaused, RunStopped
 from rigctl.engine.run_request import OpenedRun
 from rigctl.engine.run_steps import RunSteps
+from rigctl.engine.served_run import ServedRun
 from rigctl.engine.settings import settle_settings
 from rigctl.engine.step_runner import StepRunner, remaining_steps
 from rigctl.errors import BoardFault, RigFault, WrongUse
 from rigctl.protocol.plan import condition_of
 from rigctl.protocol.steps import Step
 from rigctl.session.notes import Mark, SessionNote
+from rigctl.session.recorder import Recorder
 from rigctl.session.session import EARLY_END_KIND, ConditionEnd
 from rigctl.values import DrumState, Event, PlannedTrial
 
@@ -46,27 +48,21 @@ SAFE_TIMEOUT_S = 20.0
 CLEAR_CYCLES = 3
 
 
-class Run:
-    """One sitting of one plan, controlled through ``control``.
-
-    ``outcome``: done, aborted or failed, empty before the end; ``text``: a sentence on it.
-    """
+class Run(ServedRun[RunControl, Recorder]):
+    """One sitting of one plan on the drum."""
 
     def __init__(
         self,
-        boards: Boards,
+        boards: RigBoards,
         event_bus: EventBus,
         opened: OpenedRun,
         check_in: Callable[[], None],
         set_plate: Callable[[str], object],
     ) -> None:
-        plan, self._recorder = opened.plan, opened.recorder
-        self.control = RunControl(boards.drum_poller, event_bus, self._recorder, check_in)
-        self.disk_monitor = DiskMonitor(self._recorder)
-        self.outcome = ""
-        self.text = ""
+        plan, recorder = opened.plan, opened.recorder
+        control = RunControl(boards.drum_poller, event_bus, recorder, check_in)
+        super().__init__(control, recorder, event_bus, opened.missing)
         self._opened = opened
-        self._event_bus = event_bus
         self._motion = boards.motion
         self._pipeline = boards.pipeline
         self._poller = boards.drum_poller
@@ -81,39 +77,25 @@ class Run:
         self._left_out = set(opened.ended)
 
     @property
-    def ended(self) -> bool:
-        """Whether it is over and its session closed."""
-        return bool(self.outcome)
-
-    @property
-    def folder(self) -> Path:
-        """The session's folder."""
-        return self._recorder.folder
-
-    @property
     def complete(self) -> bool:
         """Whether every planned trial is committed, or was left out by an early end."""
         return self._progress.missing == 0
 
-    async def execute(self) -> None:
-        """Run the plan's steps; faults end the run and are published, not raised."""
+    @contextmanager
+    def _recording(self) -> Iterator[None]:
         unsubscribe_events = self._event_bus.subscribe(self._record_event)
         unsubscribe_states = self._poller.subscribe(self._record_drum)
         self._motion.check = self.control.check
-        outcome = "failed"
         try:
-            outcome, text = await self._run_steps()
-            await self._make_safe()
+            yield
         finally:
             self._motion.check = lambda: None
             unsubscribe_states()
             unsubscribe_events()
             self._pipeline.set_recorder(None)
-            if self._recorder.status.part == 0:
-                self._recorder.begin_part("nothing was recorded", "")
-            self._step_runner.record_health(END)
-            self._recorder.close(SESSION_OUTCOMES[outcome])
-        self._end(outcome, text)
+
+    def _record_end(self) -> None:
+        self._step_runner.record_health(END)
 
     @property
     def start(self) -> tuple[str, float]:
@@ -124,7 +106,7 @@ class Run:
         """Return the run's part of the status message."""
         progress, trial = self._progress, self._step_runner.current
         return RunStatus(
-            state=self._state(),
+            state=self.state,
             text=self.text,
             reasons=() if self.ended else self.control.reasons,
             trial_id=trial.trial_id if trial else None,
@@ -189,18 +171,14 @@ class Run:
             return None
         return NextPlate(texture, len(trials), self._progress.duration_of_s(trials))
 
-    def _state(self) -> str:
-        if self.ended:
-            return self.outcome
-        if self.control.prompt is not None:
-            return "prompt"
-        return "paused" if self.control.reasons else "running"
+    async def _run_plan(self) -> tuple[str, str]:
+        outcome = await self._run_steps()
+        await self._make_safe()
+        return outcome
 
     async def _run_steps(self) -> tuple[str, str]:
         """Return the outcome and a sentence on it."""
         try:
-            for line in self._opened.missing:
-                self._event_bus.publish("log", line)
             await self._clear_old_fault()
             await self._motion.configure()
             await self._motion.write_settings(**settle_settings(self._opened.plan.protocol.settle))
@@ -263,16 +241,6 @@ class Run:
                 return
             await self._poller.wait_cycle()
             self.control.check_in()
-
-    def _end(self, outcome: str, text: str) -> None:
-        failure = self._recorder.failure
-        if failure is not None and outcome == "done":
-            outcome, text = "failed", failure
-        self.outcome, self.text = outcome, text
-        self._event_bus.publish("run", text, state=outcome, **self._session_data())
-
-    def _session_data(self) -> dict[str, str]:
-        return {"session": str(self.folder), "digest": self._recorder.closing_digest}
 
     def _record_event(self, event: Event) -> None:
         if self._pipeline.is_recording:

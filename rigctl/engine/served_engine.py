@@ -11,16 +11,14 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Coroutine
 from dataclasses import asdict
-from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
 from rigctl.engine.event_bus import EventBus
-from rigctl.engine.health import DiskMonitor
 from rigctl.engine.pause_reasons import DISK
 from rigctl.engine.rpc.commands import RequestHandler
 from rigctl.engine.rpc.messages import STATUS_PERIOD_S, engine_message
 from rigctl.engine.rpc.server import KEPT_EVENTS, Server
-from rigctl.engine.run_reasons import RunReasons
+from rigctl.engine.served_run import ServedRun
 from rigctl.errors import RigctlError, RigFault
 from rigctl.values import Event
 
@@ -32,27 +30,7 @@ FREQUENT_EVENTS = ("batch", "prediction")
 """Kinds that the moving finger sends every 100 ms; none is kept."""
 
 
-class EngineRun(Protocol):
-    """A run as its engine sees it."""
-
-    @property
-    def control(self) -> RunReasons:
-        """Why it waits or ends."""
-
-    @property
-    def disk_monitor(self) -> DiskMonitor:
-        """The disk that it records to."""
-
-    @property
-    def ended(self) -> bool:
-        """Whether it is over and its session closed."""
-
-    @property
-    def folder(self) -> Path:
-        """The session's folder."""
-
-
-_Run = TypeVar("_Run", bound=EngineRun)
+_Run = TypeVar("_Run", bound=ServedRun[Any, Any])
 _Request = TypeVar("_Request")
 
 
@@ -142,6 +120,26 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
     @abstractmethod
     def _disconnect(self) -> None:
         """Close the boards."""
+
+    def _begin(self, run: _Run) -> _Run:
+        """Let a run that :meth:`start` has opened run; return it."""
+        self.run = run
+        self._run_task = self.spawn(self._execute(run))
+        self.event_bus.publish("run", f"the run begins: {run.folder}", session=str(run.folder))
+        return run
+
+    async def _execute(self, run: _Run) -> None:
+        await run.execute()
+        self._send_status()
+
+    def _mark_link(self, reason: str, connected: bool) -> None:
+        """Pause an active run for this reason while a device is not connected."""
+        if self.run is None or self.run.ended:
+            return
+        if connected:
+            self.run.control.resume(reason)
+        else:
+            self.run.control.pause(reason)
 
     @property
     def is_running(self) -> bool:

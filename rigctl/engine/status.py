@@ -9,14 +9,14 @@ from typing import Any
 from rigctl.boards.drum_codes import Status
 from rigctl.boards.drum_registers import SHOWN
 from rigctl.boards.drum_states import FAULT_TEXT, STATE_TEXT, Fault, State
-from rigctl.engine.boards import Boards
 from rigctl.engine.calibration import Calibration
 from rigctl.engine.calibrator import READINGS
 from rigctl.engine.contact import contact_words, has_status
 from rigctl.engine.health import RateMeter, age_s
 from rigctl.engine.rig import Rig
+from rigctl.engine.rig_boards import RigBoards
 from rigctl.engine.rpc.messages import EngineStatus, RecordingStatus, RunStatus
-from rigctl.engine.setup.desk import SetupDesk
+from rigctl.engine.setup.served_setup import ServedSetup
 from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import DrumState
 
@@ -27,7 +27,7 @@ class StatusBuilder:
     """Builds the status message of one engine."""
 
     def __init__(
-        self, rig: Rig, boards: Boards, calibration: Calibration, setup: SetupDesk
+        self, rig: Rig, boards: RigBoards, calibration: Calibration, setup: ServedSetup
     ) -> None:
         self._rig, self._setup = rig, setup
         self._calibration = calibration

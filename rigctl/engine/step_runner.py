@@ -13,11 +13,11 @@ import numpy as np
 
 from rigctl.boards import drum_registers, taxel_frames
 from rigctl.boards.clock_fit import ClockEstimate, ClockFit
-from rigctl.engine.boards import Boards
 from rigctl.engine.health import START, Counters
 from rigctl.engine.motion import DrumMotion
 from rigctl.engine.pipeline import SamplePipeline
 from rigctl.engine.progress import RunProgress
+from rigctl.engine.rig_boards import RigBoards
 from rigctl.engine.run_control import RunControl
 from rigctl.engine.run_reasons import RunPaused, RunStopped
 from rigctl.engine.run_request import OpenedRun
@@ -354,7 +354,7 @@ class StepRunner:
 
     def __init__(
         self,
-        boards: Boards,
+        boards: RigBoards,
         publish: Callable[..., None],
         opened: OpenedRun,
         control: RunControl,

@@ -253,6 +253,8 @@ def _blank_comments(text: str, form: TextFormat, width: int) -> tuple[str, int]:
 
     A comment has another number of cells than a row: a row may begin with the label ``#3``.
     """
+    if not any(mark in text for mark in COMMENT_MARKS):
+        return text, 0
     comments = [
         line[0]
         for line in _COMMENT.finditer(text)
@@ -263,7 +265,8 @@ def _blank_comments(text: str, form: TextFormat, width: int) -> tuple[str, int]:
     return text, len(comments)
 
 
-_COMMENT = re.compile(r"^[ \t]*(?:#|%|//).*$", re.MULTILINE)
+COMMENT_MARKS = ("#", "%", "//")
+_COMMENT = re.compile(rf"^[ \t]*(?:{'|'.join(COMMENT_MARKS)}).*$", re.MULTILINE)
 
 
 class _Columns:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from rigctl.engine.pause_reasons import PROMPT
 from rigctl.engine.run_reasons import RunReasons
 
 CHECK_PERIOD_S = 0.01
@@ -25,16 +24,6 @@ class FingerControl(RunReasons):
             await asyncio.sleep(CHECK_PERIOD_S)
             self.check()
 
-    async def wait_resumed(self) -> None:
-        """Wait until no reason to pause is left."""
-        while self._paused_since_s:
-            await asyncio.sleep(CHECK_PERIOD_S)
-            self.check_end()
-
-    async def ask(self, text: str, texture: str | None) -> None:
-        """Ask the operator and wait for the answer."""
-        self.show_prompt(text, texture)
-        while PROMPT in self.reasons:
-            await asyncio.sleep(CHECK_PERIOD_S)
-            self.check_end()
-        await self.wait_resumed()
+    async def _wait_paused(self) -> None:
+        await asyncio.sleep(CHECK_PERIOD_S)
+        self.check_end()

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.boards.taxel_constants import JITTER, LATE, MAX_JUMP
+from rigctl.boards.taxel_frames import JITTER, LATE, MAX_JUMP
 from rigctl.finger.board_messages import (
     DATA_TYPE,
     N_TAXELS,

@@ -7,7 +7,7 @@ from collections.abc import Callable, Coroutine
 from functools import partial
 from typing import Any
 
-from rigctl.boards.consumers import Consumers
+from rigctl.boards.links import Consumers
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.engine.event_bus import EventBus
 from rigctl.engine.health import RateMeter

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
 from rigctl.boards.boot_silence import BootSilence, SilenceWatch
-from rigctl.boards.consumers import Consumers
 from rigctl.boards.drum_registers import MAGIC
 from rigctl.boards.identity import (
     CONNECT_TIMEOUT_S,
@@ -19,7 +18,7 @@ from rigctl.boards.identity import (
     raise_diagnosis,
     version_text,
 )
-from rigctl.boards.links import ByteLink
+from rigctl.boards.links import ByteLink, Consumers
 from rigctl.errors import BoardRebooted, CommandRefused, LinkLost, RigFault, WrongBoard, WrongUse
 from rigctl.finger import board_messages
 from rigctl.finger.board_messages import (

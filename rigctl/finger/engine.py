@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from rigctl.engine.health import age_s
 from rigctl.engine.pause_reasons import LINK
 from rigctl.engine.rpc.messages import BoardStatus, RecordingStatus
 from rigctl.engine.served_engine import ServedEngine
@@ -37,21 +38,18 @@ class FingerEngine(ServedEngine[FingerRun, FingerRunRequest]):
         if board is None:
             raise RigFault("the finger board is not connected: plug it in, then start again")
         opened = open_finger_run(request, self.rig, board, self._utc_now())
-        self.run = FingerRun(self.rig, self.devices, self.event_bus, opened, self.latencies)
+        run = FingerRun(self.rig, self.devices, self.event_bus, opened, self.latencies)
         for device, connected in self.devices.connected.items():
             if not connected:
-                self.run.control.pause(_reason(device))
-        self._run_task = self.spawn(self._execute(self.run))
-        folder = str(opened.recorder.folder)
-        self.event_bus.publish("run", f"the run begins: {folder}", session=folder)
-        return self.run
+                run.control.pause(_reason(device))
+        return self._begin(run)
 
     def status(self) -> FingerEngineStatus:
         """Return the status message."""
         now_s, devices, rig = self._now_s(), self.devices, self.rig
         recording, run = RecordingStatus(), FingerRunStatus()
         if self.run is not None:
-            recording = self.run.disk_monitor.status(self.run.recording)
+            recording = self.run.disk_monitor.status(self.run.is_recording)
             run = self.run.status()
         position, board = devices.estimator.latest, devices.board_status
         return FingerEngineStatus(
@@ -63,10 +61,10 @@ class FingerEngine(ServedEngine[FingerRun, FingerRunRequest]):
             tracker=rig.tracker.name,
             sample_rate_hz=devices.samples.per_s,
             lost_samples=devices.lost_samples,
-            lost_age_s=_age(now_s, devices.lost_s),
+            lost_age_s=age_s(devices.lost_s, now_s),
             damaged_frames=rig.finger.counters.damaged_frames,
-            block_age_s=_age(now_s, devices.block_s),
-            position_age_s=_age(now_s, devices.position_s),
+            block_age_s=age_s(devices.block_s, now_s),
+            position_age_s=age_s(devices.position_s, now_s),
             position_valid=position is not None and position.valid,
             along_mm=position.along_mm if position else 0.0,
             across_mm=position.across_mm if position else 0.0,
@@ -87,17 +85,8 @@ class FingerEngine(ServedEngine[FingerRun, FingerRunRequest]):
             return BoardStatus()
         return BoardStatus(firmware=identity.firmware_version, boot_count=identity.boot_count)
 
-    async def _execute(self, run: FingerRun) -> None:
-        await run.execute()
-        self._send_status()
-
     def _link_changed(self, device: str, connected: bool) -> None:
-        if self.run is None or self.run.ended:
-            return
-        if connected:
-            self.run.control.resume(_reason(device))
-        else:
-            self.run.control.pause(_reason(device))
+        self._mark_link(_reason(device), connected)
 
     async def _connect(self) -> None:
         await self.devices.connect()
@@ -112,7 +101,3 @@ class FingerEngine(ServedEngine[FingerRun, FingerRunRequest]):
 
 def _reason(device: str) -> str:
     return LINK if device == BOARD else device
-
-
-def _age(now_s: float, then_s: float | None) -> float | None:
-    return None if then_s is None else now_s - then_s

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.encoder.scaled_time import N_WINDOWS, last_windows, time_windows
 from rigctl.finger.analysis.classifier import FingerAnswer, FingerClassifier
 from rigctl.finger.analysis.scans import ScanKind
+from rigctl.finger.scaled_time import N_WINDOWS, last_windows, time_windows
 from rigctl.finger.scan_in_progress import ScanData, ScanInProgress
 from rigctl.finger.values import PredictionRow
 

@@ -37,21 +37,6 @@ def finger_live(n_taxels: int = N_TAXELS) -> LiveLayout:
 
 
 @dataclass(frozen=True, slots=True)
-class FingerWindow(RingWindow):
-    """Newest samples of the finger.
-
-    ``counters``: int64 (n,), the board's sample numbers; a step other than 1 is a gap.
-    ``samples``: uint16 (n, 9). ``flags``: uint8 (n,), bits of the finger wire.
-    ``spikes``: uint8 (n, 9), spikes of each taxel in each sample.
-    """
-
-    counters: NDArray[np.int64]
-    samples: NDArray[np.uint16]
-    flags: NDArray[np.uint8]
-    spikes: NDArray[np.uint8]
-
-
-@dataclass(frozen=True, slots=True)
 class TrackWindow(RingWindow):
     """Newest positions of the finger on the plate, mm, float64 (n,); ``valid``: bool (n,)."""
 
@@ -62,7 +47,7 @@ class TrackWindow(RingWindow):
 
 
 class FingerLiveWriter(LiveFileWriter):
-    """The engine's side: creates the file and appends rows."""
+    """Live data of the finger, as its engine writes them."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, finger_live(), TAXEL_ROWS, TRACK_ROWS)
@@ -72,8 +57,7 @@ class FingerLiveWriter(LiveFileWriter):
         counters = block.counters
         if not len(counters):
             return
-        self._file.taxels.append(
-            len(counters),
+        self.add_taxels(
             time_s=arrived_s - (counters[-1] - counters) / SAMPLE_RATE_HZ,
             counters=counters,
             samples=block.readings,
@@ -93,21 +77,12 @@ class FingerLiveWriter(LiveFileWriter):
             valid=float(valid),
         )
 
-    def add_track(self, time_s: NDArray[np.float64], **columns: NDArray[np.generic]) -> None:
-        """Append positions, oldest first, with the columns of :class:`TrackWindow`."""
-        self._file.other.append(len(time_s), time_s=time_s, **columns)
-
 
 class FingerLiveReader(LiveFileReader):
-    """A window's side: copies of the newest rows at any time."""
+    """Live data of the finger, as a window reads them."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, finger_live)
-
-    def taxels(self, n: int) -> FingerWindow:
-        """Return the newest ``n`` samples, or all if there are fewer."""
-        first, rows = self._file.taxels.newest(n)
-        return FingerWindow(first, **rows)
 
     def track(self, n: int) -> TrackWindow:
         """Return the newest ``n`` positions, or all if there are fewer."""

@@ -48,16 +48,6 @@ class FingerRecorder(SessionRecorder):
         super().__init__(folder, header, protocol_text, rig_text, resume=resume)
         self._next_counter: int | None = None
 
-    def begin_part(
-        self, reason: str, texture: str = "", header: SessionHeader | None = None
-    ) -> None:
-        """Start a new file: before the first data, when resuming, and for other ranges.
-
-        ``header`` is that of this part and the following ones: a part holds the ranges that its
-        spikes were made with. It must be of the same plan.
-        """
-        self._begin_part(reason, texture, header)
-
     def add_samples(self, block: FingerBlock, arrived_s: float) -> None:
         """Record samples and spikes; if the queue is full, drop them and record a gap."""
         if not len(block.counters):
@@ -71,7 +61,7 @@ class FingerRecorder(SessionRecorder):
             arrived_s=arrived_s,
         )
         self._next_counter = int(block.counters[-1]) + 1
-        self._put_block(samples)
+        self.add_block(samples)
 
     def add_row(self, row: FingerRow) -> None:
         """Record a position, a batch, a window of scaled time, an answer or a latency."""

@@ -16,16 +16,17 @@ However a run ends, the session is complete.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.engine.event_bus import EventBus
-from rigctl.engine.health import DiskMonitor
 from rigctl.engine.pause_reasons import LINK
-from rigctl.engine.run_reasons import SESSION_OUTCOMES, RunPaused, RunStopped
+from rigctl.engine.run_reasons import RunPaused, RunStopped
+from rigctl.engine.served_run import ServedRun
 from rigctl.errors import LinkLost, RigctlError, RigFault
 from rigctl.finger.board_messages import N_TAXELS, Message
 from rigctl.finger.control import FingerControl
@@ -33,9 +34,10 @@ from rigctl.finger.decoder import FingerBlock
 from rigctl.finger.devices import FingerDevices
 from rigctl.finger.latency import LatencyLog
 from rigctl.finger.live_answers import LiveAnswers
+from rigctl.finger.progress import FingerProgress
+from rigctl.finger.recorder import FingerRecorder
 from rigctl.finger.rig import FingerRig
 from rigctl.finger.run_request import MODEL_KIND, OpenedFingerRun
-from rigctl.finger.run_status import FingerProgress, run_status
 from rigctl.finger.scan_attempt import ScanAttempt
 from rigctl.finger.scan_recording import ScanOutput, track_row, trial_row
 from rigctl.finger.session import FingerSession
@@ -45,11 +47,8 @@ from rigctl.finger.values import FingerTrial, PredictionRow, Stage
 from rigctl.values import Event, Position, Verdict
 
 
-class FingerRun:
-    """One sitting of one plan, controlled through ``control``.
-
-    ``outcome``: done, aborted or failed, empty before the end; ``text``: a sentence on it.
-    """
+class FingerRun(ServedRun[FingerControl, FingerRecorder]):
+    """One sitting of one plan of the moving finger."""
 
     def __init__(
         self,
@@ -59,16 +58,12 @@ class FingerRun:
         opened: OpenedFingerRun,
         latencies: LatencyLog,
     ) -> None:
-        self._recorder = opened.recorder
         now_s = rig.loop.time
-        self.control = FingerControl(now_s, event_bus, lambda: opened.recorder.failure)
-        self.disk_monitor = DiskMonitor(opened.recorder)
+        control = FingerControl(now_s, event_bus, lambda: opened.recorder.failure)
+        super().__init__(control, opened.recorder, event_bus, opened.missing)
         self.output = ScanOutput(opened.recorder, event_bus, latencies, now_s)
-        self.outcome = ""
-        self.text = ""
         self._rig = rig
         self._devices = devices
-        self._event_bus = event_bus
         self._opened = opened
         self._now_s = now_s
         self._attempts: Counter[int] = Counter(opened.attempts)
@@ -79,79 +74,63 @@ class FingerRun:
         self._attempt: ScanAttempt | None = None
         self._texture: str | None = None
         self._stage: Stage | None = None
-        self._recording = False
-
-    @property
-    def ended(self) -> bool:
-        """Whether it is over and its session closed."""
-        return bool(self.outcome)
-
-    @property
-    def folder(self) -> Path:
-        """The session's folder."""
-        return self._recorder.folder
-
-    @property
-    def recording(self) -> bool:
-        """Whether samples go to the session."""
-        return self._recording
+        self.is_recording = False
 
     def has_scanned(self, scan: int) -> bool:
         """Return whether a scan of this number is or was under way in this sitting."""
-        return self._recording and self._opened.scans < scan <= self._scans
+        return self.is_recording and self._opened.scans < scan <= self._scans
 
-    async def execute(self) -> None:
-        """Run the plan's scans; faults end the run and are published, not raised."""
+    @contextmanager
+    def _recording(self) -> Iterator[None]:
         unsubscribe = (
             self._event_bus.subscribe(self._record_event),
             self._devices.subscribe(self._record_block, self._pass, self._record_position),
         )
-        outcome = "failed"
         try:
-            outcome, text = await self._run_trials()
+            yield
         finally:
             for end in unsubscribe:
                 end()
-            self._recording = False
-            if self._recorder.status.part == 0:
-                self._recorder.begin_part("nothing was recorded")
-            self._recorder.close(SESSION_OUTCOMES[outcome])
-        if self._recorder.failure is not None and outcome == "done":
-            outcome, text = "failed", self._recorder.failure
-        self.outcome, self.text = outcome, text
-        data = {"session": str(self.folder), "digest": self._recorder.closing_digest}
-        self._event_bus.publish("run", text, state=outcome, **data)
+            self.is_recording = False
 
     def status(self) -> FingerRunStatus:
         """Return the run's part of the status message."""
-        attempt = self._attempt
-        current = None
-        if attempt is not None and not self.ended:
-            trial = attempt.trial
-            current = CurrentScan(
-                trial.stage.value,
-                trial.texture,
-                trial.profile.value,
-                trial.repeat,
-                self._attempts[trial.trial_id],
-                attempt.scanning,
-            )
-        state = self.outcome or self._state()
-        folder = str(self._recorder.folder)
-        control = None if self.ended else self.control
-        status = run_status(self._progress, state, self.text, current, control, folder)
-        return replace(status, coverage=self._opened.coverage)
+        progress, control = self._progress, None if self.ended else self.control
+        return FingerRunStatus(
+            state=self.state,
+            text=self.text,
+            reasons=control.reasons if control else (),
+            trials_planned=progress.planned,
+            trials_committed=progress.committed,
+            trials_rejected=progress.rejected,
+            eta_s=progress.eta_s() if control else None,
+            elapsed_s=progress.clock.elapsed_s,
+            scan=self._current_scan(),
+            prompt=control.prompt if control else None,
+            session=str(self.folder),
+            textures=progress.textures,
+            classified=progress.classified,
+            correct=progress.correct,
+            confusion=progress.confusion,
+            coverage=self._opened.coverage,
+            quality=progress.quality,
+        )
 
-    def _state(self) -> str:
-        if self.control.prompt is not None:
-            return "prompt"
-        return "paused" if self.control.reasons else "running"
+    def _current_scan(self) -> CurrentScan | None:
+        if self._attempt is None or self.ended:
+            return None
+        trial = self._attempt.trial
+        return CurrentScan(
+            trial.stage.value,
+            trial.texture,
+            trial.profile.value,
+            trial.repeat,
+            self._attempts[trial.trial_id],
+            self._attempt.scanning,
+        )
 
-    async def _run_trials(self) -> tuple[str, str]:
-        """Return the outcome and a sentence on it."""
+    async def _run_plan(self) -> tuple[str, str]:
         trials = [t for t in self._opened.plan.trials if t.trial_id not in self._opened.done]
-        for line in self._opened.missing:
-            self._event_bus.publish("log", line)
         try:
             for trial in trials:
                 if trial.stage is not self._stage:
@@ -178,7 +157,7 @@ class FingerRun:
         )
         reason = f"stage {stage.value}" + (", continued" if self._opened.resumed else "")
         self._recorder.begin_part(reason, header=header)
-        self._recording, self._stage = True, stage
+        self.is_recording, self._stage = True, stage
         self._event_bus.publish("stage", f"stage {stage.value} begins", stage=stage.value)
         self.output.answers = self._answers() if stage is Stage.RUN else None
 
@@ -307,15 +286,15 @@ class FingerRun:
         )
 
     def _record_event(self, event: Event) -> None:
-        if self._recording and event.kind not in ("batch", "prediction"):
+        if self.is_recording and event.kind not in ("batch", "prediction"):
             self._recorder.add_event(event)
 
     def _record_block(self, block: FingerBlock, arrived_s: float) -> None:
-        if self._recording:
+        if self.is_recording:
             self._recorder.add_samples(block, arrived_s)
 
     def _record_position(self, position: Position, plate: PlatePosition) -> None:
-        if self._recording:
+        if self.is_recording:
             self._recorder.add_row(track_row(position, plate))
 
     def _pass(self, message: Message, arrived_s: float) -> None:

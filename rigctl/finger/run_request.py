@@ -12,13 +12,17 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, Struct
 
-from rigctl import __version__
-from rigctl.config.resources import find_finger_protocol, source_commit
+from rigctl.config.resources import find_finger_protocol
 from rigctl.config.text_file import refuse_link_outside
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import DEFAULT
 from rigctl.engine.rpc.commands import PathText, Seed, Word
-from rigctl.engine.run_request import check_disk_space
+from rigctl.engine.run_request import (
+    check_disk_space,
+    check_same_rig,
+    chosen_folder,
+    session_header,
+)
 from rigctl.errors import SessionError, WrongUse
 from rigctl.finger.analysis.classifier import COVERAGE, ERROR_RATE, FingerClassifier
 from rigctl.finger.board_messages import N_TAXELS
@@ -30,7 +34,7 @@ from rigctl.finger.session import FingerSession
 from rigctl.finger.values import Stage
 from rigctl.session import layout
 from rigctl.session.header import SessionHeader
-from rigctl.session.recorder import check_same_world, keep_private
+from rigctl.session.recorder import keep_private
 from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import BoardIdentity, Verdict
 
@@ -116,7 +120,7 @@ def open_finger_run(
     rig.check_plates(protocol.textures)
     plan = protocol.plan([Stage(name) for name in request.stages], request.seed)
     classifier = _classifier(plan, request, rig.config.about.sensor)
-    folder = Path(request.out) if request.out else _default_folder(request.stages, start_utc)
+    folder = chosen_folder(request.out, start_utc, f"finger-{request.stages[-1]}")
     check_disk_space(folder, plan.bytes_estimate)
     header = _header(plan, rig, board, start_utc, classifier)
     recorder = _open_recorder(folder, header, protocol.text, rig, resume=False)
@@ -129,12 +133,6 @@ def open_finger_run(
         coverage=request.coverage,
         model_digest=model_digest(request.model),
     )
-
-
-def _default_folder(stages: tuple[str, ...], start_utc: str) -> Path:
-    """Return a folder below ``sessions`` in the current folder."""
-    stamp = start_utc[:19].replace(":", "").replace("T", "-")
-    return Path("sessions") / f"{stamp}-finger-{stages[-1]}"
 
 
 def _open_recorder(
@@ -205,17 +203,12 @@ def model_digest(path: str | None) -> str:
 
 def _check_rig(folder: Path, header: SessionHeader, rig: FingerRig) -> None:
     """Raise SessionError where another rig, sensor or simulated world began the session."""
-    if header.rig != rig.kind:
-        raise SessionError(
-            f"{folder} was recorded on the {header.rig} rig and this is the {rig.kind} one: "
-            "connect the rig that began the session"
-        )
+    check_same_rig(folder, header, rig.kind, rig.world)
     if header.sensor != rig.config.about.sensor:
         raise SessionError(
             f"{folder} was recorded with the sensor {header.sensor!r}, this rig has "
             f"{rig.config.about.sensor!r}: resume it with its own, or start a new session"
         )
-    check_same_world(folder, header.simulation, rig.world)
 
 
 def _ranges_of_scans(session: FingerSession) -> Normalisation | None:
@@ -291,20 +284,15 @@ def _header(
 ) -> SessionHeader:
     ranges = classifier.model.normalisation if classifier is not None else None
     stages = dict.fromkeys(trial.stage.value for trial in plan.trials)
-    return SessionHeader(
-        plan_hash=plan.hash,
-        seed=plan.seed,
-        trials_planned=len(plan.trials),
+    return session_header(
+        plan,
         rig=rig.kind,
         simulated=rig.simulated,
         start_utc=start_utc,
         start_loop_s=rig.loop.time(),
-        protocol=plan.protocol.name,
         boards=(board,),
         operator=rig.config.about.operator,
         sensor=rig.config.about.sensor,
-        software_version=__version__,
-        software_commit=source_commit(),
         encoder_preset=DEFAULT.name,
         n_taxels=N_TAXELS,
         sensor_layout=SensorLayout.default(N_TAXELS),

@@ -101,7 +101,7 @@ class FingerSession(SessionReader):
         """Return the spikes of every millisecond of a scan, uint8 (n, 9), 0 for lost samples.
 
         n is that of the board's batches: ``count``, and samples that the board lost directly before
-        the first one. :func:`rigctl.encoder.scaled_time.scale_windows` takes them with
+        the first one. :func:`rigctl.finger.scaled_time.scale_windows` takes them with
         :meth:`velocities_um_s`.
         """
         row = self.trials[index]

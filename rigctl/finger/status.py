@@ -12,7 +12,7 @@ from typing import Any
 
 import msgspec
 
-from rigctl.engine.rpc.messages import BoardStatus, PromptStatus, RecordingStatus
+from rigctl.engine.rpc.messages import BoardStatus, RecordingStatus, SittingStatus
 from rigctl.finger.plan import ScanQuality
 
 NOMINAL_QUALITY = ScanQuality()
@@ -31,42 +31,21 @@ class CurrentScan:
 
 
 @dataclass(frozen=True, slots=True)
-class FingerRunStatus:
-    """Progress of the protocol; ``state`` idle|running|paused|prompt|done|aborted|failed.
+class FingerRunStatus(SittingStatus):
+    """Progress of the protocol of the moving finger.
 
-    ``reasons``: what the run waits for. ``text``: one sentence on how it ended, empty before.
     ``correct`` of ``classified`` scans were named correctly. ``confusion``: the number of scans by
     true and predicted texture. ``coverage``: share of the sets that hold the true texture.
     ``quality``: the limits of the protocol.
     """
 
-    state: str = "idle"
-    text: str = ""
-    reasons: tuple[str, ...] = ()
-    trials_planned: int = 0
-    trials_committed: int = 0
-    trials_rejected: int = 0
-    eta_s: float | None = None
-    elapsed_s: float = 0.0
     scan: CurrentScan | None = None
-    prompt: PromptStatus | None = None
-    session: str | None = None
     textures: tuple[str, ...] = ()
     classified: int = 0
     correct: int = 0
     confusion: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
     coverage: float = 0.95
     quality: ScanQuality = NOMINAL_QUALITY
-
-    @property
-    def is_active(self) -> bool:
-        """Whether the run goes on: running, paused, or waiting for an answer."""
-        return self.state in ("running", "paused", "prompt")
-
-    @property
-    def has_ended(self) -> bool:
-        """Whether there was a run and it is over."""
-        return self.state in ("done", "aborted", "failed")
 
 
 @dataclass(frozen=True, slots=True)

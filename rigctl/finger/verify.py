@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from rigctl.encoder.encoder import Encoder
 from rigctl.encoder.normalisation import Normalisation
-from rigctl.encoder.scaled_time import scale_windows
 from rigctl.errors import ProtocolError, WrongUse
 from rigctl.finger.board_messages import BATCH_SAMPLES, SampleFlag, VelocitySource
 from rigctl.finger.layout import (
@@ -29,6 +28,7 @@ from rigctl.finger.layout import (
     spike_counts,
 )
 from rigctl.finger.plan import parse_finger_protocol
+from rigctl.finger.scaled_time import scale_windows
 from rigctl.finger.session import FingerSession, board_ranges
 from rigctl.finger.values import Stage
 from rigctl.session import layout

@@ -45,7 +45,7 @@ from rigctl.session.writer import (
     failure_message,
 )
 from rigctl.session.writer_lock import WriterLock
-from rigctl.values import Block, DrumState, Event, Gap, TrialRow
+from rigctl.values import DrumState, Event, Gap, TrialRow
 
 
 def keep_private(folder: Path) -> None:
@@ -265,6 +265,32 @@ class SessionRecorder:
             "record on a faster or less busy disk."
         )
 
+    def begin_part(
+        self, reason: str, texture: str = "", header: SessionHeader | None = None
+    ) -> None:
+        """Start a new file: before the first data, when resuming, at a plate change.
+
+        ``header`` is that of this part and the following ones, of the same plan: a part holds the
+        ranges that its spikes were made with.
+        """
+        self._put_overflow()
+        if header is not None:
+            header = replace(header, experiment=self.layout.experiment)
+        self._put(partial(self._writer.begin_part, reason, texture, header))
+        self._wake.set()
+
+    def add_block(self, block: SampleBlock) -> None:
+        """Record samples; if the queue is full, drop them and record a gap."""
+        if self._failure is not None:
+            return
+        if self._queue_samples + len(block) > self._limit_samples:
+            self._drop(block)
+            return
+        self._put_overflow()
+        self._put(partial(self._writer.add_block, block), len(block))
+        if self._queue_samples >= WAKE_AT_SAMPLES:
+            self._wake.set()
+
     def add_event(self, event: Event) -> None:
         """Record an event."""
         self._put(partial(self._writer.add_event, event))
@@ -313,25 +339,6 @@ class SessionRecorder:
     @property
     def _queue_samples(self) -> int:
         return self._put_samples - self._taken_samples
-
-    def _begin_part(self, reason: str, texture: str, header: SessionHeader | None = None) -> None:
-        self._put_overflow()
-        if header is not None:
-            header = replace(header, experiment=self.layout.experiment)
-        self._put(partial(self._writer.begin_part, reason, texture, header))
-        self._wake.set()
-
-    def _put_block(self, block: SampleBlock) -> None:
-        """Record samples; if the queue is full, drop them and record a gap."""
-        if self._failure is not None:
-            return
-        if self._queue_samples + len(block) > self._limit_samples:
-            self._drop(block)
-            return
-        self._put_overflow()
-        self._put(partial(self._writer.add_block, block), len(block))
-        if self._queue_samples >= WAKE_AT_SAMPLES:
-            self._wake.set()
 
     def _put_trial(self, row: Attempt, encode: EncodeTrial) -> None:
         """Record an attempt with the next flush, which then syncs the file."""
@@ -384,14 +391,6 @@ class Recorder(SessionRecorder):
     """Writer of one session of the drum."""
 
     layout: ClassVar[SessionLayout] = layout.DRUM_LAYOUT
-
-    def begin_part(self, reason: str, texture: str) -> None:
-        """Start a new file: before the first data, when resuming and at a plate change."""
-        self._begin_part(reason, texture)
-
-    def add_block(self, block: Block) -> None:
-        """Record samples; if the queue is full, drop them and record a gap."""
-        self._put_block(block)
 
     def add_drum(self, state: DrumState, force_set_g: float, speed_set_mm_s: float) -> None:
         """Record a poll, its new load-cell samples and the set-points at that time."""

@@ -271,6 +271,16 @@ class ConditionEnd(msgspec.Struct, frozen=True):
         )
 
 
+def rows_by_condition(session: Session, rows: Sequence[int]) -> dict[Condition, list[int]]:
+    """Return rows of /trials by their condition, in their order."""
+    found: defaultdict[Condition, list[int]] = defaultdict(list)
+    for row in rows:
+        trial = session.trials[row]
+        speed, force, depth = (float(trial[name]) for name in ("speed_mm_s", "force_g", "depth_mm"))
+        found[str(trial["texture"]), speed, force, depth].append(row)
+    return found
+
+
 def ended_early(session: Session) -> dict[int, str]:
     """Return the reason for each planned trial that a condition's early end left out, by its id.
 

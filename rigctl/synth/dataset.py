@@ -17,7 +17,7 @@ from pathlib import Path
 import tomlkit
 
 from rigctl.bench.world_file import NOMINAL_WORLD, SimulatedWorld
-from rigctl.engine.run_request import check_disk_space, session_header
+from rigctl.engine.run_request import check_disk_space, drum_header
 from rigctl.errors import RigctlError, RigFault, WrongUse
 from rigctl.protocol.loader import load_protocol, parse_protocol
 from rigctl.protocol.plan import Plan
@@ -140,7 +140,7 @@ def _run_steps(
 
 
 def _header(request: DatasetRequest) -> SessionHeader:
-    return session_header(
+    return drum_header(
         request.plan,
         rig="synth",
         simulated=True,

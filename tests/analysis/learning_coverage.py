@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rigctl.analysis.learning_curve import (
     CurvePoint,
-    GrowingFeatures,
+    GrowingCurve,
     RecordedTrials,
     learning_curve,
 )
@@ -57,9 +57,8 @@ def _last_point(
 
 def main() -> None:
     """Print a row for each number of trials."""
-    growing = GrowingFeatures(Path(sys.argv[1]))
-    growing.update()
-    trials = growing.by_condition()
+    growing = GrowingCurve(Path(sys.argv[1]))
+    trials = growing.update()
     print("trials a condition, accuracy, coverage, half width")
     for n_trials in (2, 4, 8, 16):
         found = measure(trials, growing.features, n_trials, int(sys.argv[2]))

@@ -20,8 +20,8 @@ from rigctl.analysis.comparisons import (
 )
 from rigctl.analysis.report.several_reports import summary_sentences
 from rigctl.analysis.representations import REPRESENTATIONS
-from rigctl.analysis.splits import Design
 from rigctl.analysis.tasks import Curve, TaskResult
+from rigctl.analysis.trial_set import Design
 
 TASKS = {task.key: task for task in further_tasks.TASKS}
 BY_KEY = {r.key: r for r in REPRESENTATIONS}

@@ -14,8 +14,7 @@ from rigctl.analysis.held_out import (
     with_repeats,
 )
 from rigctl.analysis.report.demo import accuracy_sentence, analyse_sessions
-from rigctl.analysis.splits import Design
-from rigctl.analysis.trial_set import join_sessions
+from rigctl.analysis.trial_set import Design, join_sessions
 from rigctl.errors import SessionError, WrongUse
 from tests.analysis.recordings import record
 

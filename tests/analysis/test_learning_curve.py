@@ -10,8 +10,7 @@ import pytest
 
 from rigctl.analysis.learning_curve import (
     Condition,
-    GrowingFeatures,
-    SessionCurves,
+    GrowingCurve,
     describe_shortfall,
     largest_block,
     learning_curve,
@@ -80,9 +79,9 @@ def test_too_few_trials_are_said_in_words() -> None:
 
 def test_a_session_has_a_curve_that_says_where_its_range_is_from(tmp_path: Path) -> None:
     session = record(tmp_path / "s", "ABD", repeats=4, torn=(2,))
-    curves = SessionCurves()
-    curve = curves.curve(str(session))
-    curves.close()
+    growing = GrowingCurve(session)
+    curve = growing.curve()
+    growing.session.close()
     assert curve.simulated and (curve.trials, curve.committed) == (71, 72)
     assert [point.n_trials for point in curve.points] == [1, 2, 3, 4]
     assert [point.n_conditions for point in curve.points] == [6, 6, 6, 5]
@@ -93,7 +92,7 @@ def test_a_session_has_a_curve_that_says_where_its_range_is_from(tmp_path: Path)
 
 def test_the_features_are_those_of_the_analysis(tmp_path: Path) -> None:
     session = record(tmp_path / "s", "AB", repeats=2)
-    growing = GrowingFeatures(session)
+    growing = GrowingCurve(session)
     growing.update()
     found = join_sessions([session])
     with Session.open(session) as opened:
@@ -125,7 +124,7 @@ def test_new_trials_of_a_growing_session_are_encoded_once(
     with Recorder(tmp_path / "s", calibrated, building.PROTOCOL, building.RIG) as recorder:
         recorder.begin_part("start", "A")
         first = commit(recorder, plan.trials[0], 0)
-        growing = GrowingFeatures(tmp_path / "s")
+        growing = GrowingCurve(tmp_path / "s")
         growing.update()
         before = dict(growing.features)
         assert list(before) == [0] and growing.has_calibrated_range
@@ -139,10 +138,10 @@ def test_new_trials_of_a_growing_session_are_encoded_once(
 
 def test_a_trial_marked_bad_leaves_the_curve(tmp_path: Path) -> None:
     session = record(tmp_path / "s", "AB", repeats=2)
-    curves = SessionCurves()
-    whole = curves.curve(str(session)).points[-1]
+    growing = GrowingCurve(session)
+    whole = growing.curve().points[-1]
     add_note(session, SessionNote("2026-11-21T13:00:00Z", "slipped", 1, 0, Mark.BAD, ""))
-    fewer = curves.curve(str(session))
+    fewer = growing.curve()
     assert (whole.n_trials, whole.tested) == (2, 24)
     assert fewer.trials == 23 and fewer.points[-1].tested < 24
-    curves.close()
+    growing.session.close()

@@ -17,9 +17,8 @@ from rigctl.analysis.classify_sessions import classify
 from rigctl.analysis.force_scaling import load_c
 from rigctl.analysis.pca_lda import log_posteriors
 from rigctl.analysis.representations import REPRESENTATIONS, RepresentationSet, represent
-from rigctl.analysis.splits import Design
 from rigctl.analysis.training import ModelRequest, train_model
-from rigctl.analysis.trial_set import join_sessions
+from rigctl.analysis.trial_set import Design, join_sessions
 from rigctl.cli import main
 from rigctl.encoder.parameters import EncoderParameters
 from rigctl.errors import SessionError, WrongUse

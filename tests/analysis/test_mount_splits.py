@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rigctl.analysis.splits import Design, make_splits, number_mountings
+from rigctl.analysis.splits import make_splits
+from rigctl.analysis.trial_set import Design, number_mountings
 from rigctl.errors import WrongUse
 
 PAPER_SPEEDS, PAPER_FORCES = (40.0, 60.0, 80.0, 100.0, 120.0), (250.0, 500.0, 1000.0)

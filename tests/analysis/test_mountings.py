@@ -9,7 +9,7 @@ import pytest
 
 from rigctl.analysis.report.html_report import findings
 from rigctl.analysis.representations import RepresentationSet, represent
-from rigctl.analysis.result_tables import describe_mountings, mounting_gaps, table_rows
+from rigctl.analysis.result_tables import describe_mountings, table_rows
 from rigctl.analysis.tasks import SweepSettings, run_tasks
 from rigctl.analysis.trial_set import join_sessions
 from rigctl.encoder.parameters import DEFAULT
@@ -42,12 +42,10 @@ def test_plates_that_were_mounted_again_are_tested_beside_the_papers_tasks(
     assert [result.task.key for result in results[-4:]] == KEYS
     assert [result.task.figure[-1] for result in results[:6]] == list("ABCDEF")
     assert not [remark for remark in remarks if "mounting: left out" in remark]
-    gaps = mounting_gaps(results)
-    assert len(gaps) == 2 * len(results[0].curves)
-    original = gaps[0]
-    assert original.representation.key == "original"
-    assert original.same > 0.9 and original.points > 20
     values = describe_mountings(results)
+    assert len(values) == 2 * len(results[0].curves)
+    assert values[0]["representation"] == "original"
+    assert values[0]["same_mounting_percent"] > 90 and values[0]["points"] > 20
     assert values[0]["points"] == pytest.approx(
         values[0]["same_mounting_percent"] - values[0]["other_mounting_percent"]
     )

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from rigctl.analysis.cache import Resources
+from rigctl.analysis.options import AnalysisOptions
 from rigctl.analysis.report import report_folder
 from rigctl.analysis.representations import REPRESENTATIONS, represent
 from rigctl.analysis.sensitivity import PRESET_ORDER, STAGE, mean_rates_hz
-from rigctl.analysis.tasks import SweepSettings, run_tasks
+from rigctl.analysis.tasks import run_tasks
 from rigctl.analysis.trial_set import join_sessions
 from rigctl.encoder.encoder import encode_trials
 from rigctl.encoder.parameters import PRESETS, SA_PRESETS
@@ -48,9 +49,11 @@ def test_every_preset_answers_the_same_questions(session: Path, tmp_path: Path) 
         if stage == STAGE:
             reported.append((done, all_))
 
-    settings = SweepSettings(iterations=2, k_max=12, seed=5, tasks=("textures",))
-    request = report_folder.ReportRequest((session,), tmp_path / "r", settings, sensitivity=True)
-    report_folder.make_report(request, "2026-11-21T12:00:00Z", Resources(progress=listen))
+    options = AnalysisOptions(
+        (session,), out=tmp_path / "r", iterations=2, k_max=12, seed=5, task=("textures",),
+        sensitivity=True,
+    )  # fmt: skip
+    report_folder.make_report(options, "2026-11-21T12:00:00Z", Resources(progress=listen))
     plain = json.loads((tmp_path / "r" / "results.json").read_text())
     rows = plain["sensitivity"]["rows"]
     assert list(dict.fromkeys(row["preset"] for row in rows)) == list(PRESET_ORDER)
@@ -80,7 +83,7 @@ def test_every_preset_answers_the_same_questions(session: Path, tmp_path: Path) 
     assert f"at most by {widest:.1f} (" in neuron and "individual textures" in neuron
 
     alone = represent(join_sessions([session]), PRESETS["iskarous2022"], tmp_path)
-    (result,), _ = run_tasks(alone, settings)
+    (result,), _ = run_tasks(alone, options.sweep)
     expected = result.curve("original")
     assert expected is not None
     found = by["iskarous2022", "original"]["mean_percent"]

@@ -12,9 +12,9 @@ from rigctl.analysis.cache import Resources
 from rigctl.analysis.executors import local_executor
 from rigctl.analysis.pca_lda import Split, SweepEngine, predict_splits
 from rigctl.analysis.representations import RepresentationSet, represent
-from rigctl.analysis.splits import Design, make_splits, stratified_folds
+from rigctl.analysis.splits import make_splits, stratified_folds
 from rigctl.analysis.tasks import SweepSettings, TaskResult, run_tasks
-from rigctl.analysis.trial_set import join_sessions
+from rigctl.analysis.trial_set import Design, join_sessions
 from rigctl.encoder.parameters import DEFAULT
 from rigctl.errors import WrongUse
 from tests.analysis.recordings import record

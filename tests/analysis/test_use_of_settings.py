@@ -17,12 +17,8 @@ from rigctl.analysis.settings import (
     FoldSettings,
     TextureGroups,
 )
-from rigctl.analysis.splits import (
-    Design,
-    extrapolation_fits,
-    make_splits,
-    textures_left_out,
-)
+from rigctl.analysis.splits import extrapolation_fits, make_splits, textures_left_out
+from rigctl.analysis.trial_set import Design
 from rigctl.cli import main
 from tests.analysis.recordings import record
 

@@ -13,10 +13,10 @@ from tests.architecture.lab_copy import changed_files, copy_program, run_in
 EDITS = {
     "rigctl/analysis/further_tasks.py": {
         "FURTHER = (\n": '''def _early_late(
-    trials: Trials, random: np.random.Generator
+    design: Design, random: np.random.Generator
 ) -> list[TrainAndTests]:
     """Train on the first half of each condition, and test on the second: do taxels wear?"""
-    halves = [np.array_split(rows, 2) for rows in trials.conditions()]
+    halves = [np.array_split(rows, 2) for rows in design.conditions()]
     early, late = (np.concatenate(part) for part in zip(*halves, strict=True))
     return [(early, {"early-late": late})]
 

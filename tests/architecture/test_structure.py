@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from tests.architecture import picture
 from tests.architecture.imports import CHECKOUT, import_cycles, import_graph, load_modules
 from tests.conftest import BEGUN_FIRST
@@ -14,6 +16,15 @@ def test_modules_have_no_import_cycle() -> None:
 def test_an_import_cycle_is_found() -> None:
     graph = {"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}
     assert import_cycles(graph) == [["a", "b", "c"]]
+
+
+def test_the_path_from_a_session_to_table_1_goes_down() -> None:
+    page = (CHECKOUT / "docs/explanation/architecture.md").read_text(encoding="utf-8")
+    path = [name.replace("/", ".") for name in re.findall(r"^\d+\. `(.*)\.py`", page, re.MULTILINE)]
+    graph = import_graph(load_modules())
+    assert len(path) > 10
+    for place, name in enumerate(path):
+        assert not graph[name] & set(path[:place]), f"{name} imports a module above it"
 
 
 def test_every_room_describes_its_contents_in_one_sentence() -> None:

@@ -16,7 +16,8 @@ from rigctl.boards.drum_registers import (
     pack_value,
 )
 from rigctl.boards.drum_states import Fault, State
-from rigctl.boards.taxel_frames import FrameDecoder, SelfTest, TaxelIdentity, TaxelStatus
+from rigctl.boards.taxel_decoder import FrameDecoder
+from rigctl.boards.taxel_frames import SelfTest, TaxelIdentity, TaxelStatus
 from rigctl.values import Block
 
 ANSWER_US = 60_000

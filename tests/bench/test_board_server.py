@@ -18,7 +18,7 @@ from pymodbus import FramerType
 from pymodbus.client import AsyncModbusTcpClient, ModbusSerialClient
 
 from rigctl.boards.drum_registers import BY_NAME, MAGIC
-from rigctl.boards.taxel_frames import FrameDecoder
+from rigctl.boards.taxel_decoder import FrameDecoder
 from rigctl.cli import main
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are of POSIX")

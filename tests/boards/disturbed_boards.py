@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.boards.drum_registers import BOARD_TAXELS, MAGIC
+from rigctl.boards.taxel_decoder import FrameDecoder
 from rigctl.boards.taxel_frames import (
     WIRE_VERSION,
-    FrameDecoder,
     TaxelIdentity,
     TaxelStatus,
     frame,

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rigctl.boards import taxel_constants, taxel_frames, taxel_kernels
+from rigctl.boards import taxel_decoder, taxel_frames
 from rigctl.boards.taxel_frames import SelfTest, TaxelIdentity, TaxelStatus, frame
 
 _STATUS = struct.Struct("<BBIIHHHBHHHHB")
@@ -64,13 +64,13 @@ def encode_status(status: TaxelStatus) -> bytes:
     """Return a status frame; its counters wrap."""
     counter, dropped, *values, rises, bits = astuple(status)
     counter, dropped, rises = counter & 0xFFFFFFFF, dropped & 0xFFFFFFFF, rises & 0xFFFF
-    head = (taxel_constants.STATUS, taxel_frames.WIRE_VERSION, counter, dropped)
+    head = (taxel_frames.STATUS, taxel_frames.WIRE_VERSION, counter, dropped)
     return frame(_STATUS.pack(*head, *values, rises, bits))
 
 
 def encode_identity(identity: TaxelIdentity) -> bytes:
     """Return an identity frame."""
-    return frame(_IDENTITY.pack(taxel_constants.IDENTITY, *astuple(identity)))
+    return frame(_IDENTITY.pack(taxel_frames.IDENTITY, *astuple(identity)))
 
 
 def encode_self_test(test: SelfTest) -> bytes:
@@ -78,7 +78,7 @@ def encode_self_test(test: SelfTest) -> bytes:
     *small, silent, full = astuple(test)
     wide = (silent.to_bytes(3, "little"), full.to_bytes(3, "little"))
     return frame(
-        _SELF_TEST.pack(taxel_constants.SELF_TEST, taxel_frames.WIRE_VERSION, *small, *wide)
+        _SELF_TEST.pack(taxel_frames.SELF_TEST_OUTCOME, taxel_frames.WIRE_VERSION, *small, *wide)
     )
 
 
@@ -96,7 +96,7 @@ def _encode_rows(
     edges_at = 10 * samples.shape[1]
     for row in range(counters.shape[0]):
         body[:] = 0
-        body[0] = taxel_constants.DATA
+        body[0] = taxel_frames.DATA
         body[1] = counters[row] & 0xFF
         body[2] = counters[row] >> 8 & 0xFF
         body[3] = flags[row]
@@ -107,7 +107,7 @@ def _encode_rows(
         value = np.uint32(edges[row] & 0xF) << np.uint32(edges_at & 7)
         body[4 + (edges_at >> 3)] |= value & 0xFF
         body[5 + (edges_at >> 3)] |= value >> 8 & 0xFF
-        crc = np.int64(taxel_kernels.crc32(body, size))
+        crc = np.int64(taxel_decoder.crc32(body, size))
         for i in range(4):
             body[size + i] = crc >> (8 * i) & 0xFF
         _stuff(body, wire, row)

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigctl.boards.taxel_frames import Decoded, FrameDecoder
+from rigctl.boards.taxel_decoder import Decoded, FrameDecoder
 from rigctl.finger.decoder import FingerBlock, FingerDecoder
 from tests.boards.disturbance import DISTURBANCES, Disturbance, cut
 from tests.boards.disturbed_boards import (

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.boards import boot_silence, taxel_frames
+from rigctl.boards import boot_silence, taxel_decoder
 from rigctl.boards import drum as drum_module
 from rigctl.boards import taxels as taxels_module
 from rigctl.boards.port_discovery import find_boards, probe_ports
@@ -64,7 +64,7 @@ def warm_kernels() -> None:
     """Compile before the clock runs."""
     empty = np.zeros(0, np.uint8)
     taxel_encoder.encode_data(np.zeros(0, np.int64), np.zeros((0, 18), np.uint16), empty, empty)
-    taxel_frames.FrameDecoder(18)
+    taxel_decoder.FrameDecoder(18)
 
 
 class Terminals:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from rigctl.boards import taxel_frames as taxels
 from rigctl.boards.drum_registers import BOARD_TAXELS, MAGIC
-from rigctl.boards.taxel_frames import Decoded, Flag, FrameDecoder
+from rigctl.boards.taxel_decoder import Decoded, FrameDecoder
+from rigctl.boards.taxel_frames import Flag
 from rigctl.values import Block
 from tests.boards import taxel_encoder
 

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rigctl.boards.taxel_frames import FrameDecoder, SelfTest, findings
+from rigctl.boards.taxel_decoder import FrameDecoder
+from rigctl.boards.taxel_frames import SelfTest, findings
 from tests.boards import taxel_encoder
 
 SMALL = st.integers(0, 255)

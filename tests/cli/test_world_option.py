@@ -12,7 +12,7 @@ import pytest
 import serial
 
 from gui.app import main as window
-from rigctl.boards.taxel_frames import FrameDecoder
+from rigctl.boards.taxel_decoder import FrameDecoder
 from rigctl.cli import main
 from rigctl.session.session import Session
 from tests.cli.processes import LIMIT_S, ONE, finished, rigctl

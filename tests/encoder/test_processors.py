@@ -22,7 +22,7 @@ from tests.encoder.other_registers import digest
 
 TESTS = (
     "tests/encoder/test_encoder.py",
-    "tests/encoder/test_scaled_time.py",
+    "tests/finger/test_scaled_time.py",
     "tests/finger/bench/test_virtual.py",
 )
 """Their tests with the mark compare to the bit what was computed in two ways."""

@@ -338,3 +338,25 @@ def test_a_folder_of_two_layouts_tells_them_apart(
     assert "3 with the columns t, ch0" in told and "such as felt_20mms_1.csv" in told
     assert "1 with the columns ms, ch0" in told and "such as silk_20mms_1.csv" in told
     assert "Guess a map for the files of each" in told
+
+
+def test_a_texture_of_one_trial_is_left_out_of_an_analysis_and_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    random = np.random.default_rng(1)
+    for texture, n_trials in (("felt", 12), ("cord", 2), ("silk", 1)):
+        for repeat in range(1, n_trials + 1):
+            values = VALUES + 200 * (texture == "cord") * (ROW[:, None] % 30 < 15)
+            noise = random.normal(0, 5, values.shape)
+            rows = [",".join(f"{cell:.3f}" for cell in row) for row in values + noise]
+            written(tmp_path, [",".join(NAMES), *rows], f"{texture}_20mms_{repeat}.csv")
+    files = sorted(tmp_path.glob("*.csv"))
+    (tmp_path / "map.toml").write_text(
+        MAP.format(files="", time="rate_hz = 1000", columns='"ch0..ch3"')
+    )
+    import_files(files, load_map(tmp_path / "map.toml"), tmp_path / "session", UTC)
+    report = ["analyse", str(tmp_path / "session"), "--out", str(tmp_path / "report")]
+    assert main([*report, "--iterations", "1"]) == 0
+    told = capsys.readouterr().out
+    assert "textures left out for too few trials to train and test with: silk" in told
+    assert "Individual textures (1 components)" in told

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from rigctl.cli import create_parser, info, main
-from rigctl.encoder.scaled_time import scale_windows
 from rigctl.errors import SessionError, WrongUse
 from rigctl.finger.decoder import FingerBlock
 from rigctl.finger.layout import FINGER_LAYOUT, PREDICTIONS, prediction_row, spike_counts
 from rigctl.finger.recorder import FingerRecorder, find_gaps
+from rigctl.finger.scaled_time import scale_windows
 from rigctl.finger.session import FingerSession
 from rigctl.finger.values import PredictionRow
 from rigctl.session.layout import DRUM_LAYOUT

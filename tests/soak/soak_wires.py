@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rigctl.boards.drum_registers import SETTINGS
-from rigctl.boards.taxel_frames import FrameDecoder
+from rigctl.boards.taxel_decoder import FrameDecoder
 from rigctl.engine.rig import Rig
 from rigctl.rig import open_rig
 from tests.boards.taxel_encoder import encode_data

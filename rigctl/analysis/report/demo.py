@@ -19,9 +19,8 @@ from rigctl.analysis.report.figure import Figure, Matrix, Series
 from rigctl.analysis.report.figures import RasterData, draw_raster
 from rigctl.analysis.report.result_figures import accuracy_panel
 from rigctl.analysis.report.vega import save_figure
-from rigctl.analysis.splits import Design
 from rigctl.analysis.statistics import wilson_interval
-from rigctl.analysis.trial_set import TrialSet, join_sessions, open_trials
+from rigctl.analysis.trial_set import Design, TrialSet, join_sessions, open_trials
 from rigctl.encoder.encoder import encode_trials
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.session.session import Session

@@ -1,4 +1,4 @@
-"""HTML pages from the Jinja2 templates of this package; each page is one self-contained file."""
+"""HTML pages from Jinja2 templates, on the base of this package's; each is one whole file."""
 
 from __future__ import annotations
 
@@ -16,17 +16,18 @@ from rigctl.analysis.notes import summarise_notes
 from rigctl.analysis.report.figure import Figure
 from rigctl.analysis.report.vega import scripts, specify, still
 
+PACKAGE = "rigctl.analysis.report"
 TEMPLATES = Path(__file__).with_name("templates")
 ABSENT = "–"
 SMALLEST_P = 1e-300
 
 
-def render_page(template: str, **context: Any) -> str:
-    """Return the page of a template in ``templates/``; every value in it is escaped."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
+def render_page(template: str, package: str = PACKAGE, **context: Any) -> str:
+    """Return the page of a template in ``templates/`` of a package; every value is escaped."""
+    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
-        loader=PackageLoader("rigctl.analysis.report"),
+        loader=ChoiceLoader([PackageLoader(package), PackageLoader(PACKAGE)]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

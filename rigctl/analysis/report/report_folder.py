@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 from rigctl.analysis.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.comparisons import Ablations, measure_ablations
 from rigctl.analysis.files import atomic_directory
-from rigctl.analysis.force_scaling import ForceMatrixSource, load_c
-from rigctl.analysis.report.example_taxel import check_selection, trials_origin
+from rigctl.analysis.force_scaling import load_c
+from rigctl.analysis.options import AnalysisOptions
 from rigctl.analysis.report.html_report import html_report
 from rigctl.analysis.report.responses import measure_responses
 from rigctl.analysis.report.result_figures import (
@@ -26,14 +26,17 @@ from rigctl.analysis.representations import RepresentationSet, represent
 from rigctl.analysis.result_tables import as_dict, to_csv
 from rigctl.analysis.sensitivity import as_dict as sensitivity_dict
 from rigctl.analysis.sensitivity import compare_presets
-from rigctl.analysis.settings import AnalysisSettings, differences_from_paper, to_toml
-from rigctl.analysis.spike_counts import RangesOver
-from rigctl.analysis.tasks import SweepSettings, TaskResult, run_tasks
-from rigctl.analysis.taxel import draw_taxel, load_course, write_course
-from rigctl.analysis.training import ModelRequest, train_model
+from rigctl.analysis.settings import differences_from_paper, to_toml
+from rigctl.analysis.tasks import TaskResult, run_tasks
+from rigctl.analysis.taxel import (
+    check_selection,
+    draw_taxel,
+    load_course,
+    trials_origin,
+    write_course,
+)
+from rigctl.analysis.training import train_model
 from rigctl.analysis.trial_set import TrialSet, join_sessions
-from rigctl.encoder.normalisation import Normalisation
-from rigctl.encoder.parameters import DEFAULT, EncoderParameters
 from rigctl.session.analysis_file import check_output_path
 from rigctl.session.header import IMPORTED
 from rigctl.session.model_file import Model, save_model
@@ -46,28 +49,6 @@ IMPORT_EVENT = "import"
 """Kind of the events in which an import records its remarks."""
 WHOLE_IMPORT = ("sampled too slowly", "forces are levels", "rows a second: taken at 1 kHz")
 """Words that identify the remarks on every trial of an import."""
-
-
-@dataclass(frozen=True, slots=True)
-class ReportRequest:
-    """The contents of a report. ``trial``, ``taxel``: for the figure of one taxel, or None.
-
-    ``model``: to train and save beside the report. ``c``: a file with C, in place of a search.
-    ``sensitivity``: whether to compare the other encoder presets. ``ranges``: of the taxels.
-    ``analysis``: the constants of an analysis file, by default the paper's.
-    """
-
-    sessions: tuple[Path, ...]
-    out: Path
-    settings: SweepSettings = field(default_factory=SweepSettings)
-    parameters: EncoderParameters = DEFAULT
-    trial: int | None = None
-    taxel: int | None = None
-    model: ModelRequest | None = None
-    c: Path | None = None
-    sensitivity: bool = False
-    ranges: RangesOver | Normalisation = RangesOver.ALL
-    analysis: AnalysisSettings = field(default_factory=AnalysisSettings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,78 +74,80 @@ class _Analysis(NamedTuple):
 
 
 def make_report(
-    request: ReportRequest, made_utc: str, resources: Resources = SERIAL_RESOURCES
+    options: AnalysisOptions, made_utc: str, resources: Resources = SERIAL_RESOURCES
 ) -> ReportResult:
     """Analyse the sessions and write the report. ``made_utc``: wall-clock time of the report.
 
-    Raises SessionError or WrongUse for sessions that cannot be analysed, DiskFault where nothing
-    can be written; then there is no report folder.
+    Raises SessionError, ConfigError or WrongUse for sessions that cannot be analysed in this way,
+    DiskFault where nothing can be written; then there is no report folder.
     """
     executor, progress = resources.executor, resources.progress
-    trials = join_sessions(request.sessions, progress, request.parameters.reading)
-    check_selection(trials, request.trial, request.taxel)
-    if request.model is not None:
-        check_output_path(request.model.path)
-    source = None if request.c is None else load_c(request.c, trials, resources)
+    constants, wanted, ranges = options.analysis, options.model, options.taxel_ranges
+    trials = join_sessions(options.sessions, progress, options.parameters.reading)
+    check_selection(trials, options.trial, options.taxel)
+    if wanted is not None:
+        check_output_path(wanted.path)
+    source = None if options.c is None else load_c(options.c, trials, resources)
     executor.check_visible(trials.paths)
-    with atomic_directory(request.out) as folder:
+    with atomic_directory(options.out) as folder:
         executor.check_visible([folder])
-        analysis = _analyse(request, trials, source, folder / FEATURES, made_utc, resources)
+        (folder / FEATURES).mkdir()
+        encode = partial(represent, trials, settings=constants, source=source, ranges=ranges)
+        analysis = _analyse(options, trials, encode, folder / FEATURES, made_utc, resources)
         progress("writing the report", 0, 1)
-        _write(folder, request, analysis, made_utc)
+        _write(folder, options, analysis, made_utc)
         shutil.rmtree(folder / FEATURES)
-        if request.model is not None and analysis.model is not None:
-            save_model(analysis.model, request.model.path)
+        if wanted is not None and analysis.model is not None:
+            save_model(analysis.model, wanted.path)
     progress("writing the report", 1, 1)
-    model = request.model.path if request.model is not None else None
-    return ReportResult(request.out, trials.simulated, analysis.results, analysis.remarks, model)
+    model = None if wanted is None else wanted.path
+    return ReportResult(options.out, trials.simulated, analysis.results, analysis.remarks, model)
 
 
 def _analyse(
-    request: ReportRequest,
+    options: AnalysisOptions,
     trials: TrialSet,
-    source: ForceMatrixSource | None,
+    encode: Callable[..., RepresentationSet],
     folder: Path,
     made_utc: str,
     resources: Resources,
 ) -> _Analysis:
-    """Encode, classify and train; feature files go into the new folder ``folder``."""
-    folder.mkdir()
-    settings = request.settings
-    encode = partial(
-        represent, trials, settings=request.analysis, source=source, ranges=request.ranges
-    )
-    representations = encode(request.parameters, folder, resources=resources)
+    """Encode, classify and train; feature files go into ``folder``.
+
+    ``encode``: :func:`represent` for the trials; it still takes parameters, folder and resources.
+    """
+    settings, wanted = options.sweep, options.model
+    representations = encode(options.parameters, folder, resources=resources)
     results, remarks = run_tasks(representations, settings, resources)
     ablations = measure_ablations(representations, results, settings, resources)
     remarks = (
-        *differences_from_paper(request.analysis),
+        *differences_from_paper(options.analysis),
         *_import_remarks(trials),
         *representations.remarks,
         *remarks,
         *_component_remarks(results),
     )
     preset_rows: list[dict[str, Any]] = []
-    if request.sensitivity:
+    if options.sensitivity:
         base = (representations, results)
         preset_rows = compare_presets(encode, base, settings, folder, resources)
     model = None
-    if request.model is not None:
+    if wanted is not None:
         model, remark = train_model(
-            representations, request.model, made_utc, settings.seed, resources.progress
+            representations, wanted, made_utc, settings.seed, resources.progress
         )
         remarks = (*remarks, remark)
     return _Analysis(representations, tuple(results), remarks, preset_rows, ablations, model)
 
 
-def _write(folder: Path, request: ReportRequest, analysis: _Analysis, made_utc: str) -> None:
+def _write(folder: Path, options: AnalysisOptions, analysis: _Analysis, made_utc: str) -> None:
     representations, results = analysis.representations, analysis.results
     trials, ranges = representations.trials, representations.normalisation
     origin = trials_origin(trials)
-    taxel = load_course(trials, ranges, representations.parameters, request.trial, request.taxel)
+    taxel = load_course(trials, ranges, representations.parameters, options.trial, options.taxel)
     fig2c = draw_taxel(taxel, folder / "fig2c")
     values = as_dict(
-        representations, request.settings, results, analysis.remarks, made_utc, analysis.ablations
+        representations, options.sweep, results, analysis.remarks, made_utc, analysis.ablations
     )
     write_course(taxel, folder / "fig2c.csv")
     values["sensitivity"] = table = sensitivity_dict(analysis.preset_rows)
@@ -177,7 +160,7 @@ def _write(folder: Path, request: ReportRequest, analysis: _Analysis, made_utc: 
     # JSON has no NaN.
     text = json.dumps(values, indent=1, allow_nan=False, ensure_ascii=False)
     (folder / "results.json").write_text(text + "\n", encoding="utf-8")
-    (folder / SETTINGS_FILE).write_text(to_toml(request.analysis), encoding="utf-8")
+    (folder / SETTINGS_FILE).write_text(to_toml(options.analysis), encoding="utf-8")
     (folder / "table1.csv").write_text(to_csv(values["table1"]), encoding="utf-8")
     accuracy, confusions = accuracy_figure(values), confusion_figures(values)
     save_figure(accuracy, folder / "fig3", origin)

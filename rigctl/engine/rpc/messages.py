@@ -16,7 +16,7 @@ its ``data`` has the fields of :class:`EngineStatus`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Annotated, Any
 
 import msgspec
@@ -99,45 +99,55 @@ class NextPlate:
 
 
 @dataclass(frozen=True, slots=True)
-class RunStatus:
-    """Progress of the protocol; ``state`` idle|running|paused|prompt|done|aborted|failed.
+class SittingStatus:
+    """Progress of a run of any experiment.
 
-    ``reasons``: what the run waits for, words such as operator, prompt, link, disk.
-    ``text``: one sentence on how it ended, empty before. ``trials_ended_early``: planned trials
-    that an early end of their condition left out. ``trial_age_s``: time since a trial was
-    committed, None before one was in this sitting. ``next_plate``: None if no other one follows.
+    ``state``: idle, running, paused, prompt, done, aborted or failed. ``reasons``: what the run
+    waits for, words such as operator, prompt, link, disk. ``text``: one sentence on how it ended,
+    empty before.
     """
 
     state: str = "idle"
     text: str = ""
     reasons: tuple[str, ...] = ()
-    trial_id: int | None = None
     trials_planned: int = 0
     trials_committed: int = 0
     trials_rejected: int = 0
-    trials_ended_early: int = 0
     eta_s: float | None = None
     elapsed_s: float = 0.0
-    trial_age_s: float | None = None
-    next_plate: NextPlate | None = None
-    current: CurrentTrial | None = None
     prompt: PromptStatus | None = None
     session: str | None = None
 
     @property
-    def is_complete(self) -> bool:
-        """Whether every planned trial is committed, or was left out by an early end."""
-        return self.trials_committed + self.trials_ended_early == self.trials_planned
-
-    @property
     def is_active(self) -> bool:
-        """Whether the run controls the rig: running, paused, or waiting for an answer."""
+        """Whether the run goes on: running, paused, or waiting for an answer."""
         return self.state in ("running", "paused", "prompt")
 
     @property
     def has_ended(self) -> bool:
         """Whether there was a run and it is over."""
         return self.state in ("done", "aborted", "failed")
+
+
+@dataclass(frozen=True, slots=True)
+class RunStatus(SittingStatus):
+    """Progress of a protocol on the drum.
+
+    ``trials_ended_early``: planned trials that an early end of their condition left out.
+    ``trial_age_s``: time since a trial was committed, None before one was in this sitting.
+    ``next_plate``: None if no other one follows.
+    """
+
+    trial_id: int | None = None
+    trials_ended_early: int = 0
+    trial_age_s: float | None = None
+    next_plate: NextPlate | None = None
+    current: CurrentTrial | None = None
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether every planned trial is committed, or was left out by an early end."""
+        return self.trials_committed + self.trials_ended_early == self.trials_planned
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,7 +270,7 @@ class EngineStatus:
 
 def as_dict(status: Any) -> dict[str, Any]:
     """Return the fields of one of the dataclasses above; nested ones stay dataclasses."""
-    return {name: getattr(status, name) for name in status.__slots__}
+    return {each.name: getattr(status, each.name) for each in fields(status)}
 
 
 def parse_status(data: Mapping[str, Any]) -> EngineStatus:

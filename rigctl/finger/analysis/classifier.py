@@ -19,11 +19,11 @@ from scipy.optimize import minimize_scalar
 from scipy.special import softmax
 
 from rigctl.analysis.pca_lda import fit_classifier, log_posteriors, whiten
-from rigctl.encoder.scaled_time import feature_vector
 from rigctl.errors import WrongUse
 from rigctl.finger.analysis.scans import FingerEncoding, ScanKind, ScanSet
 from rigctl.finger.model_file import FingerCalibration, FingerModel
 from rigctl.finger.published import COMPONENTS
+from rigctl.finger.scaled_time import feature_vector
 from rigctl.session.model_file import Classifier, TrainingInfo
 
 Floats = NDArray[np.float64]

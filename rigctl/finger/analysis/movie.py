@@ -23,10 +23,10 @@ from rigctl.analysis.report.figures import FAINT, MUTED, STYLE, TEXT, show_dolla
 from rigctl.bench.textures import find_texture, plate_names, printed_heights
 from rigctl.bench.world_file import world_from_header
 from rigctl.encoder.features import WINDOW_MS
-from rigctl.encoder.scaled_time import BATCH_SAMPLES, N_WINDOWS, ScaledWindows
 from rigctl.errors import SessionError, WrongUse
 from rigctl.finger.analysis.classifier import COVERAGE
 from rigctl.finger.layout import spike_counts
+from rigctl.finger.scaled_time import BATCH_SAMPLES, N_WINDOWS, ScaledWindows
 from rigctl.finger.session import FingerSession
 from rigctl.finger.values import (
     MARKS_MM,

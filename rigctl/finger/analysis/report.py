@@ -142,7 +142,7 @@ def report_on(
 
     Raises as :func:`make_finger_report`, and ConfigError for the analysis file.
     """
-    analysis = options.load_settings()
+    analysis = options.analysis
     draws = analysis.finger.draws if options.iterations is None else options.iterations
     settings = DrawSettings(draws, options.seed, SweepEngine(options.engine), analysis)
     return make_finger_report(options.sessions, options.out, settings, made_utc, resources)
@@ -201,7 +201,8 @@ def write_finger_report(
         if analysis.latencies:
             latencies = draw_latencies(analysis.latencies, origin, folder / "latencies")
         page = render_page(
-            "finger.html",
+            "report.html",
+            "rigctl.finger.analysis",
             results=values,
             latencies=latencies,
             accuracies=accuracies,

@@ -18,7 +18,9 @@ from rigctl.encoder.encoder import Encoder, encode_trials
 from rigctl.encoder.features import WINDOW_MS
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import DEFAULT, EncoderParameters, preset
-from rigctl.encoder.scaled_time import (
+from rigctl.errors import WrongUse
+from rigctl.finger.analysis.settings import FingerAnalysisSettings
+from rigctl.finger.scaled_time import (
     BATCH_SAMPLES,
     N_WINDOWS,
     REFERENCE_UM_PER_S,
@@ -28,8 +30,6 @@ from rigctl.encoder.scaled_time import (
     scale_windows,
     time_windows,
 )
-from rigctl.errors import WrongUse
-from rigctl.finger.analysis.settings import FingerAnalysisSettings
 from rigctl.finger.session import FingerSession
 from rigctl.finger.values import Stage
 from rigctl.session.analysis_file import content_digest

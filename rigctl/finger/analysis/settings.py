@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from rigctl.analysis.settings import LEAST_SHARE, MAX_COMPONENTS, MAX_DRAWS, MAX_SPEED_MM_S
 from rigctl.config.toml_reader import number, texts
-from rigctl.encoder.scaled_time import N_WINDOWS
 from rigctl.finger import published
+from rigctl.finger.scaled_time import N_WINDOWS
 from rigctl.finger.values import VelocityProfile
 
 PROFILES = tuple(str(profile) for profile in VelocityProfile)

@@ -6,8 +6,8 @@ import argparse
 from contextlib import closing
 
 from rigctl.cli.arguments import add_option, number, path_or_name, whole_number
-from rigctl.cli.engine_process import EngineProcess, utc_now
-from rigctl.cli.world import add_world, chosen_world
+from rigctl.cli.engine_process import EngineProcess, add_engine_arguments, utc_now
+from rigctl.cli.world import chosen_world
 from rigctl.experiments import FINGER_EXPERIMENT
 from rigctl.finger.analysis.classifier import COVERAGE, ERROR_RATE
 from rigctl.finger.commands import FingerCommands
@@ -15,27 +15,17 @@ from rigctl.finger.engine import FingerEngine
 from rigctl.finger.live_file import FingerLiveWriter
 from rigctl.finger.open_rig import open_finger_rig
 from rigctl.finger.run_request import DEFAULT_PROTOCOL, FingerRunRequest
-from rigctl.protocol.plan import MAX_SEED
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    add_option(parser, "--rig", path_or_name, required=True)
-    parser.add_argument("--name", default=None)
-    add_option(parser, "--seed", whole_number(0, MAX_SEED), default=0)
+    add_engine_arguments(parser, protocol=DEFAULT_PROTOCOL)
     add_option(parser, "--session", whole_number(0), default=0)
     add_option(parser, "--first-slide", whole_number(0), default=0)
-    parser.add_argument("--paced", action="store_true")
     parser.add_argument("--stage", action="append", default=[])
-    add_option(parser, "--protocol", path_or_name, default=DEFAULT_PROTOCOL)
     add_option(parser, "--model", path_or_name, default=None)
-    add_option(parser, "--out", path_or_name, default=None)
-    add_option(parser, "--resume", path_or_name, default=None)
-    add_option(parser, "--order-seed", whole_number(0, MAX_SEED), default=None)
     add_option(parser, "--error-rate", number(0, 1), default=ERROR_RATE)
     add_option(parser, "--coverage", number(0, 1), default=COVERAGE)
-    parser.add_argument("--yes", action="store_true")
-    add_world(parser)
 
 
 def run(args: argparse.Namespace) -> int:

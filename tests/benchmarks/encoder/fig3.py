@@ -18,7 +18,8 @@ from threadpoolctl import threadpool_limits
 
 from rigctl.analysis import published
 from rigctl.analysis.pca_lda import Split, SweepEngine, predict_splits
-from rigctl.analysis.splits import Design, make_splits
+from rigctl.analysis.splits import make_splits
+from rigctl.analysis.trial_set import Design
 from tests.benchmarks.encoder._peers import row
 
 REPEATS, HIDDEN, MEASURED_K = 100, 60, 25

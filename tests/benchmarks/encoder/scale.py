@@ -30,8 +30,8 @@ from rigctl.analysis.executors import Executor, R, T
 from rigctl.analysis.pca_lda import SweepEngine, predict_splits
 from rigctl.analysis.representations import REPRESENTATIONS, represent
 from rigctl.analysis.spike_counts import CHUNK, count_condition, group_by_condition, prepare_trials
-from rigctl.analysis.splits import Design, make_splits
-from rigctl.analysis.trial_set import TrialSet, join_sessions
+from rigctl.analysis.splits import make_splits
+from rigctl.analysis.trial_set import Design, TrialSet, join_sessions
 from rigctl.encoder.parameters import DEFAULT
 from tests.analysis.recordings import record
 from tests.benchmarks.encoder import _scale_page

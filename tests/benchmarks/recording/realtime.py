@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from rigctl.encoder.encoder import Encoder
-from rigctl.encoder.scaled_time import first_windows, scale_windows
 from rigctl.finger.analysis.classifier import FingerClassifier
 from rigctl.finger.analysis.scans import RecordedScans, read_scans
 from rigctl.finger.model_file import load_finger_model
 from rigctl.finger.models import calibrate_models, train_models
+from rigctl.finger.scaled_time import first_windows, scale_windows
 from rigctl.finger.values import Stage
 from tests.finger.harness import (
     FingerHarness,

@@ -11,7 +11,7 @@ import pytest
 
 from rigctl.boards.drum_states import State
 from rigctl.config.rig_config import LoadCell, RigConfig, load_config
-from rigctl.engine.boards import RELEASE_S
+from rigctl.engine.rig_boards import RELEASE_S
 from rigctl.engine.rpc.messages import (
     as_dict,
     decode_message,

@@ -63,8 +63,8 @@ def rig(tmp_path: Path) -> Iterator[EngineHarness]:
 
 async def until_judged(harness: EngineHarness, committed: int) -> None:
     """Pause after so many trials, until the process has judged them; then go on."""
-    run, judge = harness.engine.run, harness.engine.judge
-    assert run is not None and judge is not None
+    run, early_end = harness.engine.run, harness.engine.early_end
+    assert run is not None and early_end is not None
     await harness.until(lambda: run.status().trials_committed >= committed)
     run.control.pause()
 
@@ -72,9 +72,9 @@ async def until_judged(harness: EngineHarness, committed: int) -> None:
         return run.status().trials_ended_early > 0
 
     def is_judged() -> bool:
-        if judge.has_decided or has_ended():
+        if early_end.has_decided or has_ended():
             return True
-        wait([judge._pipe], PROCESS_FIRST_S)
+        wait([early_end._pipe], PROCESS_FIRST_S)
         return False
 
     await harness.until(is_judged, LONG_S)
@@ -192,9 +192,9 @@ def _judge_a_folder_that_fails_once(folder: Path, monkeypatch: pytest.MonkeyPatc
 
 def test_a_process_that_dies_ends_nothing_and_the_log_says_so(rig: EngineHarness) -> None:
     async def scenario(harness: EngineHarness) -> None:
-        judge = harness.engine.judge
-        assert judge is not None
-        judge.process.kill()
+        early_end = harness.engine.early_end
+        assert early_end is not None
+        early_end.process.kill()
         await until_ended(harness)
 
     rig.run(scenario, rig.request(WIDE))

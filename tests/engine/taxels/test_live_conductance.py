@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.analysis.learning_curve import GrowingFeatures
+from rigctl.analysis.learning_curve import GrowingCurve
 from rigctl.config.rig_config import EncoderConfig, RigConfig, TaxelArray
 from rigctl.encoder.encoder import encode_trial
 from rigctl.encoder.reading import Reading
@@ -57,7 +57,7 @@ def test_live_spikes_equal_those_of_the_recorded_counts(tmp_path: Path) -> None:
             found = np.repeat(np.arange(len(readings)), shown[:, train])
             assert np.array_equal(found, spikes.train(train))
         assert shown.sum() > 100
-        growing = GrowingFeatures(harness.session)
+        growing = GrowingCurve(harness.session)
         growing.update()
         assert len(growing.features) == 4
         growing.session.close()

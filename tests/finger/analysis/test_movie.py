@@ -12,7 +12,6 @@ from PIL import Image
 
 from rigctl.analysis.movies import FRAME_S, HOLD_S, Movie, check_movie_file
 from rigctl.bench.world_file import NOMINAL_WORLD
-from rigctl.encoder.scaled_time import scale_windows
 from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.finger.analysis.movie import (
     LEAD_S,
@@ -34,6 +33,7 @@ from rigctl.finger.analysis.movie import (
     words_of,
     write_movie,
 )
+from rigctl.finger.scaled_time import scale_windows
 from rigctl.finger.session import FingerSession
 from rigctl.finger.values import PredictionRow
 from rigctl.session.sensor_layout import SensorLayout

@@ -7,7 +7,6 @@ import pytest
 
 from rigctl.encoder.encoder import Encoder
 from rigctl.encoder.normalisation import Normalisation
-from rigctl.encoder.scaled_time import original_features, scale_windows, speed_scaled_features
 from rigctl.errors import WrongUse
 from rigctl.finger.analysis.scans import (
     FingerDataSet,
@@ -17,6 +16,7 @@ from rigctl.finger.analysis.scans import (
     mean_reading,
     scan_set,
 )
+from rigctl.finger.scaled_time import original_features, scale_windows, speed_scaled_features
 from rigctl.finger.values import Stage
 from tests.finger.analysis.made_scans import RANGES, made_recordings, made_scans
 

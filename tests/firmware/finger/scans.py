@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.bench.chips.qemu import InstructionCount, Line, Script, run_script
 from rigctl.encoder.encoder import Encoder
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.finger import board_messages
 from rigctl.finger.bench.firmware import FingerFirmware
+from rigctl.finger.bench.qemu import InstructionCount, Line, Script, run_script
 from rigctl.finger.board_messages import BATCH_SAMPLES, N_TAXELS, SampleFlag, WindowReport
 from rigctl.finger.decoder import FingerBlock, FingerDecoder
 

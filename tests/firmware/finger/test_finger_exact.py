@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from rigctl.encoder.neuron_header import HEADER, neuron_header
 from rigctl.finger.bench.firmware import FingerFirmware
 from rigctl.finger.board_messages import ScanEnded
 from rigctl.finger.decoder import FingerDecoder
+from rigctl.finger.neuron_header import HEADER, neuron_header
 from tests.firmware.building import built
 from tests.firmware.finger.scans import (
     differing_trains,

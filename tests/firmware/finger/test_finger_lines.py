@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from rigctl.bench.boards.taxels import TaxelFirmware
-from rigctl.bench.chips.qemu import FingerImage
 from rigctl.finger import board_messages
 from rigctl.finger.bench.firmware import FingerFirmware
+from rigctl.finger.bench.qemu import FingerImage
 from rigctl.finger.board_messages import BATCH_SAMPLES, BatchReport, ScanEnded, VelocitySource
 from rigctl.finger.decoder import FingerDecoder
 from tests.firmware.building import built

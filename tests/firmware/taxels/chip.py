@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.bench.chips.simavr import Chip, Input, Kind, Output, load_library
-from rigctl.boards.taxel_frames import FrameDecoder, SelfTest, TaxelIdentity, TaxelStatus
+from rigctl.boards.taxel_decoder import FrameDecoder
+from rigctl.boards.taxel_frames import SelfTest, TaxelIdentity, TaxelStatus
 from rigctl.values import Block
 from tests.firmware.building import built
 

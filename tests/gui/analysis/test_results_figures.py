@@ -18,14 +18,13 @@ from PySide6.QtWidgets import QApplication, QLabel
 
 from gui.analysis.accuracy import ROW_PX, AccuracyPage, AccuracyPlots
 from gui.analysis.confusion import ConfusionPage, cell_colour
-from gui.analysis.export import painted_image
+from gui.analysis.export import FileSaver, painted_image
 from gui.analysis.results import AnalysisResults, ResultsPage, figures_csv, plot_page
-from gui.analysis.value_file import save_new, with_origin
+from gui.analysis.value_file import with_origin
 from gui.widgets.theme import DARK, LIGHT
 from rigctl.analysis.published import TASKS
 from rigctl.analysis.report.figure import Figure, Matrix, PublishedValue, Series
 from rigctl.analysis.report.result_figures import accuracy_panel
-from rigctl.errors import DiskFault
 from tests.gui.full_disk import full_disk
 from tests.gui.steps import Harness, click, save_page, wait_until
 from tests.gui.texts.plots import cut_plot_texts
@@ -339,9 +338,13 @@ def test_a_table_with_a_comment_gets_the_column_of_its_origin() -> None:
     assert with_origin('"a, b"\n"x\ny"\n', simulated=False) == '"a, b",simulated\n"x\ny",no\n'
 
 
-def test_a_full_disk_leaves_no_file(tmp_path: Path) -> None:
-    with full_disk(4096), pytest.raises(DiskFault, match=r"accuracy\.csv cannot be written"):
-        save_new(tmp_path, "accuracy", "csv", bytes(8192))
+def test_a_full_disk_leaves_no_file(qapp: QApplication, tmp_path: Path) -> None:
+    files, said = FileSaver(), list[str]()
+    files.failed.connect(said.append)
+    with full_disk(4096):
+        files.save(str(tmp_path), "accuracy", "csv", bytes(8192))
+        wait_until(lambda: bool(said))
+    assert "accuracy.csv cannot be written" in said[0]
     assert not list(tmp_path.iterdir())
 
 

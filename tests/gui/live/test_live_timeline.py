@@ -9,8 +9,9 @@ from PySide6.QtWidgets import QApplication
 from gui.live.drum_course import thin_out
 from gui.live.raster import Raster, ScrollingImage
 from gui.live.time_plots import Traces
-from gui.live.timeline import Ring, Timeline, TimeWindow
+from gui.live.timeline import Timeline, TimeWindow
 from gui.widgets.theme import LIGHT
+from rigctl.engine.live_file import Ring
 from rigctl.session.sensor_layout import SensorLayout
 from tests.gui.fake_engine import FakeEngine
 

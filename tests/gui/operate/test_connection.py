@@ -54,21 +54,6 @@ def test_joined_engine_keeps_its_world(disconnected: SharedWindow) -> None:
     assert disconnected.opened == [(JOIN, "")]
 
 
-def test_empty_wiring_is_explained_once(
-    disconnected: SharedWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    rig = tmp_path / "rig.toml"
-    rig.write_text("[about]\nname = 'mine'\n")
-    window = disconnected.window
-    disconnected.error = WrongUse("no board answers")
-    for _ in range(2):
-        window.connect_rig(str(rig))
-        wait_until(lambda: window.toolbar.connect_button.text() == "Connect")
-    assert disconnected.opened == [(str(rig), "")] * 2
-    assert window.event_log.toPlainText().count("[taxels] wiring is empty") == 1
-
-
 def test_failed_connection_shows_the_reason(disconnected: SharedWindow) -> None:
     reason = "port /dev/ttyACM0 is in use: close the other program"
     disconnected.error = WrongUse(reason)

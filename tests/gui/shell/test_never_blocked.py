@@ -147,45 +147,41 @@ def test_an_analysis_is_slow_while_samples_scroll(
     watchdog.run(lambda: box.method.setCurrentIndex(0))
 
 
-def test_a_table_is_sent_to_a_process_that_works_or_has_ended(
+def test_a_large_text_is_sent_to_a_process_that_works_or_has_ended(
     qapp: QApplication, tmp_path: Path, watchdog: QtThreadWatchdog
 ) -> None:
     worker, ends = Worker(), []
     worker.finished.connect(lambda task, result: ends.append(str(result)))
     worker.failed.connect(lambda task, sentence: ends.append(sentence))
-    table = {
-        "folder": str(tmp_path),
-        "stem": "page",
-        "names": ("value",),
-        "columns": (np.zeros(1 << 17),),
-    }
+    path, text = tmp_path / "large.toml", "# a line\n" * (1 << 17)
+    large = {"path": str(path), "text": text, "may_replace": True}
 
     def wait_ends(count: int) -> None:
         watchdog.run_until(lambda: len(ends) == count)
 
-    worker.submit("save_values", **table)
+    worker.submit("save_protocol", **large)
     wait_ends(1)
     assert worker._process is not None
     process, pid = worker._process, worker._process.pid
     assert pid is not None
     os.kill(pid, signal.SIGSTOP)
-    watchdog.run(lambda: worker.submit("save_values", **table))
+    watchdog.run(lambda: worker.submit("save_protocol", **large))
     assert worker.is_busy
     os.kill(pid, signal.SIGCONT)
     wait_ends(2)
-    assert (tmp_path / "page-2.csv").read_bytes() == (tmp_path / "page.csv").read_bytes()
+    assert path.read_text() == text
     process.kill()
     process.join()
     worker.submit("prepare")
     wait_ends(3)
     assert "ended unexpectedly: try again" in ends[2]
-    worker.submit("save_values", **table)
+    worker.submit("save_protocol", **large)
     wait_ends(4)
     assert worker._process.pid is not None
     os.kill(worker._process.pid, signal.SIGSTOP)  # as one that a slow share holds
-    worker.submit("save_values", **table)
+    worker.submit("save_protocol", **large)
     watchdog.run(worker.cancel)
-    assert ends[3].endswith("page-3.csv")
+    assert ends[3] == str(path)
 
 
 def test_large_pages_are_saved_while_the_window_answers(

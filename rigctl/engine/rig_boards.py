@@ -77,7 +77,7 @@ _BOARD_NAMES = {DRUM: "drum board", TAXELS: "taxel board"}
 SWITCHED_OFF = (State.BOOT, State.SELFTEST, State.IDLE, State.FAULT_OFF)
 
 
-class Boards:
+class RigBoards:
     """The drum with its poller and motion; the taxels with their pipeline, encoder and live data.
 
     ``on_taxel_link(connected)`` is called when the taxel board is lost or back, ``on_failure``

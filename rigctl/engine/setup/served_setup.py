@@ -23,7 +23,7 @@ SETUP = "setup"
 NOT_OPEN = "the setup is not open: open it first"
 
 
-class SetupDesk:
+class ServedSetup:
     """Checks with the boards of one engine. ``today`` returns the date."""
 
     def __init__(

@@ -1,9 +1,12 @@
-"""The compiled inner loops of :mod:`rigctl.boards.taxel_frames`.
+"""Decode the taxel board's frames: samples, status, identity, self-test.
+
+:class:`FrameDecoder` returns the same samples however the byte stream is sliced; damaged bytes cost
+the frames they touch, repeated and late frames are refused, and every lost sample is counted as a
+gap or reported with a reboot.
 
 A chunk is the bytes between two zeros. Frames have four known lengths (that of a data frame follows
-from the number of taxels), so that a frame behind
-lost or added bytes is still found as the tail of its chunk: garbage costs only the frames it
-touches. No function here allocates or raises.
+from the number of taxels), so that a frame behind lost or added bytes is still found as the tail of
+its chunk: garbage costs only the frames it touches.
 
 A counter never runs back within a boot: a data frame at or behind the newest is late or a repeat,
 and is refused. Only a status or an identity tells a reboot, by a newer boot count, or by two
@@ -13,48 +16,53 @@ those after it, until the next status.
 
 from __future__ import annotations
 
-from typing import Any
+import struct
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rigctl.boards.taxel_constants import (
-    BOOT_COUNT,
+from rigctl.boards.taxel_frames import (
     CONTROLS,
     DATA,
-    DISCARDED,
-    DOUBTING,
-    DROPS,
-    FRESH,
     IDENTITY,
     JITTER,
-    JOINING,
-    LAST,
     LATE,
     MAX_JUMP,
-    N_CONTROLS,
-    N_GAPS,
-    N_REBOOTS,
-    N_ROWS,
     OVERHEAD,
-    PREVIOUS,
     READING_BITS,
     READINGS_AT,
-    REBOOTED,
-    REFERENCE,
-    REJECTED_BYTES,
-    REJECTED_FRAMES,
-    SELF_TEST,
-    STALE,
-    STALE_FRAMES,
+    SELF_TEST_OUTCOME,
     STATUS,
-    SYNCHRONISED,
-    UNKNOWN,
-    USED,
-    WAITING,
-    WITNESS,
+    SelfTest,
+    TaxelIdentity,
+    TaxelStatus,
+    data_body,
+    decode_self_test,
 )
+from rigctl.values import Block, Gap
+
+_STATUS = struct.Struct("<2xIIHHHBHHHHB")
+_IDENTITY = struct.Struct("<xHBBHIBHHBHB")
+
+# Indices into the decoder's state, int64.
+REFERENCE, LAST, BOOT_COUNT, DROPS = 0, 1, 2, 3
+SYNCHRONISED, DISCARDED, WAITING, PREVIOUS, WITNESS = 4, 5, 6, 7, 8
+STATE_SIZE = 9
+UNKNOWN = -1
+# Why data frames are dropped until a status comes: the stream has just been joined, or a data frame
+# may be behind a reboot whose identity was lost.
+JOINING, DOUBTING = 1, 2
+
+# What a status or identity tells.
+FRESH, REBOOTED, STALE = 0, 1, 2
+
+# Indices into the counts of one call, int64.
+N_ROWS, N_GAPS, N_CONTROLS, N_REBOOTS, REJECTED_FRAMES, REJECTED_BYTES, USED = 0, 1, 2, 3, 4, 5, 6
+STALE_FRAMES = 7
+COUNTS_SIZE = 8
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
@@ -260,10 +268,10 @@ def decode_wire(
         counts[USED] = end + 1
         if kind == DATA and not state[WAITING]:
             append_sample(body, state, counters, samples, marks, notes, counts)
-        elif kind in (STATUS, IDENTITY, SELF_TEST):
+        elif kind in (STATUS, IDENTITY, SELF_TEST_OUTCOME):
             controls[counts[N_CONTROLS]] = body
             counts[N_CONTROLS] += 1
-            told = apply_control(body, kind, state) if kind != SELF_TEST else FRESH
+            told = apply_control(body, kind, state) if kind != SELF_TEST_OUTCOME else FRESH
             if told == REBOOTED:
                 record_reboot(notes, counts)
             elif told == STALE:
@@ -343,3 +351,132 @@ def record_gap(state: Ints, counter: Any, drops: Any, notes: Ints, counts: Ints)
         notes[gap, 3] = drops - state[DROPS] if state[DROPS] >= 0 else 0
         counts[N_GAPS] += 1
     state[DROPS] = drops
+
+
+class Decoded(NamedTuple):
+    """Contents of one slice of the byte stream.
+
+    ``blocks``: the samples in order, in one block and another after each reboot, because the
+    board's counters restart; between two blocks' first and last sample, each counter is either a
+    row or in a gap. ``reboots`` counts reboots, ``rejected_frames`` and ``rejected_bytes`` what was
+    no intact frame, ``stale_frames`` intact ones that repeat or come behind newer ones.
+    """
+
+    blocks: tuple[Block, ...]
+    statuses: tuple[TaxelStatus, ...]
+    identities: tuple[TaxelIdentity, ...]
+    self_tests: tuple[SelfTest, ...]
+    reboots: int
+    rejected_frames: int
+    rejected_bytes: int
+    stale_frames: int
+
+
+class FrameDecoder:
+    """Decodes the byte stream of a board with ``n_taxels``, in slices of any length.
+
+    Call :meth:`resync` to join a running stream: a data frame holds only the low 16 bits of the
+    sample counter, a status frame all of them.
+    """
+
+    def __init__(self, n_taxels: int) -> None:
+        self._tail = b""
+        self._n_taxels = n_taxels
+        self._data_body = data_body(n_taxels)
+        bodies = self._data_body, *(body for _, body in CONTROLS)
+        self._min_chunk = min(bodies) + OVERHEAD + 1
+        self._max_chunk = max(bodies) + OVERHEAD
+        self._state = np.zeros(STATE_SIZE, np.int64)
+        unknown = [LAST, BOOT_COUNT, DROPS]
+        unknown += [PREVIOUS, WITNESS]
+        self._state[unknown] = UNKNOWN
+        self._counts = np.zeros(COUNTS_SIZE, np.int64)
+        self._allocate(16)
+        # Loads the compiled kernel now: later it would delay a heartbeat.
+        self.feed(b"", 0.0)
+
+    def resync(self) -> None:
+        """Restart after an interruption: wait for a status frame, then count the lost samples."""
+        self._tail = b""
+        self._state[[SYNCHRONISED, DISCARDED]] = 0
+        self._state[WITNESS] = UNKNOWN
+        self._state[WAITING] = JOINING
+
+    @property
+    def waiting(self) -> bool:
+        """True from :meth:`resync`, or a gap that may hide a reboot, to the next status frame.
+
+        Data frames are dropped and counted in the next gap.
+        """
+        return bool(self._state[WAITING])
+
+    def feed(self, data: bytes, at_s: float) -> Decoded:
+        """Decode bytes that arrived at loop time ``at_s``."""
+        wire = np.frombuffer(self._tail + data, np.uint8)
+        capacity = wire.shape[0] // self._min_chunk + 1
+        if capacity > self._notes.shape[0]:
+            self._allocate(capacity)
+        counters = np.empty(capacity, np.int64)
+        samples = np.empty((capacity, self._n_taxels), np.uint16)
+        marks = np.empty((2, capacity), np.uint8)
+        decode_wire(
+            wire,
+            self._state,
+            counters,
+            samples,
+            marks,
+            self._notes,
+            self._controls,
+            self._counts,
+            self._data_body,
+        )
+        rows, gaps, controls, reboots, frames, bytes_, used, stale = self._counts.tolist()
+        self._set_tail(wire, used)
+        cuts = [0, *self._notes[:reboots, 4].tolist(), rows] if reboots else [0, rows]
+        blocks = [
+            Block(
+                counters[first:end],
+                samples[first:end],
+                marks[0, first:end],
+                marks[1, first:end],
+                self._gaps(gaps, first, end) if gaps else (),
+                at_s,
+            )
+            for first, end in pairwise(cuts)
+            if end > first
+        ]
+        control_frames = self._decode_controls(controls) if controls else ((), (), ())
+        return Decoded(tuple(blocks), *control_frames, reboots, frames, bytes_, stale)
+
+    def _allocate(self, capacity: int) -> None:
+        self._notes = np.empty((capacity, 5), np.int64)
+        self._controls = np.empty((capacity, self._max_chunk), np.uint8)
+
+    def _set_tail(self, wire: NDArray[np.uint8], used: int) -> None:
+        """Keep the unfinished chunk; of an endless one, no more than can end in a frame."""
+        surplus = wire.shape[0] - used - 2 * self._max_chunk
+        if surplus > 0:
+            self._state[DISCARDED] += surplus
+            used += surplus
+        self._tail = wire[used:].tobytes()
+
+    def _gaps(self, n_gaps: int, first: int, end: int) -> tuple[Gap, ...]:
+        notes = self._notes[:n_gaps, :4].tolist()
+        return tuple(
+            Gap(at, count, "dropped by the board" if dropped > 0 else "lost on the line")
+            for row, at, count, dropped in notes
+            if first <= row < end
+        )
+
+    def _decode_controls(
+        self, n: int
+    ) -> tuple[tuple[TaxelStatus, ...], tuple[TaxelIdentity, ...], tuple[SelfTest, ...]]:
+        statuses, identities, tests = [], [], []
+        for body in map(bytes, self._controls[:n]):
+            if body[0] == STATUS:
+                statuses.append(TaxelStatus(*_STATUS.unpack_from(body)))
+            elif body[0] == IDENTITY:
+                identities.append(TaxelIdentity(*_IDENTITY.unpack_from(body)))
+            else:
+                tests.append(decode_self_test(body))
+        return tuple(statuses), tuple(identities), tuple(tests)

@@ -7,14 +7,14 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from rigctl.encoder.scaled_time import (
+from rigctl.errors import WrongUse
+from rigctl.finger.scaled_time import (
     feature_vector,
     original_features,
     scale_windows,
     speed_scaled_features,
     time_windows,
 )
-from rigctl.errors import WrongUse
 
 
 def _spikes(n: int, seed: int = 0) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:

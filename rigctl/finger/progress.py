@@ -1,13 +1,11 @@
-"""Progress of a run of the moving finger, and its part of the status message."""
+"""Progress of a run of the moving finger: its scans, how they were named, the remaining time."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 from rigctl.engine.progress import RunClock
-from rigctl.finger.control import FingerControl
 from rigctl.finger.plan import SECONDS_PER_TRIAL, FingerPlan
-from rigctl.finger.status import CurrentScan, FingerRunStatus
 
 
 class FingerProgress:
@@ -63,32 +61,3 @@ class FingerProgress:
         if self._finished:
             each_s = self.clock.busy_s / self._finished
         return self._remaining * each_s
-
-
-def run_status(
-    progress: FingerProgress,
-    state: str,
-    text: str,
-    current: CurrentScan | None,
-    control: FingerControl | None,
-    folder: str,
-) -> FingerRunStatus:
-    """Return the status of a run; ``control`` is None after its end."""
-    return FingerRunStatus(
-        state=state,
-        text=text,
-        reasons=control.reasons if control else (),
-        trials_planned=progress.planned,
-        trials_committed=progress.committed,
-        trials_rejected=progress.rejected,
-        eta_s=progress.eta_s() if control else None,
-        elapsed_s=progress.clock.elapsed_s,
-        scan=current,
-        prompt=control.prompt if control else None,
-        session=folder,
-        textures=progress.textures,
-        classified=progress.classified,
-        correct=progress.correct,
-        confusion=progress.confusion,
-        quality=progress.quality,
-    )

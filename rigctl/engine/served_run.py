@@ -1,0 +1,89 @@
+"""A run as its engine sees it: one sitting of one plan, and the end of its session."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from rigctl.engine.event_bus import EventBus
+from rigctl.engine.health import DiskMonitor
+from rigctl.engine.run_reasons import SESSION_OUTCOMES, RunReasons
+from rigctl.session.recorder import SessionRecorder
+
+_Control = TypeVar("_Control", bound=RunReasons)
+_Recorder = TypeVar("_Recorder", bound=SessionRecorder)
+
+
+class ServedRun(ABC, Generic[_Control, _Recorder]):
+    """One sitting of one plan, controlled through ``control``.
+
+    ``outcome``: done, aborted or failed, empty before the end; ``text``: a sentence on it.
+    ``missing``: sentences on what earlier sittings lack.
+    """
+
+    def __init__(
+        self, control: _Control, recorder: _Recorder, event_bus: EventBus, missing: Iterable[str]
+    ) -> None:
+        self.control = control
+        self.disk_monitor = DiskMonitor(recorder)
+        self.outcome = ""
+        self.text = ""
+        self._recorder = recorder
+        self._event_bus = event_bus
+        self._missing = tuple(missing)
+
+    @property
+    def ended(self) -> bool:
+        """Whether it is over and its session closed."""
+        return bool(self.outcome)
+
+    @property
+    def folder(self) -> Path:
+        """The session's folder."""
+        return self._recorder.folder
+
+    @property
+    def state(self) -> str:
+        """How it ended, or else running, paused or prompt."""
+        if self.outcome:
+            return self.outcome
+        if self.control.prompt is not None:
+            return "prompt"
+        return "paused" if self.control.reasons else "running"
+
+    @abstractmethod
+    def status(self) -> Any:
+        """Return the run's part of the status message."""
+
+    async def execute(self) -> None:
+        """Run the plan; faults end the run and are published, not raised."""
+        outcome = "failed"
+        try:
+            with self._recording():
+                for line in self._missing:
+                    self._event_bus.publish("log", line)
+                outcome, text = await self._run_plan()
+        finally:
+            if self._recorder.status.part == 0:
+                self._recorder.begin_part("nothing was recorded")
+            self._record_end()
+            self._recorder.close(SESSION_OUTCOMES[outcome])
+        if self._recorder.failure is not None and outcome == "done":
+            outcome, text = "failed", self._recorder.failure
+        self.outcome, self.text = outcome, text
+        data = {"session": str(self.folder), "digest": self._recorder.closing_digest}
+        self._event_bus.publish("run", text, state=outcome, **data)
+
+    @abstractmethod
+    def _recording(self) -> AbstractContextManager[None]:
+        """Return a context in which what the rig sends goes to the recorder."""
+
+    @abstractmethod
+    async def _run_plan(self) -> tuple[str, str]:
+        """Run what is left of the plan; return the outcome and a sentence on it."""
+
+    def _record_end(self) -> None:
+        """Record what a session says of the rig at its end."""
