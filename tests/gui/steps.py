@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtCore import QEventLoop, QPoint, QPointF, Qt, QTimer
 from PySide6.QtGui import QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QPushButton, QWidget
@@ -84,13 +84,20 @@ class FingerWindow(NamedTuple):
         self.window.poll()
 
 
+def process_events(duration_ms: int) -> None:
+    """Process Qt events for a while; other threads run meanwhile, which ``QTest.qWait`` stops."""
+    loop = QEventLoop()
+    QTimer.singleShot(duration_ms, loop.quit)
+    loop.exec()
+
+
 def wait_until(done: Callable[[], bool], timeout_ms: int = TIMEOUT_MS) -> None:
     """Process Qt events until a condition is true."""
     waited_ms, look_ms = 0, _FIRST_LOOK_MS
     while waited_ms < timeout_ms:
         if done():
             return
-        QTest.qWait(look_ms)
+        process_events(look_ms)
         waited_ms += look_ms
         look_ms = min(2 * look_ms, _LOOK_MS)
     raise AssertionError(f"the condition is not true after {timeout_ms} ms")

@@ -17,6 +17,12 @@ from tests.gui.fake_engine import FakeEngine
 from tests.gui.steps import Harness, wait_until
 
 SMALL = QSize(1024, 700)
+AT_REST: dict[str, Any] = {"state": int(State.ARMED), "run": {"state": "idle"}}
+BUSY: tuple[dict[str, Any], ...] = (
+    {"state": int(State.HOLD)},
+    {"run": {"state": "paused"}},
+    {"state": int(State.POSITION)},
+)
 PROMPT = {"id": 1, "text": "mount plate L, then continue", "texture": "L"}
 
 
@@ -32,13 +38,7 @@ def _fits(window: QWidget, size: QSize) -> bool:
     return window.size() == size
 
 
-@pytest.mark.parametrize(
-    "busy",
-    [{"state": int(State.HOLD)}, {"run": {"state": "paused"}}, {"state": int(State.POSITION)}],
-)
-def test_theme_and_text_size_wait_until_the_rig_is_at_rest(
-    harness: Harness, busy: dict[str, Any]
-) -> None:
+def test_theme_and_text_size_wait_until_the_rig_is_at_rest(harness: Harness) -> None:
     """All widgets are styled anew in one piece, for which STOP would wait."""
     window = harness.window
     choices = {
@@ -47,14 +47,16 @@ def test_theme_and_text_size_wait_until_the_rig_is_at_rest(
         if menu.endswith(("Theme", "Text size"))
     }
     dark, large = choices["Theme", "Dark"], choices["size", "115 %"]
-    harness.update(**busy)
-    for action in (dark, large):
-        action.trigger()
-        assert NOT_AT_REST in window.status_line.text()
-        window.status_line.clear()
-    assert applied_theme() is LIGHT and text_scale() == 1
-    assert choices["Theme", "Light"].isChecked() and choices["size", "100 %"].isChecked()
-    harness.update(state=int(State.ARMED), run={"state": "idle"})
+    for busy in BUSY:
+        harness.update(**AT_REST)
+        harness.update(**busy)
+        for action in (dark, large):
+            action.trigger()
+            assert NOT_AT_REST in window.status_line.text(), busy
+            window.status_line.clear()
+        assert applied_theme() is LIGHT and text_scale() == 1
+        assert choices["Theme", "Light"].isChecked() and choices["size", "100 %"].isChecked()
+    harness.update(**AT_REST)
     try:
         dark.trigger()
         large.trigger()
