@@ -13,7 +13,7 @@ from rigctl.bench.parameters import WorldParameters, parameter_infos
 from rigctl.bench.textures import CATALOGUE
 from rigctl.bench.wirings import catalogue_table
 
-PAGE = Path(__file__).parents[3] / "docs" / "reference" / "world.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "world.md"
 
 TABLE_HEAD = (
     "| parameter | nominal | range | unit | meaning | source |\n|---|---|---|---|---|---|\n"
