@@ -633,8 +633,8 @@ def check_locks(root: Path, folder: Path, lock: Callable[[Path], str]) -> Findin
     place = f"{folder} ({kind})" if kind else str(folder)
     if not failure:
         return Finding("file locks", OK, f"{place} has them")
-    cure = "record on a local disk, with --out; HDF5_USE_FILE_LOCKING=FALSE reads what is there"
-    text = f"{place} has none ({failure}), and HDF5 and the writer of a session lock their files"
+    cure = "record on a local disk, with --out, and copy the session there afterwards"
+    text = f"{place} has none ({failure}): sessions there are read, and none is written"
     return Finding("file locks", ATTENTION, text, cure)
 
 

@@ -100,7 +100,7 @@ def new_analysis_file(path: Path) -> Iterator[Any]:
     check_output_path(path)
     partial = path.with_name(f"{path.name}.partial")
     try:
-        with h5py.File(partial, "w", libver=LIBVER) as file:
+        with h5py.File(partial, "w", libver=LIBVER, locking=False) as file:
             yield file
         partial.rename(path)
     except OSError as error:
@@ -347,7 +347,7 @@ class SpikeFileWriter:
     """Writer of one file; use it in a ``with`` block. May raise OSError."""
 
     def __init__(self, path: Path, encoding: EncodingInfo) -> None:
-        self._file = h5py.File(path, "x", libver=LIBVER)
+        self._file = h5py.File(path, "x", libver=LIBVER, locking=False)
         self._n_trials = len(encoding.trials["trial_id"][2])
         self._trial = self._spikes = 0
         try:

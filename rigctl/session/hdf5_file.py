@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from rigctl.config.text_file import open_file
 from rigctl.errors import SessionError
+from rigctl.session.writer_lock import NO_LOCKS
 
 Attributes = dict[str, str | int | float]
 T = TypeVar("T")
@@ -177,7 +178,7 @@ class Hdf5File:
         self._groups: dict[str, h5py.Group] = {}
         self._root_attributes: dict[str, Any] | None = None
         with hdf5_errors(path, "it"), _tell_unclosed(path):
-            self._file = h5py.File(image or path, "r", swmr=swmr, **options)
+            self._file = _open_to_read(image or path, swmr=swmr, **options)
 
     def close(self) -> None:
         """Close the file."""
@@ -363,6 +364,16 @@ class Hdf5File:
             what = f"claims {n_bytes} bytes in a file of {file_bytes}"
             raise damage(self.path, schema.path, what)
         return dtype
+
+
+def _open_to_read(file: Path | mmap, **options: Any) -> h5py.File:
+    """Open a file; without its lock where the file system has none, as many network drives."""
+    try:
+        return h5py.File(file, "r", **options)
+    except OSError as error:
+        if system_error(error) not in NO_LOCKS:
+            raise
+        return h5py.File(file, "r", locking=False, **options)
 
 
 @contextmanager

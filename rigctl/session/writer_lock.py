@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import socket
 import sys
@@ -16,6 +17,8 @@ LONGEST_TEXT = 320
 """Bytes of a lock file: a process id and a computer's name, in a line each."""
 NAMELESS = "localhost"
 """A name that says nothing: many computers have it."""
+NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
+"""What a file system without locks answers, such as that of many network drives."""
 
 if sys.platform == "win32":
     import msvcrt
@@ -40,7 +43,8 @@ class WriterLock:
 
     The file contains the owner's process id and its computer's name, also after the owner died
     without releasing it.
-    Raises SessionError while another writer lives, DiskFault if the folder is not writable.
+    Raises SessionError while another writer lives and where the file system has no locks, and
+    DiskFault if the folder is not writable.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -68,7 +72,7 @@ class WriterLock:
                 try_lock(descriptor)
             except OSError as error:
                 os.close(descriptor)
-                raise SessionError(_refusal(self._path.parent)) from error
+                raise SessionError(_refusal(self._path.parent, error)) from error
             if self._is_current(descriptor):
                 return descriptor
             os.close(descriptor)
@@ -132,8 +136,11 @@ def writer_of(folder: Path) -> Writer:
     is_here = lock_owner_computer(folder) == socket.gethostname()
     if is_here and not _has_process(pid):
         return Writer.GONE
-    if is_being_written(folder):
-        return Writer.LIVES
+    try:
+        if _is_locked(folder):
+            return Writer.LIVES
+    except OSError:
+        return Writer.UNKNOWN
     return Writer.GONE if is_here else Writer.UNKNOWN
 
 
@@ -167,7 +174,15 @@ def _has_process(pid: int) -> bool:
 
 
 def is_being_written(folder: Path) -> bool:
-    """Return whether a living process writes the session."""
+    """Return whether a living process writes the session; no one does where there are no locks."""
+    try:
+        return _is_locked(folder)
+    except OSError:
+        return False
+
+
+def _is_locked(folder: Path) -> bool:
+    """Return whether a process has the lock. Raises OSError on a file system without locks."""
     try:
         path = _lock_path(folder)
         writable = os.O_RDWR if sys.platform == "win32" else os.O_RDONLY
@@ -176,14 +191,21 @@ def is_being_written(folder: Path) -> bool:
         return False
     try:
         try_lock(descriptor)
-    except OSError:
+    except OSError as error:
+        if error.errno in NO_LOCKS:
+            raise
         return True
     finally:
         os.close(descriptor)
     return False
 
 
-def _refusal(folder: Path) -> str:
+def _refusal(folder: Path, error: OSError) -> str:
+    if error.errno in NO_LOCKS:
+        return (
+            f"{folder} is on a file system without locks ({error.strerror}), where two processes "
+            "could write one session: write on a local disk, and copy the session afterwards"
+        )
     pid = lock_owner_pid(folder)
     writer = f"process {pid}" if pid is not None else "another process"
     return f"{folder} is being written by {writer}: stop that run first, or choose another folder"

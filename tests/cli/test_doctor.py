@@ -313,7 +313,7 @@ class TestDisk:
         found = doctor.check_locks(tmp_path, folder, lambda _: "No locks available")
         assert found.state is ATTENTION
         assert "/lab data/sessions (nfs4) has none (No locks available)" in found.sentence
-        assert "HDF5_USE_FILE_LOCKING=FALSE" in found.cure
+        assert "copy the session there afterwards" in found.cure
         assert (
             doctor.check_locks(tmp_path, Path("/home/x"), lambda _: "").sentence
             == "/home/x (ext4) has them"
