@@ -159,7 +159,7 @@ class SessionPanel(QWidget):
         self.about.setText("\n".join(lines) or "No session is open.")
         set_property(self.about, "role", "muted")
         missing = ". ".join(table.missing for table in tables if table.missing)
-        self.missing.setText(f"⚠ Not all of it counts: {missing}.")
+        self.missing.setText(f"⚠ Incomplete: {missing}.")
         self.missing.setVisible(bool(missing))
 
     def _show_digest(self) -> None:

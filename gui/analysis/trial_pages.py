@@ -9,7 +9,7 @@ import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, Qt, Signal
-from PySide6.QtWidgets import QComboBox, QWidget
+from PySide6.QtWidgets import QWidget
 
 from gui.analysis.export import ExportButton, Picture, foot_text, widget_picture, with_foot
 from gui.analysis.open_sessions import NeuronResponse, ResponseGrid
@@ -18,7 +18,7 @@ from gui.analysis.trial_view import LEAST_PX, TrialView
 from gui.analysis.value_file import SIMULATED, data_words, yes_or_no
 from gui.live.drum_course import thin_out
 from gui.widgets.labels import label
-from gui.widgets.layouts import PageTabs, hbox, push_button, vbox
+from gui.widgets.layouts import ComboBox, PageTabs, hbox, push_button, vbox
 from gui.widgets.plot_axes import (
     PlotGrid,
     colour_axes,
@@ -246,7 +246,7 @@ class CompareView(QWidget):
         super().__init__()
         self._theme = theme
         self.grid: ResponseGrid | None = None
-        self.neuron = QComboBox()
+        self.neuron = ComboBox()
         self.button = push_button("Compare", self._compare)
         self.note = label(HINT, "muted", wraps=True)
         self.plots = pg.GraphicsLayoutWidget()

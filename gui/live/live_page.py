@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from PySide6.QtCore import QElapsedTimer, QObject, QSignalBlocker, Qt, QTimer, Signal
-from PySide6.QtWidgets import QCheckBox, QComboBox, QGridLayout, QPushButton, QScrollBar, QWidget
+from PySide6.QtWidgets import QCheckBox, QGridLayout, QPushButton, QScrollBar, QWidget
 
 from gui.analysis.export import Content, FileSaver, foot_text, image_with_foot, in_process
 from gui.live.earlier_trials import BIN_S, MOST, TrialSpan, TrialStarts, condition_of
@@ -20,7 +20,7 @@ from gui.live.pointer import Pointer, cursor_text, difference_text
 from gui.live.raster import FULL_SCALE_HZ
 from gui.live.saver import SaveStrip, shown_samples, write_table
 from gui.widgets.labels import ElidedLabel, label, show_text
-from gui.widgets.layouts import FlowLayout, container, hbox, push_button, vbox
+from gui.widgets.layouts import ComboBox, FlowLayout, container, hbox, push_button, vbox
 from gui.widgets.number_box import WholeNumberBox
 from gui.widgets.theme import Theme
 from rigctl.encoder.reading import Reading, input_of_each
@@ -206,11 +206,11 @@ class LiveBar(QWidget):
         self.pause = push_button(
             "Pause", navigation.toggle, "Look back while samples go on (Space)"
         )
-        self.span = QComboBox()
+        self.span = ComboBox()
         for span_s in SPANS_S:
             self.span.addItem(f"{span_s} s", span_s)
         self.span.setToolTip("Length of the time axis (+ and −)")
-        self.unit = QComboBox()
+        self.unit = ComboBox()
         self.unit.addItems([COUNTS, VOLTS, CONDUCTANCE])
         self.unit.setToolTip(
             "Unit of the readings. Conductance is free of the load of the other taxels of an\n"
@@ -220,7 +220,7 @@ class LiveBar(QWidget):
         self.scroll_bar = QScrollBar(Qt.Orientation.Horizontal)
         self.scroll_bar.setAccessibleName("Place in the last minutes")
         self.place = label("live", "muted")
-        self.place.setMinimumWidth(self.place.fontMetrics().horizontalAdvance("10:00 min ago"))
+        self.place.setMinimumWidth(self.place.fontMetrics().horizontalAdvance("10 min 00 s ago"))
         first = FlowLayout(self.pause, self.span, self.unit, *self.buttons.values())
         self.setLayout(vbox(first, hbox(self.scroll_bar, self.place), spacing=3))
         self.span.activated.connect(lambda _: navigation.set_span(self.span.currentData()))
@@ -241,7 +241,8 @@ class LiveBar(QWidget):
             self.scroll_bar.setValue((window.left - navigation.oldest) // _STEP)
         behind_s = (navigation.newest - window.right) / 1000
         minutes, seconds = divmod(round(behind_s), 60)
-        self.place.setText(f"{minutes}:{seconds:02d} min ago" if is_paused else "live")
+        age = f"{minutes} min {seconds:02d} s ago" if minutes else f"{seconds} s ago"
+        self.place.setText(age if is_paused else "live")
         if (index := self.span.findData(navigation.span_s)) >= 0:
             self.span.setCurrentIndex(index)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import QElapsedTimer, QObject, QRectF, QSignalBlocker, Qt, QTimer, Signal
-from PySide6.QtWidgets import QAbstractSpinBox, QCheckBox, QComboBox, QLineEdit, QScrollBar, QWidget
+from PySide6.QtWidgets import QAbstractSpinBox, QCheckBox, QLineEdit, QScrollBar, QWidget
 
 from gui.analysis.export import foot_text
 from gui.analysis.open_sessions import ReplayTrial
@@ -22,7 +22,7 @@ from gui.live.pointer import Pointer, cursor_text
 from gui.live.time_plots import IN_TRIAL
 from gui.widgets.file_browser import PathKind, browse_button, typed_path
 from gui.widgets.labels import ElidedLabel, label, show_text
-from gui.widgets.layouts import FlowLayout, push_button, vbox
+from gui.widgets.layouts import ComboBox, FlowLayout, push_button, vbox
 from gui.widgets.number_box import NumberBox, WholeNumberBox, has_refused
 from gui.widgets.plot_axes import PlotGrid, colour_axes, label_axis, time_plot
 from gui.widgets.theme import Theme, scaled_px
@@ -151,7 +151,7 @@ class MovieMaker(QObject):
 
     def __init__(self) -> None:
         super().__init__()
-        self.kind = QComboBox()
+        self.kind = ComboBox()
         for name, end in (("GIF", ".gif"), ("MP4", ".mp4")):
             self.kind.addItem(name, end)
         self.kind.setToolTip("Kind of the movie; an MP4 needs ffmpeg on this computer")
@@ -489,7 +489,7 @@ class ReplayPage(QWidget):
         show_text(self.sentence, f"{stage}: {share:.0%}")
 
     def _show_play(self) -> None:
-        self.play.setText("Stop" if self.player.is_playing else "Play")
+        self.play.setText("Pause" if self.player.is_playing else "Play")
 
     def _follow_window(self) -> None:
         window = self.plots.navigation.window

@@ -9,13 +9,13 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QComboBox, QGridLayout, QGroupBox, QLabel, QWidget
 
 from gui.widgets.file_browser import ElidedComboBox
-from gui.widgets.layouts import focus_wheel, push_button
+from gui.widgets.layouts import ComboBox, push_button
 from rigctl.bench.wirings import WIRINGS
 from rigctl.boards.drum_states import State
 from rigctl.engine.rpc.messages import EngineStatus
 
 TEXTURES = tuple(ascii_uppercase[:16])
-NOT_TOLD = "not told"
+UNKNOWN_PLATE = "unknown"
 _RESTING = (State.IDLE, State.ARMED, State.FAULT_OFF)
 FAULTS: dict[str, dict[str, Any]] = {
     "Press the E-stop": {"fault": "press_estop"},
@@ -49,15 +49,15 @@ class BenchControls(QGroupBox):
 
     def __init__(self) -> None:
         super().__init__("Bench")
-        self.plate = focus_wheel(QComboBox(placeholderText=NOT_TOLD))
+        self.plate = ComboBox(placeholderText=UNKNOWN_PLATE)
         self.plate.addItems(list(TEXTURES))
         self.plate.setCurrentIndex(-1)
         self.plate.activated.connect(self._send_plate)
-        self.fault = focus_wheel(QComboBox())
+        self.fault = ComboBox()
         self.fault.addItems(list(FAULTS))
         self.inject = push_button("Inject", self._inject)
         self.inject.setAccessibleName("Inject the chosen fault")
-        self.wiring = focus_wheel(ElidedComboBox())
+        self.wiring = ElidedComboBox()
         narrow = QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon
         self.wiring.setSizeAdjustPolicy(narrow)
         self.wiring.setMinimumContentsLength(8)

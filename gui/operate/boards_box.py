@@ -9,13 +9,13 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QObject, Signal
-from PySide6.QtWidgets import QComboBox, QLineEdit, QProgressBar, QPushButton, QWidget
+from PySide6.QtWidgets import QLineEdit, QProgressBar, QPushButton, QWidget
 
 from gui.operate.part_picture import PartDrawing
 from gui.widgets.background import Background
 from gui.widgets.file_browser import PathKind, browse_button, typed_path
 from gui.widgets.labels import Strip, label, set_property, show_progress, show_text
-from gui.widgets.layouts import FlowLayout, container, hbox, push_button, vbox
+from gui.widgets.layouts import ComboBox, FlowLayout, container, hbox, push_button, vbox
 from rigctl.engine.setup.boards import (
     BOARD_NAMES,
     installed_build,
@@ -201,7 +201,7 @@ class BoardsBox(QWidget):
         self.problem, self.state = label("", "bad", wraps=True), label("", "muted", wraps=True)
         self.progress = QProgressBar()
         self.progress.setAccessibleName("Flash: how much is written and read back")
-        self.port = QComboBox()
+        self.port = ComboBox()
         self.port.setAccessibleName("Port of the board that is flashed")
         self.rig_file = QLineEdit(NEW_FILE)
         self.rig_file.setToolTip("Describes your rig; it is written where there is none")

@@ -87,7 +87,7 @@ class StemPlot(PlotGrid):
         self._plot = fixed_plot(self.cells, 0, 0)
         reserve(self._plot, "left", LEFT_PX)
         reserve(self._plot, "bottom", BOTTOM_PX)
-        self._plot.setXRange(-0.03, 1.03, padding=0)
+        self._plot.setXRange(-0.07, 1.07, padding=0)  # room for half a name at each end
         self._draw()
         EventWatch(self, self._draw, QEvent.Type.PaletteChange, QEvent.Type.FontChange)
 
@@ -133,7 +133,7 @@ class StemPlot(PlotGrid):
 
 IMBALANCE_TITLE = "Error (g) over the sixteenth of the turn, from the index mark on"
 IMBALANCE_HINT = "Turn the drum once to measure it"
-RESIDUAL_TITLE = "Mass less the line (g) over the mass (g)"
+RESIDUAL_TITLE = "Deviation from the line (g) at each mass (g)"
 RESIDUAL_HINT = "Two readings make a line"
 SAVE_TIP = "Save the result on the drum's board and, at a bench, in its rig.toml"
 DISCARD_TIP = "Forget what was measured"
@@ -428,7 +428,7 @@ EMPTY = (
 NEXT = "Lay a known mass on the drum, type its grams, and let it come to rest. Then press Read."
 MORE = "Lay on another mass, type its grams and press Read, or save the scale."
 LAID_BY_ITSELF = " The simulated rig lays the mass on and takes it off by itself."
-COLUMNS = ("Mass (g)", "Counts", "± counts", "Off line (g)")
+COLUMNS = ("Mass (g)", "Counts", "± counts", "Error (g)")
 READ_TIP = "Read the load cell with this mass for two seconds"
 REMOVE_TIP = "Remove the reading of the chosen row"
 OLD_S = 0.5

@@ -19,7 +19,7 @@ from PySide6.QtWidgets import (
 )
 
 from gui.widgets.labels import label, plain_tooltip, set_property
-from gui.widgets.layouts import combo_box, focus_wheel, group_box, hbox, push_button, vbox
+from gui.widgets.layouts import combo_box, group_box, hbox, push_button, vbox
 from rigctl.config.rig_config import RigConfig
 from rigctl.config.toml_reader import FieldType, KeyPath, TomlField
 from rigctl.protocol.fields import (
@@ -134,7 +134,7 @@ class KeyRow(QObject):
             box.toggled.connect(self._emit)
             return box
         if self.item.type is FieldType.CHOICE:
-            choices = focus_wheel(combo_box({word: word for word in self.item.choices}))
+            choices = combo_box({word: word for word in self.item.choices})
             choices.currentTextChanged.connect(self._emit)
             return choices
         if self.item.has_lines:

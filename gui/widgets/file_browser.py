@@ -26,7 +26,7 @@ from PySide6.QtWidgets import (
 from shiboken6 import isValid
 
 from gui.widgets.labels import label, plain_tooltip
-from gui.widgets.layouts import push_button, vbox
+from gui.widgets.layouts import ComboBox, push_button, vbox
 from gui.widgets.theme import scaled_px
 from rigctl.errors import WrongUse
 
@@ -187,7 +187,7 @@ def _show_tooltip(place: QComboBox, text: str) -> None:
 _INSET_PX = 2
 
 
-class ElidedComboBox(QComboBox):
+class ElidedComboBox(ComboBox):
     """A list whose chosen text ends in … where it is too long; its tooltip then has all of it."""
 
     def __init__(self) -> None:

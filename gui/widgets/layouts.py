@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QRect, QSize, Qt
+from PySide6.QtGui import QWheelEvent
 from PySide6.QtWidgets import (
     QAbstractSpinBox,
     QBoxLayout,
@@ -182,7 +183,7 @@ class EventWatch(QObject):
         return False
 
 
-_WheelBox = TypeVar("_WheelBox", bound=QComboBox | QAbstractSpinBox)
+_SpinBox = TypeVar("_SpinBox", bound=QAbstractSpinBox)
 
 
 class WheelFilter(QObject):
@@ -198,11 +199,23 @@ class WheelFilter(QObject):
         return True
 
 
-def focus_wheel(box: _WheelBox) -> _WheelBox:
+def focus_wheel(box: _SpinBox) -> _SpinBox:
     """Return a box that ignores the wheel without the focus, and gets none from the wheel."""
     box.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
     box.installEventFilter(WheelFilter(box))
     return box
+
+
+class ComboBox(QComboBox):
+    """A list that the wheel never changes while it is closed: it scrolls what is behind."""
+
+    def __init__(self, parent: QWidget | None = None, **properties: Any) -> None:
+        super().__init__(parent, **properties)
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        """Leave the wheel to the parent."""
+        event.ignore()
 
 
 _Layout = TypeVar("_Layout", bound=QLayout)
@@ -313,10 +326,10 @@ def scroll_to_top(panel: QWidget) -> None:
         area.verticalScrollBar().setValue(0)
 
 
-def combo_box(items: dict[str, str]) -> QComboBox:
+def combo_box(items: dict[str, str]) -> ComboBox:
     """Return a box of texts, each with its data; it may be narrower than its longest text."""
     policy = QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon
-    box = QComboBox(sizeAdjustPolicy=policy, minimumContentsLength=8)
+    box = ComboBox(sizeAdjustPolicy=policy, minimumContentsLength=8)
     for text, data in items.items():
         box.addItem(text, data)
     return box

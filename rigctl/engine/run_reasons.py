@@ -81,7 +81,7 @@ class RunReasons(ABC):
         if self.prompt is None or self.prompt.id != prompt_id:
             return False
         if answer == "abort":
-            self.abort("stopped at a question")
+            self.abort("ended by whoever was asked")
         self.prompt = None
         return True
 

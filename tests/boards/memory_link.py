@@ -135,7 +135,9 @@ class RegisterBoard:
             self.words[at : at + entry.words] = words
 
     def receive(self, request: bytes) -> None:
-        if self.silent:
+        """Answer a request; one that a busy computer joined to another has a wrong CRC."""
+        is_whole = rtu(request[1:-2]) == request
+        if self.silent or not is_whole:
             return
         reply = rtu(self._answer(request[1], request[2:-2]))
         if self.garble:

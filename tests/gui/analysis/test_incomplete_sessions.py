@@ -52,7 +52,7 @@ def test_what_is_not_there_is_said_beside_what_is(
     assert panel.model.rowCount() == 6
     assert "6 of 8 trials committed" in panel.about.text()
     assert panel.missing.isVisible() and panel.missing.property("role") == "warn"
-    assert panel.missing.text().startswith("⚠ Not all of it counts: ")
+    assert panel.missing.text().startswith("⚠ Incomplete: ")
     assert f"{name} {sentence}" in panel.missing.text()
     if number == 4:
         assert panel.digest.text() == ""

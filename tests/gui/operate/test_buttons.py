@@ -117,7 +117,7 @@ def test_the_plate_is_the_one_of_the_rig_after_every_connection(harness: Harness
     harness.update(texture="K")
     assert plate.currentText() == "K"
     harness.update(texture=None)
-    assert plate.currentText() == "" and plate.placeholderText() == "not told"
+    assert plate.currentText() == "" and plate.placeholderText() == "unknown"
     harness.update(texture="felt 2")
     assert plate.currentText() == "felt 2"
 
@@ -133,7 +133,9 @@ def test_the_plate_is_locked_while_the_drum_moves_or_presses(harness: Harness) -
     assert plate.isEnabled()
 
 
-def test_the_wheel_changes_a_box_only_with_the_focus(harness: Harness) -> None:
+def test_the_wheel_changes_a_number_only_with_the_focus_and_a_closed_list_never(
+    harness: Harness,
+) -> None:
     harness.update(state=int(State.IDLE), texture="A")
     operate = harness.window.operate_panel
     for box in (operate.bench.plate, operate.speed, operate.force):
@@ -144,6 +146,11 @@ def test_the_wheel_changes_a_box_only_with_the_focus(harness: Harness) -> None:
         assert after == before and not box.hasFocus()
     assert harness.engine.commands == []
     harness.window.activateWindow()
+    for chosen in (operate.bench.fault, harness.window.protocol_panel.protocol):
+        chosen.setFocus()
+        place = chosen.currentIndex()
+        turn_wheel(chosen)
+        assert chosen.currentIndex() == place
     operate.speed.setFocus()
     wait_until(operate.speed.hasFocus)
     speed_mm_s = operate.speed.value()
