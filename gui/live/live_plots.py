@@ -23,6 +23,8 @@ _RIGHT_PX, _MORE_FOR_TEXTS_PX = 216, 130
 _GAP_PX = 26
 """Between the columns: half a number of the time axis, and half of one of the rates, meet there."""
 _SLOW_REFRESH_MS = 100  # numbers that change thirty times a second are unreadable
+RESIZED_MS = 10
+"""Qt serves a timer without an interval in the turn that paints the window in its new size."""
 
 
 def gap_px() -> int:
@@ -64,8 +66,8 @@ class LivePlots(PlotGrid):
         self.caption_paused = PAUSED
         self._since_numbers = QElapsedTimer()
         self._theme = theme
-        self._resized = QTimer(self, interval=0, singleShot=True)
-        self._resized.timeout.connect(self.draw)
+        self._resized = QTimer(self, interval=RESIZED_MS, singleShot=True)
+        self._resized.timeout.connect(self._draw_resized)
         self.views: list[LiveView] = []
         self.time_plots = TimePlots(self.cells, theme, self.sensor_layout)
         self._earlier_trials = EarlierTrials(self.time_plots, theme)
@@ -218,10 +220,15 @@ class LivePlots(PlotGrid):
         self.draw()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Draw in the new size, in a turn of its own: the window itself takes one."""
+        """Draw and paint in the new size, in a turn of its own: the window itself takes one."""
         super().resizeEvent(event)
         if hasattr(self, "_rate_plot"):
+            self.graphics.setUpdatesEnabled(not self.isVisible())
             self._resized.start()
+
+    def _draw_resized(self) -> None:
+        self.draw()
+        self.graphics.setUpdatesEnabled(True)
 
     def _build_right_column(self, theme: Theme) -> None:
         self.heat_map = HeatMap(theme, self.sensor_layout)

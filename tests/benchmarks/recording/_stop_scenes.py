@@ -24,6 +24,7 @@ from shiboken6 import delete
 from gui.analysis.open_sessions import block_extremes, replay_trial
 from gui.analysis.results import AnalysisResults, plot_page
 from gui.analysis.task_values import TrialCourse, TrialData
+from gui.app import paused_collector
 from gui.shell.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
 from rigctl.boards.drum_states import State
@@ -189,7 +190,8 @@ def main() -> None:
     """Play the scenes once somebody listens to the engine and says so by a line."""
     (session,) = sys.argv[1:]
     pg.mkQApp()
-    scenes = StopScenes(session)
+    with paused_collector():  # as the program makes its window
+        scenes = StopScenes(session)
     scenes.connect()
     print("connected", flush=True)
     sys.stdin.readline()
