@@ -142,7 +142,9 @@ def save_model(model: Model, path: Path) -> None:
 
 def load_model(path: Path) -> Model:
     """Return a model. Raises SessionError for a damaged, newer or other file."""
-    with open_analysis_file(path, "choose a model, which rigctl analyse --save-model writes", MODEL_LAYOUT) as file:
+    with open_analysis_file(
+        path, "choose a model, which rigctl analyse --save-model writes", MODEL_LAYOUT
+    ) as file:
         return _read(file)
 
 
