@@ -138,7 +138,7 @@ SHOWN_SCAN ?= 17
 
 shots: boards
 	@sh .ci/debian-packages $(DEBIAN_RUN)
-	$(SAY) "every page of the window in two themes and three sizes, and a film: build/shots (three minutes)"
+	$(SAY) "every page of the window in two themes and three sizes, and a film: build/shots (eight minutes)"
 	@rm -rf build/shots
 	@QT_QPA_PLATFORM=offscreen $(BIN)/python -m tools.screenshots build/shots
 	$(SAY) "a scan of the moving finger, from a quick experiment with the virtual finger"
