@@ -22,7 +22,7 @@ from rigctl.engine.rpc.messages import EngineStatus
 MARGIN = 8.0
 SHOWN_S = 30.0
 LEAST_SPAN_G = 20.0
-LEAST_TRACE_PX = (160, 90)
+LEAST_TRACE_PX, TRACE_HEIGHT_PX = 160, 115
 TRACE_TITLE = "Load cell (g), last 30 s"
 
 
@@ -86,7 +86,7 @@ class CellTrace(PlotGrid):
         self._plot.getAxis("bottom").setTicks([[], []])
         self._curve = pg.PlotCurveItem(antialias=True)
         self._plot.addItem(self._curve)
-        self.graphics.setMinimumSize(*LEAST_TRACE_PX)
+        self.graphics.setMinimumWidth(LEAST_TRACE_PX)
         self._colour()
         EventWatch(self, self._colour, QEvent.Type.PaletteChange, QEvent.Type.FontChange)
 
@@ -113,6 +113,7 @@ class CellTrace(PlotGrid):
 
     def _colour(self) -> None:
         theme = applied_theme()
+        self.graphics.setFixedHeight(scaled_px(TRACE_HEIGHT_PX))  # the drawing needs the rest
         self.colour_background(theme)
         self._plot.getViewBox().setBorder(theme.line)
         colour_axes(self._plot, theme)

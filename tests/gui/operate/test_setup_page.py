@@ -9,7 +9,9 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QPushButton
 
+from gui.operate.part_picture import CellTrace, PartDrawing
 from gui.operate.setup_page import DRUM_LOST, SetupPage
+from gui.widgets.layouts import container, vbox
 from tests.gui.rig_window import RigWindow, rig_window
 from tests.gui.steps import Harness, click
 
@@ -144,3 +146,15 @@ def test_a_drum_board_that_is_lost_is_named(harness: Harness) -> None:
     harness.update(drum_connected=False)
     page = harness.window.tools.setup_page
     assert page.state.text() == DRUM_LOST and not page.check_button.isEnabled()
+
+
+@pytest.mark.parametrize("size", [(650, 400), (1290, 700)])
+def test_the_drawing_has_the_room_that_the_load_cells_course_leaves(
+    qapp: QApplication, size: tuple[int, int]
+) -> None:
+    drawing, trace = PartDrawing(), CellTrace()
+    page = container(vbox(drawing, trace))
+    page.resize(*size)
+    page.grab()
+    assert drawing.height() >= drawing.sizeHint().height()
+    assert drawing.height() > trace.height()
