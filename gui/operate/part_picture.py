@@ -87,6 +87,7 @@ class CellTrace(PlotGrid):
         self._curve = pg.PlotCurveItem(antialias=True)
         self._plot.addItem(self._curve)
         self.graphics.setMinimumWidth(LEAST_TRACE_PX)
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self._colour()
         EventWatch(self, self._colour, QEvent.Type.PaletteChange, QEvent.Type.FontChange)
 
