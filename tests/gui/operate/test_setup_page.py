@@ -155,6 +155,6 @@ def test_the_drawing_has_the_room_that_the_load_cells_course_leaves(
     drawing, trace = PartDrawing(), CellTrace()
     page = container(vbox(drawing, trace))
     page.resize(*size)
-    page.grab()
+    page.layout().activate()
     assert drawing.height() >= drawing.sizeHint().height()
     assert drawing.height() > trace.height()
