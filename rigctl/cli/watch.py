@@ -11,6 +11,7 @@ import argparse
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -91,6 +92,8 @@ def looks(folder: Path) -> Iterator[Look]:
                 session.refresh()
             except (SessionError, OSError) as error:
                 yield Look([], f"the session cannot be read now: {error}")
+                with suppress(SessionError, OSError):
+                    session.refresh()  # what failed would fail again: its file is opened anew
 
 
 def _is_prepared(folder: Path) -> bool:

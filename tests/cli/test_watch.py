@@ -6,6 +6,7 @@ import socket
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
@@ -103,6 +104,32 @@ def test_a_folder_that_vanishes_is_waited_for(tmp_path: Path) -> None:
     assert "cannot be read now" in next(view).line
     (tmp_path / "away").rename(tmp_path / "session")
     next(view)
+    assert next(view).has_ended
+
+
+def test_what_cannot_be_read_is_opened_anew_before_the_next_look(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """HDF5 may fail on an open file whose writer closes it, and then fails each time."""
+    with open_harness(tmp_path) as harness:
+        harness.record()
+    view = watched(tmp_path / "session")
+    assert next(view).has_ended
+    failed: list[Session] = []
+    committed, refresh = Session.committed, Session.refresh
+
+    def fail(session: Session) -> NoReturn:
+        failed.append(session)
+        raise SessionError("HDF5 cannot read /events")
+
+    def open_anew(session: Session) -> None:
+        if failed:
+            monkeypatch.setattr(Session, "committed", committed)
+        refresh(session)
+
+    monkeypatch.setattr(Session, "committed", fail)
+    monkeypatch.setattr(Session, "refresh", open_anew)
+    assert "cannot be read now" in next(view).line
     assert next(view).has_ended
 
 
