@@ -107,6 +107,7 @@ class Judge:
         self._only_position_broke = self._only_upper_end_broke = self._has_position = True
         self._nothing_shows = False
         self.was_unbounded = False
+        self._stands_unbounded = False
         self._highest_g = BY_NAME["over_force"].default * 0.1
         self.peak_g = self.force_g = 0.0
         self._set_limit()
@@ -197,13 +198,17 @@ class Judge:
 
     def _check_force(self, span: Span) -> None:
         highest = float(span.force_g.max())
+        # What an unbounded contact has left stands through a reset, and may only fall.
+        standing_g = self.force_g + 1.0 if self._stands_unbounded else 0.0
         self.force_g, self.peak_g = float(span.force_g[-1]), max(self.peak_g, highest)
         if highest <= 0:
             self._contact_is_blind = not self._circuit.cell_gain
         pressed = np.flatnonzero(span.force_g > 0)
         if pressed.size:
             self._last_contact_ms = span.start_ms + int(pressed[-1])
-        within = highest <= self.limit_g or self._is_unbounded
+        within = highest <= max(self.limit_g, standing_g) or self._is_unbounded
+        left = self._is_unbounded or self._stands_unbounded
+        self._stands_unbounded = left and self.force_g > self.limit_g
         self.was_unbounded |= self._is_unbounded
         self._rule("force", within, f"{highest:.0f} g of {self.limit_g:.0f} g")
 
