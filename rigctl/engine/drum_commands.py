@@ -192,12 +192,9 @@ class DrumCommands(EngineCommands[Engine]):
         """End the recording by hand."""
         return {"session": str(self._engine.manual.end())}
 
-    async def on_calibrate_range(
-        self, seconds: Annotated[float, Meta(ge=0.1, le=600)] = 10.0
-    ) -> Result:
-        """Observe the taxels and set the observed range in the encoder."""
-        found = await self._engine.boards.calibrate_range(seconds)
-        return {"low": found.low.tolist(), "high": found.high.tolist()}
+    async def on_calibrate_range(self, force_g: Mass = 500.0) -> Result:
+        """Press, turn over the plate once, lift, and encode with the range that each taxel had."""
+        return dict((await self._calibration().measure_range(force_g))._asdict())
 
     async def on_test_taxels(self) -> Result:
         """Start the taxel board's self-test; return one sentence per finding."""
