@@ -18,7 +18,7 @@ from gui.analysis.task_values import DRUM, FINGER, ScanPicture, SessionTable, de
 from gui.analysis.trial_pages import TrialPages
 from gui.analysis.value_file import write_columns
 from gui.analysis.worker import Worker
-from gui.widgets.file_browser import typed_path
+from gui.widgets.file_browser import PathKind, typed_path
 from gui.widgets.formatting import grouped
 from gui.widgets.labels import Strip
 from gui.widgets.layouts import push_button
@@ -31,14 +31,21 @@ class RunEndStrip(Strip):
 
     analyse_requested = Signal(str)
     """The session's folder."""
+    continue_requested = Signal(str)
+    """The same; its run hides the strip."""
 
     def __init__(self) -> None:
         super().__init__()
         self.session = ""
         self._watched = ""
         self.analyse_button = push_button("Analyse it", self._analyse)
+        self.continue_button = push_button(
+            "Continue it",
+            lambda: self.continue_requested.emit(self.session),
+            PathKind.INTERRUPTED.value[2],
+        )
         self.close_button = push_button("Close", self.hide)
-        self.lay_out(self.analyse_button, self.close_button, warns=False)
+        self.lay_out(self.continue_button, self.analyse_button, self.close_button, warns=False)
 
     def show_status(self, status: EngineStatus) -> None:
         """Watch a run, and offer its session when it ends."""
@@ -52,6 +59,7 @@ class RunEndStrip(Strip):
             self.session = watched
             name = Path(self.session).name
             self.text.setText(f"The run {name} has ended with {_trials(run)}.")
+            self.continue_button.setVisible(not run.is_complete)
             self.show()
 
     def _analyse(self) -> None:
@@ -64,8 +72,7 @@ def _trials(run: RunStatus) -> str:
     n, planned = run.trials_committed, run.trials_planned
     if n >= planned:
         return "1 trial" if n == 1 else f"{grouped(n)} trials"
-    rest = "" if run.state == "done" else ": Continue a session … in Protocol records the rest"
-    return f"{grouped(n)} of {grouped(planned)} trials{rest}"
+    return f"{grouped(n)} of {grouped(planned)} trials"
 
 
 FOLLOW_MS = 1000

@@ -342,6 +342,9 @@ class RunStateBox(QVBoxLayout):
     ``kept``, which follows those of an aborted one.
     """
 
+    continue_requested = Signal(str)
+    """The session of the run that has ended."""
+
     def __init__(self, rows: Sequence[str] = ROWS, states: Mapping[str, str] = _STATES) -> None:
         super().__init__()
         self._states = states
@@ -354,6 +357,13 @@ class RunStateBox(QVBoxLayout):
         for name, text in self.rows.items():
             form.addRow(label(name, "muted"), text)
         self.addLayout(form)
+        self.session = ""
+        self.continue_button = push_button(
+            "Continue it",
+            lambda: self.continue_requested.emit(self.session),
+            PathKind.INTERRUPTED.value[2],
+        )
+        self.addWidget(self.continue_button)
 
     def show_run(
         self, run: RunStatus | FingerRunStatus, planned: int, texts: Mapping[str, str]
@@ -364,6 +374,9 @@ class RunStateBox(QVBoxLayout):
         show_progress(self.bar, run.trials_committed, planned)
         for name, text in texts.items():
             show_text(self.rows[name], text)
+        self.session = run.session or ""
+        may_continue = bool(self.session) and run.has_ended and not run.is_complete
+        self.continue_button.setVisible(may_continue)
         name = Path(run.session).name if run.session else "–"
         self.rows["Session"].setText(name if len(name) <= MAX_NAME else f"…{name[-STAMP:]}")
         self.rows["Session"].setToolTip(plain_tooltip(run.session or ""))
@@ -483,6 +496,7 @@ class ProtocolPanel(QWidget):
             self.continue_session,
             "Continue a session …",
         )
+        self.continue_buttons = (self.continue_button, self.run_box.continue_button)
         self.page_button = push_button(PAGE_BUTTON, lambda: self.show_page(not self.shows_page))
         self.buttons = {"Start": push_button("Start", self._start)}
         for name in ("Pause", "Resume", "Abort"):
@@ -536,7 +550,8 @@ class ProtocolPanel(QWidget):
         is_ready = is_connected and not status.fault and not run.is_active
         self._can_start = is_ready and not status.is_moved_by_hand
         self._enable_start()
-        self.continue_button.setEnabled(self._can_start)
+        for button in self.continue_buttons:
+            button.setEnabled(self._can_start)
         reason = _MOVED_BY_HAND if status.is_moved_by_hand else ""
         self.buttons["Start"].setToolTip(reason)
         self.buttons["Pause"].setEnabled(run.state == "running")
@@ -604,6 +619,7 @@ class ProtocolPanel(QWidget):
     def _connect(self) -> None:
         self.worker.finished.connect(self._finish_task)
         self.worker.failed.connect(self._fail_task)
+        self.run_box.continue_requested.connect(self.continue_session)
         self.form.checked.connect(self._enable_start)
         self.form.planned.connect(self.page.show_plan)
         self.queue.start_requested.connect(partial(self.command_requested.emit, "start"))
