@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from gui.analysis.trial_table import AttemptColumn
 from gui.analysis.value_file import data_words
 from rigctl.session.sensor_layout import SensorLayout
+from rigctl.values import SessionLine
 
 if TYPE_CHECKING:
     from rigctl.analysis.options import AnalysisOptions
@@ -149,3 +150,15 @@ def describe_options(options: AnalysisOptions, experiment: str) -> str:
 def model_path(report: Path) -> Path:
     """Return the path of a report's model: beside its folder."""
     return report.with_name(f"{report.name}-model.h5")
+
+
+class FoundSessions(NamedTuple):
+    """The paths of the sessions below a folder, the newest first."""
+
+    paths: tuple[str, ...]
+
+
+class SessionLines(NamedTuple):
+    """What a list says of some sessions."""
+
+    lines: tuple[SessionLine, ...]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
 from functools import partial
 from typing import Any
 
@@ -39,6 +40,7 @@ from gui.widgets.theme import Theme, ThemeChoice, apply_palette, apply_theme, sc
 from rigctl.engine.contact import RESTING_STATES
 from rigctl.engine.rpc.engine_files import EngineFile
 from rigctl.experiments import FINGER_EXPERIMENT
+from rigctl.values import SessionLine
 
 TEXT_SIZES_PERCENT = (90, 100, 115, 130, 150)
 NOT_AT_REST = (
@@ -239,6 +241,10 @@ def _click(watched: QObject) -> bool:
     return True
 
 
+CANNOT_CONTINUE = (
+    "the session cannot go on now: connect its rig, clear its fault or end its run, then press "
+    "Continue again"
+)
 FRAME_MS = 33
 _PRESS_KEYS = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 WIDTH_PX, HEIGHT_PX = 1280, 800
@@ -420,6 +426,7 @@ class MainWindow(SteadyFocusWindow):
             "trial": analysis.trial_view,
             "figure": analysis.figure_view,
             "results": analysis.results_panel,
+            "sessions": analysis.sessions,
             "files": self.file_browser,
             "help": self.help,
             "engines": self.attach.engines,
@@ -457,11 +464,29 @@ class MainWindow(SteadyFocusWindow):
         add_alarm_sound(menus, self.drum, self.settings)
         self.regions.add_menus(menus)
         self.appearance.add_menus(menus)
+        tip = "List the sessions below the data folder: what they hold and how far they are"
+        menus.add("File", "Sess&ions", self._list_sessions, shortcut="Ctrl+L", tip=tip)
         self.replay.add_menu(menus)
         add_live_actions(menus, self.live_page, self.settings)
         self.save_menu = SaveMenu(menus, self.stack)
         menus.add_separator("File")
         menus.add("File", "&Quit", self.close, shortcut="Ctrl+Q", tip="Close the window")
+
+    def _list_sessions(self) -> None:
+        self.stack.show_page("sessions")
+        self.analysis_tab.sessions.show_folder(self.protocol_panel.out.text().strip())
+
+    def _continue_session(self, session: str, experiment: str) -> None:
+        """Record the rest of a session on the rig of its experiment, if that can start."""
+        is_finger = experiment == FINGER_EXPERIMENT
+        panel = self.finger_tab.run_box if is_finger else self.protocol_panel
+        self.show_panel("finger" if is_finger else "protocol")
+        if not panel.continue_button.isEnabled():
+            self.report("refused", CANNOT_CONTINUE)
+        elif is_finger:
+            self.finger_tab.run_box.continue_requested.emit(session)
+        else:
+            self.protocol_panel.continue_session(session)
 
     def _open_session(self) -> None:
         self.show_panel("analysis")
@@ -483,6 +508,7 @@ class MainWindow(SteadyFocusWindow):
         for source in (self.drum, self.finger_tab, self.analysis_tab, self.replay, self.tools):
             source.reported.connect(self.report)
         self._connect_attach()
+        self._connect_sessions()
         self.analysis_tab.view_changed.connect(self._show_view)
         run_end = self.analysis_tab.run_end_strip
         self.engine_link.status_changed.connect(run_end.show_status)
@@ -506,6 +532,46 @@ class MainWindow(SteadyFocusWindow):
         self.protocol_panel.page_changed.connect(self._show_view)
         self.operate_panel.bring_up.calibrate_requested.connect(self.tools.show_calibration)
         self.operate_panel.bring_up.setup_requested.connect(self.tools.show_setup)
+
+    def _connect_sessions(self) -> None:
+        """Let the list of sessions act in the panels."""
+        tab, sessions = self.analysis_tab, self.analysis_tab.sessions
+        sessions.verified = self._verified_on
+        tab.found_whole.connect(self._keep_verified)
+        sessions.continue_requested.connect(self._continue_session)
+        sessions.analyse_requested.connect(self._analyse)
+        sessions.add_requested.connect(self._add_to_analysis)
+        sessions.path_requested.connect(self._browse_sessions)
+        sessions.closed.connect(self._show_view)
+        self.start.sessions_requested.connect(self._list_sessions)
+
+    def _browse_sessions(self, kind: PathKind, selected: Callable[[str], None]) -> None:
+        """Let the user choose a folder, and come back to the list."""
+
+        def take(path: str) -> None:
+            selected(path)
+            self.stack.show_page("sessions")
+
+        self._browse(kind, take)
+
+    def _add_to_analysis(self, session: str) -> None:
+        """Open a session beside those that are open, or as the first one."""
+        panel = self.analysis_tab.panel
+        if panel.run_box.form.sessions:
+            panel.run_box.form.add_session(session)
+        else:
+            self.analysis_tab.open_session(session)
+        self.report("analysis", f"added to the analysis: {session}")
+
+    def _verified_on(self, line: SessionLine) -> str:
+        """Return the day on which a session was found whole, if it is as old as that."""
+        on = self.settings.value(f"verified/{line.closing_digest}", "")
+        return on[:10] if on >= line.modified_utc else ""
+
+    def _keep_verified(self, digest: str) -> None:
+        now = datetime.now(UTC).isoformat(timespec="seconds")
+        self.settings.set_value(f"verified/{digest}", now)
+        self.analysis_tab.sessions.show_verified()
 
     def _connect_attach(self) -> None:
         attach = self.attach

@@ -55,12 +55,17 @@ class SessionNote:
     author: str = ""
     closing_digest: Annotated[str, Meta(pattern="^([0-9a-f]{64})?$")] = ""
 
+    @property
+    def remark(self) -> str:
+        """The text with what it says of its trial, without the trial's number."""
+        return f"marked {self.mark}: {self.text}" if self.mark else self.text
+
     def describe(self) -> str:
         """Return the note as a line, without its time."""
-        trial = f"trial {self.trial_id}, attempt {self.attempt}" if self.trial_id else ""
-        mark = f"marked {self.mark}" if self.mark else ""
-        about = ", ".join(filter(None, (trial, mark)))
-        return f"{about}: {self.text}" if about else self.text
+        if not self.trial_id:
+            return self.text
+        trial = f"trial {self.trial_id}, attempt {self.attempt}"
+        return f"{trial}{', ' if self.mark else ': '}{self.remark}"
 
     def to_members(self) -> dict[str, Any]:
         """Return the members of the note's file."""
