@@ -225,6 +225,13 @@ class TrialRow:
     mean_force_g: float
 
 
+class TrialMark(NamedTuple):
+    """A note at a moment of a trial: seconds since its first sample, 0 for all of it."""
+
+    at_s: float
+    text: str
+
+
 @dataclass(frozen=True, slots=True)
 class Event:
     """A timed event, for people and for programs.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -84,6 +85,7 @@ READING = (
     "load_trial",
     "compare_trials",
     "leave_out",
+    "note_trial",
 )
 """Tasks of the reader."""
 LISTING = ("find_sessions", "read_session_lines")
@@ -111,6 +113,8 @@ class AnalysisTab(QObject):
         self.results_view, self.files = ResultsView(), FileSaver()
         self.results_panel = ResultsPanel(self.results_view)
         self.run_end_strip = RunEndStrip()
+        self.author: Callable[[], str] = str
+        """Returns who writes notes."""
         self._settings = self._analysed = ""
         self.view: QWidget = self.trial_view
         self._report_folder = self._verified = ""
@@ -121,6 +125,7 @@ class AnalysisTab(QObject):
         self.sessions.task_requested.connect(lambda task, args: reader.submit(task, **args))
         self.sessions.export_requested.connect(self._export)
         panel.trial_requested.connect(self._load_trial)
+        panel.note_requested.connect(self._note)
         panel.run_requested.connect(self._run)
         panel.verify_requested.connect(self._verify)
         panel.run_box.cancel_requested.connect(self._cancel)
@@ -200,6 +205,10 @@ class AnalysisTab(QObject):
         self._verified = self._analysed = path
         self.worker.submit("verify_session", path=path, digest=digest)
 
+    def _note(self, path: str, row: int, text: str, mark: str) -> None:
+        note = {"text": text, "author": self.author(), "mark": mark}
+        self.reader.submit("note_trial", path=path, row=row, **note)
+
     def _load_trial(self, path: str, row: int) -> None:
         """Read a trial; of several that were chosen quickly, only the last one is shown."""
         self._wanted_trial = path, row
@@ -275,6 +284,9 @@ class AnalysisTab(QObject):
             self.trial_view.compare.show_grid(result)
         elif isinstance(result, SessionTable):
             self.panel.show_session(result)
+            if task == "note_trial" and self.panel.trials.chosen is not None:
+                _, row = self.panel.trials.chosen
+                self._load_trial(result.path, row)
         elif isinstance(result, FoundSessions):
             self.sessions.show_found(result.paths)
         elif isinstance(result, SessionLines):

@@ -341,6 +341,11 @@ class TrialList(QWidget):
         """Whether a trial is chosen."""
         return self._chosen is not None
 
+    @property
+    def chosen(self) -> tuple[int, int] | None:
+        """Session and row of the chosen trial."""
+        return self._chosen
+
     def forget_choice(self) -> None:
         """Choose no trial."""
         self._chosen = None

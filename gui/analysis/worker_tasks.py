@@ -109,6 +109,7 @@ class WorkerTasks:
         self._progress = progress
         self._sessions = sessions = OpenSessions()
         self.open_session, self.follow_session = sessions.open, sessions.follow
+        self.note_trial = sessions.note
         self.session_age, self.leave_out = sessions.age_s, sessions.leave_out
         self._pictures = tempfile.TemporaryDirectory(prefix="rigctl-scans-")
         self._follower = run_tasks.SessionFollower()

@@ -285,10 +285,13 @@ class MainWindow(SteadyFocusWindow):
         self.attach = AttachController((self.engine_link, self.finger_tab.link))
         self.file_browser, self.event_log = FileBrowser(), EventLog()
         self.status_line = StatusLine("Choose a rig and press Connect.")
+        people = self.protocol_panel.form.people
+        self.analysis_tab.author = lambda: people()["operator"]
         self.menus = ActionRegistry(self.menuBar())
         self.sessions = RecentSessions(self.menus, self.settings)
         panel = self.analysis_tab.panel
         self.replay = ReplayController(theme, self.stack, panel, self.sessions)
+        self.replay.author = self.analysis_tab.author
         self.help = HelpPage(self.menus, self.settings.folder / REPORTS)
         self.start = StartPage(self.stack, self.menus, self.toolbar)
         self.tools = ToolsController(self.stack, self.menus, self.engine_link)
@@ -462,6 +465,11 @@ class MainWindow(SteadyFocusWindow):
         add_trial_actions(menus, self.docks, self.analysis_tab.panel.trials)
         menus.add_separator("Rig")
         add_alarm_sound(menus, self.drum, self.settings)
+        tip = "Mark the trial that is chosen here bad, or good again; in a run else the newest"
+        notes = "Rig → Trials and notes"
+        menus.add(notes, "Mark the trial", self._mark_trial, shortcut="Ctrl+B", tip=tip)
+        tip = "Go to the field of a note, which marks this moment of a run"
+        menus.add(notes, "Note this moment", self._note_now, shortcut="Ctrl+Shift+N", tip=tip)
         self.regions.add_menus(menus)
         self.appearance.add_menus(menus)
         tip = "List the sessions below the data folder: what they hold and how far they are"
@@ -487,6 +495,21 @@ class MainWindow(SteadyFocusWindow):
             self.finger_tab.run_box.continue_requested.emit(session)
         else:
             self.protocol_panel.continue_session(session)
+
+    def _mark_trial(self) -> None:
+        """Mark the trial that the page in the middle shows."""
+        if self.replay.is_shown:
+            self.replay.page.note_box.mark()
+        elif self._panel == "analysis":
+            self.analysis_tab.panel.note_box.mark()
+        else:
+            self.protocol_panel.page.mark_by_key()
+
+    def _note_now(self) -> None:
+        """Show the page of the run, with the focus in the field of a note."""
+        self.show_panel("protocol")
+        self.protocol_panel.show_page(True)
+        self.protocol_panel.page.text.setFocus(Qt.FocusReason.ShortcutFocusReason)
 
     def _open_session(self) -> None:
         self.show_panel("analysis")

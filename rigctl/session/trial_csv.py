@@ -29,12 +29,14 @@ def write_trials(session: Path, out: Path) -> None:
 def _rows(session: SessionReader) -> list[tuple[object, ...]]:
     counted = set(session.committed().tolist())
     simulated = "yes" if session.header.simulated else "no"
-    found = []
-    for index, row in enumerate(session.trials.tolist()):
-        trial = session.trials[index]
-        about = (int(trial["trial_id"]), int(trial["attempt"]))
-        notes = [note for note in session.notes if (note.trial_id, note.attempt) == about]
-        texts = "; ".join(f"{note.made_utc} {note.remark}" for note in notes)
-        counts = "yes" if index in counted else "no"
-        found.append((*row, counts, session.left_out.get(index, ""), texts, simulated))
-    return found
+    left_out, notes = session.left_out, session.trial_notes()
+    return [
+        (
+            *row,
+            "yes" if index in counted else "no",
+            left_out.get(index, ""),
+            notes.get(index, ""),
+            simulated,
+        )
+        for index, row in enumerate(session.trials.tolist())
+    ]
