@@ -225,6 +225,13 @@ class TrialRow:
     mean_force_g: float
 
 
+class TrialMark(NamedTuple):
+    """A note at a moment of a trial: seconds since its first sample, 0 for all of it."""
+
+    at_s: float
+    text: str
+
+
 @dataclass(frozen=True, slots=True)
 class Event:
     """A timed event, for people and for programs.
@@ -237,3 +244,33 @@ class Event:
     kind: str
     text: str
     data: dict[str, Any] = field(default_factory=dict)
+
+
+COMPLETE, INCOMPLETE, RECORDING, UNREADABLE = "complete", "incomplete", "recording", "unreadable"
+
+
+@dataclass(frozen=True, slots=True)
+class SessionLine:
+    """What a list of sessions says of one.
+
+    ``state``: one of the four above; ``reason`` says why, empty for a complete one.
+    ``start_utc``, ``modified_utc`` (of the newest part): ISO 8601. ``marked_bad``:
+    attempts that a person marked bad.
+    """
+
+    path: str
+    state: str
+    reason: str = ""
+    start_utc: str = ""
+    modified_utc: str = ""
+    experiment: str = ""
+    protocol: str = ""
+    operator: str = ""
+    sensor: str = ""
+    rig: str = ""
+    simulated: bool = False
+    trials_planned: int = 0
+    trials_committed: int = 0
+    marked_bad: int = 0
+    closing_digest: str = ""
+    bytes: int = 0

@@ -28,7 +28,7 @@ from gui.live.timeline import Timeline
 from gui.widgets.file_browser import typed_path
 from rigctl.errors import SessionError, WrongUse
 from rigctl.session.sensor_layout import SensorLayout
-from rigctl.values import SAMPLE_RATE_HZ
+from rigctl.values import SAMPLE_RATE_HZ, TrialMark
 
 if TYPE_CHECKING:
     from rigctl.analysis.cache import Resources
@@ -65,6 +65,12 @@ def shown_reasons(session: Any) -> list[str]:
     return list(map(str, reasons))
 
 
+def shown_notes(session: Any) -> list[str]:
+    """Return what people noted on each attempt of an open session."""
+    notes = session.trial_notes()
+    return [notes.get(row, "") for row in range(len(session.trials))]
+
+
 def finger_about(session: FingerSession) -> str:
     """Return a sentence about a session of the moving finger."""
     header = session.header
@@ -86,6 +92,7 @@ def finger_columns(session: FingerSession) -> tuple[AttemptColumn, ...]:
             "Named", list(map(_named, trials)), "The answer, and whether it was right"
         ),
         AttemptColumn.of_texts("Verdict", shown_verdicts(session), "Whether the attempt counts"),
+        AttemptColumn.of_texts("Notes", shown_notes(session), "What people noted on the attempt"),
         AttemptColumn.of_texts("Why", shown_reasons(session), "Why the attempt does not count"),
     )
 
@@ -173,6 +180,7 @@ def read_trial(session: Session, row: int, taxel_range: Normalisation) -> TrialD
         _features(spikes, float(trial["speed_mm_s"])),
         session.header.simulated,
         block_extremes(samples) if len(samples) > MANY_SAMPLES else None,
+        session.trial_marks(row),
     )
 
 
@@ -316,6 +324,7 @@ _COLUMNS = (
     ("Mean mm/s", "mean_speed_mm_s", "Measured over the trial"),
     ("Mean g", "mean_force_g", "Measured over the trial"),
     ("Mounting", "mount", "Mounting of this plate, from 1"),
+    ("Notes", "notes", "What people noted on the attempt"),
     ("Why", "reasons", "Why the attempt does not count"),
 )
 
@@ -384,6 +393,21 @@ class OpenSessions:
             return self._session(path).header.simulated
         except SessionError:
             return False
+
+    def note(
+        self, path: str, row: int, text: str, author: str, mark: str, at_s: float | None = None
+    ) -> SessionTable:
+        """Write a note on an attempt of an open session, and return its trials again."""
+        from rigctl.session.notes import Mark, SessionNote
+        from rigctl.session.session import add_note
+
+        session = self._session(path)
+        trial = session.trials[row]
+        about = int(trial["trial_id"]), int(trial["attempt"])
+        now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+        add_note(session.path, SessionNote(now, text, *about, Mark(mark), author, at_s=at_s))
+        session.refresh()
+        return self._table(path)
 
     def leave_out(self, path: str, altered: tuple[tuple[int, str], ...]) -> SessionTable:
         """Leave attempts of an open session out, and return its trials again, which marks them."""
@@ -484,7 +508,7 @@ def _origin(header: SessionHeader) -> str:
 
 
 def _columns(session: Session) -> tuple[AttemptColumn, ...]:
-    texts = {"verdict": shown_verdicts, "reasons": shown_reasons}
+    texts = {"verdict": shown_verdicts, "reasons": shown_reasons, "notes": shown_notes}
     return tuple(
         AttemptColumn.of_texts(name, texts[field](session), tip)
         if field in texts
@@ -529,6 +553,8 @@ def _taxel_range(session: Session) -> Normalisation:
 class ReplayTrial(NamedTuple):
     """A trial as the live views keep it: sample 0 is at position 0.
 
+    ``marks``: what people noted on it.
+
     ``low``, ``high``: uint16 (n_taxels,), each taxel's lowest and highest reading.
     """
 
@@ -539,6 +565,7 @@ class ReplayTrial(NamedTuple):
     drum: DrumCourse
     low: NDArray[np.uint16]
     high: NDArray[np.uint16]
+    marks: tuple[TrialMark, ...] = ()
 
 
 def replay_trial(data: TrialData) -> ReplayTrial:
@@ -551,7 +578,8 @@ def replay_trial(data: TrialData) -> ReplayTrial:
     timeline.append(counters / SAMPLE_RATE_HZ, counters, data.samples, flags, spikes)
     low, high = data.samples.min(axis=0), data.samples.max(axis=0)
     drum = _drum_course(data.course)
-    return ReplayTrial(data.title, data.simulated, data.layout, timeline, drum, low, high)
+    about = data.title, data.simulated, data.layout
+    return ReplayTrial(*about, timeline, drum, low, high, data.marks)
 
 
 def _drum_course(course: TrialCourse | None) -> DrumCourse:

@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QWidget
 from gui.analysis.export import ExportButton, Picture, foot_text, widget_picture, with_foot
 from gui.analysis.open_sessions import NeuronResponse, ResponseGrid
 from gui.analysis.task_values import TrialCourse, TrialData, TrialFeatures
-from gui.analysis.trial_view import LEAST_PX, TrialView
+from gui.analysis.trial_view import LEAST_PX, TrialView, add_marks
 from gui.analysis.value_file import SIMULATED, data_words, yes_or_no
 from gui.live.drum_course import thin_out
 from gui.widgets.labels import label
@@ -32,7 +32,7 @@ from gui.widgets.plot_axes import (
     whole_ticks,
 )
 from gui.widgets.theme import Theme, scaled_px, text_scale
-from rigctl.values import SAMPLE_RATE_HZ
+from rigctl.values import SAMPLE_RATE_HZ, TrialMark
 
 
 class CourseView(PlotGrid):
@@ -46,6 +46,7 @@ class CourseView(PlotGrid):
         self._theme = theme
         self.course: TrialCourse | None = None
         self.heading = ""
+        self._marks: tuple[TrialMark, ...] = ()
         self.force_plot = time_plot(self.cells, 0, "Force (g)", last=False)
         self.speed_plot = time_plot(self.cells, 1, "Speed (mm/s)", last=True)
         self.speed_plot.setLabel("bottom", "Time since the first sample (s)")
@@ -64,11 +65,13 @@ class CourseView(PlotGrid):
             colour_axes(plot, theme)
         self.reserve_plots(*LEAST_PX)
         reserve_right(self.cells)
-        self.show_course(self.course, self.heading)
+        self.show_course(self.course, self.heading, self._marks)
 
-    def show_course(self, course: TrialCourse | None, heading: str = "") -> None:
-        """Show the force and speed of the trial that the heading names, or nothing."""
-        self.course, self.heading = course, heading
+    def show_course(
+        self, course: TrialCourse | None, heading: str = "", marks: tuple[TrialMark, ...] = ()
+    ) -> None:
+        """Show force, speed and notes of the trial that the heading names, or nothing."""
+        self.course, self.heading, self._marks = course, heading, marks
         self.show_heading(self.force_plot, heading, self._theme)
         for plot in (self.force_plot, self.speed_plot):
             plot.clear()
@@ -82,6 +85,7 @@ class CourseView(PlotGrid):
         theme = self._theme
         self._add(self.force_plot, course.force_g, theme.force, course.planned_g)
         self._add(self.speed_plot, course.speed_mm_s, theme.speed, course.planned_mm_s)
+        add_marks((self.force_plot, self.speed_plot), marks, theme)
         self._draw()
 
     def _add(self, plot: pg.PlotItem, y: NDArray[np.float64], colour: str, planned: float) -> None:
@@ -365,7 +369,7 @@ class TrialPages(PageTabs):
         """Show a trial, or a hint without one."""
         self.readings.show_trial(data)
         heading = data.heading if data is not None else ""
-        self.course.show_course(data.course if data else None, heading)
+        self.course.show_course(data.course if data else None, heading, data.marks if data else ())
         self.features.show_features(data.features if data else None, heading)
         self.compare.show_taxels(data.layout.n_taxels if data else 0)
         self.save_button.setEnabled(data is not None)

@@ -79,6 +79,7 @@ class PathKind(Enum):
     WORLD_FILE = ("World of a simulated rig (*.toml)", _TOML, "")
     PROTOCOL = ("Protocol (*.toml)", _TOML, "Open a protocol file")
     OUTPUT = ("Folder for new sessions", "", "Choose a folder")
+    DATA = ("Folder that holds sessions", "", "Choose a folder")
     SESSION = ("Session folder", "", "Choose a session folder")
     ANALYSIS_FILE = ("Analysis file (*.toml)", _TOML, "Choose an analysis file")
     MODEL = ("Model file (*.h5)", _MODEL, "Choose a model file")

@@ -40,7 +40,10 @@ POLL_S = 0.1
 TOLD_EVENTS = ("early_end", "fault", "link", "pause", "resume", "message", "stop", "control")
 """Events that the user reads while the run goes on."""
 EXIT_CODES = {"aborted": INTERRUPTED, "failed": 3}
-KEYS = "p pause · r resume · a abort · c clear a fault · t take control · each with Enter"
+KEYS = (
+    "p pause · r resume · k skip the trial · a abort · c clear a fault · t take control · "
+    "each with Enter"
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -232,6 +235,7 @@ _COMMANDS = {
     "r": "resume",
     "a": "abort",
     "c": "clear_fault",
+    "k": "skip",
     "s": "stop",
     "t": "take_control",
 }

@@ -97,6 +97,10 @@ class Engine(ServedEngine[Run, RunRequest]):
         """
         self._active_run().repeat(trial_id, self._note(text))
 
+    def skip(self, trial_id: int) -> None:
+        """Leave out a trial of the run; 0 is the present one. Raises WrongUse where it cannot."""
+        self._active_run().skip(trial_id)
+
     def end_condition(self, end: ConditionEnd) -> None:
         """End a condition of the run early. Raises WrongUse where that cannot be now."""
         if not self._active_run().end_condition(end):

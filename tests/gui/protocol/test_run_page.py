@@ -167,6 +167,29 @@ def test_notes_of_a_run_go_through_its_engine(
     assert harness.engine.requests[-1] == ("repeat", arguments)
 
 
+def test_a_key_marks_the_newest_trial_and_skip_leaves_one_out(
+    harness: Harness, panel: ProtocolPanel, recorded: Path
+) -> None:
+    window, page = harness.window, panel.page
+    window.activateWindow()
+    wait_until(window.isActiveWindow)
+    QTest.keyClick(page.attempt_view, Qt.Key.Key_B, Qt.KeyboardModifier.ControlModifier)
+    wait_until(lambda: verdicts(panel)[7] == BAD)
+    assert page.attempts.rows[7].texts[-1].startswith("marked bad")
+    click(page.buttons["skip"])
+    assert harness.engine.requests[-1] == ("skip", {"trial_id": 0})
+    page.tabs.setCurrentWidget(page.order_view)
+    page.order_view.selectRow(4)
+    click(page.buttons["skip"])
+    number = int(page.order.index(4, 0).data())
+    assert harness.engine.requests[-1] == ("skip", {"trial_id": number})
+    page.tabs.setCurrentWidget(page.attempt_view)
+    page.attempt_view.selectRow(0)
+    write(panel, "a scratch on the plate")
+    click(page.buttons["on_trial"])
+    wait_until(lambda: page.attempts.rows[0].texts[-1] == "a scratch on the plate")
+
+
 def test_notes_can_be_added_long_after_the_run(
     harness: Harness, panel: ProtocolPanel, tmp_path: Path
 ) -> None:
