@@ -418,6 +418,8 @@ class MainWindow(SteadyFocusWindow):
                 "scans_in": self.finger_tab.setup.out,
             }
         )
+        self.memory.keep_files("protocols", self.protocol_panel.protocol)
+        self.memory.keep_files("scan_protocols", self.finger_tab.setup.protocol)
         self.memory.keep_live_views(self.live_page)
         self.memory.restore_layout()
         self._show_view()
@@ -434,8 +436,8 @@ class MainWindow(SteadyFocusWindow):
         self._add_pages()
         self._add_docks()
         prompts = (self.prompt_panel, self.finger_tab.prompt_panel)
-        questions = (*prompts, self.analysis_tab.run_end_strip)
-        self._questions = (self.attach.closing,)
+        questions = (self.protocol_panel.unsaved, *prompts, self.analysis_tab.run_end_strip)
+        self._questions = (self.attach.closing, self.protocol_panel.unsaved)
         offer = self.tools.flash_strip
         strips = (self.drum.alarms.strip, *self.attach.strips, offer, *questions)
         self.regions = Regions(self.toolbar, strips, self.docks)

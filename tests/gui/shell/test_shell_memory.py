@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -15,6 +16,7 @@ from PySide6.QtWidgets import QApplication
 from gui.shell.help_page import CrashReporter
 from gui.shell.main_window import MainWindow
 from gui.shell.user_settings import MAX_RECENT, UserSettings
+from rigctl.config import resources
 from tests.gui.fake_engine import FakeEngine
 from tests.gui.steps import Harness, own_window, wait_until
 
@@ -65,6 +67,28 @@ def test_layout_and_folder_return_after_a_crash(open_window: WindowMaker) -> Non
     assert again.operate_panel.record_box.folder.text() == "/data/by-hand"
     assert again.live_page.save_strip.folder.text() == "/data/pictures"
     assert again.finger_tab.setup.out.text() == "/data/scans"
+
+
+def test_own_protocols_stay_in_the_list_as_long_as_they_exist(
+    open_window: WindowMaker, tmp_path: Path
+) -> None:
+    window = open_window()
+    mine, gone = tmp_path / "mine.toml", tmp_path / "gone.toml"
+    for file in (mine, gone):
+        shutil.copyfile(resources.protocols() / "quick.toml", file)
+        window.protocol_panel.add_protocol(str(file))
+    scans = tmp_path / "scans.toml"
+    shutil.copyfile(resources.finger_protocols() / "quick.toml", scans)
+    window.finger_tab.setup.add_protocol(str(scans))
+    window.memory.save()
+    gone.unlink()
+    again = open_window()
+    assert again.protocol_panel.protocol.findData(str(mine)) >= 0
+    assert again.protocol_panel.protocol.findData(str(gone)) < 0
+    assert again.protocol_panel.protocol.currentText() == "quick", "nothing else is chosen"
+    assert again.finger_tab.setup.protocol.findData(str(scans)) >= 0
+    again.memory.save()
+    assert open_window().protocol_panel.protocol.findData(str(mine)) >= 0
 
 
 def test_closed_panel_comes_back(open_window: WindowMaker) -> None:
