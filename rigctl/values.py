@@ -5,6 +5,7 @@ Code never changes the arrays of a value after its construction.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, NamedTuple
@@ -12,6 +13,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+ABOUT: Mapping[str, str] = {
+    "operator": "who records",
+    "sensor": "which sensor is mounted",
+    "plate_lot": "the lot of the plates",
+    "project": "what the session is for",
+    "remarks": "what else a reader should know",
+}
+"""What people say of a session at its start, by the attribute that keeps it."""
 PLATE_WIDTH_MM = 36.0
 """Of every texture plate, bent or flat."""
 DRUM, TAXELS, FINGER = "drum", "taxels", "finger"
@@ -267,6 +276,8 @@ class SessionLine:
     protocol: str = ""
     operator: str = ""
     sensor: str = ""
+    plate_lot: str = ""
+    project: str = ""
     rig: str = ""
     simulated: bool = False
     trials_planned: int = 0

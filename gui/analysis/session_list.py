@@ -241,6 +241,8 @@ def session_table(
         texts("Protocol", [line.protocol or "–" for line in lines]),
         texts("Operator", [line.operator or "–" for line in lines]),
         texts("Sensor", [line.sensor or "–" for line in lines]),
+        texts("Plate lot", [line.plate_lot or "–" for line in lines]),
+        texts("Project", [line.project or "–" for line in lines]),
         texts("Trials", [_progress(line) for line in lines], "Committed, of those planned"),
         _numbers("Bad", [line.marked_bad for line in lines], "Attempts that a note marks bad"),
         texts("State", [line.state for line in lines], "Whether all planned trials are there"),

@@ -568,7 +568,8 @@ class MainWindow(SteadyFocusWindow):
         run_end.continue_requested.connect(self.protocol_panel.continue_session)
         self.docks.panel_used.connect(self._use_panel)
         self.analysis_tab.panel.open_requested.connect(self.sessions.remember)
-        for offers in (self.sessions.open_requested, self.start.session_requested):
+        opened_by = (self.sessions.open_requested, self.start.session_requested)
+        for offers in (*opened_by, self.tools.session_requested):
             offers.connect(self._analyse)
         self.sessions.browse_requested.connect(self._open_session)
         self.help.reported.connect(self.report)

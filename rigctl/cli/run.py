@@ -18,7 +18,14 @@ from queue import Empty, SimpleQueue
 from typing import Any, Generic, Protocol, TypeVar
 
 from rigctl.cli import INTERRUPTED
-from rigctl.cli.arguments import a_path, add_option, add_seed, path_or_name
+from rigctl.cli.arguments import (
+    a_path,
+    about_options,
+    add_about,
+    add_option,
+    add_seed,
+    path_or_name,
+)
 from rigctl.cli.progress import Interrupts, ProgressLine, clock
 from rigctl.cli.verify import print_missing, print_session
 from rigctl.cli.world import add_wirings, add_world
@@ -70,6 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_option(parser, "--resume", a_path, "DIR", "continue a session")
     add_seed(parser, "seed of the trial order and of a simulated rig")
+    add_about(parser.add_argument_group("kept in the session, shown by rigctl info"))
     parser.add_argument("--yes", action="store_true", help="change simulated plates without asking")
     parser.add_argument(
         "--paced", action="store_true", help="run simulated time at the speed of real time"
@@ -283,6 +291,7 @@ def _engine_arguments(args: argparse.Namespace) -> list[str]:
         "--out": args.out,
         "--resume": args.resume,
         "--order-seed": args.seed,
+        **about_options(args),
     }
     # In one word, or a name that begins with a dash would be an option.
     given = [f"{name}={value}" for name, value in named.items() if value is not None]

@@ -19,7 +19,7 @@ from rigctl.session.part import existing_parts, stray_files
 from rigctl.session.session import Session, describe_ends, ended_early, open_session
 from rigctl.session.session_reader import SessionReader, read_closing_digest
 from rigctl.session.writer_lock import is_being_written, lock_owner_pid
-from rigctl.values import COMPLETE, INCOMPLETE, RECORDING, UNREADABLE, SessionLine, Verdict
+from rigctl.values import ABOUT, COMPLETE, INCOMPLETE, RECORDING, UNREADABLE, SessionLine, Verdict
 
 BOARD_KIND = "board"
 """Kind of the events with a board's own counts at the start and the end of a sitting."""
@@ -74,8 +74,7 @@ def summarise_header(session: SessionReader) -> dict[str, Any]:
         **({"world_file": name} if (name := header.simulation.get("world_file")) else {}),
         **({"cut_by": header.cut_by} if header.cut_by else {}),
         "firmware": {b.board: f"{b.firmware_version} ({b.build_hash})" for b in boards},
-        "operator": header.operator,
-        "sensor": header.sensor,
+        **{name: getattr(header, name) for name in ABOUT},
         "start_utc": header.start_utc,
         "software": " ".join(filter(None, (header.software_version, header.software_commit))),
         "parts": len(session.parts),
@@ -199,6 +198,8 @@ def _line_of(session: SessionReader) -> SessionLine:
         header.protocol,
         header.operator,
         header.sensor,
+        header.plate_lot,
+        header.project,
         header.rig,
         header.simulated,
         header.trials_planned,

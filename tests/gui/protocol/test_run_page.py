@@ -250,12 +250,16 @@ def test_the_next_window_knows_folder_operator_and_sensor(
     memory.keep_texts(panel.form.remembered)
     panel.out.setText(str(tmp_path))
     panel.form.sensor.setText("batch 7")
+    for name, text in (("plate_lot", "PLA 3"), ("project", "pilot"), ("remarks", "cold room")):
+        panel.form.about[name].setText(text)
     panel.form.notes.setText("new skin")
     harness.update()
     wait_until(panel.buttons["Start"].isEnabled)
     click(panel.buttons["Start"])
     _, arguments = harness.engine.requests[-1]
     assert (arguments["operator"], arguments["sensor"]) == ("Jörg", "batch 7")
+    said = [arguments[name] for name in ("plate_lot", "project", "remarks")]
+    assert said == ["PLA 3", "pilot", "cold room"]
     assert arguments["notes"] == "new skin" and panel.form.notes.text() == ""
     memory.save()
     later = ProtocolPanel()
@@ -263,3 +267,4 @@ def test_the_next_window_knows_folder_operator_and_sensor(
     WindowMemory(settings, window, window.docks).keep_texts(later.form.remembered)
     assert later.out.text() == str(tmp_path)
     assert (later.form.operator.text(), later.form.sensor.text()) == ("Jörg", "batch 7")
+    assert later.form.about["plate_lot"].text() == "PLA 3"

@@ -28,7 +28,7 @@ from tests.gui.steps import click, own_window, press_escape, wait_until
 
 TIMEOUT_MS = 120_000
 RIDGES = ridges("ridges", 3)
-PEOPLE = {"operator": "Jörg", "sensor": "batch 7", "notes": "new skin"}
+PEOPLE = {"operator": "Jörg", "sensor": "batch 7", "project": "pilot", "notes": "new skin"}
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +125,7 @@ def test_protocol_runs_to_disk_and_stops_by_escape(window: MainWindow, tmp_path:
     panel.add_protocol(str(path))
     panel.out.setText(str(tmp_path))
     for field, text in PEOPLE.items():
-        getattr(panel.form, field).setText(text)
+        {**panel.form.about, "notes": panel.form.notes}[field].setText(text)
     wait_until(panel.buttons["Start"].isEnabled, TIMEOUT_MS)
     click(panel.queue.add_button)
     click(panel.buttons["Start"])
@@ -142,6 +142,7 @@ def test_protocol_runs_to_disk_and_stops_by_escape(window: MainWindow, tmp_path:
         assert session.trials["verdict"].tolist()[0] == "committed"
         assert np.all(session.window(0).flags & 1)
         assert session.header.operator == "Jörg" and session.header.sensor == "batch 7"
+        assert (session.header.project, session.header.plate_lot) == ("pilot", "")
         assert [note.text for note in session.notes] == ["new skin"]
     wait_until(lambda: window.toolbar.recording_lamp.level is Level.OFF)
     session_folder = Path(status.status.run.session)
