@@ -9,7 +9,8 @@ stop       while the emergency stop is pressed nothing drives or turns, and the 
 lift       a lift that ends without a command has ended contact, also with a broken potentiometer,
            and with a broken upper switch beside a potentiometer; not where the potentiometer or
            the load cell was set as reversed, because then the actuator seems to be, and
-           everything goes off
+           everything goes off; nor where a board that is not commissioned has no potentiometer,
+           because then a force that falls may be one that presses on a reversed cell
 guard      settings that determine the meaning of a force change only at rest and without contact
 bounds     the board accepts no value that the register table forbids
 tare       the board accepts no plain tare during contact
@@ -102,6 +103,7 @@ class Judge:
         self._is_balanced = is_balanced
         self._circuit, self._is_whole, self._least_gain = AS_DRAWN, True, 1.0
         self._zero_is_blind = self._seems_reversed = self._position_lied = False
+        self._lifts_gently = True
         self._place_is_kept = self._place_is_known = False
         self._cell_changes, self._finger_was_felt, self._contact_is_blind = 0, False, False
         self._only_position_broke = self._only_upper_end_broke = self._has_position = True
@@ -279,6 +281,8 @@ class Judge:
             return
         if self._seems_reversed or not (self._is_whole or self._lifts_by_others(state)):
             return
+        if self._lifts_gently and not self._has_position:
+            return
         # An emergency stop that was configured before ends a lift all the same.
         if self._button_ms >= self._lifting_ms:
             return
@@ -306,6 +310,7 @@ class Judge:
             self._seems_reversed = True
         if register.name in BOUND_SETTINGS and before != after:
             self._place_is_kept = self._place_is_known = False
+            self._lifts_gently = True
         if register.address in WIRES:
             self._check_wires(register, after, before != after)
         if register.guard is not Guard.NONE and before != after and self._is_whole:
@@ -333,6 +338,7 @@ class Judge:
             self.heartbeat(self.now_ms)
         if command == Command.COMMISSION:
             self._is_commissioned = True
+            self._lifts_gently = False
             self._place_is_kept |= self._place_is_known
             self._set_limit()
         if command == Command.TARE_ANYWAY:
