@@ -312,10 +312,19 @@ class SessionReader:
         order = np.argsort(self.trials["trial_id"][indices], kind="stable")
         return indices[order].astype(np.int64)
 
-    def samples(self, index: int) -> NDArray[np.uint16]:
-        """Return the readings of a trial, uint16 (n, n_taxels); :meth:`window` has the gaps."""
+    def samples(self, index: int, first: int = 0, end: int | None = None) -> NDArray[np.uint16]:
+        """Return the readings of a trial, uint16 (n, n_taxels); :meth:`window` has the gaps.
+
+        ``first``, ``end``: read only the rows ``first`` … ``end - 1`` of them.
+        """
         part, start, stop = self._rows_of(index)
-        return part.read(SAMPLES, start, stop)
+        stop = stop if end is None else min(stop, start + end)
+        return part.read(SAMPLES, min(start + first, stop), stop)
+
+    def sample_count(self, index: int) -> int:
+        """Return the number of readings of a trial that were received."""
+        _, start, stop = self._rows_of(index)
+        return stop - start
 
     def _part(self, number: int) -> PartReader:
         return next(part for part in self.parts if part.number == number)
