@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,14 +15,23 @@ from gui.analysis.open_sessions import ResponseGrid, write_trial
 from gui.analysis.results import AnalysisResults
 from gui.analysis.results_view import FigureView, ResultsPanel, ResultsView
 from gui.analysis.run_box import MODEL, PAPER, REALTIME
+from gui.analysis.session_list import SessionList
 from gui.analysis.session_panel import SessionPanel
-from gui.analysis.task_values import DRUM, FINGER, ScanPicture, SessionTable, describe_options
+from gui.analysis.task_values import (
+    DRUM,
+    FINGER,
+    FoundSessions,
+    ScanPicture,
+    SessionLines,
+    SessionTable,
+    describe_options,
+)
 from gui.analysis.trial_pages import CourseView, TrialPages
 from gui.analysis.trial_sections import finer
 from gui.analysis.trial_view import TrialView
 from gui.analysis.value_file import write_columns
 from gui.analysis.worker import Worker
-from gui.widgets.file_browser import typed_path
+from gui.widgets.file_browser import PathKind, typed_path
 from gui.widgets.formatting import grouped
 from gui.widgets.labels import Strip
 from gui.widgets.layouts import push_button
@@ -34,14 +44,21 @@ class RunEndStrip(Strip):
 
     analyse_requested = Signal(str)
     """The session's folder."""
+    continue_requested = Signal(str)
+    """The same; its run hides the strip."""
 
     def __init__(self) -> None:
         super().__init__()
         self.session = ""
         self._watched = ""
         self.analyse_button = push_button("Analyse it", self._analyse)
+        self.continue_button = push_button(
+            "Continue it",
+            lambda: self.continue_requested.emit(self.session),
+            PathKind.INTERRUPTED.value[2],
+        )
         self.close_button = push_button("Close", self.hide)
-        self.lay_out(self.analyse_button, self.close_button, warns=False)
+        self.lay_out(self.continue_button, self.analyse_button, self.close_button, warns=False)
 
     def show_status(self, status: EngineStatus) -> None:
         """Watch a run, and offer its session when it ends."""
@@ -55,6 +72,7 @@ class RunEndStrip(Strip):
             self.session = watched
             name = Path(self.session).name
             self.text.setText(f"The run {name} has ended with {_trials(run)}.")
+            self.continue_button.setVisible(not run.is_complete)
             self.show()
 
     def _analyse(self) -> None:
@@ -67,8 +85,7 @@ def _trials(run: RunStatus) -> str:
     n, planned = run.trials_committed, run.trials_planned
     if n >= planned:
         return "1 trial" if n == 1 else f"{grouped(n)} trials"
-    rest = "" if run.state == "done" else ": Continue a session … in Protocol records the rest"
-    return f"{grouped(n)} of {grouped(planned)} trials{rest}"
+    return f"{grouped(n)} of {grouped(planned)} trials"
 
 
 FOLLOW_MS = 1000
@@ -79,8 +96,11 @@ READING = (
     "trial_section",
     "compare_trials",
     "leave_out",
+    "note_trial",
 )
 """Tasks of the reader."""
+LISTING = ("find_sessions", "read_session_lines")
+"""Tasks of the reader for the list of sessions."""
 
 
 class AnalysisTab(QObject):
@@ -93,14 +113,19 @@ class AnalysisTab(QObject):
     """Kind and text for the event log."""
     view_changed = Signal()
     """:attr:`view` has changed."""
+    found_whole = Signal(str)
+    """The closing digest of a session that a check found whole."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self.panel, self.worker, self.reader = SessionPanel(), Worker(), Worker()
+        self.sessions = SessionList()
         self.trial_view, self.figure_view = TrialPages(theme), FigureView()
         self.results_view, self.files = ResultsView(), FileSaver()
         self.results_panel = ResultsPanel(self.results_view)
         self.run_end_strip = RunEndStrip()
+        self.author: Callable[[], str] = str
+        """Returns who writes notes."""
         self._settings = self._analysed = ""
         self.view: QWidget = self.trial_view
         self._report_folder = self._verified = ""
@@ -111,7 +136,10 @@ class AnalysisTab(QObject):
         self._reads_for: TrialView | CourseView = self.trial_view.readings
         panel, worker, reader = self.panel, self.worker, self.reader
         panel.open_requested.connect(lambda path: reader.submit("open_session", path=path))
+        self.sessions.task_requested.connect(lambda task, args: reader.submit(task, **args))
+        self.sessions.export_requested.connect(self._export)
         panel.trial_requested.connect(self._load_trial)
+        panel.note_requested.connect(self._note)
         panel.run_requested.connect(self._run)
         panel.verify_requested.connect(self._verify)
         panel.run_box.cancel_requested.connect(self._cancel)
@@ -193,6 +221,10 @@ class AnalysisTab(QObject):
         self._verified = self._analysed = path
         self.worker.submit("verify_session", path=path, digest=digest)
 
+    def _note(self, path: str, row: int, text: str, mark: str) -> None:
+        note = {"text": text, "author": self.author(), "mark": mark}
+        self.reader.submit("note_trial", path=path, row=row, **note)
+
     def _load_trial(self, path: str, row: int) -> None:
         """Read a trial; of several that were chosen quickly, only the last one is shown."""
         self._wanted_trial = path, row
@@ -247,6 +279,18 @@ class AnalysisTab(QObject):
         else:
             self.files.save(*place, view.picture())
 
+    def _export(self, session: str) -> None:
+        """Write all attempts of a session with their notes as a table."""
+        from rigctl.session.trial_csv import write_trials
+
+        write = in_process(write_trials, typed_path(session))
+        self.files.save(_figures_folder(session), "trials", TABLE, write)
+
+    def _keep_verified(self) -> None:
+        table = self.panel.sessions.get(self._verified)
+        if table is not None and table.closing_digest:
+            self.found_whole.emit(table.closing_digest)
+
     def _compare(self, train: int, neuron: str) -> None:
         trials = self.panel.selected_trials()
         self.reader.submit("compare_trials", trials=trials, train=train, neuron=neuron)
@@ -272,6 +316,13 @@ class AnalysisTab(QObject):
             self.trial_view.compare.show_grid(result)
         elif isinstance(result, SessionTable):
             self.panel.show_session(result)
+            if task == "note_trial" and self.panel.trials.chosen is not None:
+                _, row = self.panel.trials.chosen
+                self._load_trial(result.path, row)
+        elif isinstance(result, FoundSessions):
+            self.sessions.show_found(result.paths)
+        elif isinstance(result, SessionLines):
+            self.sessions.show_lines(result.lines)
         elif isinstance(result, ScanPicture):
             self.figure_view.show_file(result.figure)
             self._show(self.figure_view)
@@ -283,6 +334,8 @@ class AnalysisTab(QObject):
             self._show(self.trial_view)
         elif isinstance(result, AnalysisResults):
             self._report_folder = ""
+            if task == "verify_session" and not result.is_alarming:
+                self._keep_verified()
             if result.altered and self._verified in self.panel.sessions:
                 self.reader.submit("leave_out", path=self._verified, altered=result.altered)
             self.results_panel.show_results(result, self._settings)
@@ -294,7 +347,9 @@ class AnalysisTab(QObject):
 
     def _fail(self, task: str, sentence: str) -> None:
         is_first = len(self.panel.run_box.form.sessions) < 2
-        if task == "open_session" and is_first:
+        if task in LISTING:
+            self.sessions.show_failure(sentence)
+        elif task == "open_session" and is_first:
             self.panel.show_unopened(sentence)
         elif task in READING:
             self.panel.drop_unopened()

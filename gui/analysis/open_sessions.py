@@ -68,6 +68,12 @@ def shown_reasons(session: Any) -> list[str]:
     return list(map(str, reasons))
 
 
+def shown_notes(session: Any) -> list[str]:
+    """Return what people noted on each attempt of an open session."""
+    notes = session.trial_notes()
+    return [notes.get(row, "") for row in range(len(session.trials))]
+
+
 def finger_about(session: FingerSession) -> str:
     """Return a sentence about a session of the moving finger."""
     header = session.header
@@ -89,6 +95,7 @@ def finger_columns(session: FingerSession) -> tuple[AttemptColumn, ...]:
             "Named", list(map(_named, trials)), "The answer, and whether it was right"
         ),
         AttemptColumn.of_texts("Verdict", shown_verdicts(session), "Whether the attempt counts"),
+        AttemptColumn.of_texts("Notes", shown_notes(session), "What people noted on the attempt"),
         AttemptColumn.of_texts("Why", shown_reasons(session), "Why the attempt does not count"),
     )
 
@@ -257,6 +264,7 @@ _COLUMNS = (
     ("Mean mm/s", "mean_speed_mm_s", "Measured over the trial"),
     ("Mean g", "mean_force_g", "Measured over the trial"),
     ("Mounting", "mount", "Mounting of this plate, from 1"),
+    ("Notes", "notes", "What people noted on the attempt"),
     ("Why", "reasons", "Why the attempt does not count"),
 )
 
@@ -328,6 +336,21 @@ class OpenSessions:
             return self._session(path).header.simulated
         except SessionError:
             return False
+
+    def note(
+        self, path: str, row: int, text: str, author: str, mark: str, at_s: float | None = None
+    ) -> SessionTable:
+        """Write a note on an attempt of an open session, and return its trials again."""
+        from rigctl.session.notes import Mark, SessionNote
+        from rigctl.session.session import add_note
+
+        session = self._session(path)
+        trial = session.trials[row]
+        about = int(trial["trial_id"]), int(trial["attempt"])
+        now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+        add_note(session.path, SessionNote(now, text, *about, Mark(mark), author, at_s=at_s))
+        session.refresh()
+        return self._table(path)
 
     def leave_out(self, path: str, altered: tuple[tuple[int, str], ...]) -> SessionTable:
         """Leave attempts of an open session out, and return its trials again, which marks them."""
@@ -435,7 +458,7 @@ def _origin(header: SessionHeader) -> str:
 
 
 def _columns(session: Session) -> tuple[AttemptColumn, ...]:
-    texts = {"verdict": shown_verdicts, "reasons": shown_reasons}
+    texts = {"verdict": shown_verdicts, "reasons": shown_reasons, "notes": shown_notes}
     return tuple(
         AttemptColumn.of_texts(name, texts[field](session), tip)
         if field in texts

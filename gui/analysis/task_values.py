@@ -10,12 +10,16 @@ from numpy.typing import NDArray
 
 from gui.analysis.trial_table import AttemptColumn
 from gui.analysis.value_file import data_words
+from rigctl.session.notes import Mark
 from rigctl.session.sensor_layout import SensorLayout
+from rigctl.values import SessionLine, TrialMark, Verdict
 
 if TYPE_CHECKING:
     from rigctl.analysis.options import AnalysisOptions
 
 
+MARKED_BAD = "marked bad"
+"""Part of the reason for a trial that a note leaves out."""
 DRUM, FINGER = "drum", "finger"
 """Experiments of a session."""
 
@@ -43,6 +47,16 @@ class SessionTable(NamedTuple):
     def n_rows(self) -> int:
         """Number of attempts."""
         return len(self.columns[0].values) if self.columns else 0
+
+    def possible_mark(self, row: int) -> Mark:
+        """Return what a person can mark an attempt: bad, good where it is marked bad, or nothing.
+
+        Other attempts than committed ones do not count in any case.
+        """
+        verdicts = [column.text(row) for column in self.columns if column.name == "Verdict"]
+        if verdicts == [Verdict.COMMITTED]:
+            return Mark.BAD
+        return Mark.GOOD if MARKED_BAD in dict(self.reasons).get(row, "") else Mark.NONE
 
 
 class TrialCourse(NamedTuple):
@@ -96,7 +110,8 @@ class TrialData(NamedTuple):
     """Readings and spikes of one trial, and what the drum did.
 
     ``overview``: all of the trial, of a long one in groups of samples. ``place``: path of the
-    session and row of the attempt, of which finer sections can be read.
+    session and row of the attempt, of which finer sections can be read. ``marks``: what people
+    noted on it.
     """
 
     title: str
@@ -107,6 +122,7 @@ class TrialData(NamedTuple):
     simulated: bool = False
     n_samples: int = 0
     place: tuple[str, int] = ("", 0)
+    marks: tuple[TrialMark, ...] = ()
 
     @property
     def heading(self) -> str:
@@ -169,3 +185,15 @@ def describe_options(options: AnalysisOptions, experiment: str) -> str:
 def model_path(report: Path) -> Path:
     """Return the path of a report's model: beside its folder."""
     return report.with_name(f"{report.name}-model.h5")
+
+
+class FoundSessions(NamedTuple):
+    """The paths of the sessions below a folder, the newest first."""
+
+    paths: tuple[str, ...]
+
+
+class SessionLines(NamedTuple):
+    """What a list says of some sessions."""
+
+    lines: tuple[SessionLine, ...]

@@ -15,7 +15,7 @@ from gui.analysis.export import ExportButton, Picture, foot_text, widget_picture
 from gui.analysis.open_sessions import NeuronResponse, ResponseGrid
 from gui.analysis.task_values import Section, TrialCourse, TrialData, TrialFeatures
 from gui.analysis.trial_sections import COURSE_NAMES, course_columns, reading_columns, reading_names
-from gui.analysis.trial_view import LEAST_PX, TrialView, wider
+from gui.analysis.trial_view import LEAST_PX, TrialView, add_marks, wider
 from gui.analysis.value_file import SIMULATED, data_words, yes_or_no
 from gui.live.drum_course import SHOWN_POINTS, thin_out
 from gui.widgets.labels import label
@@ -33,7 +33,7 @@ from gui.widgets.plot_axes import (
     whole_ticks,
 )
 from gui.widgets.theme import Theme, scaled_px, text_scale
-from rigctl.values import SAMPLE_RATE_HZ
+from rigctl.values import SAMPLE_RATE_HZ, TrialMark
 
 COURSE_FACTOR = 1024
 """Samples in a group of a section that is read for its force and speed."""
@@ -53,6 +53,7 @@ class CourseView(PlotGrid):
         self._theme = theme
         self.course: TrialCourse | None = None
         self.heading, self._n_samples = "", 0
+        self._marks: tuple[TrialMark, ...] = ()
         self._section: Section | None = None
         self.force_plot = time_plot(self.cells, 0, "Force (g)", last=False)
         self.speed_plot = time_plot(self.cells, 1, "Speed (mm/s)", last=True)
@@ -72,17 +73,21 @@ class CourseView(PlotGrid):
             colour_axes(plot, theme)
         self.reserve_plots(*LEAST_PX)
         reserve_right(self.cells)
-        self.show_course(self.course, self.heading, self._n_samples)
+        self.show_course(self.course, self.heading, self._marks, self._n_samples)
 
     def show_course(
-        self, course: TrialCourse | None, heading: str = "", n_samples: int = 0
+        self,
+        course: TrialCourse | None,
+        heading: str = "",
+        marks: tuple[TrialMark, ...] = (),
+        n_samples: int = 0,
     ) -> None:
-        """Show the force and speed of the trial that the heading names, or nothing.
+        """Show force, speed and notes of the trial that the heading names, or nothing.
 
         ``n_samples``: of a long trial, whose sections can be read.
         """
-        self.course, self.heading, self._n_samples = course, heading, n_samples
-        self._section = None
+        self.course, self.heading, self._marks = course, heading, marks
+        self._n_samples, self._section = n_samples, None
         self.show_heading(self.force_plot, heading, self._theme)
         for plot in (self.force_plot, self.speed_plot):
             plot.clear()
@@ -96,6 +101,7 @@ class CourseView(PlotGrid):
         theme = self._theme
         self._add(self.force_plot, course.force_g, theme.force, course.planned_g)
         self._add(self.speed_plot, course.speed_mm_s, theme.speed, course.planned_mm_s)
+        add_marks((self.force_plot, self.speed_plot), marks, theme)
         self._draw()
 
     def _add(self, plot: pg.PlotItem, y: NDArray[np.float64], colour: str, planned: float) -> None:
@@ -393,7 +399,8 @@ class TrialPages(PageTabs):
         self.readings.show_trial(data)
         heading = data.heading if data is not None else ""
         n_samples = data.n_samples if data is not None and data.is_long else 0
-        self.course.show_course(data.course if data else None, heading, n_samples)
+        course, marks = (data.course, data.marks) if data else (None, ())
+        self.course.show_course(course, heading, marks, n_samples)
         self.features.show_features(data.features if data else None, heading)
         self.compare.show_taxels(data.layout.n_taxels if data else 0)
         self.save_button.setEnabled(data is not None)

@@ -18,7 +18,7 @@ from gui.analysis.task_values import Section, TrialCourse, TrialData, TrialFeatu
 from gui.live.drum_course import DrumCourse, thin_out
 from gui.live.timeline import CAPACITY_S, Timeline
 from rigctl.session.sensor_layout import SensorLayout
-from rigctl.values import SAMPLE_RATE_HZ
+from rigctl.values import SAMPLE_RATE_HZ, TrialMark
 
 if TYPE_CHECKING:
     from rigctl.encoder.normalisation import Normalisation
@@ -155,6 +155,7 @@ def read_trial(trial: EncodedTrial, path: str) -> TrialData:
         trial.session.header.simulated,
         trial.n_samples,
         (path, trial.row),
+        trial.session.trial_marks(trial.row),
     )
 
 
@@ -264,7 +265,7 @@ class ReplayTrial(NamedTuple):
     """A section of a trial as the live views keep it: sample 0 of the trial is at position 0.
 
     ``low``, ``high``: uint16 (n_taxels,), each taxel's lowest and highest reading in the trial.
-    ``n_samples``: of the whole trial. ``row``: of the attempt.
+    ``n_samples``: of the whole trial. ``row``: of the attempt. ``marks``: what people noted on it.
     """
 
     title: str
@@ -276,6 +277,7 @@ class ReplayTrial(NamedTuple):
     high: NDArray[np.uint16]
     n_samples: int
     row: int
+    marks: tuple[TrialMark, ...] = ()
 
 
 AHEAD_S = 60
@@ -297,7 +299,9 @@ def replay_trial(trial: EncodedTrial, right: int) -> ReplayTrial:
     times_s = ((first - length) / SAMPLE_RATE_HZ, end / SAMPLE_RATE_HZ) if n > length else whole_s
     append_course(drum, read_course(trial.session, trial.row, *times_s))
     simulated = trial.session.header.simulated
-    return ReplayTrial(trial.title, simulated, layout, timeline, drum, low, high, n, trial.row)
+    marks = trial.session.trial_marks(trial.row)
+    about = trial.title, simulated, layout
+    return ReplayTrial(*about, timeline, drum, low, high, n, trial.row, marks)
 
 
 def _range(trial: EncodedTrial) -> tuple[Samples, Samples]:

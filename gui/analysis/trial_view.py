@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import ceil
 
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
-from PySide6.QtCore import Signal
+from PySide6.QtCore import Qt, Signal
 
 from gui.analysis.task_values import Section, TrialData
 from gui.live.raster import TrainRows
+from gui.widgets.labels import plain_tooltip
 from gui.widgets.plot_axes import (
     PlotGrid,
     colour_axes,
@@ -20,11 +22,28 @@ from gui.widgets.plot_axes import (
 )
 from gui.widgets.theme import Theme
 from rigctl.session.sensor_layout import PAPER_SENSOR
-from rigctl.values import SAMPLE_RATE_HZ
+from rigctl.values import SAMPLE_RATE_HZ, TrialMark
 
 NO_TRIAL = "Open a session and choose a trial on the left"
 LEAST_PX = (300, 130, 130)
 """Width and heights of two plots whose labels and numbers can be read."""
+
+
+MARK_LETTERS = 40
+
+
+def add_marks(plots: Sequence[pg.PlotItem], marks: Sequence[TrialMark], theme: Theme) -> None:
+    """Draw a line at each note, with its text in the first plot."""
+    pen = pg.mkPen(theme.muted, width=1, style=Qt.PenStyle.DotLine)
+    for at_s, text in marks:
+        short = text if len(text) <= MARK_LETTERS else f"{text[: MARK_LETTERS - 1]}…"
+        for number, plot in enumerate(plots):
+            line = pg.InfiniteLine(at_s, angle=90, pen=pen)
+            line.setToolTip(plain_tooltip(text))
+            if number == 0:
+                opts = {"position": 0.06, "color": theme.text, "fill": theme.plot}
+                pg.InfLineLabel(line, short, anchors=[(0, 0), (0, 0)], **opts)
+            plot.addItem(line)
 
 
 class TrialView(PlotGrid):
@@ -87,6 +106,7 @@ class TrialView(PlotGrid):
                 curve = pg.PlotCurveItem(pen=pg.mkPen(colour, width=1), skipFiniteCheck=True)
                 plot.addItem(curve)
                 self._curves.append(curve)
+        add_marks((self.samples_plot, self.spikes_plot), data.marks, self._theme)
         self._draw()
 
     def show_section(self, section: Section) -> None:

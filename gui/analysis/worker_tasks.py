@@ -35,7 +35,14 @@ from gui.analysis.results import (
     report_results,
     verify_results,
 )
-from gui.analysis.task_values import NeuronVoltage, ScanPicture, Section, TrialData
+from gui.analysis.task_values import (
+    FoundSessions,
+    NeuronVoltage,
+    ScanPicture,
+    Section,
+    SessionLines,
+    TrialData,
+)
 from gui.analysis.trial_sections import ReplayTrial, replay_trial
 from gui.protocol import run_tasks
 from gui.protocol.run_tasks import (
@@ -43,6 +50,7 @@ from gui.protocol.run_tasks import (
 )
 from gui.widgets.file_browser import typed_path
 from rigctl.errors import RigctlError
+from rigctl.values import RECORDING, SessionLine
 
 if TYPE_CHECKING:
     from rigctl.analysis.executors import Progress
@@ -79,6 +87,16 @@ def _run(task: Callable[..., Any], args: dict[str, Any]) -> tuple[str, Any]:
         return "failed", f"{type(error).__name__} in the analysis: {error}"
 
 
+def _files_of(path: str) -> frozenset[tuple[str, int, int]] | None:
+    """Return name, time and size of a session's files, None where they cannot be listed."""
+    try:
+        with os.scandir(path) as entries:
+            stats = [(entry.name, entry.stat()) for entry in entries]
+    except OSError:
+        return None
+    return frozenset((name, stat.st_mtime_ns, stat.st_size) for name, stat in stats)
+
+
 @cache
 def _let_engine_first() -> None:
     if sys.platform != "win32":
@@ -92,10 +110,12 @@ class WorkerTasks:
         self._progress = progress
         self._sessions = sessions = OpenSessions()
         self.open_session, self.follow_session = sessions.open, sessions.follow
+        self.note_trial = sessions.note
         self.session_age, self.leave_out = sessions.age_s, sessions.leave_out
         self._pictures = tempfile.TemporaryDirectory(prefix="rigctl-scans-")
         self._follower = run_tasks.SessionFollower()
         self._growing: GrowingCurve | None = None
+        self._lines: dict[str, tuple[object, SessionLine]] = {}
 
     plan_protocol = staticmethod(run_tasks.plan_protocol)
     read_protocol = staticmethod(run_tasks.read_protocol)
@@ -108,6 +128,26 @@ class WorkerTasks:
     def follow_run(self, folder: str, known: int) -> SessionNews:
         """Read the attempts of a session after the first ``known`` ones, and its notes."""
         return self._follower.read(folder, known)
+
+    def find_sessions(self, folder: str) -> FoundSessions:
+        """Return the sessions below a folder, the newest first. Raises SessionError."""
+        from rigctl.session.summary import find_sessions
+
+        return FoundSessions(tuple(map(str, find_sessions(Path(folder)))))
+
+    def read_session_lines(self, paths: tuple[str, ...]) -> SessionLines:
+        """Return what a list says of sessions; what has not changed is not read again."""
+        return SessionLines(tuple(map(self._line, paths)))
+
+    def _line(self, path: str) -> SessionLine:
+        from rigctl.session.summary import read_line
+
+        files = _files_of(path)
+        known, line = self._lines.get(path, (None, None))
+        if line is None or line.state == RECORDING or known != files:
+            line = read_line(Path(path))
+            self._lines[path] = files, line
+        return line
 
     def learning_curve(self, folder: str) -> SessionCurve:
         """Return the learning curve of a session's trials so far. Raises SessionError."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from PySide6.QtCore import QElapsedTimer, QObject, QRectF, QSignalBlocker, Qt, Q
 from PySide6.QtWidgets import QAbstractSpinBox, QCheckBox, QLineEdit, QScrollBar, QWidget
 
 from gui.analysis.export import foot_text
+from gui.analysis.note_box import NoteBox
 from gui.analysis.task_values import DRUM, NeuronVoltage, Section, SessionTable
 from gui.analysis.trial_sections import AHEAD_S, ReplayTrial, append_course, append_samples
 from gui.analysis.worker import Worker
@@ -228,6 +230,8 @@ VOLTAGE_SPEED = 4.0
 """A long trial that plays faster has no v(t)."""
 AHEAD_SAMPLES = AHEAD_S * SAMPLE_RATE_HZ
 FOLLOW_MS = 1000
+NOTE = "note"
+"""Kind of the marks of notes."""
 NEWEST = 1 << 31
 """As the row of an attempt: the last one that there is."""
 NO_ATTEMPT = "No attempt has ended yet: the first one is shown as soon as it has."
@@ -267,13 +271,14 @@ class ReplayPage(QWidget):
         self.setLayout(
             vbox(
                 *rows,
+                self.note_box,
                 self.growth,
                 self.sentence,
                 self.plots,
                 self.voltage,
                 self.values,
                 spacing=3,
-                tall=4,
+                tall=5,
             )
         )
         self._connect()
@@ -356,6 +361,9 @@ class ReplayPage(QWidget):
         self.speed.setStepType(QAbstractSpinBox.StepType.AdaptiveDecimalStepType)
         self.speed.setToolTip("Speed of the replay in times real time")
         self.movies = MovieMaker()
+        self.note_box = NoteBox("at this moment", "A mark on the plots where the replay stands")
+        self.author: Callable[[], str] = str
+        """Returns who writes notes."""
         self.place.setMinimumWidth(120)
         self._play_row = (self.play, self.place, label("Speed"), self.speed, *self.movies.controls)
 
@@ -364,6 +372,7 @@ class ReplayPage(QWidget):
         worker.finished.connect(self._finish)
         worker.failed.connect(self._fail)
         worker.progressed.connect(self._show_progress)
+        self.note_box.written.connect(self._note)
         movies = self.movies
         movies.requested.connect(self._write_movie)
         movies.told.connect(lambda words: show_text(self.sentence, words))
@@ -477,6 +486,9 @@ class ReplayPage(QWidget):
             self._grow(result)
         elif task == "session_age":
             self._show_age(result)
+        elif task == "note_trial":
+            self._show_rows(result)
+            self._offer_note()
         elif task == "load_replay":
             self._show_trial(result)
         elif task == "trial_section":
@@ -514,6 +526,9 @@ class ReplayPage(QWidget):
 
     def _show_trial(self, trial: ReplayTrial) -> None:
         data = LiveData(trial.layout.n_taxels, trial.timeline, trial.drum)
+        for mark in trial.marks:
+            data.add_event(mark.at_s, NOTE, mark.text, {})
+        self._offer_note()
         data.low, data.high = trial.low.astype(float), trial.high.astype(float)
         self.plots.show_data(data, trial.layout)
         n = trial.n_samples
@@ -563,6 +578,18 @@ class ReplayPage(QWidget):
         position = plots.cursors.position(window)
         scale, taxel = plots.value_scale, self.pointer.taxel
         show_text(self.values, cursor_text(plots.data, window, position, taxel, scale))
+
+    def _offer_note(self) -> None:
+        self.note_box.show_trial(self._table.possible_mark(self._row), has_trial=True)
+
+    def _note(self, text: str, mark: str) -> None:
+        """Write a note at the moment that is shown, and mark it there."""
+        at_s = round(self.player.position / SAMPLE_RATE_HZ, 3)
+        note = {"text": text, "author": self.author(), "mark": mark, "at_s": at_s}
+        self.worker.submit("note_trial", path=self._table.path, row=self._row, **note)
+        self.plots.data.add_event(at_s, NOTE, text, {})
+        self.show_moment()
+        self.reported.emit("note", f"trial {self._row + 1} at {at_s:.2f} s: “{text}”")
 
     def _write_movie(self) -> None:
         if self._row < 0:

@@ -19,7 +19,7 @@ from rigctl.engine.pipeline import SamplePipeline
 from rigctl.engine.progress import RunProgress
 from rigctl.engine.rig_boards import RigBoards
 from rigctl.engine.run_control import RunControl
-from rigctl.engine.run_reasons import RunPaused, RunStopped
+from rigctl.engine.run_reasons import RunPaused, RunStopped, TrialSkipped
 from rigctl.engine.run_request import OpenedRun
 from rigctl.engine.settings import press_settings, trial_settings
 from rigctl.engine.trial_cutter import CutTrial
@@ -381,7 +381,7 @@ class StepRunner:
         self._clocks_ppm = [float("inf"), float("inf")]
 
     async def run_step(self, step: Step) -> None:
-        """Run one step. Raises RunPaused, RunStopped and RigFault, also while in contact."""
+        """Run one step. Raises what ``control`` raises and RigFault, also while in contact."""
         try:
             match step:
                 case ChangePlate():
@@ -504,7 +504,7 @@ class StepRunner:
         attempt = TrialAttempt(self._motion, self._pipeline, trial, number, self._quality)
         try:
             reasons = await attempt.run()
-        except (RunPaused, RunStopped, RigFault) as interruption:
+        except (RunPaused, RunStopped, TrialSkipped, RigFault) as interruption:
             self._store(attempt, Verdict.ABORTED, (str(interruption),))
             raise
         data: dict[str, Any] = {"index_error_steps": await self._motion.index_error_steps()}

@@ -29,8 +29,8 @@ from rigctl.session.layout import SessionLayout, parse_trial
 from rigctl.session.notes import Mark, SessionNote, write_note
 from rigctl.session.part import PartReader, StructuredArray, session_layout
 from rigctl.session.sample_index import SampleFile, SampleRange, locate_samples, locate_windows
-from rigctl.session.session_reader import SessionReader, read_closing_digest
-from rigctl.values import Gap, TrialRow, Verdict
+from rigctl.session.session_reader import NOTE_KIND, SessionReader, read_closing_digest
+from rigctl.values import Gap, TrialMark, TrialRow, Verdict
 
 SCALING_KIND = "scaling"
 """Kind of an import's events with the scale of the stored counts, one for each taxel."""
@@ -124,6 +124,24 @@ class Session(SessionReader):
     def loadcell_lost(self) -> int:
         """Return the number of load-cell samples that the host never received."""
         return sum(int(part.rows(layout.DRUM)["loadcell_lost"].sum()) for part in self.parts)
+
+    def trial_marks(self, index: int) -> tuple[TrialMark, ...]:
+        """Return the notes on an attempt, and those that were written while it was recorded."""
+        row = self.trials[index]
+        about = int(row["trial_id"]), int(row["attempt"])
+        notes = [note for note in self.notes if (note.trial_id, note.attempt) == about]
+        marks = [TrialMark(note.at_s or 0.0, note.text) for note in notes]
+        return tuple(sorted((*marks, *self._moments(index))))
+
+    def _moments(self, index: int) -> list[TrialMark]:
+        """Return the notes that were written while an attempt was recorded."""
+        row, drum = self.trials[index], self.drum(index)
+        known = np.isfinite(drum.polls_s)
+        return [
+            TrialMark(float(np.interp(event.at_s, drum.polls["at_s"], drum.polls_s)), event.text)
+            for event in (self.events_of(NOTE_KIND) if known.any() else ())
+            if row["started_s"] <= event.at_s <= row["ended_s"] and not event.data.get("trial_id")
+        ]
 
     def trial_row(self, index: int) -> TrialRow:
         """Return one attempt."""

@@ -307,7 +307,7 @@ def _tools(stage: Stage) -> Iterator[str]:
         tools.calibrate_page.parts[part].show_refusal(REFUSAL)
         yield f"Calibrate, {part}, refused"
     yield from _setup(stage)
-    tools.accept_page.folder.clear()
+    tools.accept_page.fields["Session"].clear()
     for name, page in (("accept", tools.accept_page), ("ports", tools.ports_page)):
         stage.window.stack.show_page(name)
         page.verdict.setText(REFUSAL)
