@@ -23,6 +23,7 @@ BEGUN_FIRST = (
     "boards/test_flash.py",
     "gui/link/test_joining.py",
     "gui/shell/test_never_blocked.py",
+    "gui/analysis/test_long_trial.py",
     "encoder/test_processors.py",
     "finger/test_bench.py",
     "gui/shell/test_day_by_keyboard.py",

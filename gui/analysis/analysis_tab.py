@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from PySide6.QtCore import QObject, QTimer, Signal
 from PySide6.QtWidgets import QWidget
 
 from gui.analysis.export import TABLE, FileSaver, in_process
-from gui.analysis.open_sessions import ResponseGrid
+from gui.analysis.open_sessions import ResponseGrid, write_trial
 from gui.analysis.results import AnalysisResults
 from gui.analysis.results_view import FigureView, ResultsPanel, ResultsView
 from gui.analysis.run_box import MODEL, PAPER, REALTIME
@@ -25,7 +26,9 @@ from gui.analysis.task_values import (
     SessionTable,
     describe_options,
 )
-from gui.analysis.trial_pages import TrialPages
+from gui.analysis.trial_pages import CourseView, TrialPages
+from gui.analysis.trial_sections import finer
+from gui.analysis.trial_view import TrialView
 from gui.analysis.value_file import write_columns
 from gui.analysis.worker import Worker
 from gui.widgets.file_browser import PathKind, typed_path
@@ -90,6 +93,7 @@ READING = (
     "open_session",
     "follow_session",
     "load_trial",
+    "trial_section",
     "compare_trials",
     "leave_out",
     "note_trial",
@@ -127,6 +131,9 @@ class AnalysisTab(QObject):
         self._report_folder = self._verified = ""
         self._is_prepared = False
         self._wanted_trial: tuple[str, int] | None = None
+        self._wanted_section: tuple[TrialView | CourseView, dict[str, Any]] | None = None
+        """The view and the place of the section that it wants next."""
+        self._reads_for: TrialView | CourseView = self.trial_view.readings
         panel, worker, reader = self.panel, self.worker, self.reader
         panel.open_requested.connect(lambda path: reader.submit("open_session", path=path))
         self.sessions.task_requested.connect(lambda task, args: reader.submit(task, **args))
@@ -141,6 +148,8 @@ class AnalysisTab(QObject):
             save_button.export_requested.connect(self.save_page)
         self.files.saved.connect(lambda path: self.reported.emit("analysis", f"saved {path}"))
         self.files.failed.connect(lambda text: self.reported.emit("refused", text))
+        for view in (self.trial_view.readings, self.trial_view.course):
+            view.section_requested.connect(partial(self._want_section, view))
         self.trial_view.compare.compare_requested.connect(self._compare)
         self.results_panel.refused.connect(lambda text: self.reported.emit("refused", text))
         panel.shown.connect(self.prepare)
@@ -226,6 +235,20 @@ class AnalysisTab(QObject):
         if self._wanted_trial is not None:
             (path, row), self._wanted_trial = self._wanted_trial, None
             self.reader.submit("load_trial", path=path, row=row)
+        elif self._wanted_section is not None:
+            (self._reads_for, place), self._wanted_section = self._wanted_section, None
+            self.reader.submit("trial_section", **place)
+
+    def _want_section(
+        self, view: TrialView | CourseView, first: int, end: int, factor: int
+    ) -> None:
+        """Read a part of the trial that is shown; of several wishes, only the last one."""
+        assert self.trial_view.data is not None
+        path, row = self.trial_view.data.place
+        place = {"path": path, "row": row, "first": first, "end": end, "factor": finer(factor)}
+        self._wanted_section = view, place
+        if not self.reader.is_busy:
+            self._read_wanted()
 
     def save_page(self, suffix: str) -> None:
         """Save the page in front as a new file beside the session that it is about."""
@@ -239,10 +262,12 @@ class AnalysisTab(QObject):
     def _save_trial(self, suffix: str) -> None:
         pages, folder = self.trial_view, _figures_folder(self.panel.path)
         stem = pages.file_stem()
-        if suffix == TABLE:
-            self.files.save(folder, stem, suffix, in_process(write_columns, *pages.values()))
-        else:
+        if suffix != TABLE:
             self.files.save(folder, stem, suffix, pages.picture())
+        elif (recorded := pages.recorded_values()) is not None:
+            self.files.save(folder, stem, suffix, in_process(write_trial, *recorded))
+        else:
+            self.files.save(folder, stem, suffix, in_process(write_columns, *pages.values()))
 
     def _save_results(self, suffix: str) -> None:
         view = self.results_view
@@ -301,7 +326,10 @@ class AnalysisTab(QObject):
         elif isinstance(result, ScanPicture):
             self.figure_view.show_file(result.figure)
             self._show(self.figure_view)
+        elif task == "trial_section":
+            self._reads_for.show_section(result)
         elif task == "load_trial":
+            self._wanted_section = None
             self.trial_view.show_trial(result)
             self._show(self.trial_view)
         elif isinstance(result, AnalysisResults):
