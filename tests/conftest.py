@@ -21,6 +21,7 @@ settings.load_profile("rigctl")
 
 BEGUN_FIRST = (
     "attack/test_attack.py",
+    "firmware/test_controls.py",
     "boards/test_flash.py",
     "gui/link/test_joining.py",
     "gui/shell/test_never_blocked.py",
@@ -43,8 +44,6 @@ BEGUN_FIRST = (
     "gui/firmware_flows/test_hand_work.py",
     "gui/firmware_flows/test_two_windows.py",
     "firmware/drum/test_drum_native.py",
-    "firmware/drum/test_attack_rules.py",
-    "firmware/drum/test_drum_controls.py",
     "fuzz/test_fuzz.py",
     "contract/test_parts.py",
     "engine/protocol/test_early_end.py",
