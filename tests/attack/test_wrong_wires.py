@@ -47,8 +47,8 @@ from tests.attack.steps import (
 from tests.firmware.building import host_library
 
 WIRE_ATTACKS = int(os.environ.get("RIGCTL_WIRE_ATTACKS", str(len(STATES) * len(WIRES))))
-CHIP_WIRE_ATTACKS = int(os.environ.get("RIGCTL_CHIP_WIRE_ATTACKS", "24"))
-PAIRS = int(os.environ.get("RIGCTL_WIRE_PAIRS", "60"))
+CHIP_WIRE_ATTACKS = int(os.environ.get("RIGCTL_CHIP_WIRE_ATTACKS", "10"))
+PAIRS = int(os.environ.get("RIGCTL_WIRE_PAIRS", "20"))
 WORST_PAIRS = 20
 
 WIRE_CONTROLS = (
