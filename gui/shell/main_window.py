@@ -292,6 +292,7 @@ class MainWindow(SteadyFocusWindow):
         panel = self.analysis_tab.panel
         self.replay = ReplayController(theme, self.stack, panel, self.sessions)
         self.replay.author = self.analysis_tab.author
+        self.analysis_tab.panel.run_box.fallback = self.protocol_panel.out.text
         self.help = HelpPage(self.menus, self.settings.folder / REPORTS)
         self.start = StartPage(self.stack, self.menus, self.toolbar)
         self.tools = ToolsController(self.stack, self.menus, self.engine_link)
@@ -416,6 +417,7 @@ class MainWindow(SteadyFocusWindow):
                 "record_in": self.operate_panel.record_box.folder,
                 "pictures_in": self.live_page.save_strip.folder,
                 "scans_in": self.finger_tab.setup.out,
+                "results_in": self.analysis_tab.panel.run_box.place,
             }
         )
         self.memory.keep_files("protocols", self.protocol_panel.protocol)
@@ -488,6 +490,7 @@ class MainWindow(SteadyFocusWindow):
         engines = self.attach.list_engines
         add_rig_menu(menus, self.drum, stop=self.stop, list_engines=engines)
         self.rigs = RecentRigs(menus, self.settings, self.toolbar)
+        self.engine_link.opened.connect(self.rigs.remember_connected)
         panels = (self.operate_panel, self.protocol_panel, self.finger_tab, self.analysis_tab)
         menus.add_separator("Rig")
         add_panel_menus(menus, *panels)
@@ -567,7 +570,7 @@ class MainWindow(SteadyFocusWindow):
         run_end.analyse_requested.connect(self._analyse)
         run_end.continue_requested.connect(self.protocol_panel.continue_session)
         self.docks.panel_used.connect(self._use_panel)
-        self.analysis_tab.panel.open_requested.connect(self.sessions.remember)
+        self.analysis_tab.opened.connect(self.sessions.remember)
         opened_by = (self.sessions.open_requested, self.start.session_requested)
         for offers in (*opened_by, self.tools.session_requested):
             offers.connect(self._analyse)
