@@ -349,7 +349,8 @@ void Controller::watch_unlimited_force() {
     if (loads_down ? raw > least_raw_ : raw < least_raw_) least_raw_ = raw;
     const int32_t loaded = loads_down ? least_raw_ - raw : raw - least_raw_;
     const int32_t off = raw > first_raw_ ? raw - first_raw_ : first_raw_ - raw;
-    const bool blind = first && !motion_.known() && (signals_.reads_position() || gentle());
+    const bool never_shown = gentle() && !signals_.fitted(Signal::Position);
+    const bool blind = first && !motion_.known() && (signals_.reads_position() || never_shown);
     lift_pressed_ = loaded > (gentle() ? GENTLE : FIRST);
     if (lift_pressed_ || (blind && off > FIRST)) raise_off(Fault::ForceUnexplained);
 }

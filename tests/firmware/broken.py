@@ -189,11 +189,7 @@ BROKEN: dict[str, dict[str, list[Edit]]] = {
         ],
         "pressing-lift": [("controller.cpp", "if (!first && !lifts_surely()) {", "if (!first) {")],
         "lighter-lifts": [
-            (
-                "controller.cpp",
-                "(signals_.reads_position() || gentle())",
-                "signals_.reads_position()",
-            )
+            ("controller.cpp", "never_shown = gentle() &&", "never_shown = false &&")
         ],
         "loose-cell": [
             ("commands.cpp", "    if (!controller_.sensor().reads_zero()) return false;\n", ""),
