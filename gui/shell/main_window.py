@@ -15,7 +15,7 @@ from gui.analysis.analysis_tab import AnalysisTab
 from gui.finger.finger_tab import FingerTab
 from gui.link.attach import AttachController, ControlLock, PastLine
 from gui.link.engine_link import ClientFactory, joined_rig, open_client, open_finger_client
-from gui.operate.event_log import EventLog, StatusLine
+from gui.operate.event_log import EventLog, LogPanel, StatusLine
 from gui.shell.actions import ActionRegistry
 from gui.shell.docks import DockArea, PageStack, SteadyFocusWindow, give_focus, neighbour_of
 from gui.shell.drum_controller import DrumController
@@ -479,7 +479,7 @@ class MainWindow(SteadyFocusWindow):
         }
         for name, (title, panel) in tabs.items():
             add(name, title, scroll_area(panel), _LEFT, tabbed_with="operate")
-        add("log", "Log", self.event_log, _BOTTOM)
+        add("log", "Log", LogPanel(self.event_log), _BOTTOM)
         self.docks.keep_on_screen("log")
         self.docks.set_first_size("operate", LEFT_PX, Qt.Orientation.Horizontal)
         self.docks.set_first_size("log", LOG_PX, Qt.Orientation.Vertical)
