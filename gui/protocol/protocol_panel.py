@@ -63,6 +63,7 @@ from rigctl.engine.rpc.messages import (
     reason_words,
 )
 from rigctl.finger.status import FingerRunStatus
+from rigctl.values import ABOUT
 
 MAX_SEED = 2**31 - 1
 MAX_NAME_LETTERS = 200
@@ -91,10 +92,12 @@ class ProtocolForm(QWidget):
         self.out.setToolTip("Every session gets a new folder in here")
         self.seed = WholeNumberBox(maximum=MAX_SEED)
         self.seed.setToolTip("Seed of the random order of trials; stored with the session")
-        self.operator = QLineEdit(maxLength=MAX_NAME_LETTERS)
-        self.operator.setToolTip("Who records: stored with the session, remembered for the next")
-        self.sensor = QLineEdit(maxLength=MAX_NAME_LETTERS)
-        self.sensor.setToolTip("Which sensor is mounted: stored with the session, remembered")
+        self.about = {name: QLineEdit(maxLength=MAX_NAME_LETTERS) for name in ABOUT}
+        for name, words in ABOUT.items():
+            kept = "stored with the session, offered for the next"
+            self.about[name].setToolTip(f"{capitalised(words)}: {kept}")
+        self.about["remarks"].setMaxLength(MAX_NOTE_LETTERS)
+        self.operator, self.sensor = self.about["operator"], self.about["sensor"]
         self.notes = QLineEdit(maxLength=MAX_NOTE_LETTERS)
         self.notes.setToolTip("Becomes the first note of the session")
         for field in (self.operator, self.sensor):
@@ -133,8 +136,8 @@ class ProtocolForm(QWidget):
                 self.request_plan(self.seed.value() if self.is_planned else None)
 
     def people(self) -> dict[str, str]:
-        """Return who records with what, and the first note."""
-        fields = {"operator": self.operator, "sensor": self.sensor, "notes": self.notes}
+        """Return what is said of the session, and the first note."""
+        fields = {**self.about, "notes": self.notes}
         return {name: field.text().strip() for name, field in fields.items()}
 
     def queued_arguments(self) -> dict[str, Any]:
@@ -155,8 +158,8 @@ class ProtocolForm(QWidget):
     @property
     def remembered(self) -> dict[str, QLineEdit]:
         """What the next start of the window asks no more, by the key of the settings."""
-        people = {"protocol/operator": self.operator, "protocol/sensor": self.sensor}
-        return {"save_in": self.out, **people}
+        said = {f"protocol/{name}": field for name, field in self.about.items()}
+        return {"save_in": self.out, **said}
 
     @property
     def current_problem(self) -> str:
@@ -238,8 +241,8 @@ class ProtocolForm(QWidget):
         form.addRow(self.problem)
         form.addRow("Save in", hbox(self.out, self.out_button))
         form.addRow("Seed", self.seed)
-        form.addRow("Operator", self.operator)
-        form.addRow("Sensor", self.sensor)
+        for name, field in self.about.items():
+            form.addRow(capitalised(name.replace("_", " ")), field)
         form.addRow("First note", self.notes)
         for hidden in (self.description, self.problem, self.modified):
             hidden.hide()

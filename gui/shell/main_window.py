@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
 from functools import partial
 from typing import Any
 
@@ -14,7 +15,7 @@ from gui.analysis.analysis_tab import AnalysisTab
 from gui.finger.finger_tab import FingerTab
 from gui.link.attach import AttachController, ControlLock, PastLine
 from gui.link.engine_link import ClientFactory, joined_rig, open_client, open_finger_client
-from gui.operate.event_log import EventLog, StatusLine
+from gui.operate.event_log import EventLog, LogPanel, StatusLine
 from gui.shell.actions import ActionRegistry
 from gui.shell.docks import DockArea, PageStack, SteadyFocusWindow, give_focus, neighbour_of
 from gui.shell.drum_controller import DrumController
@@ -39,6 +40,7 @@ from gui.widgets.theme import Theme, ThemeChoice, apply_palette, apply_theme, sc
 from rigctl.engine.contact import RESTING_STATES
 from rigctl.engine.rpc.engine_files import EngineFile
 from rigctl.experiments import FINGER_EXPERIMENT
+from rigctl.values import SessionLine
 
 TEXT_SIZES_PERCENT = (90, 100, 115, 130, 150)
 NOT_AT_REST = (
@@ -239,6 +241,10 @@ def _click(watched: QObject) -> bool:
     return True
 
 
+CANNOT_CONTINUE = (
+    "the session cannot go on now: connect its rig, clear its fault or end its run, then press "
+    "Continue again"
+)
 FRAME_MS = 33
 _PRESS_KEYS = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 WIDTH_PX, HEIGHT_PX = 1280, 800
@@ -279,10 +285,14 @@ class MainWindow(SteadyFocusWindow):
         self.attach = AttachController((self.engine_link, self.finger_tab.link))
         self.file_browser, self.event_log = FileBrowser(), EventLog()
         self.status_line = StatusLine("Choose a rig and press Connect.")
+        people = self.protocol_panel.form.people
+        self.analysis_tab.author = lambda: people()["operator"]
         self.menus = ActionRegistry(self.menuBar())
         self.sessions = RecentSessions(self.menus, self.settings)
         panel = self.analysis_tab.panel
         self.replay = ReplayController(theme, self.stack, panel, self.sessions)
+        self.replay.author = self.analysis_tab.author
+        self.analysis_tab.panel.run_box.fallback = self.protocol_panel.out.text
         self.help = HelpPage(self.menus, self.settings.folder / REPORTS)
         self.start = StartPage(self.stack, self.menus, self.toolbar)
         self.tools = ToolsController(self.stack, self.menus, self.engine_link)
@@ -407,6 +417,7 @@ class MainWindow(SteadyFocusWindow):
                 "record_in": self.operate_panel.record_box.folder,
                 "pictures_in": self.live_page.save_strip.folder,
                 "scans_in": self.finger_tab.setup.out,
+                "results_in": self.analysis_tab.panel.run_box.place,
             }
         )
         self.memory.keep_files("protocols", self.protocol_panel.protocol)
@@ -449,6 +460,7 @@ class MainWindow(SteadyFocusWindow):
             "trial": analysis.trial_view,
             "figure": analysis.figure_view,
             "results": analysis.results_panel,
+            "sessions": analysis.sessions,
             "files": self.file_browser,
             "help": self.help,
             "engines": self.attach.engines,
@@ -467,7 +479,7 @@ class MainWindow(SteadyFocusWindow):
         }
         for name, (title, panel) in tabs.items():
             add(name, title, scroll_area(panel), _LEFT, tabbed_with="operate")
-        add("log", "Log", self.event_log, _BOTTOM)
+        add("log", "Log", LogPanel(self.event_log), _BOTTOM)
         self.docks.keep_on_screen("log")
         self.docks.set_first_size("operate", LEFT_PX, Qt.Orientation.Horizontal)
         self.docks.set_first_size("log", LOG_PX, Qt.Orientation.Vertical)
@@ -478,19 +490,58 @@ class MainWindow(SteadyFocusWindow):
         engines = self.attach.list_engines
         add_rig_menu(menus, self.drum, stop=self.stop, list_engines=engines)
         self.rigs = RecentRigs(menus, self.settings, self.toolbar)
+        self.engine_link.opened.connect(self.rigs.remember_connected)
         panels = (self.operate_panel, self.protocol_panel, self.finger_tab, self.analysis_tab)
         menus.add_separator("Rig")
         add_panel_menus(menus, *panels)
         add_trial_actions(menus, self.docks, self.analysis_tab.panel.trials)
         menus.add_separator("Rig")
         add_alarm_sound(menus, self.drum, self.settings)
+        tip = "Mark the trial that is chosen here bad, or good again; in a run else the newest"
+        notes = "Rig → Trials and notes"
+        menus.add(notes, "Mark the trial", self._mark_trial, shortcut="Ctrl+B", tip=tip)
+        tip = "Go to the field of a note, which marks this moment of a run"
+        menus.add(notes, "Note this moment", self._note_now, shortcut="Ctrl+Shift+N", tip=tip)
         self.regions.add_menus(menus)
         self.appearance.add_menus(menus)
+        tip = "List the sessions below the data folder: what they hold and how far they are"
+        menus.add("File", "Sess&ions", self._list_sessions, shortcut="Ctrl+L", tip=tip)
         self.replay.add_menu(menus)
         add_live_actions(menus, self.live_page, self.settings)
         self.save_menu = SaveMenu(menus, self.stack)
         menus.add_separator("File")
         menus.add("File", "&Quit", self.close, shortcut="Ctrl+Q", tip="Close the window")
+
+    def _list_sessions(self) -> None:
+        self.stack.show_page("sessions")
+        self.analysis_tab.sessions.show_folder(self.protocol_panel.out.text().strip())
+
+    def _continue_session(self, session: str, experiment: str) -> None:
+        """Record the rest of a session on the rig of its experiment, if that can start."""
+        is_finger = experiment == FINGER_EXPERIMENT
+        panel = self.finger_tab.run_box if is_finger else self.protocol_panel
+        self.show_panel("finger" if is_finger else "protocol")
+        if not panel.continue_button.isEnabled():
+            self.report("refused", CANNOT_CONTINUE)
+        elif is_finger:
+            self.finger_tab.run_box.continue_requested.emit(session)
+        else:
+            self.protocol_panel.continue_session(session)
+
+    def _mark_trial(self) -> None:
+        """Mark the trial that the page in the middle shows."""
+        if self.replay.is_shown:
+            self.replay.page.note_box.mark()
+        elif self._panel == "analysis":
+            self.analysis_tab.panel.note_box.mark()
+        else:
+            self.protocol_panel.page.mark_by_key()
+
+    def _note_now(self) -> None:
+        """Show the page of the run, with the focus in the field of a note."""
+        self.show_panel("protocol")
+        self.protocol_panel.show_page(True)
+        self.protocol_panel.page.text.setFocus(Qt.FocusReason.ShortcutFocusReason)
 
     def _open_session(self) -> None:
         self.show_panel("analysis")
@@ -512,14 +563,16 @@ class MainWindow(SteadyFocusWindow):
         for source in (self.drum, self.finger_tab, self.analysis_tab, self.replay, self.tools):
             source.reported.connect(self.report)
         self._connect_attach()
+        self._connect_sessions()
         self.analysis_tab.view_changed.connect(self._show_view)
         run_end = self.analysis_tab.run_end_strip
         self.engine_link.status_changed.connect(run_end.show_status)
         run_end.analyse_requested.connect(self._analyse)
         run_end.continue_requested.connect(self.protocol_panel.continue_session)
         self.docks.panel_used.connect(self._use_panel)
-        self.analysis_tab.panel.open_requested.connect(self.sessions.remember)
-        for offers in (self.sessions.open_requested, self.start.session_requested):
+        self.analysis_tab.opened.connect(self.sessions.remember)
+        opened_by = (self.sessions.open_requested, self.start.session_requested)
+        for offers in (*opened_by, self.tools.session_requested):
             offers.connect(self._analyse)
         self.sessions.browse_requested.connect(self._open_session)
         self.help.reported.connect(self.report)
@@ -536,6 +589,46 @@ class MainWindow(SteadyFocusWindow):
         self.protocol_panel.page_changed.connect(self._show_view)
         self.operate_panel.bring_up.calibrate_requested.connect(self.tools.show_calibration)
         self.operate_panel.bring_up.setup_requested.connect(self.tools.show_setup)
+
+    def _connect_sessions(self) -> None:
+        """Let the list of sessions act in the panels."""
+        tab, sessions = self.analysis_tab, self.analysis_tab.sessions
+        sessions.verified = self._verified_on
+        tab.found_whole.connect(self._keep_verified)
+        sessions.continue_requested.connect(self._continue_session)
+        sessions.analyse_requested.connect(self._analyse)
+        sessions.add_requested.connect(self._add_to_analysis)
+        sessions.path_requested.connect(self._browse_sessions)
+        sessions.closed.connect(self._show_view)
+        self.start.sessions_requested.connect(self._list_sessions)
+
+    def _browse_sessions(self, kind: PathKind, selected: Callable[[str], None]) -> None:
+        """Let the user choose a folder, and come back to the list."""
+
+        def take(path: str) -> None:
+            selected(path)
+            self.stack.show_page("sessions")
+
+        self._browse(kind, take)
+
+    def _add_to_analysis(self, session: str) -> None:
+        """Open a session beside those that are open, or as the first one."""
+        panel = self.analysis_tab.panel
+        if panel.run_box.form.sessions:
+            panel.run_box.form.add_session(session)
+        else:
+            self.analysis_tab.open_session(session)
+        self.report("analysis", f"added to the analysis: {session}")
+
+    def _verified_on(self, line: SessionLine) -> str:
+        """Return the day on which a session was found whole, if it is as old as that."""
+        on = self.settings.value(f"verified/{line.closing_digest}", "")
+        return on[:10] if on >= line.modified_utc else ""
+
+    def _keep_verified(self, digest: str) -> None:
+        now = datetime.now(UTC).isoformat(timespec="seconds")
+        self.settings.set_value(f"verified/{digest}", now)
+        self.analysis_tab.sessions.show_verified()
 
     def _connect_attach(self) -> None:
         attach = self.attach

@@ -203,10 +203,11 @@ class RecentRigs(RecentPaths):
     def __init__(self, menus: ActionRegistry, settings: UserSettings, toolbar: Toolbar) -> None:
         super().__init__(menus.add_menu("Rig", "Re&cent rigs"), settings, "rigs")
         self._toolbar = toolbar
-        toolbar.connect_requested.connect(lambda rig, _: self._remember_file(rig))
         self.open_requested.connect(self._choose)
 
-    def _remember_file(self, rig: str) -> None:
+    def remember_connected(self) -> None:
+        """Remember the rig that is connected now, if it is a file's."""
+        rig = str(self._toolbar.rig.currentData() or "")
         if rig.endswith(".toml"):
             self.remember(rig)
 

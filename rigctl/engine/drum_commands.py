@@ -134,6 +134,10 @@ class DrumCommands(EngineCommands[Engine]):
         """Run a trial again while its plate is on; the attempt that counted is marked bad."""
         self._engine.repeat(trial_id, text)
 
+    async def on_skip(self, trial_id: Number = 0) -> None:
+        """Leave out a trial that is to come, or 0: the present one, whose attempt ends."""
+        self._engine.skip(trial_id)
+
     async def on_end_condition(
         self,
         texture: TextureName,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from functools import partial
@@ -79,7 +79,7 @@ class Engine(ServedEngine[Run, RunRequest]):
             raise WrongUse("a recording by hand goes on: end it first, then start the run")
         first_note = self._note(request.notes) if request.notes.strip() else None
         check_in = partial(self.heartbeat_gate.check_in, "runner")
-        opened = open_run(request, self._context(request.operator, request.sensor))
+        opened = open_run(request, self._context(request.about))
         self.rig.skip_mountings(mountings_before(opened.plan.steps, opened.done))
         run = Run(self.boards, self.event_bus, opened, check_in, self.set_plate)
         if first_note is not None:
@@ -116,6 +116,10 @@ class Engine(ServedEngine[Run, RunRequest]):
         """
         self._active_run().repeat(trial_id, self._note(text))
 
+    def skip(self, trial_id: int) -> None:
+        """Leave out a trial of the run; 0 is the present one. Raises WrongUse where it cannot."""
+        self._active_run().skip(trial_id)
+
     def end_condition(self, end: ConditionEnd) -> None:
         """End a condition of the run early. Raises WrongUse where that cannot be now."""
         if not self._active_run().end_condition(end):
@@ -151,13 +155,13 @@ class Engine(ServedEngine[Run, RunRequest]):
         self.calibration.measurement.cancel()
         self.event_bus.publish("stop", text)
 
-    def _context(self, operator: str = "", sensor: str = "") -> RunContext:
+    def _context(self, about: Mapping[str, str] | None = None) -> RunContext:
         """Return the rig as it is now, for a session that begins."""
         boards = tuple(self.boards.identities.values())
         drum = self.boards.drum_poller.state
         presses = drum is not None and has_status(drum, Status.COMMISSIONED)
         presses = presses or self.rig.commissions  # a run's first settings commission it again
-        return RunContext(self.rig, boards, self._utc_now(), presses, operator, sensor)
+        return RunContext(self.rig, boards, self._utc_now(), presses, about or {})
 
     def _active_run(self) -> Run:
         if self.run is None or self.run.ended:

@@ -31,7 +31,7 @@ def _models(folder: Path) -> Path:
 
 def test_training_starts_with_its_normalisation(finger: FingerWindow, tmp_path: Path) -> None:
     finger.update()
-    assert "75 scans of plates A, B, D, L, N" in finger.tab.setup.plan.text()
+    assert "125 scans of plates A, B, D, L, N" in finger.tab.setup.plan.text()
     click(finger.tab.run_box.buttons["Start"])
     (args,) = _start_args(finger)
     assert args["stages"] == ["normalise", "train"] and args["yes"] is False

@@ -172,6 +172,29 @@ def test_notes_of_a_run_go_through_its_engine(
     assert harness.engine.requests[-1] == ("repeat", arguments)
 
 
+def test_a_key_marks_the_newest_trial_and_skip_leaves_one_out(
+    harness: Harness, panel: ProtocolPanel, recorded: Path
+) -> None:
+    window, page = harness.window, panel.page
+    window.activateWindow()
+    wait_until(window.isActiveWindow)
+    QTest.keyClick(page.attempt_view, Qt.Key.Key_B, Qt.KeyboardModifier.ControlModifier)
+    wait_until(lambda: verdicts(panel)[7] == BAD)
+    assert page.attempts.rows[7].texts[-1].startswith("marked bad")
+    click(page.buttons["skip"])
+    assert harness.engine.requests[-1] == ("skip", {"trial_id": 0})
+    page.tabs.setCurrentWidget(page.order_view)
+    page.order_view.selectRow(4)
+    click(page.buttons["skip"])
+    number = int(page.order.index(4, 0).data())
+    assert harness.engine.requests[-1] == ("skip", {"trial_id": number})
+    page.tabs.setCurrentWidget(page.attempt_view)
+    page.attempt_view.selectRow(0)
+    write(panel, "a scratch on the plate")
+    click(page.buttons["on_trial"])
+    wait_until(lambda: page.attempts.rows[0].texts[-1] == "a scratch on the plate")
+
+
 def test_notes_can_be_added_long_after_the_run(
     harness: Harness, panel: ProtocolPanel, tmp_path: Path
 ) -> None:
@@ -280,12 +303,16 @@ def test_the_next_window_knows_folder_operator_and_sensor(
     memory.keep_texts(panel.form.remembered)
     panel.out.setText(str(tmp_path))
     panel.form.sensor.setText("batch 7")
+    for name, text in (("plate_lot", "PLA 3"), ("project", "pilot"), ("remarks", "cold room")):
+        panel.form.about[name].setText(text)
     panel.form.notes.setText("new skin")
     harness.update()
     wait_until(panel.buttons["Start"].isEnabled)
     click(panel.buttons["Start"])
     _, arguments = harness.engine.requests[-1]
     assert (arguments["operator"], arguments["sensor"]) == ("Jörg", "batch 7")
+    said = [arguments[name] for name in ("plate_lot", "project", "remarks")]
+    assert said == ["PLA 3", "pilot", "cold room"]
     assert arguments["notes"] == "new skin" and panel.form.notes.text() == ""
     memory.save()
     later = ProtocolPanel()
@@ -293,3 +320,4 @@ def test_the_next_window_knows_folder_operator_and_sensor(
     WindowMemory(settings, window, window.docks).keep_texts(later.form.remembered)
     assert later.out.text() == str(tmp_path)
     assert (later.form.operator.text(), later.form.sensor.text()) == ("Jörg", "batch 7")
+    assert later.form.about["plate_lot"].text() == "PLA 3"

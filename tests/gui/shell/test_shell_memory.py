@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -15,10 +16,9 @@ from PySide6.QtWidgets import QApplication
 from gui.shell.help_page import CrashReporter
 from gui.shell.main_window import MainWindow
 from gui.shell.user_settings import MAX_RECENT, UserSettings
-from gui.widgets.theme import ThemeChoice
 from rigctl.config import resources
 from tests.gui.fake_engine import FakeEngine
-from tests.gui.steps import Harness, wait_until
+from tests.gui.steps import Harness, own_window, wait_until
 
 WindowMaker = Callable[[], MainWindow]
 
@@ -36,19 +36,14 @@ def ini(tmp_path: Path) -> Path:
 @pytest.fixture
 def open_window(qapp: QApplication, engine: FakeEngine, ini: Path) -> Iterator[WindowMaker]:
     """Yield a function that opens a window with the settings in the file."""
-    opened = []
+    with ExitStack() as opened:
 
-    def make() -> MainWindow:
-        settings = UserSettings(ini)
-        window = MainWindow(lambda *_: engine, ThemeChoice.LIGHT, settings=settings)
-        window.show()
-        opened.append(window)
-        return window
+        def make() -> MainWindow:
+            window = opened.enter_context(own_window(engine, UserSettings(ini)))
+            window.show()
+            return window
 
-    yield make
-    for window in opened:
-        window.close()
-        window.deleteLater()
+        yield make
 
 
 def test_layout_and_folder_return_after_a_crash(open_window: WindowMaker) -> None:
