@@ -44,6 +44,7 @@ BEGUN_FIRST = (
     "gui/firmware_flows/test_protocol.py",
     "gui/firmware_flows/test_hand_work.py",
     "gui/firmware_flows/test_two_windows.py",
+    "gui/protocol/test_queue_without_a_window.py",
     "firmware/drum/test_drum_native.py",
     "fuzz/test_fuzz.py",
     "contract/test_parts.py",
