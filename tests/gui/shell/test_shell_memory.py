@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QLineEdit
 
 from gui.shell.help_page import CrashReporter
 from gui.shell.main_window import MainWindow
-from gui.shell.user_settings import MAX_RECENT, UserSettings
+from gui.shell.user_settings import MAX_RECENT, UserSettings, WindowMemory
 from gui.widgets.theme import ThemeChoice
 from tests.gui.fake_engine import FakeEngine
-from tests.gui.steps import Harness, wait_until
+from tests.gui.steps import Harness, SharedWindow, wait_until
 
 WindowMaker = Callable[[], MainWindow]
 
@@ -93,6 +93,27 @@ def test_garbage_in_the_settings_is_reported_once(
     assert "damaged" in window.event_log.toPlainText()
     window.memory.save()
     assert "damaged" not in open_window().event_log.toPlainText()
+
+
+def test_two_windows_keep_each_what_was_changed_in_it(shared: SharedWindow, ini: Path) -> None:
+    window = shared.window
+    fields = [{key: QLineEdit(key) for key in ("save_in", "record_in")} for _ in range(2)]
+    settings = [UserSettings(ini) for _ in range(2)]
+    memories = [WindowMemory(each, window, window.docks) for each in settings]
+    for memory, texts in zip(memories, fields, strict=True):
+        memory.keep_texts(texts)
+    fields[0]["save_in"].setText("/data/one")
+    fields[1]["record_in"].setText("/data/two")
+    for memory in (*memories, *memories):
+        memory.save()
+    settings[0].add_recent("sessions", "/s/one")
+    settings[0].write()
+    settings[1].add_recent("sessions", "/s/two")
+    settings[1].write()
+    again = UserSettings(ini)
+    assert again.value("save_in", "") == "/data/one"
+    assert again.value("record_in", "") == "/data/two"
+    assert again.recent("sessions") == ["/s/two", "/s/one"]
 
 
 def test_settings_keep_types_and_recent_texts(ini: Path) -> None:
