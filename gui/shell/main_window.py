@@ -7,9 +7,16 @@ from datetime import UTC, datetime
 from functools import partial
 from typing import Any
 
-from PySide6.QtCore import QEvent, QObject, QRect, Qt, QTimer, Signal
+from PySide6.QtCore import QEvent, QObject, QPoint, QRect, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QAction, QCloseEvent, QGuiApplication, QKeyEvent, QKeySequence
-from PySide6.QtWidgets import QApplication, QPushButton, QStackedWidget, QTableView, QWidget
+from PySide6.QtWidgets import (
+    QApplication,
+    QLayout,
+    QPushButton,
+    QStackedWidget,
+    QTableView,
+    QWidget,
+)
 
 from gui.analysis.analysis_tab import AnalysisTab
 from gui.finger.finger_tab import FingerTab
@@ -101,6 +108,8 @@ class Appearance(QObject):
         self._settings.set_value("text_percent", percent)
         scale_texts(percent / 100)
         self.set_theme(self._choice)
+        for layout in self._docks.window().findChildren(QLayout):
+            layout.invalidate()  # what is hidden would keep the room of the texts before
         widths_px = {name: round(px * percent / before) for name, px in widths_px.items()}
         self._docks.set_side_widths(widths_px)
 
@@ -327,6 +336,19 @@ class MainWindow(SteadyFocusWindow):
         self.timer.timeout.connect(self.poll)
         self.timer.start(FRAME_MS)
 
+    def fit_screen(self) -> None:
+        """Bring a window whose frame hangs off the screen wholly onto it."""
+        room, frame = self.screen().availableGeometry(), self.frameGeometry()
+        if self.isMaximized() or self.isFullScreen() or room.contains(frame):
+            return
+        self.resize(self.size().boundedTo(room.size() - (frame.size() - self.size())))
+        frame = self.frameGeometry()
+        corner = room.bottomRight() - QPoint(frame.width() - 1, frame.height() - 1)
+        self.move(
+            max(room.left(), min(frame.left(), corner.x())),
+            max(room.top(), min(frame.top(), corner.y())),
+        )
+
     def prepare(self) -> None:
         """Make and lay out what is not in view before a rig moves, for later STOP waits for it.
 
@@ -436,8 +458,7 @@ class MainWindow(SteadyFocusWindow):
         )
         column = vbox(self.toolbar, self.health, body, spacing=3, margins=(0, 0, 0, 3), tall=2)
         self.setCentralWidget(container(column))
-        screen = QGuiApplication.primaryScreen().availableSize()
-        self.resize(min(WIDTH_PX, screen.width()), min(HEIGHT_PX, screen.height()))
+        self.resize(QSize(WIDTH_PX, HEIGHT_PX).boundedTo(self.screen().availableSize()))
 
     def _add_pages(self) -> None:
         analysis = self.analysis_tab

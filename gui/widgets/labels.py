@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import StrEnum
 from html import escape
 
-from PySide6.QtCore import QPointF, QRectF, Qt
+from PySide6.QtCore import QEvent, QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent
 from PySide6.QtWidgets import (
     QFrame,
@@ -105,6 +105,12 @@ class WrappedLabel(QLabel):
         """Reserve the height of the text at the new width."""
         super().resizeEvent(event)
         self._reserve_height()
+
+    def changeEvent(self, event: QEvent) -> None:
+        """Reserve the height of the text in other letters, which may be smaller."""
+        super().changeEvent(event)
+        if event.type() in (QEvent.Type.FontChange, QEvent.Type.StyleChange):
+            self._reserve_height()
 
     def _reserve_height(self) -> None:
         self.setMinimumHeight(0)  # Qt's height for a width is never below it: a text must shrink

@@ -7,13 +7,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QMargins, QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLineEdit
 
 from gui.shell.help_page import CrashReporter
-from gui.shell.main_window import MainWindow
+from gui.shell.main_window import LEFT_PX, MainWindow
 from gui.shell.user_settings import MAX_RECENT, UserSettings, WindowMemory
+from gui.widgets.labels import WrappedLabel
 from gui.widgets.theme import ThemeChoice
 from tests.gui.fake_engine import FakeEngine
 from tests.gui.steps import Harness, SharedWindow, wait_until
@@ -179,6 +180,62 @@ def test_texts_scale(harness: Harness) -> None:
     after_px = window.docks.side_widths_px()
     window.resize(before)
     assert after_px == pytest.approx(widths_px, abs=2)
+
+
+def test_larger_texts_and_back_leave_no_gap(disconnected: SharedWindow) -> None:
+    window = disconnected.window
+
+    def places() -> dict[str, tuple[int, ...]]:
+        for panel in ("finger", "analysis", "protocol", "operate"):
+            window.show_panel(panel)
+            for _ in range(LAYOUT_PASSES):
+                QApplication.processEvents()
+        parts = (window.toolbar, window.health, window.docks, window.live_page)
+        labels = window.operate_panel.findChildren(WrappedLabel)
+        return {
+            f"{number} {type(part).__name__}": (part.mapTo(window, QPoint()).y(), part.height())
+            for number, part in enumerate((*parts, *labels))
+        }
+
+    before = places()
+    window.set_text_size(150)
+    assert places() != before
+    window.set_text_size(100)
+    assert places() == before
+
+
+def test_a_layout_with_floating_panels_is_reset_after_a_restart(
+    open_window: WindowMaker,
+) -> None:
+    first = open_window()
+    first.show_panel("protocol")
+    first.docks.docks["operate"].setFloating(True)
+    first.close()
+    again = open_window()
+    dock = again.docks.docks["operate"]
+    assert dock.isFloating()
+    assert dock.windowHandle().transientParent() is again.windowHandle(), "before the window"
+    again.docks.reset()
+    QApplication.processEvents()
+    assert not any(each.isFloating() for each in again.docks.docks.values())
+    assert again.docks.side_widths_px() == pytest.approx({"operate": LEFT_PX}, abs=20)
+
+
+def test_a_window_whose_frame_hangs_off_the_screen_comes_onto_it(
+    qapp: QApplication, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    window = MainWindow(choice=ThemeChoice.LIGHT)
+    room = window.screen().availableGeometry()
+    window.resize(room.size())
+    window.move(room.topLeft())
+    window.show()
+    title = QMargins(1, 30, 1, 1)
+    monkeypatch.setattr(window, "frameGeometry", lambda: window.geometry() + title)
+    assert not room.contains(window.frameGeometry())
+    window.fit_screen()
+    assert window.frameGeometry().size().height() <= room.height()
+    window.close()
+    window.deleteLater()
 
 
 def test_unexpected_error_becomes_a_sentence_and_a_file(harness: Harness, tmp_path: Path) -> None:
