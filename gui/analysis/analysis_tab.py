@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from PySide6.QtCore import QObject, QTimer, Signal
 from PySide6.QtWidgets import QWidget
 
 from gui.analysis.export import TABLE, FileSaver, in_process
-from gui.analysis.open_sessions import ResponseGrid
+from gui.analysis.open_sessions import ResponseGrid, write_trial
 from gui.analysis.results import AnalysisResults
 from gui.analysis.results_view import FigureView, ResultsPanel, ResultsView
 from gui.analysis.run_box import MODEL, PAPER, REALTIME
@@ -26,10 +27,12 @@ from gui.analysis.task_values import (
     describe_options,
     figures_folder,
 )
-from gui.analysis.trial_pages import TrialPages
+from gui.analysis.trial_pages import CourseView, TrialPages
+from gui.analysis.trial_sections import finer
+from gui.analysis.trial_view import TrialView
 from gui.analysis.value_file import write_columns
 from gui.analysis.worker import Worker
-from gui.widgets.file_browser import typed_path
+from gui.widgets.file_browser import PathKind, typed_path
 from gui.widgets.formatting import grouped
 from gui.widgets.labels import Strip
 from gui.widgets.layouts import push_button
@@ -43,14 +46,21 @@ class RunEndStrip(Strip):
 
     analyse_requested = Signal(str)
     """The session's folder."""
+    continue_requested = Signal(str)
+    """The same; its run hides the strip."""
 
     def __init__(self) -> None:
         super().__init__()
         self.session = ""
         self._watched = ""
         self.analyse_button = push_button("Analyse it", self._analyse)
+        self.continue_button = push_button(
+            "Continue it",
+            lambda: self.continue_requested.emit(self.session),
+            PathKind.INTERRUPTED.value[2],
+        )
         self.close_button = push_button("Close", self.hide)
-        self.lay_out(self.analyse_button, self.close_button, warns=False)
+        self.lay_out(self.continue_button, self.analyse_button, self.close_button, warns=False)
 
     def show_status(self, status: EngineStatus) -> None:
         """Watch a run, and offer its session when it ends."""
@@ -64,6 +74,7 @@ class RunEndStrip(Strip):
             self.session = watched
             name = Path(self.session).name
             self.text.setText(f"The run {name} has ended with {_trials(run)}.")
+            self.continue_button.setVisible(not run.is_complete)
             self.show()
 
     def _analyse(self) -> None:
@@ -76,8 +87,7 @@ def _trials(run: RunStatus) -> str:
     n, planned = run.trials_committed, run.trials_planned
     if n >= planned:
         return "1 trial" if n == 1 else f"{grouped(n)} trials"
-    rest = "" if run.state == "done" else ": Continue a session … in Protocol records the rest"
-    return f"{grouped(n)} of {grouped(planned)} trials{rest}"
+    return f"{grouped(n)} of {grouped(planned)} trials"
 
 
 FOLLOW_MS = 1000
@@ -85,6 +95,7 @@ READING = (
     "open_session",
     "follow_session",
     "load_trial",
+    "trial_section",
     "compare_trials",
     "leave_out",
     "note_trial",
@@ -124,6 +135,9 @@ class AnalysisTab(QObject):
         self._report_folder = self._verified = ""
         self._is_prepared = False
         self._wanted_trial: tuple[str, int] | None = None
+        self._wanted_section: tuple[TrialView | CourseView, dict[str, Any]] | None = None
+        """The view and the place of the section that it wants next."""
+        self._reads_for: TrialView | CourseView = self.trial_view.readings
         panel, worker, reader = self.panel, self.worker, self.reader
         panel.open_requested.connect(lambda path: reader.submit("open_session", path=path))
         self.sessions.task_requested.connect(lambda task, args: reader.submit(task, **args))
@@ -138,6 +152,8 @@ class AnalysisTab(QObject):
             save_button.export_requested.connect(self.save_page)
         self.files.saved.connect(lambda path: self.reported.emit("analysis", f"saved {path}"))
         self.files.failed.connect(lambda text: self.reported.emit("refused", text))
+        for view in (self.trial_view.readings, self.trial_view.course):
+            view.section_requested.connect(partial(self._want_section, view))
         self.trial_view.compare.compare_requested.connect(self._compare)
         self.results_panel.refused.connect(lambda text: self.reported.emit("refused", text))
         panel.shown.connect(self.prepare)
@@ -229,6 +245,20 @@ class AnalysisTab(QObject):
         if self._wanted_trial is not None:
             (path, row), self._wanted_trial = self._wanted_trial, None
             self.reader.submit("load_trial", path=path, row=row)
+        elif self._wanted_section is not None:
+            (self._reads_for, place), self._wanted_section = self._wanted_section, None
+            self.reader.submit("trial_section", **place)
+
+    def _want_section(
+        self, view: TrialView | CourseView, first: int, end: int, factor: int
+    ) -> None:
+        """Read a part of the trial that is shown; of several wishes, only the last one."""
+        assert self.trial_view.data is not None
+        path, row = self.trial_view.data.place
+        place = {"path": path, "row": row, "first": first, "end": end, "factor": finer(factor)}
+        self._wanted_section = view, place
+        if not self.reader.is_busy:
+            self._read_wanted()
 
     def save_page(self, suffix: str) -> None:
         """Save the page in front as a new file beside the session that it is about."""
@@ -242,10 +272,12 @@ class AnalysisTab(QObject):
     def _save_trial(self, suffix: str) -> None:
         pages, folder = self.trial_view, self._figures_of(self.panel.path)
         stem = pages.file_stem()
-        if suffix == TABLE:
-            self.files.save(folder, stem, suffix, in_process(write_columns, *pages.values()))
-        else:
+        if suffix != TABLE:
             self.files.save(folder, stem, suffix, pages.picture())
+        elif (recorded := pages.recorded_values()) is not None:
+            self.files.save(folder, stem, suffix, in_process(write_trial, *recorded))
+        else:
+            self.files.save(folder, stem, suffix, in_process(write_columns, *pages.values()))
 
     def _save_results(self, suffix: str) -> None:
         view = self.results_view
@@ -313,7 +345,10 @@ class AnalysisTab(QObject):
         elif isinstance(result, ScanPicture):
             self.figure_view.show_file(result.figure)
             self._show(self.figure_view)
+        elif task == "trial_section":
+            self._reads_for.show_section(result)
         elif task == "load_trial":
+            self._wanted_section = None
             self.trial_view.show_trial(result)
             self._show(self.trial_view)
         elif isinstance(result, AnalysisResults):

@@ -88,28 +88,43 @@ class TrialFeatures(NamedTuple):
     window_ms: int
 
 
-BLOCK = 64
-"""Samples of which a long trial has the lowest and highest readings."""
+class Section(NamedTuple):
+    """A part of a trial from the sample ``first`` on, in k groups of ``factor`` samples.
+
+    ``low``, ``high``: uint16 (k, n_taxels), the lowest and highest readings of each group; of
+    single samples both are the readings. ``spikes``: uint8 (k, 2 * n_taxels), whether a spike
+    fell into it; rows are SA taxel 1 … n, then RA 1 … n. ``course``: of this time.
+    """
+
+    first: int
+    factor: int
+    low: NDArray[np.uint16]
+    high: NDArray[np.uint16]
+    spikes: NDArray[np.uint8]
+    course: TrialCourse | None = None
+
+    @property
+    def end(self) -> int:
+        """The sample after the last one, or after its group."""
+        return self.first + len(self.low) * self.factor
 
 
 class TrialData(NamedTuple):
     """Readings and spikes of one trial, and what the drum did.
 
-    ``samples``: uint16 (n, n_taxels). ``spike_row`` and ``spike_sample``: int64 (k,), one entry per
-    spike; rows are SA taxel 1 … n, then RA 1 … n. ``blocks``: uint16 (2, n // BLOCK, n_taxels), the
-    lowest and highest readings of each whole block of samples, for a trial with many. ``marks``:
-    what people noted on it.
+    ``overview``: all of the trial, of a long one in groups of samples. ``place``: path of the
+    session and row of the attempt, of which finer sections can be read. ``marks``: what people
+    noted on it.
     """
 
     title: str
-    samples: NDArray[np.uint16]
-    spike_row: NDArray[np.int64]
-    spike_sample: NDArray[np.int64]
+    overview: Section
     layout: SensorLayout
     course: TrialCourse | None = None
     features: TrialFeatures | None = None
     simulated: bool = False
-    blocks: NDArray[np.uint16] | None = None
+    n_samples: int = 0
+    place: tuple[str, int] = ("", 0)
     marks: tuple[TrialMark, ...] = ()
 
     @property
@@ -119,12 +134,17 @@ class TrialData(NamedTuple):
         return f"{origin}{self.title}"
 
     @property
-    def spike_counts(self) -> NDArray[np.uint8]:
-        """The spikes of each row at each sample, (n, 2 * n_taxels)."""
-        n, n_rows = len(self.samples), 2 * self.samples.shape[1]
-        counts = np.zeros(n * n_rows, np.uint8)
-        np.add.at(counts, self.spike_sample * n_rows + self.spike_row, np.uint8(1))
-        return counts.reshape(n, n_rows)
+    def is_long(self) -> bool:
+        """Whether single samples are read only where they are looked at."""
+        return self.overview.factor > 1
+
+
+class NeuronVoltage(NamedTuple):
+    """The membrane voltage of SA and RA of a taxel from a sample on, float64 (n, 2) in mV."""
+
+    taxel: int
+    first: int
+    voltage_mv: NDArray[np.float64]
 
 
 class ScanPicture(NamedTuple):

@@ -19,15 +19,11 @@ from typing import TYPE_CHECKING, Any
 
 from gui.analysis.open_sessions import (
     OpenSessions,
-    ReplayTrial,
     ResponseGrid,
     compare_responses,
     finger_session_info,
     load_encoder,
     make_finger_models,
-    neuron_voltage,
-    read_trial,
-    replay_trial,
     report_on_finger,
     write_movie,
 )
@@ -39,7 +35,15 @@ from gui.analysis.results import (
     report_results,
     verify_results,
 )
-from gui.analysis.task_values import FoundSessions, ScanPicture, SessionLines, TrialData
+from gui.analysis.task_values import (
+    FoundSessions,
+    NeuronVoltage,
+    ScanPicture,
+    Section,
+    SessionLines,
+    TrialData,
+)
+from gui.analysis.trial_sections import ReplayTrial, replay_trial
 from gui.protocol import run_tasks
 from gui.protocol.run_tasks import (
     SessionNews,
@@ -49,9 +53,6 @@ from rigctl.errors import RigctlError
 from rigctl.values import RECORDING, SessionLine
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from rigctl.analysis.executors import Progress
     from rigctl.analysis.learning_curve import GrowingCurve, SessionCurve
     from rigctl.analysis.options import AnalysisOptions
@@ -171,10 +172,13 @@ class WorkerTasks:
         """Read an attempt of an open session; a scan of the moving finger becomes a picture."""
         return self._sessions.trial(path, row, Path(self._pictures.name))
 
-    def load_replay(self, path: str, row: int) -> ReplayTrial:
-        """Read an attempt of an open session of the drum for the live views."""
-        session = self._sessions.drum_session(path)
-        return replay_trial(read_trial(session, row, self._sessions.taxel_range(path)))
+    def load_replay(self, path: str, row: int, right: int) -> ReplayTrial:
+        """Read an attempt of an open session of the drum, around a sample, for the live views."""
+        return replay_trial(self._sessions.encoded(path, row), right)
+
+    def trial_section(self, path: str, row: int, first: int, end: int, factor: int) -> Section:
+        """Read samples of an attempt of the drum, or the extremes of ``factor`` of them each."""
+        return self._sessions.encoded(path, row).section(first, end, factor)
 
     def compare_trials(
         self, trials: list[tuple[str, int]], train: int, neuron: str
@@ -182,10 +186,12 @@ class WorkerTasks:
         """Read the responses of a neuron in trials of open sessions, by condition."""
         return compare_responses(self._sessions, trials, train, neuron)
 
-    def neuron_voltage(self, path: str, row: int, taxel: int) -> NDArray[np.float64]:
-        """Return v(t) of SA and RA of a taxel in an attempt of an open session, mV."""
-        ranges = self._sessions.taxel_range(path)
-        return neuron_voltage(self._sessions.drum_session(path), row, taxel, ranges)
+    def neuron_voltage(
+        self, path: str, row: int, taxel: int, first: int, end: int
+    ) -> NeuronVoltage:
+        """Return v(t) of SA and RA of a taxel in samples of an attempt."""
+        voltage_mv = self._sessions.encoded(path, row).voltage_mv(taxel, first, end)
+        return NeuronVoltage(taxel, first, voltage_mv)
 
     def trial_movie(
         self, path: str, row: int, taxel: int, section_s: tuple[float, float], out: str

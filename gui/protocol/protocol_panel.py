@@ -33,7 +33,7 @@ from gui.widgets.file_browser import (
     new_files_folder,
 )
 from gui.widgets.formatting import capitalised, day_time, duration, size, time_stamp
-from gui.widgets.labels import label, plain_tooltip, set_property, show_progress, show_text
+from gui.widgets.labels import Strip, label, plain_tooltip, set_property, show_progress, show_text
 from gui.widgets.layouts import (
     FlowLayout,
     form_layout,
@@ -90,6 +90,8 @@ class ProtocolForm(QWidget):
         requested = self.path_requested
         self.open_button = browse_button(requested, PathKind.PROTOCOL, self.add_protocol)
         self.out_button = browse_button(requested, PathKind.OUTPUT, self.out.setText)
+        self.modified = label("modified", "bad")
+        self.modified.setToolTip("The editor has changes of this file that are not saved")
         self.edit_button = QPushButton("Edit")
         self.edit_button.setToolTip(
             "Edit in a form or as text; a protocol of the program is saved anew"
@@ -208,7 +210,8 @@ class ProtocolForm(QWidget):
 
     def _lay_out(self) -> None:
         box, form = group_box("Protocol", form_layout(4))
-        form.addRow("File", hbox(self.protocol, self.open_button, self.edit_button))
+        choice = hbox(self.protocol, self.modified, self.open_button, self.edit_button)
+        form.addRow("File", choice)
         form.addRow(self.description)
         for name, text in self.plan_rows.items():
             form.addRow(label(name, "muted"), text)
@@ -218,7 +221,7 @@ class ProtocolForm(QWidget):
         for name, field in self.about.items():
             form.addRow(capitalised(name.replace("_", " ")), field)
         form.addRow("First note", self.notes)
-        for hidden in (self.description, self.problem):
+        for hidden in (self.description, self.problem, self.modified):
             hidden.hide()
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
@@ -345,6 +348,9 @@ class RunStateBox(QVBoxLayout):
     ``kept``, which follows those of an aborted one.
     """
 
+    continue_requested = Signal(str)
+    """The session of the run that has ended."""
+
     def __init__(self, rows: Sequence[str] = ROWS, states: Mapping[str, str] = _STATES) -> None:
         super().__init__()
         self._states = states
@@ -353,6 +359,13 @@ class RunStateBox(QVBoxLayout):
         self.rows = {name: label("–", wraps=True) for name in rows}
         self.addWidget(self.state)
         self.addWidget(self.bar)
+        self.session = ""
+        self.continue_button = push_button(
+            "Continue it",
+            lambda: self.continue_requested.emit(self.session),
+            PathKind.INTERRUPTED.value[2],
+        )
+        self.addWidget(self.continue_button)
         form = form_layout(3)
         for name, text in self.rows.items():
             form.addRow(label(name, "muted"), text)
@@ -367,6 +380,9 @@ class RunStateBox(QVBoxLayout):
         show_progress(self.bar, run.trials_committed, planned)
         for name, text in texts.items():
             show_text(self.rows[name], text)
+        self.session = run.session or ""
+        may_continue = bool(self.session) and run.has_ended and not run.is_complete
+        self.continue_button.setVisible(may_continue)
         name = Path(run.session).name if run.session else "–"
         self.rows["Session"].setText(name if len(name) <= MAX_NAME else f"…{name[-STAMP:]}")
         self.rows["Session"].setToolTip(plain_tooltip(run.session or ""))
@@ -444,6 +460,42 @@ def trial_sentence(run: RunStatus) -> str:
     )
 
 
+class UnsavedStrip(Strip):
+    """Asks what happens to changes of a protocol that are not saved, and then goes on."""
+
+    save_requested = Signal(object)
+    """What goes on once the changes are saved."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._go_on: Callable[[], None] = self.hide
+        self.save = push_button("Save and go on", self._save)
+        self.go_on = push_button("Leave them out", self._leave)
+        self.cancel = push_button("Cancel", self.hide)
+        self.lay_out(self.save, self.go_on, self.cancel)
+
+    def ask(self, name: str, words: tuple[str, str], go_on: Callable[[], None], why: str) -> None:
+        """Ask about a file; ``words``: on the buttons; ``why`` the changes cannot be saved."""
+        self.text.setText(f"{name} has changes that are not saved.{why and f' {why}'}")
+        for button, text in zip((self.save, self.go_on), words, strict=True):
+            button.setText(text)
+        self.save.setEnabled(not why)
+        self._go_on = go_on
+        self.show()
+        self.cancel.setFocus()
+
+    def _save(self) -> None:
+        self.hide()
+        self.save_requested.emit(self._go_on)
+
+    def _leave(self) -> None:
+        self.hide()
+        self._go_on()
+
+
+_RUNS = ("Save and run", "Run the saved one")
+_QUEUES = ("Save and add", "Add the saved one")
+_EDITS = ("Save and edit the other", "Discard them")
 PAGE_BUTTON, LIVE_BUTTON = "Trials and notes", "Live plots"
 _MOVED_BY_HAND = "The drum is moved by hand: wait until that has ended, or press STOP"
 
@@ -468,7 +520,10 @@ class ProtocolPanel(QWidget):
         self.shows_page = False
         """Whether the middle shows :attr:`page`, and not the live plots."""
         self._can_start = False
-        self.form = ProtocolForm(self.worker)
+        self.form, self.unsaved = ProtocolForm(self.worker), UnsavedStrip()
+        self._after_save: Callable[[], None] | None = None
+        self._after_plan: Callable[[], None] | None = None
+        """What goes on once the editor's changes are saved, and then planned."""
         self.page = SessionPage(self.worker, self.form.people)
         self.queue = RunQueue(self.form.start_arguments)
         self.run_box = RunStateBox()
@@ -486,8 +541,10 @@ class ProtocolPanel(QWidget):
             self.continue_session,
             "Continue a session …",
         )
+        self.continue_buttons = (self.continue_button, self.run_box.continue_button)
         self.page_button = push_button(PAGE_BUTTON, lambda: self.show_page(not self.shows_page))
-        self.buttons = {"Start": push_button("Start", self._start)}
+        start = partial(self._ask_first, _RUNS, self._start)
+        self.buttons = {"Start": push_button("Start", start)}
         for name in ("Pause", "Resume", "Abort"):
             send = partial(self.command_requested.emit, name.lower(), {})
             self.buttons[name] = push_button(name, send)
@@ -539,7 +596,8 @@ class ProtocolPanel(QWidget):
         is_ready = is_connected and not status.fault and not run.is_active
         self._can_start = is_ready and not status.is_moved_by_hand
         self._enable_start()
-        self.continue_button.setEnabled(self._can_start)
+        for button in self.continue_buttons:
+            button.setEnabled(self._can_start)
         reason = _MOVED_BY_HAND if status.is_moved_by_hand else ""
         self.buttons["Start"].setToolTip(reason)
         self.buttons["Pause"].setEnabled(run.state == "running")
@@ -567,9 +625,45 @@ class ProtocolPanel(QWidget):
         self.command_requested.emit("start", self.form.start_arguments())
         self.form.notes.clear()
 
+    @property
+    def _is_modified(self) -> bool:
+        """Whether the editor has changes of the chosen protocol that are not saved."""
+        editor = self.page.editor
+        return editor.is_modified and editor.file == self.form.protocol.currentData()
+
+    @property
+    def _mistake(self) -> str:
+        """Why the editor's changes cannot be saved, empty where they can."""
+        can_save = self.page.editor.save_button.isEnabled()
+        return "" if can_save else "They have a mistake, which the editor shows."
+
+    def _ask_first(self, words: tuple[str, str], go_on: Callable[[], None]) -> None:
+        """Ask what happens to changes of the chosen protocol that are not saved, then go on."""
+        if self._is_modified:
+            self.unsaved.ask(self.form.protocol.currentText(), words, go_on, self._mistake)
+        else:
+            go_on()
+
+    def _save_first(self, go_on: Callable[[], None]) -> None:
+        self._after_save = go_on
+        self.page.editor.save()
+
+    def _go_on(self) -> None:
+        """Do what waited for the changes to be saved and planned; a plan with a problem runs not.
+
+        It says itself what is wrong.
+        """
+        go_on, self._after_plan = self._after_plan, None
+        if go_on is not None and self.form.is_planned and not self.form.current_problem:
+            go_on()
+
+    def _show_modified(self) -> None:
+        self.form.modified.setVisible(self._is_modified)
+
     def _finish_task(self, task: str, result: Any) -> None:
         if task == "plan_protocol":
             self.form.finish_plan(result)
+            self._go_on()
         elif task in self._editor_tasks:
             self._editor_tasks[task](result)
         else:
@@ -580,24 +674,42 @@ class ProtocolPanel(QWidget):
         if task == "plan_protocol":
             self.form.finish_plan(PlanSummary(problem=sentence))
         elif task == "save_protocol":
+            self._after_save = None
             self.page.editor.show_verdict(sentence, is_bad=True)
+            self.reported.emit("refused", sentence)
         else:
             self.page.show_problem(sentence)
         self._submit_next()
 
     def _read_protocol(self) -> None:
-        """Read the chosen protocol's file for the editor."""
-        if path := self.form.protocol.currentData():
-            self.worker.submit("read_protocol", path=path)
+        """Show the chosen protocol's file in the editor, as it is if it is there already."""
+        editor, path = self.page.editor, self.form.protocol.currentData()
+        if self._is_modified:
+            self._show_editor()
+        elif editor.is_modified and path:
+            read = partial(self._read_file, path)
+            self.unsaved.ask(Path(editor.file).name, _EDITS, read, self._mistake)
+        elif path:
+            self._read_file(path)
+
+    def _read_file(self, path: str) -> None:
+        self.form.add_protocol(path)
+        self.worker.submit("read_protocol", path=path)
 
     def _edit(self, read: ProtocolText) -> None:
         self.page.editor.show_file(read.path, read.text, read.own_path)
+        self._show_editor()
+
+    def _show_editor(self) -> None:
         self.page.tabs.setCurrentWidget(self.page.editor)
         self.show_page(True)
 
     def _finish_save(self, path: str) -> None:
         self.page.editor.show_saved(path)
-        if not self.page.editor.is_finger:
+        self._after_plan, self._after_save = self._after_save, None
+        if self.page.editor.is_finger:
+            self._go_on()
+        else:
             self.form.add_protocol(path)
 
     def _submit_next(self) -> None:
@@ -607,6 +719,7 @@ class ProtocolPanel(QWidget):
     def _connect(self) -> None:
         self.worker.finished.connect(self._finish_task)
         self.worker.failed.connect(self._fail_task)
+        self.run_box.continue_requested.connect(self.continue_session)
         self.form.checked.connect(self._enable_start)
         self.form.planned.connect(self.page.show_plan)
         self.queue.start_requested.connect(partial(self.command_requested.emit, "start"))
@@ -616,6 +729,9 @@ class ProtocolPanel(QWidget):
             link.reported.connect(self.reported)
         self.form.edit_button.clicked.connect(lambda: self._read_protocol())
         editor = self.page.editor
+        self.unsaved.save_requested.connect(self._save_first)
+        editor.modified_changed.connect(self._show_modified)
+        self.form.protocol.currentIndexChanged.connect(lambda _: self._show_modified())
         editor.check_requested.connect(
             lambda text, rig_toml, name: self.worker.submit(
                 "check_text", text=text, rig_toml=rig_toml, name=name

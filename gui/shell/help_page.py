@@ -22,7 +22,12 @@ from gui.widgets.labels import label
 from gui.widgets.layouts import hbox, push_button, vbox
 
 FIXED_KEYS = (
-    ActionRow("Always", "STOP", "Esc", "Stop and lift the drum, and end every run"),
+    ActionRow(
+        "Always",
+        "STOP",
+        "Esc",
+        "Stop and lift the drum, and end every run; at rest, close what is open first",
+    ),
     ActionRow("Always", "Next or previous control", "Tab, Shift+Tab", "Move the keyboard's focus"),
     ActionRow("Always", "Press a button", "Return, Space", "The one that has the focus"),
     ActionRow("Operate", "Jog 1 mm", "Alt+Left, Alt+Right", "With Shift 10 mm"),

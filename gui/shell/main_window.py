@@ -330,7 +330,7 @@ class MainWindow(SteadyFocusWindow):
         self.memory = WindowMemory(self.settings, self, self.docks)
         self._remember()
         self._keys = KeyFilter(self, self.menus)
-        self._keys.escaped.connect(self.stop)
+        self._keys.escaped.connect(self._escape)
         self.timer = QTimer(self)
         self.timer.setTimerType(Qt.TimerType.PreciseTimer)
         self.timer.timeout.connect(self.poll)
@@ -380,6 +380,32 @@ class MainWindow(SteadyFocusWindow):
         self.report("stop", "STOP")
         self.engine_link.stop()
         self.finger_tab.link.stop_own()
+
+    def _escape(self) -> None:
+        """Stop, and close what is open; where nothing moves, stop only if nothing is open."""
+        if self._drum_may_move():
+            self.stop()
+            self._close_open()
+        elif not self._close_open():
+            self.stop()
+
+    def _close_open(self) -> bool:
+        """Close a question or a page; return whether one was open, or a list or menu.
+
+        Those get the key themselves, and close.
+        """
+        if QApplication.activePopupWidget() is not None:
+            return True
+        for question in self._questions:
+            if question.isVisible():
+                question.hide()
+                return True
+        page, browser = self.stack.currentWidget(), self.file_browser
+        if page is browser:
+            browser.dismiss()
+        elif page in (self.attach.engines, self.help):
+            self._show_view()
+        return page in (browser, self.attach.engines, self.help)
 
     def report(self, kind: str, text: str) -> None:
         """Show an event in the log and the status line; a digest only in the log."""
@@ -433,6 +459,8 @@ class MainWindow(SteadyFocusWindow):
                 "results_in": self.analysis_tab.panel.run_box.place,
             }
         )
+        self.memory.keep_files("protocols", self.protocol_panel.protocol)
+        self.memory.keep_files("scan_protocols", self.finger_tab.setup.protocol)
         self.memory.keep_live_views(self.live_page)
         self.memory.restore_layout()
         self._show_view()
@@ -448,8 +476,9 @@ class MainWindow(SteadyFocusWindow):
             self.health.addWidget(strip)
         self._add_pages()
         self._add_docks()
-        run_end = self.analysis_tab.run_end_strip
-        questions = (self.prompt_panel, self.finger_tab.prompt_panel, run_end)
+        prompts = (self.prompt_panel, self.finger_tab.prompt_panel)
+        questions = (self.protocol_panel.unsaved, *prompts, self.analysis_tab.run_end_strip)
+        self._questions = (self.attach.closing, self.protocol_panel.unsaved)
         offer = self.tools.flash_strip
         strips = (self.drum.alarms.strip, *self.attach.strips, offer, *questions)
         self.regions = Regions(self.toolbar, strips, self.docks)
@@ -577,6 +606,7 @@ class MainWindow(SteadyFocusWindow):
         run_end = self.analysis_tab.run_end_strip
         self.engine_link.status_changed.connect(run_end.show_status)
         run_end.analyse_requested.connect(self._analyse)
+        run_end.continue_requested.connect(self.protocol_panel.continue_session)
         self.docks.panel_used.connect(self._use_panel)
         self.analysis_tab.opened.connect(self.sessions.remember)
         opened_by = (self.sessions.open_requested, self.start.session_requested)
@@ -681,12 +711,20 @@ class MainWindow(SteadyFocusWindow):
 
     def _is_at_rest(self) -> bool:
         """Whether nothing goes on at the rigs of this window that STOP would end."""
-        link, finger = self.engine_link, self.finger_tab.link
-        if any(each.status.run.is_active or each.is_waiting for each in (link, finger)):
+        finger = self.finger_tab.link
+        return self._drum_rests() and not (finger.status.run.is_active or finger.is_waiting)
+
+    def _drum_rests(self) -> bool:
+        link, status = self.engine_link, self.engine_link.status
+        if status.run.is_active or link.is_waiting:
             return False
-        status = link.status
         rests = status.state in RESTING_STATES and not status.calibration.measuring
         return rests or not link.is_connected
+
+    def _drum_may_move(self) -> bool:
+        """Whether the drum moves, presses or has a run, or nobody knows."""
+        link = self.engine_link
+        return not self._drum_rests() or link.status.contact_may_stand or link.is_unheard
 
     def _show_theme(self, theme: Theme) -> None:
         """Give the plots, which have colours of their own, those of another theme."""

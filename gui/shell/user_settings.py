@@ -12,7 +12,7 @@ from typing import TypeVar
 from unicodedata import category
 
 from PySide6.QtCore import QByteArray, QObject, QSettings, QTimer, Signal
-from PySide6.QtWidgets import QLineEdit, QMenu, QWidget
+from PySide6.QtWidgets import QComboBox, QLineEdit, QMenu, QWidget
 
 from gui.live.live_page import LivePage
 from gui.live.navigation import SPANS_S
@@ -20,6 +20,7 @@ from gui.operate.connection_bar import Toolbar
 from gui.shell.actions import ActionRegistry
 from gui.shell.docks import DockArea
 from gui.widgets.number_box import NumberBox
+from rigctl.config.text_file import is_plain_file
 
 MAX_RECENT = 8
 MAX_LETTERS = 4096
@@ -220,7 +221,7 @@ class RecentRigs(RecentPaths):
 SAVE_MS = 5000
 """A crash loses at most the changes of this time."""
 SPAN_KEY = "span_s"
-_Kept = TypeVar("_Kept", str, float, bool)
+_Kept = TypeVar("_Kept", str, float, bool, list[str])
 
 
 class WindowMemory(QObject):
@@ -229,8 +230,8 @@ class WindowMemory(QObject):
     def __init__(self, settings: UserSettings, window: QWidget, docks: DockArea) -> None:
         super().__init__(window)
         self._settings, self._window, self._docks = settings, window, docks
-        self._kept: dict[str, Callable[[], str | float | bool]] = {}
-        self._saved: dict[str, str | float | bool] = {}
+        self._kept: dict[str, Callable[[], str | float | bool | list[str]]] = {}
+        self._saved: dict[str, str | float | bool | list[str]] = {}
         self._timer = QTimer(self, interval=SAVE_MS)
         self._timer.timeout.connect(self.save)
 
@@ -242,6 +243,19 @@ class WindowMemory(QObject):
         """Restore the texts of fields by their keys, and remember them from now on."""
         for key, field in fields.items():
             self._keep(key, field.text, field.setText, lambda text: len(text) <= MAX_LETTERS)
+
+    def keep_files(self, key: str, box: QComboBox) -> None:
+        """List the files that were added to a list, as far as they exist, and remember them."""
+        own = box.count()
+
+        def read() -> list[str]:
+            return [box.itemData(place) for place in range(own, box.count())]
+
+        def add(paths: list[str]) -> None:
+            for path in filter(is_plain_file, map(Path, paths)):
+                box.addItem(path.name, str(path))
+
+        self._keep(key, read, add, lambda _: True)
 
     def keep_live_views(self, page: LivePage) -> None:
         """Restore time span, unit of the readings and unit of the rates, and remember them."""
@@ -280,7 +294,7 @@ class WindowMemory(QObject):
     def _layout(self) -> str:
         return b64encode(self._docks.save()).decode()
 
-    def _save(self, key: str, value: str | float | bool) -> None:
+    def _save(self, key: str, value: str | float | bool | list[str]) -> None:
         """Remember what was changed in this window: another one may have changed the rest."""
         if self._saved.get(key) != value:
             self._saved[key] = value

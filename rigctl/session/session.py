@@ -180,15 +180,22 @@ class Session(SessionReader):
             *(part.read(array.path, start, stop) for array in layout.TAXEL_ARRAYS),
         )
 
-    def drum(self, index: int) -> TrialDrum:
-        """Return the polls and load-cell samples between an attempt's start and end."""
+    def drum(self, index: int, first_s: float = -np.inf, end_s: float = np.inf) -> TrialDrum:
+        """Return the polls and load-cell samples between an attempt's start and end.
+
+        ``first_s``, ``end_s``: read only the polls of this time since the rise of sync and one
+        beyond each end, and the load-cell samples between them.
+        """
         row = self.trials[index]
         part = self._part(int(row["part"]))
         polls = part.rows_between(layout.DRUM, "at_s", row["started_s"], row["ended_s"])
-        loadcell = _loadcell_of(part, polls)
         rise_us = float(polls["sync_rise_us"][-1]) if len(polls) else np.nan
         if row["first_counter"] < 0:
             rise_us = np.nan
+        outside_s = (polls["board_time_us"] - rise_us) * 1e-6
+        before, after = (outside_s < first_s).sum(), (outside_s >= end_s).sum()
+        polls = polls[max(0, before - 1) : len(polls) - max(0, after - 1)]
+        loadcell = _loadcell_of(part, polls)
         return TrialDrum(
             polls,
             loadcell,

@@ -328,10 +328,19 @@ class SessionReader:
                     found.setdefault(int(index), []).append(event.text)
         return {index: "; ".join(texts) for index, texts in found.items()}
 
-    def samples(self, index: int) -> NDArray[np.uint16]:
-        """Return the readings of a trial, uint16 (n, n_taxels); :meth:`window` has the gaps."""
+    def samples(self, index: int, first: int = 0, end: int | None = None) -> NDArray[np.uint16]:
+        """Return the readings of a trial, uint16 (n, n_taxels); :meth:`window` has the gaps.
+
+        ``first``, ``end``: read only the rows ``first`` … ``end - 1`` of them.
+        """
         part, start, stop = self._rows_of(index)
-        return part.read(SAMPLES, start, stop)
+        stop = stop if end is None else min(stop, start + end)
+        return part.read(SAMPLES, min(start + first, stop), stop)
+
+    def sample_count(self, index: int) -> int:
+        """Return the number of readings of a trial that were received."""
+        _, start, stop = self._rows_of(index)
+        return stop - start
 
     def _part(self, number: int) -> PartReader:
         return next(part for part in self.parts if part.number == number)

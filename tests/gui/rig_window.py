@@ -10,14 +10,13 @@ from typing import NamedTuple
 
 import pytest
 from PySide6.QtWidgets import QApplication
-from shiboken6 import delete
 
 from gui.operate.operate_panel import READY
 from gui.shell.main_window import MainWindow
 from rigctl.boards.drum_states import State
 from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE
 from rigctl.engine.rpc.messages import EngineStatus
-from tests.gui.steps import click, wait_until
+from tests.gui.steps import click, own_window, wait_until
 
 TIMEOUT_MS = 120_000
 SMALL = (1024, 700)
@@ -107,18 +106,19 @@ class RigWindow(NamedTuple):
 @contextmanager
 def opened_window(size: tuple[int, int] = SMALL) -> Iterator[RigWindow]:
     """Yield a window with the real engines behind; at its end it leaves them and closes."""
-    window = MainWindow()
-    window.resize(*size)
-    window.show()
-    try:
-        yield RigWindow(window)
-    finally:
-        link = window.engine_link
-        if link.is_connected and link.status.run.is_active:
-            link.request("abort")
-            wait_until(lambda: not link.is_connected or not link.status.run.is_active, TIMEOUT_MS)
-        window.attach.leave()
-        delete(window)
+    with own_window() as window:
+        window.resize(*size)
+        window.show()
+        try:
+            yield RigWindow(window)
+        finally:
+            link = window.engine_link
+            if link.is_connected and link.status.run.is_active:
+                link.request("abort")
+                wait_until(
+                    lambda: not link.is_connected or not link.status.run.is_active, TIMEOUT_MS
+                )
+            window.attach.leave()
 
 
 @contextmanager

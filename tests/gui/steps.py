@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from PySide6.QtCore import QEventLoop, QPoint, QPointF, Qt, QTimer
+from PySide6.QtCore import QCoreApplication, QEvent, QEventLoop, QPoint, QPointF, Qt, QTimer
 from PySide6.QtGui import QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QPushButton, QWidget
+from shiboken6 import delete, isValid
 
 from gui.analysis.export import ExportButton
 from gui.finger.finger_tab import FingerTab
-from gui.link.engine_link import FingerEngineSpec
+from gui.link.engine_link import FingerEngineSpec, open_client
 from gui.shell.main_window import MainWindow
+from gui.shell.user_settings import UserSettings
 from gui.widgets.theme import ThemeChoice
 from rigctl.errors import RigctlError
 from tests.gui.fake_engine import FakeEngine
@@ -23,6 +26,28 @@ from tests.gui.fake_finger import FakeFinger
 TIMEOUT_MS = 20_000
 _FIRST_LOOK_MS, _LOOK_MS = 5, 40
 """A window that is looked at all the time takes the processor from what the test waits for."""
+
+
+@contextmanager
+def own_window(
+    engine: FakeEngine | None = None, settings: UserSettings | None = None
+) -> Iterator[MainWindow]:
+    """Yield a window on that engine, else on real ones; delete it with the menus of its plots.
+
+    Each widget that is left is drawn anew with every theme and text size of later tests.
+    """
+    before = set(QApplication.topLevelWidgets())
+    factory = open_client if engine is None else lambda *_: engine
+    window = MainWindow(factory, ThemeChoice.LIGHT, settings=settings)
+    made = set(QApplication.topLevelWidgets()) - before
+    try:
+        yield window
+    finally:
+        window.close()
+        delete(window)
+        for menu in filter(isValid, made):
+            menu.deleteLater()
+        QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
 
 
 class SharedWindow:

@@ -143,6 +143,11 @@ class SittingStatus:
         """Whether there was a run and it is over."""
         return self.state in ("done", "aborted", "failed")
 
+    @property
+    def is_complete(self) -> bool:
+        """Whether every planned trial is committed."""
+        return self.trials_committed >= self.trials_planned
+
 
 @dataclass(frozen=True, slots=True)
 class RunStatus(SittingStatus):
@@ -162,7 +167,7 @@ class RunStatus(SittingStatus):
     @property
     def is_complete(self) -> bool:
         """Whether every planned trial is committed, or was left out by an early end."""
-        return self.trials_committed + self.trials_ended_early == self.trials_planned
+        return self.trials_committed + self.trials_ended_early >= self.trials_planned
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,8 +45,8 @@ def test_trials_and_spikes_of_first_trial_are_shown(opened: Harness) -> None:
     assert "48 of 48 trials committed, simulated rig" in panel.about.text()
     assert len(panel.digest.text()) == 64
     assert opened.window.stack.currentWidget() is view
-    assert view.data is not None and view.data.samples.shape[1] == 18
-    assert len(view.data.spike_row) > 100
+    assert view.data is not None and view.data.overview.low.shape[1] == 18
+    assert view.data.overview.spikes.sum() > 100
     plates = next(c for c in panel.model.table.columns if c.name == "Plate")
     assert plates.text(0) == "A" and view.data.title.startswith("Trial 13: plate B")
     assert [index.row() for index in panel.table.selectionModel().selectedRows()] == [12]

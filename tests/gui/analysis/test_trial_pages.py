@@ -153,9 +153,10 @@ def test_every_page_is_saved_in_two_clicks_and_nothing_is_overwritten(shown: Har
     with save(shown, "csv").open() as file:
         rows = list(csv.DictReader(file))
     assert {row["simulated"] for row in rows} == {"yes"}
-    assert len(rows) == len(data.samples) and rows[5]["T3 (counts)"] == str(data.samples[5, 2])
+    samples = data.overview.low
+    assert len(rows) == len(samples) and rows[5]["T3 (counts)"] == str(samples[5, 2])
     spikes = sum(int(row["SA 1 (spikes)"]) for row in rows)
-    assert spikes == int((data.spike_row == 0).sum())
+    assert spikes == int(data.overview.spikes[:, 0].sum())
 
 
 def test_a_page_of_recorded_data_says_so(shown: Harness) -> None:

@@ -9,13 +9,11 @@ import h5py
 import pytest
 from PySide6.QtWidgets import QApplication, QLabel
 
-from gui.shell.main_window import MainWindow
 from gui.shell.user_settings import UserSettings
-from gui.widgets.theme import ThemeChoice
 from tests.analysis.recordings import record
 from tests.gui.fake_engine import FakeEngine
 from tests.gui.full_disk import full_disk
-from tests.gui.steps import Harness, click, wait_until
+from tests.gui.steps import Harness, click, own_window, wait_until
 from tests.session.damage import record_four_parts, zero
 
 pytestmark = pytest.mark.usefixtures("leave_nothing")
@@ -141,11 +139,8 @@ def test_garbage_in_the_settings_opens_the_window_with_its_defaults(
 ) -> None:
     path = tmp_path / "window.ini"
     path.write_bytes(garbage)
-    settings = UserSettings(path)
-    window = MainWindow(lambda *_: engine, ThemeChoice.LIGHT, settings=settings)
-    window.show()
-    qapp.processEvents()
-    assert window.isVisible() and "Traceback" not in window.event_log.toPlainText()
-    window.memory.save()
-    window.close()
-    window.deleteLater()
+    with own_window(engine, UserSettings(path)) as window:
+        window.show()
+        qapp.processEvents()
+        assert window.isVisible() and "Traceback" not in window.event_log.toPlainText()
+        window.memory.save()

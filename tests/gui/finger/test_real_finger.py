@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from PySide6.QtWidgets import QApplication
-from shiboken6 import delete
 
 from gui.link.engine_link import JOIN
 from gui.shell.main_window import MainWindow
@@ -18,7 +16,7 @@ from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE
 from rigctl.finger.models import train_models
 from rigctl.finger.session import FingerSession
 from tests.finger.harness import open_finger_harness
-from tests.gui.steps import click, press_escape, wait_until
+from tests.gui.steps import click, own_window, press_escape, wait_until
 
 TIMEOUT_MS = 120_000
 TWO_PLATES = """
@@ -45,20 +43,15 @@ def training(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def window(qapp: QApplication, tmp_path: Path) -> Iterator[MainWindow]:
+def window(
+    qapp: QApplication, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[MainWindow]:
     """Yield a window on its tab Finger."""
-    before = os.environ.get(FOLDER_VARIABLE)
-    os.environ[FOLDER_VARIABLE] = str(tmp_path / "runtime")
-    window = MainWindow()
-    window.show()
-    window.show_panel("finger")
-    yield window
-    window.close()
-    delete(window)
-    if before is None:
-        del os.environ[FOLDER_VARIABLE]
-    else:
-        os.environ[FOLDER_VARIABLE] = before
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "runtime"))
+    with own_window() as window:
+        window.show()
+        window.show_panel("finger")
+        yield window
 
 
 def test_calibration_leads_to_answers_while_the_finger_moves(

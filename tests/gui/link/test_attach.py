@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 from PySide6.QtWidgets import QApplication
-from shiboken6 import delete
 
 from gui.link.engine_link import JOIN
 from gui.shell.main_window import MainWindow
@@ -18,7 +17,7 @@ from rigctl.engine.rpc import client
 from rigctl.engine.rpc.client import EngineClient
 from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE, running_engines, runtime_folder
 from tests.gui.running_engine import start_protocol
-from tests.gui.steps import click, wait_until
+from tests.gui.steps import click, own_window, wait_until
 
 TIMEOUT_MS = 120_000
 OpenWindow = Callable[[], MainWindow]
@@ -41,10 +40,9 @@ def open_window(running: EngineClient) -> Iterator[OpenWindow]:
     with ExitStack() as stack:
 
         def open_one() -> MainWindow:
-            window = MainWindow()
+            window = stack.enter_context(own_window())
             window.resize(1024, 700)
             window.show()
-            stack.callback(delete, window)
             stack.callback(window.attach.leave)
             return window
 

@@ -12,7 +12,7 @@ from PySide6.QtGui import QAction
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QPushButton, QTableView, QWidget
 
-from gui.analysis.open_sessions import ReplayTrial
+from gui.analysis.trial_sections import ReplayTrial
 from gui.live.navigation import SPANS_S
 from gui.live.replay_page import NO_ATTEMPT, NO_SESSION, Player, ReplayPage
 from gui.live.timeline import TimeWindow

@@ -8,16 +8,14 @@ from typing import Any
 import pytest
 from PySide6.QtCore import QPoint, QRect
 from PySide6.QtWidgets import QApplication
-from shiboken6 import delete
 
 from gui.operate.event_log import action_result
 from gui.operate.operate_panel import READY
-from gui.shell.main_window import MainWindow
 from gui.widgets.labels import Level
 from gui.widgets.layouts import PanelArea
 from rigctl.boards.drum_states import State
 from tests.gui.fake_engine import STATUS
-from tests.gui.steps import Harness, click
+from tests.gui.steps import Harness, click, own_window
 
 
 def test_bring_up_leads_from_step_to_step_until_the_drum_can_approach(harness: Harness) -> None:
@@ -141,10 +139,8 @@ def test_no_recording_by_hand_begins_during_a_run(harness: Harness) -> None:
 
 
 def test_a_new_window_begins_with_the_live_plots(qapp: QApplication) -> None:
-    window = MainWindow()
-    assert window.stack.currentWidget() is window.live_page
-    window.close()
-    delete(window)
+    with own_window() as window:
+        assert window.stack.currentWidget() is window.live_page
 
 
 def test_a_board_that_is_not_commissioned_leads_to_the_page_set_up(harness: Harness) -> None:

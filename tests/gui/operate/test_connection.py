@@ -14,7 +14,7 @@ from gui.shell.main_window import MainWindow
 from gui.widgets.labels import Level
 from rigctl.errors import LinkLost, WrongUse
 from tests.gui.fake_engine import FakeEngine
-from tests.gui.steps import Harness, SharedWindow, click, wait_until
+from tests.gui.steps import Harness, SharedWindow, click, own_window, wait_until
 
 
 def test_connect_button_opens_the_chosen_rig(disconnected: SharedWindow) -> None:
@@ -90,10 +90,8 @@ def test_connecting_is_cancelled_and_an_engine_that_comes_late_is_left(
 
 def test_closing_during_connection_leaves_no_engine(qapp: QApplication, tmp_path: Path) -> None:
     engine = FakeEngine(tmp_path)
-    window = MainWindow(lambda rig, world: engine)
-    window.connect_rig("virtual")
-    window.close()
-    delete(window)
+    with own_window(engine) as window:
+        window.connect_rig("virtual")
     assert engine.is_closed
 
 
@@ -147,16 +145,15 @@ def test_disconnect_leaves_the_engine_to_its_other_clients(harness: Harness) -> 
 
 def test_a_run_may_end_before_the_window_closes(qapp: QApplication, tmp_path: Path) -> None:
     engine = FakeEngine(tmp_path)
-    window = MainWindow(lambda rig, world: engine)
-    window.show()
-    window.connect_rig("virtual")
-    wait_until(lambda: window.engine_link.live is not None)
-    harness = Harness(window, engine)
-    harness.update(run={"state": "running", "session": "/data/textures"})
-    assert not window.close()
-    assert "/data/textures" in window.attach.closing.text.text()
-    click(window.attach.closing.stop)
-    assert engine.commands == ["abort"] and window.isVisible()
-    harness.update(run={"state": "aborted"})
-    assert not window.isVisible() and engine.is_left
-    delete(window)
+    with own_window(engine) as window:
+        window.show()
+        window.connect_rig("virtual")
+        wait_until(lambda: window.engine_link.live is not None)
+        harness = Harness(window, engine)
+        harness.update(run={"state": "running", "session": "/data/textures"})
+        assert not window.close()
+        assert "/data/textures" in window.attach.closing.text.text()
+        click(window.attach.closing.stop)
+        assert engine.commands == ["abort"] and window.isVisible()
+        harness.update(run={"state": "aborted"})
+        assert not window.isVisible() and engine.is_left

@@ -13,7 +13,6 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
-from shiboken6 import delete
 
 from gui.live.live_page import SAVE
 from gui.operate.bench_controls import AS_DRAWN, WRONGLY
@@ -25,7 +24,7 @@ from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE, running_engines, run
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
 from tests.gui.running_engine import ridges
-from tests.gui.steps import click, press_escape, wait_until
+from tests.gui.steps import click, own_window, press_escape, wait_until
 
 TIMEOUT_MS = 120_000
 RIDGES = ridges("ridges", 3)
@@ -35,19 +34,12 @@ PEOPLE = {"operator": "Jörg", "sensor": "batch 7", "project": "pilot", "notes":
 @pytest.fixture(scope="module")
 def window(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterator[MainWindow]:
     """Yield a window whose Connect button has started an engine."""
-    before = os.environ.get(FOLDER_VARIABLE)
-    os.environ[FOLDER_VARIABLE] = str(tmp_path_factory.mktemp("runtime"))
-    window = MainWindow()
-    window.show()
-    click(window.toolbar.connect_button)
-    _wait(window, State.IDLE)
-    yield window
-    window.close()
-    delete(window)
-    if before is None:
-        del os.environ[FOLDER_VARIABLE]
-    else:
-        os.environ[FOLDER_VARIABLE] = before
+    with pytest.MonkeyPatch.context() as patch, own_window() as window:
+        patch.setenv(FOLDER_VARIABLE, str(tmp_path_factory.mktemp("runtime")))
+        window.show()
+        click(window.toolbar.connect_button)
+        _wait(window, State.IDLE)
+        yield window
 
 
 @pytest.fixture(autouse=True)

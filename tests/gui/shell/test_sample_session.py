@@ -12,13 +12,12 @@ from PySide6.QtWidgets import QApplication
 
 from gui.shell.main_window import MainWindow
 from gui.shell.start_page import CANCELLED, READY, REMEDY, SAMPLE
-from gui.widgets.theme import ThemeChoice
 from rigctl.session.session import open_session
 from rigctl.session.verify import verify
 from rigctl.synth import sample_session
 from rigctl.synth.sample_session import CHECKING, MAKING, SYNTH, sample_folder
 from tests.gui.full_disk import full_disk
-from tests.gui.steps import SharedWindow, click, wait_until
+from tests.gui.steps import SharedWindow, click, own_window, wait_until
 
 TIMEOUT_MS = 300_000
 
@@ -124,17 +123,16 @@ def test_a_second_press_makes_no_second_one_and_cancel_leaves_nothing(
 
 @pytest.mark.usefixtures("slow_making")
 def test_a_window_that_closes_ends_the_making(qapp: QApplication, folder: Path) -> None:
-    window = MainWindow(choice=ThemeChoice.LIGHT)
-    window.show()
-    window.start.show_page()
-    click(window.start.sample)
-    partial = folder.with_name(f"{folder.name}.partial")
-    wait_until(lambda: (partial / "part-0001.h5").exists(), TIMEOUT_MS)
-    window.close()
-    assert list(folder.parent.iterdir()) == []
-    QApplication.processEvents()
-    assert not window.analysis_tab.panel.path
-    window.deleteLater()
+    with own_window() as window:
+        window.show()
+        window.start.show_page()
+        click(window.start.sample)
+        partial = folder.with_name(f"{folder.name}.partial")
+        wait_until(lambda: (partial / "part-0001.h5").exists(), TIMEOUT_MS)
+        window.close()
+        assert list(folder.parent.iterdir()) == []
+        QApplication.processEvents()
+        assert not window.analysis_tab.panel.path
 
 
 def test_a_failure_is_a_sentence_in_place_with_a_remedy(window: MainWindow, folder: Path) -> None:

@@ -10,7 +10,6 @@ from tempfile import TemporaryDirectory
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from gui.live.navigation import SPANS_S
@@ -18,7 +17,7 @@ from gui.shell.main_window import MainWindow
 from gui.shell.user_settings import UserSettings
 from gui.widgets.theme import ThemeChoice, scale_texts
 from tests.gui.fake_engine import FakeEngine
-from tests.gui.steps import wait_until
+from tests.gui.steps import own_window, wait_until
 
 KEYS = (
     "theme", "text_percent", "window", "docks", "speed_mm_s", "force_g", "save_in", "record_in",
@@ -82,17 +81,13 @@ def test_window_opens_whole_with_any_file(
     with TemporaryDirectory() as folder:
         path = Path(folder, "window.ini")
         path.write_bytes(content)
-        window = MainWindow(lambda *_: engine, ThemeChoice.LIGHT, settings=UserSettings(path))
-        try:
+        with own_window(engine, UserSettings(path)) as window:
             window.show()
-            QTest.qWait(1)
+            QApplication.processEvents()
             _check_whole(window)
             window.rigs.menu.aboutToShow.emit()
             window.sessions.menu.aboutToShow.emit()
-        finally:
-            window.close()
-            window.deleteLater()
-            scale_texts(1.0)
+        scale_texts(1.0)
 
 
 def _check_whole(window: MainWindow) -> None:
@@ -113,40 +108,31 @@ def test_value_out_of_range_is_named_and_falls_back(
 ) -> None:
     path = tmp_path / "window.ini"
     path.write_text(f"[General]\n{key}={text}\n")
-    window = MainWindow(lambda *_: engine, ThemeChoice.LIGHT, settings=UserSettings(path))
-    assert f"the setting {key!r} is damaged" in window.event_log.toPlainText()
-    assert window.operate_panel.force.value() < 1000
-    assert window.live_plots.navigation.span_s == 10
-    window.close()
-    window.deleteLater()
+    with own_window(engine, UserSettings(path)) as window:
+        assert f"the setting {key!r} is damaged" in window.event_log.toPlainText()
+        assert window.operate_panel.force.value() < 1000
+        assert window.live_plots.navigation.span_s == 10
 
 
 def test_views_and_rigs_return(qapp: QApplication, engine: FakeEngine, tmp_path: Path) -> None:
     path = tmp_path / "window.ini"
-    window = MainWindow(lambda *_: engine, ThemeChoice.LIGHT, settings=UserSettings(path))
-    window.live_page.bar.span.setCurrentText("5 s")
-    window.live_page.bar.span.activated.emit(2)
-    window.live_page.bar.unit.setCurrentText("volts")
-    window.live_page.encoder_strip.per_mm.click()
-    themes = {
-        text: action
-        for menu, action in window.menus.actions()
-        if "Theme" in menu
-        for text in [action.text()]
-    }
-    themes[ThemeChoice.DARK.value].trigger()
-    window.toolbar.rig.choose("/data/bench/rig.toml")
-    window.toolbar.connect_requested.emit("/data/bench/rig.toml", "")
-    wait_until(lambda: window.engine_link.live is not None)  # what did not open is not recent
-    window.close()
-    window.deleteLater()
+    with own_window(engine, UserSettings(path)) as window:
+        window.live_page.bar.span.setCurrentText("5 s")
+        window.live_page.bar.span.activated.emit(2)
+        window.live_page.bar.unit.setCurrentText("volts")
+        window.live_page.encoder_strip.per_mm.click()
+        themes = {
+            action.text(): action for menu, action in window.menus.actions() if "Theme" in menu
+        }
+        themes[ThemeChoice.DARK.value].trigger()
+        window.toolbar.rig.choose("/data/bench/rig.toml")
+        window.toolbar.connect_requested.emit("/data/bench/rig.toml", "")
+        wait_until(lambda: window.engine_link.live is not None)  # what did not open is not recent
     assert UserSettings(path).value("theme", "") == ThemeChoice.DARK.name
-    again = MainWindow(lambda *_: engine, ThemeChoice.LIGHT, settings=UserSettings(path))
-    assert again.live_plots.navigation.span_s == 5
-    assert again.live_page.bar.unit.currentText() == "volts"
-    assert again.live_page.encoder_strip.per_mm.isChecked()
-    again.rigs.menu.aboutToShow.emit()
-    again.rigs.menu.actions()[0].trigger()
-    assert again.toolbar.rig.currentData() == "/data/bench/rig.toml"
-    again.close()
-    again.deleteLater()
+    with own_window(engine, UserSettings(path)) as again:
+        assert again.live_plots.navigation.span_s == 5
+        assert again.live_page.bar.unit.currentText() == "volts"
+        assert again.live_page.encoder_strip.per_mm.isChecked()
+        again.rigs.menu.aboutToShow.emit()
+        again.rigs.menu.actions()[0].trigger()
+        assert again.toolbar.rig.currentData() == "/data/bench/rig.toml"

@@ -9,12 +9,12 @@ from PySide6.QtCore import QPoint, QRect, QSize, Qt
 from PySide6.QtGui import QAccessible, QGuiApplication
 from PySide6.QtWidgets import QApplication, QScrollArea, QWidget
 
-from gui.shell.main_window import NOT_AT_REST, MainWindow
+from gui.shell.main_window import NOT_AT_REST
 from gui.widgets.layouts import PanelArea
 from gui.widgets.theme import DARK, LIGHT, ThemeChoice, applied_theme, text_scale
 from rigctl.boards.drum_states import State
 from tests.gui.fake_engine import FakeEngine
-from tests.gui.steps import Harness, wait_until
+from tests.gui.steps import Harness, own_window, wait_until
 
 SMALL = QSize(1024, 700)
 AT_REST: dict[str, Any] = {"state": int(State.ARMED), "run": {"state": "idle"}}
@@ -95,14 +95,11 @@ def test_small_screen_shows_heading_stop_and_log_beside_a_question(
 
 
 def test_window_opens_no_larger_than_the_screen(qapp: QApplication, engine: FakeEngine) -> None:
-    window = MainWindow(lambda *_: engine, ThemeChoice.LIGHT)
-    try:
+    with own_window(engine) as window:
         screen = QGuiApplication.primaryScreen().availableSize()
         assert window.width() <= max(screen.width(), window.minimumSizeHint().width())
         assert window.height() <= screen.height()
         assert window.minimumSizeHint().expandedTo(SMALL) == SMALL
-    finally:
-        window.close()
 
 
 def test_panels_are_never_narrower_than_their_contents(harness: Harness) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -16,8 +18,9 @@ from gui.shell.main_window import LEFT_PX, MainWindow
 from gui.shell.user_settings import MAX_RECENT, UserSettings, WindowMemory
 from gui.widgets.labels import WrappedLabel
 from gui.widgets.theme import ThemeChoice
+from rigctl.config import resources
 from tests.gui.fake_engine import FakeEngine
-from tests.gui.steps import Harness, SharedWindow, wait_until
+from tests.gui.steps import Harness, SharedWindow, own_window, wait_until
 
 WindowMaker = Callable[[], MainWindow]
 
@@ -35,19 +38,14 @@ def ini(tmp_path: Path) -> Path:
 @pytest.fixture
 def open_window(qapp: QApplication, engine: FakeEngine, ini: Path) -> Iterator[WindowMaker]:
     """Yield a function that opens a window with the settings in the file."""
-    opened = []
+    with ExitStack() as opened:
 
-    def make() -> MainWindow:
-        settings = UserSettings(ini)
-        window = MainWindow(lambda *_: engine, ThemeChoice.LIGHT, settings=settings)
-        window.show()
-        opened.append(window)
-        return window
+        def make() -> MainWindow:
+            window = opened.enter_context(own_window(engine, UserSettings(ini)))
+            window.show()
+            return window
 
-    yield make
-    for window in opened:
-        window.close()
-        window.deleteLater()
+        yield make
 
 
 def test_layout_and_folder_return_after_a_crash(open_window: WindowMaker) -> None:
@@ -71,6 +69,28 @@ def test_layout_and_folder_return_after_a_crash(open_window: WindowMaker) -> Non
     assert again.operate_panel.record_box.folder.text() == "/data/by-hand"
     assert again.live_page.save_strip.folder.text() == "/data/pictures"
     assert again.finger_tab.setup.out.text() == "/data/scans"
+
+
+def test_own_protocols_stay_in_the_list_as_long_as_they_exist(
+    open_window: WindowMaker, tmp_path: Path
+) -> None:
+    window = open_window()
+    mine, gone = tmp_path / "mine.toml", tmp_path / "gone.toml"
+    for file in (mine, gone):
+        shutil.copyfile(resources.protocols() / "quick.toml", file)
+        window.protocol_panel.add_protocol(str(file))
+    scans = tmp_path / "scans.toml"
+    shutil.copyfile(resources.finger_protocols() / "quick.toml", scans)
+    window.finger_tab.setup.add_protocol(str(scans))
+    window.memory.save()
+    gone.unlink()
+    again = open_window()
+    assert again.protocol_panel.protocol.findData(str(mine)) >= 0
+    assert again.protocol_panel.protocol.findData(str(gone)) < 0
+    assert again.protocol_panel.protocol.currentText() == "quick", "nothing else is chosen"
+    assert again.finger_tab.setup.protocol.findData(str(scans)) >= 0
+    again.memory.save()
+    assert open_window().protocol_panel.protocol.findData(str(mine)) >= 0
 
 
 def test_closed_panel_comes_back(open_window: WindowMaker) -> None:

@@ -11,25 +11,17 @@ from PySide6.QtWidgets import QApplication, QLabel
 from gui.shell.main_window import MainWindow
 from gui.shell.start_page import PANELS
 from gui.shell.user_settings import UserSettings
-from gui.widgets.theme import ThemeChoice
 from tests.gui.fake_engine import FakeEngine
-from tests.gui.steps import Harness, SharedWindow, click, wait_until
+from tests.gui.steps import Harness, SharedWindow, click, own_window, wait_until
 
 
 @pytest.fixture
 def first(qapp: QApplication, engine: FakeEngine, tmp_path: Path) -> Iterator[MainWindow]:
     """Yield a window whose user has no settings yet."""
-    window = _opened(engine, tmp_path / "window.ini")
-    yield window
-    window.close()
-    window.deleteLater()
-
-
-def _opened(engine: FakeEngine, ini: Path) -> MainWindow:
-    window = MainWindow(lambda *_: engine, ThemeChoice.LIGHT, settings=UserSettings(ini))
-    window.show()
-    QApplication.processEvents()
-    return window
+    with own_window(engine, UserSettings(tmp_path / "window.ini")) as window:
+        window.show()
+        QApplication.processEvents()
+        yield window
 
 
 def test_virtual_rig_starts_from_the_page_and_hides_it(first: MainWindow) -> None:
@@ -56,10 +48,10 @@ def test_page_is_there_at_the_first_start_only(
     first: MainWindow, engine: FakeEngine, tmp_path: Path
 ) -> None:
     first.memory.save()
-    again = _opened(engine, tmp_path / "window.ini")
-    assert not again.start.isVisible()
-    again.close()
-    again.deleteLater()
+    with own_window(engine, UserSettings(tmp_path / "window.ini")) as again:
+        again.show()
+        QApplication.processEvents()
+        assert not again.start.isVisible()
 
 
 def test_help_menu_shows_the_page_again(disconnected: SharedWindow) -> None:

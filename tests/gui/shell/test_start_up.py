@@ -9,10 +9,9 @@ from pathlib import Path
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication, QGraphicsView
-from shiboken6 import delete
 
 from gui.shell.main_window import MainWindow
-from gui.widgets.theme import ThemeChoice
+from tests.gui.steps import own_window
 
 LOADED = """
 import sys
@@ -62,15 +61,13 @@ def test_pages_that_are_not_in_view_are_made_and_laid_out_before_a_rig_moves(
     qapp: QApplication,
 ) -> None:
     """The first replay and the first saved picture kept the window, and STOP with it."""
-    window = MainWindow(choice=ThemeChoice.LIGHT)
-    window.show()
-    qapp.processEvents()
-    assert not window.replay.is_made and _waiting(window)
-    window.prepare()
-    assert window.replay.is_made and not window.replay.is_shown and not _waiting(window)
-    assert window.stack.currentWidget() is window.live_page
-    window.close()
-    delete(window)
+    with own_window() as window:
+        window.show()
+        qapp.processEvents()
+        assert not window.replay.is_made and _waiting(window)
+        window.prepare()
+        assert window.replay.is_made and not window.replay.is_shown and not _waiting(window)
+        assert window.stack.currentWidget() is window.live_page
 
 
 @pytest.mark.parametrize("wait_ms", [0, 30, 300, 1500])
