@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import fcntl
 import inspect
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,7 @@ settings.load_profile("rigctl")
 
 BEGUN_FIRST = (
     "attack/test_attack.py",
+    "firmware/test_controls.py",
     "boards/test_flash.py",
     "gui/link/test_joining.py",
     "gui/shell/test_never_blocked.py",
@@ -42,9 +44,8 @@ BEGUN_FIRST = (
     "gui/firmware_flows/test_protocol.py",
     "gui/firmware_flows/test_hand_work.py",
     "gui/firmware_flows/test_two_windows.py",
+    "gui/protocol/test_queue_without_a_window.py",
     "firmware/drum/test_drum_native.py",
-    "firmware/drum/test_attack_rules.py",
-    "firmware/drum/test_drum_controls.py",
     "fuzz/test_fuzz.py",
     "contract/test_parts.py",
     "engine/protocol/test_early_end.py",
@@ -99,6 +100,27 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         for kind in ("cache", "data", "state"):
             patch.setenv(f"XDG_{kind.upper()}_HOME", str(tmp_path_factory.mktemp(kind)))
         yield
+
+
+@pytest.fixture(scope="session")
+def made_once(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Callable[[str, Callable[[Path], object]], Path]:
+    """Return what fills a folder once for all workers of ``make test``; nobody changes it then."""
+    base = tmp_path_factory.getbasetemp()
+    base = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+
+    def make(name: str, fill: Callable[[Path], object]) -> Path:
+        folder = base / name
+        with (base / f"{name}.made").open("a") as made:
+            fcntl.flock(made, fcntl.LOCK_EX)
+            if made.tell() == 0:
+                folder.mkdir()
+                fill(folder)
+                made.write("made")
+        return folder
+
+    return make
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -25,6 +25,7 @@ from gui.analysis.task_values import (
     SessionLines,
     SessionTable,
     describe_options,
+    figures_folder,
 )
 from gui.analysis.trial_pages import CourseView, TrialPages
 from gui.analysis.trial_sections import finer
@@ -37,6 +38,7 @@ from gui.widgets.labels import Strip
 from gui.widgets.layouts import push_button
 from gui.widgets.theme import Theme
 from rigctl.engine.rpc.messages import EngineStatus, RunStatus
+from rigctl.errors import WrongUse
 
 
 class RunEndStrip(Strip):
@@ -113,6 +115,8 @@ class AnalysisTab(QObject):
     """Kind and text for the event log."""
     view_changed = Signal()
     """:attr:`view` has changed."""
+    opened = Signal(str)
+    """The path of a session that is open now."""
     found_whole = Signal(str)
     """The closing digest of a session that a check found whole."""
 
@@ -190,15 +194,20 @@ class AnalysisTab(QObject):
 
     def _run(self, method: str, path: str) -> None:
         run_box = self.panel.run_box
+        try:
+            place = run_box.place_of(path)
+        except WrongUse as error:
+            run_box.show_refusal(f"Results in: {error}")
+            return
         self.panel.show_busy()
         self._analysed = path
         if method == PAPER:
-            options = run_box.form.options()
+            options = run_box.form.options(place)
             self._report_folder = str(options.out)
             self._settings = describe_options(options, DRUM)
             self.worker.submit("analyse", options=options)
         elif method == REALTIME:
-            options = run_box.form.options()
+            options = run_box.form.options(place)
             self._report_folder = str(options.out)
             self._settings = describe_options(options, FINGER)
             self.worker.submit("analyse_finger", options=options)
@@ -212,7 +221,8 @@ class AnalysisTab(QObject):
             names = ", ".join(sessions)
             plural = "s" if len(sessions) > 1 else ""
             self._settings = f"Session{plural}: {names}; {run_box.description.text()}"
-            self.worker.submit("quick_check", sessions=sessions)
+            figures = figures_folder(place, path)
+            self.worker.submit("quick_check", sessions=sessions, figures=figures)
 
     def _verify(self, path: str, digest: str) -> None:
         self.panel.show_busy()
@@ -260,7 +270,7 @@ class AnalysisTab(QObject):
             self.reported.emit("refused", "there is no page to save: choose a trial first")
 
     def _save_trial(self, suffix: str) -> None:
-        pages, folder = self.trial_view, _figures_folder(self.panel.path)
+        pages, folder = self.trial_view, self._figures_of(self.panel.path)
         stem = pages.file_stem()
         if suffix != TABLE:
             self.files.save(folder, stem, suffix, pages.picture())
@@ -271,7 +281,7 @@ class AnalysisTab(QObject):
 
     def _save_results(self, suffix: str) -> None:
         view = self.results_view
-        place = (_figures_folder(self._analysed), view.file_stem(), suffix)
+        place = (self._figures_of(self._analysed), view.file_stem(), suffix)
         if suffix == TABLE:
             self.files.save(*place, view.csv().encode())
         elif view.isVisible() and not view.is_whole:  # what is missing has its own turns
@@ -284,7 +294,14 @@ class AnalysisTab(QObject):
         from rigctl.session.trial_csv import write_trials
 
         write = in_process(write_trials, typed_path(session))
-        self.files.save(_figures_folder(session), "trials", TABLE, write)
+        self.files.save(self._figures_of(session), "trials", TABLE, write)
+
+    def _figures_of(self, session: str) -> str:
+        """Return the folder for saved pages; what is no whole path, for the saver to refuse."""
+        try:
+            return figures_folder(self.panel.run_box.place_of(session), session)
+        except WrongUse:
+            return self.panel.run_box.place.text()
 
     def _keep_verified(self) -> None:
         table = self.panel.sessions.get(self._verified)
@@ -316,6 +333,8 @@ class AnalysisTab(QObject):
             self.trial_view.compare.show_grid(result)
         elif isinstance(result, SessionTable):
             self.panel.show_session(result)
+            if task == "open_session":
+                self.opened.emit(result.path)
             if task == "note_trial" and self.panel.trials.chosen is not None:
                 _, row = self.panel.trials.chosen
                 self._load_trial(result.path, row)
@@ -365,9 +384,3 @@ class AnalysisTab(QObject):
     def _show(self, view: QWidget) -> None:
         self.view = view
         self.view_changed.emit()
-
-
-def _figures_folder(session: str) -> str:
-    """Return the folder beside a session for saved pages."""
-    path = typed_path(session).absolute()
-    return str(path.with_name(f"{path.name}-figures"))

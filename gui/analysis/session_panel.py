@@ -140,6 +140,7 @@ class SessionPanel(QWidget):
         self.trials.forget_choice()
         self.run_box.show_experiment(table.experiment)
         self.run_box.form.show_session(table.path)
+        self.run_box.show_place(table.path)
         self.run_box.clear_result()
         self.kept.clear()
         self._show_state()

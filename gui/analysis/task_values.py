@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -10,8 +11,10 @@ from numpy.typing import NDArray
 
 from gui.analysis.trial_table import AttemptColumn
 from gui.analysis.value_file import data_words
+from gui.widgets.file_browser import new_files_folder, typed_path
 from rigctl.session.notes import Mark
 from rigctl.session.sensor_layout import SensorLayout
+from rigctl.synth.sample_session import sample_folder
 from rigctl.values import SessionLine, TrialMark, Verdict
 
 if TYPE_CHECKING:
@@ -180,6 +183,25 @@ def describe_options(options: AnalysisOptions, experiment: str) -> str:
         if not options.settings:
             parts.append(f"reference force: {options.reference_g:g} g")
     return "; ".join([*parts, f"engine: {ENGINE_NAMES.get(options.engine, options.engine)}"])
+
+
+def results_folder(session: str, chosen: str, fallback: str) -> Path:
+    """Return the folder for figures, reports and models of a session.
+
+    It is the chosen one, else that of the session. An archive that nobody can write into and the
+    hidden folder of the sample session have theirs in ``fallback``. Raises WrongUse for a folder
+    that is no whole path.
+    """
+    if chosen.strip():
+        return new_files_folder(chosen)
+    beside = typed_path(session).absolute().parent
+    is_hidden = beside == sample_folder().parent
+    return new_files_folder(fallback) if is_hidden or not os.access(beside, os.W_OK) else beside
+
+
+def figures_folder(place: Path, session: str) -> str:
+    """Return the folder of a session's saved pages and figures."""
+    return str(place / f"{typed_path(session).name}-figures")
 
 
 def model_path(report: Path) -> Path:

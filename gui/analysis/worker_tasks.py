@@ -58,7 +58,6 @@ if TYPE_CHECKING:
     from rigctl.analysis.options import AnalysisOptions
 
 
-FIGURES = "figures"
 ENGINE_FIRST = 10
 """By how much a process is nicer than the engine, beside which it works through a whole run."""
 
@@ -214,12 +213,12 @@ class WorkerTasks:
         simulated = self._sessions.is_simulated(path)
         return verify_results(report, folder, altered, simulated=simulated)
 
-    def quick_check(self, sessions: tuple[str, ...]) -> AnalysisResults:
-        """Classify textures as the demo does; write the figures into the first session."""
+    def quick_check(self, sessions: tuple[str, ...], figures: str) -> AnalysisResults:
+        """Classify textures as the demo does; write the figures into a folder."""
         from rigctl.analysis.report.demo import analyse_sessions
 
         paths = [Path(session) for session in sessions]
-        return quick_results(analyse_sessions(paths, paths[0] / FIGURES, progress=self._progress))
+        return quick_results(analyse_sessions(paths, Path(figures), progress=self._progress))
 
     def analyse(self, options: AnalysisOptions) -> AnalysisResults:
         """Write a report on sessions as ``rigctl analyse`` does."""

@@ -510,5 +510,8 @@ def name_this_window(text: str) -> str:
 
 def _status_here(data: dict[str, Any]) -> dict[str, Any]:
     """Return the data of a status in which who ended the run may be this window."""
-    run = data.get("run", {})
-    return {**data, "run": {**run, "text": name_this_window(run.get("text", ""))}}
+    names = {"run": "text", "queue": "waits_for"}
+    parts = {part: {**data.get(part, {})} for part in names}
+    for part, key in names.items():
+        parts[part][key] = name_this_window(parts[part].get(key, ""))
+    return {**data, **parts}

@@ -29,6 +29,7 @@ from gui.widgets.number_box import NumberBox, WholeNumberBox, has_refused
 from gui.widgets.plot_axes import PlotGrid, colour_axes, label_axis, time_plot
 from gui.widgets.theme import Theme, scaled_px
 from rigctl.analysis.files import PARTIAL
+from rigctl.errors import WrongUse
 from rigctl.values import SAMPLE_RATE_HZ
 
 LOW_MV, HIGH_MV = -90.0, 40.0
@@ -184,15 +185,15 @@ class MovieMaker(QObject):
         """Length, kind and button, each with its label."""
         return label("Last"), self.length, label("as"), self.kind, self.button
 
-    def write(self, session: str, row: int, taxel: int, end_s: float) -> None:
-        """Draw the time before a moment of an attempt for a taxel; rows and taxels from 0."""
+    def write(self, session: str, place: Path, row: int, taxel: int, end_s: float) -> None:
+        """Draw the time before a moment of an attempt for a taxel into a folder; all from 0."""
         start_s = max(0.0, end_s - self.length.value())
         folder = typed_path(session)
         name = f"{folder.name}-attempt{row + 1}-T{taxel + 1}-{start_s:.3f}s"
-        self._out = out = folder.absolute().with_name(name + self.kind.currentData())
+        self._out = out = place / (name + self.kind.currentData())
         section_s = (start_s, self.length.value())
-        place = {"path": session, "row": row, "taxel": taxel}
-        self.worker.submit("trial_movie", **place, section_s=section_s, out=str(out))
+        about = {"path": session, "row": row, "taxel": taxel}
+        self.worker.submit("trial_movie", **about, section_s=section_s, out=str(out))
         self.button.setText(CANCEL)
         self.told.emit(f"drawing {out} …")
 
@@ -364,6 +365,8 @@ class ReplayPage(QWidget):
         self.note_box = NoteBox("at this moment", "A mark on the plots where the replay stands")
         self.author: Callable[[], str] = str
         """Returns who writes notes."""
+        self.place_of: Callable[[str], Path] = lambda path: typed_path(path).absolute().parent
+        """Returns where movies of a session go. Raises WrongUse."""
         self.place.setMinimumWidth(120)
         self._play_row = (self.play, self.place, label("Speed"), self.speed, *self.movies.controls)
 
@@ -596,7 +599,12 @@ class ReplayPage(QWidget):
             show_text(self.sentence, NO_SESSION)
             return
         end_s = self.player.position / SAMPLE_RATE_HZ
-        self.movies.write(self._table.path, self._row, self.pointer.taxel, end_s)
+        try:
+            place = self.place_of(self._table.path)
+        except WrongUse as error:
+            self._fail("trial_movie", f"Results in: {error}")
+            return
+        self.movies.write(self._table.path, place, self._row, self.pointer.taxel, end_s)
 
     def _show_saved(self, path: str) -> None:
         show_text(self.sentence, f"saved {path}")

@@ -32,7 +32,14 @@ from gui.widgets.file_browser import (
     folder_problem,
     new_files_folder,
 )
-from gui.widgets.formatting import capitalised, day_time, duration, size, time_stamp
+from gui.widgets.formatting import (
+    capitalised,
+    day_time,
+    duration,
+    grouped,
+    size,
+    time_stamp,
+)
 from gui.widgets.labels import Strip, label, plain_tooltip, set_property, show_progress, show_text
 from gui.widgets.layouts import (
     FlowLayout,
@@ -44,9 +51,17 @@ from gui.widgets.layouts import (
     vbox,
 )
 from gui.widgets.number_box import WholeNumberBox
+from gui.widgets.theme import scaled_px
 from rigctl.config import resources
 from rigctl.config.rig_config import RigConfig
-from rigctl.engine.rpc.messages import EngineStatus, RecordingStatus, RunStatus, reason_words
+from rigctl.engine.rpc.messages import (
+    EngineStatus,
+    QueuedRunStatus,
+    QueueStatus,
+    RecordingStatus,
+    RunStatus,
+    reason_words,
+)
 from rigctl.finger.status import FingerRunStatus
 from rigctl.values import ABOUT
 
@@ -124,6 +139,14 @@ class ProtocolForm(QWidget):
         """Return what is said of the session, and the first note."""
         fields = {**self.about, "notes": self.notes}
         return {name: field.text().strip() for name, field in fields.items()}
+
+    def queued_arguments(self) -> dict[str, Any]:
+        """Return the arguments of the engine's command enqueue: the fields, and what is planned."""
+        plan = self._plan
+        planned = {"trials": len(plan.order), "plate_changes": plan.plate_changes}
+        folder = str(new_files_folder(self.out.text()))
+        run = {**self.start_arguments(), "out": folder}
+        return {**run, **planned, "duration_s": plan.duration_s}
 
     def start_arguments(self) -> dict[str, Any]:
         """Return the arguments of the engine's command start, with a new folder of this second."""
@@ -228,43 +251,40 @@ class ProtocolForm(QWidget):
         column.addWidget(box)
 
 
-_ARGUMENTS = Qt.ItemDataRole.UserRole
-_LIST_PX = 66
-WAITS = "The last run did not finish: look at it, then press Start next."
+_NUMBER = Qt.ItemDataRole.UserRole
+_LIST_PX = 96
 
 
 class RunQueue(QWidget):
-    """A list of runs. The next one starts by itself where the last one is done.
+    """Shows the runs that wait in the engine, and lets people change their order."""
 
-    ``arguments`` returns those of the command start for the fields as they are now; a queued run
-    keeps its fields, and gets the folder of the second in which it starts.
-    """
+    command_requested = Signal(str, dict)
+    add_requested = Signal()
 
-    start_requested = Signal(dict)
-
-    def __init__(self, arguments: Callable[[], dict[str, Any]]) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self._arguments = arguments
-        self._was_active = False
         self._can_start = False
-        self._sent_folder = ""
         self.list = QListWidget()
-        self.list.setFixedHeight(_LIST_PX)
-        self.add_button = push_button(
-            "Add", self._add, "Queue a run of the fields above; the window must stay open for it"
+        self.list.setFixedHeight(scaled_px(_LIST_PX))
+        self.list.setWordWrap(True)
+        add_tip = "Queue a run of the fields above; the engine keeps it, also without this window"
+        self.add_button = push_button("Add", self.add_requested.emit, add_tip)
+        self.remove_button = push_button("Remove", partial(self._send, "dequeue"))
+        self.up_button = push_button("Up", partial(self._send, "move_queued", places=-1))
+        self.down_button = push_button("Down", partial(self._send, "move_queued", places=1))
+        self.next_button = push_button(
+            "Start next", lambda: self.command_requested.emit("start_queued", {})
         )
-        self.remove_button = push_button("Remove", self._remove)
-        self.next_button = push_button("Start next", self._start_next)
-        self.problem = label("", "bad", wraps=True)
-        self.problem.hide()
+        self.waits_for = label("", "muted", wraps=True)
         self._lay_out()
         self.list.currentRowChanged.connect(lambda _: self._enable())
         self.set_possible(can_add=False, can_start=False)
 
     @property
-    def waits(self) -> bool:
-        """Whether the next run waits for Start next, as the last one did not finish."""
-        return bool(self.problem.text())
+    def buttons(self) -> tuple[QPushButton, ...]:
+        """All buttons, in their order."""
+        change = (self.remove_button, self.up_button, self.down_button)
+        return (self.add_button, *change, self.next_button)
 
     def set_possible(self, *, can_add: bool, can_start: bool) -> None:
         """Allow to queue the fields above, and to start a run."""
@@ -272,57 +292,67 @@ class RunQueue(QWidget):
         self._can_start = can_start
         self._enable()
 
-    def show_run(self, run: RunStatus) -> None:
-        """Take a run that has begun from the list, and start the next after one that is done."""
-        if self._sent_folder and run.session == self._sent_folder:
-            self._sent_folder = ""
-            self.list.takeItem(0)
-            self._enable()
-        if self._was_active and run.has_ended and self.list.count():
-            if run.state == "done":
-                self._start_next()
-            else:
-                self._show_problem(WAITS)
-        self._was_active = run.is_active
+    def show_queue(self, queue: QueueStatus) -> None:
+        """Show the runs and what the first one waits for; the chosen one stays chosen."""
+        texts = [_queued_text(place, run) for place, run in enumerate(queue.entries, 1)]
+        numbers = [run.number for run in queue.entries]
+        shown = [self.list.item(row) for row in range(self.list.count())]
+        if texts != [item.text() for item in shown] or numbers != [
+            item.data(_NUMBER) for item in shown
+        ]:
+            self._replace(texts, numbers)
+        show_text(self.waits_for, f"Waits: {queue.waits_for}." if queue.waits_for else "")
+        self.waits_for.setVisible(bool(queue.waits_for))
 
-    def _add(self) -> None:
-        arguments = self._arguments()
-        item = QListWidgetItem(f"{Path(arguments['protocol']).stem}, seed {arguments['seed']}")
-        item.setData(_ARGUMENTS, arguments)
-        self.list.addItem(item)
+    def _replace(self, texts: Sequence[str], numbers: Sequence[int]) -> None:
+        chosen = self._chosen
+        with QSignalBlocker(self.list):
+            self.list.clear()
+            for text, number in zip(texts, numbers, strict=True):
+                item = QListWidgetItem(text)
+                item.setData(_NUMBER, number)
+                self.list.addItem(item)
+            if numbers:
+                self.list.setCurrentRow(numbers.index(chosen) if chosen in numbers else 0)
         self._enable()
 
-    def _remove(self) -> None:
-        self.list.takeItem(max(self.list.currentRow(), 0))
-        if not self.list.count():
-            self._show_problem("")
-        self._enable()
+    @property
+    def _chosen(self) -> int | None:
+        item = self.list.currentItem()
+        return None if item is None else int(item.data(_NUMBER))
 
-    def _start_next(self) -> None:
-        queued = dict(self.list.item(0).data(_ARGUMENTS))
-        stem = Path(queued["protocol"]).stem
-        queued["out"] = str(Path(queued["out"]).with_name(f"{stem}-{time_stamp()}"))
-        self._sent_folder = queued["out"]
-        self._show_problem("")
-        self.start_requested.emit(queued)
-
-    def _show_problem(self, sentence: str) -> None:
-        self.problem.setText(sentence)
-        self.problem.setVisible(bool(sentence))
+    def _send(self, command: str, **args: int) -> None:
+        self.command_requested.emit(command, {"number": self._chosen, **args})
 
     def _enable(self) -> None:
-        has_runs = self.list.count() > 0
-        self.remove_button.setEnabled(has_runs)
-        self.next_button.setEnabled(has_runs and self._can_start)
+        row, last = self.list.currentRow(), self.list.count() - 1
+        self.remove_button.setEnabled(row >= 0)
+        self.up_button.setEnabled(row > 0)
+        self.down_button.setEnabled(0 <= row < last)
+        self.next_button.setEnabled(last >= 0 and self._can_start)
 
     def _lay_out(self) -> None:
         box, column = group_box("Queue", QVBoxLayout())
-        column.addWidget(self.problem)
+        column.addWidget(self.waits_for)
         column.addWidget(self.list)
-        column.addLayout(hbox(self.add_button, self.remove_button, self.next_button))
+        column.addLayout(FlowLayout(*self.buttons))
         outer = QVBoxLayout(self)
         outer.setContentsMargins(0, 0, 0, 0)
         outer.addWidget(box)
+
+
+def _queued_text(place: int, run: QueuedRunStatus) -> str:
+    """Return what a run is, and when it is due and over."""
+    seed = "" if run.seed is None else f", seed {run.seed}"
+    size = f"{grouped(run.trials)} trials, {_changes(run.plate_changes)}"
+    due = duration(run.duration_s)
+    if run.due_s is not None:
+        due = f"due {day_time(run.due_s)}, over {day_time(run.due_s + run.duration_s)} ({due})"
+    return f"{place}. {run.protocol}{seed}: {size}\n{due}"
+
+
+def _changes(count: int) -> str:
+    return f"{count} plate change{'' if count == 1 else 's'}"
 
 
 ROWS = ("Progress", "Finishes", "Trial", "Next plate", "Rejected", "Disk", "Session")
@@ -519,13 +549,13 @@ class ProtocolPanel(QWidget):
         """Plans the protocol, 24,000 trials take seconds; reads and writes the session's files."""
         self.shows_page = False
         """Whether the middle shows :attr:`page`, and not the live plots."""
-        self._can_start = False
+        self._can_start = self._can_add = False
         self.form, self.unsaved = ProtocolForm(self.worker), UnsavedStrip()
         self._after_save: Callable[[], None] | None = None
         self._after_plan: Callable[[], None] | None = None
         """What goes on once the editor's changes are saved, and then planned."""
         self.page = SessionPage(self.worker, self.form.people)
-        self.queue = RunQueue(self.form.start_arguments)
+        self.queue = RunQueue()
         self.run_box = RunStateBox()
         self.protocol, self.out, self.seed = self.form.protocol, self.form.out, self.form.seed
         self.plan_rows, self.problem = self.form.plan_rows, self.form.problem
@@ -595,6 +625,7 @@ class ProtocolPanel(QWidget):
         is_connected = status.drum_connected and status.taxels_connected
         is_ready = is_connected and not status.fault and not run.is_active
         self._can_start = is_ready and not status.is_moved_by_hand
+        self._can_add = is_connected
         self._enable_start()
         for button in self.continue_buttons:
             button.setEnabled(self._can_start)
@@ -607,8 +638,8 @@ class ProtocolPanel(QWidget):
         planned = run.trials_planned - run.trials_ended_early
         self.run_box.show_run(run, planned, run_texts(status))
         self.page.show_run(run)
-        self.queue.show_run(run)
-        self._arrange(run.is_active)
+        self.queue.show_queue(status.queue)
+        self._arrange(run.is_active, bool(status.queue.entries))
 
     def showEvent(self, event: QShowEvent) -> None:
         """Plan the protocol when the panel is visible for the first time."""
@@ -619,11 +650,14 @@ class ProtocolPanel(QWidget):
     def _enable_start(self) -> None:
         can_run = self.form.is_planned and not self.form.current_problem
         self.buttons["Start"].setEnabled(self._can_start and can_run)
-        self.queue.set_possible(can_add=can_run, can_start=self._can_start)
+        self.queue.set_possible(can_add=can_run and self._can_add, can_start=self._can_start)
 
     def _start(self) -> None:
         self.command_requested.emit("start", self.form.start_arguments())
         self.form.notes.clear()
+
+    def _enqueue(self) -> None:
+        self.command_requested.emit("enqueue", self.form.queued_arguments())
 
     @property
     def _is_modified(self) -> bool:
@@ -722,7 +756,8 @@ class ProtocolPanel(QWidget):
         self.run_box.continue_requested.connect(self.continue_session)
         self.form.checked.connect(self._enable_start)
         self.form.planned.connect(self.page.show_plan)
-        self.queue.start_requested.connect(partial(self.command_requested.emit, "start"))
+        self.queue.command_requested.connect(self.command_requested)
+        self.queue.add_requested.connect(partial(self._ask_first, _QUEUES, self._enqueue))
         self.page.command_requested.connect(self.command_requested)
         self.page.advanced.connect(self.page.learning.show_session)
         for link in (self.page, self.page.learning):
@@ -752,12 +787,12 @@ class ProtocolPanel(QWidget):
         self._column.addStretch(1)
         self.setLayout(self._column)
 
-    def _arrange(self, is_active: bool) -> None:
+    def _arrange(self, is_active: bool, is_queued: bool) -> None:
         """Put first, where nobody has to scroll for it, the run, or a queue that waits."""
         order: tuple[QWidget, ...] = (self.form, self._run_group, self.queue)
         if is_active:
             order = (self._run_group, self.form, self.queue)
-        elif self.queue.waits:
+        elif is_queued:
             order = (self.queue, self.form, self._run_group)
         if order != self._order:
             self._order = order

@@ -76,6 +76,7 @@ class PlanSummary(NamedTuple):
     description: str = ""
     order: tuple[Row, ...] = ()
     duration_s: float = 0.0
+    plate_changes: int = 0
 
 
 class AttemptRow(NamedTuple):
@@ -157,7 +158,8 @@ def summarise(plan: Plan, out: str = "") -> PlanSummary:
         f"{size(plan.bytes_estimate)}{_free(out)}",
     )
     description, order = plan.protocol.description, tuple(map(_planned, plan.trials))
-    return PlanSummary(texts, plan.seed, "", description, order, plan.duration_s + changes_s)
+    total_s, changes = plan.duration_s + changes_s, plan.plate_changes
+    return PlanSummary(texts, plan.seed, "", description, order, total_s, changes)
 
 
 def _conditions(plan: Plan) -> Row:

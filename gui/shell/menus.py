@@ -139,10 +139,10 @@ def add_panel_menus(
     guided = [steps.next, steps.calibrate, steps.steps, operate.record_box.button]
     add_buttons(menus, "Rig", [*guided, operate.bench.inject, operate.bench.wire])
     add_buttons(menus, "Rig → Jog", operate.jog.buttons.values())
-    queue = protocol.queue
-    queued = (queue.add_button, queue.remove_button, queue.next_button)
     runs = (*protocol.buttons.values(), *protocol.continue_buttons, protocol.page_button)
-    add_buttons(menus, "Rig → Protocol", [*runs, *queued, *protocol.editing_buttons()])
+    add_buttons(
+        menus, "Rig → Protocol", [*runs, *protocol.queue.buttons, *protocol.editing_buttons()]
+    )
     page = protocol.page
     add_buttons(menus, "Rig → Trials and notes", [page.open_button, *page.buttons.values()])
     add_buttons(menus, "Rig → Trials and notes", [page.learning.button], "Learning curve: ")
@@ -166,7 +166,7 @@ def drum_controls(
     setup: SetupPage,
 ) -> list[QWidget]:
     """Return what acts on the drum rig, but STOP."""
-    bench, queue = operate.bench, protocol.queue
+    bench = operate.bench
     by_hand = (operate.set_button, operate.bring_up.next, operate.record_box.button)
     return [
         *operate.buttons.values(),
@@ -174,7 +174,7 @@ def drum_controls(
         *by_hand,
         *(bench.plate, bench.inject, bench.wire),
         *protocol.buttons.values(),
-        *(*protocol.continue_buttons, queue.next_button),
+        *(*protocol.continue_buttons, *protocol.queue.buttons),
         *(prompt.confirm, prompt.abort),
         *calibrate.controls,
         *setup.controls,

@@ -53,7 +53,7 @@ class ReplayController(QObject):
         from gui.live.replay_page import ReplayPage
 
         page = ReplayPage(self._theme)
-        page.author = self.author
+        page.author, page.place_of = self.author, self._panel.run_box.place_of
         page.opened.connect(self._sessions.remember)
         page.closed.connect(self.hide)
         page.reported.connect(self.reported)

@@ -80,6 +80,7 @@ class PathKind(Enum):
     PROTOCOL = ("Protocol (*.toml)", _TOML, "Open a protocol file")
     OUTPUT = ("Folder for new sessions", "", "Choose a folder")
     DATA = ("Folder that holds sessions", "", "Choose a folder")
+    RESULTS = ("Folder for results", "", "Choose a folder")
     RECORDINGS = ("Folder of recordings", "", "Choose a folder; the field takes a file, too")
     MAP = ("Map of the columns (*.toml)", _TOML, "Choose a map")
     TABLE = ("Folder of the new table", "", "Choose a folder; then type the name of the file")

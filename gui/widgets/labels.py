@@ -5,8 +5,8 @@ from __future__ import annotations
 from enum import StrEnum
 from html import escape
 
-from PySide6.QtCore import QPointF, QRectF, Qt
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent
+from PySide6.QtCore import QEvent, QPointF, QRectF, Qt
+from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import (
     QFrame,
     QLabel,
@@ -90,7 +90,9 @@ MOST_STEPS = 2**31 - 1
 class WrappedLabel(QLabel):
     """A label of several lines, never lower than they are at its width.
 
-    Layouts in layouts ask for the height at another width, such as that without a scroll bar.
+    Layouts in layouts ask for the height at another width, such as that without a scroll bar. A
+    hidden label reserves nothing: it may still have another width than where it will be shown, and
+    a window that grows for it stays so high.
     """
 
     def __init__(self) -> None:
@@ -106,9 +108,20 @@ class WrappedLabel(QLabel):
         super().resizeEvent(event)
         self._reserve_height()
 
+    def changeEvent(self, event: QEvent) -> None:
+        """Reserve the height of the text in other letters, which may be smaller."""
+        super().changeEvent(event)
+        if event.type() in (QEvent.Type.FontChange, QEvent.Type.StyleChange):
+            self._reserve_height()
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Reserve the height of the text where it is shown."""
+        super().showEvent(event)
+        self._reserve_height()
+
     def _reserve_height(self) -> None:
         self.setMinimumHeight(0)  # Qt's height for a width is never below it: a text must shrink
-        if self.text():
+        if self.text() and self.isVisible():
             self.setMinimumHeight(max(0, self.heightForWidth(self.width())))
 
 

@@ -20,13 +20,14 @@ from rigctl.engine.pipeline import FAST_BATCH_SAMPLES, REAL_TIME_BATCH_SAMPLES
 from rigctl.engine.rig import Rig
 from rigctl.engine.rig_boards import RigBoards
 from rigctl.engine.rpc.messages import LINK, EngineStatus, RecordingStatus, RunStatus
+from rigctl.engine.run_queue import RunQueue
 from rigctl.engine.run_request import RunContext, RunRequest, open_run
 from rigctl.engine.runner import Run
 from rigctl.engine.served_engine import ServedEngine
 from rigctl.engine.setup.served_setup import ServedSetup
 from rigctl.engine.status import StatusBuilder
 from rigctl.engine.step_runner import mountings_before
-from rigctl.errors import DiskFault, WrongUse
+from rigctl.errors import DiskFault, RigctlError, WrongUse
 from rigctl.session.notes import SessionNote, check_note
 from rigctl.session.session import ConditionEnd
 
@@ -56,6 +57,8 @@ class Engine(ServedEngine[Run, RunRequest]):
         self.manual = ManualRecorder(self.boards, self.event_bus)
         self.calibration = Calibration(rig, self.boards, self._today)
         self.setup = ServedSetup(rig, self.boards.motion, self.calibration.measurement, self._today)
+        self.queue = RunQueue()
+        """Runs that wait: the next one begins where the last one is done."""
         self.early_end: EarlyEndProcess | None = None
         """Judges the conditions of the run, where its protocol lets them end early."""
         self._utc_now = utc_now
@@ -85,6 +88,22 @@ class Engine(ServedEngine[Run, RunRequest]):
         if rule is not None:
             self.early_end = EarlyEndProcess(run.folder.absolute(), rule, self.event_bus.publish)
         return self._begin(run)
+
+    def start_queued(self) -> Run:
+        """Start the first run of the queue, which then has it no more.
+
+        Raises as :meth:`start`; the queue then says why its first run waits.
+        """
+        try:
+            return self.queue.start_first(self.start, self._utc_now())
+        except (RigctlError, OSError) as error:
+            self.queue.problem = f"the first one could not start: {error}"
+            raise
+
+    @property
+    def is_needed(self) -> bool:
+        """Whether there is work to do without a client: a run, or runs that wait."""
+        return super().is_needed or len(self.queue) > 0
 
     def add_note(self, text: str) -> None:
         """Write a note on the session of the run. Raises WrongUse without a run."""
@@ -124,7 +143,8 @@ class Engine(ServedEngine[Run, RunRequest]):
             recording = self.run.disk_monitor.status(self.boards.pipeline.is_recording)
             run = self.run.status()
         recording = self.manual.status() or recording
-        return self._status_builder.build(self._now_s(), self._texture, recording, run)
+        queue = self.queue.status(run)
+        return self._status_builder.build(self._now_s(), self._texture, recording, run, queue)
 
     async def send_stop(self, text: str) -> None:
         """Stop and lift, ahead of everything else; a run ends."""
@@ -176,7 +196,19 @@ class Engine(ServedEngine[Run, RunRequest]):
             self.heartbeat_gate.check_out("recorder")
             with self._publish_disk_fault():
                 self.rig.save_truth(is_last=True)
+        if len(self.queue) and not self._shutdown_requested.is_set():
+            self._follow_up(run)
         self._send_status()
+
+    def _follow_up(self, run: Run) -> None:
+        """Start the next run after one that is done; after another one the queue waits."""
+        if run.outcome != "done":
+            self.queue.problem = f"the last run was not done ({run.text}): look at it first"
+            return
+        try:
+            self.start_queued()
+        except (RigctlError, OSError):
+            self.event_bus.publish("failed", f"the queue waits: {self.queue.problem}")
 
     @contextmanager
     def _publish_disk_fault(self) -> Iterator[None]:
@@ -206,6 +238,8 @@ class Engine(ServedEngine[Run, RunRequest]):
     async def _make_safe(self) -> None:
         if self.manual.is_recording:
             self.manual.end()
+        if len(self.queue):
+            self.event_bus.publish("lost", f"the engine ends, and its queue: {self.queue.names}")
         await self.calibration.measurement.end()
         if self.boards.drum_poller.connected and self.boards.drum_poller.state is not None:
             await self.boards.motion.disarm()

@@ -33,8 +33,8 @@ from tests.attack.steps import (
 )
 from tests.firmware.building import host_library
 
-RANDOM_ATTACKS = int(os.environ.get("RIGCTL_ATTACKS", "2000"))
-CHIP_ATTACKS = int(os.environ.get("RIGCTL_CHIP_ATTACKS", "60"))
+RANDOM_ATTACKS = int(os.environ.get("RIGCTL_ATTACKS", "600"))
+CHIP_ATTACKS = int(os.environ.get("RIGCTL_CHIP_ATTACKS", "20"))
 
 CONTROLS = (
     ("no-raw-limit", "force", 0),

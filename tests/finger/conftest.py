@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -45,8 +45,12 @@ def new_session(tmp_path: Path) -> Iterator[FingerHarness]:
 
 
 @pytest.fixture(scope="session")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> Trained:
-    folder = tmp_path_factory.mktemp("trained")
+def trained(made_once: Callable[[str, Callable[[Path], None]], Path]) -> Trained:
+    folder = made_once("trained", _train)
+    return Trained(folder / "train" / "session", folder / "calibrate" / "session")
+
+
+def _train(folder: Path) -> None:
     with open_finger_harness(folder / "train") as harness:
         run = harness.record(harness.request("normalise", "train"))
         assert run.text == "every scan is committed"
@@ -56,4 +60,3 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Trained:
         model = training / "model-speed-scaled.h5"
         harness.record(harness.request("calibrate", model=model))
         calibrate_models(training, harness.session)
-        return Trained(training, harness.session)

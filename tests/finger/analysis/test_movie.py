@@ -48,15 +48,8 @@ ANSWER = PredictionRow(
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("movie") / "small"
-    finger_building.record_plan(folder)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def timeline(session: Path) -> ScanTimeline:
-    return read_timeline(session, RUN_TRIAL)
+def timeline(finger: Path) -> ScanTimeline:
+    return read_timeline(finger, RUN_TRIAL)
 
 
 @pytest.fixture(scope="module")
@@ -69,8 +62,8 @@ def ignore(*_: object) -> None:
     """Take no notice of progress."""
 
 
-def test_the_clock_of_a_scan_begins_at_its_first_sample(session: Path) -> None:
-    with FingerSession.open(session) as reader:
+def test_the_clock_of_a_scan_begins_at_its_first_sample(finger: Path) -> None:
+    with FingerSession.open(finger) as reader:
         row = reader.trials[0]
         # The synthetic board sends its samples without a delay, in blocks of ten.
         assert reader.scan_start_s(0) == pytest.approx(row["first_counter"] / 1000, abs=0.0011)
@@ -95,11 +88,11 @@ def test_time_and_distance_stop_with_the_scan(timeline: ScanTimeline) -> None:
     assert after.distance_mm == pytest.approx(200 * SCAN_MS / 1000, abs=2.5)
 
 
-def test_spikes_lie_in_the_windows_that_count_them(session: Path, timeline: ScanTimeline) -> None:
+def test_spikes_lie_in_the_windows_that_count_them(finger: Path, timeline: ScanTimeline) -> None:
     window = (timeline.spike_mm // timeline.window_mm).astype(int)
     counts = np.zeros((len(timeline.rates_hz), 9), int)
     np.add.at(counts, (window, timeline.spike_taxel), 1)
-    with FingerSession.open(session) as reader:
+    with FingerSession.open(finger) as reader:
         index = int(np.flatnonzero(reader.trials["trial_id"] == RUN_TRIAL)[0])
         scaled = scale_windows(reader.scan_spikes(index), reader.velocities_um_s(index))
     assert np.array_equal(counts, scaled.counts)
@@ -118,8 +111,8 @@ def test_frames_follow_real_time(timeline: ScanTimeline) -> None:
     assert times[0] == -LEAD_S and times[-1] >= timeline.duration_s + TRAIL_S
 
 
-def test_a_training_scan_shows_no_answer(session: Path) -> None:
-    trained = read_timeline(session, TRAIN_TRIAL)
+def test_a_training_scan_shows_no_answer(finger: Path) -> None:
+    trained = read_timeline(finger, TRAIN_TRIAL)
     assert trained.trial.stage == "train"
     without = replace(trained, answers=(), answer_s=np.zeros(0))
     texts = [text.get_text() for text in texts_of(scan_movie(without))]
@@ -254,9 +247,9 @@ def test_an_mp4_is_what_ffmpeg_makes(
     assert [path.name for path in tmp_path.iterdir()] == ["bin"]
 
 
-def test_trials_that_cannot_be_shown_are_refused(session: Path, tmp_path: Path) -> None:
+def test_trials_that_cannot_be_shown_are_refused(finger: Path, tmp_path: Path) -> None:
     with pytest.raises(WrongUse, match="has no trial 99"):
-        read_timeline(session, 99)
+        read_timeline(finger, 99)
     with pytest.raises(SessionError, match="not a session"):
         read_timeline(tmp_path)
 
@@ -272,5 +265,5 @@ def test_a_rejected_scan_says_why(tmp_path: Path) -> None:
     assert words_of(shown).endswith("rejected: the finger was lifted; too fast")
 
 
-def test_the_last_committed_scan_is_the_default(session: Path) -> None:
-    assert read_timeline(session).trial.trial_id == len(finger_building.plan().trials)
+def test_the_last_committed_scan_is_the_default(finger: Path) -> None:
+    assert read_timeline(finger).trial.trial_id == len(finger_building.plan().trials)

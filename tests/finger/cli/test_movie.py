@@ -8,29 +8,13 @@ import pytest
 from PIL import Image
 
 from rigctl.cli import main
-from tests.finger import finger_building
-from tests.session import building
-
-
-@pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("movie") / "small"
-    finger_building.record_plan(folder)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def drum_session(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("drum") / "small"
-    building.record_plan(folder)
-    return folder
 
 
 def test_a_still_of_the_last_scan(
-    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    finger: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "new" / "scan.png"
-    assert main(["realtime", "movie", str(session), "--out", str(out)]) == 0
+    assert main(["realtime", "movie", str(finger), "--out", str(out)]) == 0
     said = capsys.readouterr()
     assert said.out.startswith(f"{out}: 0.") and said.out.endswith(" MB\n")
     assert "drawing frames" in said.err
@@ -39,16 +23,16 @@ def test_a_still_of_the_last_scan(
 
 
 def test_wrong_use_is_one_sentence(
-    session: Path, drum_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    finger: Path, drum: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     there = tmp_path / "there.gif"
     there.touch()
     new = tmp_path / "new.gif"
     for words, said in (
-        ([session, "--trial", "77", "--out", new], "has no trial 77"),
-        ([session, "--out", there], "already exists"),
-        ([session, "--out", tmp_path / "scan.webp"], "none of .gif, .mp4, .png"),
-        ([drum_session, "--out", new], "is a session of the drum, not of the moving finger"),
+        ([finger, "--trial", "77", "--out", new], "has no trial 77"),
+        ([finger, "--out", there], "already exists"),
+        ([finger, "--out", tmp_path / "scan.webp"], "none of .gif, .mp4, .png"),
+        ([drum, "--out", new], "is a session of the drum, not of the moving finger"),
         ([tmp_path, "--out", new], "is not a session"),
     ):
         assert main(["realtime", "movie", *map(str, words)]) == 2

@@ -11,38 +11,17 @@ from rigctl.boards.drum_codes import Command, Status
 from rigctl.boards.drum_registers import BY_NAME
 from rigctl.boards.drum_states import Fault, State
 from tests.firmware.drum.support.attacks import (
-    ATTACK_CHECKS,
-    ATTACK_CONTROLS,
     LIFT_LIMIT_MS,
     REFUSED,
     has_status,
     holding_drum,
 )
-from tests.firmware.drum.support.checks import IMAGE, Check
+from tests.firmware.drum.support.checks import IMAGE
 from tests.firmware.drum.support.chip import DrumChip
 from tests.firmware.drum.support.overshoot import overshoot_g
 
 STIFFEST = WorldParameters(stiffness_g_mm=900.0, pressure_power=2.2, frame_share=0.3)
 """Skin and frame at the end of the plausible range."""
-
-
-def _name(value: object) -> str:
-    return getattr(value, "__name__", str(value))
-
-
-@pytest.mark.parametrize(("check", "image"), ATTACK_CHECKS, ids=_name)
-def test_the_image_passes(check: Check, image: str) -> None:
-    check(image)
-
-
-@pytest.mark.parametrize(("broken", "_what", "check"), ATTACK_CONTROLS, ids=_name)
-def test_the_broken_image_fails(broken: str, _what: str, check: Check) -> None:
-    with pytest.raises(AssertionError):
-        check(f"firmware/drum-{broken}.elf")
-
-
-def test_every_check_has_a_control() -> None:
-    assert {check for check, _ in ATTACK_CHECKS} == {check for *_, check in ATTACK_CONTROLS}
 
 
 def plates(bench: WorldParameters) -> list[ForceTable]:

@@ -1,11 +1,13 @@
-"""Every state × event of the drum's table, on the compiled image."""
+"""Every state × event of the drum's table, commissioning and nudges, on the compiled image."""
 
 from __future__ import annotations
 
 import pytest
 
 from rigctl.bench.chips.simavr import Input, Output, ResetBy
+from rigctl.boards.drum_codes import Command, Status
 from rigctl.boards.drum_states import OUTPUTS, State, StateEvent, next_state
+from tests.firmware.drum.support.attacks import has_status
 from tests.firmware.drum.support.cells import (
     ATTENDED,
     COMMANDS,
@@ -113,3 +115,27 @@ def test_every_cell_is_reached_or_has_a_reason() -> None:
     for state in OUTPUTS:
         for event in StateEvent:
             assert ((state, event) in reached) == (not unreachable(state, event))
+
+
+def test_a_commission_outlives_a_reset_and_ends_with_its_settings() -> None:
+    with DrumChip() as drum:
+        assert not has_status(drum, Status.COMMISSIONED)
+        assert drum.command(Command.COMMISSION, 500) == 0
+        hash_before = drum.get("settings_hash")
+        drum.chip.reset(ResetBy.PIN)
+        drum.run(150)
+        assert has_status(drum, Status.COMMISSIONED)
+        assert drum.set("scale_ug_per_count", 2500) == 0
+        assert drum.get("settings_hash") != hash_before
+        assert not has_status(drum, Status.COMMISSIONED)
+
+
+def test_a_nudge_moves_a_little_and_reports_its_way() -> None:
+    with DrumChip() as drum:
+        for direction, sign in ((1, 1), (0, -1)):
+            begun_mm = drum.rod_mm
+            assert drum.set("nudge_direction", direction) == 0
+            assert drum.command(Command.NUDGE, 3000) == 0
+            assert 80 <= sign * drum.get("nudge_travel_um") <= 150
+            assert abs(drum.rod_mm - begun_mm) < 0.3
+            assert has_status(drum, Status.DIRECTION_KNOWN)

@@ -9,7 +9,6 @@ import numpy as np
 from tests.firmware.taxels.chip import FRAME_CYCLES, SLOT_CYCLES, TaxelChip
 
 Check = Callable[[str], None]
-GOOD = "firmware/taxels.elf"
 MILLISECONDS = 300
 LEAST_FRAMES = MILLISECONDS - 20
 

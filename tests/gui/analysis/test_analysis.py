@@ -76,6 +76,22 @@ def test_classify_shows_a_sentence_and_a_figure(opened: Harness, session: Path) 
     assert panel.run_box.run_button.isEnabled() and not panel.run_box.cancel_button.isEnabled()
 
 
+def test_figures_and_reports_go_where_the_user_says(
+    opened: Harness, session: Path, tmp_path: Path
+) -> None:
+    box = opened.window.analysis_tab.panel.run_box
+    box.place.setText(str(tmp_path / "results"))
+    click(box.run_button)
+    wait_until(lambda: bool(box.result.text()), timeout_ms=60_000)
+    assert any((tmp_path / "results" / "session-figures").iterdir())
+    assert (
+        box.form.options(box.place_of(str(session))).out
+        == tmp_path / "results" / "session-report-1"
+    )
+    box.place.clear()
+    assert box.form.options(box.place_of(str(session))).out.parent == session.parent
+
+
 def test_classify_can_be_cancelled(opened: Harness) -> None:
     panel = opened.window.analysis_tab.panel
     click(panel.run_box.run_button)

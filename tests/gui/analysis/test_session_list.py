@@ -168,6 +168,18 @@ def test_continue_runs_the_remaining_trials(
     assert sent["resume"] == str(data / "stopped")
 
 
+def test_recent_sessions_are_those_that_opened(
+    harness: Harness, sessions: SessionList, data: Path
+) -> None:
+    window = harness.window
+    window.analysis_tab.open_session(str(data / "damaged"))
+    wait_until(lambda: "damaged" in window.analysis_tab.panel.about.text())
+    window.analysis_tab.open_session(str(data / "marked"))
+    wait_until(lambda: window.analysis_tab.panel.path == str(data / "marked"))
+    recent = window.settings.recent("sessions")
+    assert recent[0] == str(data / "marked") and str(data / "damaged") not in recent
+
+
 def test_a_large_folder_is_read_a_few_at_a_time(
     disconnected: SharedWindow, data: Path, tmp_path: Path
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from PySide6.QtWidgets import QApplication, QWidget
 
 from gui.analysis.accuracy import AccuracyPlots
 from gui.shell.main_window import TEXT_SIZES_PERCENT, MainWindow
-from gui.widgets.theme import ThemeChoice
+from gui.widgets.theme import DARK, LIGHT, ThemeChoice, _style_sheet
 from tests.analysis.recordings import record
 from tests.gui.fake_finger import FakeFinger
 from tests.gui.steps import SharedWindow
@@ -22,6 +23,7 @@ from tests.gui.texts.scenes import SESSION_NAME, SILENT, Stage, scenes
 LAYOUT_PASSES = 4  # a wrapped text asks for its height once it has its width
 TRIES = 5  # a timer of the window may change a text after the last pass
 SIZES = ((1024, 700), (1280, 800), (1920, 1080))
+COLOUR = re.compile("#[0-9a-f]{6,8}", re.IGNORECASE)
 
 
 @pytest.fixture(scope="module")
@@ -30,9 +32,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record(tmp_path_factory.mktemp("recorded") / SESSION_NAME, repeats=1)
 
 
-def _measure(
-    stage: Stage, shown: Iterable[str], sizes: Sequence[tuple[int, int]] = SIZES
-) -> list[str]:
+def _measure(stage: Stage, shown: Iterable[str], sizes: Sequence[tuple[int, int]]) -> list[str]:
     """Return a line for each text that is cut in a state and a size."""
     window, found = stage.window, []
     for scene in shown:
@@ -76,9 +76,21 @@ def _leave_finger(window: MainWindow) -> None:
     link.poll()
 
 
-@pytest.mark.parametrize("choice", [ThemeChoice.LIGHT, ThemeChoice.DARK])
+def test_themes_differ_in_colours_alone() -> None:
+    """So a text that is whole in one is whole in the other; the smallest screen shows it."""
+    light, dark = (COLOUR.sub("", _style_sheet(theme)) for theme in (LIGHT, DARK))
+    assert light == dark
+
+
+@pytest.mark.parametrize(
+    ("choice", "sizes"), [(ThemeChoice.LIGHT, SIZES), (ThemeChoice.DARK, SIZES[:1])]
+)
 def test_no_text_is_cut_off(
-    disconnected: SharedWindow, session: Path, tmp_path: Path, choice: ThemeChoice
+    disconnected: SharedWindow,
+    session: Path,
+    tmp_path: Path,
+    choice: ThemeChoice,
+    sizes: Sequence[tuple[int, int]],
 ) -> None:
     window, finger = disconnected.window, FakeFinger(tmp_path)
     disconnected.finger = finger
@@ -87,7 +99,7 @@ def test_no_text_is_cut_off(
     stage = Stage(window, disconnected.engine, finger, session)
     window.set_theme(choice)
     try:
-        found = _measure(stage, scenes(stage))
+        found = _measure(stage, scenes(stage), sizes)
     finally:
         _leave_finger(window)
         window.set_theme(ThemeChoice.LIGHT)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
@@ -13,6 +16,9 @@ from PySide6.QtWidgets import QApplication
 from gui.protocol.protocol_panel import ProtocolPanel
 from gui.protocol.run_tasks import BAD, COMMITTED, TRIAL_COLUMNS
 from gui.shell.user_settings import UserSettings, WindowMemory
+from rigctl.engine.rpc.messages import QueuedRunStatus, QueueStatus
+from rigctl.engine.run_queue import QueuedRun
+from rigctl.errors import LinkLost
 from rigctl.session.session import Session
 from tests.gui.ended_early import record_early_ends
 from tests.gui.protocol.test_protocol_panel import RUN, open_panel
@@ -25,7 +31,6 @@ MEAN_FORCE, LOST = TRIAL_COLUMNS.index("Mean force\n(g)"), TRIAL_COLUMNS.index("
 @pytest.fixture
 def panel(harness: Harness) -> Iterator[ProtocolPanel]:
     panel = open_panel(harness)
-    panel.queue.list.clear()
     panel.form.operator.setText("Jörg")
     if not panel.shows_page:
         click(panel.page_button)
@@ -218,28 +223,76 @@ def test_a_folder_that_is_no_session_says_so(
     assert "part-0001.h5" in panel.page.problem.text()
 
 
-def test_the_next_run_of_the_queue_starts_after_one_that_is_done(
+def queue_status(*names: str, waits_for: str = "", due_s: float | None = None) -> dict[str, Any]:
+    """Return a queue as the engine sends it; the number of a run is that of its first letter."""
+    runs = [QueuedRunStatus(ord(name[0]), name, 3, 32, 4, 502.0, due_s) for name in names]
+    return asdict(QueueStatus(tuple(runs), waits_for))
+
+
+def test_runs_are_queued_in_the_engine_with_what_is_planned_of_them(
     harness: Harness, panel: ProtocolPanel, tmp_path: Path
 ) -> None:
     panel.out.setText(str(tmp_path))
     harness.update()
-    for _ in range(2):
-        click(panel.queue.add_button)
-    assert panel.queue.list.count() == 2
-    harness.update(run={**RUN, "state": "running", "session": str(tmp_path / "now")})
-    assert not panel.queue.next_button.isEnabled()
-    harness.update(run={"state": "done"})
-    command, arguments = harness.engine.requests[-1]
-    assert command == "start" and arguments["operator"] == "Jörg"
-    harness.update(run={**RUN, "state": "running", "session": arguments["out"]})
-    assert panel.queue.list.count() == 1
-    harness.update(run={"state": "aborted"})
+    click(panel.queue.add_button)
+    command, args = harness.engine.requests[-1]
+    assert command == "enqueue" and (args["operator"], args["out"]) == ("Jörg", str(tmp_path))
+    assert str(args["trials"]) == panel.plan_rows["Trials"].text()
+    assert str(args["plate_changes"]) == panel.plan_rows["Plate changes"].text()
+    assert args["duration_s"] > 60 * args["plate_changes"]
+    msgspec.convert(args, QueuedRun)  # as the engine reads it
+    assert panel.queue.list.count() == 0, "the engine says what waits"
+
+
+def test_the_queue_shows_what_waits_and_moves_and_removes_it(
+    harness: Harness, panel: ProtocolPanel
+) -> None:
+    queue = panel.queue
+    harness.update(queue=queue_status("a", "b", waits_for="the last run was not done: look at it"))
     QApplication.processEvents()
-    for part in (panel.queue.problem, panel.queue.next_button):  # nobody has to scroll for it
+    for part in (queue.waits_for, queue.next_button):  # nobody has to scroll for it
         assert part.isVisible() and part.visibleRegion().boundingRect() == part.rect()
-    assert harness.engine.commands.count("start") == 1
-    click(panel.queue.next_button)
-    assert harness.engine.commands.count("start") == 2
+    assert queue.waits_for.text() == "Waits: the last run was not done: look at it."
+    assert queue.list.item(0).text() == "1. a, seed 3: 32 trials, 4 plate changes\n8 min 22 s"
+    queue.list.setCurrentRow(1)
+    assert not queue.down_button.isEnabled()
+    click(queue.up_button)
+    harness.update(queue=queue_status("b", "a", due_s=60.0))
+    assert queue.list.currentRow() == 0 and not queue.up_button.isEnabled(), "it stays chosen"
+    assert "\ndue " in queue.list.item(0).text() and ", over " in queue.list.item(0).text()
+    click(queue.down_button)
+    click(queue.remove_button)
+    click(queue.next_button)
+    assert harness.engine.requests[-4:] == [
+        ("move_queued", {"number": ord("b"), "places": -1}),
+        ("move_queued", {"number": ord("b"), "places": 1}),
+        ("dequeue", {"number": ord("b")}),
+        ("start_queued", {}),
+    ]
+    harness.update(run={"state": "running"})
+    assert not queue.next_button.isEnabled() and queue.remove_button.isEnabled()
+    harness.update(run={"state": "idle"}, queue=asdict(QueueStatus()))
+    assert not queue.waits_for.isVisible() and not queue.remove_button.isEnabled()
+
+
+@pytest.mark.parametrize(
+    ("failure", "sentence"),
+    [
+        ("", "the engine goes on with its queue: a, b"),
+        ("the engine ended", "if the engine has ended, so has its queue: a, b"),
+    ],
+)
+def test_a_window_without_its_engine_says_what_became_of_the_queue(
+    harness: Harness, panel: ProtocolPanel, failure: str, sentence: str
+) -> None:
+    harness.update(queue=queue_status("a", "b"))
+    if failure:
+        harness.engine.failure = LinkLost(failure)
+        harness.window.poll()
+    else:
+        harness.window.engine_link.close()
+    assert sentence in harness.window.event_log.toPlainText()
+    assert panel.queue.list.count() == 0
 
 
 def test_the_next_window_knows_folder_operator_and_sensor(

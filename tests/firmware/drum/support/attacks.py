@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from rigctl.bench.chips.simavr import Input, ResetBy
 from rigctl.boards.drum_codes import Command, ForceMode, Status
 from rigctl.boards.drum_states import Fault, State
-from tests.firmware.drum.support.checks import IMAGE, SET_FORCE_G, Check
+from tests.firmware.drum.support.checks import SET_FORCE_G, Check
 from tests.firmware.drum.support.chip import STIFFNESS_G_MM, DrumChip
 from tests.firmware.drum.support.overshoot import linear, overshoot_g
 
@@ -167,20 +167,6 @@ def a_lift_continues_until_contact_is_gone(image: str) -> None:
         assert not has_status(drum, Status.LIFT_FAILED)
         assert not has_status(drum, Status.CONTACT_MAY_STAND)
 
-
-ATTACK_CHECKS: tuple[tuple[Check, str], ...] = tuple(
-    (check, IMAGE)
-    for check in (
-        settings_of_the_force_are_locked_in_hold,
-        no_impossible_scale_is_accepted,
-        a_wrong_scale_is_stopped_by_the_compiled_limit,
-        a_depth_is_stopped_by_the_compiled_limit,
-        a_pressed_emergency_stop_cannot_be_configured_away,
-        a_tare_in_contact_is_refused,
-        a_lift_continues_until_contact_is_gone,
-    )
-)
-"""Each check, and the good image that it passes on."""
 
 ATTACK_CONTROLS: tuple[tuple[str, str, Check], ...] = (
     ("unguarded", "settings change in any state", settings_of_the_force_are_locked_in_hold),

@@ -7,7 +7,7 @@ import numpy as np
 from rigctl.bench.chips.simavr import ResetBy
 from rigctl.boards.drum_codes import Command
 from rigctl.boards.drum_states import Fault, State
-from tests.firmware.drum.support.checks import IMAGE, SET_FORCE_G, Check
+from tests.firmware.drum.support.checks import SET_FORCE_G, Check
 from tests.firmware.drum.support.chip import G_PER_COUNT, MS, DrumChip
 
 SPIKE_G = 1000.0
@@ -98,17 +98,6 @@ def readings_that_no_cell_gives_are_not_armed(image: str) -> None:
         assert not drum.has(Fault.LOADCELL_NOISE)
         drum.arm()
 
-
-CELL_CHECKS: tuple[tuple[Check, str], ...] = tuple(
-    (check, IMAGE)
-    for check in (
-        a_single_bad_sample_ends_nothing,
-        a_single_bad_sample_moves_no_force,
-        another_rate_is_named_and_not_armed,
-        readings_that_no_cell_gives_are_not_armed,
-    )
-)
-"""Each check, and the good image that it passes on."""
 
 CELL_CONTROLS: tuple[tuple[str, str, Check], ...] = (
     (

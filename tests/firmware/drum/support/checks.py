@@ -163,15 +163,6 @@ def _spikes_of_a_ms(random: np.random.Generator) -> NDArray[np.int64]:
 
 
 Check = Callable[[str], None]
-CHECKS: tuple[tuple[Check, str], ...] = (
-    (the_emergency_stop_acts_within_100_us, IMAGE),
-    (a_hung_loop_is_reset_within_100_ms, HANGS),
-    (a_lost_heartbeat_lifts_and_switches_off, IMAGE),
-    (the_set_force_is_reached_and_held, IMAGE),
-    (spikes_on_the_switch_wires_do_nothing, IMAGE),
-)
-"""Each check, and the good image that it passes on."""
-
 CONTROLS: tuple[tuple[str, str, Check], ...] = (
     ("no-estop", "no E-stop interrupt, only the tick", the_emergency_stop_acts_within_100_us),
     ("unwatched", "the loop hangs without a watchdog", a_hung_loop_is_reset_within_100_ms),

@@ -8,7 +8,7 @@ from __future__ import annotations
 from rigctl.bench.chips.simavr import Input, ResetBy
 from rigctl.boards.drum_codes import Command
 from rigctl.boards.drum_states import Fault, State
-from tests.firmware.drum.support.checks import IMAGE, SET_FORCE_G, Check
+from tests.firmware.drum.support.checks import SET_FORCE_G, Check
 from tests.firmware.drum.support.chip import CONTACT_MM, STIFFNESS_G_MM, DrumChip
 
 SWAPPED = "firmware/drum-swapped.elf"
@@ -164,19 +164,6 @@ def an_uncommissioned_board_refuses_to_press(image: str) -> None:
         assert drum.command(Command.RETRACT, 8000) == 0
         assert drum.command(Command.APPROACH) == 0
 
-
-WIRE_CHECKS: tuple[tuple[Check, str], ...] = (
-    (a_swapped_actuator_presses_less_than_300_g, SWAPPED),
-    (a_broken_potentiometer_is_never_the_top, IMAGE),
-    (an_open_upper_switch_is_not_the_top_in_contact, IMAGE),
-    (an_open_upper_switch_gives_no_zero_after_a_restart, IMAGE),
-    (a_dead_cell_in_hold_ends_the_push, IMAGE),
-    (a_dead_cell_in_an_approach_ends_near_the_last_contact, IMAGE),
-    (a_dead_cell_after_a_reset_ends_near_the_kept_contact, IMAGE),
-    (the_setup_presses_after_a_finger_only, IMAGE),
-    (an_uncommissioned_board_refuses_to_press, IMAGE),
-)
-"""Each check, and the image that it passes on."""
 
 WIRE_CONTROLS: tuple[tuple[str, str, Check], ...] = (
     ("swapped-unwatched", "direction not checked", a_swapped_actuator_presses_less_than_300_g),
