@@ -304,6 +304,7 @@ class AnalysisRunBox(QGroupBox):
             left_s = self._since_stage.elapsed() / 1000 * (1 - share) / gained
             left = f", {duration(left_s)} left"
         self.stage.setText(f"{stage}{left}")
+        self.bar.setMaximum(100 if share > 0 else 0)  # of 0 % nobody knows how long it stands
         self.bar.setValue(round(100 * share))
 
     def show_result(self, sentence: str, *, is_alarming: bool = False) -> None:

@@ -568,7 +568,7 @@ RANGE_COLUMNS = (
     "Span ({unit})",
     "Untouched ({unit})",
 )
-RANGE_PX = 240
+RANGE_PX = 320
 READING_UNITS = {Reading.COUNTS: "counts", Reading.CONDUCTANCE: "steps"}
 IMBALANCE_TASK = (
     "Take the plate off, or leave it on as in use, and keep clear of the drum. It lifts and turns "
@@ -635,6 +635,8 @@ class RangePart(PressPart):
         self.table.setEditTriggers(QTableWidget.EditTrigger.NoEditTriggers)
         self.table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
         self.table.setAccessibleName("Range of each taxel")
+        rows = self.table.verticalHeader()
+        rows.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         self.table.setMinimumHeight(scaled_px(RANGE_PX))
         self._shown: TaxelRange | None = None
         self.lay_out(self.field, self.table)

@@ -36,8 +36,8 @@ def panel(harness: Harness) -> Iterator[ProtocolPanel]:
         click(panel.page_button)
     yield panel
     click(panel.page_button)
-    panel.form.operator.clear()
-    panel.form.sensor.clear()
+    for field in panel.form.about.values():
+        field.clear()
     panel.page.show_session("")
 
 
