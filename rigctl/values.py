@@ -5,6 +5,7 @@ Code never changes the arrays of a value after its construction.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, NamedTuple
@@ -12,6 +13,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+ABOUT: Mapping[str, str] = {
+    "operator": "who records",
+    "sensor": "which sensor is mounted",
+    "plate_lot": "the lot of the plates",
+    "project": "what the session is for",
+    "remarks": "what else a reader should know",
+}
+"""What people say of a session at its start, by the attribute that keeps it."""
 PLATE_WIDTH_MM = 36.0
 """Of every texture plate, bent or flat."""
 DRUM, TAXELS, FINGER = "drum", "taxels", "finger"
@@ -225,6 +234,13 @@ class TrialRow:
     mean_force_g: float
 
 
+class TrialMark(NamedTuple):
+    """A note at a moment of a trial: seconds since its first sample, 0 for all of it."""
+
+    at_s: float
+    text: str
+
+
 @dataclass(frozen=True, slots=True)
 class Event:
     """A timed event, for people and for programs.
@@ -237,3 +253,35 @@ class Event:
     kind: str
     text: str
     data: dict[str, Any] = field(default_factory=dict)
+
+
+COMPLETE, INCOMPLETE, RECORDING, UNREADABLE = "complete", "incomplete", "recording", "unreadable"
+
+
+@dataclass(frozen=True, slots=True)
+class SessionLine:
+    """What a list of sessions says of one.
+
+    ``state``: one of the four above; ``reason`` says why, empty for a complete one.
+    ``start_utc``, ``modified_utc`` (of the newest part): ISO 8601. ``marked_bad``:
+    attempts that a person marked bad.
+    """
+
+    path: str
+    state: str
+    reason: str = ""
+    start_utc: str = ""
+    modified_utc: str = ""
+    experiment: str = ""
+    protocol: str = ""
+    operator: str = ""
+    sensor: str = ""
+    plate_lot: str = ""
+    project: str = ""
+    rig: str = ""
+    simulated: bool = False
+    trials_planned: int = 0
+    trials_committed: int = 0
+    marked_bad: int = 0
+    closing_digest: str = ""
+    bytes: int = 0

@@ -45,6 +45,8 @@ BEGUN_FIRST = (
     "fuzz/test_fuzz.py",
     "cli/test_run_command.py",
     "gui/live/test_replay.py",
+    "gui/protocol/test_queue_without_a_window.py",
+    "gui/analysis/test_long_trial.py",
     "gui/finger/test_real_finger.py",
     "contract/test_parts.py",
     "gui/bad_input/test_broken_engine.py",

@@ -325,8 +325,10 @@ bool Controller::lifts_surely() const {
 }
 
 // Until a zero exists no limit of the force does, and none ends a lift. The drum may become lighter,
-// as a lift does; before the potentiometer has shown that a first motion lifts, not even that. What a
-// lift has pressed counts in the next one too.
+// as a lift does; before the potentiometer has shown that a first motion lifts, not even that. On a
+// board that is not commissioned and has no potentiometer nothing ever shows it: with the actuator and
+// the cell both reversed, what presses reads as what lifts. What a lift has pressed counts in the next
+// one too.
 void Controller::watch_unlimited_force() {
     constexpr int32_t FIRST = board::counts_of(FIRST_FORCE_G), GENTLE = board::counts_of(GENTLE_FORCE_G);
     const int32_t raw = sensor_.loadcell().steady_raw();
@@ -347,7 +349,8 @@ void Controller::watch_unlimited_force() {
     if (loads_down ? raw > least_raw_ : raw < least_raw_) least_raw_ = raw;
     const int32_t loaded = loads_down ? least_raw_ - raw : raw - least_raw_;
     const int32_t off = raw > first_raw_ ? raw - first_raw_ : first_raw_ - raw;
-    const bool blind = first && !motion_.known() && signals_.reads_position();
+    const bool never_shown = gentle() && !signals_.fitted(Signal::Position);
+    const bool blind = first && !motion_.known() && (signals_.reads_position() || never_shown);
     lift_pressed_ = loaded > (gentle() ? GENTLE : FIRST);
     if (lift_pressed_ || (blind && off > FIRST)) raise_off(Fault::ForceUnexplained);
 }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,21 +11,34 @@ from PySide6.QtCore import QObject, QTimer, Signal
 from PySide6.QtWidgets import QWidget
 
 from gui.analysis.export import TABLE, FileSaver, in_process
-from gui.analysis.open_sessions import ResponseGrid
+from gui.analysis.open_sessions import ResponseGrid, write_trial
 from gui.analysis.results import AnalysisResults
 from gui.analysis.results_view import FigureView, ResultsPanel, ResultsView
 from gui.analysis.run_box import MODEL, PAPER, REALTIME
+from gui.analysis.session_list import SessionList
 from gui.analysis.session_panel import SessionPanel
-from gui.analysis.task_values import DRUM, FINGER, ScanPicture, SessionTable, describe_options
-from gui.analysis.trial_pages import TrialPages
+from gui.analysis.task_values import (
+    DRUM,
+    FINGER,
+    FoundSessions,
+    ScanPicture,
+    SessionLines,
+    SessionTable,
+    describe_options,
+    figures_folder,
+)
+from gui.analysis.trial_pages import CourseView, TrialPages
+from gui.analysis.trial_sections import finer
+from gui.analysis.trial_view import TrialView
 from gui.analysis.value_file import write_columns
 from gui.analysis.worker import Worker
-from gui.widgets.file_browser import typed_path
+from gui.widgets.file_browser import PathKind, typed_path
 from gui.widgets.formatting import grouped
 from gui.widgets.labels import Strip
 from gui.widgets.layouts import push_button
 from gui.widgets.theme import Theme
 from rigctl.engine.rpc.messages import EngineStatus, RunStatus
+from rigctl.errors import WrongUse
 
 
 class RunEndStrip(Strip):
@@ -31,14 +46,21 @@ class RunEndStrip(Strip):
 
     analyse_requested = Signal(str)
     """The session's folder."""
+    continue_requested = Signal(str)
+    """The same; its run hides the strip."""
 
     def __init__(self) -> None:
         super().__init__()
         self.session = ""
         self._watched = ""
         self.analyse_button = push_button("Analyse it", self._analyse)
+        self.continue_button = push_button(
+            "Continue it",
+            lambda: self.continue_requested.emit(self.session),
+            PathKind.INTERRUPTED.value[2],
+        )
         self.close_button = push_button("Close", self.hide)
-        self.lay_out(self.analyse_button, self.close_button, warns=False)
+        self.lay_out(self.continue_button, self.analyse_button, self.close_button, warns=False)
 
     def show_status(self, status: EngineStatus) -> None:
         """Watch a run, and offer its session when it ends."""
@@ -52,6 +74,7 @@ class RunEndStrip(Strip):
             self.session = watched
             name = Path(self.session).name
             self.text.setText(f"The run {name} has ended with {_trials(run)}.")
+            self.continue_button.setVisible(not run.is_complete)
             self.show()
 
     def _analyse(self) -> None:
@@ -64,8 +87,7 @@ def _trials(run: RunStatus) -> str:
     n, planned = run.trials_committed, run.trials_planned
     if n >= planned:
         return "1 trial" if n == 1 else f"{grouped(n)} trials"
-    rest = "" if run.state == "done" else ": Continue a session … in Protocol records the rest"
-    return f"{grouped(n)} of {grouped(planned)} trials{rest}"
+    return f"{grouped(n)} of {grouped(planned)} trials"
 
 
 FOLLOW_MS = 1000
@@ -73,10 +95,14 @@ READING = (
     "open_session",
     "follow_session",
     "load_trial",
+    "trial_section",
     "compare_trials",
     "leave_out",
+    "note_trial",
 )
 """Tasks of the reader."""
+LISTING = ("find_sessions", "read_session_lines")
+"""Tasks of the reader for the list of sessions."""
 
 
 class AnalysisTab(QObject):
@@ -89,22 +115,35 @@ class AnalysisTab(QObject):
     """Kind and text for the event log."""
     view_changed = Signal()
     """:attr:`view` has changed."""
+    opened = Signal(str)
+    """The path of a session that is open now."""
+    found_whole = Signal(str)
+    """The closing digest of a session that a check found whole."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self.panel, self.worker, self.reader = SessionPanel(), Worker(), Worker()
+        self.sessions = SessionList()
         self.trial_view, self.figure_view = TrialPages(theme), FigureView()
         self.results_view, self.files = ResultsView(), FileSaver()
         self.results_panel = ResultsPanel(self.results_view)
         self.run_end_strip = RunEndStrip()
+        self.author: Callable[[], str] = str
+        """Returns who writes notes."""
         self._settings = self._analysed = ""
         self.view: QWidget = self.trial_view
         self._report_folder = self._verified = ""
         self._is_prepared = False
         self._wanted_trial: tuple[str, int] | None = None
+        self._wanted_section: tuple[TrialView | CourseView, dict[str, Any]] | None = None
+        """The view and the place of the section that it wants next."""
+        self._reads_for: TrialView | CourseView = self.trial_view.readings
         panel, worker, reader = self.panel, self.worker, self.reader
         panel.open_requested.connect(lambda path: reader.submit("open_session", path=path))
+        self.sessions.task_requested.connect(lambda task, args: reader.submit(task, **args))
+        self.sessions.export_requested.connect(self._export)
         panel.trial_requested.connect(self._load_trial)
+        panel.note_requested.connect(self._note)
         panel.run_requested.connect(self._run)
         panel.verify_requested.connect(self._verify)
         panel.run_box.cancel_requested.connect(self._cancel)
@@ -113,6 +152,8 @@ class AnalysisTab(QObject):
             save_button.export_requested.connect(self.save_page)
         self.files.saved.connect(lambda path: self.reported.emit("analysis", f"saved {path}"))
         self.files.failed.connect(lambda text: self.reported.emit("refused", text))
+        for view in (self.trial_view.readings, self.trial_view.course):
+            view.section_requested.connect(partial(self._want_section, view))
         self.trial_view.compare.compare_requested.connect(self._compare)
         self.results_panel.refused.connect(lambda text: self.reported.emit("refused", text))
         panel.shown.connect(self.prepare)
@@ -153,15 +194,20 @@ class AnalysisTab(QObject):
 
     def _run(self, method: str, path: str) -> None:
         run_box = self.panel.run_box
+        try:
+            place = run_box.place_of(path)
+        except WrongUse as error:
+            run_box.show_refusal(f"Results in: {error}")
+            return
         self.panel.show_busy()
         self._analysed = path
         if method == PAPER:
-            options = run_box.form.options()
+            options = run_box.form.options(place)
             self._report_folder = str(options.out)
             self._settings = describe_options(options, DRUM)
             self.worker.submit("analyse", options=options)
         elif method == REALTIME:
-            options = run_box.form.options()
+            options = run_box.form.options(place)
             self._report_folder = str(options.out)
             self._settings = describe_options(options, FINGER)
             self.worker.submit("analyse_finger", options=options)
@@ -175,7 +221,8 @@ class AnalysisTab(QObject):
             names = ", ".join(sessions)
             plural = "s" if len(sessions) > 1 else ""
             self._settings = f"Session{plural}: {names}; {run_box.description.text()}"
-            self.worker.submit("quick_check", sessions=sessions)
+            figures = figures_folder(place, path)
+            self.worker.submit("quick_check", sessions=sessions, figures=figures)
 
     def _verify(self, path: str, digest: str) -> None:
         self.panel.show_busy()
@@ -183,6 +230,10 @@ class AnalysisTab(QObject):
         self._settings = f"Session: {path}; {kept}"
         self._verified = self._analysed = path
         self.worker.submit("verify_session", path=path, digest=digest)
+
+    def _note(self, path: str, row: int, text: str, mark: str) -> None:
+        note = {"text": text, "author": self.author(), "mark": mark}
+        self.reader.submit("note_trial", path=path, row=row, **note)
 
     def _load_trial(self, path: str, row: int) -> None:
         """Read a trial; of several that were chosen quickly, only the last one is shown."""
@@ -194,6 +245,20 @@ class AnalysisTab(QObject):
         if self._wanted_trial is not None:
             (path, row), self._wanted_trial = self._wanted_trial, None
             self.reader.submit("load_trial", path=path, row=row)
+        elif self._wanted_section is not None:
+            (self._reads_for, place), self._wanted_section = self._wanted_section, None
+            self.reader.submit("trial_section", **place)
+
+    def _want_section(
+        self, view: TrialView | CourseView, first: int, end: int, factor: int
+    ) -> None:
+        """Read a part of the trial that is shown; of several wishes, only the last one."""
+        assert self.trial_view.data is not None
+        path, row = self.trial_view.data.place
+        place = {"path": path, "row": row, "first": first, "end": end, "factor": finer(factor)}
+        self._wanted_section = view, place
+        if not self.reader.is_busy:
+            self._read_wanted()
 
     def save_page(self, suffix: str) -> None:
         """Save the page in front as a new file beside the session that it is about."""
@@ -205,22 +270,43 @@ class AnalysisTab(QObject):
             self.reported.emit("refused", "there is no page to save: choose a trial first")
 
     def _save_trial(self, suffix: str) -> None:
-        pages, folder = self.trial_view, _figures_folder(self.panel.path)
+        pages, folder = self.trial_view, self._figures_of(self.panel.path)
         stem = pages.file_stem()
-        if suffix == TABLE:
-            self.files.save(folder, stem, suffix, in_process(write_columns, *pages.values()))
-        else:
+        if suffix != TABLE:
             self.files.save(folder, stem, suffix, pages.picture())
+        elif (recorded := pages.recorded_values()) is not None:
+            self.files.save(folder, stem, suffix, in_process(write_trial, *recorded))
+        else:
+            self.files.save(folder, stem, suffix, in_process(write_columns, *pages.values()))
 
     def _save_results(self, suffix: str) -> None:
         view = self.results_view
-        place = (_figures_folder(self._analysed), view.file_stem(), suffix)
+        place = (self._figures_of(self._analysed), view.file_stem(), suffix)
         if suffix == TABLE:
             self.files.save(*place, view.csv().encode())
         elif view.isVisible() and not view.is_whole:  # what is missing has its own turns
             QTimer.singleShot(0, self, lambda: self._save_results(suffix))
         else:
             self.files.save(*place, view.picture())
+
+    def _export(self, session: str) -> None:
+        """Write all attempts of a session with their notes as a table."""
+        from rigctl.session.trial_csv import write_trials
+
+        write = in_process(write_trials, typed_path(session))
+        self.files.save(self._figures_of(session), "trials", TABLE, write)
+
+    def _figures_of(self, session: str) -> str:
+        """Return the folder for saved pages; what is no whole path, for the saver to refuse."""
+        try:
+            return figures_folder(self.panel.run_box.place_of(session), session)
+        except WrongUse:
+            return self.panel.run_box.place.text()
+
+    def _keep_verified(self) -> None:
+        table = self.panel.sessions.get(self._verified)
+        if table is not None and table.closing_digest:
+            self.found_whole.emit(table.closing_digest)
 
     def _compare(self, train: int, neuron: str) -> None:
         trials = self.panel.selected_trials()
@@ -247,14 +333,28 @@ class AnalysisTab(QObject):
             self.trial_view.compare.show_grid(result)
         elif isinstance(result, SessionTable):
             self.panel.show_session(result)
+            if task == "open_session":
+                self.opened.emit(result.path)
+            if task == "note_trial" and self.panel.trials.chosen is not None:
+                _, row = self.panel.trials.chosen
+                self._load_trial(result.path, row)
+        elif isinstance(result, FoundSessions):
+            self.sessions.show_found(result.paths)
+        elif isinstance(result, SessionLines):
+            self.sessions.show_lines(result.lines)
         elif isinstance(result, ScanPicture):
             self.figure_view.show_file(result.figure)
             self._show(self.figure_view)
+        elif task == "trial_section":
+            self._reads_for.show_section(result)
         elif task == "load_trial":
+            self._wanted_section = None
             self.trial_view.show_trial(result)
             self._show(self.trial_view)
         elif isinstance(result, AnalysisResults):
             self._report_folder = ""
+            if task == "verify_session" and not result.is_alarming:
+                self._keep_verified()
             if result.altered and self._verified in self.panel.sessions:
                 self.reader.submit("leave_out", path=self._verified, altered=result.altered)
             self.results_panel.show_results(result, self._settings)
@@ -266,7 +366,9 @@ class AnalysisTab(QObject):
 
     def _fail(self, task: str, sentence: str) -> None:
         is_first = len(self.panel.run_box.form.sessions) < 2
-        if task == "open_session" and is_first:
+        if task in LISTING:
+            self.sessions.show_failure(sentence)
+        elif task == "open_session" and is_first:
             self.panel.show_unopened(sentence)
         elif task in READING:
             self.panel.drop_unopened()
@@ -282,9 +384,3 @@ class AnalysisTab(QObject):
     def _show(self, view: QWidget) -> None:
         self.view = view
         self.view_changed.emit()
-
-
-def _figures_folder(session: str) -> str:
-    """Return the folder beside a session for saved pages."""
-    path = typed_path(session).absolute()
-    return str(path.with_name(f"{path.name}-figures"))

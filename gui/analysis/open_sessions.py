@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable
 from datetime import UTC, datetime
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -12,22 +13,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gui.analysis.task_values import (
-    BLOCK,
     DRUM,
     FINGER,
     FingerSessionInfo,
     ScanPicture,
     SessionTable,
-    TrialCourse,
     TrialData,
-    TrialFeatures,
+)
+from gui.analysis.trial_sections import (
+    COURSE_NAMES,
+    EncodedTrial,
+    read_trial,
+    reading_names,
+    sample_blocks,
+    table_parts,
 )
 from gui.analysis.trial_table import AttemptColumn
-from gui.live.drum_course import DrumCourse
-from gui.live.timeline import Timeline
+from gui.analysis.value_file import SIMULATED, write_parts, yes_or_no
 from gui.widgets.file_browser import typed_path
 from rigctl.errors import SessionError, WrongUse
-from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import SAMPLE_RATE_HZ
 
 if TYPE_CHECKING:
@@ -39,7 +43,6 @@ if TYPE_CHECKING:
     from rigctl.finger.session import FingerSession
     from rigctl.session.header import SessionHeader
     from rigctl.session.session import Session
-    from rigctl.values import Spikes
 
 
 LEFT_OUT = "left out"
@@ -65,6 +68,12 @@ def shown_reasons(session: Any) -> list[str]:
     return list(map(str, reasons))
 
 
+def shown_notes(session: Any) -> list[str]:
+    """Return what people noted on each attempt of an open session."""
+    notes = session.trial_notes()
+    return [notes.get(row, "") for row in range(len(session.trials))]
+
+
 def finger_about(session: FingerSession) -> str:
     """Return a sentence about a session of the moving finger."""
     header = session.header
@@ -86,6 +95,7 @@ def finger_columns(session: FingerSession) -> tuple[AttemptColumn, ...]:
             "Named", list(map(_named, trials)), "The answer, and whether it was right"
         ),
         AttemptColumn.of_texts("Verdict", shown_verdicts(session), "Whether the attempt counts"),
+        AttemptColumn.of_texts("Notes", shown_notes(session), "What people noted on the attempt"),
         AttemptColumn.of_texts("Why", shown_reasons(session), "Why the attempt does not count"),
     )
 
@@ -146,75 +156,16 @@ def _named(row: Any) -> str:
     return f"{row['predicted']}{marks.get(int(row['correct']), '')}" or "–"
 
 
-MANY_SAMPLES = 100_000
-N_WARM_TAXELS, N_WARM_SAMPLES, WARM_MM_S = 18, 100, 40.0
-
-
-def read_trial(session: Session, row: int, taxel_range: Normalisation) -> TrialData:
-    """Return the samples, spikes, drum and features of an attempt. Raises SessionError."""
-    from rigctl.encoder.encoder import encode_trials
-
-    trial = session.trials[row]
-    samples = np.ascontiguousarray(session.samples(row))
-    title = (
-        f"Trial {trial['trial_id']}: plate {trial['texture']}, {trial['speed_mm_s']:g} mm/s, "
-        f"{trial['force_g']:g} g, {trial['verdict']}"
-    )
-    (spikes,) = encode_trials([samples], taxel_range)
-    trains = [spikes.train(lane) for lane in range(spikes.n_trains)]
-    lanes = np.repeat(np.arange(len(trains)), list(map(len, trains)))
-    return TrialData(
-        title,
-        samples,
-        lanes,
-        np.concatenate(trains).astype(np.int64),
-        session.sensor_layout,
-        _course(session, row),
-        _features(spikes, float(trial["speed_mm_s"])),
-        session.header.simulated,
-        block_extremes(samples) if len(samples) > MANY_SAMPLES else None,
-    )
-
-
-def block_extremes(samples: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """Return the lowest and highest readings of whole blocks, (2, n // BLOCK, n_taxels)."""
-    n_blocks = len(samples) // BLOCK
-    blocks = samples[: n_blocks * BLOCK].reshape(n_blocks, BLOCK, samples.shape[1])
-    return np.stack([blocks.min(axis=1), blocks.max(axis=1)])
+N_WARM_TAXELS = 18
 
 
 def load_encoder() -> None:
-    """Load the compiled encoder by a trial of zeros, so that the first trial is drawn at once."""
-    from rigctl.encoder.encoder import encode_trials
+    """Load the compiled encoder, so that the first trial is drawn at once."""
+    from rigctl.encoder.encoder import Encoder
     from rigctl.encoder.normalisation import Normalisation
 
-    full = np.full(N_WARM_TAXELS, 1023, np.uint16)
-    taxel_range = Normalisation(np.zeros_like(full), full, "none")
-    (spikes,) = encode_trials([np.zeros((N_WARM_SAMPLES, len(full)), np.uint16)], taxel_range)
-    _features(spikes, WARM_MM_S)
-
-
-def _course(session: Session, row: int) -> TrialCourse:
-    trial, drum = session.trials[row], session.drum(row)
-    return TrialCourse(
-        np.array(drum.loadcell_s),
-        np.array(drum.loadcell["force_g"], np.float64),
-        np.array(drum.polls_s),
-        np.array(drum.polls["speed_mm_s"], np.float64),
-        float(trial["force_g"]),
-        float(trial["speed_mm_s"]),
-    )
-
-
-def _features(spikes: Spikes, speed_mm_s: float) -> TrialFeatures:
-    """Return the speed-scaled features, or those of plain time for a trial without motion."""
-    from rigctl.encoder.features import FeatureLayout, trial_features
-
-    is_scaled = speed_mm_s > 0
-    layout = FeatureLayout.covering([spikes.n_samples], [speed_mm_s], scaled=is_scaled)
-    values = trial_features(spikes, speed_mm_s, layout).reshape(spikes.n_trains, -1)
-    window_mm = layout.reference_mm_s * layout.window_ms / 1000 if is_scaled else 0.0
-    return TrialFeatures(values, window_mm, layout.window_ms)
+    Encoder(Normalisation.full_scale(N_WARM_TAXELS)).warm_up()
+    import_module("rigctl.encoder.features")
 
 
 MOST_CONDITIONS, MOST_TRIALS = 6, 20
@@ -289,14 +240,11 @@ def _response(
     trials: list[tuple[str, int]],
     train: int,
 ) -> NeuronResponse:
-    from rigctl.encoder.encoder import encode_trials
-
     spikes, lengths = [], []
     for path, row in trials:
-        samples = np.ascontiguousarray(sessions.drum_session(path).samples(row))
-        (found,) = encode_trials([samples], sessions.taxel_range(path))
-        spikes.append(np.asarray(found.train(train), np.float64) / SAMPLE_RATE_HZ)
-        lengths.append(len(samples) / SAMPLE_RATE_HZ)
+        trial = EncodedTrial(sessions.drum_session(path), row, sessions.taxel_range(path))
+        spikes.append(trial.train(train) / SAMPLE_RATE_HZ)
+        lengths.append(trial.n_samples / SAMPLE_RATE_HZ)
     edges = BIN_S * np.arange(int(min(lengths) / BIN_S + 1e-9) + 1, dtype=np.float64)
     at_s: Floats = np.asarray(edges[:-1] + BIN_S / 2, np.float64)
     rates = np.array([np.histogram(one, edges)[0] for one in spikes]) / BIN_S
@@ -316,6 +264,7 @@ _COLUMNS = (
     ("Mean mm/s", "mean_speed_mm_s", "Measured over the trial"),
     ("Mean g", "mean_force_g", "Measured over the trial"),
     ("Mounting", "mount", "Mounting of this plate, from 1"),
+    ("Notes", "notes", "What people noted on the attempt"),
     ("Why", "reasons", "Why the attempt does not count"),
 )
 
@@ -326,12 +275,14 @@ class OpenSessions:
     def __init__(self) -> None:
         self._open: dict[str, Session | FingerSession] = {}
         self._ranges: dict[str, Normalisation] = {}
+        self._encoded: tuple[tuple[str, int], EncodedTrial] | None = None
 
     def open(self, path: str) -> SessionTable:
         """Open a session, anew if it is open, and return its trials. Raises SessionError."""
         if path in self._open:
             self._open.pop(path).close()
         self._ranges.pop(path, None)
+        self._encoded = None
         return self._table(path)
 
     def _session(self, path: str) -> Session | FingerSession:
@@ -375,6 +326,7 @@ class OpenSessions:
         except SessionError:
             return {}
         finally:
+            self._encoded = None
             if path in self._open:
                 self._open.pop(path).close()
 
@@ -384,6 +336,21 @@ class OpenSessions:
             return self._session(path).header.simulated
         except SessionError:
             return False
+
+    def note(
+        self, path: str, row: int, text: str, author: str, mark: str, at_s: float | None = None
+    ) -> SessionTable:
+        """Write a note on an attempt of an open session, and return its trials again."""
+        from rigctl.session.notes import Mark, SessionNote
+        from rigctl.session.session import add_note
+
+        session = self._session(path)
+        trial = session.trials[row]
+        about = int(trial["trial_id"]), int(trial["attempt"])
+        now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+        add_note(session.path, SessionNote(now, text, *about, Mark(mark), author, at_s=at_s))
+        session.refresh()
+        return self._table(path)
 
     def leave_out(self, path: str, altered: tuple[tuple[int, str], ...]) -> SessionTable:
         """Leave attempts of an open session out, and return its trials again, which marks them."""
@@ -399,7 +366,7 @@ class OpenSessions:
 
         session = self._session(path)
         if isinstance(session, Session):
-            return read_trial(session, row, self.taxel_range(path))
+            return read_trial(self.encoded(path, row), path)
         return scan_picture(session, row, pictures)
 
     def drum_session(self, path: str) -> Session:
@@ -410,6 +377,13 @@ class OpenSessions:
         if not isinstance(session, Session):
             raise SessionError(f"{path} is a session of the moving finger: open one of the drum")
         return session
+
+    def encoded(self, path: str, row: int) -> EncodedTrial:
+        """Return an attempt of the drum; the last one is kept."""
+        if self._encoded is None or self._encoded[0] != (path, row):
+            session = self.drum_session(path)
+            self._encoded = (path, row), EncodedTrial(session, row, self.taxel_range(path))
+        return self._encoded[1]
 
     def taxel_range(self, path: str) -> Normalisation:
         """Return the calibrated range of a session, else that of evenly chosen trials."""
@@ -484,7 +458,7 @@ def _origin(header: SessionHeader) -> str:
 
 
 def _columns(session: Session) -> tuple[AttemptColumn, ...]:
-    texts = {"verdict": shown_verdicts, "reasons": shown_reasons}
+    texts = {"verdict": shown_verdicts, "reasons": shown_reasons, "notes": shown_notes}
     return tuple(
         AttemptColumn.of_texts(name, texts[field](session), tip)
         if field in texts
@@ -521,65 +495,18 @@ def _taxel_range(session: Session) -> Normalisation:
     if not len(committed):
         raise SessionError(f"{session.path} has no committed trial to take taxel ranges from")
     chosen = committed[:: max(1, len(committed) // _RANGE_TRIALS)]
-    return Normalisation.from_samples(
-        map(session.samples, chosen.tolist()), "trials of the session"
-    )
+    blocks = (block for row in chosen.tolist() for block in sample_blocks(session, row))
+    return Normalisation.from_samples(blocks, "trials of the session")
 
 
-class ReplayTrial(NamedTuple):
-    """A trial as the live views keep it: sample 0 is at position 0.
-
-    ``low``, ``high``: uint16 (n_taxels,), each taxel's lowest and highest reading.
-    """
-
-    title: str
-    simulated: bool
-    layout: SensorLayout
-    timeline: Timeline
-    drum: DrumCourse
-    low: NDArray[np.uint16]
-    high: NDArray[np.uint16]
-
-
-def replay_trial(data: TrialData) -> ReplayTrial:
-    """Return a trial for the live views, with what draws any part of it quickly."""
-    n, n_taxels = data.samples.shape
-    counters = np.arange(n, dtype=np.int64)
-    timeline = Timeline(n_taxels=n_taxels, n_rows=2 * n_taxels, capacity=max(n, 1))
-    flags = np.zeros(n, np.uint8)
-    spikes = data.spike_counts
-    timeline.append(counters / SAMPLE_RATE_HZ, counters, data.samples, flags, spikes)
-    low, high = data.samples.min(axis=0), data.samples.max(axis=0)
-    drum = _drum_course(data.course)
-    return ReplayTrial(data.title, data.simulated, data.layout, timeline, drum, low, high)
-
-
-def _drum_course(course: TrialCourse | None) -> DrumCourse:
-    drum = DrumCourse()
-    if course is None or not np.isfinite(course.speed_s).any():
-        return drum
-    known = np.isfinite(course.force_s)
-    at_s = course.force_s[known]
-    columns = {
-        "force_g": course.force_g[known],
-        "force_set_g": np.full(len(at_s), course.planned_g),
-        "speed_mm_s": np.interp(at_s, course.speed_s, course.speed_mm_s),
-        "speed_set_mm_s": np.full(len(at_s), course.planned_mm_s),
-    }
-    drum.append(at_s * SAMPLE_RATE_HZ, columns)
-    return drum
-
-
-def neuron_voltage(
-    session: Session, row: int, taxel: int, ranges: Normalisation
-) -> NDArray[np.float64]:
-    """Return the membrane voltage of SA and RA of a taxel, from 0, float64 (n, 2) in mV."""
-    from rigctl.encoder.encoder import membrane_mv
-    from rigctl.encoder.normalisation import Normalisation
-
-    samples = np.ascontiguousarray(session.samples(row)[:, [taxel]])
-    own = Normalisation(ranges.low[[taxel]], ranges.high[[taxel]], ranges.source)
-    return membrane_mv(samples, own)
+def write_trial(path: str, row: int, of_course: bool, out: Path) -> None:
+    """Write all numbers of an attempt: readings and spikes, or force and speed."""
+    trial = OpenSessions().encoded(path, row)
+    said = yes_or_no(trial.session.header.simulated)
+    names = COURSE_NAMES if of_course else reading_names(trial.session.sensor_layout.n_taxels)
+    parts = table_parts(trial, of_course=of_course)
+    with_origin = ((*columns, np.full(len(columns[0]), said)) for columns in parts)
+    write_parts((*names, SIMULATED), with_origin, out)
 
 
 def write_movie(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import Field
 from itertools import count
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any, NamedTuple
 from PySide6.QtCore import QElapsedTimer, Signal
 from PySide6.QtWidgets import QCheckBox, QGroupBox, QHBoxLayout, QLineEdit, QProgressBar, QWidget
 
-from gui.analysis.task_values import DRUM, FINGER, model_path
+from gui.analysis.task_values import DRUM, FINGER, model_path, results_folder
 from gui.widgets.file_browser import PathKind, browse_button, typed_path
 from gui.widgets.formatting import duration
 from gui.widgets.labels import label, plain_tooltip, set_property, show_text
@@ -106,10 +107,10 @@ class AnalysisOptionsForm(QWidget):
         boxes = (field for field in self.fields.values() if isinstance(field, NumberBox))
         return has_refused(*(box for box in boxes if box.isVisible()))
 
-    def options(self) -> AnalysisOptions:
-        """Return the chosen options, with a new folder beside the open session."""
+    def options(self, place: Path) -> AnalysisOptions:
+        """Return the chosen options, with a new folder in ``place`` for the report."""
         chosen = {name: self._value(name) for name in ROWS}
-        out = _new_folder(Path(self._open_session))
+        out = _new_folder(place, typed_path(self._open_session).name)
         if chosen["representation"]:
             chosen |= {"save_model": model_path(out), "components": chosen["k_max"]}
         if chosen["settings"] is not None:
@@ -187,10 +188,17 @@ def _make_field(one: Field[Any]) -> QWidget:
     return field
 
 
-def _new_folder(session: Path) -> Path:
-    """Return a new folder for a report beside the session; its name ends in a number."""
-    folders = (session.with_name(f"{session.name}-report-{number}") for number in count(1))
+def _new_folder(place: Path, session: str) -> Path:
+    """Return a new folder for a report on a session; its name ends in a number."""
+    folders = (place / f"{session}-report-{number}" for number in count(1))
     return next(f for f in folders if not f.exists() and not model_path(f).exists())
+
+
+BESIDE = "beside the session"
+PLACE_TIP = (
+    "Folder for figures, reports, models and movies, as a whole path or from ~ on; empty: beside "
+    "the session, or in Save in of Protocol where nobody can write there"
+)
 
 
 class _Method(NamedTuple):
@@ -208,7 +216,7 @@ METHODS = {
     ),
     PAPER: _Method(
         "The paper's analysis",
-        "All representations and tasks of the paper. Writes a report beside the session.",
+        "All representations and tasks of the paper. Writes a report.",
         "Analyse",
     ),
     MODEL: _Method(
@@ -219,7 +227,7 @@ METHODS = {
     REALTIME: _Method(
         "The moving finger's analysis",
         "Figures 4B, 4C and S5. Add the calibration and the run of a later session to a training "
-        "session. Writes a report beside it.",
+        "session. Writes a report.",
         "Analyse",
     ),
 }
@@ -245,6 +253,12 @@ class AnalysisRunBox(QGroupBox):
         requested = self.path_requested
         self.model_button = browse_button(requested, PathKind.MODEL, self.model.setText)
         self.model_row = container(hbox(self.model, self.model_button))
+        self.place = QLineEdit(placeholderText=BESIDE)
+        self.place.setToolTip(PLACE_TIP)
+        self.fallback: Callable[[], str] = lambda: str(Path.home())
+        """Returns the folder for results where the session's own cannot be written."""
+        place_button = browse_button(requested, PathKind.RESULTS, self.place.setText)
+        self.place_row = hbox(label("Results in"), self.place, place_button, wide=1)
         self.run_button = push_button("Classify", self._run)
         self.cancel_button = push_button("Cancel", self.cancel_requested.emit)
         self.results_button = push_button(
@@ -259,6 +273,16 @@ class AnalysisRunBox(QGroupBox):
         self.form.path_requested.connect(self.path_requested)
         self._show_method()
         self.clear_result()
+
+    def place_of(self, session: str) -> Path:
+        """Return the folder for figures, reports and models of a session. Raises WrongUse."""
+        return results_folder(session, self.place.text(), self.fallback())
+
+    def show_place(self, session: str) -> None:
+        """Say in the empty field where the results of a session go."""
+        place = results_folder(session, "", self.fallback())
+        is_beside = place == typed_path(session).absolute().parent
+        self.place.setPlaceholderText(BESIDE if is_beside else str(place))
 
     def show_experiment(self, experiment: str) -> None:
         """Offer the methods for sessions of an experiment."""
@@ -336,7 +360,7 @@ class AnalysisRunBox(QGroupBox):
             buttons.addWidget(button)
         method = (self.method, self.description, self.model_row)
         # The form is long and comes last: Cancel and the bar stay visible.
-        rows = (*method, buttons, self.stage, self.bar, self.result, self.form)
+        rows = (*method, self.place_row, buttons, self.stage, self.bar, self.result, self.form)
         self.setLayout(vbox(*rows, spacing=5, margins=(8, 6, 8, 8)))
 
 

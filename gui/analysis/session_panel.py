@@ -8,6 +8,7 @@ from pathlib import Path
 from PySide6.QtCore import QEvent, Signal, SignalInstance
 from PySide6.QtWidgets import QLineEdit, QWidget
 
+from gui.analysis.note_box import NoteBox
 from gui.analysis.run_box import AnalysisRunBox
 from gui.analysis.task_values import DRUM, SessionTable
 from gui.analysis.trial_list import TrialList
@@ -15,6 +16,7 @@ from gui.analysis.trial_table import AttemptTable, join_tables
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import label, set_property
 from gui.widgets.layouts import EventWatch, container, hbox, push_button, vbox
+from rigctl.session.notes import Mark
 
 
 class SessionPanel(QWidget):
@@ -29,6 +31,8 @@ class SessionPanel(QWidget):
     """The key of the method, and the session folder."""
     verify_requested = Signal(str, str)
     """The session folder, and the digest that was kept of it, or nothing."""
+    note_requested = Signal(str, int, str, str)
+    """The path of a session, the row of a trial in it, a text, and a mark."""
     path_requested = Signal(object, object)
     shown = Signal()
     """The panel has come to the front."""
@@ -46,6 +50,7 @@ class SessionPanel(QWidget):
         self.verify_button = push_button("Verify", self._verify)
         self.trials = TrialList()
         self.model, self.table = self.trials.model, self.trials.table
+        self.note_box = NoteBox("on this trial", "It stands in the table, in figures and in CSV")
         self.run_box = AnalysisRunBox()
         self.sessions: dict[str, SessionTable] = {}
         self._is_busy = False
@@ -135,6 +140,7 @@ class SessionPanel(QWidget):
         self.trials.forget_choice()
         self.run_box.show_experiment(table.experiment)
         self.run_box.form.show_session(table.path)
+        self.run_box.show_place(table.path)
         self.run_box.clear_result()
         self.kept.clear()
         self._show_state()
@@ -153,6 +159,7 @@ class SessionPanel(QWidget):
         joined = join_tables(names, [t.columns for t in tables]) if tables else AttemptTable()
         reasons = {(i, row): text for i, t in enumerate(tables) for row, text in t.reasons}
         self.trials.show_table(joined, reasons)
+        self._offer_note()
         self.trials.offer_replay(not tables or tables[0].experiment == DRUM)
         growing = ". It is being recorded, and new trials appear"
         lines = [t.about + growing * t.is_growing for t in tables]
@@ -161,6 +168,20 @@ class SessionPanel(QWidget):
         missing = ". ".join(table.missing for table in tables if table.missing)
         self.missing.setText(f"⚠ Incomplete: {missing}.")
         self.missing.setVisible(bool(missing))
+
+    def _offer_note(self) -> None:
+        """Offer a note on the chosen trial, and the mark that its verdict allows."""
+        if self.trials.chosen is None or not self.sessions:
+            self.note_box.show_trial(Mark.NONE)
+            return
+        session, row = self.trials.chosen
+        table = list(self.sessions.values())[session]
+        self.note_box.show_trial(table.possible_mark(row), has_trial=True)
+
+    def _note(self, text: str, mark: str) -> None:
+        if self.trials.chosen is not None:
+            session, row = self.trials.chosen
+            self.note_requested.emit(list(self.sessions)[session], row, text, mark)
 
     def _show_digest(self) -> None:
         table = self.sessions.get(self.path, SessionTable())
@@ -191,6 +212,8 @@ class SessionPanel(QWidget):
         self.folder.returnPressed.connect(self._open)
         self.trials.trial_requested.connect(partial(self._request, self.trial_requested))
         self.trials.replay_requested.connect(partial(self._request, self.replay_requested))
+        self.trials.trial_requested.connect(lambda *_: self._offer_note())
+        self.note_box.written.connect(self._note)
         self.run_box.run_requested.connect(lambda key: self.run_requested.emit(key, self.path))
         self.run_box.path_requested.connect(self.path_requested)
         self.run_box.form.sessions_changed.connect(self._keep_sessions)
@@ -212,5 +235,7 @@ class SessionPanel(QWidget):
         digest = hbox(label("Digest"), self.digest, wide=1)
         verify = container(hbox(self.kept, self.verify_button))
         also = self.run_box.form.session_row
-        rows = (folder, self.about, self.missing, also, digest, verify, self.trials, self.run_box)
-        self.setLayout(vbox(*rows, spacing=5, margins=(6, 8, 6, 6), tall=rows.index(self.trials)))
+        above = (folder, self.about, self.missing, also, digest, verify)
+        rows = (*above, self.trials, self.note_box, self.run_box)
+        column = vbox(*rows, spacing=5, margins=(6, 8, 6, 6), tall=len(above))
+        self.setLayout(column)

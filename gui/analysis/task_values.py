@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -10,12 +11,18 @@ from numpy.typing import NDArray
 
 from gui.analysis.trial_table import AttemptColumn
 from gui.analysis.value_file import data_words
+from gui.widgets.file_browser import new_files_folder, typed_path
+from rigctl.session.notes import Mark
 from rigctl.session.sensor_layout import SensorLayout
+from rigctl.synth.sample_session import sample_folder
+from rigctl.values import SessionLine, TrialMark, Verdict
 
 if TYPE_CHECKING:
     from rigctl.analysis.options import AnalysisOptions
 
 
+MARKED_BAD = "marked bad"
+"""Part of the reason for a trial that a note leaves out."""
 DRUM, FINGER = "drum", "finger"
 """Experiments of a session."""
 
@@ -44,6 +51,16 @@ class SessionTable(NamedTuple):
         """Number of attempts."""
         return len(self.columns[0].values) if self.columns else 0
 
+    def possible_mark(self, row: int) -> Mark:
+        """Return what a person can mark an attempt: bad, good where it is marked bad, or nothing.
+
+        Other attempts than committed ones do not count in any case.
+        """
+        verdicts = [column.text(row) for column in self.columns if column.name == "Verdict"]
+        if verdicts == [Verdict.COMMITTED]:
+            return Mark.BAD
+        return Mark.GOOD if MARKED_BAD in dict(self.reasons).get(row, "") else Mark.NONE
+
 
 class TrialCourse(NamedTuple):
     """Force and speed around a trial; times in seconds since its first sample, NaN if unknown.
@@ -71,27 +88,44 @@ class TrialFeatures(NamedTuple):
     window_ms: int
 
 
-BLOCK = 64
-"""Samples of which a long trial has the lowest and highest readings."""
+class Section(NamedTuple):
+    """A part of a trial from the sample ``first`` on, in k groups of ``factor`` samples.
+
+    ``low``, ``high``: uint16 (k, n_taxels), the lowest and highest readings of each group; of
+    single samples both are the readings. ``spikes``: uint8 (k, 2 * n_taxels), whether a spike
+    fell into it; rows are SA taxel 1 … n, then RA 1 … n. ``course``: of this time.
+    """
+
+    first: int
+    factor: int
+    low: NDArray[np.uint16]
+    high: NDArray[np.uint16]
+    spikes: NDArray[np.uint8]
+    course: TrialCourse | None = None
+
+    @property
+    def end(self) -> int:
+        """The sample after the last one, or after its group."""
+        return self.first + len(self.low) * self.factor
 
 
 class TrialData(NamedTuple):
     """Readings and spikes of one trial, and what the drum did.
 
-    ``samples``: uint16 (n, n_taxels). ``spike_row`` and ``spike_sample``: int64 (k,), one entry per
-    spike; rows are SA taxel 1 … n, then RA 1 … n. ``blocks``: uint16 (2, n // BLOCK, n_taxels), the
-    lowest and highest readings of each whole block of samples, for a trial with many.
+    ``overview``: all of the trial, of a long one in groups of samples. ``place``: path of the
+    session and row of the attempt, of which finer sections can be read. ``marks``: what people
+    noted on it.
     """
 
     title: str
-    samples: NDArray[np.uint16]
-    spike_row: NDArray[np.int64]
-    spike_sample: NDArray[np.int64]
+    overview: Section
     layout: SensorLayout
     course: TrialCourse | None = None
     features: TrialFeatures | None = None
     simulated: bool = False
-    blocks: NDArray[np.uint16] | None = None
+    n_samples: int = 0
+    place: tuple[str, int] = ("", 0)
+    marks: tuple[TrialMark, ...] = ()
 
     @property
     def heading(self) -> str:
@@ -100,12 +134,17 @@ class TrialData(NamedTuple):
         return f"{origin}{self.title}"
 
     @property
-    def spike_counts(self) -> NDArray[np.uint8]:
-        """The spikes of each row at each sample, (n, 2 * n_taxels)."""
-        n, n_rows = len(self.samples), 2 * self.samples.shape[1]
-        counts = np.zeros(n * n_rows, np.uint8)
-        np.add.at(counts, self.spike_sample * n_rows + self.spike_row, np.uint8(1))
-        return counts.reshape(n, n_rows)
+    def is_long(self) -> bool:
+        """Whether single samples are read only where they are looked at."""
+        return self.overview.factor > 1
+
+
+class NeuronVoltage(NamedTuple):
+    """The membrane voltage of SA and RA of a taxel from a sample on, float64 (n, 2) in mV."""
+
+    taxel: int
+    first: int
+    voltage_mv: NDArray[np.float64]
 
 
 class ScanPicture(NamedTuple):
@@ -146,6 +185,37 @@ def describe_options(options: AnalysisOptions, experiment: str) -> str:
     return "; ".join([*parts, f"engine: {ENGINE_NAMES.get(options.engine, options.engine)}"])
 
 
+def results_folder(session: str, chosen: str, fallback: str) -> Path:
+    """Return the folder for figures, reports and models of a session.
+
+    It is the chosen one, else that of the session. An archive that nobody can write into and the
+    hidden folder of the sample session have theirs in ``fallback``. Raises WrongUse for a folder
+    that is no whole path.
+    """
+    if chosen.strip():
+        return new_files_folder(chosen)
+    beside = typed_path(session).absolute().parent
+    is_hidden = beside == sample_folder().parent
+    return new_files_folder(fallback) if is_hidden or not os.access(beside, os.W_OK) else beside
+
+
+def figures_folder(place: Path, session: str) -> str:
+    """Return the folder of a session's saved pages and figures."""
+    return str(place / f"{typed_path(session).name}-figures")
+
+
 def model_path(report: Path) -> Path:
     """Return the path of a report's model: beside its folder."""
     return report.with_name(f"{report.name}-model.h5")
+
+
+class FoundSessions(NamedTuple):
+    """The paths of the sessions below a folder, the newest first."""
+
+    paths: tuple[str, ...]
+
+
+class SessionLines(NamedTuple):
+    """What a list says of some sessions."""
+
+    lines: tuple[SessionLine, ...]

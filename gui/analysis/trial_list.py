@@ -203,7 +203,7 @@ class SortHeader(QHeaderView):
         return str(self.model().headerData(column, self.orientation()))
 
 
-ROW_MARGIN_PX = 4
+ROW_MARGIN_PX, CELL_MARGIN_PX = 4, 14
 _OPENS = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
 
@@ -215,7 +215,7 @@ class TrialTableView(QTableView):
     typed = Signal(str)
     """Letters, which Qt would search 24,000 rows for."""
     font_changed = Signal()
-    """Rows have the height of other letters; columns follow."""
+    """Rows have the height of other letters; columns follow, as Qt tells their names last."""
 
     def __init__(self) -> None:
         super().__init__(showGrid=False)
@@ -235,6 +235,7 @@ class TrialTableView(QTableView):
         bar = self.horizontalScrollBar()
         self.header.scroll_requested.connect(lambda pixels: bar.setValue(bar.value() + pixels))
         self.doubleClicked.connect(lambda _: self.opened.emit())
+        self.font_changed.connect(self.fit_columns, Qt.ConnectionType.QueuedConnection)
         self._fit_rows()
 
     def changeEvent(self, event: QEvent) -> None:
@@ -255,6 +256,15 @@ class TrialTableView(QTableView):
         else:
             super().keyPressEvent(event)
 
+    def fit_columns(self) -> None:
+        """Make each column as wide as its name with the mark of sorting, and its widest text."""
+        model, metrics = self.model(), self.fontMetrics()
+        assert isinstance(model, TrialModel)
+        for number, column in enumerate(model.table.columns):
+            widest = max(map(metrics.horizontalAdvance, column.widest_texts()), default=0)
+            name = self.header.sectionSizeFromContents(number).width()
+            self.setColumnWidth(number, max(widest + CELL_MARGIN_PX, name))
+
     def _fit_rows(self) -> None:
         self.verticalHeader().setDefaultSectionSize(self.fontMetrics().height() + ROW_MARGIN_PX)
 
@@ -263,7 +273,6 @@ class TrialTableView(QTableView):
         self.typed.emit(search)
 
 
-CELL_MARGIN_PX = 14
 REPLAY = "Replay this trial"
 REPLAY_TIP = "Play the chosen trial in the live views (Return, or a double click on its row)"
 NO_CHOICE = "Choose a trial first"
@@ -310,7 +319,7 @@ class TrialList(QWidget):
         if self._chosen is not None and self._chosen[0] > table.session.max(initial=-1):
             self.forget_choice()
         self._show_count()
-        self._fit_columns()
+        self.table.fit_columns()
         self._show_reason()
 
     def offer_replay(self, has_replay: bool) -> None:
@@ -331,6 +340,11 @@ class TrialList(QWidget):
     def has_choice(self) -> bool:
         """Whether a trial is chosen."""
         return self._chosen is not None
+
+    @property
+    def chosen(self) -> tuple[int, int] | None:
+        """Session and row of the chosen trial."""
+        return self._chosen
 
     def forget_choice(self) -> None:
         """Choose no trial."""
@@ -358,9 +372,6 @@ class TrialList(QWidget):
         self.filter.textChanged.connect(self._filter)
         self.filter.returnPressed.connect(self._leave_filter)
         table.typed.connect(self._type)
-        # Qt tells the names of the columns of the font after the rows.
-        queued = Qt.ConnectionType.QueuedConnection
-        table.font_changed.connect(self._fit_columns, queued)
         table.opened.connect(self._replay)
         self.model.modelReset.connect(self._restore)
         table.selectionModel().currentRowChanged.connect(self._choose)
@@ -394,14 +405,6 @@ class TrialList(QWidget):
         n, total = self.model.rowCount(), len(self.model.table)
         shown = f"{grouped(n)} of " if n < total else ""
         self.count.setText(f"{shown}{grouped(total)} attempts")
-
-    def _fit_columns(self) -> None:
-        """Make each column as wide as its name with the mark of sorting, and its widest text."""
-        metrics, header = self.table.fontMetrics(), self.table.horizontalHeader()
-        for number, column in enumerate(self.model.table.columns):
-            widest = max(map(metrics.horizontalAdvance, column.widest_texts()))
-            name = header.sectionSizeFromContents(number).width()
-            self.table.setColumnWidth(number, max(widest + CELL_MARGIN_PX, name))
 
     def _restore(self) -> None:
         """Select the chosen trial again after the table changed its order or grew."""

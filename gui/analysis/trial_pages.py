@@ -13,10 +13,11 @@ from PySide6.QtWidgets import QWidget
 
 from gui.analysis.export import ExportButton, Picture, foot_text, widget_picture, with_foot
 from gui.analysis.open_sessions import NeuronResponse, ResponseGrid
-from gui.analysis.task_values import TrialCourse, TrialData, TrialFeatures
-from gui.analysis.trial_view import LEAST_PX, TrialView
+from gui.analysis.task_values import Section, TrialCourse, TrialData, TrialFeatures
+from gui.analysis.trial_sections import COURSE_NAMES, course_columns, reading_columns, reading_names
+from gui.analysis.trial_view import LEAST_PX, TrialView, add_marks, wider
 from gui.analysis.value_file import SIMULATED, data_words, yes_or_no
-from gui.live.drum_course import thin_out
+from gui.live.drum_course import SHOWN_POINTS, thin_out
 from gui.widgets.labels import label
 from gui.widgets.layouts import ComboBox, PageTabs, hbox, push_button, vbox
 from gui.widgets.plot_axes import (
@@ -32,7 +33,10 @@ from gui.widgets.plot_axes import (
     whole_ticks,
 )
 from gui.widgets.theme import Theme, scaled_px, text_scale
-from rigctl.values import SAMPLE_RATE_HZ
+from rigctl.values import SAMPLE_RATE_HZ, TrialMark
+
+COURSE_FACTOR = 1024
+"""Samples in a group of a section that is read for its force and speed."""
 
 
 class CourseView(PlotGrid):
@@ -41,11 +45,16 @@ class CourseView(PlotGrid):
     Of many points in view the lowest and highest of groups are drawn: STOP waits for a painting.
     """
 
+    section_requested = Signal(int, int, int)
+    """As that of :class:`gui.analysis.trial_view.TrialView`."""
+
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self._theme = theme
         self.course: TrialCourse | None = None
-        self.heading = ""
+        self.heading, self._n_samples = "", 0
+        self._marks: tuple[TrialMark, ...] = ()
+        self._section: Section | None = None
         self.force_plot = time_plot(self.cells, 0, "Force (g)", last=False)
         self.speed_plot = time_plot(self.cells, 1, "Speed (mm/s)", last=True)
         self.speed_plot.setLabel("bottom", "Time since the first sample (s)")
@@ -64,11 +73,21 @@ class CourseView(PlotGrid):
             colour_axes(plot, theme)
         self.reserve_plots(*LEAST_PX)
         reserve_right(self.cells)
-        self.show_course(self.course, self.heading)
+        self.show_course(self.course, self.heading, self._marks, self._n_samples)
 
-    def show_course(self, course: TrialCourse | None, heading: str = "") -> None:
-        """Show the force and speed of the trial that the heading names, or nothing."""
-        self.course, self.heading = course, heading
+    def show_course(
+        self,
+        course: TrialCourse | None,
+        heading: str = "",
+        marks: tuple[TrialMark, ...] = (),
+        n_samples: int = 0,
+    ) -> None:
+        """Show force, speed and notes of the trial that the heading names, or nothing.
+
+        ``n_samples``: of a long trial, whose sections can be read.
+        """
+        self.course, self.heading, self._marks = course, heading, marks
+        self._n_samples, self._section = n_samples, None
         self.show_heading(self.force_plot, heading, self._theme)
         for plot in (self.force_plot, self.speed_plot):
             plot.clear()
@@ -82,6 +101,7 @@ class CourseView(PlotGrid):
         theme = self._theme
         self._add(self.force_plot, course.force_g, theme.force, course.planned_g)
         self._add(self.speed_plot, course.speed_mm_s, theme.speed, course.planned_mm_s)
+        add_marks((self.force_plot, self.speed_plot), marks, theme)
         self._draw()
 
     def _add(self, plot: pg.PlotItem, y: NDArray[np.float64], colour: str, planned: float) -> None:
@@ -94,17 +114,30 @@ class CourseView(PlotGrid):
         low, high = min(0.0, known.min(initial=0.0)), max(planned, known.max(initial=0.0))
         plot.setYRange(low, high + 0.05 * (high - low or 1.0), padding=0)
 
+    def show_section(self, section: Section) -> None:
+        """Show all points of a part of the trial."""
+        self._section = section
+        self._draw()
+
     def _draw(self) -> None:
-        """Draw what is in view, and a point beyond each end."""
+        """Draw what is in view, and a point beyond each end; request what was left out there."""
         if self.course is None or not self._curves:
             return
         left_s, right_s = self.force_plot.getViewBox().viewRange()[0]
-        course = self.course
+        ends = np.clip([left_s * SAMPLE_RATE_HZ, right_s * SAMPLE_RATE_HZ], 0, self._n_samples)
+        first, end = int(ends[0]), int(ends[1])
+        section = self._section
+        is_read = section is not None and section.first <= first and section.end >= end
+        course = section.course if section is not None and is_read else self.course
+        assert course is not None
         values = (course.force_s, course.force_g), (course.speed_s, course.speed_mm_s)
         for curve, (x, y) in zip(self._curves, values, strict=True):
-            first, last = np.flatnonzero(x <= left_s)[-1:], np.flatnonzero(x >= right_s)[:1]
-            part = slice(first.sum(), last.sum() + 1 if len(last) else None)
+            before, after = np.flatnonzero(x <= left_s)[-1:], np.flatnonzero(x >= right_s)[:1]
+            part = slice(before.sum(), after.sum() + 1 if len(after) else None)
             curve.setData(*thin_out(x[part], y[part]))
+            if not is_read and first < end and len(x[part]) < SHOWN_POINTS:
+                is_read = True
+                self.section_requested.emit(*wider(first, end, self._n_samples), COURSE_FACTOR)
 
 
 WINDOW_HINT = "Point at a window to read its value"
@@ -365,7 +398,9 @@ class TrialPages(PageTabs):
         """Show a trial, or a hint without one."""
         self.readings.show_trial(data)
         heading = data.heading if data is not None else ""
-        self.course.show_course(data.course if data else None, heading)
+        n_samples = data.n_samples if data is not None and data.is_long else 0
+        course, marks = (data.course, data.marks) if data else (None, ())
+        self.course.show_course(course, heading, marks, n_samples)
         self.features.show_features(data.features if data else None, heading)
         self.compare.show_taxels(data.layout.n_taxels if data else 0)
         self.save_button.setEnabled(data is not None)
@@ -401,6 +436,16 @@ class TrialPages(PageTabs):
         figure = self.features.graphics if page is self.features else page
         return with_foot(widget_picture(figure), foot_text(title, simulated=self.is_simulated))
 
+    def recorded_values(self) -> tuple[str, int, bool] | None:
+        """Return path and row of a long trial that is in front, and whether it is its force.
+
+        Its numbers are written from the session; None where :meth:`values` has all.
+        """
+        page = self.currentWidget()
+        if self.data is None or not self.data.is_long or page not in (self.readings, self.course):
+            return None
+        return *self.data.place, page is self.course
+
     def values(self) -> ValueTable:
         """Return the numbers of the page in front with their origin; without a trial none."""
         if self.data is None:
@@ -412,7 +457,7 @@ class TrialPages(PageTabs):
     def _numbers(self, data: TrialData) -> ValueTable:
         page = self.currentWidget()
         if page is self.course and data.course is not None:
-            return _course_values(data)
+            return ValueTable(COURSE_NAMES, course_columns(data.course))
         if page is self.features and data.features is not None:
             return _feature_values(data)
         if page is self.compare:
@@ -421,23 +466,9 @@ class TrialPages(PageTabs):
 
 
 def _readings(data: TrialData) -> ValueTable:
-    n_samples, n = data.samples.shape
-    taxels = tuple(f"T{taxel + 1} (counts)" for taxel in range(n))
-    trains = [f"{kind} {taxel + 1} (spikes)" for kind in ("SA", "RA") for taxel in range(n)]
-    counts = data.spike_counts
-    time_s = np.arange(n_samples) / SAMPLE_RATE_HZ
-    return ValueTable(("time (s)", *taxels, *trains), (time_s, *data.samples.T, *counts.T))
-
-
-def _course_values(data: TrialData) -> ValueTable:
-    """Return the load cell's readings, and the drum's speed at the same times."""
-    assert data.course is not None
-    course = data.course
-    speed = np.full(len(course.force_s), np.nan)
-    if len(course.speed_s):
-        speed = np.interp(course.force_s, course.speed_s, course.speed_mm_s)
-    names = ("time (s)", "force (g)", "speed (mm/s)")
-    return ValueTable(names, (course.force_s, course.force_g, speed))
+    section = data.overview
+    names = reading_names(data.layout.n_taxels)
+    return ValueTable(names, reading_columns(section.first, section.low, section.spikes))
 
 
 def _response_values(grid: ResponseGrid | None) -> ValueTable:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -55,8 +55,16 @@ def with_origin(text: str, *, simulated: bool) -> str:
 
 def write_columns(names: Sequence[str], columns: Sequence[Any], path: Path) -> None:
     """Write columns of equal length under their names."""
-    rows = zip(*(column.tolist() for column in columns), strict=True)
-    path.write_text(rows_csv(names, rows), encoding="utf-8", newline="")
+    write_parts(names, [columns], path)
+
+
+def write_parts(names: Sequence[str], parts: Iterable[Sequence[Any]], path: Path) -> None:
+    """Write columns part after part under their names."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(names)
+        for columns in parts:
+            writer.writerows(zip(*(column.tolist() for column in columns), strict=True))
 
 
 def rows_csv(names: Sequence[str], rows: Any) -> str:

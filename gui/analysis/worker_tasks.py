@@ -19,15 +19,11 @@ from typing import TYPE_CHECKING, Any
 
 from gui.analysis.open_sessions import (
     OpenSessions,
-    ReplayTrial,
     ResponseGrid,
     compare_responses,
     finger_session_info,
     load_encoder,
     make_finger_models,
-    neuron_voltage,
-    read_trial,
-    replay_trial,
     report_on_finger,
     write_movie,
 )
@@ -39,24 +35,29 @@ from gui.analysis.results import (
     report_results,
     verify_results,
 )
-from gui.analysis.task_values import ScanPicture, TrialData
+from gui.analysis.task_values import (
+    FoundSessions,
+    NeuronVoltage,
+    ScanPicture,
+    Section,
+    SessionLines,
+    TrialData,
+)
+from gui.analysis.trial_sections import ReplayTrial, replay_trial
 from gui.protocol import run_tasks
 from gui.protocol.run_tasks import (
     SessionNews,
 )
 from gui.widgets.file_browser import typed_path
 from rigctl.errors import RigctlError
+from rigctl.values import RECORDING, SessionLine
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from rigctl.analysis.executors import Progress
     from rigctl.analysis.learning_curve import GrowingCurve, SessionCurve
     from rigctl.analysis.options import AnalysisOptions
 
 
-FIGURES = "figures"
 ENGINE_FIRST = 10
 """By how much a process is nicer than the engine, beside which it works through a whole run."""
 
@@ -85,6 +86,16 @@ def _run(task: Callable[..., Any], args: dict[str, Any]) -> tuple[str, Any]:
         return "failed", f"{type(error).__name__} in the analysis: {error}"
 
 
+def _files_of(path: str) -> frozenset[tuple[str, int, int]] | None:
+    """Return name, time and size of a session's files, None where they cannot be listed."""
+    try:
+        with os.scandir(path) as entries:
+            stats = [(entry.name, entry.stat()) for entry in entries]
+    except OSError:
+        return None
+    return frozenset((name, stat.st_mtime_ns, stat.st_size) for name, stat in stats)
+
+
 @cache
 def _let_engine_first() -> None:
     if sys.platform != "win32":
@@ -98,10 +109,12 @@ class WorkerTasks:
         self._progress = progress
         self._sessions = sessions = OpenSessions()
         self.open_session, self.follow_session = sessions.open, sessions.follow
+        self.note_trial = sessions.note
         self.session_age, self.leave_out = sessions.age_s, sessions.leave_out
         self._pictures = tempfile.TemporaryDirectory(prefix="rigctl-scans-")
         self._follower = run_tasks.SessionFollower()
         self._growing: GrowingCurve | None = None
+        self._lines: dict[str, tuple[object, SessionLine]] = {}
 
     plan_protocol = staticmethod(run_tasks.plan_protocol)
     read_protocol = staticmethod(run_tasks.read_protocol)
@@ -114,6 +127,26 @@ class WorkerTasks:
     def follow_run(self, folder: str, known: int) -> SessionNews:
         """Read the attempts of a session after the first ``known`` ones, and its notes."""
         return self._follower.read(folder, known)
+
+    def find_sessions(self, folder: str) -> FoundSessions:
+        """Return the sessions below a folder, the newest first. Raises SessionError."""
+        from rigctl.session.summary import find_sessions
+
+        return FoundSessions(tuple(map(str, find_sessions(Path(folder)))))
+
+    def read_session_lines(self, paths: tuple[str, ...]) -> SessionLines:
+        """Return what a list says of sessions; what has not changed is not read again."""
+        return SessionLines(tuple(map(self._line, paths)))
+
+    def _line(self, path: str) -> SessionLine:
+        from rigctl.session.summary import read_line
+
+        files = _files_of(path)
+        known, line = self._lines.get(path, (None, None))
+        if line is None or line.state == RECORDING or known != files:
+            line = read_line(Path(path))
+            self._lines[path] = files, line
+        return line
 
     def learning_curve(self, folder: str) -> SessionCurve:
         """Return the learning curve of a session's trials so far. Raises SessionError."""
@@ -139,10 +172,13 @@ class WorkerTasks:
         """Read an attempt of an open session; a scan of the moving finger becomes a picture."""
         return self._sessions.trial(path, row, Path(self._pictures.name))
 
-    def load_replay(self, path: str, row: int) -> ReplayTrial:
-        """Read an attempt of an open session of the drum for the live views."""
-        session = self._sessions.drum_session(path)
-        return replay_trial(read_trial(session, row, self._sessions.taxel_range(path)))
+    def load_replay(self, path: str, row: int, right: int) -> ReplayTrial:
+        """Read an attempt of an open session of the drum, around a sample, for the live views."""
+        return replay_trial(self._sessions.encoded(path, row), right)
+
+    def trial_section(self, path: str, row: int, first: int, end: int, factor: int) -> Section:
+        """Read samples of an attempt of the drum, or the extremes of ``factor`` of them each."""
+        return self._sessions.encoded(path, row).section(first, end, factor)
 
     def compare_trials(
         self, trials: list[tuple[str, int]], train: int, neuron: str
@@ -150,10 +186,12 @@ class WorkerTasks:
         """Read the responses of a neuron in trials of open sessions, by condition."""
         return compare_responses(self._sessions, trials, train, neuron)
 
-    def neuron_voltage(self, path: str, row: int, taxel: int) -> NDArray[np.float64]:
-        """Return v(t) of SA and RA of a taxel in an attempt of an open session, mV."""
-        ranges = self._sessions.taxel_range(path)
-        return neuron_voltage(self._sessions.drum_session(path), row, taxel, ranges)
+    def neuron_voltage(
+        self, path: str, row: int, taxel: int, first: int, end: int
+    ) -> NeuronVoltage:
+        """Return v(t) of SA and RA of a taxel in samples of an attempt."""
+        voltage_mv = self._sessions.encoded(path, row).voltage_mv(taxel, first, end)
+        return NeuronVoltage(taxel, first, voltage_mv)
 
     def trial_movie(
         self, path: str, row: int, taxel: int, section_s: tuple[float, float], out: str
@@ -175,12 +213,12 @@ class WorkerTasks:
         simulated = self._sessions.is_simulated(path)
         return verify_results(report, folder, altered, simulated=simulated)
 
-    def quick_check(self, sessions: tuple[str, ...]) -> AnalysisResults:
-        """Classify textures as the demo does; write the figures into the first session."""
+    def quick_check(self, sessions: tuple[str, ...], figures: str) -> AnalysisResults:
+        """Classify textures as the demo does; write the figures into a folder."""
         from rigctl.analysis.report.demo import analyse_sessions
 
         paths = [Path(session) for session in sessions]
-        return quick_results(analyse_sessions(paths, paths[0] / FIGURES, progress=self._progress))
+        return quick_results(analyse_sessions(paths, Path(figures), progress=self._progress))
 
     def analyse(self, options: AnalysisOptions) -> AnalysisResults:
         """Write a report on sessions as ``rigctl analyse`` does."""

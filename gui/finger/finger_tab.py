@@ -105,6 +105,8 @@ class FingerRunBox(QGroupBox):
         )
         self.models = label("", wraps=True)
         self.run_state = RunStateBox(_ROWS, _STATES)
+        self.run_state.continue_requested.connect(self.continue_requested)
+        self.continue_buttons = (self.continue_button, self.run_state.continue_button)
         self.state, self.rows = self.run_state.state, self.run_state.rows
         self.fault = combo_box({text: text for text in FAULTS})
         self.inject = push_button("Inject", self._inject)
@@ -117,7 +119,8 @@ class FingerRunBox(QGroupBox):
         run = status.run
         is_free = not run.is_active and not is_busy
         self.buttons["Start"].setEnabled(is_free and can_start)
-        self.continue_button.setEnabled(is_free)
+        for button in self.continue_buttons:
+            button.setEnabled(is_free)
         self.models_button.setEnabled(is_free and run.has_ended and run.session is not None)
         self.buttons["Pause"].setEnabled(run.state in ("running", "prompt"))
         self.buttons["Resume"].setEnabled(run.state == "paused")

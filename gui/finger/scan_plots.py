@@ -11,7 +11,7 @@ import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import QRectF, Qt
 from PySide6.QtGui import QImage, QPainter, QTransform
-from PySide6.QtWidgets import QApplication, QGraphicsItem
+from PySide6.QtWidgets import QGraphicsItem
 
 from gui.live.raster import MEAN_SAMPLES, HeatMap
 from gui.live.timeline import Timeline
@@ -259,6 +259,8 @@ def _placed_spikes(
 HISTORY_S = 20
 """Longer than the slowest scan that counts."""
 _RIGHT_PX = 132
+ZONES_PX = 54
+"""Room for the names of the speeds, right of the plot of the velocity."""
 _TICK_MM = 100  # ticks that a narrow plot can show
 _TICK_TAXELS = 4
 _LEAST_PX = 128
@@ -327,14 +329,12 @@ class ScanPlots(PlotGrid):
         self.heat_map.set_theme(theme)
         for plot in (self._velocity_plot, self._raster_plot):
             colour_axes(plot, theme)
+        colour_axes(self._velocity_plot, theme, ("right",))
         self.cells.layout.setColumnFixedWidth(1, scaled_px(_RIGHT_PX))
         self.reserve_plots(_LEAST_PX, *(_LEAST_PX for _ in _ROW_STRETCH))
         self._velocity.setPen(pg.mkPen(theme.speed, width=2.4))
         for line in self._limits:
             line.setPen(pg.mkPen(theme.set_point, width=1.2, style=Qt.PenStyle.DashLine))
-        for text in self._zones:
-            text.setColor(theme.muted)
-            text.setFont(QApplication.font())
         self._version = -1
 
     @property
@@ -355,8 +355,10 @@ class ScanPlots(PlotGrid):
         reserve(plot, "bottom", BOTTOM_PX)
         self._velocity = pg.PlotCurveItem()
         self._limits = [pg.InfiniteLine(angle=0, movable=False) for _ in range(2)]
-        self._zones = [pg.TextItem(name, anchor=(1.0, 0.5)) for name in ("slow", "medium", "fast")]
-        for item in (*self._limits, *self._zones, self._velocity):
+        plot.showAxis("right")
+        plot.getAxis("right").setStyle(tickLength=0)
+        reserve(plot, "right", ZONES_PX)
+        for item in (*self._limits, self._velocity):
             plot.addItem(item)
         plot.getViewBox().sigResized.connect(lambda box: self._label_times(box.viewRange()[0][1]))
         self._place_limits()
@@ -406,8 +408,8 @@ class ScanPlots(PlotGrid):
         self._velocity_plot.setYRange(0, top_mm_s, padding=0)
         slow, fast = self._limit_speeds
         middles = (slow / 2, (slow + fast) / 2, (fast + top_mm_s) / 2)
-        for text, mm_s in zip(self._zones, middles, strict=True):
-            text.setPos(span_s, mm_s)
+        zones = list(zip(middles, ("slow", "medium", "fast"), strict=True))
+        self._velocity_plot.getAxis("right").setTicks([zones, []])
 
 
 def velocity_title(record: ScanRecord, quality: ScanQuality) -> str:

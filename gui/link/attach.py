@@ -16,7 +16,7 @@ from gui.widgets.labels import Strip, label
 from gui.widgets.layouts import container, hbox, push_button, vbox
 from rigctl.engine.rpc.client import WINDOW, FoundEngine, client_name, find_engines
 from rigctl.engine.rpc.engine_files import EngineFile
-from rigctl.engine.rpc.messages import ControlState
+from rigctl.engine.rpc.messages import ControlState, EngineStatus
 
 _Told = Callable[[list[FoundEngine]], None]
 FindEngines = Callable[[], list[FoundEngine]]
@@ -273,11 +273,12 @@ class ClosingStrip(Strip):
         self.stay = push_button("Stay", self.hide)
         self.lay_out(self.leave, self.stop, self.stay)
 
-    def ask(self, session: str) -> None:
-        """Ask about the run into a session."""
+    def ask(self, session: str, queued: int = 0) -> None:
+        """Ask about the run into a session, and tell how many runs wait behind it."""
+        then = f", and so does its queue of {queued}" if queued else ""
         self.text.setText(
-            f"A protocol runs into {session}. It goes on without this window: open the window "
-            "again to join it."
+            f"A protocol runs into {session}. It goes on without this window{then}: open the "
+            "window again to join it."
         )
         self.stop.setEnabled(True)
         self.show()
@@ -346,7 +347,9 @@ class AttachController(QObject):
         running = [link for link in self._links if link.status.run.is_active]
         if self._may_close or not running:
             return True
-        self.closing.ask(str(running[0].status.run.session or "its session"))
+        status = running[0].status
+        queued = len(status.queue.entries) if isinstance(status, EngineStatus) else 0
+        self.closing.ask(str(status.run.session or "its session"), queued)
         return False
 
     def close(self) -> None:

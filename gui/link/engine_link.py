@@ -236,7 +236,7 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         self._clock = QElapsedTimer()
         self._clock.start()
         self._last_message_ms = 0
-        self._is_opening = False
+        self._is_opening = self._is_lost = False
         self.left_running: list[str] = []
         """A sentence for each engine that did not end or answer when this window left it."""
         self.live: _Live | None = None
@@ -252,6 +252,12 @@ class EngineLink(QObject, Generic[_Status, _Live]):
     def is_waiting(self) -> bool:
         """Whether a command has no answer yet, such as a move that goes on."""
         return bool(self._pending)
+
+    @property
+    def is_unheard(self) -> bool:
+        """Whether nobody knows what the rig does: silent, or lost, and no STOP has followed."""
+        silence_ms = self._clock.elapsed() - self._last_message_ms
+        return self._is_lost or (self.is_connected and silence_ms > 1000 * SILENCE_TIMEOUT_S)
 
     @property
     def has_joined(self) -> bool:
@@ -294,6 +300,7 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         A connected engine that has not read what came before gets STOP by a new connection, too.
         """
         self.stop_own()
+        self._is_lost = False
         client = self._client
         stopped = (client.engine_file.name,) if client is not None and not client.is_behind else ()
         self._run_in_thread(lambda: self._stop_others(stopped, is_linked=client is not None))
@@ -414,7 +421,7 @@ class EngineLink(QObject, Generic[_Status, _Live]):
             result.close()
             self.closed.emit(str(error))
             return
-        self._client = result
+        self._client, self._is_lost = result, False
         self._notifier = QSocketNotifier(result.fileno(), QSocketNotifier.Type.Read, self)
         self._notifier.activated.connect(self.poll)
         self._reset()
@@ -470,6 +477,7 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         self._drop_notifier()
         if client is not None:
             client.close()
+        self._is_lost = True
         self._drop(reason)
 
     def _drop_notifier(self) -> None:
@@ -502,5 +510,8 @@ def name_this_window(text: str) -> str:
 
 def _status_here(data: dict[str, Any]) -> dict[str, Any]:
     """Return the data of a status in which who ended the run may be this window."""
-    run = data.get("run", {})
-    return {**data, "run": {**run, "text": name_this_window(run.get("text", ""))}}
+    names = {"run": "text", "queue": "waits_for"}
+    parts = {part: {**data.get(part, {})} for part in names}
+    for part, key in names.items():
+        parts[part][key] = name_this_window(parts[part].get(key, ""))
+    return {**data, **parts}

@@ -37,17 +37,21 @@ class ValueScale:
             return "× G divider"
         return "counts" if self.supply_v is None else "V"
 
+    @property
+    def factor(self) -> float:
+        """What a reading is multiplied by."""
+        if self.is_conductance:
+            return 1 / STEPS
+        return 1.0 if self.supply_v is None else self.supply_v / FULL_SCALE
+
     def text(self, counts: float, signed: bool = False, digits: int = 3) -> str:
         """Return a reading, or with its sign a difference, without the unit.
 
         ``digits``: of a voltage behind the point.
         """
         sign = "+" if signed else ""
-        if self.is_conductance:
-            return f"{counts / STEPS:{sign}.{digits}f}".replace("-", "−")
-        if self.supply_v is None:
-            return f"{counts:{sign}.0f}".replace("-", "−")
-        return f"{counts * self.supply_v / FULL_SCALE:{sign}.{digits}f}".replace("-", "−")
+        digits = 0 if self.factor == 1 else digits
+        return f"{counts * self.factor:{sign}.{digits}f}".replace("-", "−")
 
     def ticks(self, low: float, high: float) -> list[tuple[float, str]]:
         """Return five axis ticks of a band from 0 (``high``) to 1 (``low`` counts)."""

@@ -479,7 +479,8 @@ class LivePage(QWidget):
     def _save_table(self) -> None:
         plots = self.plots
         window, taxels = plots.navigation.window, plots.time_plots.taxels
-        shown = shown_samples(plots.data, window, taxels, simulated=self._is_simulated)
+        scale, simulated = plots.value_scale, self._is_simulated
+        shown = shown_samples(plots.data, window, taxels, scale, simulated=simulated)
         if len(shown.position):
             self._save("csv", in_process(write_table, shown))
         else:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
-from numpy.typing import NDArray
 from PySide6.QtCore import QElapsedTimer, QObject, QRectF, QSignalBlocker, Qt, QTimer, Signal
 from PySide6.QtWidgets import QAbstractSpinBox, QCheckBox, QLineEdit, QScrollBar, QWidget
 
 from gui.analysis.export import foot_text
-from gui.analysis.open_sessions import ReplayTrial
-from gui.analysis.task_values import DRUM, SessionTable
+from gui.analysis.note_box import NoteBox
+from gui.analysis.task_values import DRUM, NeuronVoltage, Section, SessionTable
+from gui.analysis.trial_sections import AHEAD_S, ReplayTrial, append_course, append_samples
 from gui.analysis.worker import Worker
 from gui.live.live_data import LiveData
 from gui.live.live_plots import LivePlots, gap_px, right_column_px
@@ -27,6 +29,7 @@ from gui.widgets.number_box import NumberBox, WholeNumberBox, has_refused
 from gui.widgets.plot_axes import PlotGrid, colour_axes, label_axis, time_plot
 from gui.widgets.theme import Theme, scaled_px
 from rigctl.analysis.files import PARTIAL
+from rigctl.errors import WrongUse
 from rigctl.values import SAMPLE_RATE_HZ
 
 LOW_MV, HIGH_MV = -90.0, 40.0
@@ -54,7 +57,7 @@ class VoltagePlot(PlotGrid):
             plot.addItem(curve)
             plot.addItem(overlay, ignoreBounds=True)
         self.plots[1].setXLink(self.plots[0])
-        self._voltage: NDArray[np.float64] = np.zeros((0, 2))
+        self.voltage = NeuronVoltage(0, 0, np.zeros((0, 2)))
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
@@ -71,17 +74,24 @@ class VoltagePlot(PlotGrid):
             curve.setPen(pg.mkPen(colour, width=1))
             overlay.set_theme(theme)
 
-    def show_voltage(self, taxel: int, voltage_mv: NDArray[np.float64]) -> None:
-        """Show (n, 2) voltages of a taxel, from 0."""
-        self._voltage = voltage_mv
+    def show_voltage(self, voltage: NeuronVoltage) -> None:
+        """Show a part of the voltages of a taxel."""
+        self.voltage = voltage
         for plot, name in zip(self.plots, ("SA", "RA"), strict=True):
-            label_axis(plot, "left", f"{name}-{taxel + 1}<br>(mV)", self._theme)
+            label_axis(plot, "left", f"{name}-{voltage.taxel + 1}<br>(mV)", self._theme)
+
+    def has(self, taxel: int, first: int, end: int) -> bool:
+        """Return whether a taxel's voltages in these samples are there."""
+        voltage = self.voltage
+        has_end = voltage.first + len(voltage.voltage_mv) >= end
+        return voltage.taxel == taxel and voltage.first <= first and has_end
 
     def show_window(self, left_s: float, right_s: float) -> None:
         """Show a part of the time axis, up to its right end."""
-        first = max(0, round(left_s * SAMPLE_RATE_HZ))
+        begun = self.voltage.first
+        first = max(begun, round(left_s * SAMPLE_RATE_HZ))
         end = max(first, round(right_s * SAMPLE_RATE_HZ) + 1)
-        shown = self._voltage[first:end]
+        shown = self.voltage.voltage_mv[first - begun : end - begun]
         time_s = (first + np.arange(len(shown))) / SAMPLE_RATE_HZ
         for channel, curve in enumerate(self.curves):
             curve.setData(time_s, np.ascontiguousarray(shown[:, channel]))
@@ -91,10 +101,14 @@ class VoltagePlot(PlotGrid):
 
 
 class Player:
-    """``position``: the sample that is shown last, from 0; ``speed``: times real time."""
+    """``position``: the sample that is shown last, from 0; ``speed``: times real time.
+
+    ``read``: the last sample that is there; time waits for the next ones.
+    """
 
     def __init__(self) -> None:
         self.length = 0
+        self.read = sys.maxsize
         self.speed = 1.0
         self.position = 0.0
         self._clock = QElapsedTimer()
@@ -123,7 +137,8 @@ class Player:
         """Move on by the time that has passed; stop at the end."""
         if self.is_playing:
             passed_s = self._clock.restart() / 1000
-            self.move_to(self.position + passed_s * self.speed * SAMPLE_RATE_HZ)
+            to = min(self.position + passed_s * self.speed * SAMPLE_RATE_HZ, self.read)
+            self.move_to(max(self.position, to))
             if self.has_ended:
                 self.stop()
 
@@ -170,15 +185,15 @@ class MovieMaker(QObject):
         """Length, kind and button, each with its label."""
         return label("Last"), self.length, label("as"), self.kind, self.button
 
-    def write(self, session: str, row: int, taxel: int, end_s: float) -> None:
-        """Draw the time before a moment of an attempt for a taxel; rows and taxels from 0."""
+    def write(self, session: str, place: Path, row: int, taxel: int, end_s: float) -> None:
+        """Draw the time before a moment of an attempt for a taxel into a folder; all from 0."""
         start_s = max(0.0, end_s - self.length.value())
         folder = typed_path(session)
         name = f"{folder.name}-attempt{row + 1}-T{taxel + 1}-{start_s:.3f}s"
-        self._out = out = folder.absolute().with_name(name + self.kind.currentData())
+        self._out = out = place / (name + self.kind.currentData())
         section_s = (start_s, self.length.value())
-        place = {"path": session, "row": row, "taxel": taxel}
-        self.worker.submit("trial_movie", **place, section_s=section_s, out=str(out))
+        about = {"path": session, "row": row, "taxel": taxel}
+        self.worker.submit("trial_movie", **about, section_s=section_s, out=str(out))
         self.button.setText(CANCEL)
         self.told.emit(f"drawing {out} …")
 
@@ -209,7 +224,15 @@ class MovieMaker(QObject):
         self.failed.emit(sentence)
 
 
+VOLTAGE_SAMPLES = 10 * SAMPLE_RATE_HZ
+"""Of a long trial, v(t) stands in the last part of the window: it takes a tenth of its time."""
+VOLTAGE_MARGIN = 5 * SAMPLE_RATE_HZ
+VOLTAGE_SPEED = 4.0
+"""A long trial that plays faster has no v(t)."""
+AHEAD_SAMPLES = AHEAD_S * SAMPLE_RATE_HZ
 FOLLOW_MS = 1000
+NOTE = "note"
+"""Kind of the marks of notes."""
 NEWEST = 1 << 31
 """As the row of an attempt: the last one that there is."""
 NO_ATTEMPT = "No attempt has ended yet: the first one is shown as soon as it has."
@@ -236,7 +259,8 @@ class ReplayPage(QWidget):
         self.plots, self.voltage = LivePlots(theme), VoltagePlot(theme)
         self.plots.caption_paused = IN_TRIAL
         self.pointer, self.player, self.worker = Pointer(self.plots), Player(), Worker()
-        self._table, self._row = SessionTable(), -1
+        self._table, self._row, self._shown = SessionTable(), -1, -1
+        """The session, the attempt that is wanted of it, and the one that is shown."""
         self._wanted: tuple[str, int] | None = None
         """Path and row of a trial whose session is being opened."""
         self._is_late = self._plays = self._fits_span = False
@@ -248,13 +272,14 @@ class ReplayPage(QWidget):
         self.setLayout(
             vbox(
                 *rows,
+                self.note_box,
                 self.growth,
                 self.sentence,
                 self.plots,
                 self.voltage,
                 self.values,
                 spacing=3,
-                tall=4,
+                tall=5,
             )
         )
         self._connect()
@@ -337,6 +362,11 @@ class ReplayPage(QWidget):
         self.speed.setStepType(QAbstractSpinBox.StepType.AdaptiveDecimalStepType)
         self.speed.setToolTip("Speed of the replay in times real time")
         self.movies = MovieMaker()
+        self.note_box = NoteBox("at this moment", "A mark on the plots where the replay stands")
+        self.author: Callable[[], str] = str
+        """Returns who writes notes."""
+        self.place_of: Callable[[str], Path] = lambda path: typed_path(path).absolute().parent
+        """Returns where movies of a session go. Raises WrongUse."""
         self.place.setMinimumWidth(120)
         self._play_row = (self.play, self.place, label("Speed"), self.speed, *self.movies.controls)
 
@@ -345,6 +375,7 @@ class ReplayPage(QWidget):
         worker.finished.connect(self._finish)
         worker.failed.connect(self._fail)
         worker.progressed.connect(self._show_progress)
+        self.note_box.written.connect(self._note)
         movies = self.movies
         movies.requested.connect(self._write_movie)
         movies.told.connect(lambda words: show_text(self.sentence, words))
@@ -354,7 +385,7 @@ class ReplayPage(QWidget):
         self.trial.valueChanged.connect(lambda _: self._load(self.trial.value() - 1))
         self.speed.valueChanged.connect(lambda speed: setattr(self.player, "speed", speed))
         self.place.valueChanged.connect(self._seek)
-        pointer.taxel_changed.connect(lambda _: self._ask_voltage())
+        pointer.taxel_changed.connect(lambda _: self._read_on())
         pointer.enlarge_requested.connect(self.plots.toggle_alone)
         self.plots.lines_changed.connect(self._show_values)
         self.plots.navigation.changed.connect(self._follow_window)
@@ -387,9 +418,13 @@ class ReplayPage(QWidget):
     def _load(self, row: int) -> None:
         """Read an attempt; of several that were chosen quickly, only the last one."""
         self._row, self._is_late = row, self.worker.is_busy
+        self._shown = -1
         if not self._is_late:
-            self.worker.submit("load_replay", path=self._table.path, row=row)
-            self._ask_voltage()
+            self._read_around(0)
+
+    def _read_around(self, right: int) -> None:
+        """Read what stands in windows that end at about this sample."""
+        self.worker.submit("load_replay", path=self._table.path, row=self._row, right=right)
 
     def _follow_session(self) -> None:
         """Look for what was recorded since, while the page is shown and its session grows."""
@@ -415,10 +450,37 @@ class ReplayPage(QWidget):
             self._plays = True
             self.trial.setValue(self.trial.value() + 1)
 
-    def _ask_voltage(self) -> None:
-        if self._row >= 0:
-            place = {"path": self._table.path, "row": self._row, "taxel": self.pointer.taxel}
-            self.worker.submit("neuron_voltage", **place)
+    def _read_on(self) -> None:
+        """Read what the window shows of a long trial, soon what follows, and the voltages."""
+        window, timeline = self.plots.navigation.window, self.plots.data.timeline
+        n = self.player.length
+        if self._shown != self._row or not n or self.worker.is_busy:
+            return
+        place = {"path": self._table.path, "row": self._row}
+        right, end = min(max(window.right, 0), n - 1), timeline.newest + 1
+        if right >= end or max(window.left, 0) < min(timeline.oldest, right):
+            self._read_around(right)
+        elif end < min(n, right + AHEAD_SAMPLES // 2):
+            ahead = {"first": end, "end": min(n, end + AHEAD_SAMPLES), "factor": 1}
+            self.worker.submit("trial_section", **place, **ahead)
+        elif self.player.speed <= VOLTAGE_SPEED or not self.player.is_playing:
+            self._read_voltage(place, max(0, window.left, right - VOLTAGE_SAMPLES), right + 1)
+
+    def _read_voltage(self, place: dict[str, Any], first: int, end: int) -> None:
+        taxel = self.pointer.taxel
+        if not self.voltage.has(taxel, first, end):
+            first = max(0, end - VOLTAGE_SAMPLES - VOLTAGE_MARGIN)
+            end = min(end + VOLTAGE_MARGIN, self.player.length)
+            self.worker.submit("neuron_voltage", **place, taxel=taxel, first=first, end=end)
+
+    def _append(self, section: Section) -> None:
+        """Add the samples that follow, if nothing else was read since they were asked for."""
+        data = self.plots.data
+        if section.first == data.timeline.newest + 1:
+            append_samples(data.timeline, section.first, section.low, section.spikes)
+            if section.course is not None:
+                append_course(data.drum, section.course)
+            self.player.read = data.timeline.newest
 
     def _finish(self, task: str, result: Any) -> None:
         if task == "open_session":
@@ -427,12 +489,17 @@ class ReplayPage(QWidget):
             self._grow(result)
         elif task == "session_age":
             self._show_age(result)
+        elif task == "note_trial":
+            self._show_rows(result)
+            self._offer_note()
         elif task == "load_replay":
             self._show_trial(result)
+        elif task == "trial_section":
+            self._append(result)
         elif task == "neuron_voltage":
-            self.voltage.show_voltage(self.pointer.taxel, result)
-            self._follow_window()
+            self.voltage.show_voltage(result)
         self._read_late()
+        self._follow_window()
 
     def _read_late(self) -> None:
         if self._is_late and not self.worker.is_busy:
@@ -446,7 +513,7 @@ class ReplayPage(QWidget):
         if table.experiment != DRUM or not (table.n_rows or table.is_growing):
             self._fail("open_session", "this is no session of the drum with trials: open another")
             return
-        self._row, self._fits_span = -1, True
+        self._row, self._shown, self._fits_span = -1, -1, True
         self._show_rows(table)
         self.opened.emit(table.path)
         if table.n_rows:
@@ -462,12 +529,21 @@ class ReplayPage(QWidget):
 
     def _show_trial(self, trial: ReplayTrial) -> None:
         data = LiveData(trial.layout.n_taxels, trial.timeline, trial.drum)
+        for mark in trial.marks:
+            data.add_event(mark.at_s, NOTE, mark.text, {})
+        self._offer_note()
         data.low, data.high = trial.low.astype(float), trial.high.astype(float)
         self.plots.show_data(data, trial.layout)
-        n = len(trial.timeline)
+        n = trial.n_samples
         if self._fits_span:  # with the first trial of a session; a span chosen later stays
             self._fits_span = False
             self.plots.set_span(_fitting_span_s(n / SAMPLE_RATE_HZ))
+        self.player.read = trial.timeline.newest
+        if self._shown == trial.row:  # another part of it
+            self.plots.draw()
+            return
+        self._shown = trial.row
+        self.voltage.show_voltage(NeuronVoltage(self.pointer.taxel, 0, np.zeros((0, 2))))
         self.player.length, self.player.position = n, 0.0
         with QSignalBlocker(self.place):
             self.place.setRange(0, max(0, n - 1))
@@ -497,6 +573,7 @@ class ReplayPage(QWidget):
         with QSignalBlocker(self.place):
             self.place.setValue(round(self.player.position))
         self._show_values()
+        self._read_on()
 
     def _show_values(self) -> None:
         plots = self.plots
@@ -505,12 +582,29 @@ class ReplayPage(QWidget):
         scale, taxel = plots.value_scale, self.pointer.taxel
         show_text(self.values, cursor_text(plots.data, window, position, taxel, scale))
 
+    def _offer_note(self) -> None:
+        self.note_box.show_trial(self._table.possible_mark(self._row), has_trial=True)
+
+    def _note(self, text: str, mark: str) -> None:
+        """Write a note at the moment that is shown, and mark it there."""
+        at_s = round(self.player.position / SAMPLE_RATE_HZ, 3)
+        note = {"text": text, "author": self.author(), "mark": mark, "at_s": at_s}
+        self.worker.submit("note_trial", path=self._table.path, row=self._row, **note)
+        self.plots.data.add_event(at_s, NOTE, text, {})
+        self.show_moment()
+        self.reported.emit("note", f"trial {self._row + 1} at {at_s:.2f} s: “{text}”")
+
     def _write_movie(self) -> None:
         if self._row < 0:
             show_text(self.sentence, NO_SESSION)
             return
         end_s = self.player.position / SAMPLE_RATE_HZ
-        self.movies.write(self._table.path, self._row, self.pointer.taxel, end_s)
+        try:
+            place = self.place_of(self._table.path)
+        except WrongUse as error:
+            self._fail("trial_movie", f"Results in: {error}")
+            return
+        self.movies.write(self._table.path, place, self._row, self.pointer.taxel, end_s)
 
     def _show_saved(self, path: str) -> None:
         show_text(self.sentence, f"saved {path}")

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from PySide6.QtCore import QStandardPaths, Signal
 from PySide6.QtWidgets import QLineEdit, QWidget
 
-from gui.live.live_data import LiveData
+from gui.live.live_data import LiveData, ValueScale
 from gui.live.timeline import TimeWindow
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import label
 from gui.widgets.layouts import hbox, push_button
-from rigctl.encoder.reading import Reading
 
 Floats = NDArray[np.float64]
 _ROWS_AT_ONCE = 20_000
@@ -27,7 +26,7 @@ class ShownSamples(NamedTuple):
     """Samples in a time window with force and speed at each of them.
 
     ``time_s``: engine's time, float64 (n,). ``position``: board's counter, int64 (n,).
-    ``samples``: readings in ``unit``, uint16 (n, k); ``taxels``: their numbers from 0.
+    ``samples``: readings, uint16 (n, k), which ``scale`` shows; ``taxels``: their numbers from 0.
     ``spikes``: uint8 (n, 2·k), SA then RA. ``drum``: (n,) each, NaN before the first reading of
     the load cell.
     """
@@ -39,7 +38,7 @@ class ShownSamples(NamedTuple):
     spikes: NDArray[np.uint8]
     taxels: tuple[int, ...]
     drum: dict[str, Floats]
-    unit: str = COUNTS
+    scale: ValueScale = ValueScale()
 
 
 def write_table(shown: ShownSamples, path: Path) -> None:
@@ -47,20 +46,31 @@ def write_table(shown: ShownSamples, path: Path) -> None:
     names = [f"T{taxel + 1}" for taxel in shown.taxels]
     trains = [f"T_{channel}-{taxel + 1}" for channel in ("SA", "RA") for taxel in shown.taxels]
     header = ["sample", "time_s", *shown.drum, *names, *trains]
-    formats = ["%d", "%.6f"] + ["%.2f"] * len(shown.drum) + ["%d"] * (len(names) + len(trains))
+    scale = shown.scale
+    reading = "%d" if scale.factor == 1 else "%.5f"
+    unit = COUNTS if scale.factor == 1 else scale.unit
+    formats = ["%d", "%.6f"] + ["%.2f"] * len(shown.drum)
+    formats += [reading] * len(names) + ["%d"] * len(trains)
     with path.open("w", encoding="utf-8") as file:
-        file.write(f"# {shown.title}; T… readings in {shown.unit}, T_… spikes in the sample\n")
+        file.write(f"# {shown.title}; T… readings in {unit}, T_… spikes in the sample\n")
         file.write(",".join(header) + "\n")
         for first in range(0, len(shown.time_s), _ROWS_AT_ONCE):
             rows = slice(first, first + _ROWS_AT_ONCE)
             drum = [column[rows] for column in shown.drum.values()]
             columns = [shown.position[rows], shown.time_s[rows], *drum]
-            table = np.column_stack((*columns, shown.samples[rows], shown.spikes[rows]))
+            table = np.column_stack(
+                (*columns, shown.samples[rows] * scale.factor, shown.spikes[rows])
+            )
             np.savetxt(file, table, fmt=",".join(formats))
 
 
 def shown_samples(
-    data: LiveData, window: TimeWindow, taxels: Sequence[int], *, simulated: bool = False
+    data: LiveData,
+    window: TimeWindow,
+    taxels: Sequence[int],
+    scale: ValueScale,
+    *,
+    simulated: bool = False,
 ) -> ShownSamples:
     """Return copies of the samples in a window, of these taxels from 0."""
     timeline = data.timeline
@@ -80,7 +90,7 @@ def shown_samples(
         spikes[:, trains],
         tuple(taxels),
         data.drum.held_at(position),
-        COUNTS if data.reading is Reading.COUNTS else data.reading.unit,
+        scale,
     )
 
 

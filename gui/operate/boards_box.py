@@ -210,14 +210,14 @@ class BoardsBox(QWidget):
         self._lay_out()
         self._connect_worker()
         self._show_ports()
-        self._show_verdict()
+        self._show_result()
         self._show_free()
 
     def find_boards(self) -> None:
         """Ask the board on every port, or say why that is not possible now."""
         if self._may_begin():
             self._reports, self._ports = [], {}
-            self._show_verdict()
+            self._show_result()
             self.worker.find()
             self._show_free()
 
@@ -315,7 +315,7 @@ class BoardsBox(QWidget):
     def _show_found(self, reports: list[PortReport], builds: dict[str, str]) -> None:
         self._reports, self._builds = reports, builds
         self._show_ports()
-        self._show_verdict()
+        self._show_result()
         self._show_end("", "muted")
 
     def _show_flashed(self, flashed: Flashed) -> None:
@@ -326,7 +326,7 @@ class BoardsBox(QWidget):
         new = PortReport(flashed.port, "", flashed.identity)
         others = [report for report in self._reports if report.port != flashed.port]
         self._reports = sorted((*others, new), key=lambda report: report.port)
-        self._show_verdict()
+        self._show_result()
 
     def _show_cancelled(self) -> None:
         self._show_end(FLASH_CANCELLED if self._is_flashing else CANCELLED, "bad")
@@ -347,19 +347,19 @@ class BoardsBox(QWidget):
         for report in self._reports:
             self.port.addItem(report.port, report.port)
 
-    def _show_verdict(self) -> None:
+    def _show_result(self) -> None:
         """Show what is on the ports beside what is expected, and what to do about it."""
         reports, ours = self._reports, self._builds
-        verdict = judge_reports(reports)
+        result = judge_reports(reports)
         has = {r.identity.board: r.identity.build_hash for r in reports if r.identity is not None}
         firmware = judge_firmware({b: has[b] for b in ours if b in has}, ours)
         builds = f", with {firmware.expected}" if ours else ""
-        found = "\n".join(map(_port_words, reports)) or verdict.found
-        show_text(self.expected, f"Expected: {verdict.expected}{builds}")
+        found = "\n".join(map(_port_words, reports)) or result.found
+        show_text(self.expected, f"Expected: {result.expected}{builds}")
         show_text(self.found, f"Found: {found if ours else NOT_ASKED}")
-        show_text(self.problem, (verdict.problem or firmware.problem) if ours else "")
+        show_text(self.problem, (result.problem or firmware.problem) if ours else "")
         ports = {board: port for board, port in self._boards().items() if board in BOARD_NAMES}
-        self._ports = ports if verdict.passed else {}
+        self._ports = ports if result.passed else {}
 
     def _show_free(self) -> None:
         is_busy = self.worker.is_busy

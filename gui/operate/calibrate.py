@@ -1,4 +1,4 @@
-"""The page Calibrate: load cell, force loop, imbalance and order of the taxels."""
+"""The page Calibrate: load cell, force loop, imbalance, order and ranges of the taxels."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from gui.widgets.formatting import age, grouped
+from gui.widgets.formatting import age, capitalised, grouped
 from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import (
     EventWatch,
@@ -42,13 +42,17 @@ from gui.widgets.plot_axes import (
 )
 from gui.widgets.theme import Theme, applied_theme, scaled_px
 from rigctl.config.rig_config import RigLimits
+from rigctl.encoder.reading import Reading
 from rigctl.engine.calibration_values import (
     FORCE,
     IMBALANCE,
+    LEAST_RATIO,
     LOADCELL,
+    RANGE,
     WIRING,
     CalibrationStatus,
     MassReading,
+    TaxelRange,
     gains_words,
     imbalance_words,
     scale_words,
@@ -552,6 +556,20 @@ FORCE_TASK = (
     "Mount a plate and keep clear of the drum. It lifts, tares, homes, presses with this force, "
     "makes a small step, lifts and switches off; its answer to the step gives the gains."
 )
+RANGE_TASK = (
+    "Mount a plate and keep clear of the drum. It lifts and shows what each taxel reads untouched; "
+    "then it tares, homes, presses with this force, turns over the plate once, lifts and switches "
+    "off. The lowest and highest reading of each taxel become its range."
+)
+RANGE_COLUMNS = (
+    "Taxel",
+    "Lowest ({unit})",
+    "Highest ({unit})",
+    "Span ({unit})",
+    "Untouched ({unit})",
+)
+RANGE_PX = 240
+READING_UNITS = {Reading.COUNTS: "counts", Reading.CONDUCTANCE: "steps"}
 IMBALANCE_TASK = (
     "Take the plate off, or leave it on as in use, and keep clear of the drum. It lifts and turns "
     "once; the load cell's error in each sixteenth of the turn is taken out of later readings."
@@ -559,31 +577,27 @@ IMBALANCE_TASK = (
 KEPT = "the board uses this table until it is switched off, and from then on only if it is saved"
 
 
-class ForcePart(PartPage):
-    """The force, and the gains that were found."""
+class PressPart(PartPage):
+    """The force of a press; ``command`` presses with it."""
 
-    def __init__(self) -> None:
-        super().__init__(FORCE, "Press and measure", "Find the gains of the force loop")
+    def __init__(self, part: str, command: str, texts: tuple[str, str], task: str) -> None:
+        super().__init__(part, *texts)
+        self._command = command
         self.force = focus_wheel(NumberBox(decimals=0, suffix=" g", singleStep=50))
-        self.force.setAccessibleName("Force of the step test")
+        self.force.setAccessibleName(f"Force: {TITLES[part].lower()}")
         self._limits: RigLimits | None = None
         self._set_limits(RigLimits())
         self.force.setValue(500.0)
-        field = hbox(label("Force"), self.force, wide=-1, spacing=6)
-        show_text(self.task, FORCE_TASK)
-        self.lay_out(field)
+        self.field = hbox(label("Force"), self.force, wide=-1, spacing=6)
+        show_text(self.task, task)
 
     def measure(self) -> None:
-        """Press, step and lift."""
+        """Press, measure and lift."""
         if not has_refused(self.force):
-            self.send("calibrate_force", force_g=self.force.value())
-
-    def result(self, found: CalibrationStatus) -> str:
-        """Return the gains."""
-        return gains_words(found.gains) if found.gains is not None else ""
+            self.send(self._command, force_g=self.force.value())
 
     def show_status(self, status: EngineStatus) -> None:
-        """Show the gains; the force has the limits of the rig."""
+        """Show what was found; the force has the limits of the rig."""
         super().show_status(status)
         if status.drum_connected:
             self._set_limits(status.limits)
@@ -595,6 +609,77 @@ class ForcePart(PartPage):
             self.force.setRange(limits.force_min_g, limits.force_max_g)
             text = f"{limits.force_min_g:g} to {limits.force_max_g:g} g: [limits] in rig.toml"
             self.force.setToolTip(text)
+
+
+class ForcePart(PressPart):
+    """The gains that were found."""
+
+    def __init__(self) -> None:
+        texts = ("Press and measure", "Find the gains of the force loop")
+        super().__init__(FORCE, "calibrate_force", texts, FORCE_TASK)
+        self.lay_out(self.field)
+
+    def result(self, found: CalibrationStatus) -> str:
+        """Return the gains."""
+        return gains_words(found.gains) if found.gains is not None else ""
+
+
+class RangePart(PressPart):
+    """Lowest and highest reading of each taxel in a press over the plate."""
+
+    def __init__(self) -> None:
+        texts = ("Press, turn and measure", "Measure the range to which traces and spikes scale")
+        super().__init__(RANGE, "calibrate_range", texts, RANGE_TASK)
+        self.table = QTableWidget(0, len(RANGE_COLUMNS))
+        self.table.verticalHeader().hide()
+        self.table.setEditTriggers(QTableWidget.EditTrigger.NoEditTriggers)
+        self.table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
+        self.table.setAccessibleName("Range of each taxel")
+        self.table.setMinimumHeight(scaled_px(RANGE_PX))
+        self._shown: TaxelRange | None = None
+        self.lay_out(self.field, self.table)
+        for button in (self.save_button, self.discard_button):
+            button.hide()
+
+    def result(self, found: CalibrationStatus) -> str:
+        """Return the narrowest range, or which taxels moved too little."""
+        ranges = found.taxel_range
+        if ranges is None:
+            return ""
+        if ranges.problem:
+            return capitalised(ranges.problem)
+        spans = np.subtract(ranges.high, ranges.low)
+        least = int(spans.argmin())
+        return (
+            f"In use until the rig disconnects: {len(spans)} ranges, the narrowest that of "
+            f"T{least + 1} with {spans[least]}"
+        )
+
+    def has_readings(self, found: CalibrationStatus) -> bool:
+        """Return that there is nothing to save or discard."""
+        return False
+
+    def show_status(self, status: EngineStatus) -> None:
+        """Show the ranges, marked where they are too narrow."""
+        super().show_status(status)
+        ranges = status.calibration.taxel_range
+        is_bad = ranges is not None and bool(ranges.problem)
+        set_property(self.result_label, "role", "bad" if is_bad else "heading")
+        self.table.setVisible(ranges is not None)
+        if ranges is not None and ranges != self._shown:
+            self._shown = ranges
+            self._show_ranges(ranges, READING_UNITS[status.reading])
+
+    def _show_ranges(self, ranges: TaxelRange, unit: str) -> None:
+        titles = [title.format(unit=unit) for title in RANGE_COLUMNS]
+        self.table.setHorizontalHeaderLabels(titles)
+        self.table.setRowCount(len(ranges.low))
+        for row, (low, high, rest) in enumerate(zip(*ranges, strict=True)):
+            sign = "✓" if high - low >= LEAST_RATIO * max(rest, 1) else "✗"
+            for column, text in enumerate((f"{sign} T{row + 1}", low, high, high - low, rest)):
+                item = QTableWidgetItem(str(text))
+                item.setTextAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+                self.table.setItem(row, column, item)
 
 
 class ImbalancePart(PartPage):
@@ -630,12 +715,19 @@ COMMANDS = {
     "calibrate_loadcell": LOADCELL,
     "forget_mass": LOADCELL,
     "calibrate_force": FORCE,
+    "calibrate_range": RANGE,
     "calibrate_imbalance": IMBALANCE,
     "calibrate_wiring": WIRING,
     "repeat_press": WIRING,
 }
 """The part to which each command of the engine belongs."""
-TITLES = {LOADCELL: "Load cell", FORCE: "Force loop", IMBALANCE: "Imbalance", WIRING: "Taxel order"}
+TITLES = {
+    LOADCELL: "Load cell",
+    FORCE: "Force loop",
+    IMBALANCE: "Imbalance",
+    WIRING: "Taxel order",
+    RANGE: "Taxel range",
+}
 
 
 class CalibratePage(QWidget):
@@ -649,7 +741,8 @@ class CalibratePage(QWidget):
         super().__init__()
         self.load_cell, self.force = LoadCellPart(), ForcePart()
         self.imbalance, self.wiring = ImbalancePart(), WiringPart()
-        parts = (self.load_cell, self.force, self.imbalance, self.wiring)
+        self.taxel_range = RangePart()
+        parts = (self.load_cell, self.force, self.imbalance, self.wiring, self.taxel_range)
         self.parts: dict[str, PartPage] = {part.part: part for part in parts}
         self._asked: dict[str, str] = {}
         """The part that each command was last about, where it has one as argument."""

@@ -8,11 +8,13 @@ from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from PySide6.QtCore import QElapsedTimer, QTime, QTimer
-from PySide6.QtWidgets import QPlainTextEdit
+from PySide6.QtCore import QElapsedTimer, Qt, QTime, QTimer, Signal
+from PySide6.QtGui import QTextBlock
+from PySide6.QtWidgets import QLineEdit, QPlainTextEdit, QWidget
 
 from gui.operate.bench_controls import FAULTS, WIRINGS_ON_OFF
 from gui.widgets.labels import ElidedLabel, set_property, show_text
+from gui.widgets.layouts import ComboBox, hbox
 from gui.widgets.theme import applied_theme
 from rigctl.engine.calibration_values import (
     ForceLoopGains,
@@ -121,25 +123,48 @@ class LogLine(NamedTuple):
     text: str
 
 
+ALL_KINDS, PROBLEMS = "all kinds", "problems"
+
+
 class EventLog(QPlainTextEdit):
     """A read-only log; each line begins with the time at which the window got the event."""
+
+    kind_came = Signal(str)
+    """An event of a kind that the log did not have."""
 
     def __init__(self) -> None:
         super().__init__(readOnly=True, maximumBlockCount=MAX_LINES)
         self.setMinimumHeight(48)
         self._lines: deque[LogLine] = deque(maxlen=MAX_LINES)
+        self._kinds: set[str] = set()
+        self._kind, self._words = ALL_KINDS, tuple[str, ...]()
+
+    def show_only(self, kind: str, words: str) -> None:
+        """Show the lines of a kind, of all or of problems that contain each of these words."""
+        self._kind, self._words = kind, tuple(words.casefold().split())
+        block = self.document().firstBlock()
+        for line in self._lines:
+            self._show_block(block, line)
+            block = block.next()
+        self._lay_out()
 
     def reset_colours(self) -> None:
         """Show the present lines in the colours of another theme."""
         super().clear()
         for line in self._lines:
             self._show(line)
+        self._lay_out()
 
     def add(self, kind: str, text: str, at: QTime | None = None) -> None:
         """Append an event of now or ``at`` a time; errors get the theme's colour for them."""
         line = LogLine((at or QTime.currentTime()).toString("HH:mm:ss"), kind, text)
         self._lines.append(line)
         self._show(line)
+        if not self._is_shown(line):
+            self._lay_out()
+        if kind not in self._kinds:
+            self._kinds.add(kind)
+            self.kind_came.emit(kind)
 
     def clear(self) -> None:
         """Remove all lines."""
@@ -153,6 +178,48 @@ class EventLog(QPlainTextEdit):
             f'<span style="color:{theme.muted}">{line.time}&nbsp;&nbsp;{escape(line.kind)}&nbsp;'
             f'</span> <span style="color:{colour}">{escape(line.text)}</span>'
         )
+        self._show_block(self.document().lastBlock(), line)
+
+    def _show_block(self, block: QTextBlock, line: LogLine) -> None:
+        """Show or hide the block of a line; the text of all 2000 anew would take too long."""
+        block.setVisible(self._is_shown(line))
+        block.setLineCount(max(1, block.layout().lineCount()) if block.isVisible() else 0)
+
+    def _is_shown(self, line: LogLine) -> bool:
+        is_problem = self._kind == PROBLEMS and line.kind in ERROR_KINDS
+        text = " ".join(line).casefold()
+        is_kind = is_problem or self._kind in (ALL_KINDS, line.kind)
+        return is_kind and all(word in text for word in self._words)
+
+    def _lay_out(self) -> None:
+        document = self.document()
+        document.markContentsDirty(0, document.characterCount())
+        document.documentLayout().documentSizeChanged.emit(document.size())
+        self.viewport().update()
+
+
+class LogPanel(QWidget):
+    """A log beside its filter."""
+
+    def __init__(self, log: EventLog) -> None:
+        super().__init__()
+        self.kinds, self.search = ComboBox(), QLineEdit(placeholderText="Search the log")
+        self.kinds.addItems([ALL_KINDS, PROBLEMS])
+        self.kinds.setToolTip("Show the events of one kind")
+        self.kinds.setAccessibleName("Kind of the events in the log")
+        self.search.setAccessibleName("Search the log")
+        self.search.setToolTip("Words that each line must contain")
+        self.search.setClearButtonEnabled(True)
+        log.kind_came.connect(self.kinds.addItem)
+        for changed in (self.kinds.currentTextChanged, self.search.textChanged):
+            changed.connect(lambda _: log.show_only(self.kinds.currentText(), self.search.text()))
+        row = hbox(log, self.kinds, self.search)
+        row.setStretch(0, 5)
+        row.setStretch(2, 1)
+        for control in (self.kinds, self.search):
+            row.setAlignment(control, Qt.AlignmentFlag.AlignTop)
+        self.setLayout(row)
+        self.setFocusProxy(log)
 
 
 class StatusLine(ElidedLabel):

@@ -39,10 +39,12 @@ from gui.widgets.number_box import NumberBox, has_refused
 from rigctl.boards.drum_registers import BY_NAME
 from rigctl.boards.drum_states import State, StateEvent, next_state
 from rigctl.config.rig_config import RigLimits
-from rigctl.engine.calibration_values import LOADCELL, WIRING
+from rigctl.engine.calibration_values import LOADCELL, RANGE, WIRING
 from rigctl.engine.rpc.messages import EngineStatus, PromptStatus, RecordingStatus
 
-CALIBRATE_TIP = "Calibrate load cell and force loop, measure the imbalance, identify the taxels"
+CALIBRATE_TIP = (
+    "Calibrate load cell and force loop, measure imbalance and taxel ranges, identify taxels"
+)
 STEPS, STEPS_TIP = "All steps", "List each step of the bring-up, and whether it is done"
 SETUP = "setup"
 READY = "Ready to approach"
@@ -90,7 +92,7 @@ def bring_up_steps(status: EngineStatus) -> list[BringUpStep]:
             "Taxel range",
             status.has_taxel_range,
             "known" if status.has_taxel_range else "not measured",
-            "calibrate_range",
+            part=RANGE,
         ),
         BringUpStep("Load cell", bool(calibrated), calibrated or "nominal scale", part=LOADCELL),
         BringUpStep(
@@ -547,12 +549,6 @@ TARE = Action(
     "tare", "Tare", StateEvent.MOVE, "Set the load cell's reading of the lifted drum to 0 g"
 )
 HOME = Action("home", "Home", StateEvent.MOVE, "Turn the lifted drum to its index mark")
-RANGE = Action(
-    "calibrate_range",
-    "Taxel range",
-    StateEvent.STOP,
-    "Measure each taxel's range over the next 10 s; traces and spikes are scaled to it",
-)
 TEST = Action(
     "test_taxels",
     "Taxel test",
@@ -571,7 +567,7 @@ APPROACH_FIRST = "Approach first, and wait for HOLD: the drum turns while it pre
 CLEAR = Action(
     "clear_fault", "Clear fault", StateEvent.CLEAR, "Clear the fault after its cause is removed"
 )
-ACTIONS = (ARM, DISARM, HOME, TARE, RANGE, TEST, APPROACH, RUN, RETRACT, CLEAR)
+ACTIONS = (ARM, DISARM, HOME, TARE, TEST, APPROACH, RUN, RETRACT, CLEAR)
 
 
 def _tare_tooltip(status: EngineStatus) -> str:
@@ -583,8 +579,6 @@ def _tare_tooltip(status: EngineStatus) -> str:
 
 def is_possible(action: Action, status: EngineStatus) -> bool:
     """Return whether the command would change something now, and no protocol runs."""
-    if action is RANGE:
-        return status.taxels_connected
     if action is TEST:
         return status.taxels_connected and not status.run.is_active
     if status.state is None or not status.drum_connected or status.run.is_active:
@@ -672,7 +666,7 @@ class OperatePanel(QWidget):
         self.reading_box.show_ages(ages)
 
     def _lay_out(self) -> None:
-        drum, grid = self._action_box("Drum", (ARM, DISARM, HOME, TARE, RANGE, TEST))
+        drum, grid = self._action_box("Drum", (ARM, DISARM, HOME, TARE, TEST))
         grid.addWidget(self.jog, grid.rowCount(), 0, 1, 3)
         contact, _ = self._action_box("Contact", (APPROACH, RUN, RETRACT))
         boxes = (

@@ -118,6 +118,8 @@ class ProtocolEditor(QWidget):
     """The text, the description of the rig that it is for, and the name of its file."""
     save_requested = Signal(str, str, bool)
     """Path, text, and whether a file of that name may be replaced."""
+    modified_changed = Signal()
+    """:attr:`is_modified` has changed, or the file."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -131,10 +133,10 @@ class ProtocolEditor(QWidget):
         self.redo_button = push_button("Redo", self.text.redo, "Redo what was undone")
         self.path = QLineEdit()
         self.path.setToolTip("File of the protocol; one of the program is saved as a new file")
-        self.save_button = push_button("Save", self._save)
+        self.save_button = push_button("Save", self.save)
         self.verdict = label("", wraps=True)
         self._content = FormContent()
-        self._own_path = ""
+        self.file = self._own_path = self._saved_text = ""
         self._rig_toml, self._config = "", RigConfig()
         self._is_good = False
         self._timer = QTimer(self, singleShot=True, interval=CHECK_MS)
@@ -149,6 +151,8 @@ class ProtocolEditor(QWidget):
         self._own_path = path if own_path == path else ""
         self.path.setText(own_path)
         self.text.setPlainText(text)
+        self.file = path
+        self.modified_changed.emit()
 
     def set_rig(self, rig_toml: str) -> None:
         """Check for a rig, whose limits the form shows; for the nominal one without a text."""
@@ -172,8 +176,15 @@ class ProtocolEditor(QWidget):
 
     def show_saved(self, path: str) -> None:
         """Show that the text was saved as this file."""
-        self._own_path = path
+        self.file = self._own_path = path
+        self.text.document().setModified(self.text.toPlainText() != self._saved_text)
+        self.modified_changed.emit()
         self.show_verdict(f"Saved: {path}", is_bad=False)
+
+    @property
+    def is_modified(self) -> bool:
+        """Whether the text is not that of :attr:`file`."""
+        return self.text.document().isModified()
 
     @property
     def is_checking(self) -> bool:
@@ -247,9 +258,10 @@ class ProtocolEditor(QWidget):
     def _check(self) -> None:
         self.check_requested.emit(self.text.toPlainText(), self._rig_toml, self._file_name)
 
-    def _save(self) -> None:
-        path = str(typed_path(self.path.text()))
-        self.save_requested.emit(path, self.text.toPlainText(), path == self._own_path)
+    def save(self) -> None:
+        """Ask for the text to be saved."""
+        path, self._saved_text = str(typed_path(self.path.text())), self.text.toPlainText()
+        self.save_requested.emit(path, self._saved_text, path == self._own_path)
 
     def show_verdict(self, sentence: str, *, is_bad: bool) -> None:
         """Say whether the text is a protocol, is saved, or why not."""
@@ -264,6 +276,7 @@ class ProtocolEditor(QWidget):
         document.undoAvailable.connect(self.undo_button.setEnabled)
         document.redoAvailable.connect(self.redo_button.setEnabled)
         self.text.textChanged.connect(self._on_changed)
+        document.modificationChanged.connect(lambda _: self.modified_changed.emit())
         for form in (self.form, self.finger_form):
             form.edited.connect(self._edit)
         _add_shortcut(self.views, QKeySequence.StandardKey.Undo, self.text.undo)

@@ -32,8 +32,15 @@ from gui.widgets.file_browser import (
     folder_problem,
     new_files_folder,
 )
-from gui.widgets.formatting import capitalised, day_time, duration, size, time_stamp
-from gui.widgets.labels import label, plain_tooltip, set_property, show_progress, show_text
+from gui.widgets.formatting import (
+    capitalised,
+    day_time,
+    duration,
+    grouped,
+    size,
+    time_stamp,
+)
+from gui.widgets.labels import Strip, label, plain_tooltip, set_property, show_progress, show_text
 from gui.widgets.layouts import (
     FlowLayout,
     form_layout,
@@ -44,10 +51,19 @@ from gui.widgets.layouts import (
     vbox,
 )
 from gui.widgets.number_box import WholeNumberBox
+from gui.widgets.theme import scaled_px
 from rigctl.config import resources
 from rigctl.config.rig_config import RigConfig
-from rigctl.engine.rpc.messages import EngineStatus, RecordingStatus, RunStatus, reason_words
+from rigctl.engine.rpc.messages import (
+    EngineStatus,
+    QueuedRunStatus,
+    QueueStatus,
+    RecordingStatus,
+    RunStatus,
+    reason_words,
+)
 from rigctl.finger.status import FingerRunStatus
+from rigctl.values import ABOUT
 
 MAX_SEED = 2**31 - 1
 MAX_NAME_LETTERS = 200
@@ -76,10 +92,12 @@ class ProtocolForm(QWidget):
         self.out.setToolTip("Every session gets a new folder in here")
         self.seed = WholeNumberBox(maximum=MAX_SEED)
         self.seed.setToolTip("Seed of the random order of trials; stored with the session")
-        self.operator = QLineEdit(maxLength=MAX_NAME_LETTERS)
-        self.operator.setToolTip("Who records: stored with the session, remembered for the next")
-        self.sensor = QLineEdit(maxLength=MAX_NAME_LETTERS)
-        self.sensor.setToolTip("Which sensor is mounted: stored with the session, remembered")
+        self.about = {name: QLineEdit(maxLength=MAX_NAME_LETTERS) for name in ABOUT}
+        for name, words in ABOUT.items():
+            kept = "stored with the session, offered for the next"
+            self.about[name].setToolTip(f"{capitalised(words)}: {kept}")
+        self.about["remarks"].setMaxLength(MAX_NOTE_LETTERS)
+        self.operator, self.sensor = self.about["operator"], self.about["sensor"]
         self.notes = QLineEdit(maxLength=MAX_NOTE_LETTERS)
         self.notes.setToolTip("Becomes the first note of the session")
         for field in (self.operator, self.sensor):
@@ -87,6 +105,8 @@ class ProtocolForm(QWidget):
         requested = self.path_requested
         self.open_button = browse_button(requested, PathKind.PROTOCOL, self.add_protocol)
         self.out_button = browse_button(requested, PathKind.OUTPUT, self.out.setText)
+        self.modified = label("modified", "bad")
+        self.modified.setToolTip("The editor has changes of this file that are not saved")
         self.edit_button = QPushButton("Edit")
         self.edit_button.setToolTip(
             "Edit in a form or as text; a protocol of the program is saved anew"
@@ -116,9 +136,17 @@ class ProtocolForm(QWidget):
                 self.request_plan(self.seed.value() if self.is_planned else None)
 
     def people(self) -> dict[str, str]:
-        """Return who records with what, and the first note."""
-        fields = {"operator": self.operator, "sensor": self.sensor, "notes": self.notes}
+        """Return what is said of the session, and the first note."""
+        fields = {**self.about, "notes": self.notes}
         return {name: field.text().strip() for name, field in fields.items()}
+
+    def queued_arguments(self) -> dict[str, Any]:
+        """Return the arguments of the engine's command enqueue: the fields, and what is planned."""
+        plan = self._plan
+        planned = {"trials": len(plan.order), "plate_changes": plan.plate_changes}
+        folder = str(new_files_folder(self.out.text()))
+        run = {**self.start_arguments(), "out": folder}
+        return {**run, **planned, "duration_s": plan.duration_s}
 
     def start_arguments(self) -> dict[str, Any]:
         """Return the arguments of the engine's command start, with a new folder of this second."""
@@ -130,8 +158,8 @@ class ProtocolForm(QWidget):
     @property
     def remembered(self) -> dict[str, QLineEdit]:
         """What the next start of the window asks no more, by the key of the settings."""
-        people = {"protocol/operator": self.operator, "protocol/sensor": self.sensor}
-        return {"save_in": self.out, **people}
+        said = {f"protocol/{name}": field for name, field in self.about.items()}
+        return {"save_in": self.out, **said}
 
     @property
     def current_problem(self) -> str:
@@ -205,60 +233,58 @@ class ProtocolForm(QWidget):
 
     def _lay_out(self) -> None:
         box, form = group_box("Protocol", form_layout(4))
-        form.addRow("File", hbox(self.protocol, self.open_button, self.edit_button))
+        choice = hbox(self.protocol, self.modified, self.open_button, self.edit_button)
+        form.addRow("File", choice)
         form.addRow(self.description)
         for name, text in self.plan_rows.items():
             form.addRow(label(name, "muted"), text)
         form.addRow(self.problem)
         form.addRow("Save in", hbox(self.out, self.out_button))
         form.addRow("Seed", self.seed)
-        form.addRow("Operator", self.operator)
-        form.addRow("Sensor", self.sensor)
+        for name, field in self.about.items():
+            form.addRow(capitalised(name.replace("_", " ")), field)
         form.addRow("First note", self.notes)
-        for hidden in (self.description, self.problem):
+        for hidden in (self.description, self.problem, self.modified):
             hidden.hide()
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
         column.addWidget(box)
 
 
-_ARGUMENTS = Qt.ItemDataRole.UserRole
-_LIST_PX = 66
-WAITS = "The last run did not finish: look at it, then press Start next."
+_NUMBER = Qt.ItemDataRole.UserRole
+_LIST_PX = 96
 
 
 class RunQueue(QWidget):
-    """A list of runs. The next one starts by itself where the last one is done.
+    """Shows the runs that wait in the engine, and lets people change their order."""
 
-    ``arguments`` returns those of the command start for the fields as they are now; a queued run
-    keeps its fields, and gets the folder of the second in which it starts.
-    """
+    command_requested = Signal(str, dict)
+    add_requested = Signal()
 
-    start_requested = Signal(dict)
-
-    def __init__(self, arguments: Callable[[], dict[str, Any]]) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self._arguments = arguments
-        self._was_active = False
         self._can_start = False
-        self._sent_folder = ""
         self.list = QListWidget()
-        self.list.setFixedHeight(_LIST_PX)
-        self.add_button = push_button(
-            "Add", self._add, "Queue a run of the fields above; the window must stay open for it"
+        self.list.setFixedHeight(scaled_px(_LIST_PX))
+        self.list.setWordWrap(True)
+        add_tip = "Queue a run of the fields above; the engine keeps it, also without this window"
+        self.add_button = push_button("Add", self.add_requested.emit, add_tip)
+        self.remove_button = push_button("Remove", partial(self._send, "dequeue"))
+        self.up_button = push_button("Up", partial(self._send, "move_queued", places=-1))
+        self.down_button = push_button("Down", partial(self._send, "move_queued", places=1))
+        self.next_button = push_button(
+            "Start next", lambda: self.command_requested.emit("start_queued", {})
         )
-        self.remove_button = push_button("Remove", self._remove)
-        self.next_button = push_button("Start next", self._start_next)
-        self.problem = label("", "bad", wraps=True)
-        self.problem.hide()
+        self.waits_for = label("", "muted", wraps=True)
         self._lay_out()
         self.list.currentRowChanged.connect(lambda _: self._enable())
         self.set_possible(can_add=False, can_start=False)
 
     @property
-    def waits(self) -> bool:
-        """Whether the next run waits for Start next, as the last one did not finish."""
-        return bool(self.problem.text())
+    def buttons(self) -> tuple[QPushButton, ...]:
+        """All buttons, in their order."""
+        change = (self.remove_button, self.up_button, self.down_button)
+        return (self.add_button, *change, self.next_button)
 
     def set_possible(self, *, can_add: bool, can_start: bool) -> None:
         """Allow to queue the fields above, and to start a run."""
@@ -266,57 +292,67 @@ class RunQueue(QWidget):
         self._can_start = can_start
         self._enable()
 
-    def show_run(self, run: RunStatus) -> None:
-        """Take a run that has begun from the list, and start the next after one that is done."""
-        if self._sent_folder and run.session == self._sent_folder:
-            self._sent_folder = ""
-            self.list.takeItem(0)
-            self._enable()
-        if self._was_active and run.has_ended and self.list.count():
-            if run.state == "done":
-                self._start_next()
-            else:
-                self._show_problem(WAITS)
-        self._was_active = run.is_active
+    def show_queue(self, queue: QueueStatus) -> None:
+        """Show the runs and what the first one waits for; the chosen one stays chosen."""
+        texts = [_queued_text(place, run) for place, run in enumerate(queue.entries, 1)]
+        numbers = [run.number for run in queue.entries]
+        shown = [self.list.item(row) for row in range(self.list.count())]
+        if texts != [item.text() for item in shown] or numbers != [
+            item.data(_NUMBER) for item in shown
+        ]:
+            self._replace(texts, numbers)
+        show_text(self.waits_for, f"Waits: {queue.waits_for}." if queue.waits_for else "")
+        self.waits_for.setVisible(bool(queue.waits_for))
 
-    def _add(self) -> None:
-        arguments = self._arguments()
-        item = QListWidgetItem(f"{Path(arguments['protocol']).stem}, seed {arguments['seed']}")
-        item.setData(_ARGUMENTS, arguments)
-        self.list.addItem(item)
+    def _replace(self, texts: Sequence[str], numbers: Sequence[int]) -> None:
+        chosen = self._chosen
+        with QSignalBlocker(self.list):
+            self.list.clear()
+            for text, number in zip(texts, numbers, strict=True):
+                item = QListWidgetItem(text)
+                item.setData(_NUMBER, number)
+                self.list.addItem(item)
+            if numbers:
+                self.list.setCurrentRow(numbers.index(chosen) if chosen in numbers else 0)
         self._enable()
 
-    def _remove(self) -> None:
-        self.list.takeItem(max(self.list.currentRow(), 0))
-        if not self.list.count():
-            self._show_problem("")
-        self._enable()
+    @property
+    def _chosen(self) -> int | None:
+        item = self.list.currentItem()
+        return None if item is None else int(item.data(_NUMBER))
 
-    def _start_next(self) -> None:
-        queued = dict(self.list.item(0).data(_ARGUMENTS))
-        stem = Path(queued["protocol"]).stem
-        queued["out"] = str(Path(queued["out"]).with_name(f"{stem}-{time_stamp()}"))
-        self._sent_folder = queued["out"]
-        self._show_problem("")
-        self.start_requested.emit(queued)
-
-    def _show_problem(self, sentence: str) -> None:
-        self.problem.setText(sentence)
-        self.problem.setVisible(bool(sentence))
+    def _send(self, command: str, **args: int) -> None:
+        self.command_requested.emit(command, {"number": self._chosen, **args})
 
     def _enable(self) -> None:
-        has_runs = self.list.count() > 0
-        self.remove_button.setEnabled(has_runs)
-        self.next_button.setEnabled(has_runs and self._can_start)
+        row, last = self.list.currentRow(), self.list.count() - 1
+        self.remove_button.setEnabled(row >= 0)
+        self.up_button.setEnabled(row > 0)
+        self.down_button.setEnabled(0 <= row < last)
+        self.next_button.setEnabled(last >= 0 and self._can_start)
 
     def _lay_out(self) -> None:
         box, column = group_box("Queue", QVBoxLayout())
-        column.addWidget(self.problem)
+        column.addWidget(self.waits_for)
         column.addWidget(self.list)
-        column.addLayout(hbox(self.add_button, self.remove_button, self.next_button))
+        column.addLayout(FlowLayout(*self.buttons))
         outer = QVBoxLayout(self)
         outer.setContentsMargins(0, 0, 0, 0)
         outer.addWidget(box)
+
+
+def _queued_text(place: int, run: QueuedRunStatus) -> str:
+    """Return what a run is, and when it is due and over."""
+    seed = "" if run.seed is None else f", seed {run.seed}"
+    size = f"{grouped(run.trials)} trials, {_changes(run.plate_changes)}"
+    due = duration(run.duration_s)
+    if run.due_s is not None:
+        due = f"due {day_time(run.due_s)}, over {day_time(run.due_s + run.duration_s)} ({due})"
+    return f"{place}. {run.protocol}{seed}: {size}\n{due}"
+
+
+def _changes(count: int) -> str:
+    return f"{count} plate change{'' if count == 1 else 's'}"
 
 
 ROWS = ("Progress", "Finishes", "Trial", "Next plate", "Rejected", "Disk", "Session")
@@ -342,6 +378,9 @@ class RunStateBox(QVBoxLayout):
     ``kept``, which follows those of an aborted one.
     """
 
+    continue_requested = Signal(str)
+    """The session of the run that has ended."""
+
     def __init__(self, rows: Sequence[str] = ROWS, states: Mapping[str, str] = _STATES) -> None:
         super().__init__()
         self._states = states
@@ -350,6 +389,13 @@ class RunStateBox(QVBoxLayout):
         self.rows = {name: label("–", wraps=True) for name in rows}
         self.addWidget(self.state)
         self.addWidget(self.bar)
+        self.session = ""
+        self.continue_button = push_button(
+            "Continue it",
+            lambda: self.continue_requested.emit(self.session),
+            PathKind.INTERRUPTED.value[2],
+        )
+        self.addWidget(self.continue_button)
         form = form_layout(3)
         for name, text in self.rows.items():
             form.addRow(label(name, "muted"), text)
@@ -364,6 +410,9 @@ class RunStateBox(QVBoxLayout):
         show_progress(self.bar, run.trials_committed, planned)
         for name, text in texts.items():
             show_text(self.rows[name], text)
+        self.session = run.session or ""
+        may_continue = bool(self.session) and run.has_ended and not run.is_complete
+        self.continue_button.setVisible(may_continue)
         name = Path(run.session).name if run.session else "–"
         self.rows["Session"].setText(name if len(name) <= MAX_NAME else f"…{name[-STAMP:]}")
         self.rows["Session"].setToolTip(plain_tooltip(run.session or ""))
@@ -441,6 +490,42 @@ def trial_sentence(run: RunStatus) -> str:
     )
 
 
+class UnsavedStrip(Strip):
+    """Asks what happens to changes of a protocol that are not saved, and then goes on."""
+
+    save_requested = Signal(object)
+    """What goes on once the changes are saved."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._go_on: Callable[[], None] = self.hide
+        self.save = push_button("Save and go on", self._save)
+        self.go_on = push_button("Leave them out", self._leave)
+        self.cancel = push_button("Cancel", self.hide)
+        self.lay_out(self.save, self.go_on, self.cancel)
+
+    def ask(self, name: str, words: tuple[str, str], go_on: Callable[[], None], why: str) -> None:
+        """Ask about a file; ``words``: on the buttons; ``why`` the changes cannot be saved."""
+        self.text.setText(f"{name} has changes that are not saved.{why and f' {why}'}")
+        for button, text in zip((self.save, self.go_on), words, strict=True):
+            button.setText(text)
+        self.save.setEnabled(not why)
+        self._go_on = go_on
+        self.show()
+        self.cancel.setFocus()
+
+    def _save(self) -> None:
+        self.hide()
+        self.save_requested.emit(self._go_on)
+
+    def _leave(self) -> None:
+        self.hide()
+        self._go_on()
+
+
+_RUNS = ("Save and run", "Run the saved one")
+_QUEUES = ("Save and add", "Add the saved one")
+_EDITS = ("Save and edit the other", "Discard them")
 PAGE_BUTTON, LIVE_BUTTON = "Trials and notes", "Live plots"
 _MOVED_BY_HAND = "The drum is moved by hand: wait until that has ended, or press STOP"
 
@@ -464,10 +549,13 @@ class ProtocolPanel(QWidget):
         """Plans the protocol, 24,000 trials take seconds; reads and writes the session's files."""
         self.shows_page = False
         """Whether the middle shows :attr:`page`, and not the live plots."""
-        self._can_start = False
-        self.form = ProtocolForm(self.worker)
+        self._can_start = self._can_add = False
+        self.form, self.unsaved = ProtocolForm(self.worker), UnsavedStrip()
+        self._after_save: Callable[[], None] | None = None
+        self._after_plan: Callable[[], None] | None = None
+        """What goes on once the editor's changes are saved, and then planned."""
         self.page = SessionPage(self.worker, self.form.people)
-        self.queue = RunQueue(self.form.start_arguments)
+        self.queue = RunQueue()
         self.run_box = RunStateBox()
         self.protocol, self.out, self.seed = self.form.protocol, self.form.out, self.form.seed
         self.plan_rows, self.problem = self.form.plan_rows, self.form.problem
@@ -483,8 +571,10 @@ class ProtocolPanel(QWidget):
             self.continue_session,
             "Continue a session …",
         )
+        self.continue_buttons = (self.continue_button, self.run_box.continue_button)
         self.page_button = push_button(PAGE_BUTTON, lambda: self.show_page(not self.shows_page))
-        self.buttons = {"Start": push_button("Start", self._start)}
+        start = partial(self._ask_first, _RUNS, self._start)
+        self.buttons = {"Start": push_button("Start", start)}
         for name in ("Pause", "Resume", "Abort"):
             send = partial(self.command_requested.emit, name.lower(), {})
             self.buttons[name] = push_button(name, send)
@@ -535,8 +625,10 @@ class ProtocolPanel(QWidget):
         is_connected = status.drum_connected and status.taxels_connected
         is_ready = is_connected and not status.fault and not run.is_active
         self._can_start = is_ready and not status.is_moved_by_hand
+        self._can_add = is_connected
         self._enable_start()
-        self.continue_button.setEnabled(self._can_start)
+        for button in self.continue_buttons:
+            button.setEnabled(self._can_start)
         reason = _MOVED_BY_HAND if status.is_moved_by_hand else ""
         self.buttons["Start"].setToolTip(reason)
         self.buttons["Pause"].setEnabled(run.state == "running")
@@ -546,8 +638,8 @@ class ProtocolPanel(QWidget):
         planned = run.trials_planned - run.trials_ended_early
         self.run_box.show_run(run, planned, run_texts(status))
         self.page.show_run(run)
-        self.queue.show_run(run)
-        self._arrange(run.is_active)
+        self.queue.show_queue(status.queue)
+        self._arrange(run.is_active, bool(status.queue.entries))
 
     def showEvent(self, event: QShowEvent) -> None:
         """Plan the protocol when the panel is visible for the first time."""
@@ -558,15 +650,54 @@ class ProtocolPanel(QWidget):
     def _enable_start(self) -> None:
         can_run = self.form.is_planned and not self.form.current_problem
         self.buttons["Start"].setEnabled(self._can_start and can_run)
-        self.queue.set_possible(can_add=can_run, can_start=self._can_start)
+        self.queue.set_possible(can_add=can_run and self._can_add, can_start=self._can_start)
 
     def _start(self) -> None:
         self.command_requested.emit("start", self.form.start_arguments())
         self.form.notes.clear()
 
+    def _enqueue(self) -> None:
+        self.command_requested.emit("enqueue", self.form.queued_arguments())
+
+    @property
+    def _is_modified(self) -> bool:
+        """Whether the editor has changes of the chosen protocol that are not saved."""
+        editor = self.page.editor
+        return editor.is_modified and editor.file == self.form.protocol.currentData()
+
+    @property
+    def _mistake(self) -> str:
+        """Why the editor's changes cannot be saved, empty where they can."""
+        can_save = self.page.editor.save_button.isEnabled()
+        return "" if can_save else "They have a mistake, which the editor shows."
+
+    def _ask_first(self, words: tuple[str, str], go_on: Callable[[], None]) -> None:
+        """Ask what happens to changes of the chosen protocol that are not saved, then go on."""
+        if self._is_modified:
+            self.unsaved.ask(self.form.protocol.currentText(), words, go_on, self._mistake)
+        else:
+            go_on()
+
+    def _save_first(self, go_on: Callable[[], None]) -> None:
+        self._after_save = go_on
+        self.page.editor.save()
+
+    def _go_on(self) -> None:
+        """Do what waited for the changes to be saved and planned; a plan with a problem runs not.
+
+        It says itself what is wrong.
+        """
+        go_on, self._after_plan = self._after_plan, None
+        if go_on is not None and self.form.is_planned and not self.form.current_problem:
+            go_on()
+
+    def _show_modified(self) -> None:
+        self.form.modified.setVisible(self._is_modified)
+
     def _finish_task(self, task: str, result: Any) -> None:
         if task == "plan_protocol":
             self.form.finish_plan(result)
+            self._go_on()
         elif task in self._editor_tasks:
             self._editor_tasks[task](result)
         else:
@@ -577,24 +708,42 @@ class ProtocolPanel(QWidget):
         if task == "plan_protocol":
             self.form.finish_plan(PlanSummary(problem=sentence))
         elif task == "save_protocol":
+            self._after_save = None
             self.page.editor.show_verdict(sentence, is_bad=True)
+            self.reported.emit("refused", sentence)
         else:
             self.page.show_problem(sentence)
         self._submit_next()
 
     def _read_protocol(self) -> None:
-        """Read the chosen protocol's file for the editor."""
-        if path := self.form.protocol.currentData():
-            self.worker.submit("read_protocol", path=path)
+        """Show the chosen protocol's file in the editor, as it is if it is there already."""
+        editor, path = self.page.editor, self.form.protocol.currentData()
+        if self._is_modified:
+            self._show_editor()
+        elif editor.is_modified and path:
+            read = partial(self._read_file, path)
+            self.unsaved.ask(Path(editor.file).name, _EDITS, read, self._mistake)
+        elif path:
+            self._read_file(path)
+
+    def _read_file(self, path: str) -> None:
+        self.form.add_protocol(path)
+        self.worker.submit("read_protocol", path=path)
 
     def _edit(self, read: ProtocolText) -> None:
         self.page.editor.show_file(read.path, read.text, read.own_path)
+        self._show_editor()
+
+    def _show_editor(self) -> None:
         self.page.tabs.setCurrentWidget(self.page.editor)
         self.show_page(True)
 
     def _finish_save(self, path: str) -> None:
         self.page.editor.show_saved(path)
-        if not self.page.editor.is_finger:
+        self._after_plan, self._after_save = self._after_save, None
+        if self.page.editor.is_finger:
+            self._go_on()
+        else:
             self.form.add_protocol(path)
 
     def _submit_next(self) -> None:
@@ -604,15 +753,20 @@ class ProtocolPanel(QWidget):
     def _connect(self) -> None:
         self.worker.finished.connect(self._finish_task)
         self.worker.failed.connect(self._fail_task)
+        self.run_box.continue_requested.connect(self.continue_session)
         self.form.checked.connect(self._enable_start)
         self.form.planned.connect(self.page.show_plan)
-        self.queue.start_requested.connect(partial(self.command_requested.emit, "start"))
+        self.queue.command_requested.connect(self.command_requested)
+        self.queue.add_requested.connect(partial(self._ask_first, _QUEUES, self._enqueue))
         self.page.command_requested.connect(self.command_requested)
         self.page.advanced.connect(self.page.learning.show_session)
         for link in (self.page, self.page.learning):
             link.reported.connect(self.reported)
         self.form.edit_button.clicked.connect(lambda: self._read_protocol())
         editor = self.page.editor
+        self.unsaved.save_requested.connect(self._save_first)
+        editor.modified_changed.connect(self._show_modified)
+        self.form.protocol.currentIndexChanged.connect(lambda _: self._show_modified())
         editor.check_requested.connect(
             lambda text, rig_toml, name: self.worker.submit(
                 "check_text", text=text, rig_toml=rig_toml, name=name
@@ -633,12 +787,12 @@ class ProtocolPanel(QWidget):
         self._column.addStretch(1)
         self.setLayout(self._column)
 
-    def _arrange(self, is_active: bool) -> None:
+    def _arrange(self, is_active: bool, is_queued: bool) -> None:
         """Put first, where nobody has to scroll for it, the run, or a queue that waits."""
         order: tuple[QWidget, ...] = (self.form, self._run_group, self.queue)
         if is_active:
             order = (self._run_group, self.form, self.queue)
-        elif self.queue.waits:
+        elif is_queued:
             order = (self.queue, self.form, self._run_group)
         if order != self._order:
             self._order = order

@@ -56,7 +56,7 @@ TRIAL_COLUMNS = (
     "Mean force\n(g)",
     "Lost\nsamples",
     "Verdict",
-    "Reasons",
+    "Remarks",
 )
 COMMITTED, BAD = "✓ committed", "✗ marked bad"
 
@@ -76,6 +76,7 @@ class PlanSummary(NamedTuple):
     description: str = ""
     order: tuple[Row, ...] = ()
     duration_s: float = 0.0
+    plate_changes: int = 0
 
 
 class AttemptRow(NamedTuple):
@@ -157,7 +158,8 @@ def summarise(plan: Plan, out: str = "") -> PlanSummary:
         f"{size(plan.bytes_estimate)}{_free(out)}",
     )
     description, order = plan.protocol.description, tuple(map(_planned, plan.trials))
-    return PlanSummary(texts, plan.seed, "", description, order, plan.duration_s + changes_s)
+    total_s, changes = plan.duration_s + changes_s, plan.plate_changes
+    return PlanSummary(texts, plan.seed, "", description, order, total_s, changes)
 
 
 def _conditions(plan: Plan) -> Row:
@@ -252,14 +254,17 @@ class SessionFollower:
         notes = tuple(f"{note.made_utc}  {note.describe()}" for note in session.notes)
         if notes != self._notes or known > len(session.trials):
             self._notes, known = notes, 0
-        gaps = session.gaps
-        rows = tuple(_attempt(session, index, gaps) for index in range(known, len(session.trials)))
+        gaps, marks = session.gaps, session.trial_notes()
+        rows = tuple(
+            _attempt(session, index, gaps, marks.get(index, ""))
+            for index in range(known, len(session.trials))
+        )
         ends = tuple(describe_ends(ended_early(session)))
         committed = len(session.committed())
         return SessionNews(folder, known, rows, notes, committed, early_ends=ends)
 
 
-def _attempt(session: Session, index: int, gaps: Any) -> AttemptRow:
+def _attempt(session: Session, index: int, gaps: Any, note: str) -> AttemptRow:
     row = session.trials[index]
     verdict, reasons = str(row["verdict"]), str(row["reasons"])
     if index in session.left_out:
@@ -281,7 +286,7 @@ def _attempt(session: Session, index: int, gaps: Any) -> AttemptRow:
         _measured(row["mean_force_g"], 1),
         f"{_lost(row, gaps)}",
         verdict,
-        reasons,
+        "; ".join(dict.fromkeys(filter(None, (reasons, note)))),
     )
     return AttemptRow(int(row["trial_id"]), int(row["attempt"]), texts)
 

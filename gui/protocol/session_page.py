@@ -24,6 +24,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from gui.analysis.note_box import NO_REASON
 from gui.analysis.worker import Worker
 from gui.protocol.learning_page import LearningPage
 from gui.protocol.protocol_editor import ProtocolEditor
@@ -153,9 +154,15 @@ MAX_NOTE_LETTERS = 2000
 SHOWN_ENDS = 3
 _TEXT_PX = 260
 _NO_SESSION = "No session: start a run, or open one to add notes."
+NO_VERDICT = "there is no trial to mark: choose one that counts, or one that is marked bad"
 _NEEDS_TEXT = "Write the note first"
 _NEEDS_RUN = "Only during the run of this session"
+_TIPS = {
+    "note": "During a run it is a mark at this moment, else it is on the session",
+    "skip": "Leave out the trial that is chosen in Planned order, else the present one",
+}
 _NEEDS_TRIAL = {
+    "on_trial": "Choose a trial in the table",
     "bad": "Choose a committed trial in the table",
     "good": "Choose a trial that is marked bad in the table",
     "repeat": "Choose a committed trial in the table",
@@ -210,9 +217,11 @@ class SessionPage(QWidget):
         EventWatch(self, self._fit_text, QEvent.Type.FontChange)
         self.buttons = {
             "note": push_button("Add note", lambda: self._request("", about_trial=False)),
+            "on_trial": push_button("Note on trial", lambda: self._request("")),
             "bad": push_button("Mark bad", lambda: self._request("bad")),
             "good": push_button("Mark good", lambda: self._request("good")),
             "repeat": push_button("Repeat", lambda: self._request("bad", repeat=True)),
+            "skip": push_button("Skip", self._skip),
         }
         self.open_button = browse_button(
             self.path_requested, PathKind.SESSION, self.open_session, "Open a session …"
@@ -283,20 +292,39 @@ class SessionPage(QWidget):
         verdict = chosen.verdict if chosen else ""
         possible = {
             "note": bool(self.folder),
+            "on_trial": chosen is not None,
             "bad": verdict == COMMITTED,
             "good": verdict == BAD,
             "repeat": self._is_active and verdict == COMMITTED,
+            "skip": self._is_active,
         }
         for name, button in self.buttons.items():
-            button.setEnabled(possible[name] and has_text)
+            needs_text = not has_text and name != "skip"
+            button.setEnabled(possible[name] and not needs_text)
             needs = "" if possible[name] else self._lack(name)
-            button.setToolTip(needs or ("" if has_text else _NEEDS_TEXT))
+            button.setToolTip(needs or (_NEEDS_TEXT if needs_text else _TIPS.get(name, "")))
 
     def _lack(self, name: str) -> str:
         """Return what a button needs before a text."""
-        if name == "repeat" and not self._is_active:
+        if name in ("repeat", "skip") and not self._is_active:
             return _NEEDS_RUN
         return _NEEDS_TRIAL.get(name, "")
+
+    def mark_by_key(self) -> None:
+        """Mark the chosen attempt, else the newest, bad, or good where it is marked bad."""
+        row = self.chosen or next(reversed(self.attempts.rows), None)
+        marks = {COMMITTED: "bad", BAD: "good"}
+        if row is None or row.verdict not in marks:
+            self.reported.emit("refused", NO_VERDICT)
+            return
+        text, about = self.text.text().strip() or NO_REASON, (row.trial_id, row.attempt)
+        self._write(text, *about, marks[row.verdict])
+
+    def _skip(self) -> None:
+        """Leave out a trial that is to come, or the present one."""
+        rows = self.order_view.selectionModel().selectedRows()
+        is_chosen = rows and self.tabs.currentWidget() is self.order_view
+        self._send("skip", {"trial_id": int(rows[0].data()) if is_chosen else 0})
 
     def _request(self, mark: str, *, about_trial: bool = True, repeat: bool = False) -> None:
         chosen = self.chosen if about_trial else None
@@ -359,9 +387,13 @@ class SessionPage(QWidget):
         elif is_running and not note["trial_id"]:
             self._send("note", {"text": note["text"]})
         else:
-            author = self._people()["operator"]
-            self._notes.append({"folder": self.folder, "author": author, **note})
-            self.submit()
+            self._write(**note)
+
+    def _write(self, text: str, trial_id: int, attempt: int, mark: str) -> None:
+        note = {"text": text, "trial_id": trial_id, "attempt": attempt, "mark": mark}
+        author = self._people()["operator"]
+        self._notes.append({"folder": self.folder, "author": author, **note})
+        self.submit()
 
     def _send(self, command: str, args: dict[str, Any]) -> None:
         self.command_requested.emit(command, args)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from PySide6.QtCore import QElapsedTimer, QObject, Signal
@@ -17,7 +18,7 @@ from gui.protocol.protocol_panel import ProtocolPanel
 from gui.widgets.data_ages import DataAges, data_ages
 from gui.widgets.theme import Theme
 from rigctl.engine.live_file import LiveReader
-from rigctl.engine.rpc.messages import EngineStatus, parse_status
+from rigctl.engine.rpc.messages import EngineStatus, QueueStatus, parse_status
 
 ENGINE_SILENT = "the engine does not answer: press the emergency stop if the drum moves"
 
@@ -111,6 +112,7 @@ class DrumController(QObject):
         self.reported.emit("rig", "connected")
 
     def _on_closed(self, reason: str) -> None:
+        self._tell_queue(reason)
         self.live_page.follow(None)
         self._show_title("rigctl")
         self.toolbar.show_disconnected(reason)
@@ -125,6 +127,15 @@ class DrumController(QObject):
         elif was_connected:
             self.alarms.show_lost(reason)
         self.reported.emit("rig" if reason == NOT_CONNECTED else "lost", reason)
+
+    def _tell_queue(self, reason: str) -> None:
+        """Say which runs wait in the engine that was left, or are lost with it."""
+        names = ", ".join(run.protocol for run in self._status.queue.entries)
+        self._status = replace(self._status, queue=QueueStatus())
+        if names and reason == NOT_CONNECTED:
+            self.reported.emit("run", f"the engine goes on with its queue: {names}")
+        elif names:
+            self.reported.emit("lost", f"if the engine has ended, so has its queue: {names}")
 
     def _on_refused(self, command: str, sentence: str) -> None:
         self.operate_panel.finish_command(command)

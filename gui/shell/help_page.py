@@ -22,7 +22,12 @@ from gui.widgets.labels import label
 from gui.widgets.layouts import hbox, push_button, vbox
 
 FIXED_KEYS = (
-    ActionRow("Always", "STOP", "Esc", "Stop and lift the drum, and end every run"),
+    ActionRow(
+        "Always",
+        "STOP",
+        "Esc",
+        "Stop and lift the drum, and end every run; at rest, close what is open first",
+    ),
     ActionRow("Always", "Next or previous control", "Tab, Shift+Tab", "Move the keyboard's focus"),
     ActionRow("Always", "Press a button", "Return, Space", "The one that has the focus"),
     ActionRow("Operate", "Jog 1 mm", "Alt+Left, Alt+Right", "With Shift 10 mm"),
@@ -102,7 +107,8 @@ class HelpPage(QWidget):
     def __init__(self, menus: ActionRegistry, reports: Path) -> None:
         super().__init__()
         self._menus, self._reports = menus, reports
-        self.title, self.text = label("", "heading"), QTextBrowser(openExternalLinks=True)
+        self.title, self.text = label("", "heading"), QTextBrowser(openLinks=False)
+        self.text.anchorClicked.connect(self._open)
         self.back = push_button("Back", self.closed.emit)
         head = hbox(self.title, self.back, margins=(8, 0, 0, 0))
         self.setLayout(vbox(head, self.text, spacing=4))
@@ -128,8 +134,7 @@ class HelpPage(QWidget):
 
     def _open_docs(self) -> None:
         if DOCS.exists():
-            QDesktopServices.openUrl(QUrl.fromLocalFile(str(DOCS)))
-            self.reported.emit("opened", f"opened {DOCS}")
+            self._open(QUrl.fromLocalFile(str(DOCS)))
         else:
             sentence = f"{DOCS} is missing: the documentation comes with the source"
             self.reported.emit("refused", sentence)
@@ -139,8 +144,15 @@ class HelpPage(QWidget):
         if not any(folder.glob("*.txt")):
             self.reported.emit("help", "there are no crash reports")
             return
-        QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder)))
-        self.reported.emit("opened", f"opened {folder}")
+        self._open(QUrl.fromLocalFile(str(folder)))
+
+    def _open(self, url: QUrl) -> None:
+        """Open a file or a page in the desktop's program for it, and say whether there is one."""
+        what = url.toLocalFile() or url.toString()
+        if QDesktopServices.openUrl(url):
+            self.reported.emit("opened", f"opened {what}")
+        else:
+            self.reported.emit("refused", f"this desktop has no program to open {what}")
 
 
 REPORTS = "crash-reports"

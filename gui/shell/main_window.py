@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
 from functools import partial
 from typing import Any
 
-from PySide6.QtCore import QEvent, QObject, QRect, Qt, QTimer, Signal
-from PySide6.QtGui import QAction, QCloseEvent, QGuiApplication, QKeyEvent
-from PySide6.QtWidgets import QApplication, QPushButton, QStackedWidget, QWidget
+from PySide6.QtCore import QEvent, QObject, QPoint, QRect, QSize, Qt, QTimer, Signal
+from PySide6.QtGui import QAction, QCloseEvent, QGuiApplication, QKeyEvent, QKeySequence
+from PySide6.QtWidgets import (
+    QApplication,
+    QLayout,
+    QPushButton,
+    QStackedWidget,
+    QTableView,
+    QWidget,
+)
 
 from gui.analysis.analysis_tab import AnalysisTab
 from gui.finger.finger_tab import FingerTab
 from gui.link.attach import AttachController, ControlLock, PastLine
 from gui.link.engine_link import ClientFactory, joined_rig, open_client, open_finger_client
-from gui.operate.event_log import EventLog, StatusLine
-from gui.shell.actions import ActionRegistry
+from gui.operate.event_log import EventLog, LogPanel, StatusLine
+from gui.shell.actions import ActionRegistry, keys_by_position
 from gui.shell.docks import DockArea, PageStack, SteadyFocusWindow, give_focus, neighbour_of
 from gui.shell.drum_controller import DrumController
 from gui.shell.help_page import REPORTS, HelpPage
@@ -34,11 +42,12 @@ from gui.shell.start_page import StartPage
 from gui.shell.tools_controller import ToolsController
 from gui.shell.user_settings import RecentRigs, RecentSessions, UserSettings, WindowMemory
 from gui.widgets.file_browser import FileBrowser, PathKind
-from gui.widgets.layouts import container, scroll_area, vbox
+from gui.widgets.layouts import container, copy_rows, scroll_area, vbox
 from gui.widgets.theme import Theme, ThemeChoice, apply_palette, apply_theme, scale_texts
 from rigctl.engine.contact import RESTING_STATES
 from rigctl.engine.rpc.engine_files import EngineFile
 from rigctl.experiments import FINGER_EXPERIMENT
+from rigctl.values import SessionLine
 
 TEXT_SIZES_PERCENT = (90, 100, 115, 130, 150)
 NOT_AT_REST = (
@@ -99,6 +108,8 @@ class Appearance(QObject):
         self._settings.set_value("text_percent", percent)
         scale_texts(percent / 100)
         self.set_theme(self._choice)
+        for layout in self._docks.window().findChildren(QLayout):
+            layout.invalidate()  # what is hidden would keep the room of the texts before
         widths_px = {name: round(px * percent / before) for name, px in widths_px.items()}
         self._docks.set_side_widths(widths_px)
 
@@ -187,13 +198,15 @@ def focus_first(region: QWidget) -> bool:
 class KeyFilter(QObject):
     """Reports one press of Esc once; an open menu or list still gets the key and closes.
 
+    Ctrl+C copies the selected rows of a table. Shortcuts work by the places of their keys, too.
     Return presses the button that has the focus, as the space bar does, on every desktop.
     """
 
     escaped = Signal()
 
-    def __init__(self, parent: QObject) -> None:
+    def __init__(self, parent: QObject, menus: ActionRegistry) -> None:
         super().__init__(parent)
+        self._menus = menus
         self._is_down = False
         self._app = QApplication.instance()
         assert self._app is not None
@@ -210,6 +223,8 @@ class KeyFilter(QObject):
             return False
         if event.key() in _PRESS_KEYS and event.type() == QEvent.Type.KeyPress:
             return not event.isAutoRepeat() and _click(watched)
+        if event.type() == QEvent.Type.KeyPress and event.key() != Qt.Key.Key_Escape:
+            return self._take_keys(watched, event)
         if event.key() != Qt.Key.Key_Escape:
             return False
         if event.type() == QEvent.Type.KeyRelease:
@@ -219,6 +234,18 @@ class KeyFilter(QObject):
         if not event.isAutoRepeat():
             self._report_once()
         return QApplication.activePopupWidget() is None
+
+    def _take_keys(self, watched: QObject, event: QKeyEvent) -> bool:
+        """Copy rows, or do what the keys at these places do; return whether that was all."""
+        by_place = keys_by_position(event)
+        is_copy = event.matches(QKeySequence.StandardKey.Copy) or by_place == COPY
+        if is_copy and isinstance(watched, QTableView):
+            copy_rows(watched)
+            return True
+        action = self._menus.at(by_place) if not by_place.isEmpty() else None
+        if action is not None and isinstance(watched, QWidget):
+            action.trigger()
+        return action is not None
 
     def _report_once(self) -> None:
         """Report one press once: Qt passes the key of an open list to its parents as well."""
@@ -239,6 +266,11 @@ def _click(watched: QObject) -> bool:
     return True
 
 
+CANNOT_CONTINUE = (
+    "the session cannot go on now: connect its rig, clear its fault or end its run, then press "
+    "Continue again"
+)
+COPY = QKeySequence("Ctrl+C")
 FRAME_MS = 33
 _PRESS_KEYS = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 WIDTH_PX, HEIGHT_PX = 1280, 800
@@ -279,10 +311,14 @@ class MainWindow(SteadyFocusWindow):
         self.attach = AttachController((self.engine_link, self.finger_tab.link))
         self.file_browser, self.event_log = FileBrowser(), EventLog()
         self.status_line = StatusLine("Choose a rig and press Connect.")
+        people = self.protocol_panel.form.people
+        self.analysis_tab.author = lambda: people()["operator"]
         self.menus = ActionRegistry(self.menuBar())
         self.sessions = RecentSessions(self.menus, self.settings)
         panel = self.analysis_tab.panel
         self.replay = ReplayController(theme, self.stack, panel, self.sessions)
+        self.replay.author = self.analysis_tab.author
+        self.analysis_tab.panel.run_box.fallback = self.protocol_panel.out.text
         self.help = HelpPage(self.menus, self.settings.folder / REPORTS)
         self.start = StartPage(self.stack, self.menus, self.toolbar)
         self.tools = ToolsController(self.stack, self.menus, self.engine_link)
@@ -293,12 +329,25 @@ class MainWindow(SteadyFocusWindow):
         self._connect_panels()
         self.memory = WindowMemory(self.settings, self, self.docks)
         self._remember()
-        self._keys = KeyFilter(self)
-        self._keys.escaped.connect(self.stop)
+        self._keys = KeyFilter(self, self.menus)
+        self._keys.escaped.connect(self._escape)
         self.timer = QTimer(self)
         self.timer.setTimerType(Qt.TimerType.PreciseTimer)
         self.timer.timeout.connect(self.poll)
         self.timer.start(FRAME_MS)
+
+    def fit_screen(self) -> None:
+        """Bring a window whose frame hangs off the screen wholly onto it."""
+        room, frame = self.screen().availableGeometry(), self.frameGeometry()
+        if self.isMaximized() or self.isFullScreen() or room.contains(frame):
+            return
+        self.resize(self.size().boundedTo(room.size() - (frame.size() - self.size())))
+        frame = self.frameGeometry()
+        corner = room.bottomRight() - QPoint(frame.width() - 1, frame.height() - 1)
+        self.move(
+            max(room.left(), min(frame.left(), corner.x())),
+            max(room.top(), min(frame.top(), corner.y())),
+        )
 
     def prepare(self) -> None:
         """Make and lay out what is not in view before a rig moves, for later STOP waits for it.
@@ -331,6 +380,32 @@ class MainWindow(SteadyFocusWindow):
         self.report("stop", "STOP")
         self.engine_link.stop()
         self.finger_tab.link.stop_own()
+
+    def _escape(self) -> None:
+        """Stop, and close what is open; where nothing moves, stop only if nothing is open."""
+        if self._drum_may_move():
+            self.stop()
+            self._close_open()
+        elif not self._close_open():
+            self.stop()
+
+    def _close_open(self) -> bool:
+        """Close a question or a page; return whether one was open, or a list or menu.
+
+        Those get the key themselves, and close.
+        """
+        if QApplication.activePopupWidget() is not None:
+            return True
+        for question in self._questions:
+            if question.isVisible():
+                question.hide()
+                return True
+        page, browser = self.stack.currentWidget(), self.file_browser
+        if page is browser:
+            browser.dismiss()
+        elif page in (self.attach.engines, self.help):
+            self._show_view()
+        return page in (browser, self.attach.engines, self.help)
 
     def report(self, kind: str, text: str) -> None:
         """Show an event in the log and the status line; a digest only in the log."""
@@ -381,8 +456,11 @@ class MainWindow(SteadyFocusWindow):
                 "record_in": self.operate_panel.record_box.folder,
                 "pictures_in": self.live_page.save_strip.folder,
                 "scans_in": self.finger_tab.setup.out,
+                "results_in": self.analysis_tab.panel.run_box.place,
             }
         )
+        self.memory.keep_files("protocols", self.protocol_panel.protocol)
+        self.memory.keep_files("scan_protocols", self.finger_tab.setup.protocol)
         self.memory.keep_live_views(self.live_page)
         self.memory.restore_layout()
         self._show_view()
@@ -398,8 +476,9 @@ class MainWindow(SteadyFocusWindow):
             self.health.addWidget(strip)
         self._add_pages()
         self._add_docks()
-        run_end = self.analysis_tab.run_end_strip
-        questions = (self.prompt_panel, self.finger_tab.prompt_panel, run_end)
+        prompts = (self.prompt_panel, self.finger_tab.prompt_panel)
+        questions = (self.protocol_panel.unsaved, *prompts, self.analysis_tab.run_end_strip)
+        self._questions = (self.attach.closing, self.protocol_panel.unsaved)
         offer = self.tools.flash_strip
         strips = (self.drum.alarms.strip, *self.attach.strips, offer, *questions)
         self.regions = Regions(self.toolbar, strips, self.docks)
@@ -408,8 +487,7 @@ class MainWindow(SteadyFocusWindow):
         )
         column = vbox(self.toolbar, self.health, body, spacing=3, margins=(0, 0, 0, 3), tall=2)
         self.setCentralWidget(container(column))
-        screen = QGuiApplication.primaryScreen().availableSize()
-        self.resize(min(WIDTH_PX, screen.width()), min(HEIGHT_PX, screen.height()))
+        self.resize(QSize(WIDTH_PX, HEIGHT_PX).boundedTo(self.screen().availableSize()))
 
     def _add_pages(self) -> None:
         analysis = self.analysis_tab
@@ -420,6 +498,7 @@ class MainWindow(SteadyFocusWindow):
             "trial": analysis.trial_view,
             "figure": analysis.figure_view,
             "results": analysis.results_panel,
+            "sessions": analysis.sessions,
             "files": self.file_browser,
             "help": self.help,
             "engines": self.attach.engines,
@@ -438,7 +517,7 @@ class MainWindow(SteadyFocusWindow):
         }
         for name, (title, panel) in tabs.items():
             add(name, title, scroll_area(panel), _LEFT, tabbed_with="operate")
-        add("log", "Log", self.event_log, _BOTTOM)
+        add("log", "Log", LogPanel(self.event_log), _BOTTOM)
         self.docks.keep_on_screen("log")
         self.docks.set_first_size("operate", LEFT_PX, Qt.Orientation.Horizontal)
         self.docks.set_first_size("log", LOG_PX, Qt.Orientation.Vertical)
@@ -449,19 +528,58 @@ class MainWindow(SteadyFocusWindow):
         engines = self.attach.list_engines
         add_rig_menu(menus, self.drum, stop=self.stop, list_engines=engines)
         self.rigs = RecentRigs(menus, self.settings, self.toolbar)
+        self.engine_link.opened.connect(self.rigs.remember_connected)
         panels = (self.operate_panel, self.protocol_panel, self.finger_tab, self.analysis_tab)
         menus.add_separator("Rig")
         add_panel_menus(menus, *panels)
         add_trial_actions(menus, self.docks, self.analysis_tab.panel.trials)
         menus.add_separator("Rig")
         add_alarm_sound(menus, self.drum, self.settings)
+        tip = "Mark the trial that is chosen here bad, or good again; in a run else the newest"
+        notes = "Rig → Trials and notes"
+        menus.add(notes, "Mark the trial", self._mark_trial, shortcut="Ctrl+B", tip=tip)
+        tip = "Go to the field of a note, which marks this moment of a run"
+        menus.add(notes, "Note this moment", self._note_now, shortcut="Ctrl+Shift+N", tip=tip)
         self.regions.add_menus(menus)
         self.appearance.add_menus(menus)
+        tip = "List the sessions below the data folder: what they hold and how far they are"
+        menus.add("File", "Sess&ions", self._list_sessions, shortcut="Ctrl+L", tip=tip)
         self.replay.add_menu(menus)
         add_live_actions(menus, self.live_page, self.settings)
         self.save_menu = SaveMenu(menus, self.stack)
         menus.add_separator("File")
         menus.add("File", "&Quit", self.close, shortcut="Ctrl+Q", tip="Close the window")
+
+    def _list_sessions(self) -> None:
+        self.stack.show_page("sessions")
+        self.analysis_tab.sessions.show_folder(self.protocol_panel.out.text().strip())
+
+    def _continue_session(self, session: str, experiment: str) -> None:
+        """Record the rest of a session on the rig of its experiment, if that can start."""
+        is_finger = experiment == FINGER_EXPERIMENT
+        panel = self.finger_tab.run_box if is_finger else self.protocol_panel
+        self.show_panel("finger" if is_finger else "protocol")
+        if not panel.continue_button.isEnabled():
+            self.report("refused", CANNOT_CONTINUE)
+        elif is_finger:
+            self.finger_tab.run_box.continue_requested.emit(session)
+        else:
+            self.protocol_panel.continue_session(session)
+
+    def _mark_trial(self) -> None:
+        """Mark the trial that the page in the middle shows."""
+        if self.replay.is_shown:
+            self.replay.page.note_box.mark()
+        elif self._panel == "analysis":
+            self.analysis_tab.panel.note_box.mark()
+        else:
+            self.protocol_panel.page.mark_by_key()
+
+    def _note_now(self) -> None:
+        """Show the page of the run, with the focus in the field of a note."""
+        self.show_panel("protocol")
+        self.protocol_panel.show_page(True)
+        self.protocol_panel.page.text.setFocus(Qt.FocusReason.ShortcutFocusReason)
 
     def _open_session(self) -> None:
         self.show_panel("analysis")
@@ -483,13 +601,16 @@ class MainWindow(SteadyFocusWindow):
         for source in (self.drum, self.finger_tab, self.analysis_tab, self.replay, self.tools):
             source.reported.connect(self.report)
         self._connect_attach()
+        self._connect_sessions()
         self.analysis_tab.view_changed.connect(self._show_view)
         run_end = self.analysis_tab.run_end_strip
         self.engine_link.status_changed.connect(run_end.show_status)
         run_end.analyse_requested.connect(self._analyse)
+        run_end.continue_requested.connect(self.protocol_panel.continue_session)
         self.docks.panel_used.connect(self._use_panel)
-        self.analysis_tab.panel.open_requested.connect(self.sessions.remember)
-        for offers in (self.sessions.open_requested, self.start.session_requested):
+        self.analysis_tab.opened.connect(self.sessions.remember)
+        opened_by = (self.sessions.open_requested, self.start.session_requested)
+        for offers in (*opened_by, self.tools.session_requested):
             offers.connect(self._analyse)
         self.sessions.browse_requested.connect(self._open_session)
         self.help.reported.connect(self.report)
@@ -506,6 +627,46 @@ class MainWindow(SteadyFocusWindow):
         self.protocol_panel.page_changed.connect(self._show_view)
         self.operate_panel.bring_up.calibrate_requested.connect(self.tools.show_calibration)
         self.operate_panel.bring_up.setup_requested.connect(self.tools.show_setup)
+
+    def _connect_sessions(self) -> None:
+        """Let the list of sessions act in the panels."""
+        tab, sessions = self.analysis_tab, self.analysis_tab.sessions
+        sessions.verified = self._verified_on
+        tab.found_whole.connect(self._keep_verified)
+        sessions.continue_requested.connect(self._continue_session)
+        sessions.analyse_requested.connect(self._analyse)
+        sessions.add_requested.connect(self._add_to_analysis)
+        sessions.path_requested.connect(self._browse_sessions)
+        sessions.closed.connect(self._show_view)
+        self.start.sessions_requested.connect(self._list_sessions)
+
+    def _browse_sessions(self, kind: PathKind, selected: Callable[[str], None]) -> None:
+        """Let the user choose a folder, and come back to the list."""
+
+        def take(path: str) -> None:
+            selected(path)
+            self.stack.show_page("sessions")
+
+        self._browse(kind, take)
+
+    def _add_to_analysis(self, session: str) -> None:
+        """Open a session beside those that are open, or as the first one."""
+        panel = self.analysis_tab.panel
+        if panel.run_box.form.sessions:
+            panel.run_box.form.add_session(session)
+        else:
+            self.analysis_tab.open_session(session)
+        self.report("analysis", f"added to the analysis: {session}")
+
+    def _verified_on(self, line: SessionLine) -> str:
+        """Return the day on which a session was found whole, if it is as old as that."""
+        on = self.settings.value(f"verified/{line.closing_digest}", "")
+        return on[:10] if on >= line.modified_utc else ""
+
+    def _keep_verified(self, digest: str) -> None:
+        now = datetime.now(UTC).isoformat(timespec="seconds")
+        self.settings.set_value(f"verified/{digest}", now)
+        self.analysis_tab.sessions.show_verified()
 
     def _connect_attach(self) -> None:
         attach = self.attach
@@ -550,12 +711,20 @@ class MainWindow(SteadyFocusWindow):
 
     def _is_at_rest(self) -> bool:
         """Whether nothing goes on at the rigs of this window that STOP would end."""
-        link, finger = self.engine_link, self.finger_tab.link
-        if any(each.status.run.is_active or each.is_waiting for each in (link, finger)):
+        finger = self.finger_tab.link
+        return self._drum_rests() and not (finger.status.run.is_active or finger.is_waiting)
+
+    def _drum_rests(self) -> bool:
+        link, status = self.engine_link, self.engine_link.status
+        if status.run.is_active or link.is_waiting:
             return False
-        status = link.status
         rests = status.state in RESTING_STATES and not status.calibration.measuring
         return rests or not link.is_connected
+
+    def _drum_may_move(self) -> bool:
+        """Whether the drum moves, presses or has a run, or nobody knows."""
+        link = self.engine_link
+        return not self._drum_rests() or link.status.contact_may_stand or link.is_unheard
 
     def _show_theme(self, theme: Theme) -> None:
         """Give the plots, which have colours of their own, those of another theme."""

@@ -139,15 +139,15 @@ def add_panel_menus(
     guided = [steps.next, steps.calibrate, steps.steps, operate.record_box.button]
     add_buttons(menus, "Rig", [*guided, operate.bench.inject, operate.bench.wire])
     add_buttons(menus, "Rig → Jog", operate.jog.buttons.values())
-    queue = protocol.queue
-    queued = (queue.add_button, queue.remove_button, queue.next_button)
-    runs = (*protocol.buttons.values(), protocol.continue_button, protocol.page_button)
-    add_buttons(menus, "Rig → Protocol", [*runs, *queued, *protocol.editing_buttons()])
+    runs = (*protocol.buttons.values(), *protocol.continue_buttons, protocol.page_button)
+    add_buttons(
+        menus, "Rig → Protocol", [*runs, *protocol.queue.buttons, *protocol.editing_buttons()]
+    )
     page = protocol.page
     add_buttons(menus, "Rig → Trials and notes", [page.open_button, *page.buttons.values()])
     add_buttons(menus, "Rig → Trials and notes", [page.learning.button], "Learning curve: ")
     scans = finger.run_box
-    moving = (*scans.buttons.values(), scans.continue_button, scans.models_button, scans.inject)
+    moving = (*scans.buttons.values(), *scans.continue_buttons, scans.models_button, scans.inject)
     add_buttons(menus, "Rig → Finger", [finger.bar.connect_button, *moving])
     panel = analysis.panel
     box = panel.run_box
@@ -166,7 +166,7 @@ def drum_controls(
     setup: SetupPage,
 ) -> list[QWidget]:
     """Return what acts on the drum rig, but STOP."""
-    bench, queue = operate.bench, protocol.queue
+    bench = operate.bench
     by_hand = (operate.set_button, operate.bring_up.next, operate.record_box.button)
     return [
         *operate.buttons.values(),
@@ -174,7 +174,7 @@ def drum_controls(
         *by_hand,
         *(bench.plate, bench.inject, bench.wire),
         *protocol.buttons.values(),
-        *(protocol.continue_button, queue.next_button),
+        *(*protocol.continue_buttons, *protocol.queue.buttons),
         *(prompt.confirm, prompt.abort),
         *calibrate.controls,
         *setup.controls,
@@ -184,7 +184,7 @@ def drum_controls(
 def finger_controls(finger: FingerTab) -> list[QWidget]:
     """Return what acts on the rig of the moving finger, but STOP."""
     box, prompt = finger.run_box, finger.prompt_panel
-    runs = (*box.buttons.values(), box.continue_button, box.models_button, box.inject)
+    runs = (*box.buttons.values(), *box.continue_buttons, box.models_button, box.inject)
     return [*runs, prompt.confirm, prompt.abort]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -38,6 +39,8 @@ class ReplayController(QObject):
     ) -> None:
         super().__init__()
         self.is_shown = False
+        self.author: Callable[[], str] = str
+        """Returns who writes notes."""
         self._theme, self._stack, self._panel, self._sessions = theme, stack, panel, sessions
         self._chosen: tuple[str, int] | None = None
         """A trial that was chosen in Analysis and is not taken over yet."""
@@ -50,6 +53,7 @@ class ReplayController(QObject):
         from gui.live.replay_page import ReplayPage
 
         page = ReplayPage(self._theme)
+        page.author, page.place_of = self.author, self._panel.run_box.place_of
         page.opened.connect(self._sessions.remember)
         page.closed.connect(self.hide)
         page.reported.connect(self.reported)

@@ -195,6 +195,8 @@ class StartPage(QWidget):
     """Open this session."""
     browse_requested = Signal()
     """Let the user choose a session to open."""
+    sessions_requested = Signal()
+    """List the sessions of the data folder."""
     reported = Signal(str, str)
 
     def __init__(self, stack: PageStack, menus: ActionRegistry, toolbar: Toolbar) -> None:
@@ -231,10 +233,12 @@ class StartPage(QWidget):
         self.sample = push_button(SAMPLE, self.open_sample, SAMPLE_TIP)
         tip = "Choose the folder of a recording"
         self.session = push_button("Open a session …", self.browse_requested.emit, tip)
+        tip = "All recordings below the data folder, with filter and search"
+        self.sessions = push_button("List the sessions", self.sessions_requested.emit, tip)
         self.back = push_button("Close", self.closed.emit, "Help → Start page shows it again")
         self.sample_box = SampleBox()
         title, hint = label("Welcome to rigctl", "state"), label(HINT, "muted", wraps=True)
-        buttons = FlowLayout(self.virtual, self.sample, self.session, self.back)
+        buttons = FlowLayout(self.virtual, self.sample, self.session, self.sessions, self.back)
         rows = (title, _panel_lines(), hint, buttons, self.sample_box)
         column = vbox(*rows, spacing=14, margins=(18, 14, 18, 14), tall=-1)
         self.setLayout(vbox(scroll_area(container(column))))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -18,13 +18,12 @@ from gui.shell.actions import ActionRegistry
 from gui.shell.docks import PageStack
 from gui.widgets.file_browser import PathKind, browse_button, typed_path
 from gui.widgets.labels import label, set_property
-from gui.widgets.layouts import hbox, push_button, vbox
+from gui.widgets.layouts import container, form_layout, hbox, push_button, vbox
 from rigctl.boards.identity import offered_flash
 from rigctl.engine.live_file import LiveReader
 from rigctl.engine.rpc.messages import EngineStatus
 
 _KILL_MS = 1000
-NO_FOLDER = "Choose the folder of a session first."
 
 
 class CommandPage(QWidget):
@@ -57,12 +56,20 @@ class CommandPage(QWidget):
         self.output.setAccessibleName(f"{title}: output")
         self._process: QProcess | None = None
         self._inputs = QHBoxLayout()
-        buttons = hbox(self.run_button, self.cancel_button, self.close_button, wide=-1)
+        self.buttons = hbox(self.run_button, self.cancel_button, self.close_button, wide=-1)
         rows = (label(title, "heading"), label(explanation, "muted", wraps=True), self._inputs)
         self.setLayout(
-            vbox(*rows, buttons, self.verdict, self.output, spacing=6, margins=(9, 4, 9, 4), tall=5)
+            vbox(
+                *rows,
+                self.buttons,
+                self.verdict,
+                self.output,
+                spacing=6,
+                margins=(9, 4, 9, 4),
+                tall=5,
+            )
         )
-        self._show_running(False)
+        self.cancel_button.setEnabled(False)
 
     @property
     def is_running(self) -> bool:
@@ -71,10 +78,15 @@ class CommandPage(QWidget):
 
     def run(self) -> None:
         """Start the command, or say why it cannot start."""
+        refusal = self._refusal()
+        self.start(() if refusal else self._words(), refusal)
+
+    def start(self, words: Sequence[str], refusal: str) -> None:
+        """Start a command with its arguments, or say why it cannot start."""
         if self.is_running:
             return
         self.output.clear()
-        if refusal := self._refusal():
+        if refusal:
             self._show_verdict(refusal, "bad")
             return
         process = self._process = QProcess(self)
@@ -82,8 +94,8 @@ class CommandPage(QWidget):
         process.readyReadStandardOutput.connect(self._read)
         process.finished.connect(self._finish)
         self._show_verdict("Running …", "muted")
-        self._show_running(True)
-        process.start(sys.executable, ["-m", "rigctl", *self._words()])
+        self.show_running(True)
+        process.start(sys.executable, ["-m", "rigctl", *words])
 
     def cancel(self) -> None:
         """End the command."""
@@ -93,7 +105,7 @@ class CommandPage(QWidget):
             process.finished.connect(process.deleteLater)
             process.kill()
             self._show_verdict("Cancelled.", "muted")
-            self._show_running(False)
+            self.show_running(False)
 
     def close_process(self) -> None:
         """End the command before the window closes."""
@@ -119,7 +131,7 @@ class CommandPage(QWidget):
             self._show_verdict(self._success(lines), "heading")
         else:
             self._show_verdict(lines[-1], "bad")
-        self._show_running(False)
+        self.show_running(False)
 
     def add_input(self, widget: QWidget, stretch: int = 0) -> None:
         """Add a field above the buttons."""
@@ -129,33 +141,153 @@ class CommandPage(QWidget):
         self.verdict.setText(text)
         set_property(self.verdict, "role", role)
 
-    def _show_running(self, running: bool) -> None:
+    def show_running(self, running: bool) -> None:
+        """Offer what is possible while the command runs."""
         self.run_button.setEnabled(not running)
         self.cancel_button.setEnabled(running)
 
 
-class AcceptPage(CommandPage):
-    """Force, drift, speed, steps and losses of a rig, each against its limit."""
+class FieldsPage(CommandPage):
+    """A command whose arguments are typed or chosen: one field a line.
+
+    ``fields``: what each is, and what it takes; all are needed. ``words`` returns the command.
+    """
 
     path_requested = Signal(object, object)
 
-    def __init__(self) -> None:
-        explanation = (
-            "Judges force, drift, speed, steps and losses of a rig by a session that was recorded "
-            "with the protocol “acceptance”, as rigctl accept does."
-        )
+    def __init__(
+        self,
+        title: str,
+        explanation: str,
+        run_text: str,
+        fields: Mapping[str, tuple[PathKind, str]],
+        words: Callable[[Mapping[str, str]], Sequence[str]],
+    ) -> None:
         super().__init__(
-            "Accept a rig",
+            title,
             explanation,
-            "Judge the rig",
-            words=lambda: ("accept", "--", str(typed_path(self.folder.text()))),
-            refusal=lambda: "" if self.folder.text().strip() else NO_FOLDER,
+            run_text,
+            words=lambda: words(self.texts()),
+            refusal=lambda: self.lack(*fields),
         )
-        self.folder = QLineEdit(placeholderText="Session of the acceptance protocol")
-        self.folder.returnPressed.connect(self.run)
-        self.add_input(label("Session"))
-        self.add_input(self.folder, 1)
-        self.add_input(browse_button(self.path_requested, PathKind.SESSION, self.folder.setText))
+        self.fields: dict[str, QLineEdit] = {}
+        form = form_layout(4)
+        for name, (kind, hint) in fields.items():
+            field = self.fields[name] = QLineEdit(placeholderText=hint)
+            field.returnPressed.connect(self.run)
+            form.addRow(name, hbox(field, browse_button(self.path_requested, kind, field.setText)))
+        self.add_input(container(form), 1)
+
+    def texts(self) -> dict[str, str]:
+        """Return the path in each field, from the home folder where it begins with ``~``."""
+        return {name: str(typed_path(field.text())) for name, field in self.fields.items()}
+
+    def lack(self, *names: str) -> str:
+        """Return which of some fields is empty or no whole path; empty where none is."""
+        for name in names:
+            text = self.fields[name].text().strip()
+            if not text:
+                return EMPTY.format(name=name)
+            if not typed_path(text).is_absolute():
+                return NOT_WHOLE.format(name=name)
+        return ""
+
+
+EMPTY = "{name}: choose it first."
+NOT_WHOLE = "{name}: give the whole path, or one that begins with ~."
+SESSION, OUT, MAP, RECORDINGS = "Session", "Write into", "Map", "Recordings"
+
+
+def accept_page() -> FieldsPage:
+    """Return the page that judges force, drift, speed, steps and losses of a rig."""
+    return FieldsPage(
+        "Accept a rig",
+        "Judges force, drift, speed, steps and losses of a rig by a session that was recorded "
+        "with the protocol “acceptance”, as rigctl accept does.",
+        "Judge the rig",
+        {SESSION: (PathKind.SESSION, "Session of the acceptance protocol")},
+        lambda texts: ("accept", "--", texts[SESSION]),
+    )
+
+
+def encode_page() -> FieldsPage:
+    """Return the page that writes the spikes of a session."""
+    return FieldsPage(
+        "Encode a session",
+        "Writes the spikes of all trials, C and counts as plain arrays into a new folder, as "
+        "rigctl encode does. What is done stays in the cache: the next run goes on from there.",
+        "Encode",
+        {SESSION: (PathKind.SESSION, "Session folder"), OUT: (PathKind.OUTPUT, "New folder")},
+        lambda texts: ("encode", f"--out={texts[OUT]}", "--", texts[SESSION]),
+    )
+
+
+def export_page() -> FieldsPage:
+    """Return the page that writes the attempts of a session as a table."""
+    return FieldsPage(
+        "Export a session",
+        "Writes all attempts with their columns, verdicts and notes as a table (CSV), as "
+        "rigctl info --csv does. Analysis saves samples, spikes and figures of a trial.",
+        "Export",
+        {SESSION: (PathKind.SESSION, "Session folder"), OUT: (PathKind.TABLE, "New .csv file")},
+        lambda texts: ("info", f"--csv={texts[OUT]}", "--", texts[SESSION]),
+    )
+
+
+def recover_page() -> FieldsPage:
+    """Return the page that closes the parts of a killed writer."""
+    return FieldsPage(
+        "Recover a session",
+        "Closes the parts of a session whose writer was killed, and says what it lacks, as "
+        "rigctl recover does. Rows stay what they are.",
+        "Recover",
+        {SESSION: (PathKind.SESSION, "Session folder")},
+        lambda texts: ("recover", "--", texts[SESSION]),
+    )
+
+
+class ImportPage(FieldsPage):
+    """Recordings from elsewhere into a session, by a map that can be guessed first."""
+
+    session_requested = Signal(str)
+    """Open the new session."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "Import recordings",
+            "Makes a session of recordings from elsewhere (.csv, .tsv, .txt, .lvm, .mat, .npy, "
+            ".npz, or a folder of them), as rigctl import does. The map says what each column is: "
+            "guess one, read it, then import.",
+            "Import",
+            {
+                RECORDINGS: (PathKind.RECORDINGS, "Folder of recordings, or a file"),
+                MAP: (PathKind.MAP, "Map (.toml): a new one to guess, or one to import by"),
+                OUT: (PathKind.OUTPUT, "New session folder"),
+            },
+            lambda texts: self._words_of(f"--map={texts[MAP]}", f"--out={texts[OUT]}"),
+        )
+        self.guess_button = push_button("Guess the map", self._guess, "Writes the file Map")
+        self.open_button = push_button("Open the session", self._open)
+        self.open_button.setEnabled(False)
+        self.buttons.insertWidget(0, self.guess_button)
+        self.buttons.insertWidget(2, self.open_button)
+
+    def show_running(self, running: bool) -> None:
+        """Offer what is possible while the command runs, and what it has made."""
+        super().show_running(running)
+        self.guess_button.setEnabled(not running)
+        made = typed_path(self.fields[OUT].text())
+        self.open_button.setEnabled(not running and made.is_absolute() and made.is_dir())
+
+    def _words_of(self, *options: str) -> tuple[str, ...]:
+        return ("import", *options, "--", self.texts()[RECORDINGS])
+
+    def _guess(self) -> None:
+        words = self._words_of("--guess", f"--map={self.texts()[MAP]}")
+        self.start(words, self.lack(RECORDINGS, MAP))
+
+    def _open(self) -> None:
+        self.session_requested.emit(self.texts()[OUT])
 
 
 class PortsPage(CommandPage):
@@ -194,6 +326,8 @@ class ToolsController(QObject):
 
     path_requested = Signal(object, object)
     reported = Signal(str, str)
+    session_requested = Signal(str)
+    """Open this session."""
     connect_requested = Signal(str)
     """The ``rig.toml`` of the boards that were found."""
     closed = Signal()
@@ -205,24 +339,17 @@ class ToolsController(QObject):
         super().__init__()
         self._stack, self._link = stack, link
         self.flash_strip = FlashStrip()
-        self.accept_page, self.ports_page = AcceptPage(), PortsPage(self._ports_refusal)
-        self.accept_page.path_requested.connect(partial(self._choose_path, "accept"))
-        judge = "Judge a rig by a session of the acceptance protocol"
-        pages = (
-            ("accept", self.accept_page, "&Accept a rig", judge),
-            ("ports", self.ports_page, "&Serial ports", "List the ports and the board on each"),
-        )
+        self.ports_page, self.import_page = PortsPage(self._ports_refusal), ImportPage()
+        self.accept_page, self.encode_page = accept_page(), encode_page()
+        self.export_page, self.recover_page = export_page(), recover_page()
+        self.import_page.session_requested.connect(self.session_requested)
         self.calibrate_page = CalibratePage()
         stack.add_page("calibrate", self.calibrate_page)
         self.calibrate_page.closed.connect(self.closed)
         show = partial(stack.show_page, "calibrate")
         tip = "Calibrate load cell and force loop, measure the imbalance, identify the taxels"
         menus.add("Tools", "&Calibrate", show, shortcut="Ctrl+Shift+C", tip=tip)
-        for name, page, text, tooltip in pages:
-            stack.add_page(name, page)
-            page.closed.connect(self.closed)
-            menus.add("Tools", text, lambda name=name: stack.show_page(name), tip=tooltip)
-
+        self._add_commands(menus)
         self._connect_calibration()
         self._add_setup(menus)
 
@@ -238,9 +365,32 @@ class ToolsController(QObject):
 
     def close(self) -> None:
         """End the commands that still run."""
-        for page in (self.accept_page, self.ports_page):
+        for page in self._commands.values():
             page.close_process()
         self.setup_page.boards.worker.close()
+
+    def _add_commands(self, menus: ActionRegistry) -> None:
+        """Add the pages of commands, which run in processes of their own."""
+        judge = "Judge a rig by a session of the acceptance protocol"
+        made = "Make a session of recordings from elsewhere"
+        table = "Write all attempts of a session with their notes as a table"
+        spikes = "Write the spikes of a session as plain arrays"
+        close = "Close the parts of a session whose writer was killed"
+        self._commands: dict[str, CommandPage] = {}
+        for menu, name, page, text, tip in (
+            ("File", "import", self.import_page, "I&mport recordings", made),
+            ("File", "export", self.export_page, "&Export a session", table),
+            ("Tools", "encode", self.encode_page, "&Encode a session", spikes),
+            ("Tools", "recover", self.recover_page, "&Recover a session", close),
+            ("Tools", "accept", self.accept_page, "&Accept a rig", judge),
+            ("Tools", "ports", self.ports_page, "&Serial ports", "List the board on each port"),
+        ):
+            self._commands[name] = page
+            self._stack.add_page(name, page)
+            page.closed.connect(self.closed)
+            menus.add(menu, text, partial(self._stack.show_page, name), tip=tip)
+            if isinstance(page, FieldsPage):
+                page.path_requested.connect(partial(self._choose_path, name))
 
     def _connect_calibration(self) -> None:
         link, page = self._link, self.calibrate_page

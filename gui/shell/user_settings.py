@@ -12,7 +12,7 @@ from typing import TypeVar
 from unicodedata import category
 
 from PySide6.QtCore import QByteArray, QObject, QSettings, QTimer, Signal
-from PySide6.QtWidgets import QLineEdit, QMenu, QWidget
+from PySide6.QtWidgets import QComboBox, QLineEdit, QMenu, QWidget
 
 from gui.live.live_page import LivePage
 from gui.live.navigation import SPANS_S
@@ -20,6 +20,7 @@ from gui.operate.connection_bar import Toolbar
 from gui.shell.actions import ActionRegistry
 from gui.shell.docks import DockArea
 from gui.widgets.number_box import NumberBox
+from rigctl.config.text_file import is_plain_file
 
 MAX_RECENT = 8
 MAX_LETTERS = 4096
@@ -87,12 +88,13 @@ class UserSettings:
 
     def add_recent(self, key: str, text: str) -> None:
         """Put a text at the front of the recent ones, unless a menu could not show it."""
+        self.write()  # takes over those of other windows
         if _is_plain([text]):
             others = (other for other in self.recent(key) if other != text)
             self.set_value(key, [text, *others][:MAX_RECENT])
 
     def write(self) -> None:
-        """Write changes to the file now; a crash then loses none of them."""
+        """Write changes to the file now, which a crash then keeps, and read those of others."""
         if self._file is not None:
             self._file.sync()
 
@@ -202,10 +204,11 @@ class RecentRigs(RecentPaths):
     def __init__(self, menus: ActionRegistry, settings: UserSettings, toolbar: Toolbar) -> None:
         super().__init__(menus.add_menu("Rig", "Re&cent rigs"), settings, "rigs")
         self._toolbar = toolbar
-        toolbar.connect_requested.connect(lambda rig, _: self._remember_file(rig))
         self.open_requested.connect(self._choose)
 
-    def _remember_file(self, rig: str) -> None:
+    def remember_connected(self) -> None:
+        """Remember the rig that is connected now, if it is a file's."""
+        rig = str(self._toolbar.rig.currentData() or "")
         if rig.endswith(".toml"):
             self.remember(rig)
 
@@ -218,7 +221,7 @@ class RecentRigs(RecentPaths):
 SAVE_MS = 5000
 """A crash loses at most the changes of this time."""
 SPAN_KEY = "span_s"
-_Kept = TypeVar("_Kept", str, float, bool)
+_Kept = TypeVar("_Kept", str, float, bool, list[str])
 
 
 class WindowMemory(QObject):
@@ -227,7 +230,8 @@ class WindowMemory(QObject):
     def __init__(self, settings: UserSettings, window: QWidget, docks: DockArea) -> None:
         super().__init__(window)
         self._settings, self._window, self._docks = settings, window, docks
-        self._kept: dict[str, Callable[[], str | float | bool]] = {}
+        self._kept: dict[str, Callable[[], str | float | bool | list[str]]] = {}
+        self._saved: dict[str, str | float | bool | list[str]] = {}
         self._timer = QTimer(self, interval=SAVE_MS)
         self._timer.timeout.connect(self.save)
 
@@ -239,6 +243,19 @@ class WindowMemory(QObject):
         """Restore the texts of fields by their keys, and remember them from now on."""
         for key, field in fields.items():
             self._keep(key, field.text, field.setText, lambda text: len(text) <= MAX_LETTERS)
+
+    def keep_files(self, key: str, box: QComboBox) -> None:
+        """List the files that were added to a list, as far as they exist, and remember them."""
+        own = box.count()
+
+        def read() -> list[str]:
+            return [box.itemData(place) for place in range(own, box.count())]
+
+        def add(paths: list[str]) -> None:
+            for path in filter(is_plain_file, map(Path, paths)):
+                box.addItem(path.name, str(path))
+
+        self._keep(key, read, add, lambda _: True)
 
     def keep_live_views(self, page: LivePage) -> None:
         """Restore time span, unit of the readings and unit of the rates, and remember them."""
@@ -252,8 +269,10 @@ class WindowMemory(QObject):
         """Restore size and docks, and begin to remember changes."""
         if geometry := self._bytes("window"):
             self._window.restoreGeometry(QByteArray(geometry))
+            self._saved["window"] = self._geometry()
         if layout := self._bytes("docks"):
             self._docks.restore(layout)
+            self._saved["docks"] = self._layout()
         self._timer.start()
 
     def close(self) -> None:
@@ -263,12 +282,23 @@ class WindowMemory(QObject):
 
     def save(self) -> None:
         """Remember everything now."""
-        settings = self._settings
-        settings.set_value("window", b64encode(bytes(self._window.saveGeometry().data())).decode())
-        settings.set_value("docks", b64encode(self._docks.save()).decode())
+        self._save("window", self._geometry())
+        self._save("docks", self._layout())
         for key, read in self._kept.items():
-            settings.set_value(key, read())
-        settings.write()
+            self._save(key, read())
+        self._settings.write()
+
+    def _geometry(self) -> str:
+        return b64encode(bytes(self._window.saveGeometry().data())).decode()
+
+    def _layout(self) -> str:
+        return b64encode(self._docks.save()).decode()
+
+    def _save(self, key: str, value: str | float | bool | list[str]) -> None:
+        """Remember what was changed in this window: another one may have changed the rest."""
+        if self._saved.get(key) != value:
+            self._saved[key] = value
+            self._settings.set_value(key, value)
 
     def _keep(
         self,
@@ -279,6 +309,7 @@ class WindowMemory(QObject):
     ) -> None:
         write(self._settings.value(key, read(), fits))
         self._kept[key] = read
+        self._saved[key] = read()
 
     def _bytes(self, key: str) -> bytes:
         try:

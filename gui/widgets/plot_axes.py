@@ -15,7 +15,8 @@ from gui.widgets.labels import label
 from gui.widgets.layouts import vbox
 from gui.widgets.theme import Theme, scaled_px, text_scale
 
-LEFT_PX = 62
+LEFT_PX = 74
+"""A name of two lines beside numbers of four digits and a point."""
 MAX_TICKS = 10
 _ROUND_STEPS_S = (
     0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0, 120.0,

@@ -81,7 +81,11 @@ def printed_heights(
         return height_mm * np.sqrt(np.where(on_ridge, 1.0 - across**2, 0.0))
     if plate.group == "rectangular ridges":
         return height_mm * on_ridge.astype(np.float64)
-    return height_mm * 0.5 * (1.0 - np.cos(2.0 * np.pi * phase))
+    if plate.group == "waves":
+        return height_mm * 0.5 * (1.0 - np.cos(2.0 * np.pi * phase))
+    if plate.group == "smooth":
+        return np.zeros_like(along_mm)
+    raise ValueError(f"no shape is known of the group {plate.group!r}")
 
 
 def drum_heights(

@@ -17,6 +17,7 @@ from rigctl.config.text_file import kind_of, shorten
 from rigctl.config.typed_number import number_in_steps, typed_number
 from rigctl.errors import WrongUse
 from rigctl.protocol.plan import MAX_SEED
+from rigctl.values import ABOUT
 
 Kind = Callable[[str, str], Any]
 """Takes the name of an option and its text; returns the value or raises WrongUse."""
@@ -133,3 +134,23 @@ def workers_of(args: argparse.Namespace) -> int:
             "mean it"
         )
     return workers
+
+
+def add_about(parser: argparse._ActionsContainer) -> None:
+    """Add the options of what a session says of itself, each stored with it."""
+    for name, words in ABOUT.items():
+        parser.add_argument(_option(name), default="", type=str.strip, help=words)
+
+
+def about_of(args: argparse.Namespace) -> dict[str, Any]:
+    """Return what was said of a session, by attribute; without what was left out."""
+    return {name: text for name in ABOUT if (text := getattr(args, name))}
+
+
+def about_options(args: argparse.Namespace) -> dict[str, str]:
+    """Return what was said of a session by the option that says it."""
+    return {_option(name): text for name, text in about_of(args).items()}
+
+
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"

@@ -7,6 +7,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rigctl.cli.arguments import about_of, add_about
 from rigctl.cli.engine_process import EngineProcess, add_engine_arguments, utc_now
 from rigctl.cli.world import add_wirings, chosen_world, session_world
 from rigctl.engine.drum_commands import DrumCommands
@@ -23,6 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     add_engine_arguments(parser, protocol=None)
     add_wirings(parser)
+    add_about(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -41,7 +43,8 @@ def run(args: argparse.Namespace) -> int:
 def _run_request(args: argparse.Namespace) -> RunRequest | None:
     if args.protocol is None and args.resume is None:
         return None
-    return RunRequest(args.protocol, args.out, args.resume, args.order_seed, args.yes)
+    plan = args.protocol, args.out, args.resume, args.order_seed, args.yes
+    return RunRequest(*plan, **about_of(args))
 
 
 def _world(args: argparse.Namespace) -> SimulatedWorld | None:

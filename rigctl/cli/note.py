@@ -11,9 +11,9 @@ from __future__ import annotations
 import argparse
 from datetime import UTC, datetime
 
-from rigctl.cli.arguments import a_path, add_option, whole_number
+from rigctl.cli.arguments import a_path, add_option, number, whole_number
 from rigctl.errors import WrongUse
-from rigctl.session.notes import Mark, SessionNote
+from rigctl.session.notes import MAX_AT_S, Mark, SessionNote
 from rigctl.session.session import add_note, open_session
 
 
@@ -30,6 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         whole_number(1),
         "N",
         "which attempt at it; without it the one that counts",
+    )
+    add_option(
+        parser, "--at", number(0, MAX_AT_S), "S", "moment in the trial, from its first sample"
     )
     verdict = parser.add_mutually_exclusive_group()
     verdict.add_argument("--bad", action="store_true", help="the trial does not count")
@@ -56,4 +59,5 @@ def run(args: argparse.Namespace) -> int:
 def _note(args: argparse.Namespace) -> SessionNote:
     mark = Mark.BAD if args.bad else Mark.GOOD if args.good else Mark.NONE
     made_utc = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    return SessionNote(made_utc, args.text, args.trial or 0, args.attempt or 0, mark, args.by)
+    about = args.trial or 0, args.attempt or 0
+    return SessionNote(made_utc, args.text, *about, mark, args.by, at_s=args.at)

@@ -18,7 +18,14 @@ from queue import Empty, SimpleQueue
 from typing import Any, Generic, Protocol, TypeVar
 
 from rigctl.cli import INTERRUPTED
-from rigctl.cli.arguments import a_path, add_option, add_seed, path_or_name
+from rigctl.cli.arguments import (
+    a_path,
+    about_options,
+    add_about,
+    add_option,
+    add_seed,
+    path_or_name,
+)
 from rigctl.cli.progress import Interrupts, ProgressLine, clock
 from rigctl.cli.verify import print_missing, print_session
 from rigctl.cli.world import add_wirings, add_world
@@ -40,7 +47,10 @@ POLL_S = 0.1
 TOLD_EVENTS = ("early_end", "fault", "link", "pause", "resume", "message", "stop", "control")
 """Events that the user reads while the run goes on."""
 EXIT_CODES = {"aborted": INTERRUPTED, "failed": 3}
-KEYS = "p pause · r resume · a abort · c clear a fault · t take control · each with Enter"
+KEYS = (
+    "p pause · r resume · k skip the trial · a abort · c clear a fault · t take control · "
+    "each with Enter"
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -67,6 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_option(parser, "--resume", a_path, "DIR", "continue a session")
     add_seed(parser, "seed of the trial order and of a simulated rig")
+    add_about(parser.add_argument_group("kept in the session, shown by rigctl info"))
     parser.add_argument("--yes", action="store_true", help="change simulated plates without asking")
     parser.add_argument(
         "--paced", action="store_true", help="run simulated time at the speed of real time"
@@ -232,6 +243,7 @@ _COMMANDS = {
     "r": "resume",
     "a": "abort",
     "c": "clear_fault",
+    "k": "skip",
     "s": "stop",
     "t": "take_control",
 }
@@ -279,6 +291,7 @@ def _engine_arguments(args: argparse.Namespace) -> list[str]:
         "--out": args.out,
         "--resume": args.resume,
         "--order-seed": args.seed,
+        **about_options(args),
     }
     # In one word, or a name that begins with a dash would be an option.
     given = [f"{name}={value}" for name, value in named.items() if value is not None]

@@ -27,10 +27,10 @@ from rigctl.config.text_file import visible
 from rigctl.engine.calibrator import Calibrator, calibrate_alone
 from rigctl.engine.rig import Rig
 from rigctl.engine.setup.boards import find_boards, judge_reports, write_rig_file
+from rigctl.engine.setup.check_result import CheckResult, Question
+from rigctl.engine.setup.context import SetupContext
 from rigctl.engine.setup.setup import STEPS, Setup, SetupStep, TooEarly
 from rigctl.engine.setup.setup_status import FORCE
-from rigctl.engine.setup.verdict import Question, Verdict
-from rigctl.engine.setup.workbench import Workbench
 from rigctl.errors import RigFault, WrongUse
 from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
 from rigctl.values import DRUM, TAXELS
@@ -91,10 +91,10 @@ def run(args: argparse.Namespace) -> int:
         except RigFault:
             if session.is_connected:
                 raise
-            verdict = rig.loop.run_until_complete(find_boards(rig))
-            if verdict.passed:
+            result = rig.loop.run_until_complete(find_boards(rig))
+            if result.passed:
                 raise
-            _report_ports(args, verdict)
+            _report_ports(args, result)
             return 1
     if session.ports_to_flash:
         for board, port in session.ports_to_flash.items():
@@ -131,19 +131,19 @@ def _find_boards(args: argparse.Namespace) -> bool:
     if ports.simulate or (ports.drum and ports.taxels):
         return True
     with asyncio.Runner(loop_factory=asyncio.SelectorEventLoop) as runner:
-        verdict = judge_reports(runner.run(probe_ports(runner.get_loop())))
-    if not verdict.passed:
-        _report_ports(args, verdict)
-    return verdict.passed
+        result = judge_reports(runner.run(probe_ports(runner.get_loop())))
+    if not result.passed:
+        _report_ports(args, result)
+    return result.passed
 
 
-def _report_ports(args: argparse.Namespace, verdict: Verdict) -> None:
+def _report_ports(args: argparse.Namespace, result: CheckResult) -> None:
     """Print what answered on the ports of a rig that is not connected."""
     if not args.json:
-        _print_verdict(verdict)
+        _print_result(result)
         return
     first = STEPS[0]
-    step = {"part": first.name, "title": first.title, "passed": False, **verdict._asdict()}
+    step = {"part": first.name, "title": first.title, "passed": False, **result._asdict()}
     print(json.dumps(_json_object([step], first.name, (), []), ensure_ascii=False))
 
 
@@ -171,8 +171,8 @@ class _SetupSession:
         """Take the steps until all have passed or the person leaves."""
         rig = self._rig
         await rig.taxels.connect()
-        bench = Workbench(rig, calibrator, self._ask, _today)
-        setup = Setup(bench, bench.progress())
+        context = SetupContext(rig, calibrator, self._ask, _today)
+        setup = Setup(context, context.progress())
         self._setup = setup
         if self._args.again:
             setup.begin_again()
@@ -207,10 +207,10 @@ class _SetupSession:
             self._print(f"nobody has checked: {', '.join(self._skipped) or 'nothing is left'}")
             return 0
         if self._args.part:
-            verdict = setup.verdicts.get(self._args.part)
+            result = setup.results.get(self._args.part)
             if left is not None and setup.progress.path is not None:
                 self._print(f"next is {left.title}: rigctl setup --rig {self._args.rig}")
-            return 0 if verdict is not None and verdict.passed else 1
+            return 0 if result is not None and result.passed else 1
         if left is None:
             self._print(SET_UP)
             return 0
@@ -223,18 +223,18 @@ class _SetupSession:
         self._print(f"\n{number}/{len(setup.steps)} {step.title}  ({_picture(step)})")
         while True:
             try:
-                verdict = await setup.check(step.name)
+                result = await setup.check(step.name)
             except _NoTerminal:
                 raise
             except TooEarly as refusal:
                 raise WrongUse(f"{refusal}; without --part, the setup goes on there") from None
             except WrongUse as refusal:
-                verdict = Verdict("", "", str(refusal))
+                result = CheckResult("", "", str(refusal))
             if not self._args.json:
-                _print_verdict(verdict)
-            if verdict.passed:
+                _print_result(result)
+            if result.passed:
                 return True
-            answer = self._choose(step, verdict)
+            answer = self._choose(step, result)
             if answer == FLASH:
                 links = {DRUM: self._rig.drum.link, TAXELS: self._rig.taxels.link}
                 self.ports_to_flash = {board: link.name for board, link in links.items()}
@@ -244,14 +244,14 @@ class _SetupSession:
                 self._print(f"rig.toml says {await setup.keep(step.name)}")
                 return True
 
-    def _choose(self, step: SetupStep, verdict: Verdict) -> str:
+    def _choose(self, step: SetupStep, result: CheckResult) -> str:
         """Ask what to do about a wrong part."""
         if self._args.yes:
             return LEAVE
         if step.name == FIRMWARE_PART:
             text = "Flash both boards now, or leave?"
             return _answer(Question("choose", text, (FLASH, LEAVE)), FLASH)
-        if verdict.remedy is None:
+        if result.remedy is None:
             text = "Mend it and check again, or leave?"
             return _answer(Question("choose", text, (AGAIN, LEAVE)), AGAIN)
         text = "Mend it and check again, let rig.toml describe it, or leave?"
@@ -288,11 +288,11 @@ def _answer(question: Question, known: str) -> str:
             print(f"  {impossible}")
 
 
-def _print_verdict(verdict: Verdict) -> None:
-    if verdict.expected:
-        print(f"  expected: {verdict.expected}")
-        print(f"  found:    {verdict.found}")
-    print(f"  {'right' if verdict.passed else f'WRONG: {verdict.problem}'}", flush=True)
+def _print_result(result: CheckResult) -> None:
+    if result.expected:
+        print(f"  expected: {result.expected}")
+        print(f"  found:    {result.found}")
+    print(f"  {'right' if result.passed else f'WRONG: {result.problem}'}", flush=True)
 
 
 def _picture(step: SetupStep) -> str:
@@ -311,7 +311,7 @@ def _as_dict(setup: Setup, skipped: tuple[str, ...]) -> dict[str, Any]:
             "part": step.name,
             "title": step.title,
             "passed": step.name in setup.progress.passed,
-            **(setup.verdicts[step.name]._asdict() if step.name in setup.verdicts else {}),
+            **(setup.results[step.name]._asdict() if step.name in setup.results else {}),
         }
         for step in setup.steps
     ]

@@ -1,30 +1,37 @@
 """A number as a person types it, alike in every language of the computer.
 
-Both "." and "," are decimal marks. Marks between groups of digits are refused, as "1.000" is one
-thousand to some readers and one to others.
+Both "." and "," are decimal marks, and digits may be those of any script. Marks between groups of
+digits are refused, as "1.000" is one thousand to some readers and one to others.
 """
 
 from __future__ import annotations
 
 import re
 from decimal import Decimal
+from unicodedata import decimal
 
 from rigctl.errors import WrongUse
 
 _NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)(e[+-]?\d{1,3})?", re.ASCII | re.IGNORECASE)
-_GROUPS = re.compile(r"[+-]?[0-9][0-9.,'’_\s]*[0-9]")
+_GROUPS = re.compile(r"[+-]?[0-9][0-9.,'’٬_\s]*[0-9]")
 _ONE_GROUP = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}", re.ASCII)
 _FEWEST_FOR_GROUP = 3
 
 
 def typed_number(text: str) -> Decimal:
     """Return the number that is typed, exactly. Raises WrongUse for what is none."""
-    typed = text.strip().replace("−", "-")
+    typed = _ascii_number(text)
     if _NUMBER.fullmatch(typed):
         return Decimal(typed.replace(",", "."))
     if has_group_marks(typed):
         raise WrongUse(f"{typed} has a mark between groups of digits: leave it out")
     raise WrongUse(f"{typed!r} is no number: type digits, such as 12.5 or 12,5")
+
+
+def _ascii_number(text: str) -> str:
+    """Return a text with ASCII's digits and minus, and the Arabic decimal mark as a comma."""
+    digits = "".join(str(decimal(letter, letter)) for letter in text.strip())
+    return digits.replace("−", "-").replace("٫", ",")
 
 
 def has_group_marks(value: object) -> bool:
@@ -39,7 +46,7 @@ def number_in_steps(text: str, decimals: int) -> Decimal:
     Raises WrongUse for another one, and for a text that may mean thousands where so many decimals
     are not in use, such as 1,000.
     """
-    number, typed = typed_number(text), text.strip()
+    number, typed = typed_number(text), _ascii_number(text)
     if decimals < _FEWEST_FOR_GROUP and _ONE_GROUP.fullmatch(typed):
         digits = re.sub("[.,]", "", typed)
         raise WrongUse(f"{typed} may mean {digits} or {number.normalize():f}: type one of the two")

@@ -8,6 +8,8 @@ channel.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from copy import copy
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +85,13 @@ class Encoder:
         """Put the neurons at rest; the filter starts at the next sample."""
         self._blocks.reset()
 
+    def copy(self) -> Self:
+        """Return an encoder that goes on from here, while this one stays as it is."""
+        other = copy(self)
+        other._blocks = self._blocks.copy()
+        other._clipped_counts = self.clipped_counts
+        return other
+
     def warm_up(self) -> None:
         """Compile or load the kernel before time matters; state and counts do not change."""
         self._encode(self._blocks_at_rest(), np.zeros((1, self._normalisation.n_taxels), np.uint16))
@@ -96,6 +105,11 @@ class Encoder:
         samples = self.readings(samples)
         self._clipped_counts += self._normalisation.count_clipped(samples)
         return self._encode(self._blocks, samples)
+
+    def membrane_mv(self, samples: Samples) -> NDArray[np.float64]:
+        """Go on as :meth:`encode`; return the voltages as :func:`membrane_mv` does."""
+        _check(samples, self._normalisation)
+        return _membrane_mv(self._blocks, self.readings(samples), self.parameters)
 
     def readings(self, samples: Samples) -> Samples:
         """Return counts uint16 (n, n_taxels) in the reading that ranges and neurons take."""
@@ -183,15 +197,23 @@ def membrane_mv(
     """
     _check(samples, normalisation)
     blocks = NeuronBlocks(1, normalisation, parameters, sa_scale)
-    voltage = np.empty((len(samples), 2 * normalisation.n_taxels))
-    for t in range(len(samples)):
-        counts = blocks.advance(TrialViews.from_arrays([samples[t : t + 1]]), np.array([1]))
-        fired = to_raster(counts, normalisation.n_taxels)[0] > 0
-        voltage[t] = np.where(fired, parameters.threshold_mv, blocks.membrane_mv())
+    voltage = _membrane_mv(blocks, samples, parameters)
     if parameters.filters_whole_trials:
         from rigctl.encoder.ra_neurons import ra_response
 
         ra = ra_response(samples, normalisation, parameters)
         shown = np.where(ra.spikes > 0, parameters.threshold_mv, ra.membrane_mv)
         voltage[:, normalisation.n_taxels :] = shown
+    return voltage
+
+
+def _membrane_mv(
+    blocks: NeuronBlocks, samples: Samples, parameters: EncoderParameters
+) -> NDArray[np.float64]:
+    """Return the voltage of neurons after each sample, float64 (n, 2·n_taxels), SA then RA."""
+    voltage = np.empty((len(samples), 2 * blocks.n_taxels))
+    for t in range(len(samples)):
+        counts = blocks.advance(TrialViews.from_arrays([samples[t : t + 1]]), np.array([1]))
+        fired = to_raster(counts, blocks.n_taxels)[0] > 0
+        voltage[t] = np.where(fired, parameters.threshold_mv, blocks.membrane_mv())
     return voltage

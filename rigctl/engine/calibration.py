@@ -15,13 +15,16 @@ from rigctl.engine.calibration_values import (
     FORCE,
     IMBALANCE,
     LOADCELL,
+    RANGE,
     WIRING,
     CalibrationStatus,
     ForceLoopGains,
     MassReading,
+    TaxelRange,
 )
 from rigctl.engine.calibrator import (
     BOARD,
+    RANGE_MM_S,
     CalibratedValues,
     Calibrator,
     force_values,
@@ -38,7 +41,7 @@ from rigctl.engine.wiring_steps import (
     mean_readings,
     require_identifiable,
 )
-from rigctl.errors import CommandRefused, DiskFault, LinkLost, WrongUse
+from rigctl.errors import CommandRefused, DiskFault, LinkLost, RigFault, WrongUse
 
 BUSY = "a calibration measures now: wait for its end, or cancel it"
 CANCELLED = "the calibration was cancelled"
@@ -125,6 +128,8 @@ HOMING_MM_S, TURN_MM_S = 60.0, 40.0
 PRESS_S = 14.0
 """To nudge, lift, tare, press, make the step, hold for a while and lift."""
 LIFT_S = 3.0
+UNTOUCHED_S = 2.0
+"""In which the lifted drum shows how much each taxel moves by itself."""
 READING_S = {LOADCELL: 2.1, WIRING: 1.7}
 
 
@@ -133,6 +138,8 @@ def usual_duration_s(part: str, drum: DrumGeometry) -> float:
     home_s = drum.circumference_mm / 2 / HOMING_MM_S
     if part == FORCE:
         return PRESS_S + home_s
+    if part == RANGE:
+        return UNTOUCHED_S + PRESS_S + home_s + drum.plate_length_mm / RANGE_MM_S
     if part == IMBALANCE:
         return LIFT_S + home_s + drum.circumference_mm * 17 / 16 / TURN_MM_S
     return READING_S[part]
@@ -155,6 +162,7 @@ class Calibration:
         self.measurement = Measurement(self._calibrator, rig.loop)
         self._masses = MassReadings()
         self._gains: ForceLoopGains | None = None
+        self._range: TaxelRange | None = None
         self._imbalance_g: list[float] = []
         self._tare_places: dict[str, float] = {}
         self._places_before: dict[str, float] = {}
@@ -195,6 +203,17 @@ class Calibration:
         self._gains = await self._measure(FORCE, self._calibrator.tune_gains(force_g))
         self._saved.pop(FORCE, None)
         return self._gains
+
+    async def measure_range(self, force_g: float) -> TaxelRange:
+        """Press and turn over the plate once; encode with the range of each taxel, and return it.
+
+        Raises RigFault where a taxel moved too little for a range; the one before then stays.
+        """
+        self.measurement.require_ready()
+        self._check_taxels()
+        self._calibrator.require_force(force_g)
+        self._range = None
+        return await self._measure(RANGE, self._measure_range(force_g))
 
     async def measure_imbalance(self) -> list[float]:
         """Turn the lifted drum once; return the error of each sixteenth of the turn in g."""
@@ -279,6 +298,7 @@ class Calibration:
             nonlinearity_share=scale.nonlinearity_share if scale else None,
             scale_problem=self._masses.problem,
             gains=self._gains,
+            taxel_range=self._range,
             imbalance_g=tuple(self._imbalance_g),
             wiring_step=steps.number,
             wiring_question=steps.question,
@@ -304,6 +324,19 @@ class Calibration:
             return await self._calibrator.read_mass(mass_g)
         finally:
             self._rig.lay_mass(0.0)
+
+    async def _measure_range(self, force_g: float) -> TaxelRange:
+        observe = self._boards.observe_range
+        await self._calibrator.lift()
+        untouched = await observe(asyncio.sleep(UNTOUCHED_S))
+        found = await observe(self._calibrator.press_and_turn(force_g))
+        rest = untouched.high.astype(int) - untouched.low
+        self._range = TaxelRange(*(tuple(v.tolist()) for v in (found.low, found.high, rest)))
+        self._check_taxels()
+        if problem := self._range.problem:
+            raise RigFault(f"the ranges are not used: {problem}")
+        self._boards.use_range(found)
+        return self._range
 
     async def _measure_imbalance(self) -> list[float]:
         before = self._places_before or await self._calibrator.tare_places()

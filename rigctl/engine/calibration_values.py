@@ -9,6 +9,10 @@ from typing import NamedTuple
 from rigctl.values import DRAWN_WIRING
 
 LOADCELL, FORCE, IMBALANCE, WIRING = PARTS = ("loadcell", "force", "imbalance", "wiring")
+RANGE = "range"
+"""The part that is measured for the encoder and saved nowhere."""
+LEAST_RATIO = 4
+"""A range that is narrower, in spans of the untouched sensor, would let the noise fire."""
 
 
 class MassReading(NamedTuple):
@@ -51,6 +55,31 @@ class ForceLoopGains(NamedTuple):
     held_within_g: float
 
 
+class TaxelRange(NamedTuple):
+    """The lowest and highest reading of each taxel, and by how much it moved while untouched."""
+
+    low: tuple[int, ...] = ()
+    high: tuple[int, ...] = ()
+    rest: tuple[int, ...] = ()
+
+    @property
+    def problem(self) -> str:
+        """Which taxels saw too little of the press and what to do, empty for none."""
+        spans = zip(self.low, self.high, self.rest, strict=True)
+        flat = [
+            f"T{number} ({high - low}, untouched {rest})"
+            for number, (low, high, rest) in enumerate(spans, 1)
+            if high - low < LEAST_RATIO * max(rest, 1)
+        ]
+        if not flat:
+            return ""
+        return (
+            f"the press moved these taxels by less than {LEAST_RATIO} times what they move "
+            f"untouched: {', '.join(flat)}; see that a plate is mounted and reaches the whole "
+            "sensor, run Taxel test for its wires, press with more force, then measure again"
+        )
+
+
 @dataclass(frozen=True, slots=True)
 class CalibrationStatus:
     """What has been measured and not been discarded, of each part.
@@ -59,6 +88,7 @@ class CalibrationStatus:
     which is 0 while a result is written.
     ``masses``: the readings with known masses, 0 g first; ``scale_ug_per_count`` and
     ``nonlinearity_share``: None without a plausible line, and ``scale_problem`` says why.
+    ``taxel_range``: what the last press has shown, also where it was refused.
     ``imbalance_g``: contribution of each sixteenth of a turn. ``wiring_question``: what a person
     does before the next of the steps, which have numbers from 0; ``wiring_place``: the place to
     press, row by row from 0; ``wiring_pressed``: the readings of both layers at each place so
@@ -74,6 +104,7 @@ class CalibrationStatus:
     nonlinearity_share: float | None = None
     scale_problem: str = ""
     gains: ForceLoopGains | None = None
+    taxel_range: TaxelRange | None = None
     imbalance_g: tuple[float, ...] = ()
     wiring_step: int = 0
     wiring_question: str = ""

@@ -21,8 +21,9 @@ from rigctl.engine.contact import PRESSING_STATES, has_status
 from rigctl.engine.motion import DrumMotion
 from rigctl.engine.poller import DrumPoller
 from rigctl.engine.rig import Rig
-from rigctl.engine.settings import press_settings
+from rigctl.engine.settings import press_settings, trial_settings
 from rigctl.errors import CommandRefused, RigFault, WrongUse
+from rigctl.values import PlannedTrial
 
 BOARD = "the board's EEPROM"
 RANGES_REMOVED = "low and high belong to an unknown order and were removed: calibrate them again"
@@ -89,6 +90,8 @@ READINGS = 80
 """A second of the load cell, after a second in which it comes to rest."""
 REST_S = 1.0
 TUNE_TIMEOUT_S, TURN_TIMEOUT_S, NUDGE_TIMEOUT_S = 10.0, 120.0, 5.0
+RANGE_MM_S, RANGE_SHARE = 60.0, 0.8
+"""Speed over the plate, and the share of its length; the rest is for run-in and ramp."""
 PRESS = 1
 """Direction of a nudge: the way in which the dead band matters, with the drum lifted."""
 SETTLE_S, WATCH_S = 1.0, 3.0
@@ -145,6 +148,28 @@ class Calibrator:
         if self._poller.healthy_state().state in (*PRESSING_STATES, State.RETRACT):
             raise CommandRefused("the drum presses on the sensor: retract it, then calibrate")
 
+    def require_force(self, force_g: float) -> None:
+        """Raise WrongUse for a force outside the rig's limits."""
+        limits = self._rig.config.limits
+        if not limits.force_min_g <= force_g <= limits.force_max_g:
+            raise WrongUse(
+                f"{force_g:g} g: this rig presses with {limits.force_min_g:g} to "
+                f"{limits.force_max_g:g} g"
+            )
+
+    async def press_and_turn(self, force_g: float) -> None:
+        """Tare, home, press at the plate's beginning, turn over the plate once, and lift."""
+        drum = self._rig.config.drum
+        trial = PlannedTrial(0, "", RANGE_MM_S, force_g, 1, drum.plate_length_mm * RANGE_SHARE)
+        await self.motion.arm()
+        await self.motion.tare()
+        await self.motion.home()
+        await self.motion.write_settings(**trial_settings(trial, drum))
+        await self.motion.move_to_start(trial)
+        await self.motion.approach()
+        await self.motion.run()
+        await self.motion.lift()
+
     async def lift(self) -> None:
         """Lift off and switch off, unless that is so, so that only a mass loads the load cell."""
         state = self._poller.healthy_state()
@@ -157,12 +182,7 @@ class Calibrator:
 
         Raises WrongUse for a force outside the rig's limits, RigFault for a bad response.
         """
-        limits = self._rig.config.limits
-        if not limits.force_min_g <= force_g <= limits.force_max_g:
-            raise WrongUse(
-                f"{force_g:g} g: this rig presses with {limits.force_min_g:g} to "
-                f"{limits.force_max_g:g} g"
-            )
+        self.require_force(force_g)
         await self.lift()
         await self.motion.write_settings(nudge_direction=PRESS)
         await self.motion.execute(Command.NUDGE, NUDGE_TIMEOUT_S, "moving the actuator a little")

@@ -34,6 +34,7 @@ from rigctl.engine.rpc.commands import (
     Word,
     summary_of,
 )
+from rigctl.engine.run_queue import QueuedRun, Shift
 from rigctl.engine.run_request import RunRequest
 from rigctl.engine.setup.served_setup import ServedSetup
 from rigctl.errors import WrongUse
@@ -91,7 +92,8 @@ class DrumCommands(EngineCommands[Engine]):
             name: EngineCommand(summary_of(move), NoArguments, _move(move))
             for name, move in MOVES.items()
         }
-        return super().declared_commands() | moves
+        enqueue = EngineCommand(summary_of(cls._enqueue), QueuedRun, cls._enqueue)
+        return super().declared_commands() | moves | {"enqueue": enqueue}
 
     async def on_jog(self, mm: Annotated[float, Meta(ge=-10_000, le=10_000)]) -> Result:
         """Turn the lifted drum, forwards where ``mm`` is positive; return the true travel."""
@@ -132,6 +134,10 @@ class DrumCommands(EngineCommands[Engine]):
         """Run a trial again while its plate is on; the attempt that counted is marked bad."""
         self._engine.repeat(trial_id, text)
 
+    async def on_skip(self, trial_id: Number = 0) -> None:
+        """Leave out a trial that is to come, or 0: the present one, whose attempt ends."""
+        self._engine.skip(trial_id)
+
     async def on_end_condition(
         self,
         texture: TextureName,
@@ -145,6 +151,22 @@ class DrumCommands(EngineCommands[Engine]):
         """End a condition of the run early, as the protocol's rule allows it."""
         values = (texture, speed_mm_s, force_g, depth_mm, trials, mean_hz, half_width_hz)
         self._engine.end_condition(ConditionEnd(*values))
+
+    async def _enqueue(self, run: QueuedRun) -> Result:
+        """Let a run wait in the queue; return its number."""
+        return {"queued": self._engine.queue.add(run)}
+
+    async def on_dequeue(self, number: Number) -> None:
+        """Remove a run from the queue."""
+        self._engine.queue.remove(number)
+
+    async def on_move_queued(self, number: Number, places: Shift) -> None:
+        """Move a run of the queue by places, backwards for a positive number."""
+        self._engine.queue.move(number, places)
+
+    async def on_start_queued(self) -> Result:
+        """Start the first run of the queue."""
+        return self._begin(self._engine.start_queued)
 
     async def on_stop(self, by: str) -> None:
         """Stop and lift immediately; a run ends."""
@@ -174,12 +196,9 @@ class DrumCommands(EngineCommands[Engine]):
         """End the recording by hand."""
         return {"session": str(self._engine.manual.end())}
 
-    async def on_calibrate_range(
-        self, seconds: Annotated[float, Meta(ge=0.1, le=600)] = 10.0
-    ) -> Result:
-        """Observe the taxels and set the observed range in the encoder."""
-        found = await self._engine.boards.calibrate_range(seconds)
-        return {"low": found.low.tolist(), "high": found.high.tolist()}
+    async def on_calibrate_range(self, force_g: Mass = 500.0) -> Result:
+        """Press, turn over the plate once, lift, and encode with the range that each taxel had."""
+        return dict((await self._calibration().measure_range(force_g))._asdict())
 
     async def on_test_taxels(self) -> Result:
         """Start the taxel board's self-test; return one sentence per finding."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from functools import partial
@@ -20,13 +20,14 @@ from rigctl.engine.pipeline import FAST_BATCH_SAMPLES, REAL_TIME_BATCH_SAMPLES
 from rigctl.engine.rig import Rig
 from rigctl.engine.rig_boards import RigBoards
 from rigctl.engine.rpc.messages import LINK, EngineStatus, RecordingStatus, RunStatus
+from rigctl.engine.run_queue import RunQueue
 from rigctl.engine.run_request import RunContext, RunRequest, open_run
 from rigctl.engine.runner import Run
 from rigctl.engine.served_engine import ServedEngine
 from rigctl.engine.setup.served_setup import ServedSetup
 from rigctl.engine.status import StatusBuilder
 from rigctl.engine.step_runner import mountings_before
-from rigctl.errors import DiskFault, WrongUse
+from rigctl.errors import DiskFault, RigctlError, WrongUse
 from rigctl.session.notes import SessionNote, check_note
 from rigctl.session.session import ConditionEnd
 
@@ -56,6 +57,8 @@ class Engine(ServedEngine[Run, RunRequest]):
         self.manual = ManualRecorder(self.boards, self.event_bus)
         self.calibration = Calibration(rig, self.boards, self._today)
         self.setup = ServedSetup(rig, self.boards.motion, self.calibration.measurement, self._today)
+        self.queue = RunQueue()
+        """Runs that wait: the next one begins where the last one is done."""
         self.early_end: EarlyEndProcess | None = None
         """Judges the conditions of the run, where its protocol lets them end early."""
         self._utc_now = utc_now
@@ -76,7 +79,7 @@ class Engine(ServedEngine[Run, RunRequest]):
             raise WrongUse("a recording by hand goes on: end it first, then start the run")
         first_note = self._note(request.notes) if request.notes.strip() else None
         check_in = partial(self.heartbeat_gate.check_in, "runner")
-        opened = open_run(request, self._context(request.operator, request.sensor))
+        opened = open_run(request, self._context(request.about))
         self.rig.skip_mountings(mountings_before(opened.plan.steps, opened.done))
         run = Run(self.boards, self.event_bus, opened, check_in, self.set_plate)
         if first_note is not None:
@@ -85,6 +88,22 @@ class Engine(ServedEngine[Run, RunRequest]):
         if rule is not None:
             self.early_end = EarlyEndProcess(run.folder.absolute(), rule, self.event_bus.publish)
         return self._begin(run)
+
+    def start_queued(self) -> Run:
+        """Start the first run of the queue, which then has it no more.
+
+        Raises as :meth:`start`; the queue then says why its first run waits.
+        """
+        try:
+            return self.queue.start_first(self.start, self._utc_now())
+        except (RigctlError, OSError) as error:
+            self.queue.problem = f"the first one could not start: {error}"
+            raise
+
+    @property
+    def is_needed(self) -> bool:
+        """Whether there is work to do without a client: a run, or runs that wait."""
+        return super().is_needed or len(self.queue) > 0
 
     def add_note(self, text: str) -> None:
         """Write a note on the session of the run. Raises WrongUse without a run."""
@@ -96,6 +115,10 @@ class Engine(ServedEngine[Run, RunRequest]):
         Raises WrongUse without a run, and for a trial that cannot be repeated now.
         """
         self._active_run().repeat(trial_id, self._note(text))
+
+    def skip(self, trial_id: int) -> None:
+        """Leave out a trial of the run; 0 is the present one. Raises WrongUse where it cannot."""
+        self._active_run().skip(trial_id)
 
     def end_condition(self, end: ConditionEnd) -> None:
         """End a condition of the run early. Raises WrongUse where that cannot be now."""
@@ -120,7 +143,8 @@ class Engine(ServedEngine[Run, RunRequest]):
             recording = self.run.disk_monitor.status(self.boards.pipeline.is_recording)
             run = self.run.status()
         recording = self.manual.status() or recording
-        return self._status_builder.build(self._now_s(), self._texture, recording, run)
+        queue = self.queue.status(run)
+        return self._status_builder.build(self._now_s(), self._texture, recording, run, queue)
 
     async def send_stop(self, text: str) -> None:
         """Stop and lift, ahead of everything else; a run ends."""
@@ -131,13 +155,13 @@ class Engine(ServedEngine[Run, RunRequest]):
         self.calibration.measurement.cancel()
         self.event_bus.publish("stop", text)
 
-    def _context(self, operator: str = "", sensor: str = "") -> RunContext:
+    def _context(self, about: Mapping[str, str] | None = None) -> RunContext:
         """Return the rig as it is now, for a session that begins."""
         boards = tuple(self.boards.identities.values())
         drum = self.boards.drum_poller.state
         presses = drum is not None and has_status(drum, Status.COMMISSIONED)
         presses = presses or self.rig.commissions  # a run's first settings commission it again
-        return RunContext(self.rig, boards, self._utc_now(), presses, operator, sensor)
+        return RunContext(self.rig, boards, self._utc_now(), presses, about or {})
 
     def _active_run(self) -> Run:
         if self.run is None or self.run.ended:
@@ -172,7 +196,19 @@ class Engine(ServedEngine[Run, RunRequest]):
             self.heartbeat_gate.check_out("recorder")
             with self._publish_disk_fault():
                 self.rig.save_truth(is_last=True)
+        if len(self.queue) and not self._shutdown_requested.is_set():
+            self._follow_up(run)
         self._send_status()
+
+    def _follow_up(self, run: Run) -> None:
+        """Start the next run after one that is done; after another one the queue waits."""
+        if run.outcome != "done":
+            self.queue.problem = f"the last run was not done ({run.text}): look at it first"
+            return
+        try:
+            self.start_queued()
+        except (RigctlError, OSError):
+            self.event_bus.publish("failed", f"the queue waits: {self.queue.problem}")
 
     @contextmanager
     def _publish_disk_fault(self) -> Iterator[None]:
@@ -202,6 +238,8 @@ class Engine(ServedEngine[Run, RunRequest]):
     async def _make_safe(self) -> None:
         if self.manual.is_recording:
             self.manual.end()
+        if len(self.queue):
+            self.event_bus.publish("lost", f"the engine ends, and its queue: {self.queue.names}")
         await self.calibration.measurement.end()
         if self.boards.drum_poller.connected and self.boards.drum_poller.state is not None:
             await self.boards.motion.disarm()

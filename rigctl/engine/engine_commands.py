@@ -103,9 +103,13 @@ class EngineCommands(Generic[_Engine]):
 
     async def _start(self, request: Any) -> Result:
         """Run a protocol, or resume a session."""
+        return self._begin(lambda: self._engine.start(request))
+
+    def _begin(self, start: Callable[[], Any]) -> Result:
+        """Let a run begin; return its session."""
         self._refuse_during_run()
         try:
-            run = self._engine.start(request)
+            run = start()
         except OSError as error:  # a name that the file system does not take, a folder not ours
             raise WrongUse(
                 f"the run cannot start: {error.filename}: {error.strerror}: choose another path"

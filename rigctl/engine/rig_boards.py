@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -156,22 +156,25 @@ class RigBoards:
         self.encoder.normalisation = normalisation
         self._live_writer.set_range(normalisation.low, normalisation.high)
 
-    async def calibrate_range(self, seconds: float) -> Normalisation:
-        """Observe the taxels for this long, set the observed range and return it."""
+    async def observe_range(self, work: Awaitable[object]) -> Normalisation:
+        """Return the range of all readings while the work is done."""
         encoder = self.encoder
         observed = RunningRange(self._rig.config.taxels.count, reading=encoder.parameters.reading)
         unsubscribe = self.pipeline.subscribe(
             lambda block: observed.update(encoder.readings(block.samples))
         )
         try:
-            await asyncio.sleep(seconds)
+            await work
         finally:
             unsubscribe()
+        return observed.normalisation
+
+    def use_range(self, normalisation: Normalisation) -> None:
+        """Encode with a measured range, whatever is read from now on."""
         self._stop_following_range()
         self._stop_following_range = lambda: None
         self.has_taxel_range = True
-        self.set_range(observed.normalisation)
-        return observed.normalisation
+        self.set_range(normalisation)
 
     def _publish_silence(self, board: str, text: str) -> None:
         """Say what is waited for: at the first connect for the log, after a loss for everybody."""

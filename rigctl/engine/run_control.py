@@ -11,7 +11,7 @@ from collections.abc import Callable
 from rigctl.engine.event_bus import EventBus
 from rigctl.engine.poller import DrumPoller
 from rigctl.engine.rpc.messages import FAULT, LINK
-from rigctl.engine.run_reasons import RunReasons
+from rigctl.engine.run_reasons import RunReasons, TrialSkipped
 from rigctl.errors import LinkLost
 from rigctl.session.recorder import Recorder
 
@@ -33,13 +33,17 @@ class RunControl(RunReasons):
     ) -> None:
         super().__init__(poller.loop.time, event_bus, lambda: recorder.failure)
         self.check_in = check_in
+        self.skips_trial = False
+        """Whether the trial in hand is left."""
         self._poller = poller
 
     def check(self) -> None:
-        """Raise RunStopped, RigFault or RunPaused where there is a reason."""
+        """Raise RunStopped, RigFault, TrialSkipped or RunPaused where there is a reason."""
         self.check_in()
         self.check_end()
         self._poller.healthy_state()
+        if self.skips_trial:
+            raise TrialSkipped("skipped by the operator")
         self.check_pause()
 
     def check_end(self) -> None:

@@ -26,6 +26,10 @@ class RunPaused(Exception):
     """A reason to pause: make the rig safe, wait, then repeat the step."""
 
 
+class TrialSkipped(Exception):
+    """A request to leave the trial in hand: make the rig safe, then go on with the next one."""
+
+
 class RunStopped(Exception):
     """A request to end the run."""
 

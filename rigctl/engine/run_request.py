@@ -25,15 +25,16 @@ from rigctl.session.header import CUT_BY_CLOCK, CUT_BY_WIRE, SessionHeader
 from rigctl.session.recorder import Recorder, check_same_world, keep_private
 from rigctl.session.sensor_layout import SensorLayout
 from rigctl.session.session import Session, ended_early
-from rigctl.values import BoardIdentity
+from rigctl.values import ABOUT, BoardIdentity
 
 
 class RunRequest(Struct, frozen=True, forbid_unknown_fields=True):
     """A protocol to run into a new folder, or a session to resume.
 
     ``seed`` replaces the protocol's own; ``out`` and ``resume`` are folders; ``yes`` answers
-    every question on a simulated rig. ``operator`` and ``sensor`` replace those of ``rig.toml``,
-    ``notes`` becomes the first note of the sitting.
+    every question on a simulated rig. ``operator`` and ``sensor`` replace those of ``rig.toml``;
+    they, ``plate_lot``, ``project`` and ``remarks`` are kept in the session. ``notes`` becomes the
+    first note of the sitting.
     """
 
     protocol: PathText | None = None
@@ -43,16 +44,25 @@ class RunRequest(Struct, frozen=True, forbid_unknown_fields=True):
     yes: bool = False
     operator: NameText = ""
     sensor: NameText = ""
+    plate_lot: NameText = ""
+    project: NameText = ""
+    remarks: NoteText = ""
     notes: NoteText = ""
 
     def __post_init__(self) -> None:
         if (self.protocol is None) == (self.resume is None):
             raise WrongUse("give a protocol to run or a session to resume, not both")
 
+    @property
+    def about(self) -> dict[str, str]:
+        """What was said of the session, by attribute; without what was left empty."""
+        said = {name: getattr(self, name).strip() for name in ABOUT}
+        return {name: text for name, text in said.items() if text}
+
 
 @dataclass(frozen=True, slots=True)
 class RunContext:
-    """The rig at the start of a run, with the people and the sensor that the request names.
+    """The rig at the start of a run, and what was said ``about`` the session.
 
     ``is_commissioned``: the drum's board presses for protocols.
     """
@@ -61,8 +71,7 @@ class RunContext:
     boards: tuple[BoardIdentity, ...]
     start_utc: str
     is_commissioned: bool
-    operator: str = ""
-    sensor: str = ""
+    about: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,15 +188,15 @@ def check_same_rig(folder: Path, header: SessionHeader, kind: str, world: dict[s
 def open_recorder(folder: Path, plan: Plan, context: RunContext, resume: bool) -> Recorder:
     """Lock the folder and return the recorder of a session that runs this plan."""
     rig, config = context.rig, context.rig.config
+    about = {"operator": config.about.operator, "sensor": config.about.sensor, **context.about}
     header = drum_header(
         plan,
+        **about,
         rig=rig.kind,
         simulated=rig.simulated,
         start_utc=context.start_utc,
         start_loop_s=rig.loop.time(),
         boards=context.boards,
-        operator=context.operator or config.about.operator,
-        sensor=context.sensor or config.about.sensor,
         taxel_low=config.taxels.low,
         taxel_high=config.taxels.high,
         cut_by=CUT_BY_WIRE if config.signals.sync else CUT_BY_CLOCK,

@@ -30,7 +30,7 @@ from rigctl.engine.progress import RunProgress
 from rigctl.engine.rig_boards import RigBoards
 from rigctl.engine.rpc.messages import CurrentTrial, NextPlate, RunStatus
 from rigctl.engine.run_control import RunControl
-from rigctl.engine.run_reasons import RunPaused, RunStopped
+from rigctl.engine.run_reasons import RunPaused, RunStopped, TrialSkipped
 from rigctl.engine.run_request import OpenedRun
 from rigctl.engine.run_steps import RunSteps
 from rigctl.engine.served_run import ServedRun
@@ -38,7 +38,7 @@ from rigctl.engine.settings import settle_settings
 from rigctl.engine.step_runner import StepRunner, remaining_steps
 from rigctl.errors import BoardFault, RigFault, WrongUse
 from rigctl.protocol.plan import condition_of
-from rigctl.protocol.steps import Step
+from rigctl.protocol.steps import RunTrial, Step
 from rigctl.session.notes import Mark, SessionNote
 from rigctl.session.recorder import Recorder
 from rigctl.session.session import EARLY_END_KIND, ConditionEnd
@@ -75,6 +75,7 @@ class Run(ServedRun[RunControl, Recorder]):
             boards, event_bus.publish, opened, self.control, self._progress, set_plate
         )
         self._left_out = set(opened.ended)
+        self._in_hand: PlannedTrial | None = None
 
     @property
     def complete(self) -> bool:
@@ -148,6 +149,26 @@ class Run(ServedRun[RunControl, Recorder]):
             self.add_note(replace(note, trial_id=trial_id, attempt=attempt, mark=Mark.BAD))
         self._progress.reopen(trial, was_committed=bool(attempt))
 
+    def skip(self, trial_id: int) -> None:
+        """Leave out a trial that is to come, or the one in hand; 0 is the one in hand or the next.
+
+        The rest of the plan is recorded, and a continued session has the trial again. Raises
+        WrongUse for a trial that is recorded already, or not of the plan.
+        """
+        to_come = self._steps.trials()
+        choice = [trial for trial in (self._in_hand, *to_come) if trial is not None]
+        found = [trial for trial in choice if trial_id in (0, trial.trial_id)]
+        if not found or self._step_runner.committed_attempt(found[0].trial_id):
+            raise WrongUse(f"trial {trial_id or 'none'} is not to come: there is nothing to skip")
+        trial = found[0]
+        text = f"trial {trial.trial_id} is skipped"
+        self._event_bus.publish("trial", text, trial_id=trial.trial_id)
+        if trial == self._in_hand:
+            self.control.skips_trial = True
+        else:
+            self._steps.drop([trial])
+            self._progress.finish(trial)
+
     def end_condition(self, end: ConditionEnd) -> bool:
         """Leave out the trials of a condition that are to come; none are left is no error.
 
@@ -213,12 +234,22 @@ class Run(ServedRun[RunControl, Recorder]):
 
     async def _run_step(self, step: Step) -> None:
         """Run one step; repeat it after each pause."""
+        self.control.skips_trial = False
+        self._in_hand = step.trial if isinstance(step, RunTrial) else None
         while True:
             try:
                 self.control.check()
                 return await self._step_runner.run_step(step)
+            except TrialSkipped:
+                return await self._leave_trial()
             except RunPaused:
                 await self._pause()
+
+    async def _leave_trial(self) -> None:
+        assert self._in_hand is not None
+        self.control.skips_trial = False
+        await self._step_runner.make_safe()
+        self._progress.finish(self._in_hand)
 
     async def _pause(self) -> None:
         with self._progress.idle():

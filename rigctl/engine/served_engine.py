@@ -1,6 +1,6 @@
 """What every engine does: tasks, clients, status and events, the disk, an orderly end.
 
-A run continues without a client. Without client and run the engine makes the rig safe and ends.
+A run continues without a client. Without client and work the engine makes the rig safe and ends.
 """
 
 from __future__ import annotations
@@ -145,6 +145,11 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         """Whether a run is active, paused ones included."""
         return self.run is not None and not self.run.ended
 
+    @property
+    def is_needed(self) -> bool:
+        """Whether there is work to do without a client."""
+        return self.is_running
+
     def spawn(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         """Start a task; its failure ends the engine safely."""
         task = self.loop.create_task(self._supervise(work))
@@ -159,12 +164,12 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         self._shutdown_requested.set()
 
     def end_if_unused(self, text: str) -> bool:
-        """End the engine where it has one client at most and no run; return whether it ends.
+        """End the engine where it has one client at most and no work; return whether it ends.
 
         A connection that only brings a STOP, as that of `rigctl stop` or of a window whose own
         connection does not get through, is no client.
         """
-        is_unused = self._server.users <= 1 and not self.is_running
+        is_unused = self._server.users <= 1 and not self.is_needed
         if is_unused:
             self.shut_down(text)
         return is_unused
@@ -209,7 +214,7 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
 
     def _check_idle(self) -> None:
         now_s = self._now_s()
-        if self.is_running or len(self._server):
+        if self.is_needed or len(self._server):
             self._last_used_s = now_s
         elif now_s - self._last_used_s > IDLE_TIMEOUT_S:
             self.shut_down("no client is left")

@@ -15,7 +15,7 @@ from rigctl.engine.contact import contact_words, has_status
 from rigctl.engine.health import RateMeter, age_s
 from rigctl.engine.rig import Rig
 from rigctl.engine.rig_boards import RigBoards
-from rigctl.engine.rpc.messages import EngineStatus, RecordingStatus, RunStatus
+from rigctl.engine.rpc.messages import EngineStatus, QueueStatus, RecordingStatus, RunStatus
 from rigctl.engine.setup.served_setup import ServedSetup
 from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import DrumState
@@ -41,7 +41,12 @@ class StatusBuilder:
         boards.drum_poller.subscribe(self._watch_loadcell)
 
     def build(
-        self, now_s: float, texture: str | None, recording: RecordingStatus, run: RunStatus
+        self,
+        now_s: float,
+        texture: str | None,
+        recording: RecordingStatus,
+        run: RunStatus,
+        queue: QueueStatus,
     ) -> EngineStatus:
         """Return the status at loop time ``now_s``."""
         boards = self._boards
@@ -89,6 +94,7 @@ class StatusBuilder:
             setup=self._setup.status(),
             recording=recording,
             run=run,
+            queue=queue,
             **(self._raw_reading() if self._raw_counts else {}),
             **(_drum_fields(drum, now_s) if drum else {}),
         )

@@ -25,11 +25,11 @@ class ImportMap:
     ``time_column`` is empty where ``rate_hz`` is given. Factors convert the values of the file
     to s and g. ``trial_column``: its values tell the trials of one file apart. ``elements``: the
     MATLAB array whose elements are trials. ``header``: whether the first row of a text table has
-    names, None where its cells tell. ``max_gap_s``: 0 for three times the median interval
-    of rows. ``taxel_low``, ``taxel_high``: values that are stored as 0 and 65535; equal for each
-    taxel's own lowest and highest. ``low_pass_hz``: cutoff of the filter before rows faster than
-    1 kHz are decimated, 0 for none. ``sensor_layout``: None for the default of the number of
-    taxels.
+    names, None where its cells tell. ``missing``: numbers that stand for no reading.
+    ``max_gap_s``: 0 for three times the median interval of rows. ``taxel_low``, ``taxel_high``:
+    values that are stored as 0 and 65535; equal for each taxel's own lowest and highest.
+    ``low_pass_hz``: cutoff of the filter before rows faster than 1 kHz are decimated, 0 for none.
+    ``sensor_layout``: None for the default of the number of taxels.
     """
 
     name: str
@@ -44,6 +44,7 @@ class ImportMap:
     decimal: str
     skip_lines: int
     header: bool | None
+    missing: tuple[float, ...]
     transpose: bool
     taxels: tuple[str, ...]
     unit: str
@@ -103,6 +104,7 @@ def parse_map(text: TomlText, default_name: str) -> ImportMap:
         decimal=files.choice("decimal", DECIMALS, "."),
         skip_lines=files.integer("skip_lines", 0, low=0, high=MAX_SKIPPED),
         header=_read_header(files),
+        missing=files.numbers("missing", low=-MAX_VALUE, high=MAX_VALUE),
         transpose=files.flag("transpose", False),
         taxels=taxels.texts("columns"),
         unit=taxels.text("unit", ""),

@@ -9,6 +9,7 @@ from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, field
 from math import isqrt
 from pathlib import Path
+from unicodedata import normalize
 
 from rigctl.config.text_file import name_problem, shorten
 from rigctl.config.toml_reader import TomlText
@@ -106,7 +107,7 @@ def _relative_names(paths: Sequence[Path]) -> list[str]:
         raise WrongUse(
             f"{first} and {second} are not at the same depth of folders: guess a map for each"
         )
-    return names
+    return [normalize("NFC", name) for name in names]
 
 
 def _parts(names: Sequence[str], paths: Sequence[Path]) -> list[NamePart]:
@@ -355,6 +356,8 @@ def _trials(parts: MapParts) -> str:
 
 def _time(parts: MapParts) -> str:
     roles = parts.roles
+    if roles.no_rate:
+        return _section("time", [f"rate_hz = 0  # {_comment(roles.no_rate)}; fill in"])
     if roles.time is None:
         rate_hz = roles.rate_hz or ASSUMED_RATE_HZ
         found = roles.rate_why if roles.rate_hz else "assumed: no column ascends like a time"

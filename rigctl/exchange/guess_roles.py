@@ -11,6 +11,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,7 @@ from rigctl.exchange.text_table import (
     column_names,
     count_header_rows,
     first_rows,
+    is_grouped,
     is_number,
     read_first_lines,
     read_text_table,
@@ -214,6 +216,7 @@ def _read_text(paths: Sequence[Path]) -> RecordingSample:
     clocks = [str(k + 1) for k, cells in enumerate(columns) if _are_clocks(cells)]
     labels = [str(k + 1) for k, cells in enumerate(columns) if _are_labels(cells, form.decimal)]
     labels = [label for label in labels if label not in clocks]
+    _refuse_grouped(paths[0], columns, form)
     table = read_text_table(paths[0], form, (), labels, clocks)
     if n_header and not head[0]:
         form = form._replace(header=True)
@@ -226,6 +229,17 @@ def _read_text(paths: Sequence[Path]) -> RecordingSample:
         form=form,
         clocks=table.clocks,
     )
+
+
+def _refuse_grouped(path: Path, columns: Sequence[Sequence[str]], form: TextFormat) -> None:
+    """Raise WrongUse for a column whose cells are all numbers, some with groups of thousands."""
+    for cells in columns:
+        grouped = [cell for cell in cells if is_grouped(cell, form.decimal)]
+        if grouped and all(is_number(c.replace(form.decimal, ".")) for c in {*cells} - {*grouped}):
+            raise WrongUse(
+                f"{path}: {grouped[0]!r} has separators of thousands beside decimals with "
+                f"{form.decimal!r}: save the table without them"
+            )
 
 
 def _refuse_layouts(paths: Sequence[Path], form: TextFormat) -> None:
@@ -436,7 +450,8 @@ class ColumnRoles:
     """The guessed role of each column, by its index.
 
     ``labels``: column of each label. ``fields``: field of each label. ``taxels`` are columns of
-    equal layers in order, ``layers`` their names. ``why``: what each column seems to be, in words.
+    equal layers in order, ``layers`` their names. ``no_rate``: why a column that is named as a time
+    gives none. ``why``: what each column seems to be, in words.
     """
 
     time: int | None = None
@@ -444,6 +459,7 @@ class ColumnRoles:
     unit_named: bool = False
     rate_hz: float = 0.0
     rate_why: str = ""
+    no_rate: str = ""
     trial: int | None = None
     labels: dict[str, int] = field(default_factory=dict)
     fields: dict[str, str] = field(default_factory=dict)
@@ -497,6 +513,14 @@ class _RoleGuess:
         unnamed = [k for k in ascending if not has_word("index", self._sample.names[k])]
         for column in (named or unnamed)[:1]:
             self._take_time(column)
+        if self.roles.time is None and not self.roles.rate_hz:
+            broken = (k for k in numbers if has_word("time", self._sample.names[k]))
+            for column in islice(broken, 1):
+                n_times = len(np.unique(self._sample.values[:, column]))
+                rows = len(self._sample.values)
+                name = reference(self._sample, column)
+                self.roles.no_rate = f"{name} is no clock: {n_times} times in {rows} rows"
+                self._take(column, f"not used: {self.roles.no_rate}")
 
     def _take_time(self, column: int) -> None:
         """Take a clock for time, or its mean rate where rows come in bursts or share a stamp."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
@@ -31,6 +31,7 @@ from rigctl.exchange.resampling import (
     TimeSeries,
     burst_rate,
     clean_time_column,
+    find_marks,
     find_outliers,
     is_oversampled,
     resample,
@@ -108,11 +109,13 @@ class Inspection:
 def extract_series(table: TrialTable, mapping: ImportMap) -> tuple[TimeSeries, list[str]]:
     """Return one trial's taxels, load cell and extra channels, in this order, and remarks.
 
-    A value beyond 10¹⁰⁰ counts as missing. Raises WrongUse for times that no trial has.
+    A value beyond 10¹⁰⁰ counts as missing, as do the map's marks. Raises WrongUse for times that no
+    trial has.
     """
     taxels = table.indices(mapping.taxels)
     loadcell = table.indices([mapping.loadcell] if mapping.loadcell else [])
     values = bounded(table.values[:, taxels + loadcell + table.indices(mapping.extra)])
+    values[np.isin(values, mapping.missing)] = np.nan
     if mapping.time_column:
         times = table.values[:, table.indices([mapping.time_column])[0]]
         times, n_overflows = unwrap_clock(bounded(times))
@@ -228,7 +231,7 @@ class _Inspector:
         label = parse_label(table.path, self._mapping.labels, table.labels, table.place)
         self._check_layout(table)
         series, remarks = extract_series(table, self._mapping)
-        remarks += self._outlier_remarks(series)
+        remarks += self._outlier_remarks(series) + self._mark_remarks(series)
         resampled, gaps = resample(series, self._mapping.max_gap_s, self._mapping.low_pass_hz)
         remarks += [f"gap from {start:.3f} to {end:.3f} s" for start, end in gaps]
         name = f"{self._name(table.path)}{table.place.removeprefix(str(table.path))}"
@@ -292,6 +295,17 @@ class _Inspector:
         )
         first_s = series.time_s[min(row for *_, row in found)]
         return [f"outliers from {first_s:.3f} s on, kept: {listed}"]
+
+    def _mark_remarks(self, series: TimeSeries) -> list[str]:
+        """Return a remark for each number that taxels repeat far from all their other values."""
+        found: Counter[float] = Counter()
+        for column in range(len(self._names)):
+            found.update(find_marks(series.values[:, column]))
+        return [
+            f"{mark:g} stands {count} times, far from all other values of its taxels: if it says "
+            f"that a value is missing, give missing = [{mark:g}] in [files]"
+            for mark, count in found.items()
+        ]
 
     def _extend_range(self, series: TimeSeries, resampled: ResampledSeries) -> None:
         # A filter may overshoot the range of its input.

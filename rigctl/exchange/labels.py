@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import pi
 from pathlib import Path
+from unicodedata import normalize
 
 from rigctl.config.text_file import name_problem, shorten
 from rigctl.config.toml_reader import TomlTable
@@ -144,7 +145,7 @@ def read_label_rules(files: TomlTable, labels: TomlTable, textures: TomlTable) -
     rules = LabelRules(
         pattern=_read_pattern(files),
         columns=_read_columns(labels),
-        renamed={key: textures.text(key) for key in textures},
+        renamed={normalize("NFC", key): textures.text(key) for key in textures},
         texture=labels.text("texture", ""),
         speed_mm_s=labels.number("speed_mm_s", 0.0, unit="mm/s", low=0, high=MAX_SPEED_MM_S),
         force_g=labels.number("force_g", 0.0, unit="g", low=0, high=MAX_FORCE_G),
@@ -166,7 +167,8 @@ def parse_label(path: Path, rules: LabelRules, texts: Mapping[str, str], place: 
     for labels that no trial can have.
     """
     found = {**_match(path, rules.pattern), **texts}
-    texture = found.get("texture", rules.texture)
+    # macOS writes an umlaut as two letters, other systems as one: both are one texture.
+    texture = normalize("NFC", found.get("texture", rules.texture))
     texture = rules.renamed.get(texture, texture)
     if problem := name_problem(texture, TEXTURE_BYTES):
         raise WrongUse(
@@ -223,7 +225,8 @@ def refuse_collisions(labels: Sequence[TrialLabel], places: Sequence[str]) -> No
 def _match(path: Path, pattern: re.Pattern[str]) -> dict[str, str]:
     """Return the pattern's groups in a file's name, or in its path if the pattern has a ``/``."""
     by_path = "/" in pattern.pattern
-    match = pattern.search(path.absolute().as_posix() if by_path else path.name)
+    name = path.absolute().as_posix() if by_path else path.name
+    match = pattern.search(normalize("NFC", name))
     if match is None:
         raise WrongUse(
             f"{path}: its {'path' if by_path else 'name'} does not match the pattern "
@@ -235,7 +238,7 @@ def _match(path: Path, pattern: re.Pattern[str]) -> dict[str, str]:
 def _read_pattern(table: TomlTable) -> re.Pattern[str]:
     """Return the compiled pattern."""
     try:
-        pattern = re.compile(table.text("pattern", ""))
+        pattern = re.compile(normalize("NFC", table.text("pattern", "")))
     except (re.error, OverflowError, RecursionError) as error:
         table.fail("pattern", f"is not a regular expression: {error}")
     for group in pattern.groupindex:

@@ -32,7 +32,10 @@ def find_recordings(paths: Iterable[Path]) -> FoundRecordings:
     for path in paths:
         files = _in_folder(path) if path.is_dir() else [path]
         if not files:
-            raise WrongUse(f"{path} has no recordings: their names end in {', '.join(SUFFIXES)}")
+            raise WrongUse(
+                f"{path} has no recordings: their names end in {', '.join(SUFFIXES)}; save a "
+                "workbook as CSV, unpack an archive"
+            )
         kind = Counter(file.suffix.lower() for file in files).most_common(1)[0][0]
         for file in files:
             (found.files if file.suffix.lower() == kind else found.left_out).append(file)
@@ -61,6 +64,6 @@ def _in_folder(folder: Path) -> list[Path]:
         path
         for path in folder.rglob("*")
         if path.suffix.lower() in SUFFIXES
-        and not any(part.startswith(".") for part in path.relative_to(folder).parts)
+        and not any(part.startswith((".", "~$")) for part in path.relative_to(folder).parts)
         and path.is_file()
     )

@@ -150,6 +150,20 @@ def find_outliers(series: TimeSeries, sigma: float) -> list[tuple[int, int, int]
     return found
 
 
+def find_marks(values: Floats) -> dict[float, int]:
+    """Return the ends of the values (n,) that look like a mark, such as -9999, and their counts.
+
+    A mark stands twice at least, and farther from the other values than these are from each other.
+    """
+    marks = {}
+    for mark in (values.min(), values.max()):
+        others = values[values != mark]
+        count = len(values) - len(others)
+        if count > 1 and others.size and np.abs(others - mark).min() > np.ptp(others) > 0:
+            marks[float(mark)] = count
+    return marks
+
+
 def is_oversampled(rate_hz: float) -> bool:
     """Return whether rows come faster than the samples of a session."""
     return rate_hz > FAST_SHARE * SAMPLE_RATE_HZ

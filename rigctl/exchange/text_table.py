@@ -148,18 +148,30 @@ def open_text(path: Path) -> Iterator[TextIO]:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise WrongUse(f"{path} has more than {MAX_FILE_BYTES:,} bytes: split it")
         try:
-            encoding = text_encoding(binary.peek(_FIRST_BYTES))
+            start = binary.peek(_FIRST_BYTES)
+            encoding = text_encoding(start)
             with TextIOWrapper(binary, encoding=encoding, newline="") as file:
                 yield file
         except UnicodeDecodeError as error:
-            raise WrongUse(
-                f"{path} is not a text table in UTF-8: {SAVE_AS_UTF8} ({error})"
-            ) from error
+            raise WrongUse(f"{path} is {_what_it_is(start, error)}") from error
         except csv.Error as error:
             raise WrongUse(f"{path} is not a text table in UTF-8: {error}") from error
 
 
 _FIRST_BYTES = 64
+_OTHER_KINDS = {
+    b"PK\x03\x04": "an Excel workbook or a ZIP archive: save its sheet as CSV, or unpack it",
+    b"\xd0\xcf\x11\xe0": "an Excel workbook: save its sheet as CSV",
+    b"\x1f\x8b": "compressed by gzip: unpack it",
+}
+
+
+def _what_it_is(start: bytes, error: UnicodeDecodeError) -> str:
+    """Return what a file is that is no text in UTF-8, and the cure."""
+    for signature, kind in _OTHER_KINDS.items():
+        if start.startswith(signature):
+            return kind
+    return f"not a text table in UTF-8: {SAVE_AS_UTF8} ({error})"
 
 
 def _lines(path: Path, file: TextIO) -> Iterator[str]:
@@ -409,16 +421,26 @@ class _Columns:
 
     def _number(self, line: int, column: int, cell: str) -> float:
         number = cell.replace(self._form.decimal, ".")
-        if is_number(number):
+        if is_number(number) and not is_grouped(cell, self._form.decimal):
             return float(number or "nan")
         if column in self._clocks and CLOCK.fullmatch(cell):
             return np.nan  # another cell of its column is neither, and is named
-        if column in self._numbers:
+        if column in self._numbers or cell == self._names[column]:
             raise WrongUse(
                 f"{self._path}, row {line}, column {shorten(self._names[column])}: "
-                f"{shorten(cell)!r} is not a number"
+                f"{shorten(cell)!r} {self._why_no_number(column, cell)}"
             )
         return np.nan
+
+    def _why_no_number(self, column: int, cell: str) -> str:
+        if cell == self._names[column]:
+            return "is the header again: the file has several recordings, split it there"
+        if is_grouped(cell, self._form.decimal):
+            return (
+                f"has separators of thousands beside decimals with {self._form.decimal!r}: "
+                "save the table without them, or correct decimal in [files]"
+            )
+        return "is not a number"
 
 
 def clock_seconds(cells: pandas.Series) -> NDArray[np.float64] | None:
@@ -441,6 +463,20 @@ def clock_seconds(cells: pandas.Series) -> NDArray[np.float64] | None:
         falls = np.diff(pandas.Series(of_day).ffill(), prepend=of_day[:1]) < -DAY_S / 2
         days = np.cumsum(falls).astype(np.float64)
     return np.asarray(of_day + days * DAY_S)
+
+
+def is_grouped(cell: str, decimal: str) -> bool:
+    """Return whether a number has groups of thousands: 1,234.5 with decimal points.
+
+    With decimal commas 1.234 is another number than with points, so it is no number as it is.
+    """
+    return bool(_GROUPED[decimal].fullmatch(cell))
+
+
+_GROUPED = {
+    decimal: re.compile(rf"[-+]?\d{{1,3}}(?:[{groups}'’\s]\d{{3}})+(?:{re.escape(decimal)}\d*)?")
+    for decimal, groups in ((".", ","), (",", "."))
+}
 
 
 def is_number(cell: str) -> bool:

@@ -1,4 +1,4 @@
-"""Whether the sensor touches the plate, from its readings."""
+"""When a slide over the plate begins and ends, by the tracker; whether the sensor touches it."""
 
 from __future__ import annotations
 

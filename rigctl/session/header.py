@@ -57,7 +57,7 @@ _FINGER_ONLY = ("experiment", "reference_um_per_s", "stages", "tracker")
 
 @dataclass(frozen=True, slots=True)
 class SessionHeader:
-    """Operator, rig, boards, software, plan and sample format of a session.
+    """People, rig, boards, software, plan and sample format of a session.
 
     ``start_utc`` is an ISO 8601 time stamp from the command line, ``start_loop_s`` the loop time
     at that instant. ``taxel_low`` and ``taxel_high`` are the calibrated range of each taxel in
@@ -86,6 +86,9 @@ class SessionHeader:
     boards: tuple[BoardIdentity, ...] = ()
     operator: str = ""
     sensor: str = ""
+    plate_lot: str = ""
+    project: str = ""
+    remarks: str = ""
     software_version: str = ""
     software_commit: str = ""
     encoder_preset: str = ""

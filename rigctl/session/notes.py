@@ -28,6 +28,7 @@ from rigctl.session.writer_lock import sync_folder
 KIND, VERSION = "rigctl-note", 1
 MAX_LETTERS = 2000
 MAX_AUTHOR_LETTERS = 200
+MAX_AT_S = 1e6
 
 
 class Mark(StrEnum):
@@ -43,6 +44,7 @@ class SessionNote:
     """A text with its time, ISO 8601 in UTC with seconds, such as ``2026-11-23T14:00:00Z``.
 
     ``trial_id`` and ``attempt`` are those of the trial that it is about, 0 for the whole session.
+    ``at_s``: the moment in the trial, seconds since its first sample, None for all of it.
     A trial marked bad does not count; ``GOOD`` takes the mark back. ``closing_digest``: that of the
     session when the note was made, empty while it was recorded.
     """
@@ -54,17 +56,27 @@ class SessionNote:
     mark: Mark = Mark.NONE
     author: str = ""
     closing_digest: Annotated[str, Meta(pattern="^([0-9a-f]{64})?$")] = ""
+    at_s: float | None = None
+
+    @property
+    def remark(self) -> str:
+        """The text with what it says of its trial, without the trial's number."""
+        at = f"at {self.at_s:.2f} s" if self.at_s is not None else ""
+        mark = f"marked {self.mark}" if self.mark else ""
+        about = ", ".join(filter(None, (at, mark)))
+        return f"{about}: {self.text}" if about else self.text
 
     def describe(self) -> str:
         """Return the note as a line, without its time."""
-        trial = f"trial {self.trial_id}, attempt {self.attempt}" if self.trial_id else ""
-        mark = f"marked {self.mark}" if self.mark else ""
-        about = ", ".join(filter(None, (trial, mark)))
-        return f"{about}: {self.text}" if about else self.text
+        if not self.trial_id:
+            return self.text
+        trial = f"trial {self.trial_id}, attempt {self.attempt}"
+        return f"{trial}{': ' if self.remark == self.text else ', '}{self.remark}"
 
     def to_members(self) -> dict[str, Any]:
         """Return the members of the note's file."""
-        return {"kind": KIND, "version": VERSION, **asdict(self), "mark": self.mark.value}
+        members = {"kind": KIND, "version": VERSION, **asdict(self), "mark": self.mark.value}
+        return {name: value for name, value in members.items() if value is not None}
 
 
 def check_note(note: SessionNote) -> SessionNote:
@@ -81,6 +93,8 @@ def check_note(note: SessionNote) -> SessionNote:
             raise SessionError(f"the {what} has control characters: leave them out")
     if note.mark and not note.trial_id:
         raise SessionError(f"only a trial can be marked {note.mark}: name its number")
+    if note.at_s is not None and not (note.trial_id and 0 <= note.at_s <= MAX_AT_S):
+        raise SessionError("a moment is that of a trial, in seconds since its first sample")
     if min(note.trial_id, note.attempt) < 0 or bool(note.trial_id) != bool(note.attempt):
         raise SessionError("a note on a trial needs its number and attempt, both from 1")
     try:

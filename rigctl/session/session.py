@@ -29,8 +29,8 @@ from rigctl.session.layout import SessionLayout, parse_trial
 from rigctl.session.notes import Mark, SessionNote, write_note
 from rigctl.session.part import PartReader, StructuredArray, session_layout
 from rigctl.session.sample_index import SampleFile, SampleRange, locate_samples, locate_windows
-from rigctl.session.session_reader import SessionReader, read_closing_digest
-from rigctl.values import Gap, TrialRow, Verdict
+from rigctl.session.session_reader import NOTE_KIND, SessionReader, read_closing_digest
+from rigctl.values import Gap, TrialMark, TrialRow, Verdict
 
 SCALING_KIND = "scaling"
 """Kind of an import's events with the scale of the stored counts, one for each taxel."""
@@ -125,6 +125,24 @@ class Session(SessionReader):
         """Return the number of load-cell samples that the host never received."""
         return sum(int(part.rows(layout.DRUM)["loadcell_lost"].sum()) for part in self.parts)
 
+    def trial_marks(self, index: int) -> tuple[TrialMark, ...]:
+        """Return the notes on an attempt, and those that were written while it was recorded."""
+        row = self.trials[index]
+        about = int(row["trial_id"]), int(row["attempt"])
+        notes = [note for note in self.notes if (note.trial_id, note.attempt) == about]
+        marks = [TrialMark(note.at_s or 0.0, note.text) for note in notes]
+        return tuple(sorted((*marks, *self._moments(index))))
+
+    def _moments(self, index: int) -> list[TrialMark]:
+        """Return the notes that were written while an attempt was recorded."""
+        row, drum = self.trials[index], self.drum(index)
+        known = np.isfinite(drum.polls_s)
+        return [
+            TrialMark(float(np.interp(event.at_s, drum.polls["at_s"], drum.polls_s)), event.text)
+            for event in (self.events_of(NOTE_KIND) if known.any() else ())
+            if row["started_s"] <= event.at_s <= row["ended_s"] and not event.data.get("trial_id")
+        ]
+
     def trial_row(self, index: int) -> TrialRow:
         """Return one attempt."""
         return parse_trial(self.trials[index])
@@ -162,15 +180,22 @@ class Session(SessionReader):
             *(part.read(array.path, start, stop) for array in layout.TAXEL_ARRAYS),
         )
 
-    def drum(self, index: int) -> TrialDrum:
-        """Return the polls and load-cell samples between an attempt's start and end."""
+    def drum(self, index: int, first_s: float = -np.inf, end_s: float = np.inf) -> TrialDrum:
+        """Return the polls and load-cell samples between an attempt's start and end.
+
+        ``first_s``, ``end_s``: read only the polls of this time since the rise of sync and one
+        beyond each end, and the load-cell samples between them.
+        """
         row = self.trials[index]
         part = self._part(int(row["part"]))
         polls = part.rows_between(layout.DRUM, "at_s", row["started_s"], row["ended_s"])
-        loadcell = _loadcell_of(part, polls)
         rise_us = float(polls["sync_rise_us"][-1]) if len(polls) else np.nan
         if row["first_counter"] < 0:
             rise_us = np.nan
+        outside_s = (polls["board_time_us"] - rise_us) * 1e-6
+        before, after = (outside_s < first_s).sum(), (outside_s >= end_s).sum()
+        polls = polls[max(0, before - 1) : len(polls) - max(0, after - 1)]
+        loadcell = _loadcell_of(part, polls)
         return TrialDrum(
             polls,
             loadcell,

@@ -170,6 +170,8 @@ def session_end(part: PartReader) -> Mapping[str, object] | None:
     return data
 
 
+NOTE_KIND = "note"
+"""Kind of the event with a note that was written while samples were recorded."""
 CUT_SHORT = "the file ends before their samples do"
 MAX_LISTED = 20
 
@@ -312,10 +314,33 @@ class SessionReader:
         order = np.argsort(self.trials["trial_id"][indices], kind="stable")
         return indices[order].astype(np.int64)
 
-    def samples(self, index: int) -> NDArray[np.uint16]:
-        """Return the readings of a trial, uint16 (n, n_taxels); :meth:`window` has the gaps."""
+    def trial_notes(self) -> dict[int, str]:
+        """Return what people noted on attempts, by index; also notes written during one."""
+        found: dict[int, list[str]] = {}
+        for note in self.notes:
+            is_about = self.trials["trial_id"] == note.trial_id
+            for index in np.flatnonzero(is_about & (self.trials["attempt"] == note.attempt)):
+                found.setdefault(int(index), []).append(note.remark)
+        for event in self.events_of(NOTE_KIND):
+            is_during = self.trials["started_s"] <= event.at_s
+            for index in np.flatnonzero(is_during & (event.at_s <= self.trials["ended_s"])):
+                if not event.data.get("trial_id"):
+                    found.setdefault(int(index), []).append(event.text)
+        return {index: "; ".join(texts) for index, texts in found.items()}
+
+    def samples(self, index: int, first: int = 0, end: int | None = None) -> NDArray[np.uint16]:
+        """Return the readings of a trial, uint16 (n, n_taxels); :meth:`window` has the gaps.
+
+        ``first``, ``end``: read only the rows ``first`` … ``end - 1`` of them.
+        """
         part, start, stop = self._rows_of(index)
-        return part.read(SAMPLES, start, stop)
+        stop = stop if end is None else min(stop, start + end)
+        return part.read(SAMPLES, min(start + first, stop), stop)
+
+    def sample_count(self, index: int) -> int:
+        """Return the number of readings of a trial that were received."""
+        _, start, stop = self._rows_of(index)
+        return stop - start
 
     def _part(self, number: int) -> PartReader:
         return next(part for part in self.parts if part.number == number)

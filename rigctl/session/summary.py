@@ -1,21 +1,25 @@
-"""Summarise a session as plain values, for people and programs (``rigctl info``)."""
+"""Summarise a session as plain values, for people and programs (``rigctl info``), or list many."""
 
 from __future__ import annotations
 
+import os
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from rigctl.errors import SessionError
 from rigctl.experiments import DRUM_EXPERIMENT, EXPERIMENTS
 from rigctl.session import layout
 from rigctl.session.ground_truth import summarise_truth
 from rigctl.session.layout import TableLayout
-from rigctl.session.part import stray_files
+from rigctl.session.notes import bad_attempts
+from rigctl.session.part import existing_parts, stray_files
 from rigctl.session.session import Session, describe_ends, ended_early, open_session
 from rigctl.session.session_reader import SessionReader, read_closing_digest
 from rigctl.session.writer_lock import is_being_written, lock_owner_pid
-from rigctl.values import Verdict
+from rigctl.values import ABOUT, COMPLETE, INCOMPLETE, RECORDING, UNREADABLE, SessionLine, Verdict
 
 BOARD_KIND = "board"
 """Kind of the events with a board's own counts at the start and the end of a sitting."""
@@ -70,8 +74,7 @@ def summarise_header(session: SessionReader) -> dict[str, Any]:
         **({"world_file": name} if (name := header.simulation.get("world_file")) else {}),
         **({"cut_by": header.cut_by} if header.cut_by else {}),
         "firmware": {b.board: f"{b.firmware_version} ({b.build_hash})" for b in boards},
-        "operator": header.operator,
-        "sensor": header.sensor,
+        **{name: getattr(header, name) for name in ABOUT},
         "start_utc": header.start_utc,
         "software": " ".join(filter(None, (header.software_version, header.software_commit))),
         "parts": len(session.parts),
@@ -137,3 +140,83 @@ def summarise_samples(session: SessionReader) -> dict[str, Any]:
         "gaps": len(gaps),
         "lost_samples": int(gaps["count"].sum()),
     }
+
+
+MAX_DEPTH = 3
+"""Folders below the one that is searched: data, project and day."""
+
+
+def find_sessions(folder: Path) -> list[Path]:
+    """Return the sessions in a folder and below it, the newest first.
+
+    Raises SessionError where the folder cannot be read.
+    """
+    try:
+        found = list(_sessions_in(folder, MAX_DEPTH))
+    except OSError as error:
+        raise SessionError(
+            f"{folder} cannot be read ({error.strerror}): choose the folder that holds the sessions"
+        ) from error
+    return [path for _, path in sorted(found, key=lambda each: (-each[0], each[1]))]
+
+
+def _sessions_in(folder: Path, depth: int) -> list[tuple[float, Path]]:
+    """Return the sessions with the time of their folders' last change."""
+    if existing_parts(folder):
+        return [(folder.stat().st_mtime, folder)]
+    found = []
+    with os.scandir(folder) as entries:
+        below = [Path(entry) for entry in entries if entry.is_dir(follow_symlinks=False)]
+    for path in below if depth else ():
+        if os.access(path, os.R_OK | os.X_OK):  # what others keep to themselves is no session here
+            found += _sessions_in(path, depth - 1)
+    return found
+
+
+def read_line(path: Path) -> SessionLine:
+    """Return what a list says of a session, from its headers and its table of trials."""
+    try:
+        with open_session(path) as session:
+            return _line_of(session)
+    except SessionError as error:
+        return SessionLine(str(path), UNREADABLE, str(error))
+
+
+def _line_of(session: SessionReader) -> SessionLine:
+    header, path = session.header, session.path
+    stats = [part.path.stat() for part in session.parts]
+    modified = datetime.fromtimestamp(max(stat.st_mtime for stat in stats), UTC)
+    trials = summarise_trials(session)
+    state, reason = _state_of(session, trials["trials_remaining"])
+    return SessionLine(
+        str(path),
+        state,
+        reason,
+        header.start_utc,
+        modified.isoformat(timespec="seconds"),
+        header.experiment,
+        header.protocol,
+        header.operator,
+        header.sensor,
+        header.plate_lot,
+        header.project,
+        header.rig,
+        header.simulated,
+        header.trials_planned,
+        trials["trials_committed"],
+        len(bad_attempts(session.notes)),
+        session.parts[-1].last_digest if session.finished else "",
+        sum(stat.st_size for stat in stats),
+    )
+
+
+def _state_of(session: SessionReader, remaining: int) -> tuple[str, str]:
+    if is_being_written(session.path):
+        return RECORDING, "It is being recorded"
+    reasons = session.describe_missing()
+    if not session.finished:
+        reasons.append("its writer did not close it: recover it")
+    if remaining > 0:
+        trials = "trial remains" if remaining == 1 else "trials remain"
+        reasons.append(f"{remaining} planned {trials}")
+    return (INCOMPLETE if reasons else COMPLETE), ". ".join(reasons)

@@ -24,8 +24,8 @@ from rigctl.engine.settings import (
     trial_settings,
     trial_start_steps,
 )
-from rigctl.engine.step_runner import MeasuredTrial, judge, measure, trial_row
 from rigctl.engine.trial_cutter import TrialCutter
+from rigctl.engine.trial_quality import MeasuredTrial, judge, measure, trial_row
 from rigctl.errors import BoardFault, DiskFault
 from rigctl.protocol.plan import Protocol, Settle
 from rigctl.protocol.steps import (

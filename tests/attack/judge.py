@@ -4,12 +4,15 @@ Each broken rule is reported in a sentence that begins with the rule's name:
 
 force      the force never exceeds the compiled limit by more than the overshoot
 heartbeat  after 250 ms without a heartbeat nothing presses; the drive is off after a second if
-           contact has ended by then, and after the longest lift in any case
+           contact has ended by then, and after the longest lift in any case: also where the zero
+           was taken of a drum that touched with less than 25 g, because a free one then reads as
+           one in contact, and lifts to the top
 stop       while the emergency stop is pressed nothing drives or turns, and the state allows neither
 lift       a lift that ends without a command has ended contact, also with a broken potentiometer,
            and with a broken upper switch beside a potentiometer; not where the potentiometer or
            the load cell was set as reversed, because then the actuator seems to be, and
-           everything goes off
+           everything goes off; nor where a board that is not commissioned has no potentiometer,
+           because then a force that falls may be one that presses on a reversed cell
 guard      settings that determine the meaning of a force change only at rest and without contact
 bounds     the board accepts no value that the register table forbids
 tare       the board accepts no plain tare during contact
@@ -18,6 +21,7 @@ tare       the board accepts no plain tare during contact
 from __future__ import annotations
 
 from dataclasses import replace
+from math import inf
 from typing import Any, Protocol
 
 import numpy as np
@@ -43,6 +47,8 @@ OFF_LIMIT_MS = 1000
 CONTACT_LOST_MS = 160
 """Time until the board detects the end of contact: eight conversions, their delay and a tick."""
 LIFT_LIMIT_MS = 8000
+WEIGHED_MS = 500
+"""Time in which an armed board weighs a drum that stands still: 16 conversions, twice over."""
 STILL_MM = 0.005
 STEP_END_MS = 6
 """Time until the drum reaches its last step."""
@@ -102,6 +108,8 @@ class Judge:
         self._is_balanced = is_balanced
         self._circuit, self._is_whole, self._least_gain = AS_DRAWN, True, 1.0
         self._zero_is_blind = self._seems_reversed = self._position_lied = False
+        self._lifts_gently, self._zero_is_off = True, False
+        self._armed_ms = self._coasts_until_ms = 0
         self._place_is_kept = self._place_is_known = False
         self._cell_changes, self._finger_was_felt, self._contact_is_blind = 0, False, False
         self._only_position_broke = self._only_upper_end_broke = self._has_position = True
@@ -137,9 +145,10 @@ class Judge:
 
     def booted(self) -> None:
         """Note a boot, which clears the board's knowledge of contact and zero."""
-        self._booted, self._zero_is_known = True, False
+        self._booted, self._zero_is_known, self._zero_is_off = True, False, False
         self._zero_is_blind = self._place_is_known = self._finger_was_felt = False
         self._cell_changes = 0
+        self._coasts_until_ms = self.now_ms + COAST_MS
         self._state = State.BOOT
 
     def pushed(self, force_g: float) -> None:
@@ -187,6 +196,10 @@ class Judge:
             self._check_silence(span)
             self._check_stop(span, state)
         self._check_lift(span, state)
+        if state is not State.ARMED or self._state is not State.ARMED:
+            self._armed_ms = span.end_ms
+        elif span.end_ms - self._armed_ms > WEIGHED_MS:
+            self._zero_is_off = False
         if state is State.ARMED and self._state is State.RETRACT:
             if self._booted and self._circuit.cell_gain:
                 self._zero_is_blind = False
@@ -198,8 +211,11 @@ class Judge:
 
     def _check_force(self, span: Span) -> None:
         highest = float(span.force_g.max())
-        # What an unbounded contact has left stands through a reset, and may only fall.
-        standing_g = self.force_g + 1.0 if self._stands_unbounded else 0.0
+        # What an unbounded contact has left stands through a reset. Once the rod has come to rest
+        # it may only fall.
+        still = span.start_ms >= self._coasts_until_ms
+        most_g = self.force_g + 1.0 if still else inf
+        standing_g = most_g if self._stands_unbounded else 0.0
         self.force_g, self.peak_g = float(span.force_g[-1]), max(self.peak_g, highest)
         if highest <= 0:
             self._contact_is_blind = not self._circuit.cell_gain
@@ -251,7 +267,7 @@ class Judge:
 
     def _off_by_ms(self) -> int:
         """Return the latest time at which the drive must be off."""
-        if not (self._zero_is_known and self._is_whole):
+        if self._zero_is_off or not (self._zero_is_known and self._is_whole):
             return self._heartbeat_at_ms + SILENCE_MS + LIFT_LIMIT_MS + 2 * TICKS_MS
         return max(self._heartbeat_at_ms + OFF_LIMIT_MS, self._last_contact_ms + CONTACT_LOST_MS)
 
@@ -278,6 +294,8 @@ class Judge:
         if self._stop_since_ms is not None or LIFT_STATES.get(self._state) is not state:
             return
         if self._seems_reversed or not (self._is_whole or self._lifts_by_others(state)):
+            return
+        if self._lifts_gently and not self._has_position:
             return
         # An emergency stop that was configured before ends a lift all the same.
         if self._button_ms >= self._lifting_ms:
@@ -306,6 +324,7 @@ class Judge:
             self._seems_reversed = True
         if register.name in BOUND_SETTINGS and before != after:
             self._place_is_kept = self._place_is_known = False
+            self._lifts_gently = True
         if register.address in WIRES:
             self._check_wires(register, after, before != after)
         if register.guard is not Guard.NONE and before != after and self._is_whole:
@@ -329,15 +348,17 @@ class Judge:
 
     def check_command(self, command: int, states: States) -> None:
         """Check a command that the board accepted."""
-        if command == Command.ARM:
+        if command in (Command.ARM, Command.NUDGE):  # each is a sign of life
             self.heartbeat(self.now_ms)
         if command == Command.COMMISSION:
             self._is_commissioned = True
+            self._lifts_gently = False
             self._place_is_kept |= self._place_is_known
             self._set_limit()
         if command == Command.TARE_ANYWAY:
             self._zero_is_blind |= not self._circuit.cell_gain
             self._place_is_kept = self._place_is_known = False
+        self._zero_is_off |= command in TARES and self.force_g > 0
         if not self._is_whole:
             return
         if command in TARES:

@@ -14,6 +14,9 @@ import numpy as np
 import pytest
 
 from rigctl.bench.parameters import WorldParameters
+from rigctl.boards.drum_codes import Command, Signal
+from rigctl.boards.drum_registers import BY_NAME
+from rigctl.boards.drum_states import State
 from tests.attack.attacker import run_attack
 from tests.attack.benches import BALANCED, CLOSE, STIFF, VirtualBench
 from tests.attack.chips import ChipBench
@@ -29,10 +32,17 @@ from tests.attack.steps import (
     STATES,
     WHEN,
     WIRES,
+    Action,
+    ActionKind,
     Attack,
+    Rewire,
+    Step,
     pair_attack,
     restart_attacks,
+    send,
+    wait,
     wire_attack,
+    write,
 )
 from tests.firmware.building import host_library
 
@@ -161,6 +171,35 @@ def test_no_wrong_wires_press_with_300_g_before_the_setup_has_passed(
     for statistics in run_pairs([*alone, *pairs], record_property):
         assert not statistics.broken, statistics.summary()
         assert statistics.worst[0].peak_g > 150, "the attacks do not press"
+
+
+def arming_without_potentiometer(cell: str, times: int = 4) -> Attack:
+    """Return an attack that arms a board without a potentiometer, its actuator reversed.
+
+    Nothing but the cell then shows which way the drum goes. Each fault is cleared and armed again.
+    """
+    fitted = BY_NAME["optional_signals"].default & ~(1 << Signal.POSITION)
+    wrong = (Rewire("actuator swapped", True), Rewire(cell, True))
+    arming: tuple[Step, ...] = (send(Command.ARM), wait(9000), send(Command.CLEAR), wait(20))
+    unfitted = (write("optional_signals", fitted), wait(20))
+    steps = (*wrong, Action(ActionKind.RESET), wait(300), *unfitted, *arming * times)
+    return Attack(f"actuator swapped and {cell}", State.IDLE, steps, commissioned=False)
+
+
+@pytest.mark.parametrize("cell", ["actuator swapped", "cell reversed", "cell half-bridge"])
+def test_without_a_potentiometer_a_reversed_actuator_presses_with_less_than_300_g(
+    cell: str, record_property: RecordProperty
+) -> None:
+    """Two reversed wires do not explain each other: what presses would read as what lifts."""
+    (far, near) = run_pairs([arming_without_potentiometer(cell)], record_property)
+    assert not far.broken and not near.broken, far.summary() + near.summary()
+    assert far.worst[0].peak_g > 100, "the attack does not press"
+
+
+def test_a_firmware_that_believes_a_lighter_drum_is_detected(tmp_path: Path) -> None:
+    library = host_library("drum", "lighter-lifts", tmp_path / "lighter-lifts.so")
+    attack = arming_without_potentiometer("cell reversed", times=1)
+    assert run_attack(VirtualBench(library, STIFF), attack).peak_g > 10_000
 
 
 @pytest.mark.parametrize(("broken", "first", "second"), SETUP_CONTROLS)

@@ -17,6 +17,7 @@ from rigctl.engine.rpc.client import EngineClient, EngineRefusal
 from rigctl.engine.rpc.engine_files import EngineFile, running_engines, runtime_folder
 from rigctl.engine.rpc.messages import EngineStatus, RunStatus
 from rigctl.session.session import Session
+from rigctl.session.summary import summarise_session
 from rigctl.session.verify import verify
 from tests.cli.processes import LIMIT_S, ONE, finished, rigctl
 from tests.waiting import until
@@ -86,8 +87,21 @@ def on_disk(folder: Path) -> list[int]:
 
 
 def test_run_leaves_a_complete_session_and_prints_its_path(place: Path) -> None:
-    done = finished("run", "one.toml", "--out", "session", "--yes")
+    said = (
+        "--operator",
+        "Jörg",
+        "--plate-lot",
+        "-3",
+        "--project",
+        "pilot",
+        "--remarks",
+        "cold room",
+    )
+    words = [f"{name}={text}" for name, text in zip(said[::2], said[1::2], strict=True)]
+    done = finished("run", "one.toml", "--out", "session", "--yes", *words)
     assert done.returncode == 0, done.stderr
+    kept = summarise_session(place / "session")
+    assert tuple(kept[name[2:].replace("-", "_")] for name in said[::2]) == said[1::2]
     assert "session: session" in done.stdout.splitlines()
     assert verify(place / "session").whole
     assert committed(place / "session") == [1]

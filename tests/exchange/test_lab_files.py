@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from unicodedata import normalize
 
 import h5py
 import numpy as np
@@ -16,6 +17,7 @@ from rigctl.exchange.column_map import load_map
 from rigctl.exchange.guess import guess_map
 from rigctl.exchange.importer import import_files
 from rigctl.exchange.inspection import Inspection
+from rigctl.exchange.recording_files import find_recordings
 from rigctl.exchange.text_table import TextFormat, read_text_table
 from rigctl.session.session import Session
 from tests.exchange.test_matlab import write_73
@@ -360,3 +362,97 @@ def test_a_texture_of_one_trial_is_left_out_of_an_analysis_and_told(
     told = capsys.readouterr().out
     assert "textures left out for too few trials to train and test with: silk" in told
     assert "Individual textures (1 components)" in told
+
+
+def with_thousands(decimal: str) -> list[str]:
+    """Return rows whose readings are grouped as people write them."""
+    points = [f"{value * 1000:,.2f}" for value in VALUES[:, 0]]
+    if decimal == ",":
+        points = [text.translate(str.maketrans(",.", ".,")) for text in points]
+        return [
+            f"{at.replace('.', ',')};{text}" for at, text in zip(seconds(), points, strict=True)
+        ]
+    return [f"{at};{text}" for at, text in zip(seconds(), points, strict=True)]
+
+
+def imported_by_guess(folder: Path, paths: list[Path], missing: str = "") -> Inspection:
+    """Import by the guessed map, with the marks of missing values if there are any."""
+    text = guess_map(paths).text
+    map_file = folder / "map.toml"
+    text = text.replace("[files]", f"[files]\nmissing = {missing}") if missing else text
+    map_file.write_text(text, encoding="utf-8")
+    return import_files(paths, load_map(map_file), folder / f"session{missing}", UTC)[0]
+
+
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_separators_of_thousands_are_refused(tmp_path: Path, decimal: str) -> None:
+    path = written(tmp_path, ["t;ch0", *with_thousands(decimal)])
+    with pytest.raises(WrongUse, match="separators of thousands beside decimals"):
+        guess_map([path])
+
+
+def test_a_group_of_thousands_is_no_decimal(tmp_path: Path) -> None:
+    path = written(tmp_path, ["t;ch0", "0;12,5", "1;1.234"])  # 1234 to who writes decimal commas
+    with pytest.raises(WrongUse, match=r"row 3, column ch0: '1.234' has separators of thousands"):
+        read_text_table(path, TextFormat(";", ","))
+
+
+@pytest.mark.parametrize(
+    ("content", "cure"),
+    [
+        (
+            b"PK\x03\x04\x14\x00\x08\x08\xff",
+            "an Excel workbook or a ZIP archive: save its sheet as CSV",
+        ),
+        (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an Excel workbook: save its sheet as CSV"),
+        (b"\x1f\x8b\x08\x08\xff\xff", "compressed by gzip: unpack it"),
+    ],
+)
+def test_another_kind_of_file_is_named(tmp_path: Path, content: bytes, cure: str) -> None:
+    (tmp_path / NAME).write_bytes(content)
+    with pytest.raises(WrongUse, match=f"is {cure}"):
+        guess_map([tmp_path / NAME])
+
+
+def test_two_recordings_in_one_file_are_refused_where_the_header_stands_again(
+    tmp_path: Path,
+) -> None:
+    rows = [header(), *lines(seconds())]
+    with pytest.raises(WrongUse, match="row 302, column t: 't' is the header again"):
+        guess_map([written(tmp_path, rows + rows)])
+
+
+def test_a_column_of_times_that_stand_still_gives_no_rate(tmp_path: Path) -> None:
+    """Seconds since 1970 in single precision move in steps of two minutes."""
+    unix = np.float64(np.float32(1_764_200_000 + ROW / 1000))
+    path = written(tmp_path, [header("time"), *lines([f"{at:.3f}" for at in unix])])
+    guess = guess_map([path])
+    assert "rate_hz = 0  # time is no clock: " in guess.text
+    assert "rate_hz" in guess.problem
+
+
+def test_the_same_letters_in_two_forms_are_one_texture(tmp_path: Path) -> None:
+    rows = [header(), *lines(seconds())]
+    forms = (normalize("NFC", "Gemäß"), normalize("NFD", "Gemäß"))
+    paths = [written(tmp_path, rows, f"{name}_20mms_{k}.csv") for k, name in enumerate(forms, 1)]
+    found = imported_by_guess(tmp_path, paths)
+    assert {trial.label.texture for trial in found.trials} == {forms[0]}
+
+
+def test_files_that_office_programs_leave_are_no_recordings(tmp_path: Path) -> None:
+    path = written(tmp_path, [header(), *lines(seconds())])
+    for name in (f"~${NAME}", f"._{NAME}", f".~lock.{NAME}#"):
+        (tmp_path / name).write_bytes(b"\x05owner")
+    assert find_recordings([tmp_path]).files == [path]
+
+
+def test_a_mark_for_a_missing_value_is_told_and_left_out(tmp_path: Path) -> None:
+    rows = lines(seconds())
+    for row in range(100, 130):
+        rows[row] = f"{row / 1000:.6f}" + ",-9999" * N_TAXELS
+    path = written(tmp_path, [header(), *rows])
+    found = imported_by_guess(tmp_path, [path])
+    assert any("-9999 stands 120 times" in remark for remark in found.remarks)
+    found = imported_by_guess(tmp_path, [path], missing="[-9999]")
+    assert found.scaling.offset.min() > 400, "the mark stretched the range of a taxel"
+    assert any("gap from 0.099 to 0.130 s" in remark for remark in found.remarks)

@@ -74,7 +74,7 @@ def test_an_unknown_name_lists_the_built_in_protocols() -> None:
 
 
 def test_a_protocol_of_the_finger_is_not_one_of_the_drum() -> None:
-    with pytest.raises(ProtocolError, match=r"line 5: profiles: .* record it with `rigctl realti"):
+    with pytest.raises(ProtocolError, match=r"line 6: profiles: .* record it with `rigctl realti"):
         load_protocol(finger_protocols() / "quick.toml")
 
 

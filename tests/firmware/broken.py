@@ -188,6 +188,9 @@ BROKEN: dict[str, dict[str, list[Edit]]] = {
             ("motion_watch.cpp", "    return compare(duty, signals);", "    return Finding::None;")
         ],
         "pressing-lift": [("controller.cpp", "if (!first && !lifts_surely()) {", "if (!first) {")],
+        "lighter-lifts": [
+            ("controller.cpp", "never_shown = gentle() &&", "never_shown = false &&")
+        ],
         "loose-cell": [
             ("commands.cpp", "    if (!controller_.sensor().reads_zero()) return false;\n", ""),
             ("force_control.cpp", "if (contact_watch_.pulls(force_dg_, for_setup_))", "if (false)"),

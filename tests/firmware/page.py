@@ -215,7 +215,9 @@ current limit or a mechanical stop has to bound the force
   commissioned by hand without the set-up's press, or with a potentiometer that shows a wrong place.
 - *A loose contact of the load cell that comes and goes as a finger would*, or a cell that breaks
   between the finger and the first contact and then reads within 30 g of what it read before.
-- *Load cell, potentiometer and actuator are wrong together:* nothing shows that a lift presses.
+- *Load cell, potentiometer and actuator are wrong together*, or no potentiometer is fitted and the
+  others are: nothing shows that a lift presses. A reversed cell is noticed, one that feels nothing
+  is not.
 """
 
 

@@ -66,7 +66,7 @@ DRUM: tuple[tuple[str, dict[str, Any]], ...] = (
     *((name, {}) for name in ("setup_open", "setup_begin_again", "setup_commission")),
     *(("setup_check", {"part": part}) for part in ("ports", "cell")),
     *(("setup_answer", {"question_id": 1, "text": "1"}), ("setup_keep", {"part": "wires"})),
-    *(("plate", {"texture": "L"}), ("calibrate_range", {"seconds": 1.0})),
+    *(("plate", {"texture": "L"}), ("calibrate_range", {"force_g": 300.0})),
     *(("record", {"out": "hand", "note": "By hand."}), ("end_record", {})),
     *(("note", {"text": "The edge is worn."}), ("repeat", {"trial_id": 0})),
     ("repeat", {"trial_id": 1, "text": "The plate was loose."}),

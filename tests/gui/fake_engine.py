@@ -224,7 +224,14 @@ class FakeEngine(FakeClient):
         self.live = LiveReader(folder / "live")
         super().__init__(folder / "live", STATUS, self.live, self._writer)
 
-    def write_samples(self, n: int, dense: float = 0.05, skip: int = 0, sync: bool = False) -> None:
+    def write_samples(
+        self,
+        n: int,
+        dense: float = 0.05,
+        skip: int = 0,
+        sync: bool = False,
+        force_g: float = 500.0,
+    ) -> None:
         """Write ``n`` taxel samples and those of the load cell; ``skip`` lost samples precede.
 
         ``sync``: the level of the sync line, which is high during a trial.
@@ -233,10 +240,14 @@ class FakeEngine(FakeClient):
         time_s = np.arange(self._counter, self._counter + n) / 1000.0
         wave = np.sin(2 * np.pi * time_s[:, None] * np.linspace(4, 21, 18) / 3)
         noise = self._random.standard_normal((n, 18))
-        self.write_readings((500 + 180 * wave + 12 * noise).astype(np.uint16), dense, sync)
+        self.write_readings((500 + 180 * wave + 12 * noise).astype(np.uint16), dense, sync, force_g)
 
     def write_readings(
-        self, samples: NDArray[np.uint16], dense: float = 0.05, sync: bool = False
+        self,
+        samples: NDArray[np.uint16],
+        dense: float = 0.05,
+        sync: bool = False,
+        force_g: float = 500.0,
     ) -> None:
         """Write these readings, (n, 18), with spikes at random."""
         n = len(samples)
@@ -251,7 +262,7 @@ class FakeEngine(FakeClient):
             flags=np.full(n, Flag.SYNC if sync else 0, np.uint8),
             spikes=spikes,
         )
-        self.write_drum(time_s)
+        self.write_drum(time_s, force_g)
         self._counter += n
 
     @property
@@ -259,10 +270,10 @@ class FakeEngine(FakeClient):
         """The live data, for a test that writes samples itself."""
         return self._writer
 
-    def write_drum(self, time_s: NDArray[np.float64]) -> None:
+    def write_drum(self, time_s: NDArray[np.float64], force_g: float = 500.0) -> None:
         """Write the load cell's samples of a time, one for twelve of the taxels."""
         drum_s = time_s[::12]
-        force = 500 + 4 * self._random.standard_normal(len(drum_s))
+        force = force_g + 4 * self._random.standard_normal(len(drum_s))
         self._writer.add_drum(
             drum_s,
             force_g=force,

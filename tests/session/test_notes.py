@@ -80,6 +80,9 @@ def test_a_damaged_note_is_named_and_marks_nothing(session: Path) -> None:
         SessionNote(NOON, "no such trial", trial_id=99, attempt=1, mark=Mark.BAD),
         SessionNote(NOON, "no such attempt", trial_id=2, attempt=7, mark=Mark.BAD),
         SessionNote("yesterday", "when?"),
+        SessionNote(NOON, "a moment of no trial", at_s=1.0),
+        SessionNote(NOON, "before the trial", 2, 1, at_s=-1.0),
+        SessionNote(NOON, "no moment", 2, 1, at_s=float("nan")),
     ],
 )
 def test_what_is_no_note_is_refused_in_a_sentence(session: Path, note: SessionNote) -> None:
@@ -127,3 +130,16 @@ def test_a_trial_says_its_mounting(tmp_path: Path) -> None:
         assert session.trial_row(0).trial == trial
     assert summarise_session(folder)["mounts"] == 2
     assert [one.mount for one in join_sessions([folder]).trials] == [2]
+
+
+def test_a_note_on_a_moment_is_a_mark_in_its_trial(session: Path) -> None:
+    assert main(["note", str(session), "a squeak", "--trial", "2", "--at", "0.25"]) == 0
+    assert main(["note", str(session), "dusty", "--trial", "2"]) == 0
+    (moment,) = [note for note in read_notes(session) if note.at_s is not None]
+    assert (moment.trial_id, moment.at_s) == (2, 0.25)
+    assert moment.describe() == "trial 2, attempt 1, at 0.25 s: a squeak"
+    with Session.open(session) as opened:
+        row = opened.trials["trial_id"].tolist().index(2)
+        assert opened.trial_marks(row) == ((0.0, "dusty"), (0.25, "a squeak"))
+        assert set(opened.trial_notes()[row].split("; ")) == {"at 0.25 s: a squeak", "dusty"}
+        assert opened.trial_marks(row + 1) == ()

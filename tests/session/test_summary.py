@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from pathlib import Path
 
@@ -12,8 +13,9 @@ from rigctl.cli import create_parser
 from rigctl.cli import info as command
 from rigctl.errors import SessionError
 from rigctl.session.ground_truth import begin_log, open_truth, trial_truths
+from rigctl.session.notes import Mark, SessionNote
 from rigctl.session.recorder import Recorder
-from rigctl.session.session import Session
+from rigctl.session.session import Session, add_note
 from rigctl.session.summary import summarise_session
 from rigctl.session.verify import verify
 from tests.session.building import IDLE, PROTOCOL, RIG, header, plan, record_plan
@@ -50,6 +52,38 @@ def test_a_session_being_written_names_its_writer(tmp_path: Path) -> None:
         answer = summarise_session(tmp_path / "s")
         assert answer["written_by"] is not None
         assert answer["finished"] is False
+
+
+def test_a_folder_of_sessions_is_listed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    record_plan(tmp_path / "project" / "whole")
+    with Recorder(tmp_path / "growing", header(), PROTOCOL, RIG) as rec:
+        rec.begin_part("start", "A")
+        rec.wait_written()
+        assert run(str(tmp_path), "--json") == 0
+        states = {Path(row["path"]).name: row["state"] for row in json.loads(capture_out(capsys))}
+    assert states == {"whole": "complete", "growing": "recording"}
+    assert run(str(tmp_path)) == 0
+    lines = capture_out(capsys)
+    assert "project/whole: 8 of 8 trials, complete" in lines
+    assert "growing: 0 of 8 trials, incomplete" in lines
+
+
+def capture_out(capsys: pytest.CaptureFixture[str]) -> str:
+    """Return what was printed since the last call."""
+    return capsys.readouterr().out
+
+
+def test_the_table_of_attempts_has_their_notes(tmp_path: Path) -> None:
+    record_plan(tmp_path / "s")
+    add_note(tmp_path / "s", SessionNote("2026-11-24T09:00:00Z", "new plates"))
+    add_note(tmp_path / "s", SessionNote("2026-11-24T09:01:00Z", "a, b", 2, 0, Mark.BAD))
+    assert run(str(tmp_path / "s"), "--csv", str(tmp_path / "trials.csv")) == 0
+    comment, *table = (tmp_path / "trials.csv").read_text("utf-8").splitlines()
+    assert comment == "# 2026-11-24T09:00:00Z new plates"
+    rows = {row["trial_id"]: row for row in csv.DictReader(table)}
+    assert len(rows) == 8 and rows["1"]["counts"] == "yes"
+    assert (rows["2"]["counts"], rows["2"]["why_not"]) == ("no", "marked bad: a, b")
+    assert rows["2"]["notes"] == "marked bad: a, b"
 
 
 def test_a_folder_without_a_session_is_refused(tmp_path: Path) -> None:

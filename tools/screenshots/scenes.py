@@ -122,7 +122,6 @@ forces_g = [500]
 repeats = 6
 """
 MIN_TRIALS = 2
-CALIBRATION_S = 2.0
 MASSES_G, STEPS = (200.0, 500.0), 7
 
 
@@ -267,7 +266,6 @@ def _start_run(studio: Studio) -> None:
     panel.buttons["Start"].click()
     wait(lambda: advance_run(window))
     panel.out.setText(SAVE_IN)
-    link.request("calibrate_range", seconds=CALIBRATION_S)
     wait(lambda: advance_run(window) and link.status.run.trials_committed >= MIN_TRIALS)
 
 

@@ -78,10 +78,9 @@ def held_out_accuracy(held_out: HeldOutPredictions) -> Figure:
     n, correct = held_out.n, held_out.correct_counts()
     low, high = wilson_interval(correct, n)
     ends = list(zip((100 * low).tolist(), (100 * high).tolist(), strict=True))
-    last = len(held_out.predictions)
     y = (100 * correct / n).tolist()
-    series = Series("Speed Scaled", "blue", range(1, last + 1), y, ends)
-    panel = accuracy_panel(HELD_OUT, [series], last, held_out.chance)
+    series = Series("Speed Scaled", "blue", range(1, len(y) + 1), y, ends)
+    panel = accuracy_panel(HELD_OUT, [series], held_out.chance)
     note = f"n = {n} trials in {held_out.n_folds} folds, each tested once; bars: 95 % interval."
     return Figure(HELD_OUT, [panel], [note])
 

@@ -70,8 +70,13 @@ def asterisks(test: Values | None) -> dict[str, Any]:
     return {"stars": test["stars"], "worse": [(effect or 0.0) < 0 for effect in test["effect"]]}
 
 
-def accuracy_panel(title: str, series: Sequence[Series], last: float, chance: float) -> Panel:
-    """Return a panel of accuracies in % over 1 to ``last`` components; ``chance``: a share."""
+def accuracy_panel(title: str, series: Sequence[Series], chance: float) -> Panel:
+    """Return a panel of accuracies in % over components up to the last point.
+
+    ``chance``: a share.
+    """
+    points = (x for one in series for x in (*one.x, *(value.x for value in one.published)))
+    last = max(points, default=1)
     return Panel(
         title,
         series,
@@ -93,8 +98,7 @@ def _panel(task: Values, tests: Values) -> Panel:
     title = f"{task['figure']}  {task['title']}".strip()
     ordered = [key for key in NAME_OF if key in task["representations"]]
     series = [_series(task, key, tests.get(key)) for key in ordered]
-    last = max(task["k_max"], published.K_MAX if task["paper"] else 1)
-    return accuracy_panel(title, series, last, task["chance"])
+    return accuracy_panel(title, series, task["chance"])
 
 
 def _series(task: Values, key: str, test: Values | None) -> Series:

@@ -37,6 +37,8 @@ PANEL_WIDTH, PANEL_HEIGHT = 330, 200
 STAR_ROW = 10
 NOTE_LETTERS = 68
 """Of a note above the width of a panel."""
+LEGEND_LETTER, LEGEND_SYMBOL = 6, 40
+"""Pixels of a letter, and of the piece of a curve with the space beside it, in a legend."""
 MATRIX_SIDE, SMALLEST_CELL, LARGEST_CELL = 320, 20, 44
 MOST_ANNOTATED = 40
 """Classes of a matrix whose cells have texts."""
@@ -55,6 +57,7 @@ def save_figure(figure: Figure, stem: Path, origin: str) -> Path:
     columns = spec["columns"]
     if len(figure.panels) == len(figure.plots) == 1:
         columns = 2
+        spec["config"]["legend"]["columns"] = legend_columns(figure, columns)
         spec["concat"][0] |= {"title": "", "width": 2 * PANEL_WIDTH, "height": 1.5 * PANEL_HEIGHT}
     notes = [
         line for note in (*figure.notes, origin) for line in wrap(note, NOTE_LETTERS * columns)
@@ -87,7 +90,7 @@ def specify(figure: Figure, colours: Colours = THEMED, *, pointer: bool = False)
     ]
     settings = config(colours)
     columns = min(figure.columns, len(panels))
-    settings["legend"]["columns"] = columns + 1
+    settings["legend"]["columns"] = legend_columns(figure, columns)
     return {
         "$schema": SCHEMA,
         "background": None,
@@ -97,6 +100,13 @@ def specify(figure: Figure, colours: Colours = THEMED, *, pointer: bool = False)
         "spacing": {"row": 16, "column": 20},
         "config": settings,
     }
+
+
+def legend_columns(figure: Figure, panels: int) -> int:
+    """Return how many names of curves stand side by side above so many panels."""
+    longest = max(map(len, figure.legend), default=1)
+    fitting = panels * PANEL_WIDTH // (LEGEND_LETTER * longest + LEGEND_SYMBOL)
+    return int(min(max(fitting, 1), panels + 1))
 
 
 def config(colours: Colours) -> Spec:

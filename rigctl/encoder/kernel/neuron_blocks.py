@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from copy import copy
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +59,12 @@ class NeuronBlocks:
         """Return to rest; the filter starts with the next sample."""
         self._state = constants.rest_state(self._parameters, self.lanes)
         self._filter_started = False
+
+    def copy(self) -> Self:
+        """Return neurons that go on from this state."""
+        other = copy(self)
+        other._state = self._state.copy()
+        return other
 
     def empty_counts(self, rows: int) -> Counts:
         """Allocate counters of spikes in rows, uint8 (blocks, rows, channels, block lanes)."""

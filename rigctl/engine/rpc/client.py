@@ -556,14 +556,15 @@ def _stop(engine: EngineFile, program: str) -> StopResult:
 class FoundEngine:
     """A running engine. ``run``: its run as the status has it, empty where it did not answer.
 
-    ``holder``: the name of the client that has control, empty for nobody. ``failure``: why it did
-    not answer, empty where it did.
+    ``queued``: how many runs wait. ``holder``: the name of the client that has control, empty for
+    nobody. ``failure``: why it did not answer, empty where it did.
     """
 
     engine: EngineFile
     run: dict[str, Any]
     holder: str = ""
     failure: str = ""
+    queued: int = 0
 
     @property
     def has_run(self) -> bool:
@@ -580,6 +581,8 @@ class FoundEngine:
         if self.failure:
             return f"does not answer ({self.failure})"
         what = self._run_words() if self.has_run else "no run"
+        if self.queued:
+            what += f", {self.queued} in the queue"
         return f"{what}; {self.holder or 'nobody'} has control"
 
     def _run_words(self) -> str:
@@ -608,4 +611,6 @@ def _ask(engine: EngineFile) -> FoundEngine:
             told = client.request("clients", timeout_s=ASK_TIMEOUT_S)
     except (RigctlError, OSError) as error:
         return FoundEngine(engine, {}, failure=str(error))
-    return FoundEngine(engine, dict(status["run"]), msgspec.convert(told, ControlState).holder_name)
+    holder = msgspec.convert(told, ControlState).holder_name
+    queued = len(status.get("queue", {}).get("entries", ()))
+    return FoundEngine(engine, dict(status["run"]), holder, queued=queued)

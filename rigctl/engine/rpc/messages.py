@@ -143,6 +143,11 @@ class SittingStatus:
         """Whether there was a run and it is over."""
         return self.state in ("done", "aborted", "failed")
 
+    @property
+    def is_complete(self) -> bool:
+        """Whether every planned trial is committed."""
+        return self.trials_committed >= self.trials_planned
+
 
 @dataclass(frozen=True, slots=True)
 class RunStatus(SittingStatus):
@@ -162,7 +167,32 @@ class RunStatus(SittingStatus):
     @property
     def is_complete(self) -> bool:
         """Whether every planned trial is committed, or was left out by an early end."""
-        return self.trials_committed + self.trials_ended_early == self.trials_planned
+        return self.trials_committed + self.trials_ended_early >= self.trials_planned
+
+
+@dataclass(frozen=True, slots=True)
+class QueuedRunStatus:
+    """A run that waits in the queue, with what its client has planned of it.
+
+    ``duration_s``: with plate changes. ``due_s``: until it begins if nothing makes it wait, None
+    while no run is active.
+    """
+
+    number: int = 0
+    protocol: str = ""
+    seed: int | None = None
+    trials: int = 0
+    plate_changes: int = 0
+    duration_s: float = 0.0
+    due_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class QueueStatus:
+    """The runs that wait, the next one first, and what that one waits for."""
+
+    entries: tuple[QueuedRunStatus, ...] = ()
+    waits_for: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,6 +298,7 @@ class EngineStatus:
     limits: RigLimits = NOMINAL_LIMITS
     recording: RecordingStatus = RecordingStatus()
     run: RunStatus = RunStatus()
+    queue: QueueStatus = QueueStatus()
     calibration: CalibrationStatus = NO_CALIBRATION
     setup: SetupStatus = NO_SETUP
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from rigctl.boards.drum_states import Fault
-from rigctl.engine.setup.verdict import Question, Remedy, Verdict
-from rigctl.engine.setup.workbench import Workbench
+from rigctl.engine.setup.check_result import CheckResult, Question, Remedy
+from rigctl.engine.setup.context import SetupContext
 from rigctl.errors import BoardFault, WrongUse
 
 CLEARANCE_MM = 5.0
@@ -64,49 +64,51 @@ class ActuatorReadings(NamedTuple):
     lift: Nudge
 
 
-async def check_actuator(bench: Workbench) -> Verdict:
+async def check_actuator(context: SetupContext) -> CheckResult:
     """Nudge the actuator downwards and upwards, and ask each time which way it went."""
-    has_position = bench.rig.config.signals.position
-    raw = round((await bench.registers("position_raw"))["position_raw"])
+    has_position = context.rig.config.signals.position
+    raw = round((await context.registers("position_raw"))["position_raw"])
     if has_position and not BROKEN_LOW < raw < BROKEN_HIGH:
         return judge_potentiometer(raw)
-    if await bench.ask(MAKE_ROOM) == NEITHER:
+    if await context.ask(MAKE_ROOM) == NEITHER:
         raise WrongUse(
             f"the actuator may turn out to press when it should lift: take the sensor out, or make "
             f"{CLEARANCE_MM:g} mm of room, then check again"
         )
-    press = await _nudge(bench, True, (WATCH_PRESS, WHICH_WAY_PRESS))
-    lift = await _nudge(bench, False, (WATCH_LIFT, WHICH_WAY_LIFT))
-    await bench.clear()
+    press = await _nudge(context, True, (WATCH_PRESS, WHICH_WAY_PRESS))
+    lift = await _nudge(context, False, (WATCH_LIFT, WHICH_WAY_LIFT))
+    await context.clear()
     seen = ActuatorReadings(raw, press, lift)
-    return judge_actuator(seen, has_position, bench.rig.config.inverted.position)
+    return judge_actuator(seen, has_position, context.rig.config.inverted.position)
 
 
-async def _nudge(bench: Workbench, presses: bool, questions: tuple[Question, Question]) -> Nudge:
+async def _nudge(
+    context: SetupContext, presses: bool, questions: tuple[Question, Question]
+) -> Nudge:
     """Return what some nudges one way do, until a fault ends them."""
-    await bench.clear()
-    await bench.ask(questions[0])
+    await context.clear()
+    await context.ask(questions[0])
     travel_um, duties, fault = 0.0, [0.0], Fault.NONE
     for _ in range(NUDGES):
         try:
-            await bench.motion.nudge(presses)
+            await context.motion.nudge(presses)
         except BoardFault:
-            fault = Fault((await bench.look()).fault)
-        result = await bench.registers("nudge_travel_um", "nudge_duty")
+            fault = Fault((await context.look()).fault)
+        result = await context.registers("nudge_travel_um", "nudge_duty")
         travel_um += result["nudge_travel_um"]
         duties.append(result["nudge_duty"])
         if fault:
             break
-    seen = await bench.ask(questions[1])
+    seen = await context.ask(questions[1])
     return Nudge(travel_um, seen, sum(duties) / max(1, len(duties) - 1), fault)
 
 
-def judge_potentiometer(raw: int) -> Verdict:
+def judge_potentiometer(raw: int) -> CheckResult:
     """Judge a reading of the potentiometer that only a broken or shorted wire gives."""
     expected = f"the potentiometer between {BROKEN_LOW} and {BROKEN_HIGH} of 1023"
     found = f"{raw} of 1023"
     if raw <= BROKEN_LOW:
-        return Verdict(
+        return CheckResult(
             expected,
             found,
             "the potentiometer reads ground: its wiper's wire to A0 is open or touches ground, or "
@@ -118,7 +120,7 @@ def judge_potentiometer(raw: int) -> Verdict:
                 "potentiometer 5 V end open",
             ),
         )
-    return Verdict(
+    return CheckResult(
         expected,
         found,
         "the potentiometer reads 5 V: its wiper's wire to A0 touches 5 V, or the wire from its "
@@ -130,12 +132,12 @@ def judge_potentiometer(raw: int) -> Verdict:
 
 def judge_actuator(
     seen: ActuatorReadings, has_position: bool = True, is_inverted: bool = False
-) -> Verdict:
+) -> CheckResult:
     """Judge actuator and potentiometer together by nudges both ways."""
     expected = "down, then up" + (", and the potentiometer agrees" if has_position else "")
     found = f"{seen.press.text}; then {seen.lift.text}"
     problem, causes, remedy = _problem(seen, has_position, is_inverted)
-    return Verdict(expected, found, problem, causes, remedy)
+    return CheckResult(expected, found, problem, causes, remedy)
 
 
 def _problem(

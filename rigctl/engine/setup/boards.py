@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from rigctl.config.resources import checkout, flash_image
 from rigctl.config.rig_config import RigConfig, Signals
 from rigctl.config.toml_edit import replace_file
-from rigctl.engine.setup.verdict import YES, YES_OR_NO, Question, Verdict
+from rigctl.engine.setup.check_result import YES, YES_OR_NO, CheckResult, Question
 from rigctl.errors import WrongUse
 from rigctl.host_build import image_hash
 from rigctl.values import DRUM, TAXELS
@@ -18,7 +18,7 @@ from rigctl.values import DRUM, TAXELS
 if TYPE_CHECKING:  # the window judges boards without their drivers
     from rigctl.boards.port_discovery import PortReport
     from rigctl.engine.rig import Rig
-    from rigctl.engine.setup.workbench import Workbench
+    from rigctl.engine.setup.context import SetupContext
 
 SAME_SHARE = 0.005
 MOTOR_STEPS = 200
@@ -71,14 +71,14 @@ class DrumReadings(NamedTuple):
     built_steps: int
 
 
-async def check_ports(bench: Workbench) -> Verdict:
+async def check_ports(context: SetupContext) -> CheckResult:
     """Say which board is where, and keep the ports of a bench."""
-    rig = bench.rig
+    rig = context.rig
     ports = {"drum": rig.drum.link.name, "taxels": rig.taxels.link.name}
     if rig.path is not None and not rig.config.ports.simulate:
-        bench.keep("ports", ports)
+        context.keep("ports", ports)
     found = ", ".join(f"{BOARD_NAMES[board]} on {port}" for board, port in ports.items())
-    return Verdict("a drum board and a taxel board", found)
+    return CheckResult("a drum board and a taxel board", found)
 
 
 def write_rig_file(path: Path, ports: Mapping[str, str]) -> None:
@@ -94,9 +94,9 @@ def write_rig_file(path: Path, ports: Mapping[str, str]) -> None:
         replace_file(path, edited_rig_file(path, "ports", ports))
 
 
-async def check_firmware(bench: Workbench) -> Verdict:
+async def check_firmware(context: SetupContext) -> CheckResult:
     """Compare the firmware of both boards with the images of this installation."""
-    rig = bench.rig
+    rig = context.rig
     found = {DRUM: rig.drum.identity.build_hash, TAXELS: rig.taxels.identity.build_hash}
     return judge_firmware(found, {board: installed_build(board) for board in found})
 
@@ -111,7 +111,7 @@ def installed_build(board: str) -> str:
         return ""
 
 
-def judge_firmware(found: Mapping[str, str], installed: Mapping[str, str]) -> Verdict:
+def judge_firmware(found: Mapping[str, str], installed: Mapping[str, str]) -> CheckResult:
     """Judge the builds of the boards; an installation without an image has none to compare."""
     expected, has = (
         ", ".join(f"{board} {build or 'unknown'}" for board, build in builds.items())
@@ -124,22 +124,22 @@ def judge_firmware(found: Mapping[str, str], installed: Mapping[str, str]) -> Ve
             f"the {BOARD_NAMES[other]} runs another build than this installation brings: load it "
             f"with {_flash(other)}, then check again"
         )
-    return Verdict(f"builds: {expected}", f"builds: {has}", problem)
+    return CheckResult(f"builds: {expected}", f"builds: {has}", problem)
 
 
-async def check_drum(bench: Workbench) -> Verdict:
+async def check_drum(context: SetupContext) -> CheckResult:
     """Ask for the drum's size and its driver's microsteps, and compare with the firmware."""
-    turn_mm = await bench.number(CIRCUMFERENCE)
-    microsteps = await bench.number(MICROSTEPS)
-    details = bench.rig.drum.identity.details
+    turn_mm = await context.number(CIRCUMFERENCE)
+    microsteps = await context.number(MICROSTEPS)
+    details = context.rig.drum.identity.details
     built_mm = details["steps_per_turn"] * details["nm_per_step"] / 1e6
-    verdict = judge_drum(DrumReadings(turn_mm, microsteps, built_mm, details["steps_per_turn"]))
-    if verdict.passed:
-        bench.keep("drum", {"circumference_mm": round(built_mm, 3)})
-    return verdict
+    result = judge_drum(DrumReadings(turn_mm, microsteps, built_mm, details["steps_per_turn"]))
+    if result.passed:
+        context.keep("drum", {"circumference_mm": round(built_mm, 3)})
+    return result
 
 
-async def find_boards(rig: Rig) -> Verdict:
+async def find_boards(rig: Rig) -> CheckResult:
     """Say which board answers at which port of a rig that could not connect."""
     rig.drum.close()
     rig.taxels.close()
@@ -150,7 +150,7 @@ async def find_boards(rig: Rig) -> Verdict:
     return judge_reports(list(reports.values()), list(reports))
 
 
-def judge_reports(reports: Sequence[PortReport], expected: Sequence[str] = ()) -> Verdict:
+def judge_reports(reports: Sequence[PortReport], expected: Sequence[str] = ()) -> CheckResult:
     """Judge what answered on the ports: one board of each kind; ``expected``: which on which."""
     kinds = [report.identity.board if report.identity else "" for report in reports]
     found = "; ".join(
@@ -166,7 +166,7 @@ def judge_reports(reports: Sequence[PortReport], expected: Sequence[str] = ()) -
             "rig.toml"
         )
         causes = ["boards swapped"]
-    return Verdict("a drum board and a taxel board", found or "no port", problem, tuple(causes))
+    return CheckResult("a drum board and a taxel board", found or "no port", problem, tuple(causes))
 
 
 def _ports_problem(twice: str, missing: str, reports: Sequence[PortReport]) -> tuple[str, ...]:
@@ -190,7 +190,7 @@ def _flash(board: str) -> str:
     return f"rigctl flash {board} (in the window: Flash)"
 
 
-def judge_drum(seen: DrumReadings) -> Verdict:
+def judge_drum(seen: DrumReadings) -> CheckResult:
     """Judge a drum by what the firmware is built for."""
     expected = f"{seen.built_turn_mm:g} mm a turn, {seen.built_steps} microsteps a turn"
     ratio = seen.built_steps / (MOTOR_STEPS * seen.microsteps)
@@ -199,7 +199,7 @@ def judge_drum(seen: DrumReadings) -> Verdict:
         f"which a belt of {ratio:g}:1 makes right"
     )
     if abs(seen.turn_mm / seen.built_turn_mm - 1) > SAME_SHARE:
-        return Verdict(
+        return CheckResult(
             expected,
             found,
             f"the firmware is built for a drum of {seen.built_turn_mm:g} mm around, and every "
@@ -208,29 +208,29 @@ def judge_drum(seen: DrumReadings) -> Verdict:
             ("drum of 360 mm",),
         )
     if ratio < 1 or abs(ratio * 4 - round(ratio * 4)) > 0.01:
-        return Verdict(
+        return CheckResult(
             expected,
             found,
             "no usual belt makes these microsteps right: read the driver's switches again, and "
             "set MICROSTEPS and STEPS_PER_TURN in arduino/drum/board.h to them",
         )
-    return Verdict(expected, found)
+    return CheckResult(expected, found)
 
 
-async def check_fitted(bench: Workbench) -> Verdict:
+async def check_fitted(context: SetupContext) -> CheckResult:
     """Ask which of the optional wires are fitted, and keep that."""
     answers = {
-        field.name: await bench.ask(_fitted_question(field.name)) == YES
+        field.name: await context.ask(_fitted_question(field.name)) == YES
         for field in fields(Signals)
     }
-    if answers != {name: getattr(bench.rig.config.signals, name) for name in answers}:
-        bench.keep("signals", answers)
-        await bench.configure()
+    if answers != {name: getattr(context.rig.config.signals, name) for name in answers}:
+        context.keep("signals", answers)
+        await context.configure()
     fitted = [WIRES[name].name for name, has in answers.items() if has]
     missing = [WIRES[name].name for name, has in answers.items() if not has]
     lost = f"; without {', '.join(missing)}, see arduino/README.md for what that costs"
     found = f"{', '.join(fitted) or 'none'}{lost if missing else ''}"
-    return Verdict(", ".join(wire.name for wire in WIRES.values()), found)
+    return CheckResult(", ".join(wire.name for wire in WIRES.values()), found)
 
 
 def _fitted_question(key: str) -> Question:

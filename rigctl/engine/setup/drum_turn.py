@@ -10,8 +10,8 @@ import numpy as np
 
 from rigctl.boards.drum_codes import Status
 from rigctl.engine.contact import has_status
-from rigctl.engine.setup.verdict import Question, Remedy, Verdict
-from rigctl.engine.setup.workbench import Workbench
+from rigctl.engine.setup.check_result import CheckResult, Question, Remedy
+from rigctl.engine.setup.context import SetupContext
 from rigctl.values import Block, DrumState
 
 TURNS = 2
@@ -59,46 +59,46 @@ class TurnReadings(NamedTuple):
     lost_steps: int = 0
 
 
-async def check_turn(bench: Workbench) -> Verdict:
+async def check_turn(context: SetupContext) -> CheckResult:
     """Turn the lifted drum, count turns and marks, then home and count steps over a turn."""
-    await bench.clear()
-    await bench.ask(MARK_DRUM)
-    readings = await _watched_turns(bench)
-    signals, inverted = bench.rig.config.signals, bench.rig.config.inverted
-    verdict = judge_turn(readings, signals.index, inverted.index)
-    if verdict.passed and signals.index:
-        lost = await _lost_steps(bench)
-        verdict = judge_turn(readings._replace(lost_steps=lost), True, inverted.index)
-    return verdict
+    await context.clear()
+    await context.ask(MARK_DRUM)
+    readings = await _watched_turns(context)
+    signals, inverted = context.rig.config.signals, context.rig.config.inverted
+    result = judge_turn(readings, signals.index, inverted.index)
+    if result.passed and signals.index:
+        lost = await _lost_steps(context)
+        result = judge_turn(readings._replace(lost_steps=lost), True, inverted.index)
+    return result
 
 
-async def _watched_turns(bench: Workbench) -> TurnReadings:
+async def _watched_turns(context: SetupContext) -> TurnReadings:
     """Turn forwards and back; a person watches."""
     polls, blocks = list[DrumState](), list[Block]()
-    await bench.motion.arm()
+    await context.motion.arm()
     ends = (
-        bench.motion.poller.subscribe(polls.append),
-        bench.rig.taxels.on_block(blocks.append),
+        context.motion.poller.subscribe(polls.append),
+        context.rig.taxels.on_block(blocks.append),
     )
     try:
-        await bench.motion.turn(TURN_MM_S, TURNS)
+        await context.motion.turn(TURN_MM_S, TURNS)
     finally:
         for end in ends:
             end()
-    await bench.motion.disarm()
-    turns = await bench.number(COUNT_TURNS)
-    seen = await bench.ask(WHICH_WAY) if turns else STOOD
-    back = await _seen_back(bench) if turns else STOOD
+    await context.motion.disarm()
+    turns = await context.number(COUNT_TURNS)
+    seen = await context.ask(WHICH_WAY) if turns else STOOD
+    back = await _seen_back(context) if turns else STOOD
     marks = count_marks(polls)
     return TurnReadings(marks, _uno_marks(blocks), _mark_share(polls), turns, seen, back)
 
 
-async def _seen_back(bench: Workbench) -> str:
-    await bench.ask(WATCH_BACK)
-    await bench.motion.arm()
-    await bench.motion.turn(TURN_MM_S, -BACK_TURNS)
-    await bench.motion.disarm()
-    return await bench.ask(CAME_BACK)
+async def _seen_back(context: SetupContext) -> str:
+    await context.ask(WATCH_BACK)
+    await context.motion.arm()
+    await context.motion.turn(TURN_MM_S, -BACK_TURNS)
+    await context.motion.disarm()
+    return await context.ask(CAME_BACK)
 
 
 def _uno_marks(blocks: Sequence[Block]) -> int:
@@ -109,11 +109,11 @@ def _uno_marks(blocks: Sequence[Block]) -> int:
     return int((np.diff(counts.astype(int)) % 4).sum())
 
 
-async def _lost_steps(bench: Workbench) -> int:
-    await bench.motion.arm()
-    await bench.motion.home()
-    await bench.motion.turn(TURN_MM_S, 1)
-    return await bench.motion.index_error_steps()
+async def _lost_steps(context: SetupContext) -> int:
+    await context.motion.arm()
+    await context.motion.home()
+    await context.motion.turn(TURN_MM_S, 1)
+    return await context.motion.index_error_steps()
 
 
 def count_marks(polls: Sequence[DrumState]) -> int:
@@ -127,14 +127,16 @@ def _mark_share(polls: Sequence[DrumState]) -> float:
     return sum(high) / max(1, len(high))
 
 
-def judge_turn(seen: TurnReadings, has_index: bool = True, is_inverted: bool = False) -> Verdict:
+def judge_turn(
+    seen: TurnReadings, has_index: bool = True, is_inverted: bool = False
+) -> CheckResult:
     """Judge motor, direction, mark and steps by :data:`TURNS` commanded turns."""
     expected, found = f"{TURNS} turns {FORWARD}", f"{seen.turns:g} turns {seen.seen}"
     if has_index:
         expected += f", {TURNS} marks, less than half of the way"
         found += f", {seen.marks} marks, {seen.mark_share * 100:.0f} % of the way"
     problem, causes, remedy = _turn_problem(seen, has_index, is_inverted)
-    return Verdict(expected, found, problem, causes, remedy)
+    return CheckResult(expected, found, problem, causes, remedy)
 
 
 def _turn_problem(

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from rigctl.boards.taxel_frames import Flag
 from rigctl.engine.settings import press_settings
+from rigctl.engine.setup.check_result import YES, YES_OR_NO, CheckResult, Question
+from rigctl.engine.setup.context import SetupContext
 from rigctl.engine.setup.load_cell import PRESS_CELL, PRESS_S, RELEASE_CELL
-from rigctl.engine.setup.verdict import YES, YES_OR_NO, Question, Verdict
-from rigctl.engine.setup.workbench import Workbench
 from rigctl.errors import WrongUse
 from rigctl.values import Block, DrumState
 
@@ -42,35 +42,35 @@ class PressReadings(NamedTuple):
     taxel_counts: float
 
 
-async def check_first_press(bench: Workbench) -> Verdict:
+async def check_first_press(context: SetupContext) -> CheckResult:
     """Tare, home, and press with 100 g while the drum stands still."""
-    await _require_mounted(bench)
-    await bench.clear()
-    motion = bench.motion
+    await _require_mounted(context)
+    await context.clear()
+    motion = context.motion
     await motion.disarm()
-    await _touch_cell(bench)
+    await _touch_cell(context)
     await motion.arm()
     await motion.tare(anyway=True)
     await motion.home()
-    before = await bench.taxel_samples(1.0)
+    before = await context.taxel_samples(1.0)
     await motion.write_settings(**press_settings(FORCE_G))
     await motion.approach(by_setup=True)
-    polls = await bench.watch(HOLD_S)
-    pressed = await bench.taxel_samples(1.0)
+    polls = await context.watch(HOLD_S)
+    pressed = await context.taxel_samples(1.0)
     await motion.lift()
     return judge_press(_press_readings(polls, before, pressed))
 
 
-async def _require_mounted(bench: Workbench) -> None:
-    if await bench.ask(MOUNT) != YES:
+async def _require_mounted(context: SetupContext) -> None:
+    if await context.ask(MOUNT) != YES:
         raise WrongUse("put the sensor and a plate in, then check again")
 
 
-async def _touch_cell(bench: Workbench) -> None:
+async def _touch_cell(context: SetupContext) -> None:
     """Let the board feel a finger: it presses on nothing that it has not felt since its boot."""
     for question in (PRESS_CELL, RELEASE_CELL):
-        await bench.ask(question)
-        await bench.watch(PRESS_S)
+        await context.ask(question)
+        await context.watch(PRESS_S)
 
 
 def _press_readings(
@@ -83,7 +83,7 @@ def _press_readings(
     return PressReadings(fmean(forces) if forces else 0.0, depth_um / 1000, float(change))
 
 
-def judge_press(seen: PressReadings) -> Verdict:
+def judge_press(seen: PressReadings) -> CheckResult:
     """Judge the first press by its force, its depth, and what the sensor feels."""
     expected = (
         f"{FORCE_G - BAND_G:g} to {FORCE_G + BAND_G:g} g, and a taxel that changes by more than "
@@ -98,15 +98,15 @@ def judge_press(seen: PressReadings) -> Verdict:
             "the force is not held: run rigctl calibrate force after the setup's load cell part, "
             "and check that the plate sits firmly"
         )
-        return Verdict(expected, found, problem)
+        return CheckResult(expected, found, problem)
     if seen.taxel_counts < LEAST_CHANGE_COUNTS:
         problem = (
             "the load cell feels a contact and the sensor does not: the drum presses beside the "
             "sensor or on its frame, or pressure lowers its readings; look from the side, and "
             "move the sensor under the drum"
         )
-        return Verdict(expected, found, problem)
-    return Verdict(expected, found)
+        return CheckResult(expected, found, problem)
+    return CheckResult(expected, found)
 
 
 class TrialReadings(NamedTuple):
@@ -117,14 +117,14 @@ class TrialReadings(NamedTuple):
     is_high_at_rest: bool
 
 
-async def check_first_trial(bench: Workbench) -> Verdict:
+async def check_first_trial(context: SetupContext) -> CheckResult:
     """Press with 100 g, turn through a short window, and compare both ends of the sync wire."""
-    await _require_mounted(bench)
-    await bench.clear()
-    motion, blocks = bench.motion, list[Block]()
-    unsubscribe = bench.rig.taxels.on_block(blocks.append)
+    await _require_mounted(context)
+    await context.clear()
+    motion, blocks = context.motion, list[Block]()
+    unsubscribe = context.rig.taxels.on_block(blocks.append)
     try:
-        before = await bench.look()
+        before = await context.look()
         await motion.arm()
         await motion.tare()
         await motion.home()
@@ -132,7 +132,7 @@ async def check_first_trial(bench: Workbench) -> Verdict:
         await motion.approach()
         await motion.run()
         await motion.lift()
-        after = await bench.look()
+        after = await context.look()
     finally:
         unsubscribe()
     sent = (int(after.values["sync_count"]) - int(before.values["sync_count"])) % 65536
@@ -147,21 +147,21 @@ def _trial_readings(sent: int, blocks: Sequence[Block]) -> TrialReadings:
     return TrialReadings(sent, falls if starts_high else rises, starts_high)
 
 
-def judge_trial(seen: TrialReadings) -> Verdict:
+def judge_trial(seen: TrialReadings) -> CheckResult:
     """Judge the sync wire by the windows at both of its ends."""
     expected = f"{seen.sent} window at the taxel board"
     level = "high" if seen.is_high_at_rest else "low"
     found = f"{seen.seen}, and a line that rests {level}"
     if seen.seen == seen.sent and not seen.is_high_at_rest:
-        return Verdict(expected, found)
+        return CheckResult(expected, found)
     if seen.seen == seen.sent:
-        return Verdict(
+        return CheckResult(
             expected,
             found,
             "the sync line is the wrong way round: take the inverter out of the wire from the "
             "Mega's D24 to the Uno's D8, or set [inverted] sync = true in rig.toml",
         )
-    return Verdict(
+    return CheckResult(
         expected,
         found,
         "the taxel board saw no window: connect the Mega's D24 with the Uno's D8, and GND with "
@@ -170,9 +170,9 @@ def judge_trial(seen: TrialReadings) -> Verdict:
     )
 
 
-async def commission(bench: Workbench) -> Verdict:
+async def commission(context: SetupContext) -> CheckResult:
     """Let the board remember that the wiring is right; from now on it presses for protocols."""
-    await bench.motion.disarm()
-    await bench.motion.commission()
-    settings_hash = round((await bench.registers("settings_hash"))["settings_hash"])
-    return Verdict("the board takes its wiring as checked", f"settings {settings_hash:08x}")
+    await context.motion.disarm()
+    await context.motion.commission()
+    settings_hash = round((await context.registers("settings_hash"))["settings_hash"])
+    return CheckResult("the board takes its wiring as checked", f"settings {settings_hash:08x}")

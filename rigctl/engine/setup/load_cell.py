@@ -10,8 +10,8 @@ import numpy as np
 from rigctl.engine.calibration_values import MassReading
 from rigctl.engine.calibrator import loadcell_values
 from rigctl.engine.load_cell_scale import FULL_SCALE_COUNTS, fit_scale
-from rigctl.engine.setup.verdict import Question, Remedy, Verdict
-from rigctl.engine.setup.workbench import Workbench
+from rigctl.engine.setup.check_result import CheckResult, Question, Remedy
+from rigctl.engine.setup.context import SetupContext
 from rigctl.errors import WrongUse
 from rigctl.values import DrumState
 
@@ -92,21 +92,21 @@ def read_cell(polls: Sequence[DrumState]) -> CellReadings:
     )
 
 
-async def check_at_rest(bench: Workbench) -> Verdict:
+async def check_at_rest(context: SetupContext) -> CheckResult:
     """Read the load cell while nobody touches it."""
-    await bench.ask(FREE_CELL)
-    rate_hz = bench.rig.config.loadcell.rate_hz
-    return judge_at_rest(read_cell(await bench.watch(REST_S)), rate_hz)
+    await context.ask(FREE_CELL)
+    rate_hz = context.rig.config.loadcell.rate_hz
+    return judge_at_rest(read_cell(await context.watch(REST_S)), rate_hz)
 
 
-def judge_at_rest(seen: CellReadings, rate_hz: float = 80) -> Verdict:
+def judge_at_rest(seen: CellReadings, rate_hz: float = 80) -> CheckResult:
     """Judge rate, noise and values of an untouched load cell; ``rate_hz`` as configured."""
     expected = (
         f"{rate_hz:g} samples/s, more than {LEAST_UNIQUE} different values of {UNIQUE_OF}, noise "
         f"{LEAST_NOISE_COUNTS:g} to {MOST_NOISE_COUNTS:g} counts"
     )
     problem, *causes = _rest_problem(seen, rate_hz)
-    return Verdict(expected, seen.text, problem, tuple(causes))
+    return CheckResult(expected, seen.text, problem, tuple(causes))
 
 
 def _rest_problem(seen: CellReadings, rate_hz: float) -> tuple[str, ...]:
@@ -163,16 +163,16 @@ def _noise_problem(seen: CellReadings) -> tuple[str, ...]:
     return ("",)
 
 
-async def check_under_finger(bench: Workbench) -> Verdict:
+async def check_under_finger(context: SetupContext) -> CheckResult:
     """Compare the load cell's readings without and with a finger on it."""
-    free = read_cell(await bench.watch(PRESS_S))
-    await bench.ask(PRESS_CELL)
-    pressed = read_cell(await bench.watch(PRESS_S))
-    await bench.ask(RELEASE_CELL)
-    return judge_press(free, pressed, bench.rig.config.loadcell.scale_ug_per_count)
+    free = read_cell(await context.watch(PRESS_S))
+    await context.ask(PRESS_CELL)
+    pressed = read_cell(await context.watch(PRESS_S))
+    await context.ask(RELEASE_CELL)
+    return judge_press(free, pressed, context.rig.config.loadcell.scale_ug_per_count)
 
 
-def judge_press(free: CellReadings, pressed: CellReadings, ug_per_count: int) -> Verdict:
+def judge_press(free: CellReadings, pressed: CellReadings, ug_per_count: int) -> CheckResult:
     """Judge whether and which way the reading follows a finger, with the scale's sign."""
     change = pressed.mean_counts - free.mean_counts
     grams = change * ug_per_count * 1e-6
@@ -181,7 +181,7 @@ def judge_press(free: CellReadings, pressed: CellReadings, ug_per_count: int) ->
     words = f"more force, {grams:.0f} g" if grams > 0 else f"less force, −{-grams:.0f} g"
     found = f"a change by {change:+,.0f} counts: {words} by the scale so far".replace("-", "−")
     if abs(change) < least:
-        return Verdict(
+        return CheckResult(
             expected,
             f"a change by {change:+,.0f} counts, which is none".replace("-", "−"),
             "the load cell does not feel the finger: nothing feeds its bridge (E+ is off), A+ and "
@@ -192,7 +192,7 @@ def judge_press(free: CellReadings, pressed: CellReadings, ug_per_count: int) ->
         )
     if grams < 0:
         text = f"scale_ug_per_count = {-ug_per_count}"
-        return Verdict(
+        return CheckResult(
             expected,
             found,
             "the load cell reads less when it is pressed, so the drum would press harder and "
@@ -200,31 +200,31 @@ def judge_press(free: CellReadings, pressed: CellReadings, ug_per_count: int) ->
             ("cell reversed",),
             Remedy("loadcell", {"scale_ug_per_count": -ug_per_count}, text),
         )
-    return Verdict(expected, found)
+    return CheckResult(expected, found)
 
 
-async def check_scale(bench: Workbench) -> Verdict:
+async def check_scale(context: SetupContext) -> CheckResult:
     """Weigh two known masses, save the scale, and compare it with the cell's label."""
-    capacity_g = await bench.number(CAPACITY)
-    sensitivity = await bench.number(SENSITIVITY)
-    masses_g = [await bench.number(MASS), await bench.number(SECOND_MASS)]
-    await bench.ask(FREE_CELL)
-    readings = [await bench.calibrator.read_mass(0.0)]
+    capacity_g = await context.number(CAPACITY)
+    sensitivity = await context.number(SENSITIVITY)
+    masses_g = [await context.number(MASS), await context.number(SECOND_MASS)]
+    await context.ask(FREE_CELL)
+    readings = [await context.calibrator.read_mass(0.0)]
     for mass_g in masses_g:
         text = f"Lay {mass_g:g} g on the load cell, and let it come to rest."
-        await bench.ask(Question("lay_mass", text, unit="g", low=mass_g, high=mass_g))
-        readings.append(await bench.calibrator.read_mass(mass_g))
-    await bench.ask(FREE_CELL)
-    verdict = judge_scale(readings, capacity_g * 1e6 / sensitivity * 1e3)
-    if verdict.passed:
+        await context.ask(Question("lay_mass", text, unit="g", low=mass_g, high=mass_g))
+        readings.append(await context.calibrator.read_mass(mass_g))
+    await context.ask(FREE_CELL)
+    result = judge_scale(readings, capacity_g * 1e6 / sensitivity * 1e3)
+    if result.passed:
         scale = fit_scale(readings)
-        values = loadcell_values(scale, masses_g, bench.today())
-        bench.keep("loadcell", values.keys)
-        await bench.calibrator.save_settings(**values.settings)
-    return verdict
+        values = loadcell_values(scale, masses_g, context.today())
+        context.keep("loadcell", values.keys)
+        await context.calibrator.save_settings(**values.settings)
+    return result
 
 
-def judge_scale(readings: Sequence[MassReading], capacity_ug_per_unit: float) -> Verdict:
+def judge_scale(readings: Sequence[MassReading], capacity_ug_per_unit: float) -> CheckResult:
     """Judge the scale that the readings give, against that of the label.
 
     ``capacity_ug_per_unit``: µg at which the bridge's output is 1 V/V.
@@ -234,11 +234,11 @@ def judge_scale(readings: Sequence[MassReading], capacity_ug_per_unit: float) ->
     try:
         scale = fit_scale(readings)
     except WrongUse as implausible:
-        return Verdict(expected, "no straight line", str(implausible))
+        return CheckResult(expected, "no straight line", str(implausible))
     found = f"{scale.ug_per_count} µg a count, {100 * scale.nonlinearity_share:.2f} % off a line"
     ratio = abs(scale.ug_per_count) / label_ug
     problem, *causes = _scale_problem(ratio)
-    return Verdict(expected, found, problem, tuple(causes))
+    return CheckResult(expected, found, problem, tuple(causes))
 
 
 def _scale_problem(ratio: float) -> tuple[str, ...]:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from rigctl.boards.taxel_frames import SelfTest, input_name, number_word
 from rigctl.config.rig_config import ADC_MAX, PAPER_ARRAY
 from rigctl.engine.calibration_values import wiring_words
-from rigctl.engine.setup.verdict import DONE, Question, Remedy, Verdict
-from rigctl.engine.setup.workbench import Workbench
+from rigctl.engine.setup.check_result import DONE, CheckResult, Question, Remedy
+from rigctl.engine.setup.context import SetupContext
 from rigctl.engine.wiring_steps import WiringStep, WiringSteps, mean_readings
 from rigctl.errors import WrongUse
 
@@ -40,16 +40,16 @@ class SensorReadings(NamedTuple):
     shares: tuple[float, ...] = (0.0,) * PAPER_ARRAY.inputs
 
 
-async def check_sensor(bench: Workbench) -> Verdict:
+async def check_sensor(context: SetupContext) -> CheckResult:
     """Let the taxel board test itself, and read the untouched sensor."""
-    await bench.ask(LEAVE_SENSOR)
-    taxels = bench.rig.taxels
+    await context.ask(LEAVE_SENSOR)
+    taxels = context.rig.taxels
     test = await taxels.test()
-    samples = await bench.taxel_samples(REST_S)
+    samples = await context.taxel_samples(REST_S)
     supply_v = taxels.status.supply_mv / 1000 if taxels.status else 0.0
     mean, sd = samples.mean(axis=0), samples.std(axis=0)
     found = tuple(taxels.findings)
-    array = bench.rig.config.taxels
+    array = context.rig.config.taxels
     shares = input_shares(mean, array.order, array.inputs)
     return judge_sensor(SensorReadings(supply_v, test, found, mean, sd, shares))
 
@@ -66,7 +66,7 @@ def input_shares(
     return tuple(float(mean[inputs == i].sum() / ADC_MAX) for i in range(n_inputs))
 
 
-def judge_sensor(seen: SensorReadings) -> Verdict:
+def judge_sensor(seen: SensorReadings) -> CheckResult:
     """Judge the supply, the board's own findings, and each taxel's noise."""
     expected = f"{LEAST_SUPPLY_V:g} to {MOST_SUPPLY_V:g} V, no finding, noise below 8 counts"
     found = (
@@ -74,7 +74,7 @@ def judge_sensor(seen: SensorReadings) -> Verdict:
         f"{seen.sd.max():.1f} counts"
     )
     problem, *causes = _sensor_problem(seen)
-    return Verdict(expected, found, problem, tuple(causes))
+    return CheckResult(expected, found, problem, tuple(causes))
 
 
 def _sensor_problem(seen: SensorReadings) -> tuple[str, ...]:
@@ -121,25 +121,25 @@ def _test_causes(seen: SensorReadings) -> tuple[str, ...]:
     return tuple(name for name, is_found in named.items() if is_found)
 
 
-async def check_order(bench: Workbench) -> Verdict:
+async def check_order(context: SetupContext) -> CheckResult:
     """Identify each taxel's reading by unplugging a layer and pressing each place."""
-    steps = WiringSteps(bench.rig, partial(mean_readings, bench.rig, bench.require_taxels))
+    steps = WiringSteps(context.rig, partial(mean_readings, context.rig, context.require_taxels))
     try:
         while steps.step is not WiringStep.DONE:
-            if problem := await _take(bench, steps):
-                return _unclear_order(bench.rig.config.taxels.order, problem)
+            if problem := await _take(context, steps):
+                return _unclear_order(context.rig.config.taxels.order, problem)
     finally:
         steps.end()
-    return judge_order(steps.wiring, bench.rig.config.taxels.order)
+    return judge_order(steps.wiring, context.rig.config.taxels.order)
 
 
-async def _take(bench: Workbench, steps: WiringSteps) -> str:
+async def _take(context: SetupContext, steps: WiringSteps) -> str:
     """Take one step; what is not clear is asked again. Return why it stays so, else nothing."""
     unclear = ""
     for _ in range(TRIES):
         key = f"sensor_{steps.step.name.lower()}"
         before = f"Not clear: {unclear}. " if unclear else ""
-        await bench.ask(Question(key, before + steps.question, (DONE,)))
+        await context.ask(Question(key, before + steps.question, (DONE,)))
         try:
             await steps.take()
         except WrongUse as refusal:
@@ -149,9 +149,9 @@ async def _take(bench: Workbench, steps: WiringSteps) -> str:
     return unclear
 
 
-def _unclear_order(order: Sequence[int], unclear: str) -> Verdict:
-    """Return the verdict of presses that stay unclear; two inputs that touch always do."""
-    return Verdict(
+def _unclear_order(order: Sequence[int], unclear: str) -> CheckResult:
+    """Return the result of presses that stay unclear; two inputs that touch always do."""
+    return CheckResult(
         wiring_words(order),
         "presses that are not clear",
         f"{unclear}; where it was one place only, the two inputs touch each other: separate them",
@@ -159,16 +159,16 @@ def _unclear_order(order: Sequence[int], unclear: str) -> Verdict:
     )
 
 
-def judge_order(wiring: Sequence[int], expected: Sequence[int]) -> Verdict:
+def judge_order(wiring: Sequence[int], expected: Sequence[int]) -> CheckResult:
     """Judge the order of the taxels that was found, against that of ``rig.toml``."""
     asked, found = wiring_words(expected), wiring_words(wiring)
     if tuple(wiring) == tuple(expected):
-        return Verdict(asked, found)
+        return CheckResult(asked, found)
     text = f"{found}, from the next connection on"
     remedy = Remedy("taxels", {"wiring": list(wiring)}, text)
     half = len(expected) // 2
     if tuple(wiring) == (*expected[half:], *expected[:half]):
-        return Verdict(
+        return CheckResult(
             asked,
             found,
             "the two layers are exchanged: the bottom layer's read lines are where the top "
@@ -177,7 +177,7 @@ def judge_order(wiring: Sequence[int], expected: Sequence[int]) -> Verdict:
             ("taxel layers exchanged",),
             remedy,
         )
-    return Verdict(
+    return CheckResult(
         asked,
         found,
         "lines or read lines of the sensor are exchanged against rig.toml, so taxels would change "

@@ -12,11 +12,11 @@ from rigctl.engine.calibrator import Calibrator
 from rigctl.engine.contact import PRESSING_STATES, has_status
 from rigctl.engine.motion import DrumMotion
 from rigctl.engine.rig import Rig
+from rigctl.engine.setup.check_result import CheckResult, Question
+from rigctl.engine.setup.context import SetupContext
 from rigctl.engine.setup.progress import COMMISSION
 from rigctl.engine.setup.setup import Setup, SetupStep
 from rigctl.engine.setup.setup_status import PartStatus, SetupStatus
-from rigctl.engine.setup.verdict import Question, Verdict
-from rigctl.engine.setup.workbench import Workbench
 from rigctl.errors import CommandRefused, WrongUse
 
 SETUP = "setup"
@@ -30,7 +30,7 @@ class ServedSetup:
         self, rig: Rig, motion: DrumMotion, measurement: Measurement, today: Callable[[], str]
     ) -> None:
         self._rig, self._motion, self._measurement = rig, motion, measurement
-        self._bench = Workbench(rig, Calibrator(rig, motion), self._ask, today)
+        self._bench = SetupContext(rig, Calibrator(rig, motion), self._ask, today)
         self._setup: Setup | None = None
         self._checking = ""
         self._question: Question | None = None
@@ -47,7 +47,7 @@ class ServedSetup:
         self._setup = Setup(self._bench, progress)
         return tuple(progress.remarks)
 
-    async def check(self, part: str) -> Verdict:
+    async def check(self, part: str) -> CheckResult:
         """Check a part; a client answers the questions meanwhile."""
         setup = self._ready()
         self._checking = setup.step(part).name
@@ -126,11 +126,11 @@ def _not_commissioned(part: PartStatus) -> PartStatus:
 
 
 def _part(setup: Setup, step: SetupStep) -> PartStatus:
-    verdict, passed = setup.verdicts.get(step.name), setup.progress.passed.get(step.name)
-    state = "right" if passed else "open" if verdict is None else "wrong"
-    if verdict is None:
+    result, passed = setup.results.get(step.name), setup.progress.passed.get(step.name)
+    state = "right" if passed else "open" if result is None else "wrong"
+    if result is None:
         found = f"{passed.found} ({passed.day})" if passed else ""
         return PartStatus(step.name, step.title, step.picture, state, found=found)
-    remedy = verdict.remedy.text if verdict.remedy else ""
-    words = verdict.expected, verdict.found, verdict.problem, remedy
+    remedy = result.remedy.text if result.remedy else ""
+    words = result.expected, result.found, result.problem, remedy
     return PartStatus(step.name, step.title, step.picture, state, *words)

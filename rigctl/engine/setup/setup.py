@@ -10,6 +10,8 @@ from rigctl.boards.drum_states import FAULT_TEXT, Fault
 from rigctl.engine.contact import has_status
 from rigctl.engine.setup.actuator import check_actuator
 from rigctl.engine.setup.boards import check_drum, check_firmware, check_fitted, check_ports
+from rigctl.engine.setup.check_result import CheckResult
+from rigctl.engine.setup.context import SetupContext
 from rigctl.engine.setup.drum_turn import check_turn
 from rigctl.engine.setup.first_contact import (
     check_first_press,
@@ -21,8 +23,6 @@ from rigctl.engine.setup.progress import COMMISSION, PassedStep, Progress, renew
 from rigctl.engine.setup.sensor import check_order, check_sensor
 from rigctl.engine.setup.setup_status import FORCE, STOP, SUPPLY
 from rigctl.engine.setup.switches import check_ends, check_stop, check_supply_cut, tripped
-from rigctl.engine.setup.verdict import Verdict
-from rigctl.engine.setup.workbench import Workbench
 from rigctl.errors import LinkLost, RigFault, WrongUse
 
 CELL = "mega#load-cell-amplifier-hx711"
@@ -39,7 +39,7 @@ class SetupStep:
 
     name: str
     title: str
-    check: Callable[[Workbench], Awaitable[Verdict]]
+    check: Callable[[SetupContext], Awaitable[CheckResult]]
     picture: str
     needs: str = ""
     moves: bool = False
@@ -107,14 +107,14 @@ class TooEarly(WrongUse):
 class Setup:
     """The setup of one rig: which steps there are, which have passed, what each has found."""
 
-    def __init__(self, bench: Workbench, progress: Progress) -> None:
-        self.bench, self.progress = bench, progress
-        self.verdicts: dict[str, Verdict] = {}
+    def __init__(self, context: SetupContext, progress: Progress) -> None:
+        self.context, self.progress = context, progress
+        self.results: dict[str, CheckResult] = {}
 
     @property
     def steps(self) -> tuple[SetupStep, ...]:
         """The steps of this rig: those of the parts that it has."""
-        signals = self.bench.rig.config.signals
+        signals = self.context.rig.config.signals
         return tuple(step for step in STEPS if not step.needs or getattr(signals, step.needs))
 
     @property
@@ -131,36 +131,36 @@ class Setup:
         names = ", ".join(step.name for step in self.steps)
         raise WrongUse(f"this rig's setup has no part {name!r}: it has {names}")
 
-    async def check(self, name: str) -> Verdict:
+    async def check(self, name: str) -> CheckResult:
         """Take a step and return what it found; a step that fails loses the pass it had.
 
         Raises TooEarly for a step that moves before the others have passed, LinkLost.
         """
         step = self.step(name)
         self._require_earlier(step)
-        self.bench.kept.clear()
+        self.context.kept.clear()
         try:
-            verdict = await step.check(self.bench)
+            result = await step.check(self.context)
         except LinkLost:
             raise
         except RigFault as fault:
-            verdict = self._failed(step, fault)
-        await self._note(step, verdict)
-        return verdict
+            result = self._failed(step, fault)
+        await self._note(step, result)
+        return result
 
     async def keep(self, name: str) -> str:
         """Let ``rig.toml`` describe a part as it is wired; return what it says now.
 
         Raises WrongUse where the last check of the part offers nothing.
         """
-        step, verdict = self.step(name), self.verdicts.get(name)
-        if verdict is None or verdict.remedy is None:
+        step, result = self.step(name), self.results.get(name)
+        if result is None or result.remedy is None:
             raise WrongUse(f"{step.title}: nothing in rig.toml mends this: change the wiring")
-        remedy = verdict.remedy
-        self.bench.kept.clear()
-        self.bench.keep(remedy.table, remedy.keys)
-        await self.bench.configure()
-        kept = Verdict(verdict.expected, f"{verdict.found}; rig.toml says {remedy.text}")
+        remedy = result.remedy
+        self.context.kept.clear()
+        self.context.keep(remedy.table, remedy.keys)
+        await self.context.configure()
+        kept = CheckResult(result.expected, f"{result.found}; rig.toml says {remedy.text}")
         await self._note(step, kept)
         return remedy.text
 
@@ -168,8 +168,8 @@ class Setup:
         """Forget which steps have passed."""
         self.progress.passed.clear()
         self.progress.remarks.clear()
-        self.verdicts.clear()
-        self.progress.save(self.bench.rig.drum.identity)
+        self.results.clear()
+        self.progress.save(self.context.rig.drum.identity)
 
     async def commission_without(self) -> tuple[str, ...]:
         """Commission the board at once; return the titles of the parts that nobody checked."""
@@ -178,8 +178,8 @@ class Setup:
             for step in self.steps
             if step.name not in self.progress.passed and step.name != COMMISSION
         )
-        await self.bench.clear()
-        await commission(self.bench)
+        await self.context.clear()
+        await commission(self.context)
         return skipped
 
     def _require_earlier(self, step: SetupStep) -> None:
@@ -191,33 +191,33 @@ class Setup:
             if earlier.name not in self.progress.passed:
                 raise TooEarly(f"{step.title} moves the drum: first check {earlier.title}")
 
-    async def _note(self, step: SetupStep, verdict: Verdict) -> None:
-        self.verdicts[step.name] = verdict
-        if verdict.passed:
-            kept = {table: dict(keys) for table, keys in self.bench.kept.items()}
+    async def _note(self, step: SetupStep, result: CheckResult) -> None:
+        self.results[step.name] = result
+        if result.passed:
+            kept = {table: dict(keys) for table, keys in self.context.kept.items()}
             renew_kept(self.progress.passed, kept)
-            self.progress.passed[step.name] = PassedStep(self.bench.today(), verdict.found, kept)
+            self.progress.passed[step.name] = PassedStep(self.context.today(), result.found, kept)
         else:
             self.progress.passed.pop(step.name, None)
         passed = self.progress.passed
-        if COMMISSION in passed and not await self.bench.motion.is_commissioned():
+        if COMMISSION in passed and not await self.context.motion.is_commissioned():
             del passed[COMMISSION]  # the part has changed what the board is commissioned for
-        self.progress.save(self.bench.rig.drum.identity)
+        self.progress.save(self.context.rig.drum.identity)
 
-    def _failed(self, step: SetupStep, fault: RigFault) -> Verdict:
-        """Return the verdict of a step that the board ended, by the causes that it reports."""
-        state = self.bench.motion.poller.state
+    def _failed(self, step: SetupStep, fault: RigFault) -> CheckResult:
+        """Return the result of a step that the board ended, by the causes that it reports."""
+        state = self.context.motion.poller.state
         present = [] if state is None else _causes(state.fault, state.fault_bits)
         expected = f"{step.title} without a fault of the board"
         if state is None or not present:
-            return Verdict(expected, "an end before its time", str(fault))
+            return CheckResult(expected, "an end before its time", str(fault))
         if present[0] is Fault.ESTOP and has_status(state, Status.ESTOP_CLOSED):
             return tripped(expected, "the stop's contact is closed")
         texts = " ".join(FAULT_TEXT[cause] for cause in present[:1])
         names = (name for cause in present for name in FAULT_CAUSES.get(cause, ()))
         causes = tuple(dict.fromkeys(names))
         found = f"the fault {', '.join(cause.name for cause in present)}"
-        return Verdict(expected, found, texts, causes)
+        return CheckResult(expected, found, texts, causes)
 
 
 def _causes(latched: int, bits: int) -> list[Fault]:

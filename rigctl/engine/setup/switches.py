@@ -9,8 +9,8 @@ from rigctl.boards.drum_codes import Status
 from rigctl.boards.drum_states import Fault
 from rigctl.config.toml_edit import Value
 from rigctl.engine.contact import has_status
-from rigctl.engine.setup.verdict import YES, YES_OR_NO, Question, Remedy, Verdict
-from rigctl.engine.setup.workbench import Workbench
+from rigctl.engine.setup.check_result import YES, YES_OR_NO, CheckResult, Question, Remedy
+from rigctl.engine.setup.context import SetupContext
 from rigctl.errors import BoardFault
 
 QUIET_S = 3.0
@@ -50,21 +50,21 @@ class EndReadings(NamedTuple):
     lower: tuple[bool, bool]
 
 
-async def check_stop(bench: Workbench) -> Verdict:
+async def check_stop(context: SetupContext) -> CheckResult:
     """Press and release the emergency stop, then see that it does not trip by itself."""
-    before = has_status(await bench.look(), Status.ESTOP_CLOSED)
-    await bench.ask(PRESS_STOP)
-    pressed = has_status(await bench.look(), Status.ESTOP_CLOSED)
-    await bench.ask(RELEASE_STOP)
-    after = has_status(await bench.look(), Status.ESTOP_CLOSED)
+    before = has_status(await context.look(), Status.ESTOP_CLOSED)
+    await context.ask(PRESS_STOP)
+    pressed = has_status(await context.look(), Status.ESTOP_CLOSED)
+    await context.ask(RELEASE_STOP)
+    after = has_status(await context.look(), Status.ESTOP_CLOSED)
     trips = False
     with suppress(BoardFault):  # of another part, whose step names it
-        await bench.clear()
-        trips = any(state.fault == Fault.ESTOP for state in await bench.watch(QUIET_S))
+        await context.clear()
+        trips = any(state.fault == Fault.ESTOP for state in await context.watch(QUIET_S))
     return judge_stop(StopReadings(before, pressed, after), trips)
 
 
-def judge_stop(seen: StopReadings, trips: bool = False) -> Verdict:
+def judge_stop(seen: StopReadings, trips: bool = False) -> CheckResult:
     """Judge the first contact of the stop, which the board reads; ``trips``: by itself."""
     expected = "closed, open while pressed, closed"
     words = ["closed" if closed else "open" for closed in seen]
@@ -72,7 +72,7 @@ def judge_stop(seen: StopReadings, trips: bool = False) -> Verdict:
     if seen == (True, False, True) and trips:
         return tripped(expected, found)
     if seen == (True, False, True):
-        return Verdict(expected, found)
+        return CheckResult(expected, found)
     if seen == (False, True, False):
         problem, cause = (
             "the stop closes when it is pressed, so a broken wire would go unnoticed: use its "
@@ -98,12 +98,12 @@ def judge_stop(seen: StopReadings, trips: bool = False) -> Verdict:
             "check again; if it stays so, a wire at its contact is loose",
             "",
         )
-    return Verdict(expected, found, problem, (cause,) if cause else ())
+    return CheckResult(expected, found, problem, (cause,) if cause else ())
 
 
-def tripped(expected: str, found: str) -> Verdict:
-    """Return the verdict of a stop that has tripped while its contact is closed."""
-    return Verdict(
+def tripped(expected: str, found: str) -> CheckResult:
+    """Return the result of a stop that has tripped while its contact is closed."""
+    return CheckResult(
         expected,
         f"{found}, and then tripped by itself",
         "the stop trips though nobody touches it: spikes reach its input; solder its 1 kΩ and 1 nF "
@@ -112,17 +112,17 @@ def tripped(expected: str, found: str) -> Verdict:
     )
 
 
-async def check_supply_cut(bench: Workbench) -> Verdict:
+async def check_supply_cut(context: SetupContext) -> CheckResult:
     """Ask whether the second contact of the stop cuts the supplies, and the board the bridge."""
-    await bench.ask(PRESS_STOP)
-    is_cut = await bench.ask(IS_CUT) == YES
-    await bench.ask(RELEASE_STOP)
+    await context.ask(PRESS_STOP)
+    is_cut = await context.ask(IS_CUT) == YES
+    await context.ask(RELEASE_STOP)
     with suppress(BoardFault):
-        await bench.clear()
-    return judge_supply_cut(is_cut, await bench.ask(IS_OFF) == YES)
+        await context.clear()
+    return judge_supply_cut(is_cut, await context.ask(IS_OFF) == YES)
 
 
-def judge_supply_cut(is_cut: bool, is_bridge_off: bool) -> Verdict:
+def judge_supply_cut(is_cut: bool, is_bridge_off: bool) -> CheckResult:
     """Judge what a person saw at the drivers."""
     expected = "no supply while the stop is pressed, and the bridge's enable at 0 V while off"
     found = (
@@ -130,7 +130,7 @@ def judge_supply_cut(is_cut: bool, is_bridge_off: bool) -> Verdict:
         f"{'at 0 V' if is_bridge_off else 'not at 0 V'}"
     )
     if not is_cut:
-        return Verdict(
+        return CheckResult(
             expected,
             found,
             "the stop does not cut the motors' supply, so a hung board or a shorted bridge would "
@@ -139,7 +139,7 @@ def judge_supply_cut(is_cut: bool, is_bridge_off: bool) -> Verdict:
             ("E-stop second contact not in the supply",),
         )
     if not is_bridge_off:
-        return Verdict(
+        return CheckResult(
             expected,
             found,
             "the bridge stays on whatever the board says, so nothing but the supply switches the "
@@ -147,33 +147,33 @@ def judge_supply_cut(is_cut: bool, is_bridge_off: bool) -> Verdict:
             "5 V",
             ("bridge enable stuck high",),
         )
-    return Verdict(expected, found)
+    return CheckResult(expected, found)
 
 
-async def check_ends(bench: Workbench) -> Verdict:
+async def check_ends(context: SetupContext) -> CheckResult:
     """Hold each end switch by hand."""
-    free = await _ends(bench)
-    await bench.ask(HOLD_UPPER)
-    upper = await _ends(bench)
-    await bench.ask(HOLD_LOWER)
-    lower = await _ends(bench)
-    await bench.ask(FREE_ENDS)
-    return judge_ends(EndReadings(free, upper, lower), bench.rig.config.inverted.end_switches)
+    free = await _ends(context)
+    await context.ask(HOLD_UPPER)
+    upper = await _ends(context)
+    await context.ask(HOLD_LOWER)
+    lower = await _ends(context)
+    await context.ask(FREE_ENDS)
+    return judge_ends(EndReadings(free, upper, lower), context.rig.config.inverted.end_switches)
 
 
-async def _ends(bench: Workbench) -> tuple[bool, bool]:
-    state = await bench.look()
+async def _ends(context: SetupContext) -> tuple[bool, bool]:
+    state = await context.look()
     return has_status(state, Status.END_UP), has_status(state, Status.END_DOWN)
 
 
-def judge_ends(seen: EndReadings, is_inverted: bool = False) -> Verdict:
+def judge_ends(seen: EndReadings, is_inverted: bool = False) -> CheckResult:
     """Judge both end switches, read with the polarity of ``rig.toml``."""
     expected = "none; upper; lower"
     found = "; ".join(_ends_text(ends) for ends in seen)
     if seen == ((False, False), (True, False), (False, True)):
-        return Verdict(expected, found)
+        return CheckResult(expected, found)
     problem, cause, remedy = _end_problem(seen, is_inverted)
-    return Verdict(expected, found, problem, (cause,) if cause else (), remedy)
+    return CheckResult(expected, found, problem, (cause,) if cause else (), remedy)
 
 
 def _ends_text(ends: tuple[bool, bool]) -> str:

@@ -46,8 +46,7 @@ def _accuracy_panel(title: str, tasks: Mapping[str, Values], tests: Mapping[str,
         for key, task in tasks.items()
         for kind in task["curves"]
     ]
-    last = max(max([*one.x, *(value.x for value in one.published)]) for one in series)
-    return accuracy_panel(title, series, last, next(iter(tasks.values()))["chance"])
+    return accuracy_panel(title, series, next(iter(tasks.values()))["chance"])
 
 
 def _accuracy_series(key: str, task: Values, kind: str, test: Values | None) -> Series:

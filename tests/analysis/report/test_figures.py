@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +59,20 @@ def test_a_drawing_has_the_values_bars_asterisks_and_texts() -> None:
     for words in (">Task<", ">chance 25 %<", ">Original<", ">**<", ">*<", ">components<"):
         assert words in svg
     assert svg.count('stroke="var(--blue)" stroke-width="0.7"') == 3, "a bar for each value"
+
+
+def test_a_legend_with_long_names_is_no_wider_than_its_plots() -> None:
+    """Two names of the finger's report stood side by side, far beyond the plot."""
+    places = ("Trained velocity profiles", "Untrained velocity profiles")
+    names = [f"{place}: {kind}" for place in places for kind in ("Original", "Speed Scaled")]
+    series = [Series(name, "blue", [1, 2], [15.0, 25.0]) for name in names]
+    for n_panels in (1, 2):
+        drawn = []
+        for curves in (series, [replace(series[0], name="a")]):
+            panels = [replace(PANEL, series=curves)] * n_panels
+            svg = vega.still(vega.specify(Figure("F", panels, columns=n_panels)))
+            drawn.append(float(re.search(r'width="([\d.]+)"', svg)[1]))  # type: ignore[index]
+        assert drawn[0] <= drawn[1] + 1
 
 
 def test_bars_end_at_the_edge_of_the_plot() -> None:
@@ -124,6 +140,8 @@ def test_figure_3_shows_the_papers_value_at_50_components() -> None:
     (value,) = original.published
     assert (value.x, value.y) == (50, 91.78) and "91.78 ± 0.55" in value.text
     assert (speed.stars, speed.worse[1]) == (["", "*", "", ""], True)
+    (alone,) = accuracy_figure(results | {"tasks": {"textures": {**task, "paper": {}}}}).panels
+    assert isinstance(alone, Panel) and 4.0 < alone.x_range[1] <= 5.0  # where the curves end
     assert any("Table 1" in note for note in figure.notes)
     assert any(note.endswith("is better: * p < 0.05. Ours alone.") for note in figure.notes)
 

@@ -21,20 +21,22 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
 from shiboken6 import delete
 
-from gui.analysis.open_sessions import block_extremes, replay_trial
 from gui.analysis.results import AnalysisResults, plot_page
 from gui.analysis.task_values import TrialCourse, TrialData
+from gui.analysis.worker import Worker
 from gui.app import paused_collector
 from gui.shell.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
 from rigctl.boards.drum_states import State
 from rigctl.session.sensor_layout import SensorLayout
+from tests.gui.made_trials import made_trial
 from tests.gui.texts.results_scenes import ORIGIN, largest_accuracy, largest_confusion
 
 SIZE = (1400, 900)
 PRESSES, BETWEEN_S, FIRST_S = 6, 0.23, 0.02
 LONG_SAMPLES = 600_000
 """Ten minutes in one trial."""
+HOUR_SAMPLES = 3_600_000
 HOUR_POINTS = 288_000
 """Readings of the load cell in an hour."""
 _KEYS = Qt.KeyboardModifier.NoModifier
@@ -62,8 +64,8 @@ class Turns:
 class StopScenes:
     """A window, and the planned times of the presses in each scene."""
 
-    def __init__(self, session: str) -> None:
-        self._session = session
+    def __init__(self, session: str, hour: str) -> None:
+        self._session, self._hour = session, hour
         self.window = MainWindow(choice=ThemeChoice.LIGHT)
         self.window.resize(*SIZE)
         self.presses: list[tuple[str, float]] = []
@@ -112,10 +114,7 @@ class StopScenes:
         trial = _long_trial()
         yield "a trial of ten minutes", lambda: tab.trial_view.show_trial(trial)
         yield "an hour of force and speed", lambda: tab.trial_view.setCurrentIndex(1)
-        yield "page Replay", window.replay.show
-        replay = replay_trial(trial)
-        yield "a replay of ten minutes", lambda: window.replay.page._show_trial(replay)
-        window.replay.hide()
+        yield from self._scenes_of_an_hour()
         window.show_panel("analysis")
         tab._analysed = self._session
         pages = (
@@ -128,6 +127,21 @@ class StopScenes:
             yield f"picture {suffix}", window.save_menu.actions[suffix].trigger
         self._until(lambda: not tab.reader.is_busy)
 
+    def _scenes_of_an_hour(self) -> Iterator[tuple[str, Callable[[], object]]]:
+        """Yield scenes with an hour's trial, again until it has been read."""
+        window, tab, page = self.window, self.window.analysis_tab, self.window.replay.page
+        tab.panel.folder.setText(self._hour)
+        yield "a trial of an hour", tab.panel.open_button.click
+        yield from _until_idle("a trial of an hour", tab.reader)
+        plot = tab.trial_view.readings.samples_plot
+        yield "a second of an hour", lambda: plot.setXRange(1800, 1801, padding=0)
+        yield "page Replay", window.replay.show
+        yield "a replay of an hour", lambda: page.open(self._hour)
+        yield from _until_idle("a replay of an hour", page.worker)
+        yield "half an hour later", lambda: page.place.setValue(HOUR_SAMPLES // 2)
+        yield from _until_idle("half an hour later", page.worker)
+        window.replay.hide()
+
     def _scene(self, name: str, action: Callable[[], object]) -> None:
         begun_s = time.monotonic() + FIRST_S
         times_s = [begun_s + BETWEEN_S * number for number in range(PRESSES)]
@@ -138,7 +152,7 @@ class StopScenes:
         action()
         self._until(lambda: not thread.is_alive())
         QTest.qWait(300)
-        self.turns_ms[name] = self.turns.longest_ms
+        self.turns_ms[name] = max(self.turns.longest_ms, self.turns_ms.get(name, 0.0))
         self.presses += [(name, at_s) for at_s in times_s]
 
     def _events(self, number: int) -> list[tuple[QWidget, QEvent]]:
@@ -160,14 +174,18 @@ class StopScenes:
             QTest.qWait(5)
 
 
+def _until_idle(name: str, worker: Worker) -> Iterator[tuple[str, Callable[[], object]]]:
+    while worker.is_busy:
+        yield name, lambda: None
+
+
 def _long_trial() -> TrialData:
     rng, layout = np.random.default_rng(0), SensorLayout.default(18)
     samples = rng.integers(0, 1023, (LONG_SAMPLES, 18)).astype(np.uint16)
     rows, at = rng.integers(0, 36, LONG_SAMPLES), rng.integers(0, LONG_SAMPLES, LONG_SAMPLES)
     at_s = np.arange(HOUR_POINTS) / 80
     course = TrialCourse(at_s, 250 + rng.random(HOUR_POINTS), at_s, at_s * 0 + 40, 250.0, 40.0)
-    blocks = block_extremes(samples)
-    return TrialData("Trial 1: plate A", samples, rows, at, layout, course, blocks=blocks)
+    return made_trial(samples, rows, at, layout, course)
 
 
 def _click(button: QWidget) -> list[QEvent]:
@@ -188,10 +206,10 @@ def _post(times_s: list[float], presses: list[list[tuple[QWidget, QEvent]]]) -> 
 
 def main() -> None:
     """Play the scenes once somebody listens to the engine and says so by a line."""
-    (session,) = sys.argv[1:]
+    session, hour = sys.argv[1:]
     pg.mkQApp()
     with paused_collector():  # as the program makes its window
-        scenes = StopScenes(session)
+        scenes = StopScenes(session, hour)
     scenes.connect()
     print("connected", flush=True)
     sys.stdin.readline()

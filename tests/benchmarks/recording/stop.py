@@ -12,14 +12,23 @@ import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from rigctl.cli import main
 from rigctl.engine.rpc.client import EngineClient
 from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE, running_engines, runtime_folder
 from tests.benchmarks.recording.table import SET, ensure_set
 
 SOURCE = "from tests.benchmarks.recording._stop_scenes import main; main()"
 """No module of its own, which the window's processes would load again."""
+HOUR_MAP = """
+time = { rate_hz = 1000 }
+taxels = { columns = ["1..18"] }
+labels = { texture = "felt", speed_mm_s = 40 }
+"""
 MOST_MS, MOST_TURN_MS = 100.0, 50.0
 NOTE = (
     "virtual rig in real time in its engine's process, window 1400x900 offscreen; from the press "
@@ -34,7 +43,7 @@ def measure() -> Iterator[dict[str, Any]]:
     ensure_set()
     with tempfile.TemporaryDirectory() as folder:
         os.environ[FOLDER_VARIABLE] = folder
-        answer, logged_s = _play()
+        answer, logged_s = _play(imported_hour(Path(folder)))
     shutil.rmtree(SET.with_name(f"{SET.name}-figures"))  # what the scenes have saved
     presses = answer["presses"]
     if len(logged_s) != len(presses):
@@ -52,10 +61,22 @@ def measure() -> Iterator[dict[str, Any]]:
     yield _row("live.restyle_ms", answer["restyled_ms"], None, RESTYLE_NOTE + load)
 
 
-def _play() -> tuple[dict[str, Any], list[float]]:
+def imported_hour(folder: Path) -> Path:
+    """Import a trial of an hour into a folder; return its session."""
+    noise = np.random.default_rng(0).integers(0, 1023, (60_000, 18)).astype(np.uint16)
+    np.save(folder / "hour.npy", np.tile(noise, (60, 1)))
+    (folder / "map.toml").write_text(HOUR_MAP)
+    session = folder / "hour"
+    arguments = ["--map", str(folder / "map.toml"), str(folder / "hour.npy"), "--out", str(session)]
+    if main(["import", *arguments]):
+        raise RuntimeError("the trial of an hour was not imported")
+    return session
+
+
+def _play(hour: Path) -> tuple[dict[str, Any], list[float]]:
     """Return what the window's process prints, and when the engine told of each STOP."""
     with subprocess.Popen(
-        [sys.executable, "-c", SOURCE, str(SET.absolute())],
+        [sys.executable, "-c", SOURCE, str(SET.absolute()), str(hour)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,

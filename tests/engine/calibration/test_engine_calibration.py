@@ -7,10 +7,12 @@ from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from rigctl.boards.drum_states import State
 from rigctl.config.rig_config import LoadCell, RigConfig, load_config
+from rigctl.engine.calibration_values import LEAST_RATIO, TaxelRange
 from rigctl.engine.rig_boards import RELEASE_S
 from rigctl.engine.rpc.messages import (
     as_dict,
@@ -359,5 +361,53 @@ def test_clients_get_what_was_measured(harness: EngineHarness) -> None:
         assert received.calibration == status.calibration
         assert received.loadcell_counts == status.loadcell_counts
         assert received.loadcell_sd_counts is not None
+
+    play(harness, scenario)
+
+
+def test_the_taxels_ranges_come_from_a_press_over_the_plate(harness: EngineHarness) -> None:
+    async def scenario(handle: Handle) -> None:
+        boards, states = harness.engine.boards, set()
+        boards.drum_poller.subscribe(lambda state: states.add(State(state.state)))
+        assert not harness.engine.status().has_taxel_range
+        found = TaxelRange(**await handle("calibrate_range", {"force_g": 300.0}))
+        assert {State.HOLD, State.RUN} <= states and state_of(harness) is State.IDLE
+        spans = np.subtract(found.high, found.low)
+        assert len(spans) == 18 and np.all(spans >= LEAST_RATIO * np.array(found.rest))
+        assert np.array_equal(boards.encoder.normalisation.low, found.low)
+        status = harness.engine.status()
+        assert status.has_taxel_range and status.calibration.taxel_range == found
+        await harness.wait(5)
+        assert np.array_equal(boards.encoder.normalisation.high, found.high), "it stays"
+
+    play(harness, scenario)
+
+
+def test_ranges_of_a_press_that_does_not_reach_the_taxels_are_not_used(
+    harness: EngineHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def scenario(handle: Handle) -> None:
+        calibrator = harness.engine.calibration._calibrator
+        monkeypatch.setattr(calibrator, "press_and_turn", lambda force_g: asyncio.sleep(10))
+        with pytest.raises(RigFault, match=r"ranges are not used.*T1 \(.*T18 \(.*Taxel test"):
+            await handle("calibrate_range", {})
+        seen = harness.engine.status()
+        assert not seen.has_taxel_range and seen.calibration.taxel_range is not None
+        for force_g in (1.0, 100_000.0):
+            with pytest.raises(WrongUse, match="this rig presses with"):
+                await handle("calibrate_range", {"force_g": force_g})
+
+    play(harness, scenario)
+
+
+def test_a_stop_ends_the_press_for_the_ranges(harness: EngineHarness) -> None:
+    async def scenario(handle: Handle) -> None:
+        measuring = asyncio.ensure_future(handle("calibrate_range", {}))
+        await harness.until(lambda: state_of(harness) is State.RUN)
+        assert harness.engine.status().calibration.measuring == "range"
+        await handle("stop", {})
+        with pytest.raises(CommandRefused):
+            await measuring
+        assert state_of(harness) is State.IDLE and not harness.engine.status().has_taxel_range
 
     play(harness, scenario)

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from rigctl.boards.drum_states import State
 from rigctl.engine.drum_commands import DrumCommands
 from rigctl.engine.run_request import RunRequest
 from rigctl.errors import RigctlError, WrongUse
@@ -81,3 +82,63 @@ def test_who_records_and_what_is_noted_is_in_the_session(harness: EngineHarness)
         assert [note.text for note in session.notes] == ["new skin", "someone leans on the table"]
         assert {note.author for note in session.notes} == {"Jörg"}
     assert verify(harness.session).whole
+
+
+def test_a_skipped_trial_is_left_and_the_others_are_recorded(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        handle = handler_of(harness)
+        await until_committed(harness, 1)
+        await handle("skip", {"trial_id": 3})
+        with pytest.raises(WrongUse, match="nothing to skip"):
+            await handle("skip", {"trial_id": 3})
+        await harness.until(lambda: harness.engine.status().run.trial_id == 2)
+        await harness.until(lambda: harness.engine.status().state == State.RUN)
+        await handle("skip", {})
+        await until_ended(harness)
+        run = harness.engine.status().run
+        assert (run.state, run.trials_committed) == ("done", 2)
+        with pytest.raises(WrongUse, match="no run is active"):
+            await handle("skip", {})
+
+    harness.run(scenario, harness.request(TWO_PLATES))
+    with open_session(harness.session) as session:
+        assert session.trials["trial_id"].tolist() == [1, 2, 4]
+        assert session.trials["verdict"].tolist() == ["committed", "aborted", "committed"]
+        assert session.trials["reasons"][1] == "skipped by the operator"
+        texts = [event.text for event in session.events_of("trial")]
+        assert "trial 2 is skipped" in texts
+    assert verify(harness.session).whole
+
+
+def test_a_trial_is_skipped_while_the_run_is_paused(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        handle = handler_of(harness)
+        await harness.until(lambda: harness.engine.status().run.trial_id == 1)
+        await handle("pause", {})
+        await harness.until(lambda: harness.engine.status().run.state == "paused")
+        await handle("skip", {})
+        await handle("resume", {})
+        await until_ended(harness)
+
+    harness.run(scenario, harness.request(TWO_PLATES))
+    with open_session(harness.session) as session:
+        counted = session.trials[session.committed()]
+        assert counted["trial_id"].tolist() == [2, 3, 4]
+
+
+def test_a_note_during_a_trial_is_a_mark_at_its_moment(harness: EngineHarness) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        handle = handler_of(harness)
+        await harness.until(lambda: harness.engine.status().run.trial_id == 2)
+        await harness.until(lambda: harness.engine.status().state == State.RUN)
+        await harness.wait(1.5)  # the run-in comes first
+        await handle("note", {"text": "a squeak"})
+        await until_ended(harness)
+
+    harness.run(scenario, harness.request(TWO_PLATES))
+    with open_session(harness.session) as session:
+        marks = [session.trial_marks(row) for row in range(len(session.trials))]
+        assert [len(found) for found in marks] == [0, 1, 0, 0]
+        ((at_s, text),) = marks[1]
+        assert text == "a squeak" and 0.0 < at_s < session.trials["count"][1] / 1000
+        assert session.trial_notes() == {1: "a squeak"}

@@ -6,7 +6,6 @@ import asyncio
 import math
 from typing import Any
 
-import numpy as np
 import pytest
 
 from rigctl.boards import drum_registers
@@ -194,15 +193,6 @@ def test_a_fault_is_injected_published_and_cleared(harness: EngineHarness) -> No
 
     harness.run(scenario)
     assert any("emergency stop" in text for text in harness.texts("fault"))
-
-
-async def test_the_encoders_range_is_calibrated_from_the_taxels(harness: EngineHarness) -> None:
-    found = await handler_of(harness)("calibrate_range", {"seconds": 2})
-    assert len(found["low"]) == len(found["high"]) == 18
-    used = harness.engine.boards.encoder.normalisation
-    assert np.array_equal(used.low, found["low"])
-    await harness.wait(5)
-    assert np.array_equal(harness.engine.boards.encoder.normalisation.high, found["high"])
 
 
 def test_the_status_of_the_boards_is_published_and_requested(harness: EngineHarness) -> None:

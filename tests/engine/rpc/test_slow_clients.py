@@ -80,11 +80,12 @@ async def test_the_hopeless_is_disconnected_and_the_others_learn_it(harness: Eng
 
 
 async def test_too_many_requests_at_once_are_refused_and_stop_is_not(
-    harness: EngineHarness,
+    harness: EngineHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(harness.engine.boards.taxels, "test", lambda: asyncio.sleep(5))
     client = await ClientConnection.connect(harness.address, "many")
     for number in range(1000, 1000 + MAX_UNDER_WAY):
-        client._writer.write(request(number, "calibrate_range", seconds=5))
+        client._writer.write(request(number, "test_taxels"))
     assert f"{MAX_UNDER_WAY} requests are under way" in await client.refusal("status")
     await client.request("stop")
     await harness.wait(6.0)

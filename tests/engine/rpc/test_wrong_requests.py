@@ -71,9 +71,9 @@ def test_a_command_that_fails_inside_ends_nothing(
         client = await Attacker.connect(harness.address)
         for command in ("arm", "tare", "home", "approach"):
             await client.request(command)
-        monkeypatch.setattr(harness.engine.boards, "calibrate_range", lambda seconds: 1 // 0)
+        monkeypatch.setattr(harness.engine, "add_note", lambda text: 1 // 0)
         with pytest.raises(AssertionError, match="ZeroDivisionError"):
-            await client.request("calibrate_range", seconds=1.0)
+            await client.request("note", text="lost")
         await client.request("status")
         assert harness.engine.status().state is State.HOLD
         await client.close()
@@ -83,4 +83,4 @@ def test_a_command_that_fails_inside_ends_nothing(
     harness.run(scenario)
     assert survived
     (fault,) = harness.texts("fault")
-    assert "calibrate_range failed inside the engine, which goes on" in fault
+    assert "note failed inside the engine, which goes on" in fault

@@ -81,7 +81,7 @@ def mutated(lines: Sequence[bytes], random: Random) -> Iterator[bytes]:
         yield bytes(line).replace(b"\n", b" ") + b"\n"
 
 
-def request_line(number: int, command: str, **args: str) -> bytes:
+def request_line(number: int, command: str, /, **args: str) -> bytes:
     """Return the line of a request; the arguments are JSON already."""
     inside = ",".join(f"{json.dumps(name)}:{value}" for name, value in args.items())
     return f'{{"id":{number},"command":{json.dumps(command)},"args":{{{inside}}}}}\n'.encode()

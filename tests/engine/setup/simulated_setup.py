@@ -11,10 +11,10 @@ from rigctl.config.rig_config import RigConfig
 from rigctl.engine.calibrator import Calibrator, calibrate_alone
 from rigctl.engine.rig import Rig
 from rigctl.engine.setup.boards import find_boards
+from rigctl.engine.setup.check_result import CheckResult, Question
+from rigctl.engine.setup.context import SetupContext
 from rigctl.engine.setup.progress import PassedStep
 from rigctl.engine.setup.setup import Setup, SetupStep
-from rigctl.engine.setup.verdict import Question, Verdict
-from rigctl.engine.setup.workbench import Workbench
 from rigctl.errors import RigFault
 from rigctl.rig import open_rig
 
@@ -33,7 +33,7 @@ class SimulatedSetup:
     answers: dict[str, str] = field(default_factory=dict)
     asked: list[str] = field(default_factory=list)
     step: SetupStep | None = None
-    wrong: Verdict | None = None
+    wrong: CheckResult | None = None
     peak_g: float = 0.0
     """Largest true contact force before the setup had passed."""
 
@@ -42,8 +42,8 @@ class SimulatedSetup:
 
         async def connected(calibrator: Calibrator) -> None:
             await self.rig.taxels.connect()
-            bench = Workbench(self.rig, calibrator, self.ask, lambda: DAY)
-            await work(Setup(bench, bench.progress()))
+            context = SetupContext(self.rig, calibrator, self.ask, lambda: DAY)
+            await work(Setup(context, context.progress()))
 
         self.rig.loop.run_until_complete(calibrate_alone(self.rig, connected))
         self.note_force()
@@ -54,9 +54,9 @@ class SimulatedSetup:
         async def steps(setup: Setup) -> None:
             while (step := setup.next) is not None and self.wrong is None:
                 self.step = step
-                verdict = await setup.check(step.name)
-                if not verdict.passed:
-                    self.wrong = verdict
+                result = await setup.check(step.name)
+                if not result.passed:
+                    self.wrong = result
 
         try:
             self.run(steps)
@@ -66,17 +66,17 @@ class SimulatedSetup:
             self.wrong = self.rig.loop.run_until_complete(find_boards(self.rig))
         self.note_force()
 
-    def run_part(self, name: str) -> Verdict:
-        """Return the verdict of one part, as if all before it had passed."""
-        verdicts: list[Verdict] = []
+    def run_part(self, name: str) -> CheckResult:
+        """Return the result of one part, as if all before it had passed."""
+        results: list[CheckResult] = []
 
         async def step(setup: Setup) -> None:
             for earlier in setup.steps:
                 setup.progress.passed[earlier.name] = PassedStep(DAY, "")
-            verdicts.append(await setup.check(name))
+            results.append(await setup.check(name))
 
         self.run(step)
-        return verdicts[0]
+        return results[0]
 
     async def ask(self, question: Question) -> str:
         """Answer as the bench's hands do."""

@@ -10,9 +10,9 @@ from rigctl.boards.drum_codes import Status
 from rigctl.boards.port_discovery import PortReport
 from rigctl.config.rig_config import SLOW_GAINS, Actuator, LoadCell, RigConfig, load_config
 from rigctl.engine.setup.boards import judge_firmware, judge_reports
+from rigctl.engine.setup.check_result import DONE, YES_OR_NO, Question
 from rigctl.engine.setup.progress import COMMISSION, load_progress, progress_path
 from rigctl.engine.setup.setup import STEPS, Setup
-from rigctl.engine.setup.verdict import DONE, YES_OR_NO, Question
 from rigctl.errors import WrongUse
 from rigctl.values import BoardIdentity
 from tests.engine.setup.simulated_setup import DAY, SimulatedSetup, simulated_setup
@@ -25,8 +25,8 @@ def take_all(setup: SimulatedSetup, upto: str = "") -> None:
 
     async def steps(whole: Setup) -> None:
         while (step := whole.next) is not None and step.name != upto and setup.wrong is None:
-            verdict = await whole.check(step.name)
-            setup.wrong = None if verdict.passed else verdict
+            result = await whole.check(step.name)
+            setup.wrong = None if result.passed else result
 
     setup.run(steps)
 
@@ -46,8 +46,8 @@ def test_a_port_that_another_program_holds_is_what_the_setup_names() -> None:
     held = PortReport(
         "/dev/ttyACM0", "", error="the port is in use: close the program that holds it"
     )
-    verdict = judge_reports([PortReport("/dev/ttyS0", "", error="no rigctl board answered"), held])
-    assert verdict.problem == "/dev/ttyACM0: the port is in use: close the program that holds it"
+    result = judge_reports([PortReport("/dev/ttyS0", "", error="no rigctl board answered"), held])
+    assert result.problem == "/dev/ttyACM0: the port is in use: close the program that holds it"
 
 
 def test_without_room_the_actuator_does_not_move() -> None:
@@ -178,11 +178,11 @@ def test_a_damaged_progress_is_one_sentence(
 
 def test_an_experienced_user_commissions_without_checks_and_hears_what_was_skipped() -> None:
     async def at_once(setup: Setup) -> None:
-        state = await setup.bench.look()
+        state = await setup.context.look()
         assert not state.status_bits >> Status.COMMISSIONED & 1
         skipped = await setup.commission_without()
         assert skipped == tuple(s.title for s in STEPS if s.name != COMMISSION)
-        state = await setup.bench.look()
+        state = await setup.context.look()
         assert state.status_bits >> Status.COMMISSIONED & 1
 
     with simulated_setup() as setup:
@@ -191,15 +191,15 @@ def test_an_experienced_user_commissions_without_checks_and_hears_what_was_skipp
 
 
 def test_a_board_with_another_build_is_named_with_the_command_that_flashes_it() -> None:
-    verdict = judge_firmware({"drum": "aa", "taxels": "bb"}, {"drum": "aa", "taxels": "cc"})
-    assert "load it with rigctl flash taxels" in verdict.problem
+    result = judge_firmware({"drum": "aa", "taxels": "bb"}, {"drum": "aa", "taxels": "cc"})
+    assert "load it with rigctl flash taxels" in result.problem
     assert judge_firmware({"drum": "aa", "taxels": "bb"}, {"drum": "aa", "taxels": ""}).passed
 
 
 def test_a_failed_part_loses_its_pass() -> None:
     async def steps(setup: Setup) -> None:
         assert (await setup.check("ends")).passed
-        setup.bench.rig.faults.wire("end switches swapped")
+        setup.context.rig.faults.wire("end switches swapped")
         assert not (await setup.check("ends")).passed
         assert "ends" not in setup.progress.passed
 

@@ -57,8 +57,8 @@ def test_wirings_that_no_sensor_tells_apart_share_a_sentence() -> None:
 )
 def test_on_chips_the_electrics_say_the_same(name: str, part: str) -> None:
     with simulated_setup(name, FIRMWARE) as setup:
-        verdict = setup.run_part(part)
-        assert name in verdict.causes and setup.peak_g == 0
+        result = setup.run_part(part)
+        assert name in result.causes and setup.peak_g == 0
 
 
 @pytest.mark.parametrize("part", ["stop", "ends", "scale"])
@@ -100,8 +100,8 @@ def test_a_press_of_a_kilogram_would_be_seen() -> None:
     with simulated_setup() as setup:
 
         async def push(_: object) -> None:
-            bench = setup.rig.simulation._bench
-            bench.plant.set_rod(bench.parameters.contact_mm + 1.5)
+            context = setup.rig.simulation._bench
+            context.plant.set_rod(context.parameters.contact_mm + 1.5)
 
         setup.run(push)
         assert setup.peak_g > MOST_FORCE_G

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,8 @@ EARLY_END = "\n[early_end]\nhalf_width_hz = 5.0\nleast_trials = 5\n"
 
 async def measured_then_ended(harness: EngineHarness) -> None:
     """Measure the range while the drum hangs free, so that it stays, and wait for the run's end."""
-    await harness.engine.boards.calibrate_range(0.5)
+    boards = harness.engine.boards
+    boards.use_range(await boards.observe_range(asyncio.sleep(0.5)))
     await until_ended(harness)
 
 

@@ -45,8 +45,8 @@ def test_trials_and_spikes_of_first_trial_are_shown(opened: Harness) -> None:
     assert "48 of 48 trials committed, simulated rig" in panel.about.text()
     assert len(panel.digest.text()) == 64
     assert opened.window.stack.currentWidget() is view
-    assert view.data is not None and view.data.samples.shape[1] == 18
-    assert len(view.data.spike_row) > 100
+    assert view.data is not None and view.data.overview.low.shape[1] == 18
+    assert view.data.overview.spikes.sum() > 100
     plates = next(c for c in panel.model.table.columns if c.name == "Plate")
     assert plates.text(0) == "A" and view.data.title.startswith("Trial 13: plate B")
     assert [index.row() for index in panel.table.selectionModel().selectedRows()] == [12]
@@ -74,6 +74,22 @@ def test_classify_shows_a_sentence_and_a_figure(opened: Harness, session: Path) 
     assert view.results.pages[2].csv.startswith("neuron,spike (s)\nSA 1,")
     assert view.results.simulated and "SIMULATED" in view.results.pages[0].origin.upper()
     assert panel.run_box.run_button.isEnabled() and not panel.run_box.cancel_button.isEnabled()
+
+
+def test_figures_and_reports_go_where_the_user_says(
+    opened: Harness, session: Path, tmp_path: Path
+) -> None:
+    box = opened.window.analysis_tab.panel.run_box
+    box.place.setText(str(tmp_path / "results"))
+    click(box.run_button)
+    wait_until(lambda: bool(box.result.text()), timeout_ms=60_000)
+    assert any((tmp_path / "results" / "session-figures").iterdir())
+    assert (
+        box.form.options(box.place_of(str(session))).out
+        == tmp_path / "results" / "session-report-1"
+    )
+    box.place.clear()
+    assert box.form.options(box.place_of(str(session))).out.parent == session.parent
 
 
 def test_classify_can_be_cancelled(opened: Harness) -> None:

@@ -35,7 +35,7 @@ SCALED = Series(
     "Speed Scaled", "blue", (1, 2, 3), (30.0, 60.0, 90.0), (0.5, 0.6, 0.7),
     published=[PublishedValue(50, 97.76, "the paper 97.76 ± 0.14 %")],
 )  # fmt: skip
-BOTH = accuracy_panel("Fig. 3A Individual textures", (ORIGINAL, SCALED), 3, 0.25)
+BOTH = accuracy_panel("Fig. 3A Individual textures", (ORIGINAL, SCALED), 0.25)
 ACCURACY = Figure(
     "Accuracy",
     [BOTH, replace(BOTH, title="Fig. 3B Texture groups")],

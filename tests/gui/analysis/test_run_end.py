@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -58,17 +58,25 @@ def test_one_trial_is_no_plural(harness: Harness, tmp_path: Path) -> None:
     click(strip.close_button)
 
 
-def test_a_run_that_was_aborted_says_how_the_rest_is_recorded(
+def test_a_run_that_was_aborted_is_continued_where_it_ended(
     harness: Harness, tmp_path: Path
 ) -> None:
-    strip = harness.window.analysis_tab.run_end_strip
+    strip, panel = harness.window.analysis_tab.run_end_strip, harness.window.protocol_panel
+    box = panel.run_box
+    harness.window.show_panel("protocol")
     harness.update(run=run_status("running", tmp_path / "short"))
+    assert not box.continue_button.isVisible()
     run = RunStatus(
         "aborted", trials_planned=32, trials_committed=1, session=str(tmp_path / "short")
     )
-    harness.update(run=asdict(run))
-    assert strip.text.text() == (
-        "The run short has ended with 1 of 32 trials: Continue a session … in Protocol records "
-        "the rest."
-    )
+    for button in (strip.continue_button, box.continue_button):
+        harness.update(run=asdict(run))
+        assert strip.text.text() == "The run short has ended with 1 of 32 trials."
+        click(button)
+        command, args = harness.engine.requests[-1]
+        assert command == "start" and args["resume"] == str(tmp_path / "short")
+    harness.update(run=asdict(replace(run, state="running")))
+    assert not strip.isVisible() and not box.continue_button.isVisible()
+    harness.update(run=asdict(replace(run, state="done", trials_committed=32)))
+    assert not strip.continue_button.isVisible() and not box.continue_button.isVisible()
     click(strip.close_button)

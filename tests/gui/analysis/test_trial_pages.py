@@ -107,6 +107,30 @@ def test_large_texts_need_no_scrolling_sideways(shown: Harness) -> None:
     window.set_text_size(100)
 
 
+def test_pages_of_an_archive_that_nobody_can_write_into_are_saved_where_the_user_says(
+    shown: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    window = shown.window
+    box, log = window.analysis_tab.panel.run_box, window.event_log
+    session = window.analysis_tab.panel.path
+    before = window.protocol_panel.out.text()
+    window.protocol_panel.out.setText(str(tmp_path / "data"))
+    monkeypatch.setattr("gui.analysis.task_values.os.access", lambda path, mode: False)
+    assert save(shown, "png").parent == tmp_path / "data" / "session-figures"
+    box.show_place(session)
+    assert box.place.placeholderText() == str(tmp_path / "data")
+    box.place.setText(str(tmp_path / "results"))
+    assert save(shown, "png").parent == tmp_path / "results" / "session-figures"
+    box.place.setText("results")
+    log.clear()
+    window.analysis_tab.save_page("png")
+    wait_until(lambda: "give the whole path of the folder to save in" in log.toPlainText())
+    click(box.run_button)
+    assert box.result.text().startswith("Results in: give the whole path")
+    box.place.clear()
+    window.protocol_panel.out.setText(before)
+
+
 def test_every_page_is_saved_in_two_clicks_and_nothing_is_overwritten(shown: Harness) -> None:
     picture = save(shown, "png")
     assert picture.parent.name == "session-figures"
@@ -129,9 +153,10 @@ def test_every_page_is_saved_in_two_clicks_and_nothing_is_overwritten(shown: Har
     with save(shown, "csv").open() as file:
         rows = list(csv.DictReader(file))
     assert {row["simulated"] for row in rows} == {"yes"}
-    assert len(rows) == len(data.samples) and rows[5]["T3 (counts)"] == str(data.samples[5, 2])
+    samples = data.overview.low
+    assert len(rows) == len(samples) and rows[5]["T3 (counts)"] == str(samples[5, 2])
     spikes = sum(int(row["SA 1 (spikes)"]) for row in rows)
-    assert spikes == int((data.spike_row == 0).sum())
+    assert spikes == int(data.overview.spikes[:, 0].sum())
 
 
 def test_a_page_of_recorded_data_says_so(shown: Harness) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+import pyqtgraph as pg
 import pytest
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
@@ -18,9 +19,9 @@ from gui.analysis.trial_list import TrialList
 from gui.analysis.trial_table import AttemptColumn, join_tables
 from gui.widgets.theme import LIGHT
 from rigctl.session.layout import SAMPLES
-from rigctl.session.notes import Mark, SessionNote
+from rigctl.session.notes import Mark, SessionNote, read_notes
 from rigctl.session.session import Session, add_note
-from rigctl.values import Verdict
+from rigctl.values import TrialMark, Verdict
 from tests.analysis.recordings import record
 from tests.gui.steps import Harness, SharedWindow, click, wait_until
 from tests.session.block_session import record_in_blocks
@@ -203,6 +204,46 @@ def test_a_trial_that_was_marked_bad_is_left_out_and_says_why(
     assert panel.trials.reason.text().startswith("⚠ Trial 2 is left out: marked bad")
     panel.trials.filter.setText("left")
     assert panel.model.rowCount() == 1
+
+
+def test_a_note_on_a_trial_stands_in_the_table_and_on_its_plots(
+    analysis: Harness, sessions: tuple[Path, Path], tmp_path: Path
+) -> None:
+    folder = Path(shutil.copytree(sessions[0], tmp_path / "noted"))
+    open_session(analysis, folder)
+    tab = analysis.window.analysis_tab
+    panel, box = tab.panel, tab.panel.note_box
+    wait_until(lambda: tab.trial_view.data is not None)
+    assert not box.add_button.isEnabled()
+    panel.table.selectRow(1)
+    QTest.keyClicks(box.text, "a squeak")
+    click(box.add_button)
+    wait_until(lambda: column(panel.trials, "Notes") == ["", "a squeak", "", ""])
+    wait_until(lambda: [m.text for m in marks(tab)] == ["a squeak"])
+    for plot in (tab.trial_view.readings.samples_plot, tab.trial_view.course.force_plot):
+        lines = [item for item in plot.items if isinstance(item, pg.InfiniteLine)]
+        assert any(line.toolTip() == "a squeak" for line in lines)
+
+
+def marks(tab: AnalysisTab) -> tuple[TrialMark, ...]:
+    """Return the notes of the trial that is shown."""
+    return tab.trial_view.data.marks if tab.trial_view.data is not None else ()
+
+
+def test_one_key_marks_a_trial_bad_and_good_again(
+    analysis: Harness, sessions: tuple[Path, Path], tmp_path: Path
+) -> None:
+    folder = Path(shutil.copytree(sessions[0], tmp_path / "keyed"))
+    open_session(analysis, folder)
+    window, panel = analysis.window, analysis.window.analysis_tab.panel
+    window.activateWindow()
+    wait_until(window.isActiveWindow)
+    panel.table.selectRow(2)
+    for verdict in ("left out", "committed"):
+        QTest.keyClick(panel.table, Qt.Key.Key_B, Qt.KeyboardModifier.ControlModifier)
+        wait_until(lambda verdict=verdict: column(panel.trials, "Verdict")[2] == verdict)
+    notes = [(note.trial_id, note.mark, note.text) for note in read_notes(folder)]
+    assert notes == [(3, Mark.BAD, "no reason given"), (3, Mark.GOOD, "no reason given")]
 
 
 def test_the_reader_starts_with_the_window_and_only_once(

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from PySide6.QtWidgets import QApplication
 
-from gui.analysis.task_values import BLOCK, TrialCourse, TrialData
+from gui.analysis.task_values import TrialCourse
 from gui.analysis.trial_pages import CourseView
+from gui.analysis.trial_sections import fold_blocks
 from gui.analysis.trial_view import TrialView
 from gui.widgets.theme import LIGHT
 from rigctl.session.sensor_layout import SensorLayout
+from tests.gui.made_trials import made_trial
 
 
 @pytest.mark.parametrize(
@@ -30,7 +32,7 @@ def test_groups_are_those_of_the_sensor(
     samples = np.arange(100 * n, dtype=np.uint16).reshape(100, n)
     every_row = np.arange(2 * n)
     view = TrialView(LIGHT)
-    view.show_trial(TrialData("trial 1", samples, every_row, every_row, layout))
+    view.show_trial(made_trial(samples, every_row, every_row, layout))
     shown = view.spikes_plot.getAxis("left")._tickLevels[0]
     assert [name for _, name in shown] == groups
     assert view.samples_plot.viewRange()[1] == [-n, 0]
@@ -48,17 +50,22 @@ def test_a_long_trial_is_drawn_by_its_extremes_and_a_part_of_it_sample_by_sample
     samples[123_456] = 1000  # a single reading that no view may lose
     samples[400_000:400_010, 3] = np.arange(10)
     row, at = np.repeat(np.arange(36), 20_000), np.tile(np.arange(0, n, 30), 36)
-    blocks = samples.reshape(-1, BLOCK, 18)
-    ends = np.stack([blocks.min(axis=1), blocks.max(axis=1)])
-    whole = TrialData("Trial 1: plate A", samples, row, at, layout, blocks=ends)
+    spikes = np.zeros((n, 36), np.uint8)
+    spikes[at, row] = 1
     view = TrialView(LIGHT)
     view.resize(900, 600)
     view.show()
-    view.show_trial(whole)
+    view.section_requested.connect(
+        lambda first, end, _: view.show_section(
+            fold_blocks([(samples[first:end], spikes[first:end])], 18, 1, first)
+        )
+    )
+    view.show_trial(made_trial(samples, row, at, layout))
     drawn = [len(item.getData()[0]) for plot in plots_of(view) for item in plot.items]
     assert sum(drawn) < 300_000
     x, y = view.samples_plot.items[0].getData()
-    assert abs(x[np.argmax(y)] - 123.456) < 0.3 and np.ptp(y[: len(y) // 9]) > 0.8
+    pixel_s = n / 1000 / view.samples_plot.getViewBox().width()
+    assert 0 <= 123.456 - x[np.argmax(y)] < pixel_s and np.ptp(y[: len(y) // 9]) > 0.8
     view.samples_plot.setXRange(399.9, 400.2, padding=0)
     x, y = view.samples_plot.items[0].getData()
     steps = np.flatnonzero((x >= 400) & (x < 400.0095))

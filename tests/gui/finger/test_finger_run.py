@@ -31,7 +31,7 @@ def _models(folder: Path) -> Path:
 
 def test_training_starts_with_its_normalisation(finger: FingerWindow, tmp_path: Path) -> None:
     finger.update()
-    assert "75 scans of plates A, B, D, L, N" in finger.tab.setup.plan.text()
+    assert "125 scans of plates A, B, D, L, N" in finger.tab.setup.plan.text()
     click(finger.tab.run_box.buttons["Start"])
     (args,) = _start_args(finger)
     assert args["stages"] == ["normalise", "train"] and args["yes"] is False
@@ -136,6 +136,20 @@ def test_run_of_another_client_makes_no_models(
     assert submitted == []
     click(finger.tab.run_box.models_button)
     assert submitted == ["make_finger_models"]
+
+
+def test_a_run_that_was_stopped_is_continued_where_it_ended(
+    finger: FingerWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    submitted: list[tuple[str, dict[str, Any]]] = []
+    worker = finger.tab.worker
+    monkeypatch.setattr(worker, "submit", lambda task, **args: submitted.append((task, args)))
+    button = finger.tab.run_box.run_state.continue_button
+    finger.update(run=RUNNING)
+    assert not button.isVisible()
+    finger.update(run={"state": "aborted", "session": str(tmp_path)})
+    click(button)
+    assert submitted == [("read_finger_session", {"path": str(tmp_path)})]
 
 
 def test_session_is_continued_by_its_own_person(

@@ -18,10 +18,15 @@ def test_bring_up_from_connect_to_the_taxel_range(rig: RigWindow) -> None:
     rig.until(lambda: box.next.text() == "Next: Taxel range")
     rig.until(box.next.isEnabled)
     click(box.next)
+    part = rig.window.tools.calibrate_page.taxel_range
+    rig.until(lambda: part.measure_button.isVisible() and part.measure_button.isEnabled())
+    click(part.measure_button)
+    rig.until(lambda: part.state.text().startswith("Measuring: "))
     rig.until(lambda: box.next.text() == "Next: Load cell")  # leads to the page Calibrate
     words = {name: row[1].text() for name, row in box.rows.items()}
     assert words["Self-test"] == "no findings" and words["Home"] == "homed"
     assert words["Tare"] == "tared" and words["Taxel range"] == "known"
+    assert part.table.rowCount() == 18 and part.result_label.text().startswith("In use until")
 
 
 def test_a_run_by_hand_is_recorded_with_its_note(rig: RigWindow, tmp_path: Path) -> None:

@@ -14,8 +14,8 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from gui.analysis.export import FOOT_PX
-from gui.live.live_page import CONDUCTANCE, ENCODER, SAVE, TAXELS, VOLTS, LivePage
-from gui.live.saver import shown_samples
+from gui.live.live_page import CONDUCTANCE, COUNTS, ENCODER, SAVE, TAXELS, VOLTS, LivePage
+from gui.live.saver import shown_samples, write_table
 from gui.widgets.file_browser import NO_FOLDER, NO_WHOLE_PATH
 from gui.widgets.theme import LIGHT
 from rigctl.encoder.encoder import Encoder
@@ -293,8 +293,30 @@ def test_another_encoder_is_used_from_now_on(page: LivePage, engine: FakeEngine)
     assert page.plots.data.timeline.recode is None
 
 
+def table_of(page: LivePage, folder: Path) -> list[str]:
+    """Return the lines of the table of what is in view."""
+    plots = page.plots
+    window, taxels = plots.navigation.window, plots.time_plots.taxels
+    write_table(shown_samples(plots.data, window, taxels, plots.value_scale), folder / "live.csv")
+    return (folder / "live.csv").read_text().splitlines()
+
+
+def test_the_table_has_the_unit_that_is_chosen(
+    page: LivePage, engine: FakeEngine, tmp_path: Path
+) -> None:
+    stream(page, engine, 500)
+    counts = table_of(page, tmp_path)
+    page.bar.unit.setCurrentText(VOLTS)
+    volts = table_of(page, tmp_path)
+    assert "readings in counts" in counts[0] and "readings in V" in volts[0]
+    place = counts[1].split(",").index("T3")
+    shown = float(volts[9].split(",")[place]), int(counts[9].split(",")[place])
+    assert shown[0] == pytest.approx(shown[1] * page.plots.value_scale.factor, abs=1e-4)
+    page.bar.unit.setCurrentText(COUNTS)
+
+
 def test_conductances_are_shown_and_encoded_without_the_load_of_neighbours(
-    page: LivePage, engine: FakeEngine
+    page: LivePage, engine: FakeEngine, tmp_path: Path
 ) -> None:
     page.show_status(parse_status({**STATUS, "rig": "virtual", "wiring": list(DRAWN_WIRING)}))
     page.bar.unit.setCurrentText(CONDUCTANCE)
@@ -308,8 +330,7 @@ def test_conductances_are_shown_and_encoded_without_the_load_of_neighbours(
     assert np.all(data.low <= expected.min(axis=0)) and np.all(data.high >= expected.max(axis=0))
     assert page.plots.value_scale.unit == "× G divider"
     assert page.plots.value_scale.text(4096) == "1.000"
-    window = page.plots.navigation.window
-    assert shown_samples(data, window, (0,)).unit == Reading.CONDUCTANCE.unit
+    assert "readings in × G divider" in table_of(page, tmp_path)[0]
     page.bar.unit.setCurrentText("counts")
     assert data.timeline.recode is None and data.reading is Reading.COUNTS
 

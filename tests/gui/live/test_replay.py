@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,13 @@ from PySide6.QtGui import QAction
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QPushButton, QTableView, QWidget
 
-from gui.analysis.open_sessions import ReplayTrial
+from gui.analysis.trial_sections import ReplayTrial
 from gui.live.navigation import SPANS_S
-from gui.live.replay_page import NO_ATTEMPT, NO_SESSION, Player
+from gui.live.replay_page import NO_ATTEMPT, NO_SESSION, Player, ReplayPage
+from gui.live.timeline import TimeWindow
 from rigctl.encoder.encoder import encode_trial
 from rigctl.encoder.normalisation import Normalisation
+from rigctl.session.notes import read_notes
 from rigctl.session.session import Session
 from tests.analysis.recordings import record
 from tests.gui.steps import SharedWindow, click, wait_until
@@ -171,6 +174,38 @@ def test_the_trial_that_is_chosen_in_analysis_is_replayed(
     window.analysis_tab.panel.show_unopened("No session is open.")
     assert not trials.replay_button.isEnabled()
     assert trials.replay_button.toolTip() == "Choose a trial first"
+
+
+def test_a_note_at_the_moment_of_a_replay_is_a_mark_there(
+    disconnected: SharedWindow, session: Path, tmp_path: Path
+) -> None:
+    folder = Path(shutil.copytree(session, tmp_path / "noted"))
+    window = disconnected.window
+    page = window.replay.page
+    window.replay.show()
+    page.open(str(folder), 1)
+    wait_until(lambda: "Trial 2:" in page.sentence.text() and not page.worker.is_busy)
+    page.place.setValue(400)
+    QTest.keyClicks(page.note_box.text, "a squeak")
+    click(page.note_box.add_button)
+    wait_until(lambda: bool(read_notes(folder)))
+    (note,) = read_notes(folder)
+    assert (note.trial_id, note.at_s, note.text) == (2, 0.4, "a squeak")
+    wait_until(lambda: not page.worker.is_busy)
+    page.trial.setValue(1)
+    wait_until(lambda: "Trial 1:" in page.sentence.text())
+    assert not shown_notes(page)
+    page.trial.setValue(2)
+    wait_until(lambda: "Trial 2:" in page.sentence.text())
+    assert shown_notes(page) == [(400, "a squeak")]
+    window.replay.hide()
+
+
+def shown_notes(page: ReplayPage) -> list[tuple[int, str]]:
+    """Return position and text of the notes that the plots mark."""
+    window = TimeWindow(10_000, 10_000, 0)
+    marks = page.plots.data.marks.within(window)
+    return [(round(mark.position), mark.text) for mark in marks if mark.kind == "note"]
 
 
 def place_of(table: QTableView, row: int) -> QPoint:

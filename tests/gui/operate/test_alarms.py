@@ -182,11 +182,11 @@ def test_a_command_that_stop_ended_is_no_refusal(harness: Harness) -> None:
 
 
 def test_one_press_of_escape_in_an_open_list_is_one_stop(harness: Harness) -> None:
-    harness.update(state=int(State.IDLE))
-    plate = harness.window.operate_panel.bench.plate
-    plate.showPopup()
-    press_escape(plate.view())
-    plate.hidePopup()
+    harness.update(state=int(State.RUN))
+    unit = harness.window.live_page.bar.unit
+    unit.showPopup()
+    press_escape(unit.view())
+    unit.hidePopup()
     wait_until(lambda: QApplication.activePopupWidget() is None)
     assert harness.engine.commands == ["stop"]
     QTest.qWait(10)  # the next press is another turn of the event loop

@@ -24,7 +24,7 @@ ENABLED = {
 }
 
 
-TAXEL_COMMANDS = {"calibrate_range", "test_taxels"}
+TAXEL_COMMANDS = {"test_taxels"}
 
 
 def _enabled(harness: Harness) -> set[str]:
@@ -51,7 +51,7 @@ def test_each_button_sends_its_command(harness: Harness, state: State) -> None:
 
 def test_commands_are_disabled_while_a_protocol_runs(harness: Harness) -> None:
     harness.update(state=int(State.HOLD), run={"state": "running"})
-    assert _enabled(harness) == {"calibrate_range"}
+    assert _enabled(harness) == set()
     assert not harness.window.operate_panel.set_button.isEnabled()
     assert harness.window.toolbar.stop_button.isEnabled()
 

@@ -63,6 +63,29 @@ def test_masses_are_asked_for_one_after_another(harness: Harness, page: Calibrat
     assert not part.save_button.isEnabled()
 
 
+def test_the_ranges_that_a_press_has_shown_are_a_table_that_marks_narrow_ones(
+    harness: Harness, page: CalibratePage
+) -> None:
+    part = page.taxel_range
+    page.show_part("range")
+    part.force.setValue(300)
+    click(part.measure_button)
+    assert harness.engine.requests[-1] == ("calibrate_range", {"force_g": 300.0})
+    harness.update(calibration={"measuring": "range", "elapsed_s": 12.0, "usual_s": 32.0})
+    assert part.state.text() == "Measuring: 12 s of about 32 s" and part.cancel_button.isEnabled()
+    found = {"low": [40, 41], "high": [240, 49], "rest": [4, 4]}
+    harness.update(calibration={"taxel_range": list(found.values())})
+    rows = [[part.table.item(row, column).text() for column in range(5)] for row in range(2)]
+    assert rows == [["✓ T1", "40", "240", "200", "4"], ["✗ T2", "41", "49", "8", "4"]]
+    titles = [part.table.horizontalHeaderItem(column).text() for column in range(5)]
+    assert titles[1:] == [f"{name} (counts)" for name in ("Lowest", "Highest", "Span", "Untouched")]
+    assert "T2 (8, untouched 4)" in part.result_label.text()
+    assert "see that a plate is mounted" in part.result_label.text()
+    harness.update(calibration={"taxel_range": [[40, 41], [240, 149], [4, 4]]})
+    assert part.result_label.text().endswith("2 ranges, the narrowest that of T2 with 108")
+    assert not part.save_button.isVisible() and page.unsaved == []
+
+
 def test_the_live_reading_says_whether_the_mass_is_at_rest(
     harness: Harness, page: CalibratePage
 ) -> None:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from PySide6.QtCore import QPoint
 from PySide6.QtWidgets import QApplication, QMenu
 
+from gui.shell.main_window import MainWindow
 from rigctl.boards.drum_states import State
 from rigctl.engine.rpc import client
 from rigctl.engine.rpc.client import WINDOW, client_name
@@ -19,9 +21,13 @@ from rigctl.engine.rpc.engine_files import (
     runtime_folder,
     write_engine_file,
 )
+from rigctl.engine.rpc.messages import RunStatus
 from rigctl.engine.rpc.server import open_listener
+from rigctl.errors import LinkLost
+from rigctl.finger.status import FingerRunStatus
+from tests.gui.fake_finger import RUNNING
 from tests.gui.running_engine import start_protocol, wait_ended
-from tests.gui.steps import Harness, click, press_escape, wait_until
+from tests.gui.steps import FingerWindow, Harness, click, press_escape, wait_until
 
 
 def test_button_stops(harness: Harness) -> None:
@@ -50,37 +56,96 @@ def test_escape_stops_from_a_text_field_and_a_list(harness: Harness) -> None:
     assert harness.engine.commands == ["stop", "stop"]
 
 
-def test_escape_stops_and_closes_an_open_menu(harness: Harness) -> None:
-    menu = harness.window.menuBar().findChild(QMenu)
+MOVING: list[dict[str, Any]] = [
+    {"state": int(State.RUN)},
+    {"state": int(State.HOLD)},
+    {"state": int(State.IDLE), "contact_may_stand": True},
+    {"run": {"state": "paused"}},
+    {"calibration": {"measuring": "range"}},
+]
+"""Statuses of a drum that moves, presses, is left in contact, has a run or is calibrated."""
+
+
+def _open_menu(window: MainWindow) -> QMenu:
+    menu = window.menuBar().findChild(QMenu)
     assert menu is not None
-    menu.popup(harness.window.mapToGlobal(QPoint(5, 30)))
+    menu.popup(window.mapToGlobal(QPoint(5, 30)))
     wait_until(menu.isVisible)
+    return menu
+
+
+@pytest.mark.parametrize("moving", MOVING)
+def test_escape_stops_and_closes_an_open_menu(harness: Harness, moving: dict[str, Any]) -> None:
+    harness.update(**moving)
+    menu = _open_menu(harness.window)
     press_escape(menu)
     assert harness.engine.commands == ["stop"]
     assert not menu.isVisible()
+    harness.update(run=asdict(RunStatus()))
 
 
-def test_escape_stops_from_an_open_list(harness: Harness) -> None:
-    harness.update()
-    plate = harness.window.operate_panel.bench.plate
-    plate.showPopup()
-    press_escape(plate.view())
-    plate.hidePopup()
-    assert set(harness.engine.commands) == {"stop"}
+@pytest.mark.parametrize("state", [State.IDLE, State.ARMED, State.FAULT_OFF])
+def test_at_rest_escape_closes_an_open_menu_and_the_next_one_stops(
+    harness: Harness, state: State
+) -> None:
+    harness.update(state=int(state))
+    menu = _open_menu(harness.window)
+    press_escape(menu)
+    assert not menu.isVisible() and harness.engine.commands == []
+    press_escape(harness.window)
+    assert harness.engine.commands == ["stop"]
 
 
-def test_escape_stops_from_the_file_browser_which_covers_nothing(harness: Harness) -> None:
+def test_escape_from_an_open_list_stops_a_drum_that_moves_only(harness: Harness) -> None:
+    harness.window.show_panel("protocol")
+    protocols = harness.window.protocol_panel.protocol
+    for state, commands in ((State.IDLE, []), (State.HOLD, ["stop"])):
+        harness.update(state=int(state))
+        protocols.showPopup()
+        press_escape(protocols.view())
+        wait_until(lambda: not protocols.view().isVisible())
+        assert harness.engine.commands == commands
+
+
+def test_escape_in_an_open_list_stops_where_the_engine_was_lost(harness: Harness) -> None:
+    harness.update(state=int(State.RUN))
+    harness.engine.failure = LinkLost("the engine has ended")
+    harness.window.poll()
+    log = harness.window.event_log
+    press_escape(_open_menu(harness.window))
+    wait_until(lambda: "no engine is running" in log.toPlainText())
+    log.clear()
+    press_escape(_open_menu(harness.window))
+    assert log.toPlainText() == "", "STOP was sent: nothing is known to move"
+
+
+def test_escape_closes_the_file_browser_which_covers_nothing(harness: Harness) -> None:
     window = harness.window
     window.show_panel("protocol")
-    window.protocol_panel.out_button.click()
-    dialog = window.file_browser.dialog
-    assert dialog is not None and not dialog.isModal() and not dialog.isWindow()
-    press_escape(dialog)
-    assert harness.engine.commands == ["stop"]
-    assert QApplication.activeModalWidget() is None
-    place = window.toolbar.stop_button.mapTo(window, window.toolbar.stop_button.rect().center())
-    assert window.childAt(place) is window.toolbar.stop_button
-    window.file_browser.dismiss()
+    for state, commands in ((State.IDLE, []), (State.HOLD, ["stop"])):
+        harness.update(state=int(state))
+        window.protocol_panel.out_button.click()
+        dialog = window.file_browser.dialog
+        assert dialog is not None and not dialog.isModal() and not dialog.isWindow()
+        place = window.toolbar.stop_button.mapTo(window, window.toolbar.stop_button.rect().center())
+        assert window.childAt(place) is window.toolbar.stop_button
+        press_escape(dialog)
+        assert harness.engine.commands == commands
+        assert QApplication.activeModalWidget() is None
+        assert window.file_browser.dialog is None
+
+
+def test_escape_in_a_menu_ends_no_training_of_the_finger(finger: FingerWindow) -> None:
+    finger.update(run=RUNNING)
+    press_escape(_open_menu(finger.window))
+    assert finger.engine.commands == []
+    finger.window.close()  # asks
+    assert finger.window.attach.closing.isVisible()
+    press_escape(finger.window)
+    assert not finger.window.attach.closing.isVisible() and finger.engine.commands == []
+    press_escape(finger.window)
+    assert finger.engine.commands == ["stop"]
+    finger.update(run=asdict(FingerRunStatus()))
 
 
 def test_a_prompt_leaves_stop_uncovered(harness: Harness) -> None:

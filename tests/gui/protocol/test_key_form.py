@@ -245,7 +245,7 @@ def test_a_protocol_of_the_finger_has_its_own_form(panel: ProtocolPanel) -> None
     editor = panel.page.editor
     write(editor, (resources.finger_protocols() / "quick.toml").read_text(encoding="utf-8"))
     wait_until(editor.save_button.isEnabled)
-    assert "125 scans of the moving finger" in editor.verdict.text()
+    assert "200 scans of the moving finger" in editor.verdict.text()
     path: KeyPath = ("stages", "train")
     train = editor.finger_form.rows[path]
     assert train.field.isVisible()

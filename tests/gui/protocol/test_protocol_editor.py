@@ -26,8 +26,11 @@ def panel(harness: Harness) -> Iterator[ProtocolPanel]:
     """Yield the panel with the quick protocol in the editor."""
     panel = open_panel(harness)
     click(panel.form.edit_button)
-    wait_until(lambda: 'name = "quick"' in panel.page.editor.text.toPlainText())
+    wait_until(lambda: not panel.worker.is_busy)
+    assert 'name = "quick"' in panel.page.editor.text.toPlainText()
     yield panel
+    panel.unsaved.hide()
+    panel.page.editor.text.document().setModified(False)
     panel.show_page(False)
     panel.protocol.setCurrentIndex(panel.protocol.findText("quick"))
     wait_until(lambda: not panel.worker.is_busy)
@@ -97,6 +100,81 @@ def test_a_changed_protocol_becomes_a_file_of_the_user(
     wait_until(editor.save_button.isEnabled)
     click(editor.save_button)
     wait_until(lambda: panel.plan_rows["Trials"].text() == "4")
+
+
+def _starts(harness: Harness) -> list[str]:
+    return [args["protocol"] for command, args in harness.engine.requests if command == "start"]
+
+
+def test_start_asks_about_changes_that_are_not_saved_and_saves_them_first(
+    harness: Harness, panel: ProtocolPanel, tmp_path: Path
+) -> None:
+    editor, strip, start = panel.page.editor, panel.unsaved, panel.buttons["Start"]
+    panel.out.setText(str(tmp_path))
+    assert not panel.form.modified.isVisible()
+    write(editor, MINE)
+    assert panel.form.modified.isVisible()
+    harness.update()
+    click(start)
+    assert strip.isVisible() and "quick has changes that are not saved" in strip.text.text()
+    assert not strip.save.isEnabled() and "mistake" in strip.text.text(), "not checked yet"
+    click(strip.cancel)
+    assert not strip.isVisible() and _starts(harness) == []
+    wait_until(editor.save_button.isEnabled)
+    editor.path.setText(str(tmp_path / "mine.toml"))
+    click(start)
+    click(strip.save)
+    wait_until(lambda: _starts(harness) == [str(tmp_path / "mine.toml")])
+    assert (tmp_path / "mine.toml").read_text() == MINE
+    assert panel.plan_rows["Trials"].text() == "2" and not panel.form.modified.isVisible()
+
+
+def test_the_saved_protocol_runs_where_the_changes_are_left_out(
+    harness: Harness, panel: ProtocolPanel
+) -> None:
+    write(panel.page.editor, MINE)
+    harness.update()
+    click(panel.buttons["Start"])
+    click(panel.unsaved.go_on)
+    assert _starts(harness) == [panel.protocol.currentData()]
+    assert _starts(harness)[0].endswith("quick.toml") and panel.form.modified.isVisible()
+    panel.page.editor.text.undo()
+    assert not panel.form.modified.isVisible()
+    click(panel.buttons["Start"])
+    assert not panel.unsaved.isVisible() and len(_starts(harness)) == 2
+
+
+def test_changes_that_cannot_be_saved_start_nothing(
+    harness: Harness, panel: ProtocolPanel, tmp_path: Path
+) -> None:
+    editor, taken = panel.page.editor, tmp_path / "taken.toml"
+    taken.write_text("mine already")
+    write(editor, MINE)
+    wait_until(editor.save_button.isEnabled)
+    editor.path.setText(str(taken))
+    harness.update()
+    click(panel.buttons["Start"])
+    click(panel.unsaved.save)
+    log = harness.window.event_log
+    wait_until(lambda: "taken.toml exists: choose another name" in log.toPlainText())
+    wait_until(lambda: not panel.worker.is_busy)
+    assert _starts(harness) == [] and taken.read_text() == "mine already"
+
+
+def test_edit_keeps_changes_of_its_file_and_asks_about_those_of_another(
+    panel: ProtocolPanel,
+) -> None:
+    editor = panel.page.editor
+    write(editor, MINE)
+    panel.show_page(False)
+    click(panel.form.edit_button)
+    assert panel.shows_page and editor.text.toPlainText() == MINE
+    panel.protocol.setCurrentIndex(panel.protocol.findText("baseline"))
+    click(panel.form.edit_button)
+    assert "quick.toml has changes" in panel.unsaved.text.text()
+    assert editor.text.toPlainText() == MINE
+    click(panel.unsaved.go_on)
+    wait_until(lambda: 'name = "baseline"' in editor.text.toPlainText())
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from PySide6.QtWidgets import QApplication
 
 from gui.protocol.protocol_panel import ProtocolPanel
 from gui.widgets.layouts import PanelArea
+from rigctl.values import ABOUT
 from tests.gui.steps import Harness, click, wait_until
 
 RUN = {
@@ -82,7 +83,7 @@ def test_interrupted_session_continues(harness: Harness, tmp_path: Path) -> None
     assert browser.dialog is not None, "it begins where the last one was chosen"
     assert Path(browser.dialog.directory().path()) == tmp_path.parent
     browser.dismiss()
-    people = {"operator": "", "sensor": "", "notes": ""}
+    people = dict.fromkeys((*ABOUT, "notes"), "")
     arguments = {"resume": str(tmp_path), "yes": False, **people}
     assert harness.engine.requests[-1] == ("start", arguments)
 

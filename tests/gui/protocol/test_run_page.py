@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
@@ -13,6 +16,9 @@ from PySide6.QtWidgets import QApplication
 from gui.protocol.protocol_panel import ProtocolPanel
 from gui.protocol.run_tasks import BAD, COMMITTED, TRIAL_COLUMNS
 from gui.shell.user_settings import UserSettings, WindowMemory
+from rigctl.engine.rpc.messages import QueuedRunStatus, QueueStatus
+from rigctl.engine.run_queue import QueuedRun
+from rigctl.errors import LinkLost
 from rigctl.session.session import Session
 from tests.gui.ended_early import record_early_ends
 from tests.gui.protocol.test_protocol_panel import RUN, open_panel
@@ -25,7 +31,6 @@ MEAN_FORCE, LOST = TRIAL_COLUMNS.index("Mean force\n(g)"), TRIAL_COLUMNS.index("
 @pytest.fixture
 def panel(harness: Harness) -> Iterator[ProtocolPanel]:
     panel = open_panel(harness)
-    panel.queue.list.clear()
     panel.form.operator.setText("Jörg")
     if not panel.shows_page:
         click(panel.page_button)
@@ -167,6 +172,29 @@ def test_notes_of_a_run_go_through_its_engine(
     assert harness.engine.requests[-1] == ("repeat", arguments)
 
 
+def test_a_key_marks_the_newest_trial_and_skip_leaves_one_out(
+    harness: Harness, panel: ProtocolPanel, recorded: Path
+) -> None:
+    window, page = harness.window, panel.page
+    window.activateWindow()
+    wait_until(window.isActiveWindow)
+    QTest.keyClick(page.attempt_view, Qt.Key.Key_B, Qt.KeyboardModifier.ControlModifier)
+    wait_until(lambda: verdicts(panel)[7] == BAD)
+    assert page.attempts.rows[7].texts[-1].startswith("marked bad")
+    click(page.buttons["skip"])
+    assert harness.engine.requests[-1] == ("skip", {"trial_id": 0})
+    page.tabs.setCurrentWidget(page.order_view)
+    page.order_view.selectRow(4)
+    click(page.buttons["skip"])
+    number = int(page.order.index(4, 0).data())
+    assert harness.engine.requests[-1] == ("skip", {"trial_id": number})
+    page.tabs.setCurrentWidget(page.attempt_view)
+    page.attempt_view.selectRow(0)
+    write(panel, "a scratch on the plate")
+    click(page.buttons["on_trial"])
+    wait_until(lambda: page.attempts.rows[0].texts[-1] == "a scratch on the plate")
+
+
 def test_notes_can_be_added_long_after_the_run(
     harness: Harness, panel: ProtocolPanel, tmp_path: Path
 ) -> None:
@@ -195,28 +223,76 @@ def test_a_folder_that_is_no_session_says_so(
     assert "part-0001.h5" in panel.page.problem.text()
 
 
-def test_the_next_run_of_the_queue_starts_after_one_that_is_done(
+def queue_status(*names: str, waits_for: str = "", due_s: float | None = None) -> dict[str, Any]:
+    """Return a queue as the engine sends it; the number of a run is that of its first letter."""
+    runs = [QueuedRunStatus(ord(name[0]), name, 3, 32, 4, 502.0, due_s) for name in names]
+    return asdict(QueueStatus(tuple(runs), waits_for))
+
+
+def test_runs_are_queued_in_the_engine_with_what_is_planned_of_them(
     harness: Harness, panel: ProtocolPanel, tmp_path: Path
 ) -> None:
     panel.out.setText(str(tmp_path))
     harness.update()
-    for _ in range(2):
-        click(panel.queue.add_button)
-    assert panel.queue.list.count() == 2
-    harness.update(run={**RUN, "state": "running", "session": str(tmp_path / "now")})
-    assert not panel.queue.next_button.isEnabled()
-    harness.update(run={"state": "done"})
-    command, arguments = harness.engine.requests[-1]
-    assert command == "start" and arguments["operator"] == "Jörg"
-    harness.update(run={**RUN, "state": "running", "session": arguments["out"]})
-    assert panel.queue.list.count() == 1
-    harness.update(run={"state": "aborted"})
+    click(panel.queue.add_button)
+    command, args = harness.engine.requests[-1]
+    assert command == "enqueue" and (args["operator"], args["out"]) == ("Jörg", str(tmp_path))
+    assert str(args["trials"]) == panel.plan_rows["Trials"].text()
+    assert str(args["plate_changes"]) == panel.plan_rows["Plate changes"].text()
+    assert args["duration_s"] > 60 * args["plate_changes"]
+    msgspec.convert(args, QueuedRun)  # as the engine reads it
+    assert panel.queue.list.count() == 0, "the engine says what waits"
+
+
+def test_the_queue_shows_what_waits_and_moves_and_removes_it(
+    harness: Harness, panel: ProtocolPanel
+) -> None:
+    queue = panel.queue
+    harness.update(queue=queue_status("a", "b", waits_for="the last run was not done: look at it"))
     QApplication.processEvents()
-    for part in (panel.queue.problem, panel.queue.next_button):  # nobody has to scroll for it
+    for part in (queue.waits_for, queue.next_button):  # nobody has to scroll for it
         assert part.isVisible() and part.visibleRegion().boundingRect() == part.rect()
-    assert harness.engine.commands.count("start") == 1
-    click(panel.queue.next_button)
-    assert harness.engine.commands.count("start") == 2
+    assert queue.waits_for.text() == "Waits: the last run was not done: look at it."
+    assert queue.list.item(0).text() == "1. a, seed 3: 32 trials, 4 plate changes\n8 min 22 s"
+    queue.list.setCurrentRow(1)
+    assert not queue.down_button.isEnabled()
+    click(queue.up_button)
+    harness.update(queue=queue_status("b", "a", due_s=60.0))
+    assert queue.list.currentRow() == 0 and not queue.up_button.isEnabled(), "it stays chosen"
+    assert "\ndue " in queue.list.item(0).text() and ", over " in queue.list.item(0).text()
+    click(queue.down_button)
+    click(queue.remove_button)
+    click(queue.next_button)
+    assert harness.engine.requests[-4:] == [
+        ("move_queued", {"number": ord("b"), "places": -1}),
+        ("move_queued", {"number": ord("b"), "places": 1}),
+        ("dequeue", {"number": ord("b")}),
+        ("start_queued", {}),
+    ]
+    harness.update(run={"state": "running"})
+    assert not queue.next_button.isEnabled() and queue.remove_button.isEnabled()
+    harness.update(run={"state": "idle"}, queue=asdict(QueueStatus()))
+    assert not queue.waits_for.isVisible() and not queue.remove_button.isEnabled()
+
+
+@pytest.mark.parametrize(
+    ("failure", "sentence"),
+    [
+        ("", "the engine goes on with its queue: a, b"),
+        ("the engine ended", "if the engine has ended, so has its queue: a, b"),
+    ],
+)
+def test_a_window_without_its_engine_says_what_became_of_the_queue(
+    harness: Harness, panel: ProtocolPanel, failure: str, sentence: str
+) -> None:
+    harness.update(queue=queue_status("a", "b"))
+    if failure:
+        harness.engine.failure = LinkLost(failure)
+        harness.window.poll()
+    else:
+        harness.window.engine_link.close()
+    assert sentence in harness.window.event_log.toPlainText()
+    assert panel.queue.list.count() == 0
 
 
 def test_the_next_window_knows_folder_operator_and_sensor(
@@ -227,12 +303,16 @@ def test_the_next_window_knows_folder_operator_and_sensor(
     memory.keep_texts(panel.form.remembered)
     panel.out.setText(str(tmp_path))
     panel.form.sensor.setText("batch 7")
+    for name, text in (("plate_lot", "PLA 3"), ("project", "pilot"), ("remarks", "cold room")):
+        panel.form.about[name].setText(text)
     panel.form.notes.setText("new skin")
     harness.update()
     wait_until(panel.buttons["Start"].isEnabled)
     click(panel.buttons["Start"])
     _, arguments = harness.engine.requests[-1]
     assert (arguments["operator"], arguments["sensor"]) == ("Jörg", "batch 7")
+    said = [arguments[name] for name in ("plate_lot", "project", "remarks")]
+    assert said == ["PLA 3", "pilot", "cold room"]
     assert arguments["notes"] == "new skin" and panel.form.notes.text() == ""
     memory.save()
     later = ProtocolPanel()
@@ -240,3 +320,4 @@ def test_the_next_window_knows_folder_operator_and_sensor(
     WindowMemory(settings, window, window.docks).keep_texts(later.form.remembered)
     assert later.out.text() == str(tmp_path)
     assert (later.form.operator.text(), later.form.sensor.text()) == ("Jörg", "batch 7")
+    assert later.form.about["plate_lot"].text() == "PLA 3"

@@ -132,6 +132,7 @@ def test_a_run_tells_what_comes_repeats_a_trial_and_starts_the_next(
     panel.out.setText(str(tmp_path))
     rig.until(panel.queue.add_button.isEnabled)
     click(panel.queue.add_button)
+    rig.until(lambda: panel.queue.list.count() == 1)
     rig.start(protocol, tmp_path)
     session = Path(rig.status.run.session or "")
     rig.until(lambda: rig.status.run.trials_committed == 1)

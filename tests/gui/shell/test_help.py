@@ -26,7 +26,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Return the files that the desktop is asked to open."""
     paths: list[str] = []
     monkeypatch.setattr(
-        QDesktopServices, "openUrl", lambda url: paths.append(QUrl(url).toLocalFile())
+        QDesktopServices, "openUrl", lambda url: not paths.append(QUrl(url).toLocalFile())
     )
     return paths
 
@@ -42,6 +42,15 @@ def test_crash_reports_open_their_folder_or_are_none(
     (tmp_path / "rigctl-crash-1.txt").write_text("report")
     menu_action(bar, "Crash reports").trigger()
     assert opened == [str(tmp_path)] and lines[-1] == ("opened", f"opened {tmp_path}")
+
+
+def test_help_says_when_nothing_opened(
+    disconnected: SharedWindow, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(QDesktopServices, "openUrl", lambda url: False)
+    window = disconnected.window
+    menu_action(window.menuBar(), "Documentation").trigger()
+    assert f"this desktop has no program to open {DOCS}" in window.event_log.toPlainText()
 
 
 def test_about_leads_to_the_documentation(disconnected: SharedWindow, opened: list[str]) -> None:

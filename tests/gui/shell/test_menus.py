@@ -19,6 +19,7 @@ from gui.live.replay_page import ReplayPage
 from gui.live.saver import SaveStrip
 from gui.operate.operate_panel import PromptPanel
 from gui.shell.main_window import MainWindow
+from gui.shell.tools_controller import CommandPage
 from gui.widgets.labels import Strip
 from rigctl.boards.drum_states import State
 from tests.gui.steps import Harness
@@ -62,7 +63,8 @@ def test_each_button_that_stays_is_in_a_menu(harness: Harness) -> None:
     window = harness.window
     strips = window.findChildren(Strip) + window.findChildren(PromptPanel)
     pages = [window.attach.engines, window.start, window.help, window.file_browser]
-    tools = [window.tools.accept_page, window.tools.ports_page]
+    pages.append(window.analysis_tab.sessions)
+    tools: list[QWidget] = list(window.findChildren(CommandPage))
     tools += [window.tools.calibrate_page, window.tools.setup_page]
     elsewhere: list[QWidget] = [*strips, *pages, *tools, window.analysis_tab.run_end_strip]
     elsewhere += [window.drum.alarms.strip, *window.live_page.findChildren(TaxelStrip)]

@@ -27,6 +27,7 @@ from rigctl.session.sensor_layout import SensorLayout
 from rigctl.synth.sample_session import MAKING
 from tests.analysis.recordings import record
 from tests.gui.fake_engine import FakeEngine
+from tests.gui.made_trials import made_trial
 from tests.gui.rig_window import rig_window
 from tests.gui.steps import Harness, SharedWindow, click, press_escape
 from tests.gui.texts.results_scenes import ORIGIN, largest_accuracy, largest_confusion
@@ -224,7 +225,7 @@ def long_trial() -> TrialData:
     rng, n = np.random.default_rng(0), 6000
     samples = rng.integers(0, 1023, (n, 18)).astype(np.uint16)
     rows, at = rng.integers(0, 36, 18_000), rng.integers(0, n, 18_000)
-    return TrialData("Trial 1: plate A", samples, rows, at, SensorLayout.default(18))
+    return made_trial(samples, rows, at, SensorLayout.default(18))
 
 
 def test_a_board_that_answers_slowly(

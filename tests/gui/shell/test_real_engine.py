@@ -28,7 +28,7 @@ from tests.gui.steps import click, own_window, press_escape, wait_until
 
 TIMEOUT_MS = 120_000
 RIDGES = ridges("ridges", 3)
-PEOPLE = {"operator": "Jörg", "sensor": "batch 7", "notes": "new skin"}
+PEOPLE = {"operator": "Jörg", "sensor": "batch 7", "project": "pilot", "notes": "new skin"}
 
 
 @pytest.fixture(scope="module")
@@ -125,9 +125,9 @@ def test_protocol_runs_to_disk_and_stops_by_escape(window: MainWindow, tmp_path:
     panel.add_protocol(str(path))
     panel.out.setText(str(tmp_path))
     for field, text in PEOPLE.items():
-        getattr(panel.form, field).setText(text)
+        {**panel.form.about, "notes": panel.form.notes}[field].setText(text)
     wait_until(panel.buttons["Start"].isEnabled, TIMEOUT_MS)
-    click(panel.queue.add_button)
+    _queue(window)
     click(panel.buttons["Start"])
     wait_until(window.prompt_panel.isVisible, TIMEOUT_MS)
     click(window.prompt_panel.confirm)
@@ -142,9 +142,12 @@ def test_protocol_runs_to_disk_and_stops_by_escape(window: MainWindow, tmp_path:
         assert session.trials["verdict"].tolist()[0] == "committed"
         assert np.all(session.window(0).flags & 1)
         assert session.header.operator == "Jörg" and session.header.sensor == "batch 7"
+        assert (session.header.project, session.header.plate_lot) == ("pilot", "")
         assert [note.text for note in session.notes] == ["new skin"]
     wait_until(lambda: window.toolbar.recording_lamp.level is Level.OFF)
     session_folder = Path(status.status.run.session)
+    _start_queued(window, session_folder)
+    _queue(window)
     _continue(window, session_folder)
     _kill_engine(window, session_folder)
     _open_again(window, session_folder)
@@ -153,13 +156,20 @@ def test_protocol_runs_to_disk_and_stops_by_escape(window: MainWindow, tmp_path:
     wait_until(lambda: status.status.run.state == "aborted", TIMEOUT_MS)
     with Session.open(session_folder) as session:
         assert len(session.committed()) == 2
-    _start_queued(window, session_folder)
+
+
+def _queue(window: MainWindow) -> None:
+    """Add a run to the queue."""
+    queue = window.protocol_panel.queue
+    click(queue.add_button)
+    wait_until(lambda: queue.list.count() == 1, TIMEOUT_MS)
 
 
 def _start_queued(window: MainWindow, before: Path) -> None:
     """Start the run that waits in the queue since the one before it was stopped, and abort it."""
     queue, link = window.protocol_panel.queue, window.engine_link
-    assert queue.problem.isVisible() and queue.list.count() == 1
+    assert "was not done (stopped by this window)" in queue.waits_for.text()
+    assert queue.list.count() == 1
     wait_until(queue.next_button.isEnabled, TIMEOUT_MS)
     click(queue.next_button)
     wait_until(lambda: queue.list.count() == 0 and window.prompt_panel.isVisible(), TIMEOUT_MS)
@@ -197,6 +207,7 @@ def _kill_engine(window: MainWindow, session: Path) -> None:
     wait_until(lambda: strip.isVisible() and strip.title.text() == "ENGINE LOST", TIMEOUT_MS)
     assert f"{session.name} (2 of 3 trials) is kept" in strip.text.text()
     assert "Continue a session" in strip.text.text()
+    assert "if the engine has ended, so has its queue: ridges" in window.event_log.toPlainText()
     assert window.windowTitle().startswith("ENGINE LOST")
     wait_until(lambda: window.toolbar.connect_button.text() == "Connect", TIMEOUT_MS)
     click(window.toolbar.connect_button)

@@ -83,6 +83,9 @@ def test_the_sample_is_made_whole_opened_and_used_again(window: MainWindow, fold
     names = {path.name for path in folder.parent.iterdir()}
     assert names == {folder.name, "sample-session-damaged-1"}
     assert verify(folder).whole
+    place = window.analysis_tab.panel.run_box.place_of(str(folder))
+    assert str(place) == window.protocol_panel.out.text(), "no results in a hidden folder"
+    assert window.settings.recent("sessions")[0] == str(folder)
     with open_session(folder) as session:
         assert session.header.simulated and len(session.committed()) == 32
 

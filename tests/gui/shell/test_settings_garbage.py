@@ -17,12 +17,13 @@ from gui.shell.main_window import MainWindow
 from gui.shell.user_settings import UserSettings
 from gui.widgets.theme import ThemeChoice, scale_texts
 from tests.gui.fake_engine import FakeEngine
-from tests.gui.steps import own_window
+from tests.gui.steps import own_window, wait_until
 
 KEYS = (
     "theme", "text_percent", "window", "docks", "speed_mm_s", "force_g", "save_in", "record_in",
     "pictures_in", "scans_in", "span_s", "unit", "rates_per_mm", "sessions", "rigs", "alarm_sound",
-    "protocol/operator", "protocol/sensor",
+    "protocol/operator", "protocol/sensor", "protocol/plate_lot", "protocol/project",
+    "protocol/remarks",
 )  # fmt: skip
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=30),
@@ -126,6 +127,7 @@ def test_views_and_rigs_return(qapp: QApplication, engine: FakeEngine, tmp_path:
         themes[ThemeChoice.DARK.value].trigger()
         window.toolbar.rig.choose("/data/bench/rig.toml")
         window.toolbar.connect_requested.emit("/data/bench/rig.toml", "")
+        wait_until(lambda: window.engine_link.live is not None)  # what did not open is not recent
     assert UserSettings(path).value("theme", "") == ThemeChoice.DARK.name
     with own_window(engine, UserSettings(path)) as again:
         assert again.live_plots.navigation.span_s == 5

@@ -10,7 +10,7 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
-from gui.shell.tools_controller import IN_USE
+from gui.shell.tools_controller import IN_USE, CommandPage, FieldsPage
 from rigctl import cli
 from tests.analysis.recordings import record
 from tests.gui.steps import Harness, SharedWindow, click, wait_until
@@ -42,12 +42,13 @@ def test_accept_prints_the_words_of_the_command_line(
     session = record(tmp_path / "session", textures="A")
     _choose(disconnected, "&Accept a rig")
     assert window.stack.currentWidget() is page
-    page.folder.clear()
+    folder = page.fields["Session"]
+    folder.clear()
     click(page.run_button)
-    assert page.verdict.text() == "Choose the folder of a session first."
-    page.folder.setFocus()
-    QTest.keyClicks(page.folder, str(session))
-    QTest.keyClick(page.folder, Qt.Key.Key_Return)
+    assert page.verdict.text() == "Session: choose it first."
+    folder.setFocus()
+    QTest.keyClicks(folder, str(session))
+    QTest.keyClick(folder, Qt.Key.Key_Return)
     assert page.is_running and not page.run_button.isEnabled()
     wait_until(lambda: not page.is_running, timeout_ms=120_000)
     printed = _printed("accept", str(session))
@@ -62,11 +63,67 @@ def test_a_folder_without_a_session_is_refused_in_a_sentence(
 ) -> None:
     page = disconnected.window.tools.accept_page
     _choose(disconnected, "&Accept a rig")
-    page.folder.setText(str(tmp_path / "none"))
+    page.fields["Session"].setText(str(tmp_path / "none"))
     click(page.run_button)
     wait_until(lambda: not page.is_running, timeout_ms=120_000)
     assert str(tmp_path / "none") in page.verdict.text()
     assert "Traceback" not in page.output.toPlainText()
+
+
+def run_page(page: CommandPage, **texts: object) -> str:
+    """Fill the fields of a page, press its button, and return its verdict at the end."""
+    assert isinstance(page, FieldsPage)
+    for name, text in texts.items():
+        page.fields[name.replace("_", " ")].setText(str(text))
+    click(page.run_button)
+    wait_until(lambda: not page.is_running, timeout_ms=120_000)
+    return page.verdict.text()
+
+
+def test_recordings_are_imported_by_a_guessed_map_and_opened(
+    disconnected: SharedWindow, tmp_path: Path
+) -> None:
+    window, page = disconnected.window, disconnected.window.tools.import_page
+    rows = ["time,s1,s2", *(f"{n / 1000},{300 + n % 7},{400 + n % 5}" for n in range(2000))]
+    recordings = tmp_path / "lab"
+    recordings.mkdir()
+    (recordings / "felt_40mm_s_250g_1.csv").write_text("\n".join(rows))
+    _choose(disconnected, "I&mport recordings")
+    assert not page.open_button.isEnabled()
+    page.fields["Recordings"].setText("lab")
+    click(page.guess_button)
+    assert page.verdict.text().startswith("Recordings: give the whole path")
+    page.fields["Recordings"].setText(str(recordings))
+    page.fields["Map"].setText(str(tmp_path / "map.toml"))
+    click(page.guess_button)
+    wait_until(lambda: not page.is_running, timeout_ms=120_000)
+    assert (tmp_path / "map.toml").exists() and "s1" in page.output.toPlainText()
+    page.fields["Write into"].setText(str(tmp_path / "imported"))
+    click(page.run_button)
+    wait_until(lambda: not page.is_running, timeout_ms=120_000)
+    assert "1 trials of 2 taxels" in page.output.toPlainText()
+    click(page.open_button)
+    panel = window.analysis_tab.panel
+    wait_until(lambda: panel.path == str(tmp_path / "imported"))
+    panel.show_unopened("No session is open.")
+
+
+def test_sessions_are_encoded_exported_and_recovered_from_the_menus(
+    disconnected: SharedWindow, tmp_path: Path
+) -> None:
+    tools = disconnected.window.tools
+    session = record(tmp_path / "session", textures="A")
+    _choose(disconnected, "&Export a session")
+    table = tmp_path / "trials.csv"
+    assert run_page(tools.export_page, Session=session, Write_into=table) == str(table)
+    assert table.read_text().startswith("trial_id,")
+    _choose(disconnected, "&Recover a session")
+    assert "has no part to close" in run_page(tools.recover_page, Session=session)
+    _choose(disconnected, "&Encode a session")
+    assert tools.encode_page.run_button.text() == "Encode"
+    spikes = tmp_path / "spikes"
+    verdict = run_page(tools.encode_page, Session=session, Write_into=spikes)
+    assert verdict == f"spikes: {spikes / 'spikes.h5'}"
 
 
 def test_a_command_can_be_cancelled_and_started_again(disconnected: SharedWindow) -> None:

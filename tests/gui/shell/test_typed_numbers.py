@@ -18,8 +18,8 @@ from tests.gui.fake_engine import FakeEngine
 from tests.gui.operate.test_calibrate import MASSES
 from tests.gui.steps import Harness, SharedWindow, click, wait_until
 
-LANGUAGES = ("C", "de_DE", "fr_FR", "de_CH", "hi_IN")
-GROUP_MARKS = (".", ",", "'", "\u2019", " ", "\u00a0", "\u202f", "_")
+LANGUAGES = ("C", "de_DE", "fr_FR", "sv_SE", "ar_EG", "de_CH", "hi_IN")
+GROUP_MARKS = (".", ",", "'", "\u2019", " ", "\u00a0", "\u202f", "٬", "_")
 whole_parts = st.integers(0, 9999).map(str)
 decimals = st.text("0123456789", min_size=1, max_size=4)
 plain = st.builds(
@@ -32,7 +32,8 @@ grouped = st.builds(
     st.integers(0, 999),
     st.sampled_from(("", ".0", ",5", ".25")),
 )
-texts = st.one_of(whole_parts, plain, grouped, st.text("0123456789.,-+e '", max_size=7))
+arabic = plain.map(lambda text: text.translate(str.maketrans("0123456789.", "٠١٢٣٤٥٦٧٨٩٫")))
+texts = st.one_of(whole_parts, plain, grouped, arabic, st.text("0123456789.,-+e '", max_size=7))
 
 
 @pytest.fixture(scope="module", params=LANGUAGES)
@@ -96,7 +97,7 @@ def test_a_number_has_one_value_or_is_refused_as_it_is_typed(abroad: Harness) ->
             assert box.accessibleDescription() == box.refusal or not box.isVisible()
             assert not box.hasAcceptableInput()
         else:
-            meant = Decimal(text.strip().replace(",", "."))
+            meant = Decimal(text.strip().replace(",", ".").replace("٫", ".").replace("−", "-"))
             assert Decimal(str(box.value())) == meant == Decimal(shown(box))
         box.setValue(box.minimum())
         assert not box.refusal
@@ -111,7 +112,8 @@ def test_no_box_of_the_window_reads_by_another_rule(abroad: Harness) -> None:
 
 
 @pytest.mark.parametrize(
-    ("typed", "force_g"), [("100.0", 100.0), ("100,0", 100.0), ("250", 250.0), ("1200,", 1200.0)]
+    ("typed", "force_g"),
+    [("100.0", 100.0), ("100,0", 100.0), ("250", 250.0), ("1200,", 1200.0), ("٢٥٠٫٠", 250.0)],
 )
 def test_the_force_that_is_sent_is_the_one_that_is_typed(
     abroad: Harness, typed: str, force_g: float
@@ -130,6 +132,7 @@ def test_the_force_that_is_sent_is_the_one_that_is_typed(
         ("1.000", "1.000 may mean 1000 or 1: type one of the two"),
         ("1.000,0", "1.000,0 has a mark between groups of digits: leave it out"),
         ("1\u202f000", "has a mark between groups of digits: leave it out"),
+        ("1٬000", "has a mark between groups of digits: leave it out"),
         ("1'000", "1'000 has a mark between groups of digits: leave it out"),
         ("2005", "2005 is outside 50 to 1200 g"),
         ("7", "7 is outside 50 to 1200 g"),

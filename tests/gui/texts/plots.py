@@ -77,7 +77,13 @@ def _ticks(where: str, axis: pg.AxisItem, port: QRectF) -> Iterator[CutText]:
     if cached:
         has = has.intersected(axis.boundingRect())
     previous: tuple[QRectF, str] | None = None
+    name = axis.label.toPlainText().replace("\n", " ")
+    margin = axis.label.document().documentMargin()
+    inner = axis.label.boundingRect().adjusted(margin, margin, -margin, -margin)
+    name_place = axis.mapRectFromItem(axis.label, inner) if axis.label.isVisible() else QRectF()
     for rect, text in _tick_texts(axis):
+        if _overlap(name_place, rect):
+            yield CutText(f"{where}/AxisItem", text, f"overlaps the name {name!r} of its axis")
         if not _holds(has, rect):
             reason = f"covers {_words(rect)} but the axis shows {_words(has)}"
             yield CutText(f"{where}/AxisItem", text, reason)

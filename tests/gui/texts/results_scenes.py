@@ -64,7 +64,7 @@ def largest_accuracy() -> Figure:
         )
         for r in REPRESENTATIONS
     ]  # fmt: skip
-    panels = [accuracy_panel(title, curves, 50, 0.0625) for title in TITLES]
+    panels = [accuracy_panel(title, curves, 0.0625) for title in TITLES]
     return Figure("Accuracy", panels, ["Mean of 20 draws; bars: standard deviation."])
 
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from PySide6.QtWidgets import QApplication
 
-from gui.live.live_page import ENCODER, TRIALS
+from gui.live.live_page import COUNTS, ENCODER, TRIALS, VOLTS
 from gui.protocol.learning_page import NO_SESSION
 from gui.protocol.protocol_panel import ProtocolPanel
 from gui.shell.main_window import MainWindow
@@ -185,6 +185,7 @@ def _operate(stage: Stage) -> Iterator[str]:
     stage.update(**CROWDED, state=int(State.RUN), recording=RECORDING, run=RUN)
     yield "Operate, crowded figures"
     yield from _trials(stage)
+    yield from _taxel_alone(stage)
     failure = {"active": False, "failure": "the disk is full: free some space, then continue"}
     state = {"state": int(State.FAULT_OFF), "fault": 2}
     stage.update(**state, fault_words=FAULT_WORDS, recording=failure)
@@ -192,6 +193,17 @@ def _operate(stage: Stage) -> Iterator[str]:
     yield "Operate, fault and full disk"
     stage.window.engine_link.silent.emit(12.0)
     yield SILENT
+
+
+def _taxel_alone(stage: Stage) -> Iterator[str]:
+    """Show a taxel by itself in each unit, and a force of four digits."""
+    page, unit = stage.window.live_page, stage.window.live_page.bar.unit
+    page.plots.show_taxels((3,))
+    stage.engine.write_samples(1000, force_g=1400.0)
+    for name in (VOLTS, COUNTS):
+        unit.setCurrentText(name)
+        yield f"A taxel alone in {name}"
+    page.plots.show_taxels(tuple(range(18)))
 
 
 def _trials(stage: Stage) -> Iterator[str]:
@@ -307,7 +319,7 @@ def _tools(stage: Stage) -> Iterator[str]:
         tools.calibrate_page.parts[part].show_refusal(REFUSAL)
         yield f"Calibrate, {part}, refused"
     yield from _setup(stage)
-    tools.accept_page.folder.clear()
+    tools.accept_page.fields["Session"].clear()
     for name, page in (("accept", tools.accept_page), ("ports", tools.ports_page)):
         stage.window.stack.show_page(name)
         page.verdict.setText(REFUSAL)

@@ -16,8 +16,8 @@ from rigctl.engine.calibrator import Calibrator, edited_rig_file
 from rigctl.engine.contact import has_status
 from rigctl.engine.motion import DrumMotion
 from rigctl.engine.rig import Rig
+from rigctl.engine.setup.check_result import Question
 from rigctl.engine.setup.progress import Progress, load_progress
-from rigctl.engine.setup.verdict import Question
 from rigctl.errors import BoardFault, CommandRefused, LinkLost
 from rigctl.values import DrumState
 
@@ -26,7 +26,7 @@ Ask = Callable[[Question], Awaitable[str]]
 LIFT_S = 40.0
 
 
-class Workbench:
+class SetupContext:
     """One rig that is set up. ``kept``: what the present step has written into ``rig.toml``.
 
     ``today`` returns the date.

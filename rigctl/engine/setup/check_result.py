@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 from rigctl.config.toml_edit import Value
+from rigctl.config.typed_number import typed_number
 from rigctl.errors import WrongUse
 
 DONE, YES, NO = "done", "yes", "no"
@@ -42,8 +43,8 @@ class Question(NamedTuple):
 
     def _number(self, given: str) -> float:
         try:
-            value = float(given.removesuffix(self.unit.lower()).strip().replace(",", "."))
-        except ValueError:
+            value = float(typed_number(given.removesuffix(self.unit.lower())))
+        except WrongUse:
             value = math.nan
         if not self.low <= value <= self.high:
             raise WrongUse(
@@ -61,7 +62,7 @@ class Remedy(NamedTuple):
     text: str
 
 
-class Verdict(NamedTuple):
+class CheckResult(NamedTuple):
     """What a step has found beside what it expected, both in words.
 
     ``problem``: what a wrong reading means and what to do, one sentence, empty where the part is

@@ -1,0 +1,42 @@
+"""Write all attempts at a session's trials with their notes as CSV, for a spreadsheet."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+from rigctl.session.session import open_session
+from rigctl.session.session_reader import SessionReader
+
+COUNTS, WHY_NOT, NOTES, SIMULATED = "counts", "why_not", "notes", "simulated"
+"""Columns behind those of the table of trials."""
+
+
+def write_trials(session: Path, out: Path) -> None:
+    """Write a row for each attempt into a file; notes on the whole session are comments above.
+
+    Raises SessionError for another kind of folder.
+    """
+    with open_session(session) as opened, out.open("w", encoding="utf-8", newline="") as file:
+        general = [note for note in opened.notes if not note.trial_id]
+        file.writelines(f"# {note.made_utc} {note.describe()}\n" for note in general)
+        writer = csv.writer(file, lineterminator="\n")
+        names = opened.trials.dtype.names or ()
+        writer.writerow((*names, COUNTS, WHY_NOT, NOTES, SIMULATED))
+        writer.writerows(_rows(opened))
+
+
+def _rows(session: SessionReader) -> list[tuple[object, ...]]:
+    counted = set(session.committed().tolist())
+    simulated = "yes" if session.header.simulated else "no"
+    left_out, notes = session.left_out, session.trial_notes()
+    return [
+        (
+            *row,
+            "yes" if index in counted else "no",
+            left_out.get(index, ""),
+            notes.get(index, ""),
+            simulated,
+        )
+        for index, row in enumerate(session.trials.tolist())
+    ]

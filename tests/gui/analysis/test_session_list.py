@@ -1,0 +1,202 @@
+"""The list of sessions: what it says of each, its filter, and what its buttons do."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+
+from gui.analysis.session_list import BATCH, SessionList
+from rigctl.session.notes import Mark, SessionNote
+from rigctl.session.session import add_note
+from tests.analysis.recordings import record
+from tests.gui.steps import Harness, SharedWindow, click, wait_until
+from tests.session.building import SyntheticRig, plan, recorder
+
+pytestmark = pytest.mark.usefixtures("leave_nothing")
+KIND = {"travel_mm": 12.0, "speeds": (40, 80), "forces": (250,)}
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a whole session, one with a bad trial, one cut short, one damaged."""
+    folder = tmp_path_factory.mktemp("data")
+    whole = record(folder / "project" / "whole", "AB", **KIND)
+    marked = Path(shutil.copytree(whole, folder / "marked"))
+    add_note(marked, SessionNote("2026-11-24T09:00:00Z", "it slipped", 2, 1, Mark.BAD))
+    with recorder(folder / "stopped") as rec:
+        rec.begin_part("start", "A")
+        SyntheticRig(rec).trial(plan().trials[0])
+    (folder / "damaged").mkdir()
+    part = (whole / "part-0001.h5").read_bytes()
+    (folder / "damaged" / "part-0001.h5").write_bytes(part[:3000])
+    (folder / "no session").mkdir()
+    return folder
+
+
+@pytest.fixture
+def sessions(harness: Harness, data: Path) -> Iterator[SessionList]:
+    """Yield the list of that folder, opened by the menu."""
+    window = harness.window
+    window.protocol_panel.out.setText(str(data))
+    listed = window.analysis_tab.sessions
+    menu_line(window, "Sess&ions")
+    wait_until(lambda: len(listed.lines) == 4 and "being read" not in listed.count.text())
+    assert window.stack.currentWidget() is listed
+    yield listed
+    listed.filter.clear()
+    click(listed.close_button)
+
+
+def menu_line(window: object, text: str) -> None:
+    """Choose a line of the File menu."""
+    actions = window.menus.actions()  # type: ignore[attr-defined]
+    next(action for menu, action in actions if menu == "File" and action.text() == text).trigger()
+
+
+def cells(listed: SessionList, name: str) -> dict[str, str]:
+    """Return what a column says of each session that is shown."""
+    names = [column.name for column in listed.model.table.columns]
+    rows = range(listed.model.rowCount())
+    texts = [[listed.model.index(row, names.index(n)).data() for row in rows] for n in (NAME, name)]
+    return dict(zip(*texts, strict=True))
+
+
+NAME = "Session"
+
+
+def choose(listed: SessionList, name: str) -> None:
+    """Click on the row of a session."""
+    row = list(cells(listed, NAME)).index(name)
+    at = listed.table.visualRect(listed.model.index(row, 1)).center()
+    QTest.mouseClick(listed.table.viewport(), Qt.MouseButton.LeftButton, pos=at)
+
+
+def test_each_session_says_how_far_it_is(sessions: SessionList) -> None:
+    assert cells(sessions, "Trials") == {
+        "whole": "4 of 4",
+        "marked": "3 of 4",
+        "stopped": "1 of 8",
+        "damaged": "–",
+    }
+    assert cells(sessions, "State") == {
+        "whole": "complete",
+        "marked": "incomplete",
+        "stopped": "incomplete",
+        "damaged": "unreadable",
+    }
+    assert cells(sessions, "Bad") == {"whole": "0", "marked": "1", "stopped": "0", "damaged": "0"}
+    assert cells(sessions, "Operator")["stopped"] == "Jörg"
+    assert all("simulated" in text for name, text in cells(sessions, "Rig").items() if text != "")
+    choose(sessions, "damaged")
+    assert "is damaged" in sessions.reason.text()
+    assert not any(button.isEnabled() for button in sessions.buttons.values())
+
+
+def test_words_find_sessions_and_columns_sort_them(sessions: SessionList) -> None:
+    QTest.keyClicks(sessions.filter, "incomplete small")
+    assert list(cells(sessions, NAME)) == ["stopped"]
+    assert sessions.count.text() == "1 of 4 sessions"
+    sessions.filter.clear()
+    sessions.table.sortByColumn(1, Qt.SortOrder.AscendingOrder)
+    assert list(cells(sessions, NAME)) == ["damaged", "marked", "stopped", "whole"]
+    sessions.table.sortByColumn(-1, Qt.SortOrder.AscendingOrder)
+
+
+def test_analyse_and_add_open_sessions_beside_each_other(
+    harness: Harness, sessions: SessionList, data: Path
+) -> None:
+    panel = harness.window.analysis_tab.panel
+    choose(sessions, "whole")
+    click(sessions.buttons["Analyse"])
+    wait_until(lambda: panel.model.rowCount() == 4)
+    menu_line(harness.window, "Sess&ions")
+    choose(sessions, "marked")
+    click(sessions.buttons["Add"])
+    wait_until(lambda: panel.model.rowCount() == 8)
+    assert list(panel.sessions) == [str(data / "project" / "whole"), str(data / "marked")]
+
+
+def test_a_session_that_was_verified_says_when(
+    harness: Harness, sessions: SessionList, data: Path
+) -> None:
+    panel = harness.window.analysis_tab.panel
+    choose(sessions, "whole")
+    QTest.keyClick(sessions.table, Qt.Key.Key_Return)
+    wait_until(lambda: panel.model.rowCount() == 4)
+    click(panel.verify_button)
+    wait_until(lambda: "whole is whole" in panel.run_box.result.text())
+    assert cells(sessions, "Verified")["whole"].startswith("20")
+    assert cells(sessions, "Verified")["stopped"] == "–"
+    os.utime(data / "project" / "whole" / "part-0001.h5", (4e9, 4e9))
+    click(sessions.refresh_button)
+    wait_until(lambda: cells(sessions, "Verified")["whole"] == "–")
+
+
+def test_export_writes_every_attempt_with_its_notes(
+    harness: Harness, sessions: SessionList, data: Path
+) -> None:
+    choose(sessions, "marked")
+    click(sessions.buttons["Export"])
+    wait_until(lambda: "trials.csv" in harness.window.event_log.toPlainText())
+    names, *rows = (data / "marked-figures" / "trials.csv").read_text().splitlines()
+    assert names.split(",")[-4:] == ["counts", "why_not", "notes", "simulated"]
+    assert len(rows) == 4
+    assert [row for row in rows if ",no,marked bad: it slipped,marked bad: it slipped,yes" in row]
+
+
+def test_continue_runs_the_remaining_trials(
+    harness: Harness, sessions: SessionList, data: Path
+) -> None:
+    choose(sessions, "whole")
+    assert not sessions.buttons["Continue"].isEnabled()
+    assert sessions.buttons["Continue"].toolTip() == "All planned trials are recorded"
+    choose(sessions, "stopped")
+    harness.update(drum_connected=False)
+    click(sessions.buttons["Continue"])
+    assert "connect its rig" in harness.window.event_log.toPlainText()
+    harness.update(drum_connected=True, taxels_connected=True)
+    menu_line(harness.window, "Sess&ions")
+    choose(sessions, "stopped")
+    click(sessions.buttons["Continue"])
+    (sent,) = [args for command, args in harness.engine.requests if command == "start"]
+    assert sent["resume"] == str(data / "stopped")
+
+
+def test_recent_sessions_are_those_that_opened(
+    harness: Harness, sessions: SessionList, data: Path
+) -> None:
+    window = harness.window
+    window.analysis_tab.open_session(str(data / "damaged"))
+    wait_until(lambda: "damaged" in window.analysis_tab.panel.about.text())
+    window.analysis_tab.open_session(str(data / "marked"))
+    wait_until(lambda: window.analysis_tab.panel.path == str(data / "marked"))
+    recent = window.settings.recent("sessions")
+    assert recent[0] == str(data / "marked") and str(data / "damaged") not in recent
+
+
+def test_a_large_folder_is_read_a_few_at_a_time(
+    disconnected: SharedWindow, data: Path, tmp_path: Path
+) -> None:
+    window, listed = disconnected.window, disconnected.window.analysis_tab.sessions
+    asked: list[str] = []
+    for number in range(2 * BATCH + 1):
+        folder = tmp_path / f"copy-{number}"
+        folder.mkdir()
+        os.link(data / "stopped" / "part-0001.h5", folder / "part-0001.h5")
+    window.analysis_tab.reader.finished.connect(lambda task, _: asked.append(task))
+    listed.folder.setText(str(tmp_path))
+    click(listed.refresh_button)
+    wait_until(lambda: "read_session_lines" in asked)
+    window.analysis_tab.open_session(str(data / "project" / "whole"))
+    wait_until(lambda: len(listed.lines) == 2 * BATCH + 1)
+    assert asked.count("read_session_lines") == 3
+    assert asked.index("open_session") < len(asked) - 1, "what the user wants comes between"
+    listed.folder.setText(str(tmp_path / "none"))
+    click(listed.refresh_button)
+    wait_until(lambda: "choose the folder that holds the sessions" in listed.count.text())
