@@ -186,8 +186,8 @@ def prediction_results(classification: Classification) -> AnalysisResults:
     verdicts = {True: "correct", False: "<b>wrong</b>", None: "unknown to the model"}
     trained = {True: "trained on it", False: "no"}
     head = [
-        "Trial", "True", "mm/s", "g", "Predicted", "", "Posterior", "Runner-up", "Margin (log posterior)",
-        "Trained on",
+        "Trial", "True", "mm/s", "g", "Predicted", "", "Posterior", "Runner-up",
+        "Margin (log posterior)", "Trained on",
     ]  # fmt: skip
     cells = [
         [
