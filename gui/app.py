@@ -136,6 +136,7 @@ def run(args: argparse.Namespace) -> int:
         signal.signal(number, lambda *_: QTimer.singleShot(0, window.attach.leave))
     Thread(target=_load_compiler).start()
     window.analysis_tab.prepare()
+    QTimer.singleShot(SOON_MS, window, window.fit_screen)  # its frame is there by then
     QTimer.singleShot(SOON_MS, window, window.prepare)
     _begin(window, args)
     code = int(QApplication.exec())

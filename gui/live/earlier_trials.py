@@ -138,7 +138,7 @@ class EarlierTrials:
     def show(self, data: LiveData, window: TimeWindow, trials: list[TrialSpan], taxel: int) -> None:
         """Show trials in a window whose time 0 is the beginning of the present one."""
         starts = tuple(trial.start for trial in trials)
-        ranges = (float(data.low[taxel]), float(data.high[taxel]))
+        ranges = (*self._plots.traces.range_of(taxel), self._plots.traces.eye)
         wanted = (window, starts, taxel, ranges, self._plots.taxels, self._plots.force.values)
         if wanted == self._drawn:
             return
@@ -149,7 +149,7 @@ class EarlierTrials:
             time_s, columns = data.drum.within(part)
             self._set(self._lines[0][number], window, (time_s, columns["force_g"]))
             self._set(self._lines[1][number], window, (time_s, columns["speed_mm_s"]))
-            if taxel in self._plots.taxels:
+            if taxel in self._plots.taxels and self._plots.traces.eye is None:
                 self._set(self._lines[2][number], window, self._readings(data, part, taxel))
         if trials and taxel in self._plots.taxels:
             self._show_rates(data, window, trials, taxel)

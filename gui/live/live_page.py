@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from functools import partial
 from typing import Any
@@ -13,15 +13,17 @@ from PySide6.QtWidgets import QCheckBox, QGridLayout, QPushButton, QScrollBar, Q
 from gui.analysis.export import Content, FileSaver, foot_text, image_with_foot, in_process
 from gui.live.earlier_trials import BIN_S, MOST, TrialSpan, TrialStarts, condition_of
 from gui.live.encoder_strip import EncoderStrip
+from gui.live.eye_filter import EyeFilter
 from gui.live.live_data import NOMINAL_SUPPLY_V, ValueScale
-from gui.live.live_plots import LivePlots
+from gui.live.live_plots import LEAST_GAIN, MOST_GAIN, LivePlots
 from gui.live.navigation import SPANS_S, Navigation
 from gui.live.pointer import Pointer, cursor_text, difference_text
 from gui.live.raster import FULL_SCALE_HZ
 from gui.live.saver import SaveStrip, shown_samples, write_table
+from gui.widgets.background import Background
 from gui.widgets.labels import ElidedLabel, label, show_text
 from gui.widgets.layouts import ComboBox, FlowLayout, container, hbox, push_button, vbox
-from gui.widgets.number_box import WholeNumberBox
+from gui.widgets.number_box import NumberBox, WholeNumberBox
 from gui.widgets.theme import Theme
 from rigctl.encoder.reading import Reading, input_of_each
 from rigctl.engine.live_file import LiveReader
@@ -190,6 +192,62 @@ class TaxelStrip(QWidget):
             self.chosen.emit(taxels)
 
 
+HIGH_PASSES_HZ = (0.0, 0.5, 1.0, 5.0, 10.0, 50.0, 100.0)
+LOW_PASSES_HZ = (0.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
+EYE_ALONE = "For the eye alone: record, spikes, maps and tables have the readings as they are"
+
+
+class EyeStrip(QWidget):
+    """Gain and filters of the traces; loading SciPy for the first filter takes its own thread."""
+
+    failed = Signal(str)
+
+    def __init__(self, plots: LivePlots) -> None:
+        super().__init__()
+        self._plots, self._background = plots, Background("rigctl-filter")
+        self.gain = NumberBox(minimum=LEAST_GAIN, maximum=MOST_GAIN, value=1.0, decimals=2)
+        self.gain.setPrefix("× ")
+        self.gain.setToolTip("How high the traces are drawn (Ctrl and the wheel over the plots)")
+        self.high_pass = self._edges("High-pass of the traces", HIGH_PASSES_HZ)
+        self.low_pass = self._edges("Low-pass of the traces", LOW_PASSES_HZ)
+        filters = (label("High-pass"), self.high_pass, label("Low-pass"), self.low_pass)
+        row, sentence = FlowLayout(label("Gain"), self.gain, *filters), ElidedLabel(EYE_ALONE)
+        self.setLayout(vbox(row, sentence, spacing=2, margins=(6, 0, 6, 0)))
+        self.gain.valueChanged.connect(plots.set_gain)
+        plots.gain_changed.connect(self._show_gain)
+
+    def apply(self) -> None:
+        """Filter the readings that are shown, or none."""
+        high_hz, low_hz = self.high_pass.currentData(), self.low_pass.currentData()
+        if high_hz or low_hz:
+            make = partial(EyeFilter, high_hz, low_hz, self._plots.data.reading)
+            self._background.run(make, self._take, self.failed.emit)
+        else:
+            self._plots.set_eye_filter(None)
+
+    def close_files(self) -> None:
+        """Wait for the thread, as before the window closes."""
+        self._background.close()
+
+    def _take(self, eye: EyeFilter) -> None:
+        """Show a filter unless another one was chosen meanwhile."""
+        if (eye.high_hz, eye.low_hz) == (self.high_pass.currentData(), self.low_pass.currentData()):
+            self._plots.set_eye_filter(eye)
+
+    def _show_gain(self, gain: float) -> None:
+        with QSignalBlocker(self.gain):
+            self.gain.setValue(gain)
+
+    def _edges(self, name: str, edges_hz: Sequence[float]) -> ComboBox:
+        box = ComboBox()
+        for hz in edges_hz:
+            box.addItem(f"{hz:g} Hz" if hz else "off", hz)
+        box.setToolTip(f"{name}. {EYE_ALONE}")
+        box.setAccessibleName(name)
+        box.currentIndexChanged.connect(lambda _: self.apply())
+        return box
+
+
 COUNTS, VOLTS, CONDUCTANCE = "counts", "volts", "conductance"
 _STEP = 10  # samples in one step of the scroll bar, whose numbers have 32 bits
 
@@ -266,11 +324,12 @@ class LiveBar(QWidget):
         navigation.changed.emit()
 
 
-TAXELS, TRIALS, ENCODER, SAVE = "Taxels", "Trials", "Encoder", "Save"
+TAXELS, TRIALS, ENCODER, VIEW, SAVE = "Taxels", "Trials", "Encoder", "View", "Save"
 _STRIPS = {
     TAXELS: "Choose the taxels to show",
     TRIALS: "Begin each trial at the left edge, with earlier ones behind it",
     ENCODER: "Show the spikes of another encoder from now on",
+    VIEW: "Draw the traces higher or filtered, for the eye alone",
     SAVE: "Save what is on the screen as a picture or a table",
 }
 LOOK_MS = 4
@@ -294,6 +353,7 @@ class LivePage(QWidget):
         self.pointer = Pointer(self.plots)
         self.bar = LiveBar(self.plots.navigation, _STRIPS)
         self.taxel_strip = TaxelStrip(self.plots.sensor_layout)
+        self.eye_strip = EyeStrip(self.plots)
         self.encoder_strip, self.save_strip = EncoderStrip(self.plots.data), SaveStrip()
         self.alignment_strip = AlignmentStrip()
         self.alignment = TrialAlignment(self.plots, self.alignment_strip)
@@ -303,6 +363,7 @@ class LivePage(QWidget):
             TAXELS: self.taxel_strip,
             TRIALS: self.alignment_strip,
             ENCODER: self.encoder_strip,
+            VIEW: self.eye_strip,
             SAVE: self.save_strip,
         }
         self._supply_v, self._is_simulated = NOMINAL_SUPPLY_V, False
@@ -409,6 +470,7 @@ class LivePage(QWidget):
         """Wait until all files are written and read, as before the window closes."""
         self.files.close()
         self.encoder_strip.close_files()
+        self.eye_strip.close_files()
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
@@ -431,6 +493,7 @@ class LivePage(QWidget):
         self.bar.strip_toggled.connect(self._show_strip)
         self.bar.unit.currentTextChanged.connect(lambda _: self._set_unit())
         self.encoder_strip.changed.connect(self._mark_encoder)
+        self.eye_strip.failed.connect(lambda text: self.reported.emit("refused", text))
         self.encoder_strip.per_mm_toggled.connect(self.plots.set_rates_per_mm)
         self.save_strip.picture_requested.connect(self.save_picture)
         self.save_strip.table_requested.connect(self._save_table)
@@ -464,6 +527,7 @@ class LivePage(QWidget):
         self.plots.data.show_reading(reading, self._engine_reading, inputs)
         if reading is not before:
             self.encoder_strip.apply_reading()
+            self.eye_strip.apply()
         supply_v = self._supply_v if unit == VOLTS else None
         self.plots.set_value_scale(ValueScale(supply_v, reading is Reading.CONDUCTANCE))
         self.show_texts()

@@ -8,6 +8,7 @@ from PySide6.QtCore import QElapsedTimer, QPointF, QRectF, QTimer, Signal
 from PySide6.QtGui import QResizeEvent
 
 from gui.live.earlier_trials import EarlierTrials, TrialSpan
+from gui.live.eye_filter import EyeFilter
 from gui.live.live_data import LiveData, ValueScale
 from gui.live.navigation import Cursors, Navigation
 from gui.live.raster import FULL_SCALE_HZ, HeatMap, RateBars, label_rates
@@ -23,6 +24,7 @@ _RIGHT_PX, _MORE_FOR_TEXTS_PX = 216, 130
 _GAP_PX = 26
 """Between the columns: half a number of the time axis, and half of one of the rates, meet there."""
 _SLOW_REFRESH_MS = 100  # numbers that change thirty times a second are unreadable
+LEAST_GAIN, MOST_GAIN = 0.25, 100.0
 RESIZED_MS = 10
 """Qt serves a timer without an interval in the turn that paints the window in its new size."""
 
@@ -55,6 +57,8 @@ class LivePlots(PlotGrid):
 
     lines_changed = Signal()
     """The cursors have moved."""
+    gain_changed = Signal(float)
+    """How many times as high the traces are drawn."""
 
     def __init__(self, theme: Theme, sensor: SensorLayout = PAPER_SENSOR) -> None:
         super().__init__()
@@ -102,6 +106,8 @@ class LivePlots(PlotGrid):
         """Draw what the time window shows."""
         self._follow()
         data, window = self.data, self.navigation.window
+        if (eye := self.time_plots.traces.eye) is not None:
+            eye.follow(data.timeline)
         self.time_plots.set_range(data.low, data.high)
         self.time_plots.refresh(data.timeline, data.drum, window, self.devicePixelRatioF())
         self._show_lines()
@@ -197,6 +203,18 @@ class LivePlots(PlotGrid):
             self.value_scale = scale
             self.time_plots.set_value_scale(scale)
             self.heat_map.set_value_scale(scale)
+
+    def set_gain(self, gain: float) -> None:
+        """Draw the traces ``gain`` times as high."""
+        gain = min(max(gain, LEAST_GAIN), MOST_GAIN)
+        self.time_plots.set_view(gain, self.time_plots.traces.eye)
+        self.gain_changed.emit(gain)
+        self.draw()
+
+    def set_eye_filter(self, eye: EyeFilter | None) -> None:
+        """Draw the traces filtered."""
+        self.time_plots.set_view(self.time_plots.traces.gain, eye)
+        self.draw()
 
     def set_rates_per_mm(self, is_per_mm: bool) -> None:
         """Show spikes per mm of texture that passed, or per second."""

@@ -155,7 +155,10 @@ class Pointer(QObject):
     def _turn_wheel(self, event: QWheelEvent) -> bool:
         turn, share = event.angleDelta(), self._plots.share_at(event.position())
         navigation = self._plots.navigation
-        if event.modifiers() & Qt.KeyboardModifier.ShiftModifier or turn.x():
+        if event.modifiers() & Qt.KeyboardModifier.ControlModifier and turn.y():
+            gain = self._plots.time_plots.traces.gain
+            self._plots.set_gain(gain * (ZOOM if turn.y() > 0 else 1 / ZOOM))
+        elif event.modifiers() & Qt.KeyboardModifier.ShiftModifier or turn.x():
             navigation.scroll(round(-(turn.x() or turn.y()) / 1200 * self._plots.span))
         elif turn.y():
             navigation.zoom(1 / ZOOM if turn.y() > 0 else ZOOM, 0.5 if share is None else share)

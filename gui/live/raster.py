@@ -412,7 +412,7 @@ class HeatMap(QGraphicsWidget):
 
     def _paint_layer(self, painter: QPainter, layer: int, first: QRectF) -> None:
         painter.setFont(
-            self._font(min(9.5 * text_scale(), first.width() / 3.8), QFont.Weight.DemiBold)
+            self._font(min(9.5 * text_scale(), first.width() / 4.2), QFont.Weight.DemiBold)
         )
         for place, taxel in enumerate(self.sensor_layout.taxels_of(layer)):
             row, column = divmod(place, self.sensor_layout.columns)

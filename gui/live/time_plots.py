@@ -13,6 +13,7 @@ from PySide6.QtGui import QPainter, QPen, QPolygonF
 from PySide6.QtWidgets import QGraphicsItem
 
 from gui.live.drum_course import DrumCourse, thin_out
+from gui.live.eye_filter import EyeFilter
 from gui.live.live_data import ValueScale
 from gui.live.navigation import MarkLine, Overlay
 from gui.live.raster import Raster, ScrollingImage, TrainRows
@@ -164,6 +165,13 @@ class Traces(ScrollingImage):
         self.taxels = np.arange(layout.n_taxels)
         self._low = np.zeros(layout.n_taxels)
         self._high = np.full(layout.n_taxels, float(FULL_SCALE))
+        self.gain = 1.0
+        self.eye: EyeFilter | None = None
+
+    def set_view(self, gain: float, eye: EyeFilter | None) -> None:
+        """Draw readings ``gain`` times as high about the middle of their bands, or filtered."""
+        self.gain, self.eye = gain, eye
+        self._is_stale = True
 
     def set_sensor_layout(self, layout: SensorLayout) -> None:
         """Show all taxels of another sensor, coloured by its layers."""
@@ -190,7 +198,15 @@ class Traces(ScrollingImage):
 
     def range_of(self, taxel: int) -> tuple[float, float]:
         """Return the lowest and highest counts in the band of a taxel."""
-        return float(self._low[taxel]), float(self._high[taxel])
+        low, high = self._ends(np.array([taxel]))
+        return float(low[0]), float(high[0])
+
+    def _ends(self, taxels: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the lower and upper ends of the bands of taxels."""
+        low, high = self._low[taxels], self._high[taxels]
+        middle = (low + high) / 2 * (self.eye is None or not self.eye.high_hz)
+        half = (high - low) / 2 / self.gain
+        return middle - half, middle + half
 
     def show_taxels(self, taxels: Sequence[int]) -> None:
         """Show a band for each of these taxels, from 0, in this order."""
@@ -224,8 +240,9 @@ class Traces(ScrollingImage):
         return np.where(is_ink, self._ink, self._background)
 
     def _pixel_row(self, counts: NDArray[np.uint16]) -> NDArray[np.int32]:
-        low, high = self._low[self.taxels], self._high[self.taxels]
-        share = (counts[:, self.taxels] - low) / (high - low)
+        low, high = self._ends(self.taxels)
+        shown = counts[:, self.taxels]
+        share = ((shown if self.eye is None else self.eye.decode(shown)) - low) / (high - low)
         down = (1.0 - np.clip(share, 0.0, 1.0)) * self._band_height
         return np.asarray(self._top + down, np.int32)
 
@@ -271,6 +288,9 @@ class TimePlots:
             plot.getAxis("bottom").setTicks([[], []])
         for row, stretch in enumerate(_ROW_STRETCH):
             layout.layout.setRowStretchFactor(row, stretch)
+        self._eye_words = pg.TextItem("")
+        self._eye_words.setParentItem(self.trace_plot.getViewBox())
+        self._eye_words.setVisible(False)
         self._layout, self._times = layout.layout, (0.0, 0.0, 0.0)
         self.trace_plot.getViewBox().sigResized.connect(lambda _: self._label_taxels())
         self.raster_plot.getViewBox().sigResized.connect(lambda _: self._fit_labels())
@@ -303,9 +323,18 @@ class TimePlots:
             self._scale = scale
             self._label_taxels()
 
+    def set_view(self, gain: float, eye: EyeFilter | None) -> None:
+        """Show the traces higher, or filtered, which their plot then says."""
+        self.traces.set_view(gain, eye)
+        self._eye_words.setText(eye.words if eye is not None else "")
+        self._eye_words.setVisible(eye is not None)
+        self._label_taxels()
+
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme to all plots."""
         self._theme = theme
+        self._eye_words.setColor(theme.text)
+        self._eye_words.fill = pg.mkBrush(theme.plot)
         views: tuple[Traces | Raster | SetPointPlot | Overlay, ...] = (
             self.traces, self.raster, self.force, self.speed, *self.overlays,
         )  # fmt: skip
@@ -325,8 +354,10 @@ class TimePlots:
     ) -> None:
         """Draw what the window shows; ``ratio``: pixels of the screen in one of Qt's."""
         self._set_times(window.left_s, window.right_s)
-        for plot, image in ((self.trace_plot, self.traces), (self.raster_plot, self.raster)):
-            _refresh_image(plot, image, timeline, window, ratio)
+        eye = self.traces.eye
+        seen = timeline if eye is None else eye.timeline
+        _refresh_image(self.trace_plot, self.traces, seen, window, ratio)
+        _refresh_image(self.raster_plot, self.raster, timeline, window, ratio)
         time_s, columns = drum.within(window)
         self.force.refresh(time_s, columns["force_g"], columns["force_set_g"])
         self.speed.refresh(time_s, columns["speed_mm_s"], columns["speed_set_mm_s"])
@@ -354,6 +385,7 @@ class TimePlots:
 
     def _fit_labels(self) -> None:
         self._show_caption()
+        self._eye_words.setTextWidth(max(1.0, self.trace_plot.getViewBox().width()))
         self._label_rows()
         left_s, right_s, _ = self._times
         if left_s < right_s:  # nothing else draws a page that does not play

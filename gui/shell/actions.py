@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from PySide6.QtGui import QAction, QActionGroup, QKeySequence
+from PySide6.QtCore import QKeyCombination, Qt
+from PySide6.QtGui import QAction, QActionGroup, QKeyEvent, QKeySequence
 from PySide6.QtWidgets import QMenu, QMenuBar
 
 MENUS = ("File", "Rig", "View", "Tools", "Help")
@@ -13,6 +15,25 @@ MENUS = ("File", "Rig", "View", "Tools", "Help")
 
 BELOW = " → "
 """Stands between a menu and its submenu."""
+
+
+_ROWS = {2: "1234567890", 16: "QWERTYUIOP", 30: "ASDFGHJKL", 44: "ZXCVBNM"}
+"""Letters of the keys by the scan code of the first in a row; X11 and Wayland count from 8."""
+_LETTERS = {first + place: ord(c) for first, row in _ROWS.items() for place, c in enumerate(row)}
+_OFFSET = 8 if sys.platform.startswith("linux") else 0
+_LATIN_END, _SPECIAL = 0x80, 0x01000000
+
+
+def keys_by_position(event: QKeyEvent) -> QKeySequence:
+    """Return the keys that stand where a Cyrillic or Greek letter was pressed with Ctrl.
+
+    Empty for all else: Qt matches shortcuts by the letters of the layout.
+    """
+    letter = _LETTERS.get(event.nativeScanCode() - _OFFSET)
+    has_control = bool(event.modifiers() & Qt.KeyboardModifier.ControlModifier)
+    if letter is None or not has_control or not _LATIN_END <= event.key() < _SPECIAL:
+        return QKeySequence()
+    return QKeySequence(QKeyCombination(event.modifiers(), Qt.Key(letter)))
 
 
 class ActionRow(NamedTuple):
@@ -99,6 +120,10 @@ class ActionRegistry:
     def actions(self) -> list[tuple[str, QAction]]:
         """Return all actions, each with the path of its menu."""
         return list(self._actions)
+
+    def at(self, keys: QKeySequence) -> QAction | None:
+        """Return the action of a shortcut, None without one that is on."""
+        return next((a for _, a in self._actions if a.shortcut() == keys and a.isEnabled()), None)
 
     def rows(self) -> list[ActionRow]:
         """Return all actions in the order of the menus."""

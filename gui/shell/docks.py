@@ -323,6 +323,7 @@ class DockArea(QMainWindow):
             self.tabifyDockWidget(self.docks[tabbed_with], dock)
         self.docks[name] = dock
         dock.visibilityChanged.connect(partial(self._on_visibility_changed, name))
+        dock.topLevelChanged.connect(lambda _: QTimer.singleShot(0, self, self._raise_floating))
         return dock
 
     def _below_stop(self, dock: QDockWidget, widget: QWidget) -> QWidget:
@@ -383,6 +384,7 @@ class DockArea(QMainWindow):
     def reset(self) -> None:
         """Return to the layout of the first start."""
         self.restore(self._first_layout)
+        self._take_first_sizes()
 
     def save(self) -> bytes:
         """Return the layout."""
@@ -390,16 +392,33 @@ class DockArea(QMainWindow):
 
     def restore(self, layout: bytes) -> bool:
         """Apply a saved layout; return whether it fits."""
+        self._keep_first()
         return self.restoreState(QByteArray(layout), LAYOUT_VERSION)
 
     def showEvent(self, event: QShowEvent) -> None:
         """Give the panels their first sizes, which need a window on the screen."""
         super().showEvent(event)
-        sizes, self._sizes_px = self._sizes_px, {}
-        for name, (size_px, orientation) in sizes.items():
+        if not self._first_layout:
+            self._keep_first()
+            self._take_first_sizes()
+        self._raise_floating()
+
+    def _keep_first(self) -> None:
+        """Keep the layout that no user has changed, for :meth:`reset`."""
+        self._first_layout = self._first_layout or self.save()
+
+    def _take_first_sizes(self) -> None:
+        for name, (size_px, orientation) in self._sizes_px.items():
             self.resizeDocks([self.docks[name]], [size_px], orientation)
-        if sizes:
-            self._first_layout = self.save()
+
+    def _raise_floating(self) -> None:
+        """Keep panels that float before the window, also those of a layout that was restored."""
+        handle = self.window().windowHandle()
+        for dock in self.docks.values():
+            floating = dock.windowHandle() if dock.isWindow() and dock.isVisible() else None
+            if floating is not None and handle is not None:
+                floating.setTransientParent(handle)
+                dock.raise_()
 
     def _note_given(self) -> None:
         widths_px = self.side_widths_px()

@@ -7,16 +7,23 @@ from datetime import UTC, datetime
 from functools import partial
 from typing import Any
 
-from PySide6.QtCore import QEvent, QObject, QRect, Qt, QTimer, Signal
-from PySide6.QtGui import QAction, QCloseEvent, QGuiApplication, QKeyEvent
-from PySide6.QtWidgets import QApplication, QPushButton, QStackedWidget, QWidget
+from PySide6.QtCore import QEvent, QObject, QPoint, QRect, QSize, Qt, QTimer, Signal
+from PySide6.QtGui import QAction, QCloseEvent, QGuiApplication, QKeyEvent, QKeySequence
+from PySide6.QtWidgets import (
+    QApplication,
+    QLayout,
+    QPushButton,
+    QStackedWidget,
+    QTableView,
+    QWidget,
+)
 
 from gui.analysis.analysis_tab import AnalysisTab
 from gui.finger.finger_tab import FingerTab
 from gui.link.attach import AttachController, ControlLock, PastLine
 from gui.link.engine_link import ClientFactory, joined_rig, open_client, open_finger_client
 from gui.operate.event_log import EventLog, LogPanel, StatusLine
-from gui.shell.actions import ActionRegistry
+from gui.shell.actions import ActionRegistry, keys_by_position
 from gui.shell.docks import DockArea, PageStack, SteadyFocusWindow, give_focus, neighbour_of
 from gui.shell.drum_controller import DrumController
 from gui.shell.help_page import REPORTS, HelpPage
@@ -35,7 +42,7 @@ from gui.shell.start_page import StartPage
 from gui.shell.tools_controller import ToolsController
 from gui.shell.user_settings import RecentRigs, RecentSessions, UserSettings, WindowMemory
 from gui.widgets.file_browser import FileBrowser, PathKind
-from gui.widgets.layouts import container, scroll_area, vbox
+from gui.widgets.layouts import container, copy_rows, scroll_area, vbox
 from gui.widgets.theme import Theme, ThemeChoice, apply_palette, apply_theme, scale_texts
 from rigctl.engine.contact import RESTING_STATES
 from rigctl.engine.rpc.engine_files import EngineFile
@@ -101,6 +108,8 @@ class Appearance(QObject):
         self._settings.set_value("text_percent", percent)
         scale_texts(percent / 100)
         self.set_theme(self._choice)
+        for layout in self._docks.window().findChildren(QLayout):
+            layout.invalidate()  # what is hidden would keep the room of the texts before
         widths_px = {name: round(px * percent / before) for name, px in widths_px.items()}
         self._docks.set_side_widths(widths_px)
 
@@ -189,13 +198,15 @@ def focus_first(region: QWidget) -> bool:
 class KeyFilter(QObject):
     """Reports one press of Esc once; an open menu or list still gets the key and closes.
 
+    Ctrl+C copies the selected rows of a table. Shortcuts work by the places of their keys, too.
     Return presses the button that has the focus, as the space bar does, on every desktop.
     """
 
     escaped = Signal()
 
-    def __init__(self, parent: QObject) -> None:
+    def __init__(self, parent: QObject, menus: ActionRegistry) -> None:
         super().__init__(parent)
+        self._menus = menus
         self._is_down = False
         self._app = QApplication.instance()
         assert self._app is not None
@@ -212,6 +223,8 @@ class KeyFilter(QObject):
             return False
         if event.key() in _PRESS_KEYS and event.type() == QEvent.Type.KeyPress:
             return not event.isAutoRepeat() and _click(watched)
+        if event.type() == QEvent.Type.KeyPress and event.key() != Qt.Key.Key_Escape:
+            return self._take_keys(watched, event)
         if event.key() != Qt.Key.Key_Escape:
             return False
         if event.type() == QEvent.Type.KeyRelease:
@@ -221,6 +234,18 @@ class KeyFilter(QObject):
         if not event.isAutoRepeat():
             self._report_once()
         return QApplication.activePopupWidget() is None
+
+    def _take_keys(self, watched: QObject, event: QKeyEvent) -> bool:
+        """Copy rows, or do what the keys at these places do; return whether that was all."""
+        by_place = keys_by_position(event)
+        is_copy = event.matches(QKeySequence.StandardKey.Copy) or by_place == COPY
+        if is_copy and isinstance(watched, QTableView):
+            copy_rows(watched)
+            return True
+        action = self._menus.at(by_place) if not by_place.isEmpty() else None
+        if action is not None and isinstance(watched, QWidget):
+            action.trigger()
+        return action is not None
 
     def _report_once(self) -> None:
         """Report one press once: Qt passes the key of an open list to its parents as well."""
@@ -245,6 +270,7 @@ CANNOT_CONTINUE = (
     "the session cannot go on now: connect its rig, clear its fault or end its run, then press "
     "Continue again"
 )
+COPY = QKeySequence("Ctrl+C")
 FRAME_MS = 33
 _PRESS_KEYS = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 WIDTH_PX, HEIGHT_PX = 1280, 800
@@ -303,12 +329,25 @@ class MainWindow(SteadyFocusWindow):
         self._connect_panels()
         self.memory = WindowMemory(self.settings, self, self.docks)
         self._remember()
-        self._keys = KeyFilter(self)
+        self._keys = KeyFilter(self, self.menus)
         self._keys.escaped.connect(self._escape)
         self.timer = QTimer(self)
         self.timer.setTimerType(Qt.TimerType.PreciseTimer)
         self.timer.timeout.connect(self.poll)
         self.timer.start(FRAME_MS)
+
+    def fit_screen(self) -> None:
+        """Bring a window whose frame hangs off the screen wholly onto it."""
+        room, frame = self.screen().availableGeometry(), self.frameGeometry()
+        if self.isMaximized() or self.isFullScreen() or room.contains(frame):
+            return
+        self.resize(self.size().boundedTo(room.size() - (frame.size() - self.size())))
+        frame = self.frameGeometry()
+        corner = room.bottomRight() - QPoint(frame.width() - 1, frame.height() - 1)
+        self.move(
+            max(room.left(), min(frame.left(), corner.x())),
+            max(room.top(), min(frame.top(), corner.y())),
+        )
 
     def prepare(self) -> None:
         """Make and lay out what is not in view before a rig moves, for later STOP waits for it.
@@ -448,8 +487,7 @@ class MainWindow(SteadyFocusWindow):
         )
         column = vbox(self.toolbar, self.health, body, spacing=3, margins=(0, 0, 0, 3), tall=2)
         self.setCentralWidget(container(column))
-        screen = QGuiApplication.primaryScreen().availableSize()
-        self.resize(min(WIDTH_PX, screen.width()), min(HEIGHT_PX, screen.height()))
+        self.resize(QSize(WIDTH_PX, HEIGHT_PX).boundedTo(self.screen().availableSize()))
 
     def _add_pages(self) -> None:
         analysis = self.analysis_tab

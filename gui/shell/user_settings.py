@@ -88,12 +88,13 @@ class UserSettings:
 
     def add_recent(self, key: str, text: str) -> None:
         """Put a text at the front of the recent ones, unless a menu could not show it."""
+        self.write()  # takes over those of other windows
         if _is_plain([text]):
             others = (other for other in self.recent(key) if other != text)
             self.set_value(key, [text, *others][:MAX_RECENT])
 
     def write(self) -> None:
-        """Write changes to the file now; a crash then loses none of them."""
+        """Write changes to the file now, which a crash then keeps, and read those of others."""
         if self._file is not None:
             self._file.sync()
 
@@ -230,6 +231,7 @@ class WindowMemory(QObject):
         super().__init__(window)
         self._settings, self._window, self._docks = settings, window, docks
         self._kept: dict[str, Callable[[], str | float | bool | list[str]]] = {}
+        self._saved: dict[str, str | float | bool | list[str]] = {}
         self._timer = QTimer(self, interval=SAVE_MS)
         self._timer.timeout.connect(self.save)
 
@@ -267,8 +269,10 @@ class WindowMemory(QObject):
         """Restore size and docks, and begin to remember changes."""
         if geometry := self._bytes("window"):
             self._window.restoreGeometry(QByteArray(geometry))
+            self._saved["window"] = self._geometry()
         if layout := self._bytes("docks"):
             self._docks.restore(layout)
+            self._saved["docks"] = self._layout()
         self._timer.start()
 
     def close(self) -> None:
@@ -278,12 +282,23 @@ class WindowMemory(QObject):
 
     def save(self) -> None:
         """Remember everything now."""
-        settings = self._settings
-        settings.set_value("window", b64encode(bytes(self._window.saveGeometry().data())).decode())
-        settings.set_value("docks", b64encode(self._docks.save()).decode())
+        self._save("window", self._geometry())
+        self._save("docks", self._layout())
         for key, read in self._kept.items():
-            settings.set_value(key, read())
-        settings.write()
+            self._save(key, read())
+        self._settings.write()
+
+    def _geometry(self) -> str:
+        return b64encode(bytes(self._window.saveGeometry().data())).decode()
+
+    def _layout(self) -> str:
+        return b64encode(self._docks.save()).decode()
+
+    def _save(self, key: str, value: str | float | bool | list[str]) -> None:
+        """Remember what was changed in this window: another one may have changed the rest."""
+        if self._saved.get(key) != value:
+            self._saved[key] = value
+            self._settings.set_value(key, value)
 
     def _keep(
         self,
@@ -294,6 +309,7 @@ class WindowMemory(QObject):
     ) -> None:
         write(self._settings.value(key, read(), fits))
         self._kept[key] = read
+        self._saved[key] = read()
 
     def _bytes(self, key: str) -> bytes:
         try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import StrEnum
 from html import escape
 
-from PySide6.QtCore import QPointF, QRectF, Qt
+from PySide6.QtCore import QEvent, QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import (
     QFrame,
@@ -107,6 +107,12 @@ class WrappedLabel(QLabel):
         """Reserve the height of the text at the new width."""
         super().resizeEvent(event)
         self._reserve_height()
+
+    def changeEvent(self, event: QEvent) -> None:
+        """Reserve the height of the text in other letters, which may be smaller."""
+        super().changeEvent(event)
+        if event.type() in (QEvent.Type.FontChange, QEvent.Type.StyleChange):
+            self._reserve_height()
 
     def showEvent(self, event: QShowEvent) -> None:
         """Reserve the height of the text where it is shown."""

@@ -9,6 +9,7 @@ from PySide6.QtCore import QEvent, QObject, QPoint, QRect, QSize, Qt
 from PySide6.QtGui import QWheelEvent
 from PySide6.QtWidgets import (
     QAbstractSpinBox,
+    QApplication,
     QBoxLayout,
     QComboBox,
     QFormLayout,
@@ -18,6 +19,7 @@ from PySide6.QtWidgets import (
     QLayoutItem,
     QPushButton,
     QScrollArea,
+    QTableView,
     QTabWidget,
     QVBoxLayout,
     QWidget,
@@ -216,6 +218,19 @@ class ComboBox(QComboBox):
     def wheelEvent(self, event: QWheelEvent) -> None:
         """Leave the wheel to the parent."""
         event.ignore()
+
+
+def copy_rows(table: QTableView) -> None:
+    """Copy the selected rows with the names of their columns, as a spreadsheet takes them."""
+    model, header = table.model(), table.horizontalHeader()
+    order = [header.logicalIndex(place) for place in range(header.count())]
+    columns = [column for column in order if not header.isSectionHidden(column)]
+    rows = sorted({index.row() for index in table.selectionModel().selectedIndexes()})
+    names = [model.headerData(column, Qt.Orientation.Horizontal) for column in columns]
+    cells = [[model.index(row, column).data() for column in columns] for row in rows]
+    lines = ["\t".join(" ".join(str(c or "").split()) for c in line) for line in (names, *cells)]
+    if rows:
+        QApplication.clipboard().setText("\n".join(lines))
 
 
 _Layout = TypeVar("_Layout", bound=QLayout)

@@ -29,6 +29,8 @@ from rigctl.exchange.resampling import Floats, ResampledSeries, TimeSeries, resa
 from rigctl.session.header import IMPORTED, SessionHeader
 from rigctl.session.recorder import Recorder
 from rigctl.session.sensor_layout import SensorLayout
+from rigctl.session.session_reader import highest_number
+from rigctl.session.writer import RESUME
 from rigctl.values import (
     SAMPLE_RATE_HZ,
     Block,
@@ -100,6 +102,8 @@ def import_files(
     """
     if not paths:
         raise WrongUse("there is no file to import: name at least one")
+    if highest_number(folder):
+        raise WrongUse(f"{folder} already holds a session: name a new folder with --out")
     inspection = inspect_files(paths, mapping, lambda done: on_progress("inspecting", done))
     n_taxels = len(inspection.scaling.names)
     if n_taxels > MAX_TAXELS:
@@ -213,7 +217,7 @@ class _SessionWriter:
             self._recorder.wait_written()
         failure = self._recorder.status.failure
         if failure is not None:
-            raise DiskFault(failure)
+            raise DiskFault(failure.replace(RESUME, "import into another new folder"))
 
     def _begin_part(self, texture: str) -> None:
         self._recorder.begin_part("import", texture)

@@ -290,13 +290,15 @@ def _save_again(path: Path, descriptor: int) -> str:
     return f"what it held is in {target}"
 
 
+RESUME = "resume the session"
+"""The end of a remedy; an import, which cannot be resumed, has another."""
 _REMEDIES = {
-    errno.ENOSPC: "the disk is full: make room, then resume the session",
-    errno.EDQUOT: "your disk quota is used up: make room, then resume the session",
-    errno.EROFS: "the disk is read-only: check or replace it, then resume the session",
-    errno.EACCES: "the folder is not writable: check its permissions, then resume the session",
-    errno.EFBIG: "the file may not grow further (file size limit): lift it, then resume",
-    errno.EIO: "the disk reports an error: check or replace it, then resume the session",
+    errno.ENOSPC: f"the disk is full: make room, then {RESUME}",
+    errno.EDQUOT: f"your disk quota is used up: make room, then {RESUME}",
+    errno.EROFS: f"the disk is read-only: check or replace it, then {RESUME}",
+    errno.EACCES: f"the folder is not writable: check its permissions, then {RESUME}",
+    errno.EFBIG: f"the file may not grow further (file size limit): lift it, then {RESUME}",
+    errno.EIO: f"the disk reports an error: check or replace it, then {RESUME}",
 }
 
 

@@ -12,9 +12,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
+from threadpoolctl import threadpool_info
 
 from rigctl.analysis import executors
 from rigctl.analysis.cache import Resources
+from rigctl.analysis.executors import SERIAL, local_executor
 from rigctl.analysis.representations import represent
 from rigctl.analysis.tasks import SweepSettings, TaskResult, run_tasks
 from rigctl.analysis.trial_set import join_sessions
@@ -185,3 +187,18 @@ def test_a_lost_scheduler_is_reported_in_one_sentence(
     last = capsys.readouterr().err.splitlines()[-1]
     assert last.startswith(f"rigctl: the Dask scheduler {cluster.two} is gone: start it again")
     assert sorted(p.name for p in session.parent.iterdir() if "lost" in p.name) == []
+
+
+def blas_threads(_task: int) -> list[int]:
+    """Return the threads of each BLAS library: NumPy's and SciPy's own."""
+    from scipy import linalg
+
+    linalg.eigvalsh([[2.0, 1.0], [1.0, 2.0]])
+    return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
+
+
+def test_blas_uses_one_thread_in_every_process() -> None:
+    with local_executor(2) as executor:
+        found = list(executor.map(blas_threads, range(4)))
+    assert found == [[1, 1]] * 4
+    assert list(SERIAL.map(blas_threads, [0])) == [[1, 1]]

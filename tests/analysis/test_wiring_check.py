@@ -10,8 +10,11 @@ from pathlib import Path
 import h5py
 import pytest
 
+from rigctl.analysis.trial_set import join_sessions
 from rigctl.cli import main
+from rigctl.errors import SessionError
 from rigctl.session.hdf5_file import write_attributes
+from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import DRAWN_WIRING
 from tests.analysis.recordings import record
 from tests.session.forging import rewrite_digests
@@ -105,3 +108,29 @@ def test_sessions_of_one_wiring_are_joined(drawn: Path, tmp_path: Path) -> None:
     with h5py.File(tmp_path / "out" / "spikes.h5") as file:
         inputs = json.loads(file["inputs"][()])
     assert [source["wiring"] for source in inputs] == [list(DRAWN_WIRING)] * 2
+
+
+ONE_LAYER = SensorLayout(3, 6, ("skin",))
+
+
+def session(folder: Path, layout: SensorLayout | None) -> Path:
+    return record(folder, "A", travel_mm=12.0, forces=(250,), speeds=(120,), layout=layout)
+
+
+def test_sessions_of_two_layouts_are_not_joined(tmp_path: Path) -> None:
+    older, one = session(tmp_path / "older", None), session(tmp_path / "one", ONE_LAYER)
+    two = session(tmp_path / "two", SensorLayout.default(18))
+    with pytest.raises(SessionError, match=f"{two} is of a sensor with another layout than {one}"):
+        join_sessions([older, one, two])
+
+
+def test_an_older_session_has_the_layout_of_the_others(tmp_path: Path) -> None:
+    older, one = session(tmp_path / "older", None), session(tmp_path / "one", ONE_LAYER)
+    assert join_sessions([older, one]).sensor_layout == ONE_LAYER
+    assert join_sessions([older]).sensor_layout == SensorLayout.default(18)
+
+
+def test_names_alone_do_not_keep_sessions_apart(tmp_path: Path) -> None:
+    one = session(tmp_path / "one", ONE_LAYER)
+    same = session(tmp_path / "same", SensorLayout(3, 6, ("I",)))
+    assert len(join_sessions([one, same]).trials) == 2

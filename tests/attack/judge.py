@@ -21,6 +21,7 @@ tare       the board accepts no plain tare during contact
 from __future__ import annotations
 
 from dataclasses import replace
+from math import inf
 from typing import Any, Protocol
 
 import numpy as np
@@ -107,7 +108,8 @@ class Judge:
         self._is_balanced = is_balanced
         self._circuit, self._is_whole, self._least_gain = AS_DRAWN, True, 1.0
         self._zero_is_blind = self._seems_reversed = self._position_lied = False
-        self._lifts_gently, self._zero_is_off, self._armed_ms = True, False, 0
+        self._lifts_gently, self._zero_is_off = True, False
+        self._armed_ms = self._coasts_until_ms = 0
         self._place_is_kept = self._place_is_known = False
         self._cell_changes, self._finger_was_felt, self._contact_is_blind = 0, False, False
         self._only_position_broke = self._only_upper_end_broke = self._has_position = True
@@ -146,6 +148,7 @@ class Judge:
         self._booted, self._zero_is_known, self._zero_is_off = True, False, False
         self._zero_is_blind = self._place_is_known = self._finger_was_felt = False
         self._cell_changes = 0
+        self._coasts_until_ms = self.now_ms + COAST_MS
         self._state = State.BOOT
 
     def pushed(self, force_g: float) -> None:
@@ -208,8 +211,11 @@ class Judge:
 
     def _check_force(self, span: Span) -> None:
         highest = float(span.force_g.max())
-        # What an unbounded contact has left stands through a reset, and may only fall.
-        standing_g = self.force_g + 1.0 if self._stands_unbounded else 0.0
+        # What an unbounded contact has left stands through a reset. Once the rod has come to rest
+        # it may only fall.
+        still = span.start_ms >= self._coasts_until_ms
+        most_g = self.force_g + 1.0 if still else inf
+        standing_g = most_g if self._stands_unbounded else 0.0
         self.force_g, self.peak_g = float(span.force_g[-1]), max(self.peak_g, highest)
         if highest <= 0:
             self._contact_is_blind = not self._circuit.cell_gain
@@ -342,7 +348,7 @@ class Judge:
 
     def check_command(self, command: int, states: States) -> None:
         """Check a command that the board accepted."""
-        if command == Command.ARM:
+        if command in (Command.ARM, Command.NUDGE):  # each is a sign of life
             self.heartbeat(self.now_ms)
         if command == Command.COMMISSION:
             self._is_commissioned = True

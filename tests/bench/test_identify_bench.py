@@ -9,16 +9,18 @@ import numpy as np
 import pytest
 
 from rigctl.analysis import published
+from rigctl.bench import parameter_tables
 from rigctl.bench.parameters import IDENTIFIED, WorldParameters, parameter_infos
 from tools import identify_bench
-from tools.identify_bench import Slider, main, simulate_slides
+from tools.identify_bench import RANGES, SkinMeasures, Slider, main, measure_skin, simulate_slides
 
 
 @pytest.fixture
 def brief(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Use one session of two repeats per candidate."""
+    """Use one session of two repeats per candidate, and for the figures of the best."""
     monkeypatch.setattr(identify_bench, "SEEDS", (1,))
     monkeypatch.setattr(identify_bench, "REPEATS", 2)
+    monkeypatch.setattr(identify_bench, "SHOWN_REPEATS", 2)
 
 
 def test_the_scaled_columns_are_never_read(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -86,3 +88,28 @@ def test_a_wrong_start_is_rejected_with_a_sentence(
     except SystemExit as end:
         assert end.code == 2
     assert why in capsys.readouterr().err
+
+
+SEED, REPEATS = 1, 8
+
+
+def test_the_skin_has_the_statistics_of_real_skins_and_of_the_page() -> None:
+    (session,) = simulate_slides(WorldParameters(), REPEATS, [SEED])
+    figures = measure_skin(session)
+    print("\n".join(figures.lines()))
+    for name, (low, high) in RANGES.items():
+        assert low < getattr(figures, name) < high, name
+    page = parameter_tables.PAGE.read_text(encoding="utf-8")
+    for line in shown(figures):
+        assert line in page, f"{line}: write it into docs/reference/world.md"
+
+
+def shown(figures: SkinMeasures) -> list[str]:
+    """Return the figures as the last columns of the page's table rows."""
+    mean, amplitude = (
+        " / ".join(f"{abs(share):.2f}" for share in shares)
+        for shares in (figures.mean_shares, figures.amplitude_shares)
+    )
+    scatter = f"{figures.mean_scatter:.1%} / {figures.amplitude_scatter:.1%}"
+    growths = f"× {figures.growth:.1f}", f"× {figures.mean_growth:.1f}"
+    return [f"| {cell} |\n" for cell in (mean, amplitude, *growths, scatter)]

@@ -7,13 +7,18 @@ import asyncio
 import numpy as np
 import pytest
 
+from rigctl.bench.parameters import WorldParameters
+from rigctl.bench.world_file import SimulatedWorld
 from rigctl.boards import drum_registers
 from rigctl.boards.drum_codes import Command, Status
 from rigctl.boards.drum_registers import BY_NAME
 from rigctl.boards.drum_states import State
 from rigctl.boards.modbus_client import RequestRefused
 from rigctl.boards.taxel_frames import WIRE_VERSION
+from rigctl.config.rig_config import RigConfig, TaxelArray
 from rigctl.errors import CommandRefused
+from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
+from rigctl.values import DRAWN_WIRING, Block
 from tests.contract.operator import Operator
 
 UNTOUCHED = ("heartbeat", "command", "command_sequence")
@@ -205,3 +210,65 @@ async def test_the_boards_clock_has_the_error_of_its_resonator(operator: Operato
     first, last = operator.states[0], operator.states[-1]
     ppm = ((last.board_time_us - first.board_time_us) / (last.at_s - first.at_s) / 1e6 - 1) * 1e6
     assert abs(ppm - operator.clocks_ppm["drum"]) < 400
+
+
+BOTTOM = (3, 4, 5, 9, 10, 11, 15, 16, 17)
+"""Readings of inputs A3 to A5, which the drawing leads to the bottom layer."""
+ROW = (6, 7, 8, 9, 10, 11)
+"""Readings of line 2, the second row of both layers."""
+NOISE_COUNTS = 3
+"""A dead taxel reads no more than the converter's own noise."""
+
+
+@pytest.mark.parametrize("kind", [VIRTUAL, FIRMWARE])
+@pytest.mark.parametrize(
+    ("dead", "places"), [(BOTTOM, range(9, 18)), (ROW, (3, 4, 5, 12, 13, 14)), ((13,), (7,))]
+)
+def test_dead_readings_are_dead_places(
+    kind: str, dead: tuple[int, ...], places: tuple[int, ...], request: pytest.FixtureRequest
+) -> None:
+    if kind == FIRMWARE:
+        request.getfixturevalue("images")
+    rig = open_rig(kind, paced=False, world=SimulatedWorld(WorldParameters(dead_taxels=dead)))
+    asyncio.set_event_loop(rig.loop)
+    blocks: list[Block] = []
+    rig.taxels.on_block(blocks.append)
+
+    async def listen() -> None:
+        await rig.taxels.connect()
+        await asyncio.sleep(0.2)
+
+    try:
+        rig.loop.run_until_complete(listen())
+    finally:
+        asyncio.set_event_loop(None)
+        rig.close()
+    samples = np.concatenate([block.samples for block in blocks])
+    assert len(samples) > 100
+    silent = np.flatnonzero(samples.mean(axis=0) < NOISE_COUNTS)
+    assert silent.tolist() == sorted(places) == sorted(map(DRAWN_WIRING.index, dead))
+
+
+WIRING = tuple(range(17, -1, -1))
+
+
+@pytest.mark.parametrize("kind", [VIRTUAL, FIRMWARE])
+def test_dead_taxels_are_named_by_their_place(kind: str, request: pytest.FixtureRequest) -> None:
+    if kind == FIRMWARE:
+        request.getfixturevalue("images")
+    rig = open_rig(
+        kind,
+        paced=False,
+        config=RigConfig(taxels=TaxelArray(wiring=WIRING)),
+        world=SimulatedWorld(WorldParameters(dead_taxels=(2, 9))),
+    )
+    asyncio.set_event_loop(rig.loop)
+    try:
+        rig.loop.run_until_complete(rig.taxels.connect())
+        assert rig.taxels.findings == [
+            "taxel 16 (line D4, input A2) does not conduct: it is open or torn",
+            "taxel 9 (line D5, input A3) does not conduct: it is open or torn",
+        ]
+    finally:
+        asyncio.set_event_loop(None)
+        rig.close()

@@ -17,12 +17,13 @@ from rigctl.analysis.trial_set import join_sessions
 from rigctl.cli import main
 from rigctl.config.resources import source_commit
 from rigctl.encoder.normalisation import Normalisation
-from rigctl.errors import ConfigError, SessionError, WrongUse
+from rigctl.errors import ConfigError, DiskFault, SessionError, WrongUse
 from rigctl.exchange.column_map import load_map
 from rigctl.exchange.importer import FILE, import_files
 from rigctl.exchange.inspection import Inspection
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
+from rigctl.session.writer import RecorderStatus
 
 PATTERN = r"""
 [files]
@@ -371,3 +372,21 @@ def test_the_command_prints_its_report(tmp_path: Path, capsys: pytest.CaptureFix
     assert json.loads(capsys.readouterr().out)["trials"] == 1
     assert main([*words, str(tmp_path / "one")]) == 2
     assert "one" in capsys.readouterr().err
+
+
+def test_a_second_import_into_a_session_names_what_import_can_do(tmp_path: Path) -> None:
+    file = write_csv(tmp_path / "cotton_-5cm_2.5N_3.csv", np.arange(50.0), ramp(50))
+    run_import(tmp_path, TIMED, [file])
+    with pytest.raises(WrongUse, match=r"already holds a session: name a new folder with --out"):
+        run_import(tmp_path, TIMED, [file])
+
+
+def test_a_disk_that_fails_during_an_import_names_what_import_can_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = write_csv(tmp_path / "cotton_-5cm_2.5N_3.csv", np.arange(50.0), ramp(50))
+    reason = "the disk is full: make room, then resume the session"
+    failed = RecorderStatus(1, 0, 0, 0, failure=reason)
+    monkeypatch.setattr("rigctl.session.recorder.Recorder.status", property(lambda self: failed))
+    with pytest.raises(DiskFault, match="make room, then import into another new folder"):
+        run_import(tmp_path, TIMED, [file])

@@ -19,6 +19,7 @@ from rigctl.finger.scan_in_progress import ScanInProgress
 from rigctl.finger.slide_detector import SlideDetector
 from rigctl.session.verify import verify
 from rigctl.session.writer import SessionWriter
+from tests.engine.rpc.wrong_requests import Attacker, declared, wrong_requests
 from tests.finger.harness import (
     ONE_SCAN,
     SMALL,
@@ -254,3 +255,18 @@ def test_a_report_of_a_painted_answer_must_be_of_a_scan(harness: FingerHarness) 
         shown = rows[rows["kind"] == "screen"]
     assert shown["scan"].tolist() == [1]
     assert shown["ms"] == pytest.approx([20.0])
+
+
+def test_a_finger_run_goes_on_under_wrong_requests(harness: FingerHarness) -> None:
+    async def scenario(harness: FingerHarness) -> None:
+        await harness.until_scanning()
+        client = await Attacker.connect(harness.address)
+        await client.attack(wrong_requests(*declared(FingerCommands, FingerFaults)))
+        await until_ended(harness)
+        await client.close()
+        client.require_refusals()
+
+    harness.run(scenario, harness.request(protocol=ONE_SCAN))
+    run = harness.engine.run
+    assert run is not None and run.text == "every scan is committed"
+    assert harness.texts("fault") == []

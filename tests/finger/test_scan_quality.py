@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from rigctl.engine.event_bus import EventBus
 from rigctl.finger.board_messages import BatchReport, VelocitySource, WindowReport
+from rigctl.finger.latency import LatencyLog
 from rigctl.finger.plan import ScanQuality
 from rigctl.finger.scan_in_progress import ScanData, SentVelocity
 from rigctl.finger.scan_quality import judge_scan, measure_scan
+from rigctl.finger.scan_recording import ScanOutput
 from rigctl.finger.slide_detector import ContactMeter
 from rigctl.finger.trackers.velocity import BatchVelocity, EstimateSource
-from rigctl.finger.values import FingerTrial, Stage, VelocityProfile
+from rigctl.finger.values import FingerTrial, LatencyRow, Stage, VelocityProfile
 
 SLOW_UM_S, MEDIUM_UM_S, FAST_UM_S = 50_000, 100_000, 200_000
 NO_SPIKES = (0,) * 9
@@ -150,3 +155,36 @@ def test_contact_is_a_rise_over_rest() -> None:
     meter.add(rest[:0])
     meter.add(rest)
     assert not meter.touches
+
+
+class _Recorder:
+    """Keeps the latencies, and takes everything else."""
+
+    def __init__(self) -> None:
+        self.latencies_ms: list[float] = []
+
+    def add_row(self, row: Any) -> None:
+        if isinstance(row, LatencyRow):
+            self.latencies_ms.append(row.ms)
+
+
+@pytest.mark.parametrize(
+    ("source", "sent_s", "latencies_ms"),
+    [
+        (VelocitySource.RECEIVED, 9.998, [2.0]),
+        (VelocitySource.HELD, 10.001, []),
+        (VelocitySource.MISSING, 10.001, []),
+    ],
+)
+def test_features_of_a_velocity_that_came_too_late_have_no_latency(
+    source: VelocitySource, sent_s: float, latencies_ms: list[float]
+) -> None:
+    """The board did not wait: its report was on the way when the velocity was sent."""
+    recorder: Any = _Recorder()
+    output = ScanOutput(recorder, EventBus(lambda: 10.0), LatencyLog(), lambda: 10.0)
+    estimate = BatchVelocity(100.0, 100_000, EstimateSource.MEASURED, 0, 0, 10)
+    data = ScanData(sent={0: SentVelocity(0, estimate, sent_s)})
+    scan: Any = SimpleNamespace(number=1, data=data)
+    output.add_window(WindowReport(1, 0, 100, (0,) * 9), 10.0)
+    output.add_batch(scan, BatchReport(1, 0, 100_000, source, 100, 0, 0), 10.0)
+    assert recorder.latencies_ms == pytest.approx(latencies_ms)

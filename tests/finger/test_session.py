@@ -4,6 +4,7 @@ takes it."""
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 
 from rigctl.cli import create_parser, info, main
+from rigctl.config.rig_config import RecordingConfig
 from rigctl.errors import SessionError, WrongUse
 from rigctl.finger.decoder import FingerBlock
 from rigctl.finger.layout import FINGER_LAYOUT, PREDICTIONS, prediction_row, spike_counts
@@ -37,6 +39,7 @@ from tests.finger.finger_building import (
     plan,
     recorder,
 )
+from tests.finger.harness import ONE_SCAN, FingerHarness
 from tests.session import building
 
 
@@ -223,3 +226,16 @@ def test_probabilities_that_do_not_fit_are_left_out_from_the_smallest() -> None:
     text = stored["probabilities"][0].decode()
     assert list(json.loads(text)) == names[::-1][: len(json.loads(text))]
     assert 4 <= len(json.loads(text)) < 7
+
+
+def test_a_private_finger_session_is_the_users_alone(harness: FingerHarness) -> None:
+    harness.rig.config = replace(harness.rig.config, recording=RecordingConfig(private=True))
+    before = os.umask(0o022)
+    try:
+        harness.record(harness.request(protocol=ONE_SCAN))
+    finally:
+        os.umask(before)
+    assert harness.session.stat().st_mode & 0o777 == 0o700
+    modes = {path.name: path.stat().st_mode & 0o777 for path in harness.session.iterdir()}
+    assert "part-0001.h5" in modes
+    assert set(modes.values()) == {0o600}

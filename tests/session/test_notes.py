@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from rigctl.analysis.trial_set import join_sessions
 from rigctl.cli import main
 from rigctl.errors import SessionError
 from rigctl.session.notes import Mark, SessionNote, read_notes
 from rigctl.session.session import Session, add_note
 from rigctl.session.summary import summarise_session
 from rigctl.session.verify import verify
+from tests.session.building import SyntheticRig, plan, recorder
 
 NOON = "2026-11-23T12:00:00Z"
 
@@ -116,6 +119,17 @@ def test_the_command_writes_and_lists_notes(
     assert lines[1].endswith("trial 2, attempt 1, marked bad: slipped")
     assert len(summarise_session(session)["notes"]) == 3
     assert main(["note", str(session), "which?", "--bad"]) == 2
+
+
+def test_a_trial_says_its_mounting(tmp_path: Path) -> None:
+    folder, trial = tmp_path / "session", replace(plan().trials[0], mount=2)
+    with recorder(folder) as rec:
+        rec.begin_part("start", "A")
+        SyntheticRig(rec).trial(trial)
+    with Session.open(folder) as session:
+        assert session.trial_row(0).trial == trial
+    assert summarise_session(folder)["mounts"] == 2
+    assert [one.mount for one in join_sessions([folder]).trials] == [2]
 
 
 def test_a_note_on_a_moment_is_a_mark_in_its_trial(session: Path) -> None:

@@ -12,8 +12,12 @@ import pytest
 
 from rigctl.analysis.report import vega
 from rigctl.analysis.report.figure import COLOURS, Figure, Matrix, Panel, PublishedValue, Series
+from rigctl.analysis.report.figures import train_groups
 from rigctl.analysis.report.html_page import TEMPLATES
 from rigctl.analysis.report.result_figures import accuracy_figure, confusion_figures
+from rigctl.config.resources import checkout
+from rigctl.session.sensor_layout import SensorLayout
+from tests.benchmarks.encoder import _scale_page
 
 BETTER = Series(
     "Speed Scaled", "blue", [1, 2, 3], [10.0, 20.0, 30.0], [1.0, 2.0, 3.0],
@@ -175,3 +179,35 @@ def test_the_page_fetches_nothing(name: str) -> None:
 def test_a_specification_is_plain_json() -> None:
     spec = vega.specify(Figure("F", [PANEL]), pointer=True)
     assert json.loads(json.dumps(spec, allow_nan=False))["columns"] == 1
+
+
+def test_the_papers_sensor_has_four_groups() -> None:
+    groups = train_groups(SensorLayout.default(18))
+    assert [group.name for group in groups] == ["SAI", "RAI", "SAII", "RAII"]
+    assert [group.rows.start for group in groups] == [0, 18, 9, 27]
+    assert groups[2].description == "slow, bottom layer"
+    assert len({group.colour for group in groups}) == 4
+
+
+def test_one_layer_has_a_group_for_each_channel() -> None:
+    groups = train_groups(SensorLayout.default(16))
+    assert [(group.name, group.description) for group in groups] == [("SA", "slow"), ("RA", "fast")]
+    assert [len(group.rows) for group in groups] == [16, 16]
+
+
+def test_every_layer_has_its_own_colours() -> None:
+    groups = train_groups(SensorLayout(2, 2, ("I", "II", "III")))
+    assert groups[-1].name == "RAIII" and groups[-1].description == "fast, layer 3 from the top"
+    assert len({group.colour for group in groups}) == 6
+    assert sorted(row for group in groups for row in group.rows) == list(range(24))
+
+
+def test_the_page_is_rendered_from_its_rates() -> None:
+    root = checkout()
+    assert root is not None
+    text = (root / "docs" / "explanation" / "scale.md").read_text(encoding="utf-8")
+    rates = _scale_page.rates_of(text)
+    assert _scale_page.render(rates) == text, "run make scale to write the page"
+    assert set(_scale_page.UNITS) <= set(rates)
+    full = [n for n, _ in _scale_page.growth_limits(rates)]
+    assert full == sorted(full) and full[0] > 0

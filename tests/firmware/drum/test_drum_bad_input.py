@@ -21,6 +21,7 @@ from rigctl.boards.drum_registers import (
     pack_value,
 )
 from rigctl.boards.drum_states import Fault, State
+from tests.benchmarks.firmware._drum_wire import POLLS_S, fuzz, soak
 from tests.firmware.drum.support.checks import enter_from_idle
 from tests.firmware.drum.support.chip import DrumChip, crc16
 
@@ -193,3 +194,18 @@ def test_noise_that_begins_like_a_request_does_nothing(idle: DrumChip) -> None:
         noise = dice.integers(0, 256, 60, np.uint8).tobytes()
         idle.chip.send(heads[n % len(heads)] + noise)
         idle.run(int(dice.integers(3, 16)))
+
+
+SOAK_S = 15
+FUZZ_BYTES = 30_000
+
+
+def test_every_poll_is_answered_in_time() -> None:
+    polls, missed, slowest_us = soak(SOAK_S)
+    assert polls >= 0.99 * SOAK_S * POLLS_S
+    assert missed == 0
+    assert slowest_us < 5000
+
+
+def test_noise_changes_no_register_and_restarts_nothing() -> None:
+    assert fuzz(FUZZ_BYTES) == (0, 0)

@@ -77,8 +77,10 @@ def test_connecting_is_cancelled_and_an_engine_that_comes_late_is_left(
     window.show()
     button, words = window.toolbar.connect_button, window.toolbar.state_words
     click(button)
-    wait_until(lambda: words.text().endswith(" … 0 s") and button.text() == "Cancel")
-    wait_until(lambda: words.text().endswith(" … 1 s"))
+    wait_until(lambda: words.text().endswith(" s") and button.text() == "Cancel")
+    first = words.text()
+    wait_until(lambda: words.text() != first)  # a busy computer may skip a second
+    assert words.text().endswith(" s")
     click(button)
     assert button.text() == "Connect" and words.text() == NOT_CONNECTED
     gate.set()

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
-from PySide6.QtCore import QPoint, QRect, Qt
-from PySide6.QtGui import QImage
+from PySide6.QtCore import QEvent, QPoint, QRect, Qt
+from PySide6.QtGui import QImage, QKeyEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QAbstractSpinBox,
@@ -22,7 +24,8 @@ from gui.shell.main_window import MainWindow
 from gui.widgets.theme import ThemeChoice
 from rigctl.boards.drum_states import State
 from tests.gui.rig_window import SMALL
-from tests.gui.steps import Harness, wait_until
+from tests.gui.steps import Harness, SharedWindow, wait_until
+from tests.session.building import record_plan
 
 Key, Modifier = Qt.Key, Qt.KeyboardModifier
 PANELS = {"operate": Key.Key_1, "protocol": Key.Key_2, "analysis": Key.Key_3, "finger": Key.Key_4}
@@ -89,6 +92,51 @@ def test_tab_reaches_each_control_on_the_screen_and_none_behind_it(
     assert window.docks.docks[name].isAncestorOf(reached[0])
     _press(window, Key.Key_Backtab, Modifier.ShiftModifier)
     assert _focus(window) is reached[-1]
+
+
+def press_place(widget: QWidget, key: int, scan_code: int, text: str) -> None:
+    """Press a key of another alphabet with Ctrl, as Qt tells it."""
+    offset = 8 if sys.platform.startswith("linux") else 0
+    control = Qt.KeyboardModifier.ControlModifier
+    for kind in (QEvent.Type.KeyPress, QEvent.Type.KeyRelease):
+        event = QKeyEvent(kind, key, control, scan_code + offset, 0, 0, text)
+        QApplication.sendEvent(widget, event)
+
+
+def test_shortcuts_are_where_their_keys_stand_on_a_cyrillic_or_greek_layout(
+    disconnected: SharedWindow,
+) -> None:
+    window = disconnected.window
+    window.show_panel("operate")
+    press_place(window, ord("Д"), 38, "")  # where L is
+    assert window.stack.currentWidget() is window.analysis_tab.sessions
+    window.show_panel("operate")
+    window.stack.show_page("live")
+    press_place(window, ord("Ο"), 24, "")  # Greek omicron, where O is
+    assert window.stack.currentWidget() is window.file_browser
+    window.file_browser.dismiss()
+    press_place(window, ord("é"), 3, "")  # where 2 is, on a French keyboard
+    assert window.docks.docks["protocol"].isVisible()
+    window.show_panel("operate")
+
+
+def test_copied_rows_are_a_table_with_its_header(harness: Harness, tmp_path: Path) -> None:
+    window, page = harness.window, harness.window.protocol_panel.page
+    record_plan(tmp_path / "session")
+    window.show_panel("protocol")
+    window.protocol_panel.show_page(True)
+    page.open_session(str(tmp_path / "session"))
+    wait_until(lambda: page.attempt_view.model().rowCount() == 8)
+    page.attempt_view.selectRow(2)
+    QTest.keyClick(page.attempt_view, Qt.Key.Key_C, Qt.KeyboardModifier.ControlModifier)
+    names, row = QApplication.clipboard().text().split("\n")
+    assert names.split("\t")[:3] == ["Trial", "Plate", "Speed (mm/s)"]
+    assert row.split("\t")[0] == "3" and len(row.split("\t")) == len(names.split("\t"))
+    QApplication.clipboard().clear()
+    page.attempt_view.setFocus()
+    press_place(page.attempt_view, ord("С"), 46, "")  # Cyrillic, where C is
+    assert QApplication.clipboard().text().startswith("Trial\tPlate")
+    window.protocol_panel.show_page(False)
 
 
 def test_tab_reaches_everything_on_the_start_page(small: Harness) -> None:

@@ -17,7 +17,7 @@ from gui.shell.main_window import MainWindow
 from gui.shell.user_settings import UserSettings
 from gui.widgets.theme import ThemeChoice, scale_texts
 from tests.gui.fake_engine import FakeEngine
-from tests.gui.steps import own_window
+from tests.gui.steps import own_window, wait_until
 
 KEYS = (
     "theme", "text_percent", "window", "docks", "speed_mm_s", "force_g", "save_in", "record_in",
@@ -127,6 +127,7 @@ def test_views_and_rigs_return(qapp: QApplication, engine: FakeEngine, tmp_path:
         themes[ThemeChoice.DARK.value].trigger()
         window.toolbar.rig.choose("/data/bench/rig.toml")
         window.toolbar.connect_requested.emit("/data/bench/rig.toml", "")
+        wait_until(lambda: window.engine_link.live is not None)  # what did not open is not recent
     assert UserSettings(path).value("theme", "") == ThemeChoice.DARK.name
     with own_window(engine, UserSettings(path)) as again:
         assert again.live_plots.navigation.span_s == 5

@@ -9,16 +9,18 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QMargins, QPoint, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QLineEdit
 
 from gui.shell.help_page import CrashReporter
-from gui.shell.main_window import MainWindow
-from gui.shell.user_settings import MAX_RECENT, UserSettings
+from gui.shell.main_window import LEFT_PX, MainWindow
+from gui.shell.user_settings import MAX_RECENT, UserSettings, WindowMemory
+from gui.widgets.labels import WrappedLabel
+from gui.widgets.theme import ThemeChoice
 from rigctl.config import resources
 from tests.gui.fake_engine import FakeEngine
-from tests.gui.steps import Harness, own_window, wait_until
+from tests.gui.steps import Harness, SharedWindow, own_window, wait_until
 
 WindowMaker = Callable[[], MainWindow]
 
@@ -114,6 +116,27 @@ def test_garbage_in_the_settings_is_reported_once(
     assert "damaged" not in open_window().event_log.toPlainText()
 
 
+def test_two_windows_keep_each_what_was_changed_in_it(shared: SharedWindow, ini: Path) -> None:
+    window = shared.window
+    fields = [{key: QLineEdit(key) for key in ("save_in", "record_in")} for _ in range(2)]
+    settings = [UserSettings(ini) for _ in range(2)]
+    memories = [WindowMemory(each, window, window.docks) for each in settings]
+    for memory, texts in zip(memories, fields, strict=True):
+        memory.keep_texts(texts)
+    fields[0]["save_in"].setText("/data/one")
+    fields[1]["record_in"].setText("/data/two")
+    for memory in (*memories, *memories):
+        memory.save()
+    settings[0].add_recent("sessions", "/s/one")
+    settings[0].write()
+    settings[1].add_recent("sessions", "/s/two")
+    settings[1].write()
+    again = UserSettings(ini)
+    assert again.value("save_in", "") == "/data/one"
+    assert again.value("record_in", "") == "/data/two"
+    assert again.recent("sessions") == ["/s/two", "/s/one"]
+
+
 def test_settings_keep_types_and_recent_texts(ini: Path) -> None:
     settings = UserSettings(ini)
     settings.set_value("span_s", 5)
@@ -177,6 +200,62 @@ def test_texts_scale(harness: Harness) -> None:
     after_px = window.docks.side_widths_px()
     window.resize(before)
     assert after_px == pytest.approx(widths_px, abs=2)
+
+
+def test_larger_texts_and_back_leave_no_gap(disconnected: SharedWindow) -> None:
+    window = disconnected.window
+
+    def places() -> dict[str, tuple[int, ...]]:
+        for panel in ("finger", "analysis", "protocol", "operate"):
+            window.show_panel(panel)
+            for _ in range(LAYOUT_PASSES):
+                QApplication.processEvents()
+        parts = (window.toolbar, window.health, window.docks, window.live_page)
+        labels = window.operate_panel.findChildren(WrappedLabel)
+        return {
+            f"{number} {type(part).__name__}": (part.mapTo(window, QPoint()).y(), part.height())
+            for number, part in enumerate((*parts, *labels))
+        }
+
+    before = places()
+    window.set_text_size(150)
+    assert places() != before
+    window.set_text_size(100)
+    assert places() == before
+
+
+def test_a_layout_with_floating_panels_is_reset_after_a_restart(
+    open_window: WindowMaker,
+) -> None:
+    first = open_window()
+    first.show_panel("protocol")
+    first.docks.docks["operate"].setFloating(True)
+    first.close()
+    again = open_window()
+    dock = again.docks.docks["operate"]
+    assert dock.isFloating()
+    assert dock.windowHandle().transientParent() is again.windowHandle(), "before the window"
+    again.docks.reset()
+    QApplication.processEvents()
+    assert not any(each.isFloating() for each in again.docks.docks.values())
+    assert again.docks.side_widths_px() == pytest.approx({"operate": LEFT_PX}, abs=20)
+
+
+def test_a_window_whose_frame_hangs_off_the_screen_comes_onto_it(
+    qapp: QApplication, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    window = MainWindow(choice=ThemeChoice.LIGHT)
+    room = window.screen().availableGeometry()
+    window.resize(room.size())
+    window.move(room.topLeft())
+    window.show()
+    title = QMargins(1, 30, 1, 1)
+    monkeypatch.setattr(window, "frameGeometry", lambda: window.geometry() + title)
+    assert not room.contains(window.frameGeometry())
+    window.fit_screen()
+    assert window.frameGeometry().size().height() <= room.height()
+    window.close()
+    window.deleteLater()
 
 
 def test_unexpected_error_becomes_a_sentence_and_a_file(harness: Harness, tmp_path: Path) -> None:

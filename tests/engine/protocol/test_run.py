@@ -1,4 +1,4 @@
-"""A protocol on the virtual rig: all trials committed, no sample lost, speed and force true."""
+"""A protocol on the virtual rig and on the real firmware, compared with the ground truth."""
 
 from __future__ import annotations
 
@@ -124,3 +124,16 @@ def test_every_kind_of_step_runs_unattended(harness: EngineHarness) -> None:
     assert harness.texts("message") == ["Wipe the sensor."]
     assert max(abs(truth.speed_error) for truth in truths) < 0.001
     assert verify(harness.session).whole
+
+
+def test_a_trial_on_both_firmware_images_is_complete_and_true(tmp_path: Path) -> None:
+    with open_harness(tmp_path, rig_kind="firmware") as harness:
+        run = harness.record(TINY.replace('"A", "L"', '"D"').replace("100, 120", "120"))
+        assert (run.outcome, run.complete) == ("done", True)
+        with open_session(harness.session) as session:
+            assert len(session.gaps) == 0
+            assert session.header.rig == "firmware"
+            (truth,) = trial_truths(session)
+        assert verify(harness.session).whole
+    assert abs(truth.speed_error) < 0.001
+    assert abs(truth.force_error) < 0.02

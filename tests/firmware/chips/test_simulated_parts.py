@@ -1,13 +1,16 @@
-"""The simulated load-cell amplifier follows its data sheet bit by bit."""
+"""The simulated chips: load-cell amplifier, bridge, compare unit, and the end of a slice."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 
-from rigctl.bench.chips.simavr import Chip, Kind, load_library
+from rigctl.bench.chips.simavr import Chip, Kind, Output, load_library
+from rigctl.boards.drum_codes import Command
 from tests.firmware.building import built
+from tests.firmware.drum.support.plant_drum import PlantDrum
 
 PERIOD = 200_000  # cycles: 12.5 ms
 NORMAL, SILENT, FROZEN, SATURATED = range(4)
@@ -88,3 +91,63 @@ def test_faults_have_the_readings_of_a_real_amplifier(probe: Probe) -> None:
     assert probe.read(3) == []
     probe.x.loadcell_mode = NORMAL
     assert probe.read(1) == [555]
+
+
+ONE_STEP = 0.05
+"""Permille: a fifth of one count of the timer."""
+
+
+def test_the_bench_gets_the_duty_that_the_firmware_sets() -> None:
+    with PlantDrum() as drum:
+        drum.prepare()
+        assert drum.command(Command.APPROACH) == 0
+        differences = []
+        for _ in range(20):
+            drum.poll_for(50)
+            differences.append(drum.get("actuator_drive") - 1000 * drum.x.drive)
+        # The register holds the newest duty; the bench gets the mean of a millisecond.
+        assert min(map(abs, differences)) == pytest.approx(0, abs=ONE_STEP)
+
+
+LONGEST_CYCLES = 5
+BOOTED = 200 * 16_000
+SLICES = 20_000
+"""Slices of one cycle, so that every instruction ends a slice, also those that start a sleep."""
+
+
+@pytest.mark.parametrize("kind", Kind, ids=lambda kind: kind.name.lower())
+def test_a_chip_that_sleeps_at_the_end_of_a_slice_does_not_overrun_it(kind: Kind) -> None:
+    image = built(f"firmware/{kind.name.lower()}.elf")
+    chip = Chip(load_library(built("sim/libchips.so")), image, kind)
+    x = chip.io
+    chip.run(BOOTED)
+    slept, overruns = x.slept_cycles, []
+    for _ in range(SLICES):
+        end = x.cycle + 1
+        chip.run(end)
+        overruns.append(x.cycle - end)
+    assert x.slept_cycles > slept
+    assert max(overruns) < LONGEST_CYCLES
+    chip.close()
+
+
+OVERFLOW_CYCLES = 65_536
+PERIODS = 400
+MATCH_CYCLES = 8
+"""The probe's matches are within this many cycles after an overflow."""
+
+
+def test_a_match_right_after_the_overflow_occurs_in_its_period() -> None:
+    chip = Chip(
+        load_library(built("sim/libchips.so")), built("firmware/probe-compare.elf"), Kind.DRUM
+    )
+    chip.io.report_steps = 1
+    rises: list[int] = []
+    while chip.io.cycle < PERIODS * OVERFLOW_CYCLES:
+        chip.run(int(chip.io.cycle) + 16_000)
+        signals = chip.edge_signal[: chip.io.edge_count]
+        rises += chip.edge_cycle[: chip.io.edge_count][signals == Output.STEP].tolist()
+    chip.close()
+    intervals = np.diff(rises)
+    assert len(rises) >= PERIODS - 2
+    assert np.abs(intervals - OVERFLOW_CYCLES).max() <= MATCH_CYCLES + LONGEST_CYCLES
