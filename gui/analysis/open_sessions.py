@@ -176,12 +176,14 @@ Floats = NDArray[np.float64]
 class NeuronResponse(NamedTuple):
     """Spikes of one neuron in the trials of a condition.
 
-    ``spikes_s``: of each trial, seconds since its first sample. ``at_s`` float64 (bins,): middle of
+    ``trial_ids``: the trials' numbers in their sessions. ``spikes_s``: of each trial, seconds since
+    its first sample. ``at_s`` float64 (bins,): middle of
     each bin of ``BIN_S`` that every trial fills; ``mean_hz``, ``sd_hz`` float64 (bins,): rate over
     trials, divisor n − 1 (0 for one trial).
     """
 
     name: str
+    trial_ids: tuple[int, ...]
     spikes_s: tuple[Floats, ...]
     at_s: Floats
     mean_hz: Floats
@@ -240,9 +242,11 @@ def _response(
     trials: list[tuple[str, int]],
     train: int,
 ) -> NeuronResponse:
-    spikes, lengths = [], []
+    ids, spikes, lengths = [], [], []
     for path, row in trials:
-        trial = EncodedTrial(sessions.drum_session(path), row, sessions.taxel_range(path))
+        session = sessions.drum_session(path)
+        ids.append(int(session.trials[row]["trial_id"]))
+        trial = EncodedTrial(session, row, sessions.taxel_range(path))
         spikes.append(trial.train(train) / SAMPLE_RATE_HZ)
         lengths.append(trial.n_samples / SAMPLE_RATE_HZ)
     edges = BIN_S * np.arange(int(min(lengths) / BIN_S + 1e-9) + 1, dtype=np.float64)
@@ -250,7 +254,7 @@ def _response(
     rates = np.array([np.histogram(one, edges)[0] for one in spikes]) / BIN_S
     sd = rates.std(axis=0, ddof=1) if len(rates) > 1 else np.zeros(len(edges) - 1)
     name = f"{key[0]}, {key[1]:g} mm/s, {key[2]:g} g"
-    return NeuronResponse(name, tuple(spikes), at_s, rates.mean(axis=0), sd)
+    return NeuronResponse(name, tuple(ids), tuple(spikes), at_s, rates.mean(axis=0), sd)
 
 
 _RANGE_TRIALS = 100

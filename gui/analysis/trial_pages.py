@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import ceil
 from typing import Any, NamedTuple
 
@@ -340,9 +341,8 @@ class CompareView(QWidget):
             reserve(plot, "left", LEFT_PX)
             plot.setXRange(0, end_s, padding=0)
             colour_axes(plot, self._theme)
-        n_trials = len(condition.spikes_s)
-        raster.setYRange(0, n_trials, padding=0)
-        raster.getAxis("left").setTicks([trial_ticks(n_trials)])
+        raster.setYRange(0, len(condition.trial_ids), padding=0)
+        raster.getAxis("left").setTicks([trial_ticks(condition.trial_ids)])
         rate.setYRange(0, 1.05 * top_hz, padding=0)
         self._draw(raster, rate, condition)
         self.rasters.append(raster)
@@ -361,10 +361,10 @@ class CompareView(QWidget):
         rate.addItem(pg.PlotCurveItem(condition.at_s, condition.mean_hz, pen=pen))
 
 
-def trial_ticks(n_trials: int) -> list[tuple[float, str]]:
+def trial_ticks(trial_ids: Sequence[int]) -> list[tuple[float, str]]:
     """Return places and numbers of at most four trials: each stands in the middle of its row."""
-    step = max(1, -(-n_trials // MOST_TICKS))
-    return [(index + 0.5, str(index + 1)) for index in range(0, n_trials, step)]
+    step = max(1, -(-len(trial_ids) // MOST_TICKS))
+    return [(index + 0.5, str(trial_ids[index])) for index in range(0, len(trial_ids), step)]
 
 
 class ValueTable(NamedTuple):

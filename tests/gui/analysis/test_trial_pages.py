@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -194,12 +194,20 @@ def test_a_folder_that_cannot_be_written_is_said(shown: Harness, tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("n_trials", "numbers"), [(1, "1"), (2, "1 2"), (4, "1 2 3 4"), (20, "1 6 11 16")]
+    ("trials", "numbers"),
+    [
+        ([7], "7"),
+        ([3, 9], "3 9"),
+        ([2, 5, 8, 11], "2 5 8 11"),
+        (range(101, 121), "101 106 111 116"),
+    ],
 )
-def test_rows_of_a_raster_have_whole_numbers(n_trials: int, numbers: str) -> None:
-    ticks = trial_ticks(n_trials)
+def test_rows_of_a_raster_have_the_numbers_of_their_trials(
+    trials: Sequence[int], numbers: str
+) -> None:
+    ticks = trial_ticks(trials)
     assert " ".join(text for _, text in ticks) == numbers
-    assert all(place == int(text) - 0.5 for place, text in ticks)
+    assert all(trials[int(place)] == int(text) for place, text in ticks)
 
 
 def test_conditions_are_compared_by_raster_and_mean_rate(shown: Harness) -> None:
