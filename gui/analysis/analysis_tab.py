@@ -133,6 +133,10 @@ class AnalysisTab(QObject):
         self._settings = self._analysed = ""
         self.view: QWidget = self.trial_view
         self._report_folder = self._verified = ""
+        self._unverified: list[str] = []
+        """Sessions whose check is still to come."""
+        self._alarming: tuple[AnalysisResults, str] | None = None
+        """What the first check found that was not right, and how it was made."""
         self._is_prepared = False
         self._wanted_trial: tuple[str, int] | None = None
         self._wanted_section: tuple[TrialView | CourseView, dict[str, Any]] | None = None
@@ -225,6 +229,12 @@ class AnalysisTab(QObject):
             self.worker.submit("quick_check", sessions=sessions, figures=figures)
 
     def _verify(self, path: str, digest: str) -> None:
+        """Check all sessions that are open, one after the other; the digest is the first one's."""
+        self._alarming = None
+        self._unverified = [other for other in self.panel.sessions if other != path]
+        self._verify_one(path, digest)
+
+    def _verify_one(self, path: str, digest: str = "") -> None:
         self.panel.show_busy()
         kept = "with the digest that was kept" if digest else "without a kept digest"
         self._settings = f"Session: {path}; {kept}"
@@ -320,6 +330,7 @@ class AnalysisTab(QObject):
 
     def _cancel(self) -> None:
         self.worker.cancel()
+        self._unverified = []
         self.panel.show_idle()
         if self._report_folder:
             self.worker.submit("discard", folder=self._report_folder)
@@ -357,12 +368,25 @@ class AnalysisTab(QObject):
                 self._keep_verified()
             if result.altered and self._verified in self.panel.sessions:
                 self.reader.submit("leave_out", path=self._verified, altered=result.altered)
-            self.results_panel.show_results(result, self._settings)
-            self.panel.show_result(result.sentence, is_alarming=result.is_alarming)
-            self._show(self.results_panel)
             self.reported.emit("check" if result.is_alarming else "analysis", result.sentence)
+            self._show_results(task, result)
         if not self.reader.is_busy:
             self._read_wanted()
+
+    def _show_results(self, task: str, result: AnalysisResults) -> None:
+        """Show results; of several checks the first that found something, when all are done."""
+        found = result, self._settings
+        if task == "verify_session":
+            if result.is_alarming and self._alarming is None:
+                self._alarming = found
+            if self._unverified:
+                self._verify_one(self._unverified.pop(0))
+                return
+            found = self._alarming or found
+        result, settings = found
+        self.results_panel.show_results(result, settings)
+        self.panel.show_result(result.sentence, is_alarming=result.is_alarming)
+        self._show(self.results_panel)
 
     def _fail(self, task: str, sentence: str) -> None:
         is_first = len(self.panel.run_box.form.sessions) < 2
@@ -374,7 +398,7 @@ class AnalysisTab(QObject):
             self.panel.drop_unopened()
             self.panel.run_box.show_refusal(sentence)
         else:
-            self._report_folder = ""
+            self._report_folder, self._unverified = "", []
             self.panel.show_failure(sentence)
         if task == "load_trial" or (task == "open_session" and is_first):
             self.trial_view.show_trial(None)

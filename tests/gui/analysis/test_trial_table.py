@@ -322,6 +322,25 @@ def test_verify_marks_altered_trials_in_the_table(analysis: Harness, tmp_path: P
     assert "is left out: " in panel.trials.reason.text()
 
 
+def test_verify_checks_all_open_sessions_and_shows_the_one_that_is_not_whole(
+    analysis: Harness, sessions: tuple[Path, Path], tmp_path: Path
+) -> None:
+    folder = tmp_path / "altered"
+    record_in_blocks(folder)
+    flip_sample_of_trial(folder, 5)
+    open_session(analysis, folder)
+    tab = analysis.window.analysis_tab
+    tab.panel.run_box.form.add_session(str(sessions[0]))
+    wait_until(lambda: list(tab.panel.sessions) == [str(folder), str(sessions[0])])
+    analysis.window.event_log.clear()
+    click(tab.panel.verify_button)
+    log = analysis.window.event_log
+    wait_until(lambda: "one is whole: 4 trials committed" in log.toPlainText())
+    assert "altered is not whole" in log.toPlainText()
+    assert "is not whole" in tab.panel.run_box.result.text()
+    wait_until(lambda: not tab.worker.is_busy and not tab.reader.is_busy)
+
+
 def test_a_check_that_ends_late_brings_no_other_session_back(
     analysis: Harness, sessions: tuple[Path, Path], tmp_path: Path
 ) -> None:
