@@ -728,7 +728,7 @@ TITLES = {
     FORCE: "Force loop",
     IMBALANCE: "Imbalance",
     WIRING: "Taxel order",
-    RANGE: "Taxel range",
+    RANGE: "Range",
 }
 
 

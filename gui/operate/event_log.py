@@ -205,6 +205,7 @@ class LogPanel(QWidget):
         super().__init__()
         self.kinds, self.search = ComboBox(), QLineEdit(placeholderText="Search the log")
         self.kinds.addItems([ALL_KINDS, PROBLEMS])
+        self.kinds.setSizeAdjustPolicy(ComboBox.SizeAdjustPolicy.AdjustToContents)
         self.kinds.setToolTip("Show the events of one kind")
         self.kinds.setAccessibleName("Kind of the events in the log")
         self.search.setAccessibleName("Search the log")

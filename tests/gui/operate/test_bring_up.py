@@ -35,7 +35,7 @@ def test_bring_up_leads_from_step_to_step_until_the_drum_can_approach(harness: H
     click(box.next)
     assert harness.engine.commands == ["arm", "home", "tare"]
     page = harness.window.tools.calibrate_page
-    assert page.isVisible() and page.tabs.tabText(page.tabs.currentIndex()) == "Taxel range"
+    assert page.isVisible() and page.tabs.tabText(page.tabs.currentIndex()) == "Range"
     click(page.close_button)
     known = {"has_taxel_range": True, "has_taxel_order": True}
     harness.update(**known, loadcell_calibrated="2026-11-23 with 500 g")
