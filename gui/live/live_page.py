@@ -235,8 +235,10 @@ class EyeStrip(QWidget):
             self._plots.set_eye_filter(eye)
 
     def _show_gain(self, gain: float) -> None:
-        with QSignalBlocker(self.gain):
-            self.gain.setValue(gain)
+        # Return emits an unchanged value, too; showing it would hide a text that was refused.
+        if gain != self.gain.value():
+            with QSignalBlocker(self.gain):
+                self.gain.setValue(gain)
 
     def _edges(self, name: str, edges_hz: Sequence[float]) -> ComboBox:
         box = ComboBox()

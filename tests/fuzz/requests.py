@@ -76,6 +76,15 @@ DRUM: tuple[tuple[str, dict[str, Any]], ...] = (
         | {"half_width_hz": 1.0},
     ),
     *(("start", {"protocol": "drum.toml", "out": "new", "seed": 3, "yes": True}),) * 2,
+    *(
+        ("enqueue", {"protocol": "drum.toml", "out": "queued", "yes": True}),
+        ("skip", {"trial_id": 1}),
+    ),
+    *(
+        ("move_queued", {"number": 1, "places": 1}),
+        ("dequeue", {"number": 1}),
+        ("start_queued", {}),
+    ),
     ("start", {"resume": "new", "yes": True, "operator": "Ada", "sensor": "S 3", "notes": "New."}),
 )
 FINGER: tuple[tuple[str, dict[str, Any]], ...] = (
