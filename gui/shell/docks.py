@@ -294,7 +294,7 @@ class DockArea(QMainWindow):
         self.setTabPosition(Qt.DockWidgetArea.AllDockWidgetAreas, QTabWidget.TabPosition.North)
         self.setCentralWidget(middle)
         self.docks: dict[str, QDockWidget] = {}
-        self._first_layout = b""
+        self._first_layout, self._has_first_sizes = b"", False
         self._asked_px: dict[str, int] = {}
         self._given_px: dict[str, int] = {}
         self._sizes_px: dict[str, tuple[int, Qt.Orientation]] = {}
@@ -384,7 +384,8 @@ class DockArea(QMainWindow):
     def reset(self) -> None:
         """Return to the layout of the first start."""
         self.restore(self._first_layout)
-        self._take_first_sizes()
+        if not self._has_first_sizes:
+            self._take_first_sizes()
 
     def save(self) -> bytes:
         """Return the layout."""
@@ -399,8 +400,9 @@ class DockArea(QMainWindow):
         """Give the panels their first sizes, which need a window on the screen."""
         super().showEvent(event)
         if not self._first_layout:
-            self._keep_first()
             self._take_first_sizes()
+            self._has_first_sizes = True
+            self._keep_first()
         self._raise_floating()
 
     def _keep_first(self) -> None:

@@ -38,9 +38,9 @@ def test_a_protocol_of_the_moving_finger_is_planned_stage_by_stage(
     assert run("protocols/finger/quick.toml", "--json") == 0
     answer = json.loads(capsys.readouterr().out)
     assert {name: stage["trials"] for name, stage in answer["stages"].items()} == {
-        "normalise": 25, "train": 50, "calibrate": 25, "run": 25,
+        "normalise": 25, "train": 100, "calibrate": 50, "run": 25,
     }  # fmt: skip
-    assert answer["seconds"] == 625
+    assert answer["seconds"] == 1000
 
 
 def test_a_finger_toml_is_read_with_a_protocol_of_the_finger(tmp_path: Path) -> None:
@@ -55,7 +55,7 @@ def test_a_disk_too_small_for_the_finger_fails_the_check(
 ) -> None:
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(check.shutil, "disk_usage", lambda _: usage(2_000_000, 1, 1_000_000))
-    with pytest.raises(CheckFailed, match=r"1 MB free, but the protocol needs 28 MB"):
+    with pytest.raises(CheckFailed, match=r"1 MB free, but the protocol needs 45 MB"):
         run("finger/quick", "--out", str(tmp_path))
 
 

@@ -125,7 +125,7 @@ def test_wrong_requests_change_nothing(harness: EngineHarness) -> None:
         for each in wrong:
             with pytest.raises(RigctlError):
                 await handle("enqueue", each)
-        with pytest.raises(ProtocolError, match="nothing"):
+        with pytest.raises(ProtocolError, match="there is no protocol"):
             await handle("enqueue", wrong[-1])
         for command, values in (("dequeue", {}), ("move_queued", {"places": 1})):
             with pytest.raises(WrongUse, match="the queue has no run 7"):

@@ -33,6 +33,7 @@ def panel(harness: Harness) -> Iterator[ProtocolPanel]:
     click(editor.form_button)
     wait_until(editor.save_button.isEnabled)
     yield panel
+    editor.text.document().setModified(False)  # the next test begins with the file
     click(editor.form_button)
     panel.show_page(False)
     panel.protocol.setCurrentIndex(panel.protocol.findText("quick"))

@@ -300,7 +300,9 @@ def test_the_next_window_knows_folder_operator_and_sensor(
 ) -> None:
     window = harness.window
     memory = WindowMemory(UserSettings(tmp_path / "window.ini"), window, window.docks)
+    panel.form.operator.clear()
     memory.keep_texts(panel.form.remembered)
+    panel.form.operator.setText("Jörg")
     panel.out.setText(str(tmp_path))
     panel.form.sensor.setText("batch 7")
     for name, text in (("plate_lot", "PLA 3"), ("project", "pilot"), ("remarks", "cold room")):
