@@ -251,6 +251,6 @@ def test_a_protocol_of_the_finger_has_its_own_form(panel: ProtocolPanel) -> None
     train = editor.finger_form.rows[path]
     assert train.field.isVisible()
     fill(train.field, "1")
-    wait_until(lambda: "100 scans" in editor.verdict.text())
+    wait_until(lambda: "125 scans" in editor.verdict.text())
     fill(editor.finger_form.rows["profiles",].field, "slow, hasty")
     assert "'hasty' is none of slow" in editor.finger_form.rows["profiles",].mistake
