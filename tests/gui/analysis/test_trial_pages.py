@@ -15,6 +15,7 @@ from PySide6.QtWidgets import QApplication
 
 from gui.analysis.results import table
 from gui.analysis.results_view import TextPage
+from gui.analysis.run_box import PAPER
 from gui.analysis.trial_pages import trial_ticks
 from gui.shell.docks import PageArea
 from tests.analysis.recordings import record
@@ -34,6 +35,7 @@ def shown(harness: Harness, tmp_path: Path) -> Iterator[Harness]:
     tab.open_session(str(session))
     wait_until(lambda: tab.trial_view.data is not None and not tab.reader.is_busy)
     yield harness
+    tab.panel.run_box.place.clear()
     tab.panel.show_unopened("No session is open.")
     tab.trial_view.show_trial(None)
     tab.trial_view.setCurrentIndex(0)
@@ -112,6 +114,7 @@ def test_pages_of_an_archive_that_nobody_can_write_into_are_saved_where_the_user
 ) -> None:
     window = shown.window
     box, log = window.analysis_tab.panel.run_box, window.event_log
+    box.method.setCurrentIndex(box.method.findData(PAPER))
     session = window.analysis_tab.panel.path
     before = window.protocol_panel.out.text()
     window.protocol_panel.out.setText(str(tmp_path / "data"))
@@ -127,7 +130,6 @@ def test_pages_of_an_archive_that_nobody_can_write_into_are_saved_where_the_user
     wait_until(lambda: "give the whole path of the folder to save in" in log.toPlainText())
     click(box.run_button)
     assert box.result.text().startswith("Results in: give the whole path")
-    box.place.clear()
     window.protocol_panel.out.setText(before)
 
 
