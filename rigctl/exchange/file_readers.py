@@ -16,8 +16,7 @@ from rigctl.errors import WrongUse
 from rigctl.exchange.column_map import ImportMap
 from rigctl.exchange.matlab import read_mat
 from rigctl.exchange.recording_files import SUFFIXES
-from rigctl.exchange.text_table import HEAD_ROWS, TextFormat, first_rows, read_text_table
-from rigctl.exchange.trial_tables import (
+from rigctl.exchange.recording_tables import (
     FileTrials,
     Floats,
     LabelColumn,
@@ -26,6 +25,7 @@ from rigctl.exchange.trial_tables import (
     range_ends,
     split_trials,
 )
+from rigctl.exchange.text_table import HEAD_ROWS, TextFormat, first_rows, read_text_table
 from rigctl.session.hdf5_file import describe
 
 DELIMITERS = {".csv": ",", ".tsv": "\t", ".txt": "\t", ".lvm": "\t"}

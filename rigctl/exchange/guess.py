@@ -32,7 +32,7 @@ from rigctl.exchange.guess_roles import (
 from rigctl.exchange.inspection import extract_series
 from rigctl.exchange.labels import DEPTH, LABELS, parse_label
 from rigctl.exchange.recording_files import common_folder, refuse_unreadable_names
-from rigctl.exchange.trial_tables import RANGE
+from rigctl.exchange.recording_tables import RANGE
 from rigctl.protocol.fields import TEXTURE_BYTES
 
 SLASH = "/"

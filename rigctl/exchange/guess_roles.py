@@ -30,6 +30,7 @@ from rigctl.exchange.file_readers import (
 )
 from rigctl.exchange.labels import LABELS, SECONDS
 from rigctl.exchange.recording_files import SUFFIXES
+from rigctl.exchange.recording_tables import RANGE, Floats, bounded, format_names, refuse_too_many
 from rigctl.exchange.resampling import burst_rate
 from rigctl.exchange.text_table import (
     CLOCK,
@@ -43,7 +44,6 @@ from rigctl.exchange.text_table import (
     read_first_lines,
     read_text_table,
 )
-from rigctl.exchange.trial_tables import RANGE, Floats, bounded, format_names, refuse_too_many
 
 WORDS = {
     "time": {

@@ -24,6 +24,7 @@ from rigctl.exchange.labels import (
     refuse_collisions,
 )
 from rigctl.exchange.recording_files import common_folder, refuse_unreadable_names
+from rigctl.exchange.recording_tables import TrialTable, bounded, format_names, range_ends
 from rigctl.exchange.resampling import (
     FEWEST_STEPS,
     Floats,
@@ -37,7 +38,6 @@ from rigctl.exchange.resampling import (
     resample,
     unwrap_clock,
 )
-from rigctl.exchange.trial_tables import TrialTable, bounded, format_names, range_ends
 from rigctl.values import SAMPLE_RATE_HZ
 
 MAX_COUNT = 65535

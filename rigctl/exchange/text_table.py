@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rigctl.config.text_file import SAVE_AS_UTF8, open_file, shorten, text_encoding
 from rigctl.errors import WrongUse
-from rigctl.exchange.trial_tables import find_columns, refuse_too_many
+from rigctl.exchange.recording_tables import find_columns, refuse_too_many
 
 if TYPE_CHECKING:
     import pandas

@@ -14,8 +14,8 @@ from rigctl.errors import ConfigError, WrongUse
 from rigctl.exchange.column_map import load_map
 from rigctl.exchange.importer import import_files
 from rigctl.exchange.labels import parse_label
+from rigctl.exchange.recording_tables import find_columns
 from rigctl.exchange.text_table import MAX_FILE_BYTES, TextFormat, read_text_table
-from rigctl.exchange.trial_tables import find_columns
 
 MAP = """\
 [files]
