@@ -163,18 +163,17 @@ def summarise(plan: Plan, out: str = "") -> PlanSummary:
 
 
 def _conditions(plan: Plan) -> Row:
-    from rigctl.protocol.plan import BLOCKED_WORDS
+    from rigctl.protocol.plan import ORDER_WORDS
 
     protocol = plan.protocol
     speeds, forces, depths = protocol.speeds_mm_s, protocol.forces_g, protocol.depths_mm
     mounts = f", each mounted {protocol.mounts} times" if protocol.mounts > 1 else ""
-    order = "shuffled" if protocol.order == "shuffled" else BLOCKED_WORDS
     across = " across plates" if protocol.across_plates else ""
     return (
         f"{' '.join(protocol.textures) or 'none'}{mounts}",
         _numbers(speeds, "mm/s"),
         _numbers(depths, "mm deep") if depths else _numbers(forces, "g"),
-        f"{order}{across}, {protocol.repeats} of each",
+        f"{ORDER_WORDS[protocol.order]}{across}, {protocol.repeats} of each",
     )
 
 

@@ -1,7 +1,7 @@
-"""Calibrate load cell, force loop, imbalance or wiring.
+"""Calibrate load cell, force loop, imbalance, wiring or sensor.
 
-Calibrate a rig and save the result on the drum's board and in rig.toml. Exit code 0: done; 2:
-the measurement is implausible; 3: rig fault.
+Calibrate a rig and save the result on the drum's board and in rig.toml; of the sensor, write a
+report. Exit code 0: done; 2: the measurement is implausible; 3: rig fault.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from contextlib import closing
 from datetime import UTC, datetime
 from typing import Any
 
-from rigctl.cli import calibrate_wiring
+from rigctl.cli import calibrate_sensor, calibrate_wiring
 from rigctl.cli.arguments import add_option, add_seed, number, path_or_name
 from rigctl.cli.progress import ask
 from rigctl.cli.world import add_world, chosen_world
@@ -66,12 +66,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="accept a zero far from the last one, such as after a change of the drum",
     )
     parts.add_parser("wiring", help="find which reading is which taxel by unplugging and pressing")
+    sensor = parts.add_parser("sensor", help="measure how each taxel answers to the force")
+    calibrate_sensor.add_arguments(sensor)
 
 
 def run(args: argparse.Namespace) -> int:
     """Calibrate one part; the last line gives the result and where it is saved."""
     if args.part == "wiring":
         return calibrate_wiring.run(args)
+    if args.part == "sensor":
+        return calibrate_sensor.run(args)
     if args.part == "loadcell":
         validate_masses(args.mass)
     world = chosen_world(args.world)

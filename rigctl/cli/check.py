@@ -21,7 +21,7 @@ from rigctl.config.toml_reader import TomlText
 from rigctl.errors import CheckFailed, ProtocolError
 from rigctl.experiments import protocol_key
 from rigctl.protocol.loader import load_protocol
-from rigctl.protocol.plan import BLOCKED_WORDS, QUANTITY_NAMES, Plan
+from rigctl.protocol.plan import ORDER_WORDS, QUANTITY_NAMES, Plan
 from rigctl.protocol.steps import PLATE_CHANGE_S
 
 SIMULATED = ("virtual", "firmware")
@@ -96,12 +96,13 @@ def _early_end(plan: Plan) -> dict[str, Any]:
 def table(summary: dict[str, Any]) -> str:
     """Return the summary as a table of two columns."""
     presses, unit = ("forces", "g") if summary["forces_g"] else ("depths", "mm")
+    order = order_text(summary, ORDER_WORDS[summary["order"]])
     rows = (
         ("protocol", title_text(summary)),
         ("plates", " ".join(summary["textures"]) or "none"),
         ("speeds", _numbers(summary["speeds_mm_s"], "mm/s")),
         (presses, _numbers(summary[f"{presses}_{unit}"], unit)),
-        ("order", f"{order_text(summary, BLOCKED_WORDS)}, {summary['repeats']} of each"),
+        ("order", f"{order}, {summary['repeats']} of each"),
         ("trials", f"{summary['trials']:,} of {summary['travel_mm']:g} mm"),
         *_early_end_rows(summary),
         ("steps", f"{summary['steps']:,}"),
@@ -132,9 +133,9 @@ def title_text(summary: dict[str, Any]) -> str:
     return f"{summary['protocol']} – {summary['description']}".rstrip(" –")
 
 
-def order_text(summary: dict[str, Any], blocked: str) -> str:
-    """Return the order of the trials in words; ``blocked``: those of a blocked one."""
-    return f"shuffled by seed {summary['seed']}" if summary["order"] == "shuffled" else blocked
+def order_text(summary: dict[str, Any], words: str) -> str:
+    """Return the order of the trials in words, a shuffled one with its seed."""
+    return f"shuffled by seed {summary['seed']}" if summary["order"] == "shuffled" else words
 
 
 def _changes(summary: dict[str, Any]) -> str:

@@ -16,6 +16,7 @@ from rigctl.errors import WrongUse
 from rigctl.protocol.plan import (
     DEFAULT_PROMPT,
     MAX_SEED,
+    UP_DOWN,
     EarlyEnd,
     Quality,
     Settle,
@@ -101,6 +102,7 @@ PLACES = ("start", "plate_start", "between_plates", "plate_end", "end", "every")
 DIRECTIONS = ("forward", "backward", "alternate")
 FORCE_MODES = ("hold", "lock", "position")
 ORDERS = ("blocked", "shuffled")
+TRIAL_ORDERS = (*ORDERS, UP_DOWN)
 MAX_TRIALS = 100_000
 MAX_TEXTURES = 1000
 MAX_MOUNTS = 100
@@ -226,8 +228,9 @@ ORDER_GROUP = FieldGroup(
         TomlField(
             "kind", FieldType.CHOICE,
             "`blocked`: plate by plate, then force by force, speed by speed, repeats last; "
-            "`shuffled`: by the seed, within each plate",
-            "blocked", choices=ORDERS,
+            "`shuffled`: by the seed, within each plate; `up-down`: plate by plate, the forces "
+            "rise in the first repeat, fall in the second, and so on; all speeds at each force",
+            "blocked", choices=TRIAL_ORDERS,
         ),
         ORDER_SEED,
         TomlField(

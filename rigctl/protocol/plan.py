@@ -52,8 +52,13 @@ _Trial = TypeVar("_Trial")
 
 MAX_SEED = 2**63 - 1
 PLATE_BY_PLATE = "plate by plate"
-BLOCKED_WORDS = f"{PLATE_BY_PLATE}, forces, speeds, repeats"
-"""What people read for the order ``blocked``."""
+UP_DOWN = "up-down"
+ORDER_WORDS = {
+    "blocked": f"{PLATE_BY_PLATE}, forces, speeds, repeats",
+    "shuffled": "shuffled",
+    UP_DOWN: f"{PLATE_BY_PLATE}, forces up and down by turns, speeds",
+}
+"""What people read for the order of the trials."""
 DEFAULT_PROMPT = "Mount plate {texture}, then confirm."
 
 BYTES_PER_TRIAL = 700
@@ -131,9 +136,10 @@ class FreeStep:
 class Protocol:
     """A trial protocol as in its file, validated against a rig.
 
-    ``order`` is ``blocked`` (plate by plate, force by force, speed by speed, repeats last)
-    or ``shuffled`` by ``order_seed``, within the plates unless ``across_plates``. ``mounts``: how
-    often each plate is mounted, with ``repeats`` each time; all plates come before one comes again.
+    ``order`` is ``blocked`` (plate by plate, force by force, speed by speed, repeats last),
+    ``shuffled`` by ``order_seed``, within the plates unless ``across_plates``, or ``up-down``:
+    repeat by repeat, the forces rising and falling by turns. ``mounts``: how often each plate is
+    mounted, with ``repeats`` each time; all plates come before one comes again.
     ``early_end``: when a condition ends before its repeats, None for never.
     Forces are in grams; force mode ``position`` has depths in mm instead. ``text`` is the source.
     """
@@ -275,10 +281,18 @@ def _plate_blocks(protocol: Protocol, seed: int) -> list[tuple[str, list[Planned
     blocks = [(texture, _conditions(protocol, texture)) for texture in plates]
     if protocol.order == "blocked":
         return blocks
+    if protocol.order == UP_DOWN:
+        return [(texture, sorted(trials, key=_up_and_down)) for texture, trials in blocks]
     if not protocol.across_plates:
         return [(texture, shuffled(trials, random)) for texture, trials in blocks]
     mixed = shuffled([trial for _, trials in blocks for trial in trials], random)
     return [(plate, list(run)) for plate, run in groupby(mixed, attrgetter("texture"))]
+
+
+def _up_and_down(trial: PlannedTrial) -> tuple[int, float]:
+    """Return the key by which forces or depths rise in odd repeats and fall in even ones."""
+    press = trial.force_g or trial.depth_mm
+    return trial.repeat, press if trial.repeat % 2 else -press
 
 
 def shuffled(trials: list[_Trial], random: Random) -> list[_Trial]:

@@ -76,7 +76,7 @@ def test_a_rig_with_narrower_limits_refuses(tmp_path: Path) -> None:
 
 
 def test_an_unknown_protocol_lists_the_known_ones() -> None:
-    with pytest.raises(ProtocolError, match="baseline, paper, quick, showcase"):
+    with pytest.raises(ProtocolError, match="baseline, paper, quick, sensor, showcase"):
         run("qiuck")
 
 
