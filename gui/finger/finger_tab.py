@@ -515,6 +515,8 @@ class FingerTab(QObject):
     def _on_closed(self, reason: str) -> None:
         self._waiting = None
         self.bar.show_disconnected(reason)
+        if (engine := self.link.lost_engine) is not None:
+            self.bar.offer_again(engine)
         self.health.show_nothing()
         self.prompt_panel.show_prompt(None)
         self.view.show_status(FingerEngineStatus())

@@ -126,6 +126,8 @@ class DrumController(QObject):
             self.alarms.forget()
         elif was_connected:
             self.alarms.show_lost(reason)
+        if (engine := self.link.lost_engine) is not None:
+            self.toolbar.offer_again(engine)
         self.reported.emit("rig" if reason == NOT_CONNECTED else "lost", reason)
 
     def _tell_queue(self, reason: str) -> None:
