@@ -135,6 +135,11 @@ class FingerRunBox(QGroupBox):
         set_property(self.models, "role", role)
         self.models.setVisible(bool(text))
 
+    def forget_refusal(self) -> None:
+        """Show no more why a start was refused: the fields have changed since."""
+        if self.models.property("role") == "bad":
+            self.show_models("")
+
     def _show_run(self, run: FingerRunStatus) -> None:
         left = f", {duration(run.eta_s)} left" if run.is_active and run.eta_s is not None else ""
         texts = dict.fromkeys(_ROWS[:-1], "–")
@@ -219,6 +224,8 @@ class FingerSetupForm(QGroupBox):
         self._list_protocols()
         self.stage.currentIndexChanged.connect(lambda _: self._show_stage())
         self.protocol.currentIndexChanged.connect(lambda _: self._show_plan())
+        for field in (self.model, self.out):
+            field.textChanged.connect(lambda _: self.changed.emit())
         self._show_stage()
 
     @property
@@ -452,7 +459,8 @@ class FingerTab(QObject):
         bar.rig_changed.connect(lambda: setup.show_rig(simulated=bar.is_simulated))
         for source in (bar.rig, setup, run_box):
             source.path_requested.connect(self.path_requested)
-        setup.changed.connect(self._show_state)
+        for follow in (run_box.forget_refusal, self._show_state):
+            setup.changed.connect(follow)
         for panel in (run_box, self.prompt_panel):
             panel.command_requested.connect(self._request)
         run_box.start_requested.connect(self._start)
@@ -569,6 +577,8 @@ class FingerTab(QObject):
         if (scan := status.run.scan) is not None and self.view.record.scan < 0:
             self.view.record.announce(scan.texture, scan.profile)
         self.view.show_status(status)
+        if status.run.is_active and not self.worker.is_busy:
+            self.run_box.show_models("")  # of the run before
         self._show_state()
         if status.run.state == "done" and self._stage in _NEXT and self._is_own(status.run):
             self._make_models()

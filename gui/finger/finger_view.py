@@ -479,6 +479,7 @@ class FingerView(QWidget):
         self.answer, self.bars = AnswerView(), ProbabilityBars()
         self.confusion, self.velocity_title = ConfusionView(), label("", "muted", wraps=True)
         self._path_since_s = 0.0
+        self._is_running = False
         self._lay_out()
         self.clear()
 
@@ -507,6 +508,9 @@ class FingerView(QWidget):
     def show_status(self, status: FingerEngineStatus) -> None:
         """Show position, task, progress and the answers so far."""
         run = status.run
+        if run.is_active != self._is_running:
+            self._is_running = run.is_active
+            self._show_notice()
         self.plate.show_status(status)
         show_text(self.task, task_words(status))
         set_property(self.task, "level", "bad" if run.state == "failed" else "ok")
@@ -522,7 +526,11 @@ class FingerView(QWidget):
         self.answer.show_record(self.record, sent_s)
         self.bars.show_record(self.record)
         show_text(self.velocity_title, velocity_title(self.record, self.plots.quality))
-        reasons = "; ".join(self.record.reasons)
+        self._show_notice()
+
+    def _show_notice(self) -> None:
+        """Say during a run why its last attempt does not count: the scan is made again."""
+        reasons = "; ".join(self.record.reasons) if self._is_running else ""
         show_text(self.notice, f"⚠ The last attempt does not count: {reasons}" if reasons else "")
         self.notice.setVisible(bool(reasons))
 

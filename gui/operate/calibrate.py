@@ -191,8 +191,8 @@ class PartPage(QWidget):
         """Show what was measured and what is possible now."""
         found = status.calibration
         obstacle = self.obstacle(status)
-        if not status.drum_connected:
-            self._refusal = ""  # of another connection
+        if status.fault or not status.drum_connected:
+            self._refusal = ""  # of before the fault, or of another connection
         is_free = not obstacle and not found.measuring
         result, is_saved = self.result(found), self.part in found.saved
         self.is_unsaved = bool(found.rig_file) and self.has_readings(found) and not is_saved

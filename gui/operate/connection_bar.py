@@ -104,6 +104,7 @@ class ConnectionBar(QFrame):
         """Show that the chosen rig's engine is starting."""
         self._show_connection("Cancel", connected=False, locked=True)
         self._is_connecting = True
+        self.state_words.setToolTip("")  # why the connection before ended
         self.show_opening(0.0)
 
     def show_opening(self, seconds: float) -> None:

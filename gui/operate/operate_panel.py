@@ -108,8 +108,14 @@ def _findings(n: int) -> str:
     return "no findings" if not n else f"{n} finding{'s' if n > 1 else ''}"
 
 
-def missing_words(steps: list[BringUpStep]) -> str:
+def missing_words(steps: list[BringUpStep], status: EngineStatus) -> str:
     """Return what is missing before approach in one sentence."""
+    if not status.drum_connected:
+        return "No drum is connected"
+    if status.run.is_active:
+        return "The run brings the drum up by itself"
+    if status.fault:
+        return "Before approach: clear the fault"
     missing = [step.name.lower() for step in steps if step.is_needed and not step.is_done]
     return f"Before approach: {', '.join(missing)}" if missing else READY
 
@@ -161,7 +167,7 @@ class BringUpBox(QGroupBox):
         steps = bring_up_steps(status)
         for step in steps:
             self._show_step(step)
-        show_text(self.missing, missing_words(steps))
+        show_text(self.missing, missing_words(steps, status))
         undone = [step for step in steps if not step.is_done]
         self._next_step = undone[0] if undone else None
         self.next.setText(f"Next: {undone[0].name}" if undone else "All done")
@@ -254,16 +260,17 @@ class SetPointBox(QGroupBox):
         """Show what the drum has; a status without a drum shows nothing."""
         self._is_own = not status.run.is_active
         self.set_button.setEnabled(status.drum_connected and self._is_own)
+        self._turns = status.drum_connected and status.state is State.RUN
         if status.drum_connected:
             self.set_limits(status.limits)
             self._drum = (status.speed_set_mm_s, status.force_set_g)
-            self._turns = status.state is State.RUN
-            self._show_allowed()
             self._show_drum()
+        self._show_allowed()
 
     def show_nothing(self) -> None:
         """Forget what the drum had."""
-        self._drum = None
+        self._drum, self._turns = None, False
+        self._show_allowed()
         self._show_drum()
 
     def _show_allowed(self) -> None:

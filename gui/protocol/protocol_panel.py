@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from PySide6.QtWidgets import (
 )
 
 from gui.analysis.worker import Worker
+from gui.operate.alarms import run_end_words
 from gui.protocol.run_tasks import PLAN_ROWS, PlanSummary, ProtocolText
 from gui.protocol.session_page import SessionPage
 from gui.widgets.file_browser import (
@@ -636,7 +638,8 @@ class ProtocolPanel(QWidget):
         self.buttons["Abort"].setEnabled(run.is_active)
         self.form.show_finish()
         planned = run.trials_planned - run.trials_ended_early
-        self.run_box.show_run(run, planned, run_texts(status))
+        told = replace(run, text=run_end_words(status))
+        self.run_box.show_run(told, planned, run_texts(status))
         self.page.show_run(run)
         self.queue.show_queue(status.queue)
         self._arrange(run.is_active, bool(status.queue.entries))

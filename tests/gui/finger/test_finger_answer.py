@@ -151,6 +151,7 @@ def test_accuracy_and_confusion_are_those_of_the_run(finger: FingerWindow) -> No
 
 
 def test_scan_that_does_not_count_says_why(finger: FingerWindow) -> None:
+    finger.update(run=RUNNING)
     _begin(finger)
     reasons = ["the tracker was lost for 312 ms", "4 samples are lost"]
     finger.engine.send_event("trial", "scan 1 rejected", verdict="rejected", reasons=reasons)
@@ -160,6 +161,10 @@ def test_scan_that_does_not_count_says_why(finger: FingerWindow) -> None:
     assert notice.text().endswith(
         "does not count: the tracker was lost for 312 ms; 4 samples are lost"
     )
+    finger.update(run={"state": "aborted", "text": "aborted"})
+    assert not notice.isVisibleTo(finger.window), "no scan is made again"
+    finger.update(run=RUNNING)
+    assert notice.isVisibleTo(finger.window)
     finger.engine.scan = 2
     _begin(finger)
     assert not notice.isVisibleTo(finger.window)

@@ -51,6 +51,8 @@ def test_run_without_a_model_is_refused_in_a_sentence(finger: FingerWindow) -> N
     click(finger.tab.run_box.buttons["Start"])
     assert _start_args(finger) == []
     assert finger.tab.run_box.models.text() == NO_WHOLE_PATH
+    finger.tab.setup.out.setText("/data")
+    assert finger.tab.run_box.models.text() == "", "it says no more what is mended"
 
 
 def test_another_session_of_the_person_gets_another_engine(

@@ -9,7 +9,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
 from gui.operate.calibrate import ALL_KNOWN, EMPTY, MORE, NEXT, REHEARSED, CalibratePage
-from rigctl.boards.drum_states import State
+from rigctl.boards.drum_states import FAULT_TEXT, Fault, State
 from rigctl.engine.rpc.messages import parse_status
 from tests.gui.fake_engine import STATUS
 from tests.gui.steps import Harness, click
@@ -234,6 +234,23 @@ def test_another_connection_shows_nothing_of_the_one_before(
     harness.update()
     page.show_status(parse_status(STATUS))
     assert page.force.state.text() == ""
+
+
+def test_what_a_fault_made_of_a_measurement_goes_with_the_fault(
+    harness: Harness, page: CalibratePage
+) -> None:
+    sentence = FAULT_TEXT[Fault.NO_CONTACT]
+    harness.engine.refusals["calibrate_force"] = sentence
+    harness.update()
+    harness.window.tools.show_calibration("force")
+    click(page.force.measure_button)
+    harness.update()
+    assert page.force.state.text() == sentence
+    harness.update(fault=int(Fault.NO_CONTACT), fault_words=sentence)
+    assert "Clear the fault first" in page.force.state.text()
+    harness.update(fault=0, fault_words="no fault")
+    assert page.force.state.text() == ""
+    harness.engine.refusals.clear()
 
 
 def test_a_refusal_to_save_stands_in_the_part_that_was_saved(
