@@ -479,12 +479,14 @@ def _column(name: str, values: Any, meaning: str) -> AttemptColumn:
 
 def _reasons(session: Any) -> list[tuple[int, str]]:
     """Return row and sentence of each attempt that does not count."""
-    found = {}
+    from rigctl.session.session import Session
+
+    found, what = {}, "Trial" if isinstance(session, Session) else "Scan"
     for row in np.flatnonzero(session.trials["reasons"] != "").tolist():
         trial = session.trials[row]
-        found[row] = f"Trial {trial['trial_id']} was {trial['verdict']}: {trial['reasons']}"
+        found[row] = f"{what} {trial['trial_id']} was {trial['verdict']}: {trial['reasons']}"
     for row, reason in session.left_out.items():
-        found[row] = f"Trial {session.trials[row]['trial_id']} is left out: {reason}"
+        found[row] = f"{what} {session.trials[row]['trial_id']} is left out: {reason}"
     return sorted(found.items())
 
 

@@ -7,12 +7,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import msgspec
 from PySide6.QtCore import QObject, Qt, Signal
 from PySide6.QtWidgets import QCheckBox, QGridLayout, QGroupBox, QLineEdit, QWidget
 
 from gui.analysis.task_values import FingerSessionInfo
 from gui.analysis.worker import Worker
 from gui.finger.finger_view import FingerView
+from gui.finger.scan_plots import scan_name
 from gui.link.engine_link import (
     JOIN,
     NOT_CONNECTED,
@@ -48,7 +50,12 @@ from rigctl.finger.live_file import FingerLiveReader
 from rigctl.finger.model_files import ORIGINAL, SPEED_SCALED, model_path
 from rigctl.finger.plan import load_finger_protocol
 from rigctl.finger.rig import RUN_FIRST_SLIDE
-from rigctl.finger.status import FingerEngineStatus, FingerRunStatus, parse_finger_status
+from rigctl.finger.status import (
+    CurrentScan,
+    FingerEngineStatus,
+    FingerRunStatus,
+    parse_finger_status,
+)
 from rigctl.finger.values import Stage
 
 _ROWS = ("Progress", "Stage", "Scan", "Rejected", "Session")
@@ -148,7 +155,8 @@ class FingerRunBox(QGroupBox):
             texts["Rejected"] = str(run.trials_rejected)
         if run.scan is not None:
             texts["Stage"] = run.scan.stage
-            texts["Scan"] = f"{run.scan.texture}, {run.scan.profile}, attempt {run.scan.attempt}"
+            scan = run.scan
+            texts["Scan"] = f"{scan_name(scan)}: {scan.texture}, {scan.profile}"
         self.run_state.show_run(run, run.trials_planned, texts)
 
     def _inject(self) -> None:
@@ -566,7 +574,7 @@ class FingerTab(QObject):
             record.add_trial(data)
             self.view.show_record()
         elif kind == "instruction":
-            record.announce(str(data["texture"]), str(data["profile"]))
+            record.announce(msgspec.convert(data, CurrentScan))
             self.view.begin_slide(at_s)
 
     def _on_status(self, status: FingerEngineStatus) -> None:
@@ -575,7 +583,7 @@ class FingerTab(QObject):
         self.health.show_status(status)
         self.prompt_panel.show_prompt(status.run.prompt)
         if (scan := status.run.scan) is not None and self.view.record.scan < 0:
-            self.view.record.announce(scan.texture, scan.profile)
+            self.view.record.announce(scan)
         self.view.show_status(status)
         if status.run.is_active and not self.worker.is_busy:
             self.run_box.show_models("")  # of the run before

@@ -422,10 +422,11 @@ def _caption(record: ScanRecord) -> str:
     row = record.prediction
     if record.scan < 0:
         return "No scan yet"
+    scan = f"Scan {record.asked.trial_id}" if record.asked.trial_id else "This scan"
     if row is None:
-        return f"Scan {record.scan}"
+        return scan
     windows = f"{row.windows} window{'s' if row.windows > 1 else ''}"
-    return f"Scan {record.scan}: {row.distance_mm:.0f} mm, {row.seconds:.1f} s, {windows}"
+    return f"{scan}: {row.distance_mm:.0f} mm, {row.seconds:.1f} s, {windows}"
 
 
 def _verdict_words(record: ScanRecord) -> str:
@@ -439,7 +440,7 @@ def _verdict_words(record: ScanRecord) -> str:
     words = {
         AnswerState.GROWING: "so far",
         AnswerState.RIGHT: "right",
-        AnswerState.WRONG: f"wrong: the plate is {record.texture}",
+        AnswerState.WRONG: f"wrong: the plate is {record.asked.texture}",
     }[state]
     return f"{words} ({share:.0%})".replace("%", "\u202f%")
 
@@ -599,8 +600,7 @@ def _progress_words(status: FingerEngineStatus) -> str:
     run = status.run
     parts = []
     if run.is_active and run.scan is not None:
-        number = min(run.trials_committed + 1, run.trials_planned)
-        parts.append(f"{run.scan.stage}, scan {number} of {run.trials_planned}")
+        parts.append(f"{run.scan.stage}, scan {run.scan.trial_id} of {run.trials_planned}")
         if run.scan.attempt > 1:
             parts.append(f"attempt {run.scan.attempt}")
     if status.simulated:

@@ -67,6 +67,10 @@ def test_a_spoilt_scan_is_refused_with_its_reason_and_repeated(
     reasons = _record_with(harness, fault)
     assert reason in reasons[0]
     assert reasons[-1] == ""
+    asked = [event.data for event in harness.events if event.kind == "instruction"]
+    with open_finger_session(harness.session) as session:
+        for name in ("trial_id", "attempt"):
+            assert [data[name] for data in asked] == session.trials[name].tolist()
 
 
 def test_a_short_stop_is_no_fault(harness: FingerHarness) -> None:

@@ -150,6 +150,21 @@ def test_accuracy_and_confusion_are_those_of_the_run(finger: FingerWindow) -> No
     assert len(_colours(finger.tab.view.confusion.matrix)) > 4
 
 
+def test_a_repeated_scan_keeps_its_number_everywhere(finger: FingerWindow) -> None:
+    """The answer had the board's number, which counts attempts, and the task the next free one."""
+    finger.engine.scan = 15
+    finger.engine.send_instruction("B", "slow", trial_id=12, attempt=2)
+    finger.engine.send_batch(1, 60.0, 6.0)
+    finger.engine.send_prediction("D", 0.6)
+    scan = {**RUNNING["scan"], "attempt": 2}
+    finger.update(run={**RUNNING, "trials_committed": 10, "scan": scan})
+    view = finger.tab.view
+    assert view.answer.caption.text().startswith("Scan 12: 70 mm")
+    assert view.velocity_title.text().startswith("Velocity in scan 12, attempt 2 (plate B)")
+    assert view.progress.text().startswith("run, scan 12 of 25 · attempt 2")
+    assert finger.tab.run_box.rows["Scan"].text() == "12, attempt 2: B, slow"
+
+
 def test_scan_that_does_not_count_says_why(finger: FingerWindow) -> None:
     finger.update(run=RUNNING)
     _begin(finger)
