@@ -24,8 +24,9 @@ from PySide6.QtWidgets import (
 )
 
 from gui.analysis.worker import Worker
+from gui.live.health import lasting_words
 from gui.operate.alarms import run_end_words
-from gui.protocol.run_tasks import PLAN_ROWS, PlanSummary, ProtocolText
+from gui.protocol.run_tasks import DISK_ROW, PLAN_ROWS, PlanSummary, ProtocolText
 from gui.protocol.session_page import SessionPage
 from gui.widgets.file_browser import (
     ElidedComboBox,
@@ -33,6 +34,7 @@ from gui.widgets.file_browser import (
     browse_button,
     folder_problem,
     new_files_folder,
+    typed_path,
 )
 from gui.widgets.formatting import (
     capitalised,
@@ -88,6 +90,9 @@ class ProtocolForm(QWidget):
         self._next_plan: tuple[str, int | None] | None = None
         self._plan = PlanSummary()
         self._rig_toml, self._was_requested = "", False
+        self._free_bytes: int | None = None
+        self._needs_space = False
+        self._recording = RecordingStatus()
         self.is_planned = False
         self.protocol = ElidedComboBox()
         self.out = QLineEdit(str(Path.home() / "rigctl-sessions"))
@@ -174,7 +179,9 @@ class ProtocolForm(QWidget):
         """Show the plan of the chosen protocol, or why it cannot run."""
         self._plan, self.is_planned = plan, not plan.problem
         for name, text in zip(PLAN_ROWS, plan.texts, strict=True):
-            show_text(self.plan_rows[name], text)
+            if name != DISK_ROW:
+                show_text(self.plan_rows[name], text)
+        self.take_space(plan.free_bytes)
         show_text(self.description, plan.description)
         self.description.setVisible(bool(plan.description))
         with QSignalBlocker(self.seed):
@@ -183,6 +190,34 @@ class ProtocolForm(QWidget):
         self.show_problem()
         if self.is_planned:
             self.planned.emit(plan)
+
+    def follow(self, recording: RecordingStatus) -> None:
+        """Show the space that a recording in this folder sees; ask anew when it has ended."""
+        before, self._recording = self._recording, recording
+        self._show_space()
+        if before.disk_free_bytes and not recording.disk_free_bytes:
+            self.request_space()
+
+    def request_space(self) -> None:
+        """Ask for the free space of the folder's disk, once the worker is free."""
+        self._needs_space = self._was_requested
+        self.submit_plan()
+
+    def take_space(self, free_bytes: int | None) -> None:
+        """Show the free space of the folder's disk, None for no folder."""
+        self._free_bytes = free_bytes
+        self._show_space()
+
+    def _show_space(self) -> None:
+        """Show what the plan needs of the space that the health strip shows, too."""
+        recording, free_bytes = self._recording, self._free_bytes
+        folder = Path(recording.folder).parent if recording.folder else None
+        if recording.disk_free_bytes and folder == typed_path(self.out.text()):
+            free_bytes = recording.disk_free_bytes
+        needs = self._plan.texts[-1]
+        is_known = needs != "–" and free_bytes is not None
+        free = f" of {size(free_bytes or 0)} free" if is_known else ""
+        show_text(self.plan_rows[DISK_ROW], f"{needs}{free}")
 
     def show_finish(self) -> None:
         """Show when a run that starts now would end."""
@@ -203,11 +238,14 @@ class ProtocolForm(QWidget):
             self.submit_plan()
 
     def submit_plan(self) -> None:
-        """Plan what was requested last, if the worker is free."""
+        """Plan what was requested last, else ask for the space, if the worker is free."""
         if self._next_plan is not None and not self._worker.is_busy:
             (path, seed), self._next_plan = self._next_plan, None
             values = {"seed": seed, "out": self.out.text(), "rig_toml": self._rig_toml}
             self._worker.submit("plan_protocol", path=path, **values)
+        elif self._needs_space and not self._worker.is_busy:
+            self._needs_space = False
+            self._worker.submit("free_space", out=self.out.text())
 
     def finish_plan(self, plan: PlanSummary) -> None:
         """Show a plan that arrived, unless another one was requested meanwhile."""
@@ -231,7 +269,8 @@ class ProtocolForm(QWidget):
         self.protocol.currentIndexChanged.connect(lambda _: self.request_plan())
         self.seed.valueChanged.connect(lambda _: self.request_plan(self.seed.value()))
         self.seed.refusal_changed.connect(self.show_problem)
-        self.out.textChanged.connect(lambda _: self.show_problem())
+        for follow in (self.show_problem, self.request_space):
+            self.out.textChanged.connect(follow)
 
     def _lay_out(self) -> None:
         box, form = group_box("Protocol", form_layout(4))
@@ -475,8 +514,8 @@ def disk_sentence(recording: RecordingStatus) -> str:
     """Return the free space, and how long it lasts."""
     if not recording.disk_free_bytes:
         return "–"
-    hours = recording.hours_left
-    left = f", enough for {duration(hours * 3600)}" if hours is not None else ""
+    lasts = lasting_words(recording)
+    left = f", enough for {lasts}" if lasts else ""
     return f"{size(recording.disk_free_bytes)} free{left}"
 
 
@@ -637,6 +676,7 @@ class ProtocolPanel(QWidget):
         self.buttons["Resume"].setEnabled(run.state == "paused")
         self.buttons["Abort"].setEnabled(run.is_active)
         self.form.show_finish()
+        self.form.follow(status.recording)
         planned = run.trials_planned - run.trials_ended_early
         told = replace(run, text=run_end_words(status))
         self.run_box.show_run(told, planned, run_texts(status))
@@ -701,6 +741,8 @@ class ProtocolPanel(QWidget):
         if task == "plan_protocol":
             self.form.finish_plan(result)
             self._go_on()
+        elif task == "free_space":
+            self.form.take_space(result)
         elif task in self._editor_tasks:
             self._editor_tasks[task](result)
         else:

@@ -140,7 +140,7 @@ class Engine(ServedEngine[Run, RunRequest]):
         """Return the status message."""
         recording, run = RecordingStatus(), RunStatus()
         if self.run is not None:
-            recording = self.run.disk_monitor.status(self.boards.pipeline.is_recording)
+            recording = self.run.recording_status(self.boards.pipeline.is_recording)
             run = self.run.status()
         recording = self.manual.status() or recording
         queue = self.queue.status(run)

@@ -48,7 +48,7 @@ class FingerEngine(ServedEngine[FingerRun, FingerRunRequest]):
         now_s, devices, rig = self._now_s(), self.devices, self.rig
         recording, run = RecordingStatus(), FingerRunStatus()
         if self.run is not None:
-            recording = self.run.disk_monitor.status(self.run.is_recording)
+            recording = self.run.recording_status(self.run.is_recording)
             run = self.run.status()
         position, board = devices.estimator.latest, devices.board_status
         return FingerEngineStatus(

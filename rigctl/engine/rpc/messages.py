@@ -69,9 +69,9 @@ def reason_words(reasons: Iterable[str]) -> str:
 class RecordingStatus:
     """What has reached the disk.
 
-    ``active``: samples reached the disk within the last second. ``hours_left``: free space
-    divided by the recent write rate, None before anything is written. ``by_hand``: without
-    a protocol.
+    ``active``: samples reached the disk within the last second. ``disk_free_bytes``: 0 before and
+    after a recording. ``hours_left``: free space divided by the recent write rate, None before
+    anything is written. ``by_hand``: without a protocol.
     """
 
     active: bool = False
