@@ -59,7 +59,7 @@ TRIAL_COLUMNS = (
     "Verdict",
     "Remarks",
 )
-COMMITTED, BAD = "✓ committed", "✗ marked bad"
+COMMITTED, BAD, REPEATED = "✓ committed", "✗ marked bad", "↻ repeated"
 
 Row = tuple[str, ...]
 
@@ -224,6 +224,7 @@ class SessionFollower:
     def __init__(self) -> None:
         self._session: Session | None = None
         self._notes: tuple[str, ...] = ()
+        self._repeated: frozenset[int] = frozenset()
 
     def read(self, folder: str, known: int = 0) -> SessionNews:
         """Return the attempts after the first ``known`` ones; all if a verdict has changed."""
@@ -257,11 +258,13 @@ class SessionFollower:
         from rigctl.session.session import describe_ends, ended_early
 
         notes = tuple(f"{note.made_utc}  {note.describe()}" for note in session.notes)
-        if notes != self._notes or known > len(session.trials):
-            self._notes, known = notes, 0
+        repeated = session.repeated
+        has_changed = (notes, repeated) != (self._notes, self._repeated)
+        if has_changed or known > len(session.trials):
+            self._notes, self._repeated, known = notes, repeated, 0
         gaps, marks = session.gaps, session.trial_notes()
         rows = tuple(
-            _attempt(session, index, gaps, marks.get(index, ""))
+            _attempt(session, index, gaps, marks.get(index, ""), index in repeated)
             for index in range(known, len(session.trials))
         )
         ends = tuple(describe_ends(ended_early(session)))
@@ -269,13 +272,13 @@ class SessionFollower:
         return SessionNews(folder, known, rows, notes, committed, early_ends=ends)
 
 
-def _attempt(session: Session, index: int, gaps: Any, note: str) -> AttemptRow:
+def _attempt(session: Session, index: int, gaps: Any, note: str, is_repeated: bool) -> AttemptRow:
     row = session.trials[index]
-    verdict, reasons = str(row["verdict"]), str(row["reasons"])
-    if index in session.left_out:
-        verdict, reasons = "left out", session.left_out[index]
-        if reasons.startswith("marked bad"):
-            verdict = BAD
+    verdict, reasons = str(row["verdict"]), session.left_out.get(index, str(row["reasons"]))
+    if is_repeated:
+        verdict = REPEATED if index in session.left_out else f"{REPEATED}, {verdict}"
+    elif index in session.left_out:
+        verdict = BAD if reasons.startswith("marked bad") else "left out"
     elif verdict == "committed":
         verdict = COMMITTED
     else:
