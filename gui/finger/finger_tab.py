@@ -43,6 +43,7 @@ from gui.widgets.formatting import duration, time_stamp
 from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import combo_box, container, form_layout, hbox, push_button, vbox
 from gui.widgets.number_box import WholeNumberBox, has_refused
+from gui.widgets.plates import world_of
 from gui.widgets.theme import Theme
 from rigctl.config import resources
 from rigctl.errors import RigctlError
@@ -556,6 +557,8 @@ class FingerTab(QObject):
     def _on_event(self, message: dict[str, Any]) -> None:
         kind, text, data = message["event"], message["text"], message["data"]
         self._take_scan_event(kind, data, message["at_s"])
+        if kind == "ready":
+            self.prompt_panel.set_world(world_of(data))
         if text and kind not in _UNTOLD:
             self.reported.emit(kind, text)
         if kind == "run" and (digest := data.get("digest")):

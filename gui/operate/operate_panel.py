@@ -36,6 +36,7 @@ from gui.widgets.layouts import (
     vbox,
 )
 from gui.widgets.number_box import NumberBox, has_refused
+from gui.widgets.plates import PlateSign, World
 from rigctl.boards.drum_registers import BY_NAME
 from rigctl.boards.drum_states import State, StateEvent, next_state
 from rigctl.config.rig_config import RigLimits
@@ -198,9 +199,15 @@ class PromptPanel(Strip):
     def __init__(self) -> None:
         super().__init__()
         self._prompt_id = 0
+        self._world: World = None
+        self.plate = PlateSign()
         self.confirm = push_button("Done, continue", lambda: self._answer("ok"))
         self.abort = push_button("Abort the run", lambda: self._answer("abort"))
-        self.lay_out(self.confirm, self.abort)
+        self.lay_out(self.plate, self.confirm, self.abort)
+
+    def set_world(self, world: World) -> None:
+        """Take the plates of the connected rig."""
+        self._world = world
 
     def show_prompt(self, prompt: PromptStatus | None) -> None:
         """Show a question, or hide the panel without one."""
@@ -209,6 +216,7 @@ class PromptPanel(Strip):
         elif prompt.id != self._prompt_id or self.isHidden():
             self._prompt_id = prompt.id
             self.text.setText(prompt.text)
+            self.plate.show_plate(prompt.texture or "", self._world)
             self.show()
 
     def _answer(self, answer: str) -> None:

@@ -55,6 +55,7 @@ from gui.widgets.layouts import (
     vbox,
 )
 from gui.widgets.number_box import WholeNumberBox
+from gui.widgets.plates import World, plate_words, texture_words
 from gui.widgets.theme import scaled_px
 from rigctl.config import resources
 from rigctl.config.rig_config import RigConfig
@@ -93,6 +94,7 @@ class ProtocolForm(QWidget):
         self._free_bytes: int | None = None
         self._needs_space = False
         self._recording = RecordingStatus()
+        self._world: World = None
         self.is_planned = False
         self.protocol = ElidedComboBox()
         self.out = QLineEdit(str(Path.home() / "rigctl-sessions"))
@@ -134,6 +136,15 @@ class ProtocolForm(QWidget):
         if place == self.protocol.currentIndex():
             self.request_plan()
         self.protocol.setCurrentIndex(place)
+
+    def set_world(self, world: World) -> None:
+        """Name the plates of another rig in the tooltip of their letters."""
+        self._world = world
+        self._show_plates()
+
+    def _show_plates(self) -> None:
+        lines = [plate_words(name, self._world) for name in self._plan.plates]
+        self.plan_rows["Plates"].setToolTip(plain_tooltip("\n".join(lines)))
 
     def set_rig(self, rig_toml: str) -> None:
         """Plan for a rig; for the nominal one without a description."""
@@ -181,6 +192,7 @@ class ProtocolForm(QWidget):
         for name, text in zip(PLAN_ROWS, plan.texts, strict=True):
             if name != DISK_ROW:
                 show_text(self.plan_rows[name], text)
+        self._show_plates()
         self.take_space(plan.free_bytes)
         show_text(self.description, plan.description)
         self.description.setVisible(bool(plan.description))
@@ -468,14 +480,14 @@ class RunStateBox(QVBoxLayout):
         return f"{words} ({reasons})" if reasons else words
 
 
-def run_texts(status: EngineStatus) -> dict[str, str]:
-    """Return the text of each row of a drum's run."""
+def run_texts(status: EngineStatus, world: World = None) -> dict[str, str]:
+    """Return the text of each row of a drum's run; ``world`` names its plates."""
     run = status.run
     return {
         "Progress": progress_sentence(run),
         "Finishes": finish_sentence(run),
         "Trial": trial_sentence(run),
-        "Next plate": plate_sentence(run),
+        "Next plate": plate_sentence(run, world),
         "Rejected": f"{run.trials_rejected}" if run.trials_planned else "–",
         "Disk": disk_sentence(status.recording),
     }
@@ -497,17 +509,24 @@ def finish_sentence(run: RunStatus) -> str:
     return day_time(run.eta_s) + (", plus plate changes" if run.next_plate else "")
 
 
-def plate_sentence(run: RunStatus) -> str:
-    """Return the next change of plates."""
+def plate_sentence(run: RunStatus, world: World = None) -> str:
+    """Return the next change of plates, below it what the plate is."""
     plate = run.next_plate
     if run.prompt is not None and run.prompt.texture:
-        return f"{run.prompt.texture} now"
+        return f"{run.prompt.texture} now{_texture_line(run.prompt.texture, world)}"
     if not run.is_active or plate is None:
         return "no other plate" if run.is_active else "–"
+    line = _texture_line(plate.texture, world)
     if not plate.trials:
-        return f"{plate.texture} after {'the pause' if run.state == 'paused' else 'this trial'}"
+        after = "the pause" if run.state == "paused" else "this trial"
+        return f"{plate.texture} after {after}{line}"
     trials = f"{plate.trials} trial{'' if plate.trials == 1 else 's'}"
-    return f"{plate.texture} after {trials}, in {duration(plate.left_s)}"
+    return f"{plate.texture} after {trials}, in {duration(plate.left_s)}{line}"
+
+
+def _texture_line(name: str, world: World) -> str:
+    words = texture_words(name, world)
+    return words and f"\n{words}"
 
 
 def disk_sentence(recording: RecordingStatus) -> str:
@@ -591,6 +610,7 @@ class ProtocolPanel(QWidget):
         self.shows_page = False
         """Whether the middle shows :attr:`page`, and not the live plots."""
         self._can_start = self._can_add = False
+        self._world: World = None
         self.form, self.unsaved = ProtocolForm(self.worker), UnsavedStrip()
         self._after_save: Callable[[], None] | None = None
         self._after_plan: Callable[[], None] | None = None
@@ -637,6 +657,11 @@ class ProtocolPanel(QWidget):
         """Add a file to the list and choose it."""
         self.form.add_protocol(path)
 
+    def set_world(self, world: World) -> None:
+        """Name the plates of another rig."""
+        self._world = world
+        self.form.set_world(world)
+
     def set_rig(self, rig_toml: str) -> None:
         """Plan and check protocols for a rig; for the nominal one without a description."""
         is_nominal = rig_toml == RigConfig().to_toml()
@@ -679,7 +704,7 @@ class ProtocolPanel(QWidget):
         self.form.follow(status.recording)
         planned = run.trials_planned - run.trials_ended_early
         told = replace(run, text=run_end_words(status))
-        self.run_box.show_run(told, planned, run_texts(status))
+        self.run_box.show_run(told, planned, run_texts(status, self._world))
         self.page.show_run(run)
         self.queue.show_queue(status.queue)
         self._arrange(run.is_active, bool(status.queue.entries))

@@ -80,6 +80,7 @@ class PlanSummary(NamedTuple):
     duration_s: float = 0.0
     plate_changes: int = 0
     free_bytes: int | None = None
+    plates: tuple[str, ...] = ()
 
 
 class AttemptRow(NamedTuple):
@@ -163,7 +164,8 @@ def summarise(plan: Plan) -> PlanSummary:
     )
     description, order = plan.protocol.description, tuple(map(_planned, plan.trials))
     total_s, changes = plan.duration_s + changes_s, plan.plate_changes
-    return PlanSummary(texts, plan.seed, "", description, order, total_s, changes)
+    plates = tuple(dict.fromkeys(plan.protocol.textures))
+    return PlanSummary(texts, plan.seed, "", description, order, total_s, changes, plates=plates)
 
 
 def _conditions(plan: Plan) -> Row:

@@ -177,7 +177,8 @@ class Engine(ServedEngine[Run, RunRequest]):
         return check_note(SessionNote(made.strftime("%Y-%m-%dT%H:%M:%SZ"), text.strip()))
 
     def _describe(self) -> dict[str, Any]:
-        return {**super()._describe(), "rig_toml": self.rig.config.to_toml()}
+        rig = {"rig_toml": self.rig.config.to_toml(), "world": self.rig.world}
+        return {**super()._describe(), **rig}
 
     async def _connect(self) -> None:
         await self.boards.connect()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from rigctl.engine.health import age_s
 from rigctl.engine.rpc.messages import LINK, BoardStatus, RecordingStatus
@@ -42,6 +43,9 @@ class FingerEngine(ServedEngine[FingerRun, FingerRunRequest]):
             if not connected:
                 run.control.pause(_reason(device))
         return self._begin(run)
+
+    def _describe(self) -> dict[str, Any]:
+        return {**super()._describe(), "world": self.rig.world}
 
     def status(self) -> FingerEngineStatus:
         """Return the status message."""

@@ -92,17 +92,18 @@ def test_a_run_says_when_it_ends_and_which_plate_is_next(
 ) -> None:
     plate = {"texture": "D", "trials": 3, "left_s": 95.0}
     harness.update(run={**RUN, "next_plate": plate, "session": None})
-    assert panel.run_rows["Next plate"].text() == "D after 3 trials, in 1 min 35 s"
+    line = "\ncircular ridges, double spacing"
+    assert panel.run_rows["Next plate"].text() == f"D after 3 trials, in 1 min 35 s{line}"
     assert panel.run_rows["Finishes"].text().endswith("plus plate changes")
     assert panel.run_rows["Disk"].text() == "210 GB free"
     last = {**RUN, "next_plate": {**plate, "trials": 0, "left_s": 0.0}}
     harness.update(run=last)
-    assert panel.run_rows["Next plate"].text() == "D after this trial"
+    assert panel.run_rows["Next plate"].text() == f"D after this trial{line}"
     harness.update(run={**last, "state": "paused"})
-    assert panel.run_rows["Next plate"].text() == "D after the pause"
+    assert panel.run_rows["Next plate"].text() == f"D after the pause{line}"
     asked = {"id": 1, "text": "Mount plate D.", "texture": "D"}
     harness.update(run={**RUN, "state": "prompt", "prompt": asked, "next_plate": None})
-    assert panel.run_rows["Next plate"].text() == "D now"
+    assert panel.run_rows["Next plate"].text() == f"D now{line}"
     harness.update(run={**RUN, "prompt": None, "next_plate": None, "session": None})
     assert panel.run_rows["Next plate"].text() == "no other plate"
 
