@@ -31,6 +31,7 @@ from gui.live.health import FingerHealthStrip
 from gui.operate.connection_bar import ConnectionBar
 from gui.operate.event_log import injected_words
 from gui.operate.operate_panel import PromptPanel
+from gui.protocol.about_fields import about_fields, about_title
 from gui.protocol.protocol_panel import RunStateBox
 from gui.widgets.file_browser import (
     FileComboBox,
@@ -214,7 +215,7 @@ class FingerSetupForm(QGroupBox):
         super().__init__("Experiment")
         self.stage = combo_box(_STAGE_TEXTS)
         self.protocol = combo_box({})
-        self.model = QLineEdit(placeholderText="Session folder or model file")
+        self.model = QLineEdit(placeholderText="Session or model file")
         self.representation = combo_box(_REPRESENTATIONS)
         self.representation.setToolTip("With or without speed scaling")
         self.components = WholeNumberBox(minimum=1, maximum=180, value=DEFAULT_COMPONENTS)
@@ -226,6 +227,7 @@ class FingerSetupForm(QGroupBox):
         self.session.setToolTip(
             "Session of the virtual finger: the sensor drifts from one to the next"
         )
+        self.about = about_fields("finger.toml")
         self.unasked = QCheckBox("Lay simulated plates unasked")
         self.plan, self.problem = label("", "muted", wraps=True), label("", "bad", wraps=True)
         self._is_simulated = True
@@ -277,10 +279,21 @@ class FingerSetupForm(QGroupBox):
             "protocol": self.protocol.currentData(),
             "out": str(new_files_folder(self.out.text()) / f"finger-{stage}-{time_stamp()}"),
             "yes": self._is_simulated and self.unasked.isChecked(),
+            **self.said(),
         }
         if stage != TRAIN:
             args["model"] = self.model_file()
         return StartRequest(self.engine(rig), args)
+
+    def said(self) -> dict[str, str]:
+        """Return what is said of the session, by attribute."""
+        return {name: field.text().strip() for name, field in self.about.items()}
+
+    @property
+    def remembered(self) -> dict[str, QLineEdit]:
+        """What the next start of the window asks no more, by the key of the settings."""
+        said = {f"finger/{name}": field for name, field in self.about.items()}
+        return {"scans_in": self.out, **said}
 
     def model_file(self) -> str:
         """Return the chosen model's file. Raises WrongUse where there is none."""
@@ -337,6 +350,8 @@ class FingerSetupForm(QGroupBox):
         form.addRow("Save in", hbox(self.out, out_button))
         form.addRow("Seed", self.seed)
         form.addRow("Session", self.session)
+        for name, field in self.about.items():
+            form.addRow(about_title(name), field)
         column = vbox(spacing=4, margins=(8, 6, 8, 8))
         column.addLayout(form)
         for widget in (self.unasked, self.plan, self.problem):
@@ -655,7 +670,8 @@ class FingerTab(QObject):
         """Continue an interrupted session with its own simulated person."""
         first_slide = info.slides + (RUN_FIRST_SLIDE if RUN in info.stages else 0)
         engine = FingerEngineSpec(self.bar.rig.currentData(), info.seed, info.session, first_slide)
-        args: dict[str, Any] = {"resume": info.path, "yes": self.setup.unasked.isChecked()}
+        yes = self.setup.unasked.isChecked()
+        args: dict[str, Any] = {"resume": info.path, "yes": yes, **self.setup.said()}
         self._stage = next((stage for stage in _NEXT if stage in info.stages), RUN)
         self.setup.choose_stage(self._stage)
         if self._stage != TRAIN:

@@ -26,6 +26,7 @@ from PySide6.QtWidgets import (
 from gui.analysis.worker import Worker
 from gui.live.health import lasting_words
 from gui.operate.alarms import run_end_words
+from gui.protocol.about_fields import MAX_NOTE_LETTERS, about_fields, about_title
 from gui.protocol.run_tasks import DISK_ROW, PLAN_ROWS, PlanSummary, ProtocolText
 from gui.protocol.session_page import SessionPage
 from gui.widgets.file_browser import (
@@ -68,11 +69,8 @@ from rigctl.engine.rpc.messages import (
     reason_words,
 )
 from rigctl.finger.status import FingerRunStatus
-from rigctl.values import ABOUT
 
 MAX_SEED = 2**31 - 1
-MAX_NAME_LETTERS = 200
-MAX_NOTE_LETTERS = 2000
 FINISH_ROW = "Would finish"
 
 
@@ -101,16 +99,10 @@ class ProtocolForm(QWidget):
         self.out.setToolTip("Every session gets a new folder in here")
         self.seed = WholeNumberBox(maximum=MAX_SEED)
         self.seed.setToolTip("Seed of the random order of trials; stored with the session")
-        self.about = {name: QLineEdit(maxLength=MAX_NAME_LETTERS) for name in ABOUT}
-        for name, words in ABOUT.items():
-            kept = "stored with the session, offered for the next"
-            self.about[name].setToolTip(f"{capitalised(words)}: {kept}")
-        self.about["remarks"].setMaxLength(MAX_NOTE_LETTERS)
+        self.about = about_fields("rig.toml")
         self.operator, self.sensor = self.about["operator"], self.about["sensor"]
         self.notes = QLineEdit(maxLength=MAX_NOTE_LETTERS)
         self.notes.setToolTip("Becomes the first note of the session")
-        for field in (self.operator, self.sensor):
-            field.setPlaceholderText("as in rig.toml")
         requested = self.path_requested
         self.open_button = browse_button(requested, PathKind.PROTOCOL, self.add_protocol)
         self.out_button = browse_button(requested, PathKind.OUTPUT, self.out.setText)
@@ -295,7 +287,7 @@ class ProtocolForm(QWidget):
         form.addRow("Save in", hbox(self.out, self.out_button))
         form.addRow("Seed", self.seed)
         for name, field in self.about.items():
-            form.addRow(capitalised(name.replace("_", " ")), field)
+            form.addRow(about_title(name), field)
         form.addRow("First note", self.notes)
         for hidden in (self.description, self.problem, self.modified):
             hidden.hide()
