@@ -92,7 +92,7 @@ def bring_up_steps(status: EngineStatus) -> list[BringUpStep]:
         BringUpStep(
             "Taxel range",
             status.has_taxel_range,
-            "known" if status.has_taxel_range else "not measured",
+            _range_words(status),
             part=RANGE,
         ),
         BringUpStep("Load cell", bool(calibrated), calibrated or "nominal scale", part=LOADCELL),
@@ -103,6 +103,15 @@ def bring_up_steps(status: EngineStatus) -> list[BringUpStep]:
             part=WIRING,
         ),
     ]
+
+
+def _range_words(status: EngineStatus) -> str:
+    """Return where the ranges of the taxels are from."""
+    if not status.has_taxel_range:
+        return "not measured"
+    if status.calibration.has_unsaved_range:
+        return "measured, not saved"
+    return status.range_from or "known"
 
 
 def _findings(n: int) -> str:

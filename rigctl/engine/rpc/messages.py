@@ -229,8 +229,9 @@ class EngineStatus:
 
     ``state``: None before it is known. ``fault``: value of ``Fault``.
     ``contact_may_stand``: the drum may rest on the sensor. ``estop_pressed``: it is pressed now, or
-    its wire is broken. ``has_taxel_range``: it is calibrated or measured. ``loadcell_calibrated``:
-    date and masses, empty for the nominal scale. ``last_block_age_s``, ``poll_age_s`` and
+    its wire is broken. ``has_taxel_range``: it is calibrated or measured; ``range_from``: where
+    rig.toml has its ranges from. ``loadcell_calibrated``: date and masses, empty for the nominal
+    scale. ``last_block_age_s``, ``poll_age_s`` and
     ``loadcell_age_s``: loop time since the newest data, None before any. ``limits``: set-points
     that the engine takes. ``loadcell_counts``, ``loadcell_sd_counts``: mean and spread of the
     last second, None before any. ``has_taxel_order``: rig.toml says which reading is which taxel,
@@ -271,6 +272,7 @@ class EngineStatus:
     contact_may_stand: bool = False
     estop_pressed: bool = False
     has_taxel_range: bool = False
+    range_from: str = ""
     loadcell_calibrated: str = ""
     loadcell_counts: float | None = None
     loadcell_sd_counts: float | None = None
