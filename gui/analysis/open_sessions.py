@@ -45,18 +45,20 @@ if TYPE_CHECKING:
     from rigctl.session.session import Session
 
 
-LEFT_OUT = "left out"
+LEFT_OUT, REPEATED = "left out", "repeated"
 
 
 def shown_verdicts(session: Any) -> list[str]:
     """Return the verdict of each attempt of an open session.
 
     An attempt that does not count though the recorder committed it (marked bad by a note, or cut
-    short) is left out.
+    short) is left out; where another attempt at its trial counts it is repeated.
     """
-    verdicts = session.trials["verdict"].tolist()
+    verdicts, repeated = session.trials["verdict"].tolist(), session.repeated
+    for row in repeated:
+        verdicts[row] = f"{verdicts[row]}, {REPEATED}"
     for row in session.left_out:
-        verdicts[row] = LEFT_OUT
+        verdicts[row] = REPEATED if row in repeated else LEFT_OUT
     return list(map(str, verdicts))
 
 
@@ -479,12 +481,17 @@ def _column(name: str, values: Any, meaning: str) -> AttemptColumn:
 
 def _reasons(session: Any) -> list[tuple[int, str]]:
     """Return row and sentence of each attempt that does not count."""
-    found = {}
+    from rigctl.session.session import Session
+
+    found, what = {}, "Trial" if isinstance(session, Session) else "Scan"
+    repeated = session.repeated
     for row in np.flatnonzero(session.trials["reasons"] != "").tolist():
         trial = session.trials[row]
-        found[row] = f"Trial {trial['trial_id']} was {trial['verdict']}: {trial['reasons']}"
+        verdict = f"{trial['verdict']}{' and repeated' if row in repeated else ''}"
+        found[row] = f"{what} {trial['trial_id']} was {verdict}: {trial['reasons']}"
     for row, reason in session.left_out.items():
-        found[row] = f"Trial {session.trials[row]['trial_id']} is left out: {reason}"
+        verdict = f"was {REPEATED}" if row in repeated else f"is {LEFT_OUT}"
+        found[row] = f"{what} {session.trials[row]['trial_id']} {verdict}: {reason}"
     return sorted(found.items())
 
 

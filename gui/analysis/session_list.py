@@ -53,6 +53,8 @@ class SessionList(QWidget):
         super().__init__()
         self.verified: Callable[[SessionLine], str] = lambda _: ""
         self.lines: list[SessionLine] = []
+        self._cells: dict[SessionLine, _Cells] = {}
+        """Of each session that is shown: with all of them made anew, each batch took longer."""
         self._waiting: list[str] = []
         self._searched = ""
         self.folder = QLineEdit(placeholderText="Folder that holds the sessions")
@@ -111,6 +113,7 @@ class SessionList(QWidget):
 
     def show_verified(self) -> None:
         """Show anew which sessions were found whole."""
+        self._cells.clear()
         self._show_lines(self.lines)
 
     @property
@@ -129,13 +132,28 @@ class SessionList(QWidget):
         chosen = {line.path for line in self.chosen}
         lines = sorted(lines, key=lambda line: line.start_utc, reverse=True)
         self.lines = lines
-        self.model.set_table(session_table(lines, self.verified))
+        self._cells = {line: self._cells.get(line) or self._cells_of(line) for line in lines}
+        self.model.set_table(session_table(tuple(self._cells.values())))
         self.table.fit_columns()
         for row, at in enumerate(self.model.shown_rows.tolist()):
             if lines[at].path in chosen:
                 self.table.selectionModel().select(self.model.index(row, 0), _ADD_ROW)
         self._show_count()
         self._enable()
+
+    def _cells_of(self, line: SessionLine) -> _Cells:
+        return (
+            _local(line.start_utc),
+            Path(line.path).name,
+            *(line.protocol or "–", line.operator or "–", line.sensor or "–"),
+            *(line.plate_lot or "–", line.project or "–"),
+            _progress(line),
+            line.marked_bad,
+            line.state,
+            self.verified(line) or "–",
+            _rig(line),
+            round(line.bytes / _MB, 1),
+        )
 
     def _show_count(self) -> None:
         shown, n = len(self.model.shown_rows), len(self.lines)
@@ -230,32 +248,32 @@ _TIPS = {
 }
 
 
-def session_table(
-    lines: Sequence[SessionLine], verified: Callable[[SessionLine], str]
-) -> AttemptTable:
-    """Return the columns of the list."""
-    texts = AttemptColumn.of_texts
+_Cells = tuple[str | float, ...]
+_COLUMNS = {
+    "Date": "Start, local time",
+    **dict.fromkeys(("Session", "Protocol", "Operator", "Sensor", "Plate lot", "Project"), ""),
+    "Trials": "Committed, of those planned",
+    "Bad": "Attempts that a note marks bad",
+    "State": "Whether all planned trials are there",
+    "Verified": "When Verify found it whole",
+    "Rig": "What recorded it",
+    "MB": "Size of the parts",
+}
+"""Each column, and what it means."""
+_NUMBERS = ("Bad", "MB")
+
+
+def session_table(rows: Sequence[_Cells]) -> AttemptTable:
+    """Return the list of sessions from the cells of each, in the order of the columns."""
+    cells = zip(*rows, strict=True) if rows else ((),) * len(_COLUMNS)
     columns = (
-        texts("Date", [_local(line.start_utc) for line in lines], "Start, local time"),
-        texts("Session", [Path(line.path).name for line in lines]),
-        texts("Protocol", [line.protocol or "–" for line in lines]),
-        texts("Operator", [line.operator or "–" for line in lines]),
-        texts("Sensor", [line.sensor or "–" for line in lines]),
-        texts("Plate lot", [line.plate_lot or "–" for line in lines]),
-        texts("Project", [line.project or "–" for line in lines]),
-        texts("Trials", [_progress(line) for line in lines], "Committed, of those planned"),
-        _numbers("Bad", [line.marked_bad for line in lines], "Attempts that a note marks bad"),
-        texts("State", [line.state for line in lines], "Whether all planned trials are there"),
-        texts("Verified", [verified(line) or "–" for line in lines], "When Verify found it whole"),
-        texts("Rig", [_rig(line) for line in lines], "What recorded it"),
-        _numbers("MB", [round(line.bytes / _MB, 1) for line in lines], "Size of the parts"),
+        AttemptColumn(name, np.array(values), (), meaning)
+        if name in _NUMBERS
+        else AttemptColumn.of_texts(name, values, meaning)
+        for (name, meaning), values in zip(_COLUMNS.items(), cells, strict=True)
     )
-    n = np.arange(len(lines), dtype=np.int64)
-    return AttemptTable(columns, np.zeros_like(n), n)
-
-
-def _numbers(name: str, values: list[float], meaning: str) -> AttemptColumn:
-    return AttemptColumn(name, np.array(values), (), meaning)
+    n = np.arange(len(rows), dtype=np.int64)
+    return AttemptTable(tuple(columns), np.zeros_like(n), n)
 
 
 def _local(start_utc: str) -> str:

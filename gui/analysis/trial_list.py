@@ -22,6 +22,9 @@ from gui.widgets.layouts import hbox, push_button, vbox
 
 _Index = QModelIndex | QPersistentModelIndex
 _ROOT, _TEXT = QModelIndex(), Qt.ItemDataRole.DisplayRole
+_TOOLTIP, _ALIGNMENT = Qt.ItemDataRole.ToolTipRole, Qt.ItemDataRole.TextAlignmentRole
+_CENTRE = Qt.AlignmentFlag.AlignCenter
+"""Names of their own: a table that is drawn asks for thousands of values."""
 
 
 class TrialModel(QAbstractTableModel):
@@ -80,10 +83,10 @@ class TrialModel(QAbstractTableModel):
         """Return the text of a cell, which is its tooltip too, or its alignment."""
         if role == _TEXT:
             return self._text(index)
-        if role == Qt.ItemDataRole.ToolTipRole:
+        if role == _ALIGNMENT:
+            return _CENTRE
+        if role == _TOOLTIP:
             return plain_tooltip(self._text(index))
-        if role == Qt.ItemDataRole.TextAlignmentRole:
-            return Qt.AlignmentFlag.AlignCenter
         return None
 
     def headerData(self, section: int, orientation: Qt.Orientation, role: int = _TEXT) -> object:

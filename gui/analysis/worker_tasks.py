@@ -117,6 +117,7 @@ class WorkerTasks:
         self._lines: dict[str, tuple[object, SessionLine]] = {}
 
     plan_protocol = staticmethod(run_tasks.plan_protocol)
+    free_space = staticmethod(run_tasks.free_space)
     read_protocol = staticmethod(run_tasks.read_protocol)
     check_text = staticmethod(run_tasks.check_text)
     save_protocol = staticmethod(run_tasks.save_protocol)

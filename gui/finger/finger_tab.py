@@ -7,12 +7,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import msgspec
 from PySide6.QtCore import QObject, Qt, Signal
 from PySide6.QtWidgets import QCheckBox, QGridLayout, QGroupBox, QLineEdit, QWidget
 
 from gui.analysis.task_values import FingerSessionInfo
 from gui.analysis.worker import Worker
 from gui.finger.finger_view import FingerView
+from gui.finger.scan_plots import scan_name
 from gui.link.engine_link import (
     JOIN,
     NOT_CONNECTED,
@@ -29,6 +31,7 @@ from gui.live.health import FingerHealthStrip
 from gui.operate.connection_bar import ConnectionBar
 from gui.operate.event_log import injected_words
 from gui.operate.operate_panel import PromptPanel
+from gui.protocol.about_fields import about_fields, about_title
 from gui.protocol.protocol_panel import RunStateBox
 from gui.widgets.file_browser import (
     FileComboBox,
@@ -41,6 +44,7 @@ from gui.widgets.formatting import duration, time_stamp
 from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import combo_box, container, form_layout, hbox, push_button, vbox
 from gui.widgets.number_box import WholeNumberBox, has_refused
+from gui.widgets.plates import world_of
 from gui.widgets.theme import Theme
 from rigctl.config import resources
 from rigctl.errors import RigctlError
@@ -48,7 +52,12 @@ from rigctl.finger.live_file import FingerLiveReader
 from rigctl.finger.model_files import ORIGINAL, SPEED_SCALED, model_path
 from rigctl.finger.plan import load_finger_protocol
 from rigctl.finger.rig import RUN_FIRST_SLIDE
-from rigctl.finger.status import FingerEngineStatus, FingerRunStatus, parse_finger_status
+from rigctl.finger.status import (
+    CurrentScan,
+    FingerEngineStatus,
+    FingerRunStatus,
+    parse_finger_status,
+)
 from rigctl.finger.values import Stage
 
 _ROWS = ("Progress", "Stage", "Scan", "Rejected", "Session")
@@ -135,6 +144,11 @@ class FingerRunBox(QGroupBox):
         set_property(self.models, "role", role)
         self.models.setVisible(bool(text))
 
+    def forget_refusal(self) -> None:
+        """Show no more why a start was refused: the fields have changed since."""
+        if self.models.property("role") == "bad":
+            self.show_models("")
+
     def _show_run(self, run: FingerRunStatus) -> None:
         left = f", {duration(run.eta_s)} left" if run.is_active and run.eta_s is not None else ""
         texts = dict.fromkeys(_ROWS[:-1], "–")
@@ -143,7 +157,8 @@ class FingerRunBox(QGroupBox):
             texts["Rejected"] = str(run.trials_rejected)
         if run.scan is not None:
             texts["Stage"] = run.scan.stage
-            texts["Scan"] = f"{run.scan.texture}, {run.scan.profile}, attempt {run.scan.attempt}"
+            scan = run.scan
+            texts["Scan"] = f"{scan_name(scan)}: {scan.texture}, {scan.profile}"
         self.run_state.show_run(run, run.trials_planned, texts)
 
     def _inject(self) -> None:
@@ -200,7 +215,7 @@ class FingerSetupForm(QGroupBox):
         super().__init__("Experiment")
         self.stage = combo_box(_STAGE_TEXTS)
         self.protocol = combo_box({})
-        self.model = QLineEdit(placeholderText="Session folder or model file")
+        self.model = QLineEdit(placeholderText="Session or model file")
         self.representation = combo_box(_REPRESENTATIONS)
         self.representation.setToolTip("With or without speed scaling")
         self.components = WholeNumberBox(minimum=1, maximum=180, value=DEFAULT_COMPONENTS)
@@ -212,6 +227,7 @@ class FingerSetupForm(QGroupBox):
         self.session.setToolTip(
             "Session of the virtual finger: the sensor drifts from one to the next"
         )
+        self.about = about_fields("finger.toml")
         self.unasked = QCheckBox("Lay simulated plates unasked")
         self.plan, self.problem = label("", "muted", wraps=True), label("", "bad", wraps=True)
         self._is_simulated = True
@@ -219,6 +235,8 @@ class FingerSetupForm(QGroupBox):
         self._list_protocols()
         self.stage.currentIndexChanged.connect(lambda _: self._show_stage())
         self.protocol.currentIndexChanged.connect(lambda _: self._show_plan())
+        for field in (self.model, self.out):
+            field.textChanged.connect(lambda _: self.changed.emit())
         self._show_stage()
 
     @property
@@ -261,10 +279,21 @@ class FingerSetupForm(QGroupBox):
             "protocol": self.protocol.currentData(),
             "out": str(new_files_folder(self.out.text()) / f"finger-{stage}-{time_stamp()}"),
             "yes": self._is_simulated and self.unasked.isChecked(),
+            **self.said(),
         }
         if stage != TRAIN:
             args["model"] = self.model_file()
         return StartRequest(self.engine(rig), args)
+
+    def said(self) -> dict[str, str]:
+        """Return what is said of the session, by attribute."""
+        return {name: field.text().strip() for name, field in self.about.items()}
+
+    @property
+    def remembered(self) -> dict[str, QLineEdit]:
+        """What the next start of the window asks no more, by the key of the settings."""
+        said = {f"finger/{name}": field for name, field in self.about.items()}
+        return {"scans_in": self.out, **said}
 
     def model_file(self) -> str:
         """Return the chosen model's file. Raises WrongUse where there is none."""
@@ -321,6 +350,8 @@ class FingerSetupForm(QGroupBox):
         form.addRow("Save in", hbox(self.out, out_button))
         form.addRow("Seed", self.seed)
         form.addRow("Session", self.session)
+        for name, field in self.about.items():
+            form.addRow(about_title(name), field)
         column = vbox(spacing=4, margins=(8, 6, 8, 8))
         column.addLayout(form)
         for widget in (self.unasked, self.plan, self.problem):
@@ -452,7 +483,8 @@ class FingerTab(QObject):
         bar.rig_changed.connect(lambda: setup.show_rig(simulated=bar.is_simulated))
         for source in (bar.rig, setup, run_box):
             source.path_requested.connect(self.path_requested)
-        setup.changed.connect(self._show_state)
+        for follow in (run_box.forget_refusal, self._show_state):
+            setup.changed.connect(follow)
         for panel in (run_box, self.prompt_panel):
             panel.command_requested.connect(self._request)
         run_box.start_requested.connect(self._start)
@@ -515,6 +547,8 @@ class FingerTab(QObject):
     def _on_closed(self, reason: str) -> None:
         self._waiting = None
         self.bar.show_disconnected(reason)
+        if (engine := self.link.lost_engine) is not None:
+            self.bar.offer_again(engine)
         self.health.show_nothing()
         self.prompt_panel.show_prompt(None)
         self.view.show_status(FingerEngineStatus())
@@ -538,6 +572,8 @@ class FingerTab(QObject):
     def _on_event(self, message: dict[str, Any]) -> None:
         kind, text, data = message["event"], message["text"], message["data"]
         self._take_scan_event(kind, data, message["at_s"])
+        if kind == "ready":
+            self.prompt_panel.set_world(world_of(data))
         if text and kind not in _UNTOLD:
             self.reported.emit(kind, text)
         if kind == "run" and (digest := data.get("digest")):
@@ -556,7 +592,7 @@ class FingerTab(QObject):
             record.add_trial(data)
             self.view.show_record()
         elif kind == "instruction":
-            record.announce(str(data["texture"]), str(data["profile"]))
+            record.announce(msgspec.convert(data, CurrentScan))
             self.view.begin_slide(at_s)
 
     def _on_status(self, status: FingerEngineStatus) -> None:
@@ -565,8 +601,10 @@ class FingerTab(QObject):
         self.health.show_status(status)
         self.prompt_panel.show_prompt(status.run.prompt)
         if (scan := status.run.scan) is not None and self.view.record.scan < 0:
-            self.view.record.announce(scan.texture, scan.profile)
+            self.view.record.announce(scan)
         self.view.show_status(status)
+        if status.run.is_active and not self.worker.is_busy:
+            self.run_box.show_models("")  # of the run before
         self._show_state()
         if status.run.state == "done" and self._stage in _NEXT and self._is_own(status.run):
             self._make_models()
@@ -632,7 +670,8 @@ class FingerTab(QObject):
         """Continue an interrupted session with its own simulated person."""
         first_slide = info.slides + (RUN_FIRST_SLIDE if RUN in info.stages else 0)
         engine = FingerEngineSpec(self.bar.rig.currentData(), info.seed, info.session, first_slide)
-        args: dict[str, Any] = {"resume": info.path, "yes": self.setup.unasked.isChecked()}
+        yes = self.setup.unasked.isChecked()
+        args: dict[str, Any] = {"resume": info.path, "yes": yes, **self.setup.said()}
         self._stage = next((stage for stage in _NEXT if stage in info.stages), RUN)
         self.setup.choose_stage(self._stage)
         if self._stage != TRAIN:

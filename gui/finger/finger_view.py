@@ -422,10 +422,11 @@ def _caption(record: ScanRecord) -> str:
     row = record.prediction
     if record.scan < 0:
         return "No scan yet"
+    scan = f"Scan {record.asked.trial_id}" if record.asked.trial_id else "This scan"
     if row is None:
-        return f"Scan {record.scan}"
+        return scan
     windows = f"{row.windows} window{'s' if row.windows > 1 else ''}"
-    return f"Scan {record.scan}: {row.distance_mm:.0f} mm, {row.seconds:.1f} s, {windows}"
+    return f"{scan}: {row.distance_mm:.0f} mm, {row.seconds:.1f} s, {windows}"
 
 
 def _verdict_words(record: ScanRecord) -> str:
@@ -439,7 +440,7 @@ def _verdict_words(record: ScanRecord) -> str:
     words = {
         AnswerState.GROWING: "so far",
         AnswerState.RIGHT: "right",
-        AnswerState.WRONG: f"wrong: the plate is {record.texture}",
+        AnswerState.WRONG: f"wrong: the plate is {record.asked.texture}",
     }[state]
     return f"{words} ({share:.0%})".replace("%", "\u202f%")
 
@@ -479,6 +480,7 @@ class FingerView(QWidget):
         self.answer, self.bars = AnswerView(), ProbabilityBars()
         self.confusion, self.velocity_title = ConfusionView(), label("", "muted", wraps=True)
         self._path_since_s = 0.0
+        self._is_running = False
         self._lay_out()
         self.clear()
 
@@ -507,6 +509,9 @@ class FingerView(QWidget):
     def show_status(self, status: FingerEngineStatus) -> None:
         """Show position, task, progress and the answers so far."""
         run = status.run
+        if run.is_active != self._is_running:
+            self._is_running = run.is_active
+            self._show_notice()
         self.plate.show_status(status)
         show_text(self.task, task_words(status))
         set_property(self.task, "level", "bad" if run.state == "failed" else "ok")
@@ -522,7 +527,11 @@ class FingerView(QWidget):
         self.answer.show_record(self.record, sent_s)
         self.bars.show_record(self.record)
         show_text(self.velocity_title, velocity_title(self.record, self.plots.quality))
-        reasons = "; ".join(self.record.reasons)
+        self._show_notice()
+
+    def _show_notice(self) -> None:
+        """Say during a run why its last attempt does not count: the scan is made again."""
+        reasons = "; ".join(self.record.reasons) if self._is_running else ""
         show_text(self.notice, f"⚠ The last attempt does not count: {reasons}" if reasons else "")
         self.notice.setVisible(bool(reasons))
 
@@ -591,8 +600,7 @@ def _progress_words(status: FingerEngineStatus) -> str:
     run = status.run
     parts = []
     if run.is_active and run.scan is not None:
-        number = min(run.trials_committed + 1, run.trials_planned)
-        parts.append(f"{run.scan.stage}, scan {number} of {run.trials_planned}")
+        parts.append(f"{run.scan.stage}, scan {run.scan.trial_id} of {run.trials_planned}")
         if run.scan.attempt > 1:
             parts.append(f"attempt {run.scan.attempt}")
     if status.simulated:

@@ -29,11 +29,21 @@ from gui.widgets.theme import Theme, blend, rgb, scaled_px
 from rigctl.finger.board_messages import BATCH_SAMPLES, SampleFlag
 from rigctl.finger.live_file import FingerLiveReader
 from rigctl.finger.plan import ScanQuality
+from rigctl.finger.status import CurrentScan
 from rigctl.finger.values import N_FINGER_TAXELS, PredictionRow, VelocityProfile
 from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import SAMPLE_RATE_HZ, Verdict
 
 BATCH_S = BATCH_SAMPLES / SAMPLE_RATE_HZ
+
+
+UNASKED = CurrentScan(texture="")
+"""Before anything is asked for."""
+
+
+def scan_name(asked: CurrentScan) -> str:
+    """Return the number of a scan in the planned order, and of an attempt that is not the first."""
+    return f"{asked.trial_id}" + (f", attempt {asked.attempt}" if asked.attempt > 1 else "")
 
 
 class AnswerState(StrEnum):
@@ -49,30 +59,31 @@ class AnswerState(StrEnum):
 class ScanRecord:
     """Batches and answers of one scan after the other.
 
-    ``texture`` and ``profile``: what the operator was asked to do in the scan. ``first_sure``: the
-    first answer that kept the error rate that was asked for. ``reasons``: why the scan does not
-    count. ``version`` changes with every event.
+    ``scan`` is the board's number, which counts attempts; ``asked``: what the operator was asked to
+    do in the scan, with its number in the planned order. ``first_sure``: the first answer that kept
+    the error rate that was asked for. ``reasons``: why the scan does not count. ``version`` changes
+    with every event.
     """
 
     def __init__(self) -> None:
         self.version = 0
         self.scan = -1
-        self.texture = self.profile = ""
+        self.asked = UNASKED
         self.prediction: PredictionRow | None = None
         self.first_sure: PredictionRow | None = None
         self.reasons: tuple[str, ...] = ()
-        self._announced = ("", "")
+        self._announced = UNASKED
         self._edges: list[tuple[float, float]] = []
         self._velocities_mm_s: list[float] = []
 
     def clear(self) -> None:
         """Forget the scan, as when another engine is connected."""
         self._begin(-1)
-        self._announced = ("", "")
+        self._announced = UNASKED
 
-    def announce(self, texture: str, profile: str) -> None:
+    def announce(self, asked: CurrentScan) -> None:
         """Take what the operator is asked for; it holds from the next scan on."""
-        self._announced = (texture, profile)
+        self._announced = asked
 
     def add_batch(self, data: Mapping[str, Any]) -> None:
         """Take the event ``batch``: the velocity, and the way and time scaled so far."""
@@ -111,7 +122,7 @@ class ScanRecord:
             return AnswerState.GROWING
         if not row.known:
             return AnswerState.UNKNOWN
-        return AnswerState.RIGHT if row.texture == self.texture else AnswerState.WRONG
+        return AnswerState.RIGHT if row.texture == self.asked.texture else AnswerState.WRONG
 
     @property
     def edges_s(self) -> NDArray[np.float64]:
@@ -132,12 +143,12 @@ class ScanRecord:
         self.version += 1
         if scan != self.scan:
             self._begin(scan)
-            self.texture, self.profile = self._announced
+            self.asked = self._announced
 
     def _begin(self, scan: int) -> None:
         self.version += 1
         self.scan = scan
-        self.texture = self.profile = ""
+        self.asked = UNASKED
         self.prediction = self.first_sure = None
         self.reasons = ()
         self._edges, self._velocities_mm_s = [], []
@@ -414,13 +425,12 @@ class ScanPlots(PlotGrid):
 
 def velocity_title(record: ScanRecord, quality: ScanQuality) -> str:
     """Return whose velocity is shown: scan and plate, the planned profile and what it asks for."""
-    if record.scan < 0:
-        return "Velocity"
-    scan = f"Velocity in scan {record.scan}"
-    profile = next((p for p in VelocityProfile if p.value == record.profile), None)
+    asked = record.asked
+    profile = next((p for p in VelocityProfile if p.value == asked.profile), None)
     if profile is None:  # a window that joins in a scan does not know it
-        return scan
-    return f"{scan} (plate {record.texture}), planned: {profile} ({_demands(profile, quality)})"
+        return "Velocity"
+    scan = f"Velocity in scan {scan_name(asked)}"
+    return f"{scan} (plate {asked.texture}), planned: {profile} ({_demands(profile, quality)})"
 
 
 def _demands(profile: VelocityProfile, quality: ScanQuality) -> str:

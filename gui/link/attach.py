@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QPushButton, QWidget
 
 from gui.link.engine_link import EngineChoice, EngineLink, name_this_window
 from gui.widgets.background import Background
+from gui.widgets.file_browser import ElidedComboBox
 from gui.widgets.labels import Strip, label
 from gui.widgets.layouts import container, hbox, push_button, vbox
 from rigctl.engine.rpc.client import WINDOW, FoundEngine, client_name, find_engines
@@ -228,9 +229,10 @@ class ControlLock(QObject):
             self.released.emit()
 
     def _lock(self, control: QWidget) -> None:
-        if control.toolTip() != self._reason:
+        if self._reason not in control.toolTip():
             self._tooltips[control] = control.toolTip()
-            control.setToolTip(self._reason)
+            whole = control.currentText() if isinstance(control, ElidedComboBox) else ""
+            control.setToolTip("\n".join(filter(None, (whole, self._reason))))
         control.setEnabled(False)
 
     def _restore(self) -> None:

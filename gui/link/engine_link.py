@@ -28,7 +28,7 @@ from rigctl.engine.rpc.client import (
     stop_engines,
 )
 from rigctl.engine.rpc.engine_files import EngineFile, rig_name, running_engines, runtime_folder
-from rigctl.engine.rpc.messages import EngineStatus
+from rigctl.engine.rpc.messages import DISCONNECTED_TEXT, EngineStatus
 from rigctl.errors import LinkLost, RigctlError, WrongUse
 from rigctl.experiments import DRUM_EXPERIMENT, FINGER_EXPERIMENT
 from rigctl.finger.live_file import FingerLiveReader
@@ -237,6 +237,8 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         self._clock.start()
         self._last_message_ms = 0
         self._is_opening = self._is_lost = False
+        self.lost_engine: EngineFile | None = None
+        """The engine that was lost since :meth:`open`; one that goes on is not lost."""
         self.left_running: list[str] = []
         """A sentence for each engine that did not end or answer when this window left it."""
         self.live: _Live | None = None
@@ -271,7 +273,7 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         """
         if self._is_opening or self._client is not None:
             return
-        self._is_opening = True
+        self._is_opening, self.lost_engine = True, None
         self._attempt += 1
         self._opening_since_ms = self._clock.elapsed()
         number = self._attempt
@@ -477,6 +479,7 @@ class EngineLink(QObject, Generic[_Status, _Live]):
         self._drop_notifier()
         if client is not None:
             client.close()
+            self.lost_engine = None if reason == DISCONNECTED_TEXT else client.engine_file
         self._is_lost = True
         self._drop(reason)
 

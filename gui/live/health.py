@@ -174,10 +174,22 @@ def disk_reading(recording: RecordingStatus) -> Reading:
     if not recording.disk_free_bytes:
         return Reading("–", Level.OFF)
     free, hours = size(recording.disk_free_bytes), recording.hours_left
-    if recording.active and hours is not None:
-        left = f"{hours / 24:.0f} d" if hours >= 48 else f"{hours:.0f} h"
-        return Reading(f"{free}, {left}", judge(hours > DISK_HOURS_LIMIT))
+    if (lasts := lasting_words(recording)) and hours is not None:
+        return Reading(f"{free}, {lasts}", judge(hours > DISK_HOURS_LIMIT))
     return Reading(free, judge(recording.disk_free_bytes > DISK_FREE_LIMIT_BYTES))
+
+
+def lasting_words(recording: RecordingStatus) -> str:
+    """Return how long the free space lasts at the present rate, empty where nothing is recorded.
+
+    The whole units are those that are left for sure.
+    """
+    hours = recording.hours_left
+    if not recording.active or hours is None:
+        return ""
+    if hours >= 48:
+        return f"{int(hours / 24)} d"
+    return f"{int(hours)} h" if hours >= 1 else f"{int(60 * hours)} min"
 
 
 RATE_TOLERANCE = 0.02

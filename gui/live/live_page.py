@@ -135,7 +135,7 @@ _BUTTON_PX = 44
 
 
 class TaxelStrip(QWidget):
-    """Toggle buttons in rows of nine, and buttons for all and for each layer."""
+    """Toggle buttons in rows of nine that begin anew with each layer; beside them one for it."""
 
     chosen = Signal(tuple)
     """The taxels to show, from 0; never empty."""
@@ -156,19 +156,19 @@ class TaxelStrip(QWidget):
             self._grid.removeWidget(button)
             button.deleteLater()
         self.buttons = [self._taxel_button(taxel) for taxel in range(layout.n_taxels)]
-        for taxel, button in enumerate(self.buttons):
-            self._grid.addWidget(button, taxel // _COLUMNS, taxel % _COLUMNS)
         every = tuple(range(layout.n_taxels))
-        groups = {"All": every}
-        if len(layout.layers) > 1:
-            layers = range(len(layout.layers))
-            groups |= {f"Layer {layout.layers[i]}": tuple(layout.taxels_of(i)) for i in layers}
-        self.groups = [
-            push_button(name, partial(self._choose, taxels)) for name, taxels in groups.items()
-        ]
-        rows = -(-len(self.buttons) // _COLUMNS)
-        for i, button in enumerate(self.groups):
-            self._grid.addWidget(button, i % rows, _COLUMNS + i // rows)
+        self.groups = [push_button("All", partial(self._choose, every))]
+        has_layers, row = len(layout.layers) > 1, 0
+        for layer, name in enumerate(layout.layers):
+            taxels = tuple(layout.taxels_of(layer))
+            for place, taxel in enumerate(taxels):
+                place_row, column = divmod(place, _COLUMNS)
+                self._grid.addWidget(self.buttons[taxel], row + place_row, column)
+            if has_layers:
+                self.groups.append(push_button(f"Layer {name}", partial(self._choose, taxels)))
+                self._grid.addWidget(self.groups[-1], row, _COLUMNS)
+            row += -(-len(taxels) // _COLUMNS)
+        self._grid.addWidget(self.groups[0], 0, _COLUMNS + has_layers)
         self.show_chosen(every)
 
     def show_chosen(self, taxels: tuple[int, ...]) -> None:

@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QApplication, QFrame, QStyle, QSystemTrayIcon
 from gui.widgets.formatting import capitalised
 from gui.widgets.labels import Level, StatusLamp, label
 from gui.widgets.layouts import hbox, push_button
-from rigctl.boards.drum_states import State
+from rigctl.boards.drum_states import FAULT_TEXT, State
 from rigctl.engine.rpc.messages import DISCONNECTED_TEXT, EngineStatus, RunStatus
 
 RELEASE_FIRST = "Release the emergency stop first"
@@ -42,7 +42,14 @@ def status_alarms(status: EngineStatus) -> list[Alarm]:
     """
     of_drum, links = (_fault(status), _contact(status)), _links(status)
     first = (*of_drum, links) if status.drum_connected else (links, *of_drum)
-    return [alarm for alarm in (*first, _run_end(status.run)) if alarm is not None]
+    return [alarm for alarm in (*first, _run_end(status)) if alarm is not None]
+
+
+def run_end_words(status: EngineStatus) -> str:
+    """Return how the run ended; of a fault that is cleared the cause, without what to do."""
+    text = status.run.text
+    is_over = not status.fault and text in FAULT_TEXT.values()
+    return text.partition(":")[0] if is_over else text
 
 
 def lost_engine(reason: str, last: EngineStatus) -> Alarm:
@@ -90,10 +97,11 @@ def _links(status: EngineStatus) -> Alarm | None:
     return Alarm(f"link {lost}", "BOARD LOST", text + session)
 
 
-def _run_end(run: RunStatus) -> Alarm | None:
+def _run_end(status: EngineStatus) -> Alarm | None:
+    run = status.run
     if run.state != "failed":
         return None
-    text = f"{capitalised(run.text.rstrip('.'))}. {_how_to_go_on(run)}"
+    text = f"{capitalised(run_end_words(status).rstrip('.'))}. {_how_to_go_on(run)}"
     return Alarm(f"run {run.session}", "RUN FAILED", text, stays=True)
 
 

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from string import ascii_uppercase
 from typing import Any
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QEvent, Qt, Signal
 from PySide6.QtWidgets import QComboBox, QGridLayout, QGroupBox, QLabel, QWidget
 
 from gui.widgets.file_browser import ElidedComboBox
-from gui.widgets.layouts import ComboBox, push_button
+from gui.widgets.layouts import ComboBox, EventWatch, push_button
+from gui.widgets.plates import World, picture_size, plate_icon, plate_words
+from gui.widgets.theme import scaled_px
+from rigctl.bench.parameters import WorldParameters
+from rigctl.bench.textures import plate_names
 from rigctl.bench.wirings import WIRINGS
 from rigctl.boards.drum_states import State
 from rigctl.engine.rpc.messages import EngineStatus
 
-TEXTURES = tuple(ascii_uppercase[:16])
 UNKNOWN_PLATE = "unknown"
+NOMINAL = WorldParameters()
+_BAR_PX = 24
 _RESTING = (State.IDLE, State.ARMED, State.FAULT_OFF)
 FAULTS: dict[str, dict[str, Any]] = {
     "Press the E-stop": {"fault": "press_estop"},
@@ -49,16 +53,20 @@ class BenchControls(QGroupBox):
 
     def __init__(self) -> None:
         super().__init__("Bench")
-        self.plate = ComboBox(placeholderText=UNKNOWN_PLATE)
-        self.plate.addItems(list(TEXTURES))
-        self.plate.setCurrentIndex(-1)
+        narrow = QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon
+        self.plate = ElidedComboBox()
+        self.plate.setPlaceholderText(UNKNOWN_PLATE)
+        self.plate.setSizeAdjustPolicy(narrow)
+        self.plate.setMinimumContentsLength(8)
+        self._world: World = None
+        self._list_plates()
         self.plate.activated.connect(self._send_plate)
+        EventWatch(self, self._list_plates, QEvent.Type.PaletteChange, QEvent.Type.FontChange)
         self.fault = ComboBox()
         self.fault.addItems(list(FAULTS))
         self.inject = push_button("Inject", self._inject)
         self.inject.setAccessibleName("Inject the chosen fault")
         self.wiring = ElidedComboBox()
-        narrow = QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon
         self.wiring.setSizeAdjustPolicy(narrow)
         self.wiring.setMinimumContentsLength(8)
         for wiring in WIRINGS.values():
@@ -89,7 +97,8 @@ class BenchControls(QGroupBox):
         """Show the plate, and the faults on a simulated rig."""
         obstacle = plate_obstacle(status)
         self.plate.setEnabled(not obstacle)
-        self.plate.setToolTip(f"Texture plate on the drum{obstacle and f'. Locked: {obstacle}'}")
+        locked = obstacle and f". Locked: {obstacle}"
+        self.plate.set_own_tooltip(f"Texture plate on the drum{locked}")
         for widget in self._simulated_only:
             widget.setVisible(status.simulated)
         self._wirings_on = status.wrong_wirings
@@ -99,12 +108,28 @@ class BenchControls(QGroupBox):
 
     def _show_plate(self, texture: str | None) -> None:
         """Show the plate that the engine knows of, which may have any name, or that none is."""
-        if texture and self.plate.findText(texture) < 0:
-            self.plate.addItem(texture)
-        self.plate.setCurrentIndex(self.plate.findText(texture) if texture else -1)
+        if texture and self.plate.findData(texture) < 0:
+            self.plate.addItem(texture, texture)
+        self.plate.setCurrentIndex(self.plate.findData(texture) if texture else -1)
+
+    def set_world(self, world: World) -> None:
+        """Offer the plates of another rig."""
+        self._world = world
+        self._list_plates()
+
+    def _list_plates(self) -> None:
+        chosen = self.plate.currentData()
+        self.plate.clear()
+        self.plate.setIconSize(picture_size())
+        for name in plate_names(self._world or NOMINAL):
+            icon = plate_icon(name, self._world)
+            self.plate.addItem(icon, plate_words(name, self._world), name)
+        self._show_plate(chosen)
+        widest_px = self.plate.view().sizeHintForColumn(0) + scaled_px(_BAR_PX)
+        self.plate.view().setMinimumWidth(widest_px)
 
     def _send_plate(self) -> None:
-        self.command_requested.emit("plate", {"texture": self.plate.currentText()})
+        self.command_requested.emit("plate", {"texture": self.plate.currentData()})
 
     def _show_wiring(self) -> None:
         """Show whether the chosen wiring is on, and in its list which others are."""

@@ -191,8 +191,8 @@ class PartPage(QWidget):
         """Show what was measured and what is possible now."""
         found = status.calibration
         obstacle = self.obstacle(status)
-        if not status.drum_connected:
-            self._refusal = ""  # of another connection
+        if status.fault or not status.drum_connected:
+            self._refusal = ""  # of before the fault, or of another connection
         is_free = not obstacle and not found.measuring
         result, is_saved = self.result(found), self.part in found.saved
         self.is_unsaved = bool(found.rig_file) and self.has_readings(found) and not is_saved
@@ -569,6 +569,11 @@ RANGE_COLUMNS = (
     "Untouched ({unit})",
 )
 RANGE_PX = 320
+SAVE_RANGE_TIP = "Save the ranges in rig.toml, which a connection begins with"
+MEASURE_AGAIN = (
+    "Measure again after a change of sensor, skin or gain: in a range that is too narrow, noise "
+    "fires"
+)
 READING_UNITS = {Reading.COUNTS: "counts", Reading.CONDUCTANCE: "steps"}
 IMBALANCE_TASK = (
     "Take the plate off, or leave it on as in use, and keep clear of the drum. It lifts and turns "
@@ -640,8 +645,8 @@ class RangePart(PressPart):
         self.table.setMinimumHeight(scaled_px(RANGE_PX))
         self._shown: TaxelRange | None = None
         self.lay_out(self.field, self.table)
-        for button in (self.save_button, self.discard_button):
-            button.hide()
+        self.save_button.setToolTip(SAVE_RANGE_TIP)
+        self.discard_button.hide()
 
     def result(self, found: CalibrationStatus) -> str:
         """Return the narrowest range, or which taxels moved too little."""
@@ -652,14 +657,15 @@ class RangePart(PressPart):
             return capitalised(ranges.problem)
         spans = np.subtract(ranges.high, ranges.low)
         least = int(spans.argmin())
+        until = "" if RANGE in found.saved else " until the rig disconnects"
         return (
-            f"In use until the rig disconnects: {len(spans)} ranges, the narrowest that of "
+            f"In use{until}: {len(spans)} ranges, the narrowest that of "
             f"T{least + 1} with {spans[least]}"
         )
 
     def has_readings(self, found: CalibrationStatus) -> bool:
-        """Return that there is nothing to save or discard."""
-        return False
+        """Return whether there are ranges that can be saved."""
+        return found.taxel_range is not None and not found.taxel_range.problem
 
     def show_status(self, status: EngineStatus) -> None:
         """Show the ranges, marked where they are too narrow."""
@@ -667,6 +673,12 @@ class RangePart(PressPart):
         ranges = status.calibration.taxel_range
         is_bad = ranges is not None and bool(ranges.problem)
         set_property(self.result_label, "role", "bad" if is_bad else "heading")
+        if is_bad or not status.calibration.rig_file:
+            self.save_button.setEnabled(False)
+        if self.has_readings(status.calibration) and not status.calibration.rig_file:
+            show_text(self.result_label, f"{self.result(status.calibration)}; {REHEARSED}")
+        if ranges is None and status.range_from:
+            show_text(self.result_label, f"In use: rig.toml, {status.range_from}. {MEASURE_AGAIN}")
         self.table.setVisible(ranges is not None)
         if ranges is not None and ranges != self._shown:
             self._shown = ranges

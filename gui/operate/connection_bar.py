@@ -23,6 +23,7 @@ from gui.widgets.labels import (
 )
 from gui.widgets.layouts import container, hbox, push_button, vbox
 from rigctl.boards.drum_states import Fault
+from rigctl.engine.rpc.engine_files import EngineFile
 from rigctl.engine.rpc.messages import EngineStatus, RecordingStatus
 
 UNRECORDED_LIMIT = 12  # statuses, ten a second: longer than the second that the engine judges
@@ -103,6 +104,7 @@ class ConnectionBar(QFrame):
         """Show that the chosen rig's engine is starting."""
         self._show_connection("Cancel", connected=False, locked=True)
         self._is_connecting = True
+        self.state_words.setToolTip("")  # why the connection before ended
         self.show_opening(0.0)
 
     def show_opening(self, seconds: float) -> None:
@@ -123,6 +125,11 @@ class ConnectionBar(QFrame):
         show_text(self.state_words, _short_reason(reason))
         self.state_words.setToolTip(plain_tooltip(reason))
         self.recording_display.show_recording(Level.OFF, "Not recording", "")
+
+    def offer_again(self, engine: EngineFile) -> None:
+        """Choose the rig of an engine that was joined and is lost: Connect starts it again."""
+        if self._joins:
+            self.rig.choose(engine.rig)
 
     def show_silent(self, seconds: float) -> None:
         """Show that the last status is out of date: the engine does not answer."""
@@ -224,6 +231,12 @@ class Toolbar(ConnectionBar):
 
     def _request_connection(self) -> None:
         self.connect_requested.emit(self.rig.currentData(), self.chosen_world)
+
+    def offer_again(self, engine: EngineFile) -> None:
+        """Choose the rig of a joined engine that is lost, and its world."""
+        if self._joins:
+            self.world.choose(engine.world)
+        super().offer_again(engine)
 
     def add_page(self, page: QWidget) -> None:
         """Add what another experiment shows in the place of rig, state and recording."""

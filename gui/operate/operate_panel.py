@@ -36,6 +36,7 @@ from gui.widgets.layouts import (
     vbox,
 )
 from gui.widgets.number_box import NumberBox, has_refused
+from gui.widgets.plates import PlateSign, World
 from rigctl.boards.drum_registers import BY_NAME
 from rigctl.boards.drum_states import State, StateEvent, next_state
 from rigctl.config.rig_config import RigLimits
@@ -91,7 +92,7 @@ def bring_up_steps(status: EngineStatus) -> list[BringUpStep]:
         BringUpStep(
             "Taxel range",
             status.has_taxel_range,
-            "known" if status.has_taxel_range else "not measured",
+            _range_words(status),
             part=RANGE,
         ),
         BringUpStep("Load cell", bool(calibrated), calibrated or "nominal scale", part=LOADCELL),
@@ -104,12 +105,27 @@ def bring_up_steps(status: EngineStatus) -> list[BringUpStep]:
     ]
 
 
+def _range_words(status: EngineStatus) -> str:
+    """Return where the ranges of the taxels are from."""
+    if not status.has_taxel_range:
+        return "not measured"
+    if status.calibration.has_unsaved_range:
+        return "measured, not saved"
+    return status.range_from or "known"
+
+
 def _findings(n: int) -> str:
     return "no findings" if not n else f"{n} finding{'s' if n > 1 else ''}"
 
 
-def missing_words(steps: list[BringUpStep]) -> str:
+def missing_words(steps: list[BringUpStep], status: EngineStatus) -> str:
     """Return what is missing before approach in one sentence."""
+    if not status.drum_connected:
+        return "No drum is connected"
+    if status.run.is_active:
+        return "The run brings the drum up by itself"
+    if status.fault:
+        return "Before approach: clear the fault"
     missing = [step.name.lower() for step in steps if step.is_needed and not step.is_done]
     return f"Before approach: {', '.join(missing)}" if missing else READY
 
@@ -161,7 +177,7 @@ class BringUpBox(QGroupBox):
         steps = bring_up_steps(status)
         for step in steps:
             self._show_step(step)
-        show_text(self.missing, missing_words(steps))
+        show_text(self.missing, missing_words(steps, status))
         undone = [step for step in steps if not step.is_done]
         self._next_step = undone[0] if undone else None
         self.next.setText(f"Next: {undone[0].name}" if undone else "All done")
@@ -192,9 +208,15 @@ class PromptPanel(Strip):
     def __init__(self) -> None:
         super().__init__()
         self._prompt_id = 0
+        self._world: World = None
+        self.plate = PlateSign()
         self.confirm = push_button("Done, continue", lambda: self._answer("ok"))
         self.abort = push_button("Abort the run", lambda: self._answer("abort"))
-        self.lay_out(self.confirm, self.abort)
+        self.lay_out(self.plate, self.confirm, self.abort)
+
+    def set_world(self, world: World) -> None:
+        """Take the plates of the connected rig."""
+        self._world = world
 
     def show_prompt(self, prompt: PromptStatus | None) -> None:
         """Show a question, or hide the panel without one."""
@@ -203,6 +225,7 @@ class PromptPanel(Strip):
         elif prompt.id != self._prompt_id or self.isHidden():
             self._prompt_id = prompt.id
             self.text.setText(prompt.text)
+            self.plate.show_plate(prompt.texture or "", self._world)
             self.show()
 
     def _answer(self, answer: str) -> None:
@@ -254,16 +277,17 @@ class SetPointBox(QGroupBox):
         """Show what the drum has; a status without a drum shows nothing."""
         self._is_own = not status.run.is_active
         self.set_button.setEnabled(status.drum_connected and self._is_own)
+        self._turns = status.drum_connected and status.state is State.RUN
         if status.drum_connected:
             self.set_limits(status.limits)
             self._drum = (status.speed_set_mm_s, status.force_set_g)
-            self._turns = status.state is State.RUN
-            self._show_allowed()
             self._show_drum()
+        self._show_allowed()
 
     def show_nothing(self) -> None:
         """Forget what the drum had."""
-        self._drum = None
+        self._drum, self._turns = None, False
+        self._show_allowed()
         self._show_drum()
 
     def _show_allowed(self) -> None:

@@ -56,7 +56,7 @@ class SetupPage(QWidget):
         self._setup = SetupStatus()
         self._obstacle = DRUM_LOST
         self._refusal, self._asked_id = "", 0
-        self._was_connected = self._is_simulated = False
+        self._was_connected = self._is_simulated = self._had_fault = False
         self.list = QListWidget()
         self.list.setAccessibleName("Parts of the setup")
         self.list.currentRowChanged.connect(lambda _: self._show_part())
@@ -98,6 +98,9 @@ class SetupPage(QWidget):
         self.boards.setVisible(not status.rig)
         self.parts.setVisible(bool(status.rig))
         self._is_simulated = status.simulated
+        if not status.drum_connected or (self._had_fault and not status.fault):
+            self._refusal = ""  # of another connection, or of a fault that is cleared
+        self._had_fault = bool(status.fault)
         self._obstacle = common_obstacle(status) if status.drum_connected else DRUM_LOST
         if status.fault:
             self._obstacle = ""  # the parts name what is behind a fault

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,10 @@ from PySide6.QtWidgets import (
 )
 
 from gui.analysis.worker import Worker
-from gui.protocol.run_tasks import PLAN_ROWS, PlanSummary, ProtocolText
+from gui.live.health import lasting_words
+from gui.operate.alarms import run_end_words
+from gui.protocol.about_fields import MAX_NOTE_LETTERS, about_fields, about_title
+from gui.protocol.run_tasks import DISK_ROW, PLAN_ROWS, PlanSummary, ProtocolText
 from gui.protocol.session_page import SessionPage
 from gui.widgets.file_browser import (
     ElidedComboBox,
@@ -31,6 +35,7 @@ from gui.widgets.file_browser import (
     browse_button,
     folder_problem,
     new_files_folder,
+    typed_path,
 )
 from gui.widgets.formatting import (
     capitalised,
@@ -51,6 +56,7 @@ from gui.widgets.layouts import (
     vbox,
 )
 from gui.widgets.number_box import WholeNumberBox
+from gui.widgets.plates import World, plate_words, texture_words
 from gui.widgets.theme import scaled_px
 from rigctl.config import resources
 from rigctl.config.rig_config import RigConfig
@@ -63,11 +69,8 @@ from rigctl.engine.rpc.messages import (
     reason_words,
 )
 from rigctl.finger.status import FingerRunStatus
-from rigctl.values import ABOUT
 
 MAX_SEED = 2**31 - 1
-MAX_NAME_LETTERS = 200
-MAX_NOTE_LETTERS = 2000
 FINISH_ROW = "Would finish"
 
 
@@ -86,22 +89,20 @@ class ProtocolForm(QWidget):
         self._next_plan: tuple[str, int | None] | None = None
         self._plan = PlanSummary()
         self._rig_toml, self._was_requested = "", False
+        self._free_bytes: int | None = None
+        self._needs_space = False
+        self._recording = RecordingStatus()
+        self._world: World = None
         self.is_planned = False
         self.protocol = ElidedComboBox()
         self.out = QLineEdit(str(Path.home() / "rigctl-sessions"))
         self.out.setToolTip("Every session gets a new folder in here")
         self.seed = WholeNumberBox(maximum=MAX_SEED)
         self.seed.setToolTip("Seed of the random order of trials; stored with the session")
-        self.about = {name: QLineEdit(maxLength=MAX_NAME_LETTERS) for name in ABOUT}
-        for name, words in ABOUT.items():
-            kept = "stored with the session, offered for the next"
-            self.about[name].setToolTip(f"{capitalised(words)}: {kept}")
-        self.about["remarks"].setMaxLength(MAX_NOTE_LETTERS)
+        self.about = about_fields("rig.toml")
         self.operator, self.sensor = self.about["operator"], self.about["sensor"]
         self.notes = QLineEdit(maxLength=MAX_NOTE_LETTERS)
         self.notes.setToolTip("Becomes the first note of the session")
-        for field in (self.operator, self.sensor):
-            field.setPlaceholderText("as in rig.toml")
         requested = self.path_requested
         self.open_button = browse_button(requested, PathKind.PROTOCOL, self.add_protocol)
         self.out_button = browse_button(requested, PathKind.OUTPUT, self.out.setText)
@@ -127,6 +128,15 @@ class ProtocolForm(QWidget):
         if place == self.protocol.currentIndex():
             self.request_plan()
         self.protocol.setCurrentIndex(place)
+
+    def set_world(self, world: World) -> None:
+        """Name the plates of another rig in the tooltip of their letters."""
+        self._world = world
+        self._show_plates()
+
+    def _show_plates(self) -> None:
+        lines = [plate_words(name, self._world) for name in self._plan.plates]
+        self.plan_rows["Plates"].setToolTip(plain_tooltip("\n".join(lines)))
 
     def set_rig(self, rig_toml: str) -> None:
         """Plan for a rig; for the nominal one without a description."""
@@ -172,7 +182,10 @@ class ProtocolForm(QWidget):
         """Show the plan of the chosen protocol, or why it cannot run."""
         self._plan, self.is_planned = plan, not plan.problem
         for name, text in zip(PLAN_ROWS, plan.texts, strict=True):
-            show_text(self.plan_rows[name], text)
+            if name != DISK_ROW:
+                show_text(self.plan_rows[name], text)
+        self._show_plates()
+        self.take_space(plan.free_bytes)
         show_text(self.description, plan.description)
         self.description.setVisible(bool(plan.description))
         with QSignalBlocker(self.seed):
@@ -181,6 +194,34 @@ class ProtocolForm(QWidget):
         self.show_problem()
         if self.is_planned:
             self.planned.emit(plan)
+
+    def follow(self, recording: RecordingStatus) -> None:
+        """Show the space that a recording in this folder sees; ask anew when it has ended."""
+        before, self._recording = self._recording, recording
+        self._show_space()
+        if before.disk_free_bytes and not recording.disk_free_bytes:
+            self.request_space()
+
+    def request_space(self) -> None:
+        """Ask for the free space of the folder's disk, once the worker is free."""
+        self._needs_space = self._was_requested
+        self.submit_plan()
+
+    def take_space(self, free_bytes: int | None) -> None:
+        """Show the free space of the folder's disk, None for no folder."""
+        self._free_bytes = free_bytes
+        self._show_space()
+
+    def _show_space(self) -> None:
+        """Show what the plan needs of the space that the health strip shows, too."""
+        recording, free_bytes = self._recording, self._free_bytes
+        folder = Path(recording.folder).parent if recording.folder else None
+        if recording.disk_free_bytes and folder == typed_path(self.out.text()):
+            free_bytes = recording.disk_free_bytes
+        needs = self._plan.texts[-1]
+        is_known = needs != "–" and free_bytes is not None
+        free = f" of {size(free_bytes or 0)} free" if is_known else ""
+        show_text(self.plan_rows[DISK_ROW], f"{needs}{free}")
 
     def show_finish(self) -> None:
         """Show when a run that starts now would end."""
@@ -201,11 +242,14 @@ class ProtocolForm(QWidget):
             self.submit_plan()
 
     def submit_plan(self) -> None:
-        """Plan what was requested last, if the worker is free."""
+        """Plan what was requested last, else ask for the space, if the worker is free."""
         if self._next_plan is not None and not self._worker.is_busy:
             (path, seed), self._next_plan = self._next_plan, None
             values = {"seed": seed, "out": self.out.text(), "rig_toml": self._rig_toml}
             self._worker.submit("plan_protocol", path=path, **values)
+        elif self._needs_space and not self._worker.is_busy:
+            self._needs_space = False
+            self._worker.submit("free_space", out=self.out.text())
 
     def finish_plan(self, plan: PlanSummary) -> None:
         """Show a plan that arrived, unless another one was requested meanwhile."""
@@ -229,7 +273,8 @@ class ProtocolForm(QWidget):
         self.protocol.currentIndexChanged.connect(lambda _: self.request_plan())
         self.seed.valueChanged.connect(lambda _: self.request_plan(self.seed.value()))
         self.seed.refusal_changed.connect(self.show_problem)
-        self.out.textChanged.connect(lambda _: self.show_problem())
+        for follow in (self.show_problem, self.request_space):
+            self.out.textChanged.connect(follow)
 
     def _lay_out(self) -> None:
         box, form = group_box("Protocol", form_layout(4))
@@ -242,7 +287,7 @@ class ProtocolForm(QWidget):
         form.addRow("Save in", hbox(self.out, self.out_button))
         form.addRow("Seed", self.seed)
         for name, field in self.about.items():
-            form.addRow(capitalised(name.replace("_", " ")), field)
+            form.addRow(about_title(name), field)
         form.addRow("First note", self.notes)
         for hidden in (self.description, self.problem, self.modified):
             hidden.hide()
@@ -427,14 +472,14 @@ class RunStateBox(QVBoxLayout):
         return f"{words} ({reasons})" if reasons else words
 
 
-def run_texts(status: EngineStatus) -> dict[str, str]:
-    """Return the text of each row of a drum's run."""
+def run_texts(status: EngineStatus, world: World = None) -> dict[str, str]:
+    """Return the text of each row of a drum's run; ``world`` names its plates."""
     run = status.run
     return {
         "Progress": progress_sentence(run),
         "Finishes": finish_sentence(run),
         "Trial": trial_sentence(run),
-        "Next plate": plate_sentence(run),
+        "Next plate": plate_sentence(run, world),
         "Rejected": f"{run.trials_rejected}" if run.trials_planned else "–",
         "Disk": disk_sentence(status.recording),
     }
@@ -456,25 +501,32 @@ def finish_sentence(run: RunStatus) -> str:
     return day_time(run.eta_s) + (", plus plate changes" if run.next_plate else "")
 
 
-def plate_sentence(run: RunStatus) -> str:
-    """Return the next change of plates."""
+def plate_sentence(run: RunStatus, world: World = None) -> str:
+    """Return the next change of plates, below it what the plate is."""
     plate = run.next_plate
     if run.prompt is not None and run.prompt.texture:
-        return f"{run.prompt.texture} now"
+        return f"{run.prompt.texture} now{_texture_line(run.prompt.texture, world)}"
     if not run.is_active or plate is None:
         return "no other plate" if run.is_active else "–"
+    line = _texture_line(plate.texture, world)
     if not plate.trials:
-        return f"{plate.texture} after {'the pause' if run.state == 'paused' else 'this trial'}"
+        after = "the pause" if run.state == "paused" else "this trial"
+        return f"{plate.texture} after {after}{line}"
     trials = f"{plate.trials} trial{'' if plate.trials == 1 else 's'}"
-    return f"{plate.texture} after {trials}, in {duration(plate.left_s)}"
+    return f"{plate.texture} after {trials}, in {duration(plate.left_s)}{line}"
+
+
+def _texture_line(name: str, world: World) -> str:
+    words = texture_words(name, world)
+    return words and f"\n{words}"
 
 
 def disk_sentence(recording: RecordingStatus) -> str:
     """Return the free space, and how long it lasts."""
     if not recording.disk_free_bytes:
         return "–"
-    hours = recording.hours_left
-    left = f", enough for {duration(hours * 3600)}" if hours is not None else ""
+    lasts = lasting_words(recording)
+    left = f", enough for {lasts}" if lasts else ""
     return f"{size(recording.disk_free_bytes)} free{left}"
 
 
@@ -550,6 +602,7 @@ class ProtocolPanel(QWidget):
         self.shows_page = False
         """Whether the middle shows :attr:`page`, and not the live plots."""
         self._can_start = self._can_add = False
+        self._world: World = None
         self.form, self.unsaved = ProtocolForm(self.worker), UnsavedStrip()
         self._after_save: Callable[[], None] | None = None
         self._after_plan: Callable[[], None] | None = None
@@ -596,6 +649,11 @@ class ProtocolPanel(QWidget):
         """Add a file to the list and choose it."""
         self.form.add_protocol(path)
 
+    def set_world(self, world: World) -> None:
+        """Name the plates of another rig."""
+        self._world = world
+        self.form.set_world(world)
+
     def set_rig(self, rig_toml: str) -> None:
         """Plan and check protocols for a rig; for the nominal one without a description."""
         is_nominal = rig_toml == RigConfig().to_toml()
@@ -635,8 +693,10 @@ class ProtocolPanel(QWidget):
         self.buttons["Resume"].setEnabled(run.state == "paused")
         self.buttons["Abort"].setEnabled(run.is_active)
         self.form.show_finish()
+        self.form.follow(status.recording)
         planned = run.trials_planned - run.trials_ended_early
-        self.run_box.show_run(run, planned, run_texts(status))
+        told = replace(run, text=run_end_words(status))
+        self.run_box.show_run(told, planned, run_texts(status, self._world))
         self.page.show_run(run)
         self.queue.show_queue(status.queue)
         self._arrange(run.is_active, bool(status.queue.entries))
@@ -698,6 +758,8 @@ class ProtocolPanel(QWidget):
         if task == "plan_protocol":
             self.form.finish_plan(result)
             self._go_on()
+        elif task == "free_space":
+            self.form.take_space(result)
         elif task in self._editor_tasks:
             self._editor_tasks[task](result)
         else:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from rigctl.session.session import Session
     from rigctl.values import PlannedTrial
 
+DISK_ROW = "Disk space"
 PLAN_ROWS = (
     "Plates",
     "Speeds",
@@ -34,7 +35,7 @@ PLAN_ROWS = (
     "Trials",
     "Plate changes",
     "Duration",
-    "Disk space",
+    DISK_ROW,
 )
 ORDER_COLUMNS = (
     "Trial",
@@ -58,7 +59,7 @@ TRIAL_COLUMNS = (
     "Verdict",
     "Remarks",
 )
-COMMITTED, BAD = "✓ committed", "✗ marked bad"
+COMMITTED, BAD, REPEATED = "✓ committed", "✗ marked bad", "↻ repeated"
 
 Row = tuple[str, ...]
 
@@ -67,7 +68,8 @@ class PlanSummary(NamedTuple):
     """The plan of a protocol: a text for each of ``PLAN_ROWS``, and the seed of its order.
 
     ``order``: a row of ``ORDER_COLUMNS`` for each trial. ``duration_s``: with the changes of
-    plates. ``problem`` says why the protocol cannot run; it is empty if it can.
+    plates. ``problem`` says why the protocol cannot run; it is empty if it can. ``free_bytes``: of
+    the disk of the folder for the session.
     """
 
     texts: Row = ("–",) * len(PLAN_ROWS)
@@ -77,6 +79,8 @@ class PlanSummary(NamedTuple):
     order: tuple[Row, ...] = ()
     duration_s: float = 0.0
     plate_changes: int = 0
+    free_bytes: int | None = None
+    plates: tuple[str, ...] = ()
 
 
 class AttemptRow(NamedTuple):
@@ -140,10 +144,11 @@ def plan_protocol(path: str, seed: int | None, out: str = "", rig_toml: str = ""
     from rigctl.config.rig_config import parse_config
     from rigctl.protocol.loader import load_protocol
 
-    return summarise(load_protocol(Path(path), parse_config(rig_toml)).plan(seed), out)
+    plan = load_protocol(Path(path), parse_config(rig_toml)).plan(seed)
+    return summarise(plan)._replace(free_bytes=free_space(out))
 
 
-def summarise(plan: Plan, out: str = "") -> PlanSummary:
+def summarise(plan: Plan) -> PlanSummary:
     """Return the summary of a plan."""
     from rigctl.protocol.steps import PLATE_CHANGE_S
 
@@ -155,11 +160,12 @@ def summarise(plan: Plan, out: str = "") -> PlanSummary:
         grouped(len(plan.trials)),
         f"{plan.plate_changes}",
         time,
-        f"{size(plan.bytes_estimate)}{_free(out)}",
+        size(plan.bytes_estimate),
     )
     description, order = plan.protocol.description, tuple(map(_planned, plan.trials))
     total_s, changes = plan.duration_s + changes_s, plan.plate_changes
-    return PlanSummary(texts, plan.seed, "", description, order, total_s, changes)
+    plates = tuple(dict.fromkeys(plan.protocol.textures))
+    return PlanSummary(texts, plan.seed, "", description, order, total_s, changes, plates=plates)
 
 
 def _conditions(plan: Plan) -> Row:
@@ -181,12 +187,13 @@ def _numbers(values: tuple[float, ...], unit: str) -> str:
     return f"{', '.join(f'{value:g}' for value in values)} {unit}" if values else "none"
 
 
-def _free(out: str) -> str:
+def free_space(out: str) -> int | None:
+    """Return the free bytes of the disk of a folder, made or not; None for no whole path."""
     path = typed_path(out) if out.strip() else None
     if path is None or not path.is_absolute():
-        return ""
+        return None
     existing = next(folder for folder in (path, *path.parents) if folder.is_dir())
-    return f" of {size(shutil.disk_usage(existing).free)} free"
+    return shutil.disk_usage(existing).free
 
 
 def _planned(trial: PlannedTrial) -> Row:
@@ -218,6 +225,7 @@ class SessionFollower:
     def __init__(self) -> None:
         self._session: Session | None = None
         self._notes: tuple[str, ...] = ()
+        self._repeated: frozenset[int] = frozenset()
 
     def read(self, folder: str, known: int = 0) -> SessionNews:
         """Return the attempts after the first ``known`` ones; all if a verdict has changed."""
@@ -251,11 +259,13 @@ class SessionFollower:
         from rigctl.session.session import describe_ends, ended_early
 
         notes = tuple(f"{note.made_utc}  {note.describe()}" for note in session.notes)
-        if notes != self._notes or known > len(session.trials):
-            self._notes, known = notes, 0
+        repeated = session.repeated
+        has_changed = (notes, repeated) != (self._notes, self._repeated)
+        if has_changed or known > len(session.trials):
+            self._notes, self._repeated, known = notes, repeated, 0
         gaps, marks = session.gaps, session.trial_notes()
         rows = tuple(
-            _attempt(session, index, gaps, marks.get(index, ""))
+            _attempt(session, index, gaps, marks.get(index, ""), index in repeated)
             for index in range(known, len(session.trials))
         )
         ends = tuple(describe_ends(ended_early(session)))
@@ -263,13 +273,13 @@ class SessionFollower:
         return SessionNews(folder, known, rows, notes, committed, early_ends=ends)
 
 
-def _attempt(session: Session, index: int, gaps: Any, note: str) -> AttemptRow:
+def _attempt(session: Session, index: int, gaps: Any, note: str, is_repeated: bool) -> AttemptRow:
     row = session.trials[index]
-    verdict, reasons = str(row["verdict"]), str(row["reasons"])
-    if index in session.left_out:
-        verdict, reasons = "left out", session.left_out[index]
-        if reasons.startswith("marked bad"):
-            verdict = BAD
+    verdict, reasons = str(row["verdict"]), session.left_out.get(index, str(row["reasons"]))
+    if is_repeated:
+        verdict = REPEATED if index in session.left_out else f"{REPEATED}, {verdict}"
+    elif index in session.left_out:
+        verdict = BAD if reasons.startswith("marked bad") else "left out"
     elif verdict == "committed":
         verdict = COMMITTED
     else:
@@ -340,7 +350,7 @@ def check_text(text: str, rig_toml: str, name: str) -> CheckedText:
     rows = dict(zip(PLAN_ROWS, summarise(plan).texts, strict=True))
     numbers = (f"{rows[name]} {name.lower()}" for name in ("Trials", "Plate changes"))
     return CheckedText(
-        text, f"No errors: {', '.join(numbers)}, {rows['Duration']}, {rows['Disk space']} on disk"
+        text, f"No errors: {', '.join(numbers)}, {rows['Duration']}, {rows[DISK_ROW]} on disk"
     )
 
 

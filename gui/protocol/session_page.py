@@ -32,6 +32,7 @@ from gui.protocol.run_tasks import (
     BAD,
     COMMITTED,
     ORDER_COLUMNS,
+    REPEATED,
     TRIAL_COLUMNS,
     AttemptRow,
     PlanSummary,
@@ -115,6 +116,8 @@ class AttemptModel(OrderModel):
         """Return a cell's text; a verdict is coloured too, beside its sign."""
         if role == Qt.ItemDataRole.ForegroundRole and index.column() == _VERDICT:
             theme, row = applied_theme(), self.rows[index.row()]
+            if row.verdict.startswith(REPEATED):
+                return QColor(theme.muted)
             return QColor(theme.ok if row.verdict == COMMITTED else theme.bad)
         return super().data(index, role)
 

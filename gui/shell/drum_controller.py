@@ -16,6 +16,7 @@ from gui.operate.event_log import action_name, action_result
 from gui.operate.operate_panel import OperatePanel, PromptPanel
 from gui.protocol.protocol_panel import ProtocolPanel
 from gui.widgets.data_ages import DataAges, data_ages
+from gui.widgets.plates import World, world_of
 from gui.widgets.theme import Theme
 from rigctl.engine.live_file import LiveReader
 from rigctl.engine.rpc.messages import EngineStatus, QueueStatus, parse_status
@@ -120,12 +121,15 @@ class DrumController(QObject):
         self.operate_panel.show_nothing()
         self.protocol_panel.show_status(EngineStatus())
         self.protocol_panel.set_rig("")
+        self._set_world(None)
         self.prompt_panel.show_prompt(None)
         was_connected, self._is_connected = self._is_connected, False
         if reason == NOT_CONNECTED:
             self.alarms.forget()
         elif was_connected:
             self.alarms.show_lost(reason)
+        if (engine := self.link.lost_engine) is not None:
+            self.toolbar.offer_again(engine)
         self.reported.emit("rig" if reason == NOT_CONNECTED else "lost", reason)
 
     def _tell_queue(self, reason: str) -> None:
@@ -148,8 +152,14 @@ class DrumController(QObject):
             self.live_page.add_event(float(message.get("at_s") or 0.0), kind, text, data)
         if kind == "ready":
             self.protocol_panel.set_rig(str(data.get("rig_toml") or ""))
+            self._set_world(world_of(data))
         if kind == "run" and (digest := data.get("digest")):
             self.reported.emit("digest", str(digest))
+
+    def _set_world(self, world: World) -> None:
+        """Name and draw the plates of the rig."""
+        for part in (self.operate_panel.bench, self.prompt_panel, self.protocol_panel):
+            part.set_world(world)
 
     def _on_status(self, status: EngineStatus) -> None:
         self._is_silent = False

@@ -453,9 +453,9 @@ class MainWindow(SteadyFocusWindow):
         self.memory.keep_texts(
             {
                 **self.protocol_panel.form.remembered,
+                **self.finger_tab.setup.remembered,
                 "record_in": self.operate_panel.record_box.folder,
                 "pictures_in": self.live_page.save_strip.folder,
-                "scans_in": self.finger_tab.setup.out,
                 "results_in": self.analysis_tab.panel.run_box.place,
             }
         )

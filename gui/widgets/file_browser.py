@@ -189,7 +189,7 @@ def _show_tooltip(place: QComboBox, text: str) -> None:
     place.setToolTip(text)
 
 
-_INSET_PX = 2
+_INSET_PX, _ICON_GAP_PX = 2, 4
 
 
 class ElidedComboBox(ComboBox):
@@ -207,7 +207,8 @@ class ElidedComboBox(ComboBox):
         part = QStyle.SubControl.SC_ComboBoxEditField
         place = self.style().subControlRect(QStyle.ComplexControl.CC_ComboBox, option, part, self)
         metrics, middle = self.fontMetrics(), Qt.TextElideMode.ElideMiddle
-        return metrics.elidedText(self.currentText(), middle, place.width() - _INSET_PX)
+        icon_px = 0 if option.currentIcon.isNull() else option.iconSize.width() + _ICON_GAP_PX
+        return metrics.elidedText(self.currentText(), middle, place.width() - _INSET_PX - icon_px)
 
     def set_own_tooltip(self, text: str) -> None:
         """Say what the list is for; the whole text stands above it."""
@@ -218,7 +219,7 @@ class ElidedComboBox(ComboBox):
         """Draw the box with the text that fits."""
         option, painter = QStyleOptionComboBox(), QStylePainter(self)
         self.initStyleOption(option)
-        option.currentText = self.shown_text()
+        option.currentText = self.shown_text() or self.placeholderText()
         painter.drawComplexControl(QStyle.ComplexControl.CC_ComboBox, option)
         painter.drawControl(QStyle.ControlElement.CE_ComboBoxLabel, option)
 

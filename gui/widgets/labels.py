@@ -204,8 +204,8 @@ class Strip(QFrame):
         self.text = label("", "heading", wraps=True)
         self.hide()
 
-    def lay_out(self, *buttons: QPushButton, warns: bool = True) -> None:
-        """Put the sentence and the buttons in a row."""
+    def lay_out(self, *buttons: QWidget, warns: bool = True) -> None:
+        """Put the sentence and the buttons, or what belongs to the sentence, in a row."""
         lamp = StatusLamp(18)
         lamp.set_level(Level.WARN)
         row = (lamp, self.text, *buttons) if warns else (self.text, *buttons)

@@ -122,7 +122,7 @@ def measure(path: Path) -> RigMeasurements:
             raise SessionError(f"{path}: no press to evaluate: run protocols/acceptance.toml")
         events = session.events
         committed = np.count_nonzero(trials["verdict"] == Verdict.COMMITTED.value)
-        missing = tuple(session.describe_missing())
+        missing = (*session.describe_missing(), *session.describe_repeated())
         header = session.header
         return RigMeasurements(
             path,

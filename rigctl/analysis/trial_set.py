@@ -340,11 +340,8 @@ def _moving_trials(
     """Return the committed trials with motion; append remarks on the others."""
     table = session.trials
     remarks += [f"{session.path}: {line}" for line in session.describe_missing()]
-    verdicts = Counter(table["verdict"].tolist())
-    del verdicts[Verdict.COMMITTED.value]
-    if verdicts:
-        counts = ", ".join(f"{n} {verdict}" for verdict, n in sorted(verdicts.items()))
-        remarks.append(f"{session.path}: attempts left out: {counts}")
+    remarks += [f"{session.path}: {line}" for line in session.describe_repeated()]
+    remarks += [f"{session.path}: {line}" for line in _uncounted(session)]
     if not session.finished:
         remarks.append(
             f"{session.path} is still being written or was not closed: trials committed so far"
@@ -355,6 +352,18 @@ def _moving_trials(
         ids = table["trial_id"][rows[still]].tolist()
         remarks.append(f"{session.path}: {_left_out(ids, 'no motion')}")
     return _references(session, rows[~still], number, first_file)
+
+
+def _uncounted(session: Session) -> Iterator[str]:
+    """Yield how many attempts the recorder did not commit, apart where another one counts."""
+    verdicts = enumerate(session.trials["verdict"].tolist())
+    failed = [(row, verdict) for row, verdict in verdicts if verdict != Verdict.COMMITTED]
+    repeated = session.repeated
+    for what, is_repeated in (("left out", False), ("repeated", True)):
+        counts = Counter(verdict for row, verdict in failed if (row in repeated) == is_repeated)
+        if counts:
+            each = ", ".join(f"{n} {verdict}" for verdict, n in sorted(counts.items()))
+            yield f"attempts {what}: {each}"
 
 
 def _references(

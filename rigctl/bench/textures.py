@@ -40,6 +40,8 @@ class Texture(NamedTuple):
 _VARIATIONS = ((1.0, 1.0), (2.0, 1.0), (1.0, 2.0), (0.5, 1.0), (1.0, 0.5))
 _GROUPS = (("circular ridges", "BCDEF"), ("rectangular ridges", "GHIJK"), ("waves", "LMNOP"))
 
+_RELATIVE = {2.0: "double", 0.5: "half"}
+
 CATALOGUE: dict[str, Texture] = {"A": Texture("A", "smooth", 0.0, 1.0)} | {
     letter: Texture(letter, group, height, space)
     for group, letters in _GROUPS
@@ -66,6 +68,22 @@ def find_texture(name: str, parameters: WorldParameters) -> Texture:
 def plate_names(parameters: WorldParameters) -> tuple[str, ...]:
     """Return the names of the catalogue's plates and of those that the world adds."""
     return tuple(dict.fromkeys((*CATALOGUE, *(plate.name for plate in parameters.plates))))
+
+
+def describe(plate: Texture, parameters: WorldParameters | None) -> str:
+    """Return the texture of a plate in a few words.
+
+    Without a world nobody knows its sizes: they are then relative to the base of the group.
+    """
+    if plate.group == "smooth":
+        return plate.group
+    if parameters is not None:
+        height_mm = parameters.base_height_mm * plate.height
+        space_mm = parameters.base_space_mm * plate.space
+        return f"{plate.group}, {height_mm:g} mm high, every {space_mm:g} mm"
+    sizes = {"height": plate.height, "spacing": plate.space}
+    relative = [f"{_RELATIVE[size]} {name}" for name, size in sizes.items() if size in _RELATIVE]
+    return ", ".join((plate.group, *relative))
 
 
 def printed_heights(

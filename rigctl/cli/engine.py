@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
         args.rig, seed=args.seed, paced=args.paced, world=_world(args), wirings=args.wire
     )
     with closing(rig):
-        process = EngineProcess(args.name, args.rig, is_bench=not rig.simulated)
+        process = EngineProcess(args.name, args.rig, is_bench=not rig.simulated, world=args.world)
         live = LiveWriter(process.live_path, rig.config.taxels.count)
         engine = Engine(rig, live, utc_now, real_time=args.paced or not rig.simulated)
         with closing(live):

@@ -38,7 +38,7 @@ from rigctl.protocol.plan import MAX_SEED
 
 
 class EngineProcess:
-    """Announces an engine to clients and serves them. ``rig``: what the user named.
+    """Announces an engine to clients and serves them. ``rig``, ``world``: what the user named.
 
     ``is_bench``: there is one rig of this name, so it has one engine at a time.
     Raises WrongUse for a name that is not safe, or that a running engine has, or for a bench that
@@ -46,11 +46,17 @@ class EngineProcess:
     """
 
     def __init__(
-        self, name: str | None, rig: str, experiment: str = DRUM_EXPERIMENT, is_bench: bool = False
+        self,
+        name: str | None,
+        rig: str,
+        experiment: str = DRUM_EXPERIMENT,
+        is_bench: bool = False,
+        world: Path | None = None,
     ) -> None:
         self._name = validate_engine_name(name) if name is not None else new_engine_name()
         self._folder = runtime_folder()
         self._rig = rig_name(rig)
+        self._world = str(world.resolve()) if world is not None else ""
         self._experiment = experiment
         running = running_engines(self._folder)
         if any(engine.name == self._name for engine in running):
@@ -92,9 +98,8 @@ class EngineProcess:
         address = listener.getsockname()
         path, port = (address, 0) if isinstance(address, str) else ("", address[1])
         live = str(self.live_path)
-        return EngineFile(
-            self._name, os.getpid(), port, token, self._rig, live, self._experiment, path
-        )
+        rig = self._rig, live, self._experiment
+        return EngineFile(self._name, os.getpid(), port, token, *rig, path, world=self._world)
 
 
 def add_engine_arguments(parser: argparse.ArgumentParser, protocol: str | None) -> None:

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 from rigctl.config.rig_config import DrumGeometry
 from rigctl.config.toml_edit import replace_file
+from rigctl.encoder.reading import Reading
 from rigctl.engine.calibration_values import (
     FORCE,
     IMBALANCE,
@@ -29,6 +30,7 @@ from rigctl.engine.calibrator import (
     Calibrator,
     force_values,
     loadcell_values,
+    range_values,
     wiring_values,
 )
 from rigctl.engine.load_cell_scale import MassReadings
@@ -145,7 +147,15 @@ def usual_duration_s(part: str, drum: DrumGeometry) -> float:
     return READING_S[part]
 
 
-NO_RIG_FILE = "a simulated rig has no rig.toml: the order is not saved"
+NO_RIG_FILE = "a simulated rig has no rig.toml: {what} is not saved"
+OTHER_ORDER = (
+    "the order of the taxels was saved since: disconnect, connect again, measure the range, "
+    "then save it"
+)
+NO_COUNTS = (
+    "rig.toml has ranges in counts and these are of conductance: they hold until the rig "
+    "disconnects"
+)
 _Result = TypeVar("_Result")
 CONNECT_AGAIN = "the order holds from the next connection on: disconnect, then connect again"
 
@@ -163,6 +173,7 @@ class Calibration:
         self._masses = MassReadings()
         self._gains: ForceLoopGains | None = None
         self._range: TaxelRange | None = None
+        self._range_force_g = 0.0
         self._imbalance_g: list[float] = []
         self._tare_places: dict[str, float] = {}
         self._places_before: dict[str, float] = {}
@@ -212,7 +223,8 @@ class Calibration:
         self.measurement.require_ready()
         self._check_taxels()
         self._calibrator.require_force(force_g)
-        self._range = None
+        self._range, self._range_force_g = None, force_g
+        self._saved.pop(RANGE, None)
         return await self._measure(RANGE, self._measure_range(force_g))
 
     async def measure_imbalance(self) -> list[float]:
@@ -269,7 +281,7 @@ class Calibration:
         values = self._values(part)
         path = self._rig.path if values.keys else None
         text = values.edited(path) if path else ""
-        places, remark = [] if part == WIRING else [BOARD], values.remark
+        places, remark = [] if part in (WIRING, RANGE) else [BOARD], values.remark
         if places:
             self.measurement.require_ready()
             saving = self._calibrator.save_settings(**values.settings)
@@ -277,6 +289,8 @@ class Calibration:
             self._use(values)
         if path:
             _write(path, text, places)
+            if part == RANGE:
+                self._use(values)
             places.append(str(path))
             if part != LOADCELL or await self._boards.motion.is_commissioned():
                 note_calibration(path, values.table, values.keys)
@@ -369,20 +383,32 @@ class Calibration:
             return CalibratedValues(self._tare_places)
         if part == WIRING and self._steps.wiring:
             return self._wiring_values()
+        if part == RANGE and self._range is not None and not self._range.problem:
+            return self._range_values(self._range)
         raise WrongUse(f"nothing of {part} has been measured: measure it first, then save it")
+
+    def _range_values(self, found: TaxelRange) -> CalibratedValues:
+        if self._rig.path is None:
+            raise WrongUse(NO_RIG_FILE.format(what="the range"))
+        if self._has_saved_order:
+            raise WrongUse(OTHER_ORDER)
+        if self._boards.encoder.parameters.reading is not Reading.COUNTS:
+            raise WrongUse(NO_COUNTS)
+        return range_values(found, self._range_force_g, self._today())
 
     def _wiring_values(self) -> CalibratedValues:
         if self._rig.path is None:
-            raise WrongUse(NO_RIG_FILE)
+            raise WrongUse(NO_RIG_FILE.format(what="the order"))
         values = wiring_values(self._rig.config.taxels, self._steps.wiring)
         return replace(values, remark="; ".join(filter(None, (values.remark, CONNECT_AGAIN))))
 
     def _use(self, values: CalibratedValues) -> None:
-        """Let the engine use what the board has from now on."""
+        """Let the engine use from now on what is saved."""
         if not values.keys:
             return
         config = self._rig.config
-        table = replace(getattr(config, values.table), **values.keys)
+        keys = {name: tuple(v) if isinstance(v, list) else v for name, v in values.keys.items()}
+        table = replace(getattr(config, values.table), **keys)
         changed: Any = {values.table: table}
         self._rig.config = self._boards.motion.config = replace(config, **changed)
 

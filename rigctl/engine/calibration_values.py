@@ -10,7 +10,7 @@ from rigctl.values import DRAWN_WIRING
 
 LOADCELL, FORCE, IMBALANCE, WIRING = PARTS = ("loadcell", "force", "imbalance", "wiring")
 RANGE = "range"
-"""The part that is measured for the encoder and saved nowhere."""
+"""The part that is measured for the encoder; the board has nothing of it."""
 LEAST_RATIO = 4
 """A range that is narrower, in spans of the untouched sensor, would let the noise fire."""
 
@@ -114,6 +114,12 @@ class CalibrationStatus:
     saved: Mapping[str, str] = field(default_factory=dict)
     rig_file: str = ""
     """The rig.toml that takes the results of a bench, empty for a simulated rig."""
+
+    @property
+    def has_unsaved_range(self) -> bool:
+        """Whether the ranges of a press are in use, and not in rig.toml."""
+        found = self.taxel_range
+        return found is not None and not found.problem and RANGE not in self.saved
 
 
 def scale_words(ug_per_count: int, nonlinearity_share: float) -> str:

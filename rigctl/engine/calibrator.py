@@ -16,7 +16,7 @@ from rigctl.config.rig_config import TaxelArray, parse_config
 from rigctl.config.text_file import read_text
 from rigctl.config.toml_edit import Value, set_keys
 from rigctl.config.toml_reader import MAX_BYTES
-from rigctl.engine.calibration_values import ForceLoopGains, LoadCellScale, MassReading
+from rigctl.engine.calibration_values import ForceLoopGains, LoadCellScale, MassReading, TaxelRange
 from rigctl.engine.contact import PRESSING_STATES, has_status
 from rigctl.engine.motion import DrumMotion
 from rigctl.engine.poller import DrumPoller
@@ -72,6 +72,16 @@ def force_values(gains: ForceLoopGains) -> CalibratedValues:
     return CalibratedValues({"gain_p": gain_p, "gain_i": gain_i}, "actuator", keys)
 
 
+def range_values(found: TaxelRange, force_g: float, day: str) -> CalibratedValues:
+    """Return the range of each taxel that a press with ``force_g`` on ``day`` has shown."""
+    keys: dict[str, Value] = {
+        "low": list(found.low),
+        "high": list(found.high),
+        "range_from": f"{day}, a press with {force_g:g} g over the plate",
+    }
+    return CalibratedValues(table="taxels", keys=keys)
+
+
 def wiring_values(before: TaxelArray, wiring: tuple[int, ...]) -> CalibratedValues:
     """Return the order of the taxels; the ranges of a known order move with their readings."""
     keys: dict[str, Value] = {"wiring": list(wiring)}
@@ -79,6 +89,7 @@ def wiring_values(before: TaxelArray, wiring: tuple[int, ...]) -> CalibratedValu
         return CalibratedValues(table="taxels", keys=keys)
     if not before.wiring:
         keys |= {"low": [], "high": []}
+        keys["range_from"] = ""
         return CalibratedValues(table="taxels", keys=keys, remark=RANGES_REMOVED)
     places = [before.wiring.index(reading) for reading in wiring]
     keys["low"] = [before.low[place] for place in places]

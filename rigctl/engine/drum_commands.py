@@ -74,6 +74,7 @@ Note = Annotated[str, Meta(max_length=500, pattern=r"\A[^\x00-\x1f\x7f]*\Z")]
 MAX_LOAD_G = 1e6
 Mass = Annotated[float, Meta(ge=0, le=MAX_LOAD_G)]
 Part = Literal["loadcell", "force", "imbalance", "wiring"]
+SavedPart = Literal["loadcell", "force", "imbalance", "wiring", "range"]
 AnswerText = Annotated[str, Meta(max_length=40)]
 
 
@@ -231,7 +232,7 @@ class DrumCommands(EngineCommands[Engine]):
         """Ask for the last place of the identification again."""
         self._calibration().undo_press()
 
-    async def on_save_calibration(self, part: Part) -> Result:
+    async def on_save_calibration(self, part: SavedPart) -> Result:
         """Save what was measured on the board and in ``rig.toml``; return where."""
         calibration = self._calibration()
         if self._engine.manual.is_recording:

@@ -140,7 +140,7 @@ class Engine(ServedEngine[Run, RunRequest]):
         """Return the status message."""
         recording, run = RecordingStatus(), RunStatus()
         if self.run is not None:
-            recording = self.run.disk_monitor.status(self.boards.pipeline.is_recording)
+            recording = self.run.recording_status(self.boards.pipeline.is_recording)
             run = self.run.status()
         recording = self.manual.status() or recording
         queue = self.queue.status(run)
@@ -177,7 +177,8 @@ class Engine(ServedEngine[Run, RunRequest]):
         return check_note(SessionNote(made.strftime("%Y-%m-%dT%H:%M:%SZ"), text.strip()))
 
     def _describe(self) -> dict[str, Any]:
-        return {**super()._describe(), "rig_toml": self.rig.config.to_toml()}
+        rig = {"rig_toml": self.rig.config.to_toml(), "world": self.rig.world}
+        return {**super()._describe(), **rig}
 
     async def _connect(self) -> None:
         await self.boards.connect()

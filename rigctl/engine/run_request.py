@@ -28,13 +28,30 @@ from rigctl.session.session import Session, ended_early
 from rigctl.values import ABOUT, BoardIdentity
 
 
-class RunRequest(Struct, frozen=True, forbid_unknown_fields=True):
+class SaidOfSession(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What people say of a session at its start, kept in it.
+
+    ``operator`` and ``sensor`` replace those of the rig's file.
+    """
+
+    operator: NameText = ""
+    sensor: NameText = ""
+    plate_lot: NameText = ""
+    project: NameText = ""
+    remarks: NoteText = ""
+
+    @property
+    def about(self) -> dict[str, str]:
+        """What was said, by attribute; without what was left empty."""
+        said = {name: getattr(self, name).strip() for name in ABOUT}
+        return {name: text for name, text in said.items() if text}
+
+
+class RunRequest(SaidOfSession, frozen=True, forbid_unknown_fields=True):
     """A protocol to run into a new folder, or a session to resume.
 
     ``seed`` replaces the protocol's own; ``out`` and ``resume`` are folders; ``yes`` answers
-    every question on a simulated rig. ``operator`` and ``sensor`` replace those of ``rig.toml``;
-    they, ``plate_lot``, ``project`` and ``remarks`` are kept in the session. ``notes`` becomes the
-    first note of the sitting.
+    every question on a simulated rig. ``notes`` becomes the first note of the sitting.
     """
 
     protocol: PathText | None = None
@@ -42,22 +59,11 @@ class RunRequest(Struct, frozen=True, forbid_unknown_fields=True):
     resume: PathText | None = None
     seed: Seed | None = None
     yes: bool = False
-    operator: NameText = ""
-    sensor: NameText = ""
-    plate_lot: NameText = ""
-    project: NameText = ""
-    remarks: NoteText = ""
     notes: NoteText = ""
 
     def __post_init__(self) -> None:
         if (self.protocol is None) == (self.resume is None):
             raise WrongUse("give a protocol to run or a session to resume, not both")
-
-    @property
-    def about(self) -> dict[str, str]:
-        """What was said of the session, by attribute; without what was left empty."""
-        said = {name: getattr(self, name).strip() for name in ABOUT}
-        return {name: text for name, text in said.items() if text}
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,11 +5,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from rigctl.engine.event_bus import EventBus
 from rigctl.engine.health import DiskMonitor
+from rigctl.engine.rpc.messages import RecordingStatus
 from rigctl.engine.run_reasons import SESSION_OUTCOMES, RunReasons
 from rigctl.session.recorder import SessionRecorder
 
@@ -53,6 +55,14 @@ class ServedRun(ABC, Generic[_Control, _Recorder]):
         if self.control.prompt is not None:
             return "prompt"
         return "paused" if self.control.reasons else "running"
+
+    def recording_status(self, is_recording: bool) -> RecordingStatus:
+        """Return what has reached the disk; after the end nobody measures the space that is left.
+
+        ``is_recording``: samples go to the recorder now.
+        """
+        found = self.disk_monitor.status(is_recording)
+        return replace(found, disk_free_bytes=0, hours_left=None) if self.ended else found
 
     @abstractmethod
     def status(self) -> Any:

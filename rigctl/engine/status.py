@@ -87,6 +87,7 @@ class StatusBuilder:
             taxel_inputs=self._rig.config.taxels.inputs,
             limits=self._rig.config.limits,
             has_taxel_range=boards.has_taxel_range,
+            range_from=self._rig.config.taxels.range_from,
             loadcell_calibrated=self._rig.config.loadcell.calibrated,
             scale_ug_per_count=self._rig.config.loadcell.scale_ug_per_count,
             has_taxel_order=self._calibration.has_taxel_order,

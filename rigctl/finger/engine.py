@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from rigctl.engine.health import age_s
 from rigctl.engine.rpc.messages import LINK, BoardStatus, RecordingStatus
@@ -43,12 +44,15 @@ class FingerEngine(ServedEngine[FingerRun, FingerRunRequest]):
                 run.control.pause(_reason(device))
         return self._begin(run)
 
+    def _describe(self) -> dict[str, Any]:
+        return {**super()._describe(), "world": self.rig.world}
+
     def status(self) -> FingerEngineStatus:
         """Return the status message."""
         now_s, devices, rig = self._now_s(), self.devices, self.rig
         recording, run = RecordingStatus(), FingerRunStatus()
         if self.run is not None:
-            recording = self.run.disk_monitor.status(self.run.is_recording)
+            recording = self.run.recording_status(self.run.is_recording)
             run = self.run.status()
         position, board = devices.estimator.latest, devices.board_status
         return FingerEngineStatus(

@@ -20,7 +20,14 @@ from rigctl.config.toml_reader import (
 )
 from rigctl.errors import ProtocolError
 from rigctl.finger.values import FingerTrial, Stage, VelocityProfile
-from rigctl.protocol.fields import ORDER_SEED, ORDERS, TEXTURES, FieldGroup, name_group
+from rigctl.protocol.fields import (
+    CATALOGUE_WORDS,
+    ORDER_SEED,
+    ORDERS,
+    TEXTURES,
+    FieldGroup,
+    name_group,
+)
 from rigctl.protocol.plan import checked_seed, digest_of, shuffled
 
 MAX_SCANS = 20_000
@@ -71,7 +78,7 @@ SCANS_GROUP = FieldGroup(
     "Scans",
     "",
     (
-        replace(TEXTURES, doc="names of the plates, two or more", default=None),
+        replace(TEXTURES, doc=f"names of the plates, two or more: {CATALOGUE_WORDS}", default=None),
         TomlField(
             "profiles", FieldType.CHOICES,
             "velocity profiles of the scans: `slow`, `medium`, `fast`, `slow-to-fast`, "

@@ -127,6 +127,7 @@ class FingerRun(ServedRun[FingerControl, FingerRecorder]):
             trial.repeat,
             self._attempts[trial.trial_id],
             self._attempt.scanning,
+            trial.trial_id,
         )
 
     async def _run_plan(self) -> tuple[str, str]:
@@ -252,7 +253,9 @@ class FingerRun(ServedRun[FingerControl, FingerRecorder]):
         self._attempt = attempt
         self.output.begin_scan()
         text = f"plate {trial.texture}, {trial.profile.value}: slide over the plate"
-        self._event_bus.publish("instruction", text, texture=trial.texture, profile=trial.profile)
+        about = {"trial_id": trial.trial_id, "attempt": self._attempts[trial.trial_id]}
+        plate = {"texture": trial.texture, "profile": trial.profile}
+        self._event_bus.publish("instruction", text, **about, **plate)
         try:
             reasons = await attempt.run(self.control, self._opened.plan.protocol.quality)
         except (RunPaused, RunStopped, RigFault) as interruption:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from msgspec import Meta, Struct
+from msgspec import Meta
 
 from rigctl.config.resources import find_finger_protocol
 from rigctl.config.text_file import refuse_link_outside
@@ -18,6 +18,7 @@ from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import DEFAULT
 from rigctl.engine.rpc.commands import PathText, Seed, Word
 from rigctl.engine.run_request import (
+    SaidOfSession,
     check_disk_space,
     check_same_rig,
     chosen_folder,
@@ -44,7 +45,7 @@ MODEL_KIND = "model"
 Share = Annotated[float, Meta(gt=0, lt=1)]
 
 
-class FingerRunRequest(Struct, frozen=True, forbid_unknown_fields=True):
+class FingerRunRequest(SaidOfSession, frozen=True, forbid_unknown_fields=True):
     """Stages of a protocol to record into a new folder, or a session to resume.
 
     ``stages``: names. ``model``: a file, needed by the stages calibrate and run. ``out`` and
@@ -70,6 +71,11 @@ class FingerRunRequest(Struct, frozen=True, forbid_unknown_fields=True):
         for stage in self.stages:
             if stage not in known:
                 raise WrongUse(f"there is no stage {stage}: the stages are {', '.join(known)}")
+
+    def about_session(self, rig: FingerRig) -> dict[str, str]:
+        """Return what the session says of itself: what the rig's file says, unless told here."""
+        about = rig.config.about
+        return {"operator": about.operator, "sensor": about.sensor, **self.about}
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,10 +125,11 @@ def open_finger_run(
     protocol = load_finger_protocol(find_finger_protocol(request.protocol))
     rig.check_plates(protocol.textures)
     plan = protocol.plan([Stage(name) for name in request.stages], request.seed)
-    classifier = _classifier(plan, request, rig.config.about.sensor)
+    about = request.about_session(rig)
+    classifier = _classifier(plan, request, about["sensor"])
     folder = chosen_folder(request.out, start_utc, f"finger-{request.stages[-1]}")
     check_disk_space(folder, plan.bytes_estimate)
-    header = _header(plan, rig, board, start_utc, classifier)
+    header = _header(plan, rig, board, start_utc, classifier, about)
     recorder = _open_recorder(folder, header, protocol.text, rig, resume=False)
     return OpenedFingerRun(
         plan,
@@ -155,13 +162,14 @@ def _resume(
         named = _named_scans(session)
         models = session.events_of(MODEL_KIND)
         rejected = int(np.sum(session.trials["verdict"] == Verdict.REJECTED.value))
-    _check_rig(folder, header, rig)
+    about = request.about_session(rig)
+    _check_rig(folder, header, rig, about["sensor"])
     refuse_link_outside(folder / layout.PROTOCOL_FILE)
     protocol = load_finger_protocol(folder / layout.PROTOCOL_FILE)
     plan = protocol.plan([Stage(name) for name in header.stages], header.seed)
     if len(done) == len(plan.trials):
         raise SessionError(f"{folder} is complete: every planned scan is committed")
-    classifier = _classifier(plan, request, rig.config.about.sensor)
+    classifier = _classifier(plan, request, about["sensor"])
     if classifier and ranges and not ranges.has_ranges_of(classifier.model.normalisation):
         raise WrongUse(
             f"{folder} was begun with another model than {request.model}: its taxel ranges differ"
@@ -174,7 +182,7 @@ def _resume(
         )
     remaining = 1 - len(done) / len(plan.trials)
     check_disk_space(folder, round(remaining * plan.bytes_estimate))
-    new = _header(plan, rig, board, start_utc, classifier)
+    new = _header(plan, rig, board, start_utc, classifier, about)
     recorder = _open_recorder(folder, new, protocol.text, rig, resume=True)
     unattended = request.yes and rig.simulated
     return OpenedFingerRun(
@@ -201,13 +209,13 @@ def model_digest(path: str | None) -> str:
     return hashlib.sha256(Path(path).read_bytes()).hexdigest() if path else ""
 
 
-def _check_rig(folder: Path, header: SessionHeader, rig: FingerRig) -> None:
+def _check_rig(folder: Path, header: SessionHeader, rig: FingerRig, sensor: str) -> None:
     """Raise SessionError where another rig, sensor or simulated world began the session."""
     check_same_rig(folder, header, rig.kind, rig.world)
-    if header.sensor != rig.config.about.sensor:
+    if header.sensor != sensor:
         raise SessionError(
-            f"{folder} was recorded with the sensor {header.sensor!r}, this rig has "
-            f"{rig.config.about.sensor!r}: resume it with its own, or start a new session"
+            f"{folder} was recorded with the sensor {header.sensor!r}, this rig has {sensor!r}: "
+            "resume it with its own (name it as at the start), or start a new session"
         )
 
 
@@ -255,7 +263,7 @@ def _check_model(model: FingerModel, plan: FingerPlan, path: str, sensor: str) -
     if model.sensor != sensor:
         raise WrongUse(
             f"{path} was trained with the sensor {model.sensor!r}, this rig has {sensor!r}: train "
-            "a model for it, or correct about.sensor"
+            "a model for it, or correct the sensor's name (about.sensor, or as given at the start)"
         )
     reference = round(1000 * plan.protocol.reference_mm_s)
     if model.reference_um_per_s != reference:
@@ -281,6 +289,7 @@ def _header(
     board: BoardIdentity,
     start_utc: str,
     classifier: FingerClassifier | None,
+    about: Mapping[str, str],
 ) -> SessionHeader:
     ranges = classifier.model.normalisation if classifier is not None else None
     stages = dict.fromkeys(trial.stage.value for trial in plan.trials)
@@ -291,8 +300,7 @@ def _header(
         start_utc=start_utc,
         start_loop_s=rig.loop.time(),
         boards=(board,),
-        operator=rig.config.about.operator,
-        sensor=rig.config.about.sensor,
+        **about,
         encoder_preset=DEFAULT.name,
         n_taxels=N_TAXELS,
         sensor_layout=SensorLayout.default(N_TAXELS),

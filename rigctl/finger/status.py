@@ -20,7 +20,10 @@ NOMINAL_QUALITY = ScanQuality()
 
 @dataclass(frozen=True, slots=True)
 class CurrentScan:
-    """The trial that is to be made: which plate, how fast, which attempt."""
+    """The trial that is to be made: which plate, how fast, which attempt.
+
+    ``trial_id``: its number in the planned order, from 1, which every table and text names it by.
+    """
 
     stage: str = ""
     texture: str = "?"
@@ -28,6 +31,7 @@ class CurrentScan:
     repeat: int = 0
     attempt: int = 0
     scanning: bool = False
+    trial_id: int = 0
 
 
 @dataclass(frozen=True, slots=True)

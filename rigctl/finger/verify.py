@@ -312,7 +312,7 @@ def _check_scan_numbers(trials: StructuredArray) -> Iterator[str]:
     counts = Counter(trials["scan"][trials["first_counter"] >= 0].tolist())
     for scan, count in counts.items():
         if count > 1:
-            yield f"scan {scan} is that of {count} attempts"
+            yield f"the board's scan {scan} is that of {count} attempts"
 
 
 def check_finger_plan(session: FingerSession) -> list[str]:

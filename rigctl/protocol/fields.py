@@ -119,8 +119,9 @@ NAME = TomlField(
 DESCRIPTION = TomlField(
     "description", FieldType.TEXT, "for people", "", most=MAX_DESCRIPTION_LETTERS, has_lines=True
 )
+CATALOGUE_WORDS = "A smooth, B–F circular ridges, G–K rectangular ridges, L–P waves"
 TEXTURES = TomlField(
-    "textures", FieldType.NAMES, "names of the plates, up to 16 bytes each", (),
+    "textures", FieldType.NAMES, f"names of the plates, up to 16 bytes each: {CATALOGUE_WORDS}", (),
     most=MAX_TEXTURES, longest_bytes=TEXTURE_BYTES, title="Plates",
 )  # fmt: skip
 ORDER_SEED = TomlField(

@@ -6,7 +6,7 @@ A part that cannot be read takes its own trials with it, and nothing else.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, Self
@@ -237,17 +237,26 @@ class SessionReader:
             lines.append(f"{len(self.missing_parts) - MAX_LISTED} more parts are missing")
         lines += [line for part in self.parts for line in part.describe_cut()]
         lines += damaged_notes(self.path)
+        return lines + self._describe(
+            self.left_out.keys() - self.repeated, "is left out", "are left out"
+        )
+
+    def describe_repeated(self) -> list[str]:
+        """Return a sentence for each group of trials that do not count and were repeated."""
+        return self._describe(self.left_out.keys() & self.repeated, "was repeated", "were repeated")
+
+    def _describe(self, rows: Iterable[int], one: str, many: str) -> list[str]:
+        """Return a sentence for the trials of each part and reason; ``one``, ``many``: the verb."""
         by_reason: dict[tuple[int, str], list[int]] = {}
-        for index, reason in self.left_out.items():
-            row = self.trials[index]
+        for index in sorted(rows):
+            row, reason = self.trials[index], self.left_out[index]
             by_reason.setdefault((int(row["part"]), reason), []).append(int(row["trial_id"]))
-        lines += [
-            f"{part_name(part)}: trial {_list_ids(ids)} is left out: {reason}"
+        return [
+            f"{part_name(part)}: trial {_list_ids(ids)} {one}: {reason}"
             if len(ids) == 1
-            else f"{part_name(part)}: {len(ids)} trials are left out ({_list_ids(ids)}): {reason}"
+            else f"{part_name(part)}: {len(ids)} trials {many} ({_list_ids(ids)}): {reason}"
             for (part, reason), ids in sorted(by_reason.items())
         ]
-        return lines
 
     def leave_out(self, reasons: Mapping[int, str]) -> None:
         """Leave out further trials, by their index, with the reason that a sentence ends with."""
@@ -313,6 +322,14 @@ class SessionReader:
         indices = np.flatnonzero(committed)
         order = np.argsort(self.trials["trial_id"][indices], kind="stable")
         return indices[order].astype(np.int64)
+
+    @property
+    def repeated(self) -> frozenset[int]:
+        """The attempts that do not count while another one at their trial does, by index."""
+        counted = self.committed()
+        others = np.isin(self.trials["trial_id"], self.trials["trial_id"][counted])
+        others[counted] = False
+        return frozenset(np.flatnonzero(others).tolist())
 
     def trial_notes(self) -> dict[int, str]:
         """Return what people noted on attempts, by index; also notes written during one."""

@@ -10,6 +10,8 @@ from rigctl.session.session_reader import SessionReader
 
 COUNTS, WHY_NOT, NOTES, SIMULATED = "counts", "why_not", "notes", "simulated"
 """Columns behind those of the table of trials."""
+REPEATED = "repeated"
+"""What ``why_not`` says of an attempt where another one at its trial counts."""
 
 
 def write_trials(session: Path, out: Path) -> None:
@@ -29,12 +31,12 @@ def write_trials(session: Path, out: Path) -> None:
 def _rows(session: SessionReader) -> list[tuple[object, ...]]:
     counted = set(session.committed().tolist())
     simulated = "yes" if session.header.simulated else "no"
-    left_out, notes = session.left_out, session.trial_notes()
+    left_out, repeated, notes = session.left_out, session.repeated, session.trial_notes()
     return [
         (
             *row,
             "yes" if index in counted else "no",
-            left_out.get(index, ""),
+            "; ".join(filter(None, (left_out.get(index), REPEATED if index in repeated else ""))),
             notes.get(index, ""),
             simulated,
         )

@@ -119,7 +119,7 @@ def test_other_layouts_and_empty_sets_are_refused_by_name(tmp_path: Path) -> Non
         represent(join_sessions([torn]), DEFAULT, tmp_path)
 
 
-def test_aborted_attempts_have_a_remark(tmp_path: Path) -> None:
+def test_aborted_attempts_that_were_repeated_have_a_remark(tmp_path: Path) -> None:
     folder = tmp_path / "session"
     with Recorder(folder, header(), PROTOCOL, RIG) as recorder:
         recorder.begin_part("start", "A")
@@ -129,6 +129,6 @@ def test_aborted_attempts_have_a_remark(tmp_path: Path) -> None:
         for trial in trials:
             bench.trial(trial, attempt=2)
     joined = join_sessions([folder])
-    assert any("attempts left out: 1 aborted" in remark for remark in joined.remarks)
+    assert any("attempts repeated: 1 aborted" in remark for remark in joined.remarks)
     assert len(joined.trials) == len(trials)
     assert joined.provenance[0]["firmware"] == {"taxels": "1.0 0badcafe"}

@@ -23,6 +23,7 @@ from rigctl.bench.parameters import WorldParameters
 from rigctl.bench.simulated_rig import LoadcellFault
 from rigctl.bench.textures import CATALOGUE, printed_heights
 from rigctl.encoder.reading import conductance, input_of_each
+from rigctl.protocol.fields import CATALOGUE_WORDS
 from rigctl.values import DRAWN_WIRING
 
 QUIET = WorldParameters(
@@ -343,6 +344,11 @@ def test_the_catalogue_has_sixteen_plates_with_their_heights_and_spacings() -> N
     p = WorldParameters()
     along = np.arange(0.0, 60.0, 0.01)
     assert "".join(CATALOGUE) == "ABCDEFGHIJKLMNOP"
+    for words in CATALOGUE_WORDS.split(", "):
+        letters, _, group = words.partition(" ")
+        first, _, last = letters.partition("–")
+        ends = CATALOGUE[first], CATALOGUE[last or first]
+        assert {plate.group for plate in ends} == {group}
     for letter, plate in CATALOGUE.items():
         heights = printed_heights(plate, along, p)
         assert heights.max() == pytest.approx(p.base_height_mm * plate.height, abs=1e-3)

@@ -6,10 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from rigctl.finger.model_file import load_finger_model
 from rigctl.finger.run_request import FingerRunRequest
+from rigctl.session.summary import summarise_session
 from rigctl.session.verify import verify
+from rigctl.values import ABOUT
 from tests.finger.conftest import Trained
 from tests.finger.harness import (
     ONE_SCAN,
@@ -87,6 +90,15 @@ def test_a_model_keeps_what_it_was_trained_with(trained: Trained) -> None:
     plain = load_finger_model(trained.training / "model-original.h5")
     assert plain.representation == "Original"
     assert plain.calibration is None
+
+
+def test_what_is_said_of_a_session_is_kept_in_it(tmp_path: Path) -> None:
+    said = {"operator": "Kim", "sensor": "S2", "plate_lot": "PLA 3", "project": "pilot"}
+    with open_finger_harness(tmp_path) as harness:
+        request = replace(harness.request(protocol=ONE_SCAN), **said, remarks=" cold room ")
+        harness.record(request)
+        summary = summarise_session(harness.session)
+        assert {name: summary[name] for name in ABOUT} == {**said, "remarks": "cold room"}
 
 
 def test_the_same_seed_records_the_same_spikes(tmp_path: Path) -> None:

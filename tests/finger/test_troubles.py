@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 
-from rigctl.errors import WrongUse
+from rigctl.errors import SessionError, WrongUse
 from rigctl.finger.bench.virtual import FingerFaults
 from rigctl.finger.devices import TrackingLoss
 from rigctl.finger.model_file import FingerModel, load_finger_model, save_finger_model
@@ -67,6 +68,10 @@ def test_a_spoilt_scan_is_refused_with_its_reason_and_repeated(
     reasons = _record_with(harness, fault)
     assert reason in reasons[0]
     assert reasons[-1] == ""
+    asked = [event.data for event in harness.events if event.kind == "instruction"]
+    with open_finger_session(harness.session) as session:
+        for name in ("trial_id", "attempt"):
+            assert [data[name] for data in asked] == session.trials[name].tolist()
 
 
 def test_a_short_stop_is_no_fault(harness: FingerHarness) -> None:
@@ -229,6 +234,17 @@ def test_a_session_is_resumed_with_its_own_sensor_and_model(
         request = FingerRunRequest(resume=str(begun), model=str(model), yes=True)
         with pytest.raises(WrongUse, match=message):
             _open(again, request)
+
+
+def test_a_session_is_resumed_with_the_sensor_that_was_named_at_its_start(tmp_path: Path) -> None:
+    with open_finger_harness(tmp_path) as first:
+        first.record(structs.replace(first.request(protocol=ONE_SCAN), sensor="S2"))
+    resume = FingerRunRequest(resume=str(first.session), yes=True)
+    with open_finger_harness(tmp_path / "again") as again:
+        with pytest.raises(SessionError, match="with the sensor 'S2', this rig has ''"):
+            _open(again, resume)
+        with pytest.raises(SessionError, match="is complete"):
+            again.engine.start(structs.replace(resume, sensor="S2"))
 
 
 def test_a_calibration_of_other_ranges_is_refused(trained: Trained, tmp_path: Path) -> None:

@@ -54,6 +54,7 @@ RUNNING: dict[str, Any] = {
         "repeat": 1,
         "attempt": 1,
         "scanning": False,
+        "trial_id": 12,
     },
 }
 
@@ -68,10 +69,13 @@ class FakeFinger(FakeClient):
         self._writer.set_range(np.full(9, 20, np.uint16), np.full(9, 220, np.uint16))
         super().__init__(folder / "finger-live", STATUS, self._writer)
 
-    def send_instruction(self, texture: str, profile: str) -> None:
+    def send_instruction(
+        self, texture: str, profile: str, trial_id: int = 1, attempt: int = 1
+    ) -> None:
         """Ask the operator for a slide."""
         text = f"plate {texture}, {profile}: slide over the plate"
-        self.send_event("instruction", text, texture=texture, profile=profile)
+        about = {"trial_id": trial_id, "attempt": attempt}
+        self.send_event("instruction", text, texture=texture, profile=profile, **about)
 
     def send_batch(self, number: int, velocity_mm_s: float, distance_mm: float) -> None:
         """Send that the batch ``number``, from 1, is scaled."""

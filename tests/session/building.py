@@ -9,7 +9,9 @@ import numpy as np
 from rigctl.protocol.loader import parse_protocol
 from rigctl.protocol.plan import Plan
 from rigctl.session.header import SessionHeader
+from rigctl.session.notes import Mark, SessionNote
 from rigctl.session.recorder import Recorder
+from rigctl.session.session import add_note
 from rigctl.values import (
     Block,
     BoardIdentity,
@@ -162,6 +164,21 @@ class SyntheticRig:
             self.rec.add_block(block(self.counter, size, sync=sync, rises=self.rises))
             self.counter += size
             count -= size
+
+
+def record_repeats(folder: Path) -> None:
+    """Record the small plan; the first trial was rejected and the second marked bad, both again."""
+    with recorder(folder) as rec:
+        source, (first, second, *others) = SyntheticRig(rec), plan().trials
+        rec.begin_part("start", first.texture)
+        source.trial(first, Verdict.REJECTED)
+        source.trial(first, attempt=2)
+        source.trial(second)
+        source.trial(second, attempt=2)
+        for trial in others:
+            source.trial(trial)
+    note = SessionNote("2026-11-21T12:30:00Z", "slipped", second.trial_id, 1, Mark.BAD)
+    add_note(folder, note)
 
 
 def record_plan(folder: Path, of: Plan | None = None) -> Plan:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -13,9 +14,10 @@ from rigctl.cli import main
 from rigctl.errors import SessionError
 from rigctl.session.notes import Mark, SessionNote, read_notes
 from rigctl.session.session import Session, add_note
-from rigctl.session.summary import summarise_session
+from rigctl.session.summary import read_line, summarise_session
+from rigctl.session.trial_csv import write_trials
 from rigctl.session.verify import verify
-from tests.session.building import SyntheticRig, plan, recorder
+from tests.session.building import SyntheticRig, plan, record_repeats, recorder
 
 NOON = "2026-11-23T12:00:00Z"
 
@@ -58,6 +60,31 @@ def test_a_trial_marked_bad_does_not_count_and_the_mark_can_be_taken_back(sessio
     later = SessionNote("2026-11-23T12:00:01Z", "it had not", 2, 1, Mark.GOOD)
     add_note(session, later)
     assert committed_ids(session) == before
+
+
+def test_a_trial_that_was_repeated_is_not_left_out(tmp_path: Path) -> None:
+    """Nothing is missing: the session was listed as incomplete, its reports told of trials out."""
+    session = tmp_path / "repeats"
+    record_repeats(session)
+    with Session.open(session) as opened:
+        assert opened.describe_missing() == [] and opened.repeated == {0, 2}
+        (line,) = opened.describe_repeated()
+    assert line == "part-0001.h5: trial 2 was repeated: marked bad: slipped"
+    assert (read_line(session).state, read_line(session).reason) == ("complete", "")
+    remarks = "\n".join(join_sessions([session]).remarks)
+    assert "attempts repeated: 1 rejected" in remarks and "left out" not in remarks
+    out = tmp_path / "trials.csv"
+    write_trials(session, out)
+    rows = list(csv.DictReader(out.read_text().splitlines()))
+    assert [row["why_not"] for row in rows[:4]] == [
+        *("repeated", "", "marked bad: slipped; repeated", ""),
+    ]
+    bad = SessionNote(NOON, "slipped, too", 2, 2, Mark.BAD)
+    add_note(session, bad)
+    with Session.open(session) as opened:
+        first, second = opened.describe_missing()
+        assert opened.describe_repeated() == []
+    assert "trial 2 is left out: marked bad: slipped" in first and "slipped, too" in second
 
 
 def test_a_damaged_note_is_named_and_marks_nothing(session: Path) -> None:

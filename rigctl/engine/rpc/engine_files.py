@@ -142,6 +142,8 @@ class EngineFile:
     socket: _Text = ""
     version: _Text = __version__
     """Of rigctl; clients of another version may stop the engine, and no more."""
+    world: _Text = ""
+    """Path of the world file of a simulated rig."""
 
 
 def rig_name(rig: str) -> str:

@@ -69,9 +69,9 @@ def reason_words(reasons: Iterable[str]) -> str:
 class RecordingStatus:
     """What has reached the disk.
 
-    ``active``: samples reached the disk within the last second. ``hours_left``: free space
-    divided by the recent write rate, None before anything is written. ``by_hand``: without
-    a protocol.
+    ``active``: samples reached the disk within the last second. ``disk_free_bytes``: 0 before and
+    after a recording. ``hours_left``: free space divided by the recent write rate, None before
+    anything is written. ``by_hand``: without a protocol.
     """
 
     active: bool = False
@@ -229,8 +229,9 @@ class EngineStatus:
 
     ``state``: None before it is known. ``fault``: value of ``Fault``.
     ``contact_may_stand``: the drum may rest on the sensor. ``estop_pressed``: it is pressed now, or
-    its wire is broken. ``has_taxel_range``: it is calibrated or measured. ``loadcell_calibrated``:
-    date and masses, empty for the nominal scale. ``last_block_age_s``, ``poll_age_s`` and
+    its wire is broken. ``has_taxel_range``: it is calibrated or measured; ``range_from``: where
+    rig.toml has its ranges from. ``loadcell_calibrated``: date and masses, empty for the nominal
+    scale. ``last_block_age_s``, ``poll_age_s`` and
     ``loadcell_age_s``: loop time since the newest data, None before any. ``limits``: set-points
     that the engine takes. ``loadcell_counts``, ``loadcell_sd_counts``: mean and spread of the
     last second, None before any. ``has_taxel_order``: rig.toml says which reading is which taxel,
@@ -271,6 +272,7 @@ class EngineStatus:
     contact_may_stand: bool = False
     estop_pressed: bool = False
     has_taxel_range: bool = False
+    range_from: str = ""
     loadcell_calibrated: str = ""
     loadcell_counts: float | None = None
     loadcell_sd_counts: float | None = None

@@ -565,9 +565,9 @@ def title_of(timeline: ScanTimeline) -> str:
 
 
 def words_of(timeline: ScanTimeline) -> str:
-    """Return trial, stage and velocity profile, and the reasons where it was not committed."""
+    """Return scan, stage and velocity profile, and the reasons where it was not committed."""
     trial = timeline.trial
-    words = f"trial {trial.trial_id} of stage {trial.stage}, velocity profile {trial.profile}"
+    words = f"scan {trial.trial_id} of stage {trial.stage}, velocity profile {trial.profile}"
     if trial.verdict is not Verdict.COMMITTED:
         words += f"; {trial.verdict}: {'; '.join(trial.reasons)}"
     return words

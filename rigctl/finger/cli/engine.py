@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from contextlib import closing
 
-from rigctl.cli.arguments import add_option, number, path_or_name, whole_number
+from rigctl.cli.arguments import about_of, add_about, add_option, number, path_or_name, whole_number
 from rigctl.cli.engine_process import EngineProcess, add_engine_arguments, utc_now
 from rigctl.cli.world import chosen_world
 from rigctl.experiments import FINGER_EXPERIMENT
@@ -26,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_option(parser, "--model", path_or_name, default=None)
     add_option(parser, "--error-rate", number(0, 1), default=ERROR_RATE)
     add_option(parser, "--coverage", number(0, 1), default=COVERAGE)
+    add_about(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -58,4 +59,5 @@ def _request(args: argparse.Namespace) -> FingerRunRequest | None:
         args.yes,
         args.error_rate,
         args.coverage,
+        **about_of(args),
     )

@@ -15,7 +15,15 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rigctl.cli.arguments import a_path, add_option, add_seed, number, path_or_name, whole_number
+from rigctl.cli.arguments import (
+    a_path,
+    add_about,
+    add_option,
+    add_seed,
+    number,
+    path_or_name,
+    whole_number,
+)
 from rigctl.cli.world import add_world
 from rigctl.finger.cli import board_model, movie, plate_frame, stages
 from rigctl.finger.model_files import REPRESENTATIONS
@@ -98,6 +106,7 @@ def _add_recording(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--yes", action="store_true", help="lay simulated plates without asking")
     parser.add_argument("--paced", action="store_true", help="simulate at the speed of real time")
     add_world(parser)
+    add_about(parser.add_argument_group("kept in the session, shown by rigctl info"))
 
 
 def _add_model(parser: argparse.ArgumentParser, text: str) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rigctl.cli.arguments import about_options
 from rigctl.cli.engine_process import utc_now
 from rigctl.cli.progress import ProgressLine, clock
 from rigctl.cli.run import EXIT_CODES, TOLD_EVENTS, RunWatcher
@@ -211,6 +212,7 @@ def _record(
         "--order-seed": args.seed,
         "--error-rate": getattr(args, "error_rate", None),
         "--coverage": getattr(args, "coverage", None),
+        **about_options(args),
     }
     options += [f"{name}={value}" for name, value in named.items() if value is not None]
     options += ["--yes"] if args.yes else []

@@ -383,6 +383,39 @@ def test_the_taxels_ranges_come_from_a_press_over_the_plate(harness: EngineHarne
     play(harness, scenario)
 
 
+def test_the_ranges_are_saved_in_the_file_that_the_next_connection_begins_with(
+    harness: EngineHarness, tmp_path: Path
+) -> None:
+    """They were lost with the engine: no session had them, and each day began with a press."""
+    path = tmp_path / "rig.toml"
+    path.write_text("# Mine.\n[taxels]\npressure_raises = true\n")
+
+    async def scenario(handle: Handle) -> None:
+        with pytest.raises(WrongUse, match="measure it first"):
+            await handle("save_calibration", {"part": "range"})
+        found = TaxelRange(**await handle("calibrate_range", {"force_g": 300.0}))
+        with pytest.raises(WrongUse, match=r"no rig\.toml: the range is not saved"):
+            await handle("save_calibration", {"part": "range"})
+        harness.rig.path = path
+        assert harness.engine.status().calibration.has_unsaved_range
+        saved = await handle("save_calibration", {"part": "range"})
+        assert saved["kept_in"] == [str(path)]
+        status, taxels = harness.engine.status(), load_config(path).taxels
+        assert (taxels.low, taxels.high) == (found.low, found.high)
+        assert taxels.range_from == "2026-01-02, a press with 300 g over the plate"
+        assert status.range_from == taxels.range_from
+        assert not status.calibration.has_unsaved_range
+        assert path.read_text().startswith("# Mine.\n[taxels]\npressure_raises = true\n")
+        assert harness.rig.config.taxels.low == found.low, "the next session has it"
+        await _identify(handle, harness)
+        await handle("save_calibration", {"part": "wiring"})
+        await handle("calibrate_range", {})
+        with pytest.raises(WrongUse, match="the order of the taxels was saved since"):
+            await handle("save_calibration", {"part": "range"})
+
+    play(harness, scenario)
+
+
 def test_ranges_of_a_press_that_does_not_reach_the_taxels_are_not_used(
     harness: EngineHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:

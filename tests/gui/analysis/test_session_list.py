@@ -10,10 +10,12 @@ from pathlib import Path
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
 
 from gui.analysis.session_list import BATCH, SessionList
 from rigctl.session.notes import Mark, SessionNote
 from rigctl.session.session import add_note
+from rigctl.values import SessionLine
 from tests.analysis.recordings import record
 from tests.gui.steps import Harness, SharedWindow, click, wait_until
 from tests.session.building import SyntheticRig, plan, recorder
@@ -200,3 +202,19 @@ def test_a_large_folder_is_read_a_few_at_a_time(
     listed.folder.setText(str(tmp_path / "none"))
     click(listed.refresh_button)
     wait_until(lambda: "choose the folder that holds the sessions" in listed.count.text())
+
+
+def test_a_long_list_makes_the_cells_of_each_session_once(qapp: QApplication) -> None:
+    """All were made anew with every ten that came, and the window stood still meanwhile."""
+    listed, asked, batches = SessionList(), [], []
+    listed.verified = lambda line: asked.append(line.path) or ""
+    listed.task_requested.connect(lambda task, args: batches.append(args["paths"]))
+    paths = tuple(f"/data/{number:03d}" for number in range(5 * BATCH))
+    listed.show_found(paths)
+    while batches:
+        lines = tuple(SessionLine(path, "complete", start_utc=path) for path in batches.pop())
+        listed.show_lines(lines)
+    assert sorted(asked) == list(paths) and listed.model.rowCount() == len(paths)
+    assert [line.path for line in listed.lines] == sorted(paths, reverse=True)
+    listed.show_verified()
+    assert len(asked) == 2 * len(paths), "Verify may have found any of them whole"

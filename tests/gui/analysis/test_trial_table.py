@@ -25,7 +25,7 @@ from rigctl.values import TrialMark, Verdict
 from tests.analysis.recordings import record
 from tests.gui.steps import Harness, SharedWindow, click, wait_until
 from tests.session.block_session import record_in_blocks
-from tests.session.building import SyntheticRig, plan, recorder
+from tests.session.building import SyntheticRig, plan, record_repeats, recorder
 from tests.session.damage import zero
 
 pytestmark = pytest.mark.usefixtures("leave_nothing")
@@ -204,6 +204,21 @@ def test_a_trial_that_was_marked_bad_is_left_out_and_says_why(
     assert panel.trials.reason.text().startswith("⚠ Trial 2 is left out: marked bad")
     panel.trials.filter.setText("left")
     assert panel.model.rowCount() == 1
+
+
+def test_a_trial_that_was_repeated_is_not_called_left_out(
+    analysis: Harness, tmp_path: Path
+) -> None:
+    record_repeats(tmp_path / "repeats")
+    open_session(analysis, tmp_path / "repeats")
+    panel = analysis.window.analysis_tab.panel
+    verdicts = column(panel.trials, "Verdict")
+    assert verdicts[:4] == ["rejected, repeated", "committed", "repeated", "committed"]
+    assert "left out" not in panel.about.text()
+    panel.table.selectRow(2)
+    assert panel.trials.reason.text().startswith("⚠ Trial 2 was repeated: marked bad: slipped")
+    panel.table.selectRow(0)
+    assert panel.trials.reason.text().startswith("⚠ Trial 1 was rejected and repeated: ")
 
 
 def test_a_note_on_a_trial_stands_in_the_table_and_on_its_plots(

@@ -150,7 +150,23 @@ def test_accuracy_and_confusion_are_those_of_the_run(finger: FingerWindow) -> No
     assert len(_colours(finger.tab.view.confusion.matrix)) > 4
 
 
+def test_a_repeated_scan_keeps_its_number_everywhere(finger: FingerWindow) -> None:
+    """The answer had the board's number, which counts attempts, and the task the next free one."""
+    finger.engine.scan = 15
+    finger.engine.send_instruction("B", "slow", trial_id=12, attempt=2)
+    finger.engine.send_batch(1, 60.0, 6.0)
+    finger.engine.send_prediction("D", 0.6)
+    scan = {**RUNNING["scan"], "attempt": 2}
+    finger.update(run={**RUNNING, "trials_committed": 10, "scan": scan})
+    view = finger.tab.view
+    assert view.answer.caption.text().startswith("Scan 12: 70 mm")
+    assert view.velocity_title.text().startswith("Velocity in scan 12, attempt 2 (plate B)")
+    assert view.progress.text().startswith("run, scan 12 of 25 · attempt 2")
+    assert finger.tab.run_box.rows["Scan"].text() == "12, attempt 2: B, slow"
+
+
 def test_scan_that_does_not_count_says_why(finger: FingerWindow) -> None:
+    finger.update(run=RUNNING)
     _begin(finger)
     reasons = ["the tracker was lost for 312 ms", "4 samples are lost"]
     finger.engine.send_event("trial", "scan 1 rejected", verdict="rejected", reasons=reasons)
@@ -160,6 +176,10 @@ def test_scan_that_does_not_count_says_why(finger: FingerWindow) -> None:
     assert notice.text().endswith(
         "does not count: the tracker was lost for 312 ms; 4 samples are lost"
     )
+    finger.update(run={"state": "aborted", "text": "aborted"})
+    assert not notice.isVisibleTo(finger.window), "no scan is made again"
+    finger.update(run=RUNNING)
+    assert notice.isVisibleTo(finger.window)
     finger.engine.scan = 2
     _begin(finger)
     assert not notice.isVisibleTo(finger.window)

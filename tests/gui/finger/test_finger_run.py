@@ -9,11 +9,14 @@ import pytest
 from PySide6.QtTest import QTest
 
 from gui.analysis.task_values import FingerSessionInfo
+from gui.finger.finger_tab import FingerSetupForm
 from gui.link.engine_link import FingerEngineSpec
+from gui.shell.user_settings import UserSettings, WindowMemory
 from gui.widgets.file_browser import NO_WHOLE_PATH
 from gui.widgets.labels import Level
 from rigctl.errors import LinkLost
 from rigctl.finger.rig import RUN_FIRST_SLIDE
+from rigctl.values import ABOUT
 from tests.gui.fake_finger import RUNNING, FakeFinger
 from tests.gui.steps import FingerWindow, SharedWindow, click, press_escape, wait_until
 
@@ -38,6 +41,29 @@ def test_training_starts_with_its_normalisation(finger: FingerWindow, tmp_path: 
     assert Path(args["out"]).parent == tmp_path and "model" not in args
 
 
+def test_what_is_said_of_a_session_is_sent_and_offered_for_the_next(
+    finger: FingerWindow, tmp_path: Path
+) -> None:
+    setup, window = finger.tab.setup, finger.window
+    memory = WindowMemory(UserSettings(tmp_path / "window.ini"), window, window.docks)
+    memory.keep_texts(setup.remembered)
+    said = {"operator": "Kim", "sensor": "S2", "plate_lot": "PLA 3", "project": "pilot"}
+    for name, text in said.items():
+        setup.about[name].clear()
+        QTest.keyClicks(setup.about[name], text)
+    finger.update()
+    click(finger.tab.run_box.buttons["Start"])
+    (args,) = _start_args(finger)
+    assert {name: args[name] for name in ABOUT} == {**said, "remarks": ""}
+    memory.save()
+    later = FingerSetupForm()
+    again = WindowMemory(UserSettings(tmp_path / "window.ini"), window, window.docks)
+    again.keep_texts(later.remembered)
+    assert later.said() == {**said, "remarks": ""}
+    for field in setup.about.values():
+        field.clear()
+
+
 def test_run_without_a_model_is_refused_in_a_sentence(finger: FingerWindow) -> None:
     finger.update()
     finger.tab.setup.choose_stage("run")
@@ -51,6 +77,8 @@ def test_run_without_a_model_is_refused_in_a_sentence(finger: FingerWindow) -> N
     click(finger.tab.run_box.buttons["Start"])
     assert _start_args(finger) == []
     assert finger.tab.run_box.models.text() == NO_WHOLE_PATH
+    finger.tab.setup.out.setText("/data")
+    assert finger.tab.run_box.models.text() == "", "it says no more what is mended"
 
 
 def test_another_session_of_the_person_gets_another_engine(
@@ -162,7 +190,8 @@ def test_session_is_continued_by_its_own_person(
     finger.tab.worker.finished.emit("read_finger_session", info)
     wait_until(lambda: shared.finger is not None and "start" in shared.finger.commands)
     assert shared.finger_specs[-1] == FingerEngineSpec("virtual", 7, 0, 12)
-    assert shared.finger.requests[-1][1] == {"resume": str(tmp_path), "yes": False}
+    said = dict.fromkeys(ABOUT, "")
+    assert shared.finger.requests[-1][1] == {"resume": str(tmp_path), "yes": False, **said}
 
 
 def test_stop_reaches_the_finger(finger: FingerWindow) -> None:

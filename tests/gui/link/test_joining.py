@@ -182,7 +182,7 @@ def test_windows_join_in_each_state_and_outlive_the_one_that_has_control(
     (kept,) = (tmp_path / "config").rglob("window.ini")
     assert "docks=" in kept.read_text(), "layout and fields of a window that was killed return"
     plate = in_hold.window.operate_panel.bench.plate
-    in_hold.until(lambda: plate.currentText() == "A")
+    in_hold.until(lambda: plate.currentData() == "A")
 
     in_hold.until(lambda: in_hold.window.attach.shared[0].has_control)  # or its next click takes it
     pause = in_hold.window.protocol_panel.buttons["Pause"]

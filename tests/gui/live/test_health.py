@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from copy import deepcopy
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from gui.live.health import board_lines, readings
+from gui.live.health import board_lines, disk_reading, readings
+from gui.protocol.protocol_panel import disk_sentence
 from gui.widgets.labels import Level
 from rigctl.engine.rpc.messages import parse_status
 from tests.gui.fake_engine import STATUS
@@ -80,6 +82,21 @@ def test_the_last_trial_was_so_long_ago_in_one_unit(age_s: float, text: str) -> 
 def test_disk_is_judged_by_the_remaining_time() -> None:
     recording = {**STATUS["recording"], "active": True, "hours_left": 0.4}
     assert _read(recording=recording)["disk"].level is Level.BAD
+
+
+@pytest.mark.parametrize(
+    ("hours", "lasts"),
+    [(0.4, "24 min"), (1.9, "1 h"), (47.5, "47 h"), (71.0, "2 d"), (72.0, "3 d")],
+)
+def test_disk_left_is_the_same_in_the_strip_and_in_the_run(hours: float, lasts: str) -> None:
+    """They said 2 d and 1 d 23 h at a time, and the run said it of a recording of before."""
+    status = parse_status(
+        {"recording": {**STATUS["recording"], "active": True, "hours_left": hours}}
+    )
+    assert readings(status)["disk"].text == f"210 GB, {lasts}"
+    assert disk_sentence(status.recording) == f"210 GB free, enough for {lasts}"
+    waits = replace(status.recording, active=False)
+    assert (disk_reading(waits).text, disk_sentence(waits)) == ("210 GB", "210 GB free")
 
 
 def test_bad_is_shown_in_words_and_shape(harness: Harness) -> None:

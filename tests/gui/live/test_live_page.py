@@ -24,6 +24,7 @@ from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import preset
 from rigctl.encoder.reading import Reading, conductance, input_of_each
 from rigctl.engine.rpc.messages import EngineStatus, parse_status
+from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import DRAWN_WIRING
 from tests.gui.fake_engine import STATUS, FakeEngine
 from tests.gui.steps import click, wait_until
@@ -182,6 +183,23 @@ def test_keys_alone_move_cursor_time_and_taxel(page: LivePage) -> None:
     assert page.plots.time_plots.taxels == (1,)
     press(Qt.Key.Key_End)
     assert not page.plots.navigation.is_paused
+
+
+def test_each_layer_is_chosen_in_its_own_row(page: LivePage) -> None:
+    """Layer II stood in the row of Layer I, and Layer I in that of Layer II."""
+    click(page.bar.buttons[TAXELS])
+    strip = page.taxel_strip
+    QApplication.processEvents()
+    _, *layers = strip.groups
+    for button, taxels in zip(layers, (range(9), range(9, 18)), strict=True):
+        assert {strip.buttons[taxel].y() for taxel in taxels} == {button.y()}
+        click(button)
+        assert page.plots.time_plots.taxels == tuple(taxels)
+    strip.set_sensor_layout(SensorLayout(2, 5, ("upper", "lower")))
+    QApplication.processEvents()
+    for button, first in zip(strip.groups[1:], (0, 10), strict=True):
+        assert strip.buttons[first].y() == button.y() < strip.buttons[first + 9].y()
+    strip.set_sensor_layout(page.plots.sensor_layout)
 
 
 def test_taxels_are_chosen_and_one_is_enlarged(page: LivePage) -> None:

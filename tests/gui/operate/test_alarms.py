@@ -9,7 +9,8 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMenu
 
 from gui.operate.alarms import Announcer
-from rigctl.boards.drum_states import State
+from gui.operate.operate_panel import SPEED_LATER
+from rigctl.boards.drum_states import FAULT_TEXT, Fault, State
 from rigctl.errors import LinkLost
 from tests.gui.steps import Harness, click, press_escape, wait_until
 
@@ -140,6 +141,50 @@ def test_a_failed_run_stays_until_it_is_dismissed(harness: Harness, listener: Li
     click(strip.dismiss)
     harness.update()
     assert strip.isHidden() and len(listener.notices) == 1
+
+
+def test_what_a_cleared_fault_asked_for_is_asked_no_more(harness: Harness) -> None:
+    """A run that failed by a fault told for hours to release the stop and to clear the fault."""
+    sentence = FAULT_TEXT[Fault.ESTOP]
+    failed = {**RUN, "state": "failed", "text": sentence}
+    harness.update(run=failed, **FAULT)
+    window = harness.window
+    strip, state, box = (
+        window.drum.alarms.strip,
+        window.protocol_panel.state,
+        window.operate_panel.bring_up,
+    )
+    assert "then clear the fault" in state.text()
+    assert box.missing.text() == "Before approach: clear the fault" and not box.next.isEnabled()
+    harness.update(state=int(State.IDLE), fault=0, fault_words="no fault")
+    cause = "Emergency stop pressed or its wire broken"
+    assert state.text() == cause
+    assert strip.title.text() == "RUN FAILED" and strip.text.text().startswith(f"{cause}. 2026")
+    assert box.missing.text() == "Before approach: arm"
+    harness.update(run={"state": "idle", "session": None, "text": "", "trials_planned": 0})
+
+
+def test_what_to_do_goes_with_the_engine(harness: Harness) -> None:
+    """The panel told for good that the drum turns, and which steps of the bring-up are next."""
+    panel, words = harness.window.operate_panel, harness.window.toolbar.state_words
+    harness.update(state=int(State.RUN))
+    assert panel.set_points.allowed.text() == SPEED_LATER
+    harness.engine.failure = LinkLost("the engine ended (it closed the connection): start it again")
+    harness.window.poll()
+    assert panel.set_points.allowed.text().startswith("Allowed: ")
+    assert panel.bring_up.missing.text() == "No drum is connected"
+    assert "start it again" in words.toolTip()
+    harness.engine.failure = None
+    harness.window.toolbar.show_connecting()
+    assert "start it again" not in words.toolTip()
+    harness.window.toolbar.show_disconnected("not connected")
+
+
+def test_nobody_arms_a_drum_that_a_run_brings_up(harness: Harness) -> None:
+    harness.update(run={"state": "paused", "reasons": ["operator"]}, tared=False)
+    missing = harness.window.operate_panel.bring_up.missing
+    assert missing.text() == "The run brings the drum up by itself"
+    harness.update(run={"state": "idle", "reasons": []}, tared=True)
 
 
 def test_a_question_sounds_once_and_is_in_the_title(harness: Harness, listener: Listener) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -9,6 +10,8 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
 from gui.operate.operate_panel import ACTIONS, SPEED_LATER
+from rigctl.bench.parameters import Plate, WorldParameters
+from rigctl.bench.world_file import SimulatedWorld
 from rigctl.boards.drum_states import Fault, State, StateEvent, next_state
 from tests.gui.steps import Harness, click, turn_wheel, wait_until
 
@@ -115,11 +118,45 @@ def test_what_the_drum_has_is_beside_what_is_asked(harness: Harness) -> None:
 def test_the_plate_is_the_one_of_the_rig_after_every_connection(harness: Harness) -> None:
     plate = harness.window.operate_panel.bench.plate
     harness.update(texture="K")
-    assert plate.currentText() == "K"
+    assert plate.currentData() == "K"
+    assert plate.currentText() == "K – rectangular ridges, half spacing"
     harness.update(texture=None)
     assert plate.currentText() == "" and plate.placeholderText() == "unknown"
     harness.update(texture="felt 2")
     assert plate.currentText() == "felt 2"
+
+
+def test_plates_have_names_and_pictures_where_they_are_chosen_and_asked_for(
+    harness: Harness,
+) -> None:
+    """They were bare letters, of which nobody knows at the rig which print is which."""
+    own = Plate("felt 2", "waves", 2.0, 5.0)
+    world = SimulatedWorld(WorldParameters(plates=(own,))).header_fields()
+    harness.engine.send_event("ready", "", rig="virtual", world=world)
+    harness.update(state=int(State.IDLE), texture="A")
+    plate, panel = harness.window.operate_panel.bench.plate, harness.window.prompt_panel
+    texts = [plate.itemText(row) for row in range(plate.count())]
+    assert texts[:2] == ["A – smooth", "B – circular ridges, 1.5 mm high, every 8 mm"]
+    assert texts[-1] == "felt 2 – waves, 2 mm high, every 5 mm"
+    size = plate.iconSize()
+    pictures = [plate.itemIcon(row).pixmap(size).toImage() for row in range(plate.count())]
+    assert all(one != other for one, other in pairwise(pictures))
+    row = plate.findData("B")
+    plate.setCurrentIndex(row)
+    plate.activated.emit(row)
+    assert harness.engine.requests[-1] == ("plate", {"texture": "B"})
+    prompt = {"id": 4, "text": "Mount plate B, then confirm.", "texture": "B"}
+    harness.update(run={"state": "prompt", "prompt": prompt})
+    assert panel.text.text() == prompt["text"]
+    assert panel.plate.words.text() == texts[1] and not panel.plate.picture.pixmap().isNull()
+    next_plate = harness.window.protocol_panel.run_rows["Next plate"]
+    assert next_plate.text() == f"B now\n{texts[1].partition(' – ')[2]}"
+    message = {"id": 5, "text": "Check the sensor.", "texture": None}
+    harness.update(run={"state": "prompt", "prompt": message})
+    assert panel.isVisible() and not panel.plate.isVisible()
+    harness.update(run={"state": "idle", "prompt": None})
+    harness.window.engine_link.close()
+    assert plate.itemText(plate.findData("B")) == "B – circular ridges"
 
 
 def test_the_plate_is_locked_while_the_drum_moves_or_presses(harness: Harness) -> None:

@@ -9,7 +9,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
 from gui.operate.calibrate import ALL_KNOWN, EMPTY, MORE, NEXT, REHEARSED, CalibratePage
-from rigctl.boards.drum_states import State
+from rigctl.boards.drum_states import FAULT_TEXT, Fault, State
 from rigctl.engine.rpc.messages import parse_status
 from tests.gui.fake_engine import STATUS
 from tests.gui.steps import Harness, click
@@ -82,8 +82,32 @@ def test_the_ranges_that_a_press_has_shown_are_a_table_that_marks_narrow_ones(
     assert "T2 (8, untouched 4)" in part.result_label.text()
     assert "see that a plate is mounted" in part.result_label.text()
     harness.update(calibration={"taxel_range": [[40, 41], [240, 149], [4, 4]]})
-    assert part.result_label.text().endswith("2 ranges, the narrowest that of T2 with 108")
-    assert not part.save_button.isVisible() and page.unsaved == []
+    words = "In use until the rig disconnects: 2 ranges, the narrowest that of T2 with 108"
+    assert part.result_label.text() == f"{words}; {REHEARSED}"
+    assert not part.save_button.isEnabled() and page.unsaved == []
+
+
+def test_measured_ranges_are_saved_and_say_from_when_they_are(
+    harness: Harness, page: CalibratePage
+) -> None:
+    """They were measured anew each day: nothing but the engine had them."""
+    part, row = page.taxel_range, harness.window.operate_panel.bring_up.rows["Taxel range"][1]
+    page.show_part("range")
+    old, new = ("2026-11-23, a press with 500 g", "2026-11-27, a press with 300 g")
+    harness.update(has_taxel_range=True, range_from=old)
+    assert part.result_label.text().startswith(f"In use: rig.toml, {old}. Measure again after")
+    assert row.text() == old
+    found = {"taxel_range": [[40, 41], [240, 149], [4, 4]], "rig_file": "/lab/rig.toml"}
+    harness.update(calibration=found)
+    assert page.unsaved == ["Range"] and row.text() == "measured, not saved"
+    click(part.save_button)
+    assert harness.engine.requests[-1] == ("save_calibration", {"part": "range"})
+    saved = {"saved": {"range": "/lab/rig.toml"}}
+    harness.update(range_from=new, calibration=found | saved)
+    assert part.result_label.text().startswith("In use: 2 ranges")
+    assert part.result_label.text().endswith("; saved in /lab/rig.toml")
+    assert not part.save_button.isEnabled() and page.unsaved == [] and row.text() == new
+    harness.update(has_taxel_range=False, range_from="", calibration={})
 
 
 def test_the_live_reading_says_whether_the_mass_is_at_rest(
@@ -234,6 +258,23 @@ def test_another_connection_shows_nothing_of_the_one_before(
     harness.update()
     page.show_status(parse_status(STATUS))
     assert page.force.state.text() == ""
+
+
+def test_what_a_fault_made_of_a_measurement_goes_with_the_fault(
+    harness: Harness, page: CalibratePage
+) -> None:
+    sentence = FAULT_TEXT[Fault.NO_CONTACT]
+    harness.engine.refusals["calibrate_force"] = sentence
+    harness.update()
+    harness.window.tools.show_calibration("force")
+    click(page.force.measure_button)
+    harness.update()
+    assert page.force.state.text() == sentence
+    harness.update(fault=int(Fault.NO_CONTACT), fault_words=sentence)
+    assert "Clear the fault first" in page.force.state.text()
+    harness.update(fault=0, fault_words="no fault")
+    assert page.force.state.text() == ""
+    harness.engine.refusals.clear()
 
 
 def test_a_refusal_to_save_stands_in_the_part_that_was_saved(

@@ -45,6 +45,28 @@ def test_the_quick_protocol_is_offered_with_its_count(harness: Harness) -> None:
     assert "MB of " in panel.plan_rows["Disk space"].text()
 
 
+def test_free_space_follows_the_folder_and_its_recording(harness: Harness, tmp_path: Path) -> None:
+    """It was that of the moment and of the folder for which the protocol was planned."""
+    panel = open_panel(harness)
+    space = panel.plan_rows["Disk space"]
+    panel.out.setText("no whole path")
+    wait_until(lambda: not space.text().endswith("free"))
+    panel.out.setText(str(tmp_path))
+    wait_until(lambda: space.text().endswith("B free"))
+    before = space.text()
+    recording = {"active": True, "folder": str(tmp_path / "run"), "hours_left": 30.0}
+    harness.update(recording={**recording, "disk_free_bytes": 123_000_000_000})
+    cell = harness.window.health_strip.cells["disk"].value
+    assert space.text().endswith(" of 123 GB free") and cell.text() == "123 GB, 30 h"
+    assert panel.run_rows["Disk"].text() == "123 GB free, enough for 30 h"
+    harness.update(recording={**recording, "folder": "/another/disk"})
+    assert space.text() == before
+    harness.update(recording={"active": False, "disk_free_bytes": 0, "folder": None})
+    assert cell.text() == panel.run_rows["Disk"].text() == "–"
+    wait_until(lambda: not panel.worker.is_busy)
+    assert space.text().endswith("B free")
+
+
 def test_start_sends_file_folder_and_seed(harness: Harness, tmp_path: Path) -> None:
     panel = open_panel(harness)
     panel.out.setText(str(tmp_path))

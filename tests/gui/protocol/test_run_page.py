@@ -14,16 +14,17 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from gui.protocol.protocol_panel import ProtocolPanel
-from gui.protocol.run_tasks import BAD, COMMITTED, TRIAL_COLUMNS
+from gui.protocol.run_tasks import BAD, COMMITTED, REPEATED, TRIAL_COLUMNS
 from gui.shell.user_settings import UserSettings, WindowMemory
 from rigctl.engine.rpc.messages import QueuedRunStatus, QueueStatus
 from rigctl.engine.run_queue import QueuedRun
 from rigctl.errors import LinkLost
 from rigctl.session.session import Session
+from rigctl.values import Verdict
 from tests.gui.ended_early import record_early_ends
 from tests.gui.protocol.test_protocol_panel import RUN, open_panel
 from tests.gui.steps import Harness, click, wait_until
-from tests.session.building import record_plan
+from tests.session.building import SyntheticRig, plan, record_plan, record_repeats, recorder
 
 MEAN_FORCE, LOST = TRIAL_COLUMNS.index("Mean force\n(g)"), TRIAL_COLUMNS.index("Lost\nsamples")
 
@@ -91,17 +92,18 @@ def test_a_run_says_when_it_ends_and_which_plate_is_next(
 ) -> None:
     plate = {"texture": "D", "trials": 3, "left_s": 95.0}
     harness.update(run={**RUN, "next_plate": plate, "session": None})
-    assert panel.run_rows["Next plate"].text() == "D after 3 trials, in 1 min 35 s"
+    line = "\ncircular ridges, double spacing"
+    assert panel.run_rows["Next plate"].text() == f"D after 3 trials, in 1 min 35 s{line}"
     assert panel.run_rows["Finishes"].text().endswith("plus plate changes")
     assert panel.run_rows["Disk"].text() == "210 GB free"
     last = {**RUN, "next_plate": {**plate, "trials": 0, "left_s": 0.0}}
     harness.update(run=last)
-    assert panel.run_rows["Next plate"].text() == "D after this trial"
+    assert panel.run_rows["Next plate"].text() == f"D after this trial{line}"
     harness.update(run={**last, "state": "paused"})
-    assert panel.run_rows["Next plate"].text() == "D after the pause"
+    assert panel.run_rows["Next plate"].text() == f"D after the pause{line}"
     asked = {"id": 1, "text": "Mount plate D.", "texture": "D"}
     harness.update(run={**RUN, "state": "prompt", "prompt": asked, "next_plate": None})
-    assert panel.run_rows["Next plate"].text() == "D now"
+    assert panel.run_rows["Next plate"].text() == f"D now{line}"
     harness.update(run={**RUN, "prompt": None, "next_plate": None, "session": None})
     assert panel.run_rows["Next plate"].text() == "no other plate"
 
@@ -157,6 +159,31 @@ def test_a_trial_is_marked_bad_and_good_again(
     click(page.buttons["good"])
     wait_until(lambda: verdicts(panel)[2] == COMMITTED)
     assert page.notes.count() == 2 and page.notes.item(0).text().endswith("marked bad: slipped")
+
+
+def test_a_repeated_trial_is_called_so_once_another_attempt_counts(
+    harness: Harness, panel: ProtocolPanel, tmp_path: Path
+) -> None:
+    folder, (trial, *_) = tmp_path / "growing", plan().trials
+    run = {**RUN, "state": "running", "session": str(folder), "trials_planned": 8}
+    with recorder(folder) as rec:
+        rec.begin_part("start", trial.texture)
+        source = SyntheticRig(rec)
+        source.trial(trial, Verdict.REJECTED)
+        rec.wait_written()
+        harness.update(run={**run, "trials_committed": 0, "trials_rejected": 1})
+        wait_attempts(harness, 1)
+        assert verdicts(panel) == ["✗ rejected"]
+        source.trial(trial, attempt=2)
+        rec.wait_written()
+        harness.update(run={**run, "trials_committed": 1})
+        wait_attempts(harness, 2)
+        assert verdicts(panel) == [f"{REPEATED}, rejected", COMMITTED]
+    record_repeats(tmp_path / "repeats")
+    harness.update(run={**run, "state": "done", "session": str(tmp_path / "repeats")})
+    wait_attempts(harness, 10)
+    assert verdicts(panel)[2:4] == [REPEATED, COMMITTED]
+    assert panel.page.attempts.rows[2].texts[-1].startswith("marked bad: slipped")
 
 
 def test_notes_of_a_run_go_through_its_engine(

@@ -28,6 +28,7 @@ speeds_mm_s = [120]
 forces_g = [500]
 repeats = 2
 """
+B = "circular ridges, 1.5 mm high, every 8 mm"
 STILL = 15
 """Statuses in which the time left of a paused run is compared: one and a half seconds."""
 SPEED, FORCE, LOST = (
@@ -137,14 +138,14 @@ def test_a_run_tells_what_comes_repeats_a_trial_and_starts_the_next(
     session = Path(rig.status.run.session or "")
     rig.until(lambda: rig.status.run.trials_committed == 1)
     assert panel.run_rows["Progress"].text().startswith("1 of 4 trials, ")
-    assert panel.run_rows["Next plate"].text() == "B after this trial"
+    assert panel.run_rows["Next plate"].text() == f"B after this trial\n{B}"
     assert panel.run_rows["Finishes"].text().endswith("plus plate changes")
     _pause(rig)
     _repeat_first_trial(rig)
     click(panel.buttons["Resume"])
     _see_alignment(rig)
     rig.until(lambda: rig.window.prompt_panel.isVisible())
-    assert panel.run_rows["Next plate"].text() == "B now"
+    assert panel.run_rows["Next plate"].text() == f"B now\n{B}"
     rig.confirm()
     rig.until(lambda: Path(rig.status.run.session or "") != session)
     rig.until(lambda: panel.queue.list.count() == 0 and rig.window.prompt_panel.isVisible())

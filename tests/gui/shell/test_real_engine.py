@@ -213,7 +213,7 @@ def _kill_engine(window: MainWindow, session: Path) -> None:
     click(window.toolbar.connect_button)
     _wait(window, State.IDLE)
     wait_until(strip.isHidden)
-    assert plate.currentText() == (window.engine_link.status.texture or "")
+    assert plate.currentData() == window.engine_link.status.texture
 
 
 def test_unplugged_board_is_reported(window: MainWindow) -> None:

@@ -23,7 +23,7 @@ KEYS = (
     "theme", "text_percent", "window", "docks", "speed_mm_s", "force_g", "save_in", "record_in",
     "pictures_in", "scans_in", "span_s", "unit", "rates_per_mm", "sessions", "rigs", "alarm_sound",
     "protocol/operator", "protocol/sensor", "protocol/plate_lot", "protocol/project",
-    "protocol/remarks",
+    "protocol/remarks", "finger/operator", "finger/sensor", "finger/remarks",
 )  # fmt: skip
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=30),
