@@ -231,6 +231,8 @@ def add_live_actions(menus: ActionRegistry, page: LivePage, settings: UserSettin
     tip = "Begin each trial at the left edge of the live plots, or let them scroll"
     menus.add("View", "Begin at each t&rial", page.toggle_alignment, tip=tip)
     add_buttons(menus, "View → Controls of the live plots", page.bar.buttons.values())
+    tip = "Show all of the axes of force and speed again (0, or a double click on them)"
+    menus.add("View", "&Whole axes", page.plots.show_whole_courses, tip=tip)
     tip = "Save the live plots as they are now"
     menus.add("File", "Save &picture", page.save_picture, shortcut="Ctrl+Shift+P", tip=tip)
     tip = "Save the samples in view as a CSV"

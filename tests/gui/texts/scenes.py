@@ -203,6 +203,10 @@ def _taxel_alone(stage: Stage) -> Iterator[str]:
     for name in (VOLTS, COUNTS):
         unit.setCurrentText(name)
         yield f"A taxel alone in {name}"
+    for course in page.plots.time_plots.courses:
+        course.zoom(0.1)
+    yield "Parts of the axes of force and speed"
+    page.plots.show_whole_courses()
     page.plots.show_taxels(tuple(range(18)))
 
 
