@@ -55,7 +55,7 @@ DASHES = (3.0, 2.0)
 
 
 class CurveLook(NamedTuple):
-    """The paper's colour on white and on black, dashes in widths of the line, and a symbol."""
+    """The paper's colour on white and on black, dashes in widths of the line, a symbol or none."""
 
     light: str
     dark: str
@@ -85,9 +85,8 @@ class CurveLook(NamedTuple):
         painter.setPen(pg.mkPen(self.colour(theme)))
         painter.setBrush(pg.mkBrush(theme.plot))
         painter.scale(SYMBOL_PX, SYMBOL_PX)
-        path: QPainterPath = Symbols[self.symbol]
         painter.pen().setCosmetic(True)
-        painter.drawPath(path)
+        painter.drawPath(Symbols[self.symbol] if self.symbol else QPainterPath())
         painter.end()
         return QIcon(pixmap)
 

@@ -27,6 +27,7 @@ from gui.analysis.task_values import (
     describe_options,
     figures_folder,
 )
+from gui.analysis.trial_overlay import TrialOverlay
 from gui.analysis.trial_pages import CourseView, TrialPages
 from gui.analysis.trial_sections import finer
 from gui.analysis.trial_view import TrialView
@@ -97,6 +98,7 @@ READING = (
     "load_trial",
     "trial_section",
     "compare_trials",
+    "overlay_trials",
     "leave_out",
     "note_trial",
 )
@@ -159,6 +161,7 @@ class AnalysisTab(QObject):
         for view in (self.trial_view.readings, self.trial_view.course):
             view.section_requested.connect(partial(self._want_section, view))
         self.trial_view.compare.compare_requested.connect(self._compare)
+        self.trial_view.compare.overlay_requested.connect(self._lay_over)
         self.results_panel.refused.connect(lambda text: self.reported.emit("refused", text))
         panel.shown.connect(self.prepare)
         worker.progressed.connect(panel.run_box.show_progress)
@@ -172,6 +175,13 @@ class AnalysisTab(QObject):
     def open_session(self, path: str) -> None:
         """Open a session, as if the user had chosen its folder."""
         self.panel.open_session(path)
+
+    def lay_over(self, paths: tuple[str, ...]) -> None:
+        """Open sessions and show a trial of the condition that most have over each other."""
+        self.panel.open_session(paths[0])
+        for path in paths[1:]:
+            self.panel.run_box.form.add_session(path)
+        self.reader.submit("overlay_trials", paths=paths, trials=[], taxel=0, is_ra=False)
 
     def prepare(self) -> None:
         """Start the reader before it is needed: the first session then opens sooner."""
@@ -319,8 +329,12 @@ class AnalysisTab(QObject):
             self.found_whole.emit(table.closing_digest)
 
     def _compare(self, train: int, neuron: str) -> None:
-        trials = self.panel.selected_trials()
+        trials = self.panel.compared_trials()
         self.reader.submit("compare_trials", trials=trials, train=train, neuron=neuron)
+
+    def _lay_over(self, taxel: int, is_ra: bool) -> None:
+        paths, trials = tuple(self.panel.sessions), self.panel.selected_trials()
+        self.reader.submit("overlay_trials", paths=paths, trials=trials, taxel=taxel, is_ra=is_ra)
 
     def _follow(self) -> None:
         """Read what was recorded since the last time."""
@@ -342,6 +356,8 @@ class AnalysisTab(QObject):
             self.reader.submit("load_encoder")  # after a session that is wanted already
         elif isinstance(result, ResponseGrid):
             self.trial_view.compare.show_grid(result)
+        elif isinstance(result, TrialOverlay):
+            self._show_overlay(result)
         elif isinstance(result, SessionTable):
             self.panel.show_session(result)
             if task == "open_session":
@@ -372,6 +388,12 @@ class AnalysisTab(QObject):
             self._show_results(task, result)
         if not self.reader.is_busy:
             self._read_wanted()
+
+    def _show_overlay(self, overlay: TrialOverlay) -> None:
+        pages = self.trial_view
+        pages.compare.show_overlay(overlay)
+        pages.setCurrentWidget(pages.compare)
+        self._show(pages)
 
     def _show_results(self, task: str, result: AnalysisResults) -> None:
         """Show results; of several checks the first that found something, when all are done."""

@@ -28,6 +28,7 @@ FILTER_TIP = (
 )
 NONE_CHOSEN = "Choose a session in the list"
 WHOLE = "All planned trials are recorded"
+SEVERAL = "Choose two or more sessions of the drum (Ctrl, Shift)"
 _MB = 1e6
 _Selection = QItemSelectionModel.SelectionFlag
 _ADD_ROW = _Selection.Select | _Selection.Rows
@@ -45,6 +46,8 @@ class SessionList(QWidget):
     """The path of a session, and its experiment."""
     analyse_requested = Signal(str)
     add_requested = Signal(str)
+    overlay_requested = Signal(tuple)
+    """The paths of two or more sessions of the drum."""
     export_requested = Signal(str)
     path_requested = Signal(object, object)
     closed = Signal()
@@ -70,6 +73,7 @@ class SessionList(QWidget):
             "Continue": push_button("Continue", self._continue),
             "Analyse": push_button("Analyse", self._analyse),
             "Add": push_button("Add", self._add),
+            "Lay over": push_button("Lay over", self._lay_over),
             "Export": push_button("Export", self._export),
         }
         self.row_menu = {name: QAction(name, self.table) for name in self.buttons}
@@ -172,19 +176,21 @@ class SessionList(QWidget):
         show_text(self.reason, f"⚠ {reasons[0]}" if len(chosen) == 1 and reasons else "")
         self.reason.setVisible(bool(self.reason.text()))
         readable = bool(chosen) and all(line.state != UNREADABLE for line in chosen)
+        kinds = {line.experiment for line in chosen}
         one = chosen[0] if len(chosen) == 1 else None
         can_go_on = one is not None and one.trials_committed < one.trials_planned
         possible = {
             "Continue": can_go_on and one is not None and one.state == INCOMPLETE,
             "Analyse": readable,
             "Add": readable,
+            "Lay over": readable and len(chosen) > 1 and kinds == {DRUM_EXPERIMENT},
             "Export": readable,
         }
         for name, button in self.buttons.items():
             button.setEnabled(possible[name])
             self.row_menu[name].setEnabled(possible[name])
-            lacks = WHOLE if one is not None and name == "Continue" else NONE_CHOSEN
-            button.setToolTip(_TIPS[name] if possible[name] else lacks)
+            lacks = {"Continue": WHOLE if one else NONE_CHOSEN, "Lay over": SEVERAL}
+            button.setToolTip(_TIPS[name] if possible[name] else lacks.get(name, NONE_CHOSEN))
 
     def _continue(self) -> None:
         line = self.chosen[0]
@@ -200,6 +206,9 @@ class SessionList(QWidget):
     def _add(self) -> None:
         for line in self.chosen:
             self.add_requested.emit(line.path)
+
+    def _lay_over(self) -> None:
+        self.overlay_requested.emit(tuple(line.path for line in self.chosen))
 
     def _export(self) -> None:
         for line in self.chosen:
@@ -244,6 +253,7 @@ _TIPS = {
     "Continue": "Record the remaining trials on the connected rig",
     "Analyse": "Open the chosen sessions in Analysis (Return, or a double click on a row)",
     "Add": "Add the chosen sessions to those that are open in Analysis",
+    "Lay over": "Show a trial of one plate, speed and force of each chosen session in one plot",
     "Export": "Write all attempts with their notes as a table (CSV) beside the session",
 }
 

@@ -77,9 +77,10 @@ class SessionPanel(QWidget):
 
     def show_session(self, table: SessionTable) -> None:
         """Show a session: one that was opened with a trial of it, one beside it, or its growth."""
-        if table.path in self.sessions:
+        first, *added = self.run_box.form.sessions or ("",)
+        if table.path in self.sessions and (table.path == self.path or table.path != first):
             self.sessions[table.path] = table
-        elif table.path in self.run_box.form.sessions[1:] and self.path:
+        elif table.path in added and self.path:
             self._add(table)
         else:
             self._show_first(table)
@@ -100,9 +101,16 @@ class SessionPanel(QWidget):
         set_property(self.about, "role", "bad")
 
     def selected_trials(self) -> list[tuple[str, int]]:
-        """Return path and row of the selected trials, or of all shown if one is selected."""
+        """Return path and row of the selected trials."""
         paths = list(self.sessions)
-        return [(paths[session], row) for session, row in self.trials.selected_rows()]
+        return [(paths[session], row) for session, row in self.trials.selected_places()]
+
+    def compared_trials(self) -> list[tuple[str, int]]:
+        """Return the selected trials, or all shown if one is selected."""
+        selected, paths = self.selected_trials(), list(self.sessions)
+        if len(selected) > 1:
+            return selected
+        return [(paths[session], row) for session, row in self.trials.shown_places()]
 
     def drop_unopened(self) -> None:
         """Forget the added sessions that are not open."""
@@ -136,10 +144,13 @@ class SessionPanel(QWidget):
         self.verify_button.setEnabled(bool(self.sessions) and not self._is_busy)
 
     def _show_first(self, table: SessionTable) -> None:
+        form = self.run_box.form
         self.sessions = {table.path: table}
         self.trials.forget_choice()
         self.run_box.show_experiment(table.experiment)
-        self.run_box.form.show_session(table.path)
+        if form.sessions[:1] != (table.path,):
+            form.show_session(table.path)
+        self._keep_sessions(form.sessions)  # with those that were added since it was requested
         self.run_box.show_place(table.path)
         self.run_box.clear_result()
         self.kept.clear()

@@ -358,12 +358,16 @@ class TrialList(QWidget):
         """Choose a trial, or the first that is shown where the filter hides it."""
         self.table.selectRow(max(self.model.shown_row(session, row), 0))
 
-    def selected_rows(self) -> list[tuple[int, int]]:
-        """Return session and row of the selected trials, or of all shown if one is selected."""
-        chosen = [index.row() for index in self.table.selectionModel().selectedRows()]
-        rows = self.model.shown_rows[chosen] if len(chosen) > 1 else self.model.shown_rows
-        table = self.model.table
+    def shown_places(self) -> list[tuple[int, int]]:
+        """Return session and row of all trials that the filter lets through."""
+        rows, table = self.model.shown_rows, self.model.table
         return list(zip(table.session[rows].tolist(), table.row[rows].tolist(), strict=True))
+
+    def selected_places(self) -> list[tuple[int, int]]:
+        """Return session and row of the selected trials."""
+        places = self.shown_places()
+        rows = sorted(index.row() for index in self.table.selectionModel().selectedRows())
+        return [places[row] for row in rows]
 
     def _set_up(self) -> None:
         table, header = self.table, self.table.horizontalHeader()

@@ -14,7 +14,9 @@ from PySide6.QtWidgets import QWidget
 
 from gui.analysis.export import ExportButton, Picture, foot_text, widget_picture, with_foot
 from gui.analysis.open_sessions import NeuronResponse, ResponseGrid
+from gui.analysis.overlay_view import OverlayView
 from gui.analysis.task_values import Section, TrialCourse, TrialData, TrialFeatures
+from gui.analysis.trial_overlay import TrialOverlay
 from gui.analysis.trial_sections import COURSE_NAMES, course_columns, reading_columns, reading_names
 from gui.analysis.trial_view import LEAST_PX, TrialView, add_marks, wider
 from gui.analysis.value_file import SIMULATED, data_words, yes_or_no
@@ -263,7 +265,14 @@ def _colour_scale(plot: pg.PlotItem, image: pg.ImageItem) -> pg.ColorBarItem:
     return scale
 
 
-HINT = "Choose a neuron; Compare shows the selected trials, or all that the filter lets through."
+HINT = (
+    "Choose a neuron. Compare shows the selected trials, or all that the filter lets through, by "
+    "condition; Lay over those that are selected, or one of each open session, in one plot."
+)
+OVERLAY_TIP = (
+    "Show the selected trials (Ctrl, Shift) over each other; of several open sessions and one "
+    "selected trial, the trial of each that is most like it"
+)
 COLUMNS, LEFT_PX = 3, 44
 LEAST_CELL_PX = 185, 240
 """Width and height of a raster with its rates."""
@@ -275,6 +284,8 @@ class CompareView(QWidget):
 
     compare_requested = Signal(int, str)
     """The neuron's train (T_SA-1 … n, then T_RA-1 … n) and its name."""
+    overlay_requested = Signal(int, bool)
+    """The neuron's taxel, from 0, and whether it is RA."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
@@ -282,12 +293,16 @@ class CompareView(QWidget):
         self.grid: ResponseGrid | None = None
         self.neuron = ComboBox()
         self.button = push_button("Compare", self._compare)
+        self.overlay_button = push_button("Lay over", self.request_overlay, OVERLAY_TIP)
         self.note = label(HINT, "muted", wraps=True)
         self.plots = pg.GraphicsLayoutWidget()
         self.rasters: list[pg.PlotItem] = []
         self.rates: list[pg.PlotItem] = []
-        head = hbox(self.neuron, self.button, self.note, wide=2, margins=(8, 6, 8, 4))
-        self.setLayout(vbox(head, self.plots, tall=1))
+        self.overlaid = OverlayView(theme)
+        head = (self.neuron, self.button, self.overlay_button, self.note)
+        column = vbox(hbox(*head, wide=3, margins=(8, 6, 8, 4)), self.plots, self.overlaid, tall=1)
+        column.setStretch(2, 1)
+        self.setLayout(column)
         self.show_taxels(0)
         self.set_theme(theme)
 
@@ -297,18 +312,21 @@ class CompareView(QWidget):
             self.neuron.clear()
             names = [f"T_{k}-{i + 1}" for k in ("SA", "RA") for i in range(n_taxels)]
             self.neuron.addItems(names)
-        self.button.setEnabled(n_taxels > 0)
+        for button in (self.button, self.overlay_button):
+            button.setEnabled(n_taxels > 0)
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
         self._theme = theme
         self.plots.setBackground(theme.panel)
         reserve_right(self.plots.ci)
-        self.show_grid(self.grid)
+        self.overlaid.set_theme(theme)
+        if self.overlay is None:
+            self.show_grid(self.grid)
 
     def show_grid(self, grid: ResponseGrid | None) -> None:
         """Show conditions, or a hint without any."""
-        self.grid = grid
+        self._turn_to(grid, None)
         self.plots.clear()
         self.rasters, self.rates = [], []
         if grid is None or not grid.conditions:
@@ -325,6 +343,40 @@ class CompareView(QWidget):
         self.plots.setMinimumSize(
             *(map(scaled_px, (columns * LEAST_CELL_PX[0], rows * LEAST_CELL_PX[1])))
         )
+
+    def show_overlay(self, overlay: TrialOverlay) -> None:
+        """Show trials over each other, of the neuron that is chosen from then on."""
+        self._turn_to(None, overlay)
+        self.show_taxels(overlay.n_taxels)
+        self.neuron.setCurrentIndex(overlay.taxel + overlay.is_ra * overlay.n_taxels)
+        self.note.setText(self.overlaid.note)
+
+    @property
+    def overlay(self) -> TrialOverlay | None:
+        """The trials that are shown over each other, None where conditions are."""
+        return self.overlaid.overlay
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether any of the data is simulated."""
+        shown = self.overlay or self.grid
+        return shown is not None and shown.simulated
+
+    def values(self) -> ValueTable:
+        """Return the numbers of what is shown."""
+        return ValueTable(*self.overlaid.values()) if self.overlay else _response_values(self.grid)
+
+    def request_overlay(self) -> None:
+        """Ask for trials of the neuron to lay over each other."""
+        n = max(1, self.neuron.count() // 2)
+        is_ra, taxel = divmod(max(0, self.neuron.currentIndex()), n)
+        self.overlay_requested.emit(taxel, bool(is_ra))
+
+    def _turn_to(self, grid: ResponseGrid | None, overlay: TrialOverlay | None) -> None:
+        self.grid = grid
+        self.overlaid.show_overlay(overlay)
+        self.overlaid.setVisible(overlay is not None)
+        self.plots.setVisible(overlay is None)
 
     def _compare(self) -> None:
         self.compare_requested.emit(self.neuron.currentIndex(), self.neuron.currentText())
@@ -414,7 +466,7 @@ class TrialPages(PageTabs):
         """Return the trial and the page as the beginning of a file's name."""
         origin = "-simulated" if self.is_simulated else ""
         if self.currentWidget() is self.compare:
-            return f"compare{origin}"
+            return f"{'laid-over' if self.compare.overlay else 'compare'}{origin}"
         trial = self.data.title.partition(":")[0] if self.data else "trial"
         page = f"{trial} {self.tabText(self.currentIndex())}".lower().replace(" ", "-")
         return f"{page}{origin}"
@@ -422,9 +474,8 @@ class TrialPages(PageTabs):
     @property
     def is_simulated(self) -> bool:
         """Whether any of the data of the page in front is simulated."""
-        grid = self.compare.grid
-        if self.currentWidget() is self.compare and grid is not None:
-            return grid.simulated
+        if self.currentWidget() is self.compare and (self.compare.grid or self.compare.overlay):
+            return self.compare.is_simulated
         return self.data is not None and self.data.simulated
 
     def picture(self) -> Picture:
@@ -461,7 +512,7 @@ class TrialPages(PageTabs):
         if page is self.features and data.features is not None:
             return _feature_values(data)
         if page is self.compare:
-            return _response_values(self.compare.grid)
+            return self.compare.values()
         return _readings(data)
 
 

@@ -43,6 +43,7 @@ from gui.analysis.task_values import (
     SessionLines,
     TrialData,
 )
+from gui.analysis.trial_overlay import TrialOverlay, overlay_trials
 from gui.analysis.trial_sections import ReplayTrial, replay_trial
 from gui.protocol import run_tasks
 from gui.protocol.run_tasks import (
@@ -186,6 +187,12 @@ class WorkerTasks:
     ) -> ResponseGrid:
         """Read the responses of a neuron in trials of open sessions, by condition."""
         return compare_responses(self._sessions, trials, train, neuron)
+
+    def overlay_trials(
+        self, paths: tuple[str, ...], trials: list[tuple[str, int]], taxel: int, is_ra: bool
+    ) -> TrialOverlay:
+        """Read trials of sessions of the drum to lay over each other."""
+        return overlay_trials(self._sessions, paths, trials, taxel, is_ra)
 
     def neuron_voltage(
         self, path: str, row: int, taxel: int, first: int, end: int

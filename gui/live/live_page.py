@@ -20,6 +20,7 @@ from gui.live.navigation import SPANS_S, Navigation
 from gui.live.pointer import Pointer, cursor_text, difference_text
 from gui.live.raster import FULL_SCALE_HZ
 from gui.live.saver import SaveStrip, shown_samples, write_table
+from gui.live.spike_sound import SoundStrip, SpikeSound
 from gui.widgets.background import Background
 from gui.widgets.labels import ElidedLabel, label, show_text
 from gui.widgets.layouts import ComboBox, FlowLayout, container, hbox, push_button, vbox
@@ -326,12 +327,14 @@ class LiveBar(QWidget):
         navigation.changed.emit()
 
 
-TAXELS, TRIALS, ENCODER, VIEW, SAVE = "Taxels", "Trials", "Encoder", "View", "Save"
+TAXELS, TRIALS, ENCODER, VIEW = "Taxels", "Trials", "Encoder", "View"
+LISTEN, SAVE = "Listen", "Save"
 _STRIPS = {
     TAXELS: "Choose the taxels to show",
     TRIALS: "Begin each trial at the left edge, with earlier ones behind it",
     ENCODER: "Show the spikes of another encoder from now on",
     VIEW: "Draw the traces higher or filtered, for the eye alone",
+    LISTEN: "Hear the spikes of a neuron as clicks",
     SAVE: "Save what is on the screen as a picture or a table",
 }
 LOOK_MS = 4
@@ -356,6 +359,8 @@ class LivePage(QWidget):
         self.bar = LiveBar(self.plots.navigation, _STRIPS)
         self.taxel_strip = TaxelStrip(self.plots.sensor_layout)
         self.eye_strip = EyeStrip(self.plots)
+        self.sound = SpikeSound()
+        self.sound_strip = SoundStrip(self.sound)
         self.encoder_strip, self.save_strip = EncoderStrip(self.plots.data), SaveStrip()
         self.alignment_strip = AlignmentStrip()
         self.alignment = TrialAlignment(self.plots, self.alignment_strip)
@@ -366,6 +371,7 @@ class LivePage(QWidget):
             TRIALS: self.alignment_strip,
             ENCODER: self.encoder_strip,
             VIEW: self.eye_strip,
+            LISTEN: self.sound_strip,
             SAVE: self.save_strip,
         }
         self._supply_v, self._is_simulated = NOMINAL_SUPPLY_V, False
@@ -409,6 +415,7 @@ class LivePage(QWidget):
             self._since_samples.start()
         self._head = live.taxel_head
         self.plots.pull(live)
+        self.sound.follow(self.plots.data.timeline, self.plots.data.timeline.newest)
         self.alignment.follow()
         self.encoder_strip.set_ranges(self.plots.data.low, self.plots.data.high)
         if not self.isVisible():
@@ -473,6 +480,7 @@ class LivePage(QWidget):
         self.files.close()
         self.encoder_strip.close_files()
         self.eye_strip.close_files()
+        self.sound.close_files()
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
@@ -495,7 +503,8 @@ class LivePage(QWidget):
         self.bar.strip_toggled.connect(self._show_strip)
         self.bar.unit.currentTextChanged.connect(lambda _: self._set_unit())
         self.encoder_strip.changed.connect(self._mark_encoder)
-        self.eye_strip.failed.connect(lambda text: self.reported.emit("refused", text))
+        for failed in (self.eye_strip.failed, self.sound.failed):
+            failed.connect(lambda text: self.reported.emit("refused", text))
         self.encoder_strip.per_mm_toggled.connect(self.plots.set_rates_per_mm)
         self.save_strip.picture_requested.connect(self.save_picture)
         self.save_strip.table_requested.connect(self._save_table)
@@ -505,6 +514,7 @@ class LivePage(QWidget):
         self.pointer.enlarge_requested.connect(self._enlarge)
         self.pointer.taxel_changed.connect(lambda _: self.show_texts())
         self.pointer.taxel_changed.connect(self.alignment.show_taxel)
+        self.pointer.taxel_changed.connect(self.sound.show_taxel)
         self.plots.lines_changed.connect(self.show_texts)
         self.plots.navigation.changed.connect(self.show_texts)
 

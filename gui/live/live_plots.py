@@ -12,7 +12,7 @@ from gui.live.eye_filter import EyeFilter
 from gui.live.live_data import LiveData, ValueScale
 from gui.live.navigation import Cursors, Navigation
 from gui.live.raster import FULL_SCALE_HZ, HeatMap, RateBars, label_rates
-from gui.live.time_plots import NOW, PAUSED, SINCE_START, TimePlots
+from gui.live.time_plots import NOW, PAUSED, SINCE_START, SetPointPlot, TimePlots
 from gui.widgets.data_ages import DataAges, StaleCovers
 from gui.widgets.plot_axes import BOTTOM_PX, PlotGrid, colour_axes, fixed_plot, reserve
 from gui.widgets.theme import Theme, scaled_px, text_scale
@@ -151,6 +151,22 @@ class LivePlots(PlotGrid):
             return None
         row = int((at.y() - area.top()) / area.height() * len(taxels))
         return taxels[min(row, len(taxels) - 1)]
+
+    def course_at(self, at: QPointF) -> tuple[SetPointPlot, float] | None:
+        """Return force or speed where they, or their axis, are at a point of the widget.
+
+        The second is the point's share of the height, 0 at the bottom.
+        """
+        for number, course in enumerate(self.time_plots.courses):
+            area = self._area(number)
+            if area.top() <= at.y() <= area.bottom() and at.x() <= area.right():
+                return course, (area.bottom() - at.y()) / area.height()
+        return None
+
+    def show_whole_courses(self) -> None:
+        """Show the whole axes of force and speed."""
+        for course in self.time_plots.courses:
+            course.show_part(None)
 
     def set_span(self, span_s: float) -> None:
         """Show so many seconds."""

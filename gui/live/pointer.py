@@ -8,10 +8,11 @@ from PySide6.QtGui import QKeyEvent, QMouseEvent, QWheelEvent
 
 from gui.live.live_data import LiveData, ValueScale
 from gui.live.live_plots import LivePlots
+from gui.live.time_plots import SetPointPlot
 from gui.live.timeline import TimeWindow
 from rigctl.values import SAMPLE_RATE_HZ
 
-HINT = "Point at the plots for values · click: reference · drag: move · wheel: zoom"
+HINT = "Point at the plots for values · click: reference · drag: move · wheel, Ctrl+wheel: zoom"
 
 
 def cursor_text(
@@ -80,8 +81,10 @@ class Pointer(QObject):
     def __init__(self, plots: LivePlots) -> None:
         super().__init__(plots)
         self._plots, self.taxel = plots, 0
-        self._press: tuple[float, int] | None = None
+        self._press: tuple[QPointF, int] | None = None
         self._is_drag = False
+        self._axis: tuple[SetPointPlot, tuple[float, float] | None] | None = None
+        """Force or speed whose axis the mouse drags, and the part that it showed before."""
         graphics = plots.graphics
         graphics.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         graphics.setMouseTracking(True)
@@ -110,15 +113,25 @@ class Pointer(QObject):
             self._drag_or_point(at)
         elif kind == QEvent.Type.MouseButtonPress and event.button() == Qt.MouseButton.LeftButton:
             self._plots.graphics.setFocus(Qt.FocusReason.MouseFocusReason)
-            self._press = (at.x(), self._plots.navigation.window.right)
-            self._is_drag = False
+            self._press = (at, self._plots.navigation.window.right)
+            found = self._plots.course_at(at)
+            is_axis = found is not None and self._plots.share_at(at) is None
+            self._axis = (found[0], found[0].part) if found is not None and is_axis else None
+            self._is_drag = is_axis
         elif kind == QEvent.Type.MouseButtonRelease and self._press is not None:
             if not self._is_drag:
                 self._click(at)
             self._press = None
-        elif kind == QEvent.Type.MouseButtonDblClick and self._choose_taxel(at):
-            self.enlarge_requested.emit(self.taxel)
+        elif kind == QEvent.Type.MouseButtonDblClick:
+            self._enlarge(at)
         return True
+
+    def _enlarge(self, at: QPointF) -> None:
+        """Show the taxel at a point alone, or the whole axis of force or speed there."""
+        if self._choose_taxel(at):
+            self.enlarge_requested.emit(self.taxel)
+        elif (found := self._plots.course_at(at)) is not None:
+            found[0].show_part(None)
 
     def _drag_or_point(self, at: QPointF) -> None:
         plots = self._plots
@@ -126,13 +139,17 @@ class Pointer(QObject):
             plots.cursors.share = plots.share_at(at)
             plots.draw_lines()
             return
-        begin_x, right = self._press
-        if not self._is_drag and abs(at.x() - begin_x) < DRAG_PX:
+        begin, right = self._press
+        if self._axis is not None:
+            course, part = self._axis
+            course.show_part(part, (at.y() - begin.y()) / course.height_px)
+            return
+        if not self._is_drag and abs(at.x() - begin.x()) < DRAG_PX:
             return
         self._is_drag = True
         navigation = plots.navigation
         navigation.pause()
-        navigation.move_to(right - round((at.x() - begin_x) / plots.width_px * plots.span))
+        navigation.move_to(right - round((at.x() - begin.x()) / plots.width_px * plots.span))
         plots.draw()
 
     def _click(self, at: QPointF) -> None:
@@ -156,14 +173,21 @@ class Pointer(QObject):
         turn, share = event.angleDelta(), self._plots.share_at(event.position())
         navigation = self._plots.navigation
         if event.modifiers() & Qt.KeyboardModifier.ControlModifier and turn.y():
-            gain = self._plots.time_plots.traces.gain
-            self._plots.set_gain(gain * (ZOOM if turn.y() > 0 else 1 / ZOOM))
+            self._zoom_values(event.position(), 1 / ZOOM if turn.y() > 0 else ZOOM)
         elif event.modifiers() & Qt.KeyboardModifier.ShiftModifier or turn.x():
             navigation.scroll(round(-(turn.x() or turn.y()) / 1200 * self._plots.span))
         elif turn.y():
             navigation.zoom(1 / ZOOM if turn.y() > 0 else ZOOM, 0.5 if share is None else share)
         self._plots.draw()
         return True
+
+    def _zoom_values(self, at: QPointF, factor: float) -> None:
+        """Show ``factor`` times as many values of force or speed at a point, else of the traces."""
+        if (found := self._plots.course_at(at)) is not None:
+            course, share = found
+            course.zoom(factor, share)
+        else:
+            self._plots.set_gain(self._plots.time_plots.traces.gain / factor)
 
     def _press_key(self, event: QKeyEvent) -> bool:
         plots, key = self._plots, event.key()
@@ -174,6 +198,11 @@ class Pointer(QObject):
         if is_control and key in (_Key.Key_Left, _Key.Key_Right):
             step = max(1, span // max(1, round(plots.width_px)))
             plots.cursors.step(-step if key == _Key.Key_Left else step, navigation.window)
+        elif is_control and key in (_Key.Key_Up, _Key.Key_Down):
+            is_speed = bool(event.modifiers() & Qt.KeyboardModifier.ShiftModifier)
+            plots.time_plots.courses[is_speed].zoom(1 / ZOOM if key == _Key.Key_Up else ZOOM)
+        elif key == _Key.Key_0:
+            plots.show_whole_courses()
         elif key in (_Key.Key_Up, _Key.Key_Down):
             self._step_taxel(1 if key == _Key.Key_Down else -1)
         elif key in (_Key.Key_Return, _Key.Key_Enter):

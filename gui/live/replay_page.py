@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from gui.live.live_data import LiveData
 from gui.live.live_plots import LivePlots, gap_px, right_column_px
 from gui.live.navigation import SPANS_S, Overlay
 from gui.live.pointer import Pointer, cursor_text
+from gui.live.spike_sound import SpikeSound
 from gui.live.time_plots import IN_TRIAL
 from gui.widgets.file_browser import PathKind, browse_button, typed_path
 from gui.widgets.labels import ElidedLabel, label, show_text
@@ -290,6 +292,8 @@ class ReplayPage(QWidget):
             return
         self.player.advance()
         self.show_moment()
+        shown = round(self.player.position)
+        self.sound.follow(self.plots.data.timeline, shown, self.player.speed)
         if self.player.has_ended and self.whole_session.isChecked():
             self._next_trial()
         self._show_play()
@@ -325,6 +329,7 @@ class ReplayPage(QWidget):
         self.worker.close()
         self.movies.cancel()
         self.movies.worker.close()
+        self.sound.close_files()
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
@@ -361,14 +366,15 @@ class ReplayPage(QWidget):
         self.speed.setPrefix("× ")
         self.speed.setStepType(QAbstractSpinBox.StepType.AdaptiveDecimalStepType)
         self.speed.setToolTip("Speed of the replay in times real time")
-        self.movies = MovieMaker()
+        self.movies, self.sound = MovieMaker(), SpikeSound()
         self.note_box = NoteBox("at this moment", "A mark on the plots where the replay stands")
         self.author: Callable[[], str] = str
         """Returns who writes notes."""
         self.place_of: Callable[[str], Path] = lambda path: typed_path(path).absolute().parent
         """Returns where movies of a session go. Raises WrongUse."""
         self.place.setMinimumWidth(120)
-        self._play_row = (self.play, self.place, label("Speed"), self.speed, *self.movies.controls)
+        played = (self.play, self.place, label("Speed"), self.speed)
+        self._play_row = (*played, *self.movies.controls, *self.sound.controls)
 
     def _connect(self) -> None:
         worker, pointer = self.worker, self.pointer
@@ -386,6 +392,8 @@ class ReplayPage(QWidget):
         self.speed.valueChanged.connect(lambda speed: setattr(self.player, "speed", speed))
         self.place.valueChanged.connect(self._seek)
         pointer.taxel_changed.connect(lambda _: self._read_on())
+        pointer.taxel_changed.connect(self.sound.show_taxel)
+        self.sound.failed.connect(partial(self._fail, "sound"))
         pointer.enlarge_requested.connect(self.plots.toggle_alone)
         self.plots.lines_changed.connect(self._show_values)
         self.plots.navigation.changed.connect(self._follow_window)

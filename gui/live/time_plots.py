@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import ceil
+from math import ceil, floor
 
 import numpy as np
 import pyqtgraph as pg
@@ -28,12 +28,16 @@ from gui.widgets.plot_axes import (
     time_plot,
     time_ticks,
 )
-from gui.widgets.theme import Theme, blend, rgb, scaled_px
+from gui.widgets.theme import Theme, blend, rgb, scaled_px, text_scale
 from rigctl.session.sensor_layout import SensorLayout
 
 _HEADROOM = 1.1
 _DASHES = (5, 4)
 _MARGIN = 0.04
+LEAST_HEIGHT = 2.0
+"""In g or mm/s, of a part of an axis: three whole numbers stand beside it."""
+WORDS_PT = 7.5
+ENLARGED = "enlarged"
 _ROUND_TOPS = (50, 100, 150, 200, 300, 400, 600, 800, 1200, 1600, 2000, 3000)
 
 
@@ -80,7 +84,11 @@ class PlotLine(QGraphicsItem):
 
 
 class SetPointPlot:
-    """A measured quantity over its set-point; the scale changes in round steps only."""
+    """A measured quantity over its set-point; the scale changes in round steps only.
+
+    ``values``: lowest and highest value of the whole axis. ``part``: those of a part of it that is
+    shown in its place, which then says so; it stays until all is shown again.
+    """
 
     def __init__(self, plot: pg.PlotItem, colour: str, theme: Theme) -> None:
         self._plot = plot
@@ -89,14 +97,21 @@ class SetPointPlot:
         for line in (self._set_point, self._measured):
             plot.addItem(line)
         self.values = (0.0, 0.0)
-        """Lowest and highest value on the axis."""
+        self.part: tuple[float, float] | None = None
+        self._newest = 0.0
+        self._words = pg.LabelItem("")
+        self._words.setParentItem(plot.getViewBox())
+        self._words.anchor(itemPos=(1, 1), parentPos=(1, 1))
+        self._theme = theme
         self._set_scale(0.0, 0.0)
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
+        self._theme = theme
         self._set_point.set_pen(theme.set_point, is_dashed=True)
         self._measured.set_pen(getattr(theme, self._colour))
+        self._show_axis()
 
     def set_times(self, left_s: float, right_s: float) -> None:
         """Set the ends of the time axis."""
@@ -113,8 +128,38 @@ class SetPointPlot:
         self._measured.set_points(*thin_out(time_s, measured))
         self._set_point.set_points(*corners(time_s, set_point))
         if len(time_s):
+            self._newest = float(measured[-1])
             lowest, highest = float(measured.min()), float(max(measured.max(), set_point.max()))
             self._set_scale(lowest, highest)
+
+    @property
+    def height_px(self) -> float:
+        """Height of the axis."""
+        return float(self._plot.getViewBox().height())
+
+    def zoom(self, factor: float, share: float | None = None) -> None:
+        """Show ``factor`` times as much, in whole numbers, up to the whole axis.
+
+        The value at a share of the height, 0 at the bottom, stays; without one, the newest.
+        """
+        low, high = self.part or self.values
+        height = (high - low) * factor
+        height = max(2 * floor(height / 2), LEAST_HEIGHT) if factor < 1 else 2 * ceil(height / 2)
+        if share is None:
+            inside = min(max((self._newest - low) / (high - low), 0.0), 1.0)
+        else:
+            inside = (1 + 2 * _MARGIN) * share - _MARGIN
+        bottom = float(round(low + inside * (high - low - height)))
+        is_part = height < self.values[1] - self.values[0]
+        self.show_part((bottom, bottom + height) if is_part else None)
+
+    def show_part(self, part: tuple[float, float] | None, share: float = 0.0) -> None:
+        """Show a part of the axis, higher by a share of its height, or with None all of it."""
+        if part is not None:
+            by = round(share * (part[1] - part[0]))
+            part = part[0] + by, part[1] + by
+        self.part = part
+        self._show_axis()
 
     def _set_scale(self, lowest: float, highest: float) -> None:
         top = _round_end(highest)
@@ -122,12 +167,20 @@ class SetPointPlot:
         if (bottom, top) == self.values:
             return
         self.values = (bottom, top)
-        height = top - bottom
-        self._plot.setYRange(bottom - _MARGIN * height, top + _MARGIN * height, padding=0)
-        ticks = [(value, f"{value:.0f}".replace("-", "−")) for value in _ticks(bottom, top)]
-        self._plot.getAxis("left").setTicks([ticks, []])
         for line in (self._set_point, self._measured):
             line.set_values(bottom, top)
+        self._show_axis()
+
+    def _show_axis(self) -> None:
+        bottom, top = self.part or self.values
+        margin = _MARGIN * (top - bottom)
+        self._plot.setYRange(bottom - margin, top + margin, padding=0)
+        values = _ticks(bottom, top) if self.part is None else (bottom, (bottom + top) / 2, top)
+        ticks = [(value, f"{value:.0f}".replace("-", "−")) for value in values]
+        self._plot.getAxis("left").setTicks([ticks, []])
+        words = ENLARGED if self.part is not None else ""
+        size = f"{WORDS_PT * text_scale():g}pt"
+        self._words.setText(words, color=self._theme.text, size=size)
 
 
 def corners(
@@ -278,6 +331,7 @@ class TimePlots:
             plot.setXLink(force_plot)
         self.force = SetPointPlot(force_plot, "force", theme)
         self.speed = SetPointPlot(speed_plot, "speed", theme)
+        self.courses = (self.force, self.speed)
         self.traces, self.raster = Traces(theme, sensor), Raster(theme, sensor)
         self.overlays = [Overlay(theme, names_marks=row == 0) for row in range(len(self.plots))]
         for plot, image in ((self.trace_plot, self.traces), (self.raster_plot, self.raster)):
@@ -336,7 +390,7 @@ class TimePlots:
         self._eye_words.setColor(theme.text)
         self._eye_words.fill = pg.mkBrush(theme.plot)
         views: tuple[Traces | Raster | SetPointPlot | Overlay, ...] = (
-            self.traces, self.raster, self.force, self.speed, *self.overlays,
+            self.traces, self.raster, *self.courses, *self.overlays,
         )  # fmt: skip
         for view in views:
             view.set_theme(theme)
@@ -424,7 +478,7 @@ class TimePlots:
         ticks = time_ticks(left_s, right_s, most_ticks(width_px))
         self.raster_plot.getAxis("bottom").setTicks([ticks, []])
         self.plots[0].setXRange(left_s, right_s, padding=0)
-        for course in (self.force, self.speed):
+        for course in self.courses:
             course.set_times(left_s, right_s)
 
 

@@ -35,6 +35,7 @@ FIXED_KEYS = (
     ActionRow("Plots", "Look back", "Left, Right", "A tenth of the axis; Page up, Page down: all"),
     ActionRow("Plots", "Oldest samples", "Home", "Up to eleven minutes ago"),
     ActionRow("Plots", "Zoom", "+, −", "In a pause"),
+    ActionRow("Plots", "Zoom force", "Ctrl+Up, Ctrl+Down", "With Shift speed; 0 shows all again"),
     ActionRow("Plots", "Move the cursor", "Ctrl+Left, Ctrl+Right", "Values stand below the plots"),
     ActionRow("Plots", "Set the reference", "C", "The second line then shows differences from it"),
     ActionRow("Plots", "Choose a taxel", "Up, Down", "Return shows it alone, or all again"),

@@ -636,6 +636,7 @@ class MainWindow(SteadyFocusWindow):
         sessions.continue_requested.connect(self._continue_session)
         sessions.analyse_requested.connect(self._analyse)
         sessions.add_requested.connect(self._add_to_analysis)
+        sessions.overlay_requested.connect(self._lay_over)
         sessions.path_requested.connect(self._browse_sessions)
         sessions.closed.connect(self._show_view)
         self.start.sessions_requested.connect(self._list_sessions)
@@ -697,6 +698,11 @@ class MainWindow(SteadyFocusWindow):
         """Open a session in the Analysis panel and bring it to the front."""
         self.show_panel("analysis")
         self.analysis_tab.open_session(session)
+
+    def _lay_over(self, sessions: tuple[str, ...]) -> None:
+        """Open sessions in the Analysis panel, and show a trial of each in one plot."""
+        self.show_panel("analysis")
+        self.analysis_tab.lay_over(sessions)
 
     def _browse(self, kind: PathKind, selected: Callable[[str], None]) -> None:
         self.file_browser.open(kind, selected, self.protocol_panel.out.text().strip())

@@ -154,7 +154,8 @@ def add_panel_menus(
     tasks = (panel.verify_button, box.run_button, box.cancel_button, box.results_button)
     report = (analysis.results_panel.report_button, analysis.results_panel.folder_button)
     others = (box.form.add_button, box.form.remove_button)
-    trials = (panel.trials.replay_button, analysis.trial_view.compare.button)
+    compare = analysis.trial_view.compare
+    trials = (panel.trials.replay_button, compare.button, compare.overlay_button)
     add_buttons(menus, "Tools → Analysis", [*others, *tasks, *report, *trials])
 
 
@@ -230,6 +231,8 @@ def add_live_actions(menus: ActionRegistry, page: LivePage, settings: UserSettin
     menus.add("View", "&Pause or follow", toggle, shortcut="Ctrl+Space", tip=tip)
     tip = "Begin each trial at the left edge of the live plots, or let them scroll"
     menus.add("View", "Begin at each t&rial", page.toggle_alignment, tip=tip)
+    tip = "Show all of the axes of force and speed again (0, or a double click on them)"
+    menus.add("View", "&Whole axes", page.plots.show_whole_courses, tip=tip)
     add_buttons(menus, "View → Controls of the live plots", page.bar.buttons.values())
     tip = "Save the live plots as they are now"
     menus.add("File", "Save &picture", page.save_picture, shortcut="Ctrl+Shift+P", tip=tip)

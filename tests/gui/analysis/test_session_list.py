@@ -7,20 +7,23 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
+from gui.analysis.overlay_view import LOOKS
 from gui.analysis.session_list import BATCH, SessionList
 from rigctl.session.notes import Mark, SessionNote
-from rigctl.session.session import add_note
+from rigctl.session.session import Session, add_note
 from rigctl.values import SessionLine
 from tests.analysis.recordings import record
 from tests.gui.steps import Harness, SharedWindow, click, wait_until
 from tests.session.building import SyntheticRig, plan, recorder
 
 pytestmark = pytest.mark.usefixtures("leave_nothing")
+NO_KEY, CONTROL = Qt.KeyboardModifier.NoModifier, Qt.KeyboardModifier.ControlModifier
 KIND = {"travel_mm": 12.0, "speeds": (40, 80), "forces": (250,)}
 
 
@@ -51,6 +54,10 @@ def sessions(harness: Harness, data: Path) -> Iterator[SessionList]:
     wait_until(lambda: len(listed.lines) == 4 and "being read" not in listed.count.text())
     assert window.stack.currentWidget() is listed
     yield listed
+    pages = window.analysis_tab.trial_view
+    pages.setCurrentIndex(0)
+    pages.compare.show_grid(None)
+    window.analysis_tab.panel.trials.filter.clear()
     listed.filter.clear()
     click(listed.close_button)
 
@@ -72,11 +79,12 @@ def cells(listed: SessionList, name: str) -> dict[str, str]:
 NAME = "Session"
 
 
-def choose(listed: SessionList, name: str) -> None:
-    """Click on the row of a session."""
-    row = list(cells(listed, NAME)).index(name)
-    at = listed.table.visualRect(listed.model.index(row, 1)).center()
-    QTest.mouseClick(listed.table.viewport(), Qt.MouseButton.LeftButton, pos=at)
+def choose(listed: SessionList, name: str, *others: str) -> None:
+    """Click on the row of a session, and with Ctrl on others."""
+    for keys, one in zip((NO_KEY, *[CONTROL] * len(others)), (name, *others), strict=True):
+        row = list(cells(listed, NAME)).index(one)
+        at = listed.table.visualRect(listed.model.index(row, 1)).center()
+        QTest.mouseClick(listed.table.viewport(), Qt.MouseButton.LeftButton, keys, at)
 
 
 def test_each_session_says_how_far_it_is(sessions: SessionList) -> None:
@@ -122,6 +130,74 @@ def test_analyse_and_add_open_sessions_beside_each_other(
     click(sessions.buttons["Add"])
     wait_until(lambda: panel.model.rowCount() == 8)
     assert list(panel.sessions) == [str(data / "project" / "whole"), str(data / "marked")]
+
+
+def test_analyse_opens_all_chosen_sessions(harness: Harness, sessions: SessionList) -> None:
+    panel = harness.window.analysis_tab.panel
+    choose(sessions, "whole", "marked")
+    click(sessions.buttons["Analyse"])
+    wait_until(lambda: panel.model.rowCount() == 8)
+    assert [Path(path).name for path in panel.sessions] == ["marked", "whole"], "as listed"
+    assert panel.run_box.form.sessions == tuple(panel.sessions)
+
+
+def test_lay_over_shows_the_like_of_each_chosen_session_in_one_plot(
+    harness: Harness, sessions: SessionList, data: Path
+) -> None:
+    tab = harness.window.analysis_tab
+    compare, button = tab.trial_view.compare, sessions.buttons["Lay over"]
+    choose(sessions, "whole")
+    assert not button.isEnabled() and "two or more" in button.toolTip()
+    choose(sessions, "whole", "marked", "stopped")
+    click(button)
+    wait_until(lambda: compare.overlay is not None and not tab.reader.is_busy)
+    assert harness.window.stack.currentWidget().isAncestorOf(compare) and compare.isVisible()
+    overlay = compare.overlay
+    assert overlay is not None and overlay.neuron == "T_SA-1" and overlay.simulated
+    assert overlay.condition == "plate A, 40 mm/s, 250 g", "the one that all have"
+    assert overlay.left_out == "" and len(tab.panel.sessions) == 3
+    names = [trial.name.partition(",")[0] for trial in overlay.trials]
+    assert sorted(names) == ["marked", "stopped", "whole"]
+    whole = overlay.trials[names.index("whole")]
+    with Session.open(data / "project" / "whole") as session:
+        ids = session.trials["trial_id"].tolist()
+        samples = session.samples(ids.index(int(whole.name.rpartition(" ")[2])))
+    assert np.array_equal(whole.reading, samples[:, 0])
+    assert abs(np.median(whole.force_g) - 250) < 5
+    assert "SIMULATED data. T_SA-1." in compare.note.text()
+    boxes = [box for box in compare.overlaid.legend if box.isVisible()]
+    expected = [f"{number} {trial.name}" for number, trial in enumerate(overlay.trials, 1)]
+    assert [box.text() for box in boxes] == expected
+    boxes[0].click()
+    axis = compare.overlaid.plots.plots[2].getAxis("left")
+    assert [text for _, text in axis._tickLevels[0]] == ["2", "3"]
+
+
+def test_another_condition_and_neuron_are_laid_over_from_the_table(
+    harness: Harness, sessions: SessionList
+) -> None:
+    tab = harness.window.analysis_tab
+    compare, panel = tab.trial_view.compare, tab.panel
+    choose(sessions, "whole", "marked", "stopped")
+    click(sessions.buttons["Lay over"])
+    wait_until(lambda: compare.overlay is not None and not tab.reader.is_busy)
+    panel.trials.filter.setText("B 80mm/s committed")
+    panel.table.selectRow(0)
+    compare.neuron.setCurrentText("T_RA-4")
+    wait_until(lambda: not tab.reader.is_busy)
+    click(compare.overlay_button)
+    wait_until(lambda: compare.overlay is not None and compare.overlay.neuron == "T_RA-4")
+    overlay = compare.overlay
+    assert overlay is not None and overlay.condition == "plate B, 80 mm/s, 250 g"
+    assert len(overlay.trials) == 2
+    assert overlay.left_out == "Sessions or trials without such a neuron or condition: 1."
+    assert overlay.left_out in compare.note.text()
+    assert compare.overlaid.plots.plots[1].getAxis("left").labelText == "T4<br>(counts)"
+
+
+def test_curves_differ_in_colour_and_dashes() -> None:
+    looks = [(look.light, look.dark, look.dashes) for look in LOOKS]
+    assert all(len(set(part)) == len(LOOKS) for part in zip(*looks, strict=True))
 
 
 def test_a_session_that_was_verified_says_when(

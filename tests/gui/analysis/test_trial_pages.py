@@ -32,6 +32,7 @@ def shown(harness: Harness, tmp_path: Path) -> Iterator[Harness]:
     session = record(tmp_path / "session", "BD", **kind)
     harness.window.show_panel("analysis")
     tab = harness.window.analysis_tab
+    tab.panel.run_box.method.setCurrentIndex(0)
     tab.open_session(str(session))
     wait_until(lambda: tab.trial_view.data is not None and not tab.reader.is_busy)
     yield harness
@@ -242,4 +243,31 @@ def test_conditions_are_compared_by_raster_and_mean_rate(shown: Harness) -> None
     click(view.button)
     wait_until(lambda: view.grid is not None and len(view.grid.conditions) == 1)
     tab.panel.trials.filter.clear()
+    view.show_grid(None)
+
+
+def test_selected_trials_are_laid_over_each_other_and_saved(shown: Harness) -> None:
+    tab = shown.window.analysis_tab
+    turn_to(shown, "Compare")
+    view, table_view = tab.trial_view.compare, tab.panel.table
+    table_view.selectAll()
+    click(view.overlay_button)
+    wait_until(lambda: view.overlay is not None)
+    overlay = view.overlay
+    assert overlay is not None and overlay.condition == "several conditions"
+    assert [trial.name for trial in overlay.trials] == [f"session, trial {n}" for n in (1, 2, 3, 4)]
+    assert overlay.left_out == "" and view.overlaid.isVisible() and not view.plots.isVisible()
+    table = save(shown, "csv")
+    assert table.name == "laid-over-simulated.csv"
+    with table.open() as file:
+        rows = list(csv.DictReader(file))
+    first = overlay.trials[0]
+    assert float(rows[7]["session, trial 1: reading (counts)"]) == first.reading[7]
+    assert rows[0]["simulated"] == "yes"
+    spikes = [row["session, trial 1: spike time (s)"] for row in rows]
+    assert sum(one != "nan" for one in spikes) == len(first.spikes_s)
+    assert "SIMULATED data" in save(shown, "svg").read_text()
+    click(view.button)
+    wait_until(lambda: view.overlay is None and view.grid is not None)
+    assert view.plots.isVisible() and not view.overlaid.isVisible()
     view.show_grid(None)

@@ -16,6 +16,7 @@ from PySide6.QtWidgets import QApplication
 from gui.analysis.export import FOOT_PX
 from gui.live.live_page import CONDUCTANCE, COUNTS, ENCODER, SAVE, TAXELS, VOLTS, LivePage
 from gui.live.saver import shown_samples, write_table
+from gui.live.time_plots import ENLARGED, LEAST_HEIGHT
 from gui.widgets.file_browser import NO_FOLDER, NO_WHOLE_PATH
 from gui.widgets.theme import LIGHT
 from rigctl.encoder.encoder import Encoder
@@ -68,13 +69,18 @@ def move(page: LivePage, plot: int, share: float, height: float = 0.5) -> None:
     QApplication.sendEvent(view, QMouseEvent(kind, QPointF(at), where, no_button, no_button, none))
 
 
-def turn(page: LivePage, share: float, steps: int) -> None:
+def turn(
+    page: LivePage,
+    share: float,
+    steps: int,
+    height: float = 0.5,
+    keys: Qt.KeyboardModifier = Qt.KeyboardModifier.NoModifier,
+) -> None:
     """Turn the wheel over the force plot."""
-    at, view = QPointF(point(page, 0, share)), page.plots.graphics.viewport()
+    at, view = QPointF(point(page, 0, share, height)), page.plots.graphics.viewport()
     arguments = (at, QPointF(view.mapToGlobal(at)), QPoint(), QPoint(0, 120 * steps))
-    no_button, none = Qt.MouseButton.NoButton, Qt.KeyboardModifier.NoModifier
-    phase = Qt.ScrollPhase.NoScrollPhase
-    QApplication.sendEvent(view, QWheelEvent(*arguments, no_button, none, phase, False))
+    no_button, phase = Qt.MouseButton.NoButton, Qt.ScrollPhase.NoScrollPhase
+    QApplication.sendEvent(view, QWheelEvent(*arguments, no_button, keys, phase, False))
 
 
 def test_pause_keeps_the_view_while_samples_arrive(page: LivePage, engine: FakeEngine) -> None:
@@ -132,6 +138,74 @@ def test_the_span_is_chosen_from_one_second_to_a_minute(page: LivePage) -> None:
     assert page.plots.time_plots.plots[0].viewRange()[0] == [-60.0, 0.0]
     turn(page, 0.5, 1)
     assert box.currentText() == "30 s"
+
+
+CONTROL = Qt.KeyboardModifier.ControlModifier
+
+
+def axis_of(page: LivePage, plot: int) -> tuple[list[float], list[str]]:
+    """Return the ends of a plot's axis, and the numbers beside it."""
+    item = page.plots.time_plots.plots[plot]
+    return item.viewRange()[1], [text for _, text in item.getAxis("left")._tickLevels[0]]
+
+
+def test_the_wheel_with_ctrl_enlarges_force_about_the_pointer_until_a_double_click(
+    page: LivePage, engine: FakeEngine
+) -> None:
+    force, speed = page.plots.time_plots.courses
+    whole, of_speed = axis_of(page, 0), axis_of(page, 1)
+    low, high = whole[0]
+    kept, gain = high - 0.25 * (high - low), page.plots.time_plots.traces.gain
+    for _ in range(4):
+        turn(page, 0.5, 1, 0.25, CONTROL)
+    (low, high), numbers = axis_of(page, 0)
+    assert high - low < 0.5 * (whole[0][1] - whole[0][0])
+    assert high - 0.25 * (high - low) == pytest.approx(kept, abs=6)
+    assert force.part is not None and numbers == [
+        f"{value:.0f}" for value in (force.part[0], sum(force.part) / 2, force.part[1])
+    ]
+    assert ENLARGED in force._words.text and ENLARGED not in speed._words.text
+    assert axis_of(page, 1) == of_speed and page.plots.time_plots.traces.gain == gain
+    stream(page, engine, 1000)
+    assert axis_of(page, 0)[0] == [low, high], "it stays while samples come"
+    QTest.mouseDClick(page.plots.graphics.viewport(), LEFT, pos=point(page, 0, 0.5))
+    assert axis_of(page, 0) == whole and force._words.text == ""
+
+
+def test_dragging_an_enlarged_axis_moves_it_and_not_the_time(page: LivePage) -> None:
+    force = page.plots.time_plots.force
+    for _ in range(40):
+        turn(page, 0.5, 1, 0.5, CONTROL)
+    assert force.part is not None and force.part[1] - force.part[0] == LEAST_HEIGHT
+    turn(page, 0.5, -8, 0.5, CONTROL)
+    low, high = force.part
+    view = page.plots.graphics.viewport()
+    QTest.mousePress(view, LEFT, pos=point(page, 0, -0.02, 0.2))
+    for height in (0.3, 0.5, 0.7):
+        QTest.mouseMove(view, point(page, 0, -0.02, height))
+    QTest.mouseRelease(view, LEFT, pos=point(page, 0, -0.02, 0.7))
+    assert force.part == (low + round((high - low) / 2), high + round((high - low) / 2))
+    assert not page.plots.navigation.is_paused and page.plots.cursors.reference is None
+    for _ in range(60):
+        turn(page, 0.5, -1, 0.5, CONTROL)
+    assert force.part is None
+
+
+def test_keys_enlarge_force_and_speed_about_the_newest_value(
+    page: LivePage, engine: FakeEngine
+) -> None:
+    press, shift = partial(QTest.keyClick, page.plots.graphics), Qt.KeyboardModifier.ShiftModifier
+    for _ in range(12):
+        press(Qt.Key.Key_Up, CONTROL)
+        press(Qt.Key.Key_Up, CONTROL | shift)
+    newest = engine.live.drum(1)
+    for course, value in zip(
+        page.plots.time_plots.courses, (newest.force_g[-1], newest.speed_mm_s[-1]), strict=True
+    ):
+        assert course.part is not None and course.part[0] - 1 <= value <= course.part[1] + 1
+    press(Qt.Key.Key_Down, CONTROL)
+    press(Qt.Key.Key_0)
+    assert [course.part for course in page.plots.time_plots.courses] == [None, None]
 
 
 def test_the_cursor_shows_values_and_differences(page: LivePage) -> None:

@@ -15,12 +15,16 @@ from PySide6.QtWidgets import QApplication, QPushButton, QTableView, QWidget
 from gui.analysis.trial_sections import ReplayTrial
 from gui.live.navigation import SPANS_S
 from gui.live.replay_page import NO_ATTEMPT, NO_SESSION, Player, ReplayPage
+from gui.live.spike_clicks import Channel
+from gui.live.spike_sound import Take
 from gui.live.timeline import TimeWindow
 from rigctl.encoder.encoder import encode_trial
 from rigctl.encoder.normalisation import Normalisation
+from rigctl.errors import WrongUse
 from rigctl.session.notes import read_notes
 from rigctl.session.session import Session
 from tests.analysis.recordings import record
+from tests.gui.live.speaker import Speaker
 from tests.gui.steps import SharedWindow, click, wait_until
 from tests.gui.texts.plots import cut_plot_texts
 from tests.session.building import SyntheticRig, plan, recorder
@@ -313,3 +317,31 @@ def test_a_session_that_grows_is_followed_with_its_age(
     page.speed.setValue(1.0)
     page.player.stop()
     window.replay.hide()
+
+
+def test_a_replay_is_heard_while_it_plays(disconnected: SharedWindow, session: Path) -> None:
+    page = disconnected.window.replay.page
+    speaker = Speaker()
+    page.sound.open_device = speaker.open
+    page.open(str(session), 1)
+    wait_until(lambda: page.player.length > 0 and not page.worker.is_busy)
+    page.sound.channel.setCurrentText(Channel.SA)
+    wait_until(lambda: speaker.is_open)
+    disconnected.window.replay.show()
+    page.speed.setValue(1.0)
+    assert not speaker.listen().any()
+    click(page.play)
+    wait_until(lambda: bool(speaker.listen().any()))
+    click(page.play)
+    page.sound.channel.setCurrentText(Channel.NONE)
+    wait_until(lambda: not speaker.is_open)
+
+    def refuse(_: Take) -> Speaker:
+        raise WrongUse("no sound: connect speakers")
+
+    page.sound.open_device = refuse
+    page.sound.channel.setCurrentText(Channel.RA)
+    wait_until(lambda: page.sentence.text() == "no sound: connect speakers")
+    assert page.sound.chosen is Channel.NONE
+    assert "no sound: connect speakers" in disconnected.window.event_log.toPlainText()
+    page.closed.emit()

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from PySide6.QtWidgets import QApplication
 
-from gui.live.live_page import COUNTS, ENCODER, TRIALS, VOLTS
+from gui.live.live_page import COUNTS, ENCODER, LISTEN, TRIALS, VOLTS
 from gui.protocol.learning_page import NO_SESSION
 from gui.protocol.protocol_panel import ProtocolPanel
 from gui.shell.main_window import MainWindow
@@ -203,6 +203,10 @@ def _taxel_alone(stage: Stage) -> Iterator[str]:
     for name in (VOLTS, COUNTS):
         unit.setCurrentText(name)
         yield f"A taxel alone in {name}"
+    for course in page.plots.time_plots.courses:
+        course.zoom(0.1)
+    yield "Parts of the axes of force and speed"
+    page.plots.show_whole_courses()
     page.plots.show_taxels(tuple(range(18)))
 
 
@@ -221,7 +225,9 @@ def _trials(stage: Stage) -> Iterator[str]:
     click(page.encoder_strip.per_mm)
     yield "Encoder of the live views, rates per mm"
     click(page.encoder_strip.per_mm)
-    click(page.bar.buttons[ENCODER])
+    click(page.bar.buttons[LISTEN])
+    yield "Listen to a neuron"
+    click(page.bar.buttons[LISTEN])
 
 
 def _protocol(stage: Stage) -> Iterator[str]:

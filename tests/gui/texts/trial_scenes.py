@@ -20,4 +20,9 @@ def trial_scenes(tab: AnalysisTab) -> Iterator[str]:
             wait_until(lambda: not tab.worker.is_busy and compare.grid is not None)
         QApplication.processEvents()
         yield f"Analysis, {pages.tabText(pages.currentIndex())}"
+    tab.panel.table.selectAll()
+    click(compare.overlay_button)
+    wait_until(lambda: compare.overlay is not None)
+    yield "Analysis, trials over each other"
+    compare.show_grid(None)
     pages.setCurrentWidget(pages.readings)
