@@ -49,7 +49,7 @@ def test_a_checkout_finds_its_own_protocols(
         assert resources.find_protocol(name) == shipped
     (tmp_path / "quick.toml").write_text("")
     assert resources.find_protocol("quick.toml") == Path("quick.toml")
-    with pytest.raises(ProtocolError, match="quick, showcase"):
+    with pytest.raises(ProtocolError, match="quick, sensor, showcase"):
         resources.find_protocol("elsewhere/quick.toml")
 
 
