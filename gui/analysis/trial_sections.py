@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gui.analysis.task_values import Section, TrialCourse, TrialData, TrialFeatures
 from gui.live.drum_course import DrumCourse, thin_out
-from gui.live.timeline import CAPACITY_S, Timeline
+from gui.live.sample_history import CAPACITY_S, SampleHistory
 from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import SAMPLE_RATE_HZ, TrialMark
 
@@ -271,7 +271,7 @@ class ReplayTrial(NamedTuple):
     title: str
     simulated: bool
     layout: SensorLayout
-    timeline: Timeline
+    history: SampleHistory
     drum: DrumCourse
     low: NDArray[np.uint16]
     high: NDArray[np.uint16]
@@ -291,9 +291,9 @@ def replay_trial(trial: EncodedTrial, right: int) -> ReplayTrial:
     length = SECTION_S * SAMPLE_RATE_HZ
     end = min(n, max(right + AHEAD_S * SAMPLE_RATE_HZ, length))
     first = max(0, end - length)
-    timeline = Timeline(layout.n_taxels, 2 * layout.n_taxels, max(1, min(n, length)))
+    history = SampleHistory(layout.n_taxels, 2 * layout.n_taxels, max(1, min(n, length)))
     for block in trial.blocks(first, end):
-        first += append_samples(timeline, first, *block)
+        first += append_samples(history, first, *block)
     low, high = _range(trial)
     drum, whole_s = DrumCourse(), (-np.inf, np.inf)
     times_s = ((first - length) / SAMPLE_RATE_HZ, end / SAMPLE_RATE_HZ) if n > length else whole_s
@@ -301,7 +301,7 @@ def replay_trial(trial: EncodedTrial, right: int) -> ReplayTrial:
     simulated = trial.session.header.simulated
     marks = trial.session.trial_marks(trial.row)
     about = trial.title, simulated, layout
-    return ReplayTrial(*about, timeline, drum, low, high, n, trial.row, marks)
+    return ReplayTrial(*about, history, drum, low, high, n, trial.row, marks)
 
 
 def _range(trial: EncodedTrial) -> tuple[Samples, Samples]:
@@ -314,11 +314,11 @@ def _range(trial: EncodedTrial) -> tuple[Samples, Samples]:
     return low, np.max([high for _, high in ends], axis=0) if ends else none
 
 
-def append_samples(timeline: Timeline, first: int, samples: Samples, spikes: Spikes) -> int:
+def append_samples(history: SampleHistory, first: int, samples: Samples, spikes: Spikes) -> int:
     """Append the samples of a trial from ``first`` on; return how many."""
     counters = np.arange(first, first + len(samples), dtype=np.int64)
     flags = np.zeros(len(samples), np.uint8)
-    return timeline.append(counters / SAMPLE_RATE_HZ, counters, samples, flags, spikes)
+    return history.append(counters / SAMPLE_RATE_HZ, counters, samples, flags, spikes)
 
 
 def append_course(drum: DrumCourse, course: TrialCourse) -> None:

@@ -14,7 +14,7 @@ from PySide6.QtGui import QImage, QPainter, QTransform
 from PySide6.QtWidgets import QGraphicsItem
 
 from gui.live.raster import MEAN_SAMPLES, HeatMap
-from gui.live.timeline import Timeline
+from gui.live.sample_history import SampleHistory
 from gui.widgets.plot_axes import (
     BOTTOM_PX,
     LEFT_PX,
@@ -159,21 +159,21 @@ SPAN_MM = 210.0
 WINDOW_MM = 10.0
 
 
-def scan_samples(timeline: Timeline) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
+def scan_samples(history: SampleHistory) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
     """Return the samples of the newest scan: their numbers in it (n,), and their spikes (n, 9).
 
-    Empty if the scan's first sample is no longer in the timeline.
+    Empty if the scan's first sample is no longer in the history.
     """
-    oldest, end = timeline.flags.first, timeline.flags.end
-    flags = timeline.flags.between(oldest, end)
+    oldest, end = history.flags.first, history.flags.end
+    flags = history.flags.between(oldest, end)
     firsts = np.flatnonzero(flags & SampleFlag.FIRST)
     if not len(firsts):
         return np.zeros(0, np.int64), np.zeros((0, N_FINGER_TAXELS), np.uint8)
     first = int(firsts[-1])
     outside = np.flatnonzero((flags[first:] & SampleFlag.IN_SCAN) == 0)
     rows = oldest + first, oldest + first + int(outside[0]) if len(outside) else end
-    counters = timeline.counters.between(*rows)
-    return counters - counters[0], timeline.spikes.between(*rows)
+    counters = history.counters.between(*rows)
+    return counters - counters[0], history.spikes.between(*rows)
 
 
 class ScaledRaster(QGraphicsItem):
@@ -196,14 +196,14 @@ class ScaledRaster(QGraphicsItem):
         self._drawn = ()
 
     def refresh(
-        self, timeline: Timeline, record: ScanRecord, width: int, height: int, ratio: float
+        self, history: SampleHistory, record: ScanRecord, width: int, height: int, ratio: float
     ) -> None:
         """Draw the scan for a view of ``width`` × ``height`` logical pixels, if it changed."""
         shape = (max(1, round(height * ratio)), max(1, round(width * ratio)))
         wanted = (shape, ratio, record.version)
         if wanted != self._drawn:
             self._drawn, self._ratio = wanted, ratio
-            self._draw(shape, *_placed_spikes(timeline, record))
+            self._draw(shape, *_placed_spikes(history, record))
             self.update()
 
     @property
@@ -255,10 +255,10 @@ def _row_edges(height: int) -> NDArray[np.int64]:
 
 
 def _placed_spikes(
-    timeline: Timeline, record: ScanRecord
+    history: SampleHistory, record: ScanRecord
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return taxel (k,) and way in mm (k,) of each spike in the batches that are scaled."""
-    numbers, spikes = scan_samples(timeline)
+    numbers, spikes = scan_samples(history)
     edges = np.rint(record.edges_s * SAMPLE_RATE_HZ).astype(np.int64)
     # A scan has started whose first batch is not scaled: the record is of the scan before.
     is_of_record = len(numbers) > 0 and numbers[-1] + 1 >= edges[-1]
@@ -287,7 +287,7 @@ class ScanPlots(PlotGrid):
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
-        self.timeline = Timeline(
+        self.history = SampleHistory(
             n_taxels=N_FINGER_TAXELS, n_rows=N_FINGER_TAXELS, capacity=HISTORY_S * SAMPLE_RATE_HZ
         )
         self._frame = -1
@@ -305,7 +305,7 @@ class ScanPlots(PlotGrid):
 
     def refresh(self, live: FingerLiveReader, record: ScanRecord) -> None:
         """Draw the new samples and batches."""
-        self.timeline.pull(live)
+        self.history.pull(live)
         self._refresh_raster(record)
         if record.version != self._version:
             self._version = record.version
@@ -313,13 +313,13 @@ class ScanPlots(PlotGrid):
         self._frame += 1
         if self._frame % _SLOW_REFRESH_FRAMES == 0:
             low, high = (np.asarray(side, float) for side in live.normalisation)
-            end = self.timeline.samples.end
-            newest = self.timeline.samples.between(end - MEAN_SAMPLES, end)
+            end = self.history.samples.end
+            newest = self.history.samples.between(end - MEAN_SAMPLES, end)
             self.heat_map.refresh(newest, low, high)
 
     def clear_history(self) -> None:
         """Remove all samples, as when another engine is connected."""
-        self.timeline.clear()
+        self.history.clear()
         self._frame = self._version = -1
 
     def set_quality(self, quality: ScanQuality) -> None:
@@ -405,7 +405,7 @@ class ScanPlots(PlotGrid):
         area = self._raster_plot.getViewBox().sceneBoundingRect()
         width = round(area.right()) - round(area.left())
         height = round(area.bottom()) - round(area.top())
-        self.raster.refresh(self.timeline, record, width, height, self.devicePixelRatioF())
+        self.raster.refresh(self.history, record, width, height, self.devicePixelRatioF())
 
     def _refresh_velocity(self, record: ScanRecord) -> None:
         speeds = record.velocities_mm_s

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gui.live.timeline import CAPACITY_S, Timeline, TimeWindow
+from gui.live.sample_history import CAPACITY_S, SampleHistory, TimeWindow
 from rigctl.engine.live_file import LiveReader, Ring
 from rigctl.values import SAMPLE_RATE_HZ
 
@@ -38,7 +38,7 @@ class DrumCourse:
         ring = self._rings["position"]
         return float(ring.between(ring.end - 1, ring.end)[0]) if ring.end else -np.inf
 
-    def pull(self, live: LiveReader, timeline: Timeline) -> None:
+    def pull(self, live: LiveReader, history: SampleHistory) -> None:
         """Append what the engine wrote since the last pull."""
         window = live.drum(_NEW_ROWS)
         if window.first > self._head:
@@ -46,7 +46,7 @@ class DrumCourse:
         first = max(0, self._head - window.first)
         self._head = window.first + len(window)
         columns = {name: getattr(window, name)[first:] for name in COLUMNS}
-        self.append(timeline.position_at(window.time_s[first:]), columns)
+        self.append(history.position_at(window.time_s[first:]), columns)
 
     def append(self, position: Floats, columns: dict[str, Floats]) -> None:
         """Append rows, (n,) each, at ascending positions."""

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from gui.live.drum_course import thin_out
 from gui.live.live_data import LiveData
 from gui.live.raster import FULL_SCALE_HZ
+from gui.live.sample_history import SampleHistory, TimeWindow
 from gui.live.time_plots import PlotLine, TimePlots
-from gui.live.timeline import Timeline, TimeWindow
 from gui.widgets.theme import Theme
 from rigctl.boards.taxel_frames import Flag
 from rigctl.engine.rpc.messages import EngineStatus
@@ -61,19 +61,19 @@ class TrialStarts:
         self.trials: list[TrialSpan] = []
         self._row, self._generation, self._is_high = 0, -1, True
 
-    def follow(self, timeline: Timeline) -> None:
+    def follow(self, history: SampleHistory) -> None:
         """Find trials in the samples that came since the last call."""
-        if timeline.generation != self._generation:
+        if history.generation != self._generation:
             self.clear()
-            self._generation = timeline.generation
-        first, self._row = max(self._row, timeline.flags.first), timeline.flags.end
-        high = (timeline.flags.between(first, self._row) & Flag.SYNC) > 0
+            self._generation = history.generation
+        first, self._row = max(self._row, history.flags.first), history.flags.end
+        high = (history.flags.between(first, self._row) & Flag.SYNC) > 0
         if not len(high):
             return
         changes = np.flatnonzero(np.diff(high, prepend=self._is_high)) + first
         self._is_high = bool(high[-1])
         for row in changes.tolist():
-            self._change(int(timeline.counters.take(np.array([row]))[0]), bool(high[row - first]))
+            self._change(int(history.counters.take(np.array([row]))[0]), bool(high[row - first]))
 
     def newest(self, oldest_position: int) -> TrialSpan | None:
         """Return the newest trial whose beginning is still there."""
@@ -168,7 +168,7 @@ class EarlierTrials:
         band = self._plots.taxels.index(taxel)
         low, high = self._plots.traces.range_of(taxel)
         positions, rows = _rows(data, part)
-        counts = data.timeline.samples.between(*rows)[:, taxel].astype(np.float64)
+        counts = data.history.samples.between(*rows)[:, taxel].astype(np.float64)
         share = np.clip((counts - low) / (high - low), 0.0, 1.0)
         return thin_out((positions - part.origin) / SAMPLE_RATE_HZ, band + 1.0 - share)
 
@@ -199,7 +199,7 @@ def mean_rate_hz(data: LiveData, trials: list[TrialSpan], window: TimeWindow, tr
         seconds = (positions - trial.start) / SAMPLE_RATE_HZ
         whole = min(n_bins, int(((trial.end or trial.start) - trial.start) / 1000 / BIN_S))
         at = (seconds / BIN_S).astype(np.int64)
-        counts = data.timeline.spikes.between(*rows)[:, train]
+        counts = data.history.spikes.between(*rows)[:, train]
         inside = (at >= 0) & (at < whole)
         spikes += np.bincount(at[inside], counts[inside], n_bins)
         counted[:whole] += 1
@@ -218,6 +218,6 @@ def _window_of(trial: TrialSpan, window: TimeWindow) -> TimeWindow:
 
 
 def _rows(data: LiveData, part: TimeWindow) -> tuple[NDArray[np.int64], tuple[int, int]]:
-    counters = data.timeline.counters
+    counters = data.history.counters
     first, end = (int(row) for row in counters.count_below(np.array([part.left, part.right])))
     return counters.between(first, end), (first, end)

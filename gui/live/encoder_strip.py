@@ -141,14 +141,14 @@ class EncoderStrip(QWidget):
 
     def set_ranges(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> None:
         """Use these ranges of the taxels, in counts, (n_taxels,) each."""
-        if isinstance(recode := self._data.timeline.recode, Recoder):
+        if isinstance(recode := self._data.history.recode, Recoder):
             recode.set_ranges(_ranges(low, high, self._data.reading))
 
     def apply_reading(self) -> None:
         """Encode the reading that the views show from now on; a C is of one reading."""
         if self.scaling.currentData() in (BLIND, OF_PLATE):
             self._load()
-        elif self._data.timeline.recode is not None or self._data.has_own_range:
+        elif self._data.history.recode is not None or self._data.has_own_range:
             self._apply()
 
     def close_files(self) -> None:
@@ -201,14 +201,14 @@ class EncoderStrip(QWidget):
             except WrongUse as error:
                 problem = str(error)
         if name == ENGINE and scale is None and not self._data.has_own_range:
-            self._data.timeline.recode = None
+            self._data.history.recode = None
             text = "The spikes are the engine's."
         else:
             reading = self._data.reading
             parameters = replace(preset("default" if name == ENGINE else name), reading=reading)
             ranges = _ranges(self._data.low, self._data.high, reading)
-            inputs = self._data.timeline.inputs
-            self._data.timeline.recode = Recoder(ranges, parameters, scale, inputs)
+            inputs = self._data.history.inputs
+            self._data.history.recode = Recoder(ranges, parameters, scale, inputs)
             of = "" if reading is Reading.COUNTS else f" of the {reading}"
             chosen = f"encoder {parameters.name}{of}, {words}"
             text = f"From here on {chosen}; the record stays as it is."

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gui.live.timeline import Timeline
+from gui.live.sample_history import SampleHistory
 from rigctl.encoder.reading import Reading
 from rigctl.values import SAMPLE_RATE_HZ
 
@@ -22,8 +22,8 @@ ORDER = 2
 class EyeFilter:
     """Filters samples as they come, causally; its state goes on from block to block.
 
-    ``high_hz``, ``low_hz``: edges of the high-pass and of the low-pass, 0 for none. ``timeline``:
-    filtered readings times ``scale`` above :data:`ZERO`. A gap and a new timeline begin anew.
+    ``high_hz``, ``low_hz``: edges of the high-pass and of the low-pass, 0 for none. ``history``:
+    filtered readings times ``scale`` above :data:`ZERO`. A gap and a new history begin anew.
     Making the first one loads SciPy, which takes a second.
     """
 
@@ -35,11 +35,11 @@ class EyeFilter:
         parts += [butter(ORDER, low_hz, "lowpass", **rate)] if low_hz else []
         self.high_hz, self.low_hz = high_hz, low_hz
         self.scale = 16.0 if reading is Reading.COUNTS else 0.5
-        self.timeline = Timeline(1, 1, 1)
+        self.history = SampleHistory(1, 1, 1)
         self._sos = np.concatenate(parts)
         self._rest: NDArray[np.float64] = sosfilt_zi(self._sos)
         self._state: NDArray[np.float64] | None = None
-        self._source: tuple[Timeline | None, int] = (None, -1)
+        self._source: tuple[SampleHistory | None, int] = (None, -1)
         self._row = self._next = 0
 
     @property
@@ -50,13 +50,13 @@ class EyeFilter:
         band = band or (f"above {high} Hz" if self.high_hz else f"below {low} Hz")
         return f"{band}, for the eye alone"
 
-    def follow(self, source: Timeline) -> None:
+    def follow(self, source: SampleHistory) -> None:
         """Filter the samples that came since the last call."""
         ring = source.counters
         if (source, source.generation) != self._source:
             self._source = source, source.generation
             n_taxels = source.samples.between(0, 0).shape[1]
-            self.timeline = Timeline(n_taxels, 1, source.capacity)
+            self.history = SampleHistory(n_taxels, 1, source.capacity)
             self._row, self._next = ring.end - HISTORY, -1
         first, self._row = max(self._row, ring.first), ring.end
         if first >= ring.end:
@@ -70,7 +70,7 @@ class EyeFilter:
         self._next = int(positions[-1]) + 1
 
     def decode(self, stored: NDArray[np.uint16]) -> NDArray[np.float64]:
-        """Return the filtered readings of the timeline."""
+        """Return the filtered readings of the history."""
         return (stored.astype(np.float64) - ZERO) / self.scale
 
     def _append(self, positions: NDArray[np.int64], samples: NDArray[np.uint16]) -> None:
@@ -81,4 +81,4 @@ class EyeFilter:
         filtered, self._state = sosfilt(self._sos, samples, axis=0, zi=self._state)
         stored = np.clip(np.rint(ZERO + self.scale * filtered), 0, 65_535).astype(np.uint16)
         none = np.zeros(len(positions), np.uint8)
-        self.timeline.append(positions / SAMPLE_RATE_HZ, positions, stored, none, none[:, None])
+        self.history.append(positions / SAMPLE_RATE_HZ, positions, stored, none, none[:, None])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gui.live.drum_course import DrumCourse
 from gui.live.navigation import EventMarks
-from gui.live.timeline import Timeline
+from gui.live.sample_history import SampleHistory
 from rigctl.encoder.normalisation import RunningRange
 from rigctl.encoder.reading import FULL_SCALE, STEPS, Reading
 from rigctl.engine.live_file import LiveReader
@@ -65,11 +65,11 @@ class LiveData:
     """
 
     def __init__(
-        self, n_taxels: int, timeline: Timeline | None = None, drum: DrumCourse | None = None
+        self, n_taxels: int, history: SampleHistory | None = None, drum: DrumCourse | None = None
     ) -> None:
-        if timeline is None:
-            timeline = Timeline(n_taxels, 2 * n_taxels)
-        self.timeline = timeline
+        if history is None:
+            history = SampleHistory(n_taxels, 2 * n_taxels)
+        self.history = history
         self.drum, self.marks = drum or DrumCourse(), EventMarks()
         self.reading = self._engine_reading = Reading.COUNTS
         self._own_range: RunningRange | None = None
@@ -78,7 +78,7 @@ class LiveData:
     def set_sensor(self, n_taxels: int) -> None:
         """Begin anew with counts of a sensor of another number of taxels."""
         self.clear()
-        self.timeline = Timeline(n_taxels, 2 * n_taxels)
+        self.history = SampleHistory(n_taxels, 2 * n_taxels)
         self.reading = self._engine_reading = Reading.COUNTS
         self._own_range = None
         self._fit_range(n_taxels)
@@ -89,20 +89,20 @@ class LiveData:
 
     def clear(self) -> None:
         """Remove everything, as when another rig is connected."""
-        for part in (self.timeline, self.drum, self.marks):
+        for part in (self.history, self.drum, self.marks):
             part.clear()
 
     def pull(self, live: LiveReader) -> None:
         """Append what the engine wrote since the last pull."""
-        n_new = self.timeline.pull(live)
+        n_new = self.history.pull(live)
         if self._own_range is None:
             low, high = live.normalisation
         else:
-            self._own_range.update(self.samples_before(self.timeline.newest, n_new))
+            self._own_range.update(self.samples_before(self.history.newest, n_new))
             shown = self._own_range.normalisation
             low, high = shown.low, shown.high
         self.low, self.high = np.asarray(low, float), np.asarray(high, float)
-        self.drum.pull(live, self.timeline)
+        self.drum.pull(live, self.history)
 
     def show_reading(self, reading: Reading, engine: Reading, inputs: tuple[int, ...]) -> None:
         """Show counts or conductances from the next sample on, and remove those of before.
@@ -116,8 +116,8 @@ class LiveData:
         n_taxels = len(self.low)
         is_own = reading is not engine
         self._own_range = RunningRange(n_taxels, reading.least_range, reading) if is_own else None
-        self.timeline.inputs = inputs if reading is Reading.CONDUCTANCE else ()
-        self.timeline.clear()
+        self.history.inputs = inputs if reading is Reading.CONDUCTANCE else ()
+        self.history.clear()
 
     @property
     def has_own_range(self) -> bool:
@@ -126,7 +126,7 @@ class LiveData:
 
     def add_event(self, at_s: float, kind: str, text: str, data: Mapping[str, Any]) -> None:
         """Mark an event of the engine that happens about now, at its time."""
-        self.marks.add(float(self.timeline.position_at(at_s)), kind, text, data)
+        self.marks.add(float(self.history.position_at(at_s)), kind, text, data)
 
     def reading_at(self, position: int, taxel: int) -> int | None:
         """Return the reading of a taxel, from 0, at a position, None if it is lost."""
@@ -135,12 +135,12 @@ class LiveData:
 
     def samples_before(self, position: int, n: int) -> NDArray[np.uint16]:
         """Return the readings of at most ``n`` samples up to a position, uint16 (k, n_taxels)."""
-        return self.timeline.samples.between(*self._rows_before(position, n))
+        return self.history.samples.between(*self._rows_before(position, n))
 
     def spikes_before(self, position: int, n: int) -> NDArray[np.uint8]:
         """Return the spikes of at most ``n`` samples up to a position, uint8 (k, n_rows)."""
-        return self.timeline.spikes.between(*self._rows_before(position, n))
+        return self.history.spikes.between(*self._rows_before(position, n))
 
     def _rows_before(self, position: int, n: int) -> tuple[int, int]:
-        bounds = self.timeline.counters.count_below(np.array([position - n + 1, position + 1]))
+        bounds = self.history.counters.count_below(np.array([position - n + 1, position + 1]))
         return int(bounds[0]), int(bounds[1])

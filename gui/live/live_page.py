@@ -96,8 +96,8 @@ class TrialAlignment(QObject):
 
     def follow(self) -> None:
         """Take new samples; begin anew at the left where a trial began."""
-        timeline, navigation = self._plots.data.timeline, self._plots.navigation
-        self.starts.follow(timeline)
+        history, navigation = self._plots.data.history, self._plots.navigation
+        self.starts.follow(history)
         if not self._strip.align.isChecked() or navigation.is_paused:
             return
         trial = self._present()
@@ -105,7 +105,7 @@ class TrialAlignment(QObject):
             self._align(trial)
 
     def _present(self) -> TrialSpan | None:
-        return self.starts.newest(self._plots.data.timeline.oldest)
+        return self.starts.newest(self._plots.data.history.oldest)
 
     def _apply(self) -> None:
         if not self._strip.align.isChecked():
@@ -123,7 +123,7 @@ class TrialAlignment(QObject):
 
     def _align(self, trial: TrialSpan | None) -> None:
         plots = self._plots
-        oldest, count = plots.data.timeline.oldest, self._strip.count.value()
+        oldest, count = plots.data.history.oldest, self._strip.count.value()
         earlier = [] if trial is None else self.starts.before(trial, count, oldest)
         plots.navigation.align_to(None if trial is None else trial.start)
         plots.show_earlier(earlier, self.taxel)
@@ -415,7 +415,7 @@ class LivePage(QWidget):
             self._since_samples.start()
         self._head = live.taxel_head
         self.plots.pull(live)
-        self.sound.follow(self.plots.data.timeline, self.plots.data.timeline.newest)
+        self.sound.follow(self.plots.data.history, self.plots.data.history.newest)
         self.alignment.follow()
         self.encoder_strip.set_ranges(self.plots.data.low, self.plots.data.high)
         if not self.isVisible():
@@ -545,7 +545,7 @@ class LivePage(QWidget):
         self.show_texts()
 
     def _mark_encoder(self, text: str) -> None:
-        self.add_event(self.plots.data.timeline.newest_s, "encoder", text, {})
+        self.add_event(self.plots.data.history.newest_s, "encoder", text, {})
         self.plots.draw()
 
     def _save(self, suffix: str, content: Content) -> None:

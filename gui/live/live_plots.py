@@ -107,9 +107,9 @@ class LivePlots(PlotGrid):
         self._follow()
         data, window = self.data, self.navigation.window
         if (eye := self.time_plots.traces.eye) is not None:
-            eye.follow(data.timeline)
+            eye.follow(data.history)
         self.time_plots.set_range(data.low, data.high)
-        self.time_plots.refresh(data.timeline, data.drum, window, self.devicePixelRatioF())
+        self.time_plots.refresh(data.history, data.drum, window, self.devicePixelRatioF())
         self._show_lines()
         self._show_earlier()
         is_due = not self._since_numbers.isValid() or self._since_numbers.hasExpired(
@@ -308,7 +308,7 @@ class LivePlots(PlotGrid):
             self._earlier_trials.clear()
 
     def _follow(self) -> None:
-        timeline, drum, navigation = self.data.timeline, self.data.drum, self.navigation
-        navigation.follow(timeline.oldest, timeline.newest, drum.newest)
+        history, drum, navigation = self.data.history, self.data.drum, self.navigation
+        navigation.follow(history.oldest, history.newest, drum.newest)
         still = self.caption_paused if navigation.is_paused else NOW
         self.time_plots.set_caption(SINCE_START if navigation.is_aligned else still)

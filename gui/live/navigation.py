@@ -10,7 +10,7 @@ from PySide6.QtCore import QLineF, QObject, QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPen, QTransform
 from PySide6.QtWidgets import QGraphicsItem
 
-from gui.live.timeline import TimeWindow
+from gui.live.sample_history import TimeWindow
 from gui.widgets.theme import Theme, text_scale
 from rigctl.values import SAMPLE_RATE_HZ
 

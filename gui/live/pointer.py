@@ -8,8 +8,8 @@ from PySide6.QtGui import QKeyEvent, QMouseEvent, QWheelEvent
 
 from gui.live.live_data import LiveData, ValueScale
 from gui.live.live_plots import LivePlots
+from gui.live.sample_history import TimeWindow
 from gui.live.time_plots import SetPointPlot
-from gui.live.timeline import TimeWindow
 from rigctl.values import SAMPLE_RATE_HZ
 
 HINT = "Point at the plots for values · click: reference · drag: move · wheel, Ctrl+wheel: zoom"

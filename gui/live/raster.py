@@ -12,7 +12,7 @@ from PySide6.QtGui import QColor, QFont, QImage, QPainter, QPolygonF, QTransform
 from PySide6.QtWidgets import QGraphicsItem, QGraphicsWidget
 
 from gui.live.live_data import LiveData, ValueScale
-from gui.live.timeline import SPAN_S, PixelColumns, Timeline, TimeWindow
+from gui.live.sample_history import SPAN_S, PixelColumns, SampleHistory, TimeWindow
 from gui.widgets.plot_axes import label_axis
 from gui.widgets.theme import Theme, blend, rgb, scaled_px, text_scale
 from rigctl.config.rig_config import LAYER_NAMES
@@ -41,7 +41,7 @@ class ScrollingImage(QGraphicsItem):
         self._drawn = (0, -1)
         self._last = -1
         self._ratio = 1.0
-        self._source: tuple[Timeline | None, int] = (None, -1)
+        self._source: tuple[SampleHistory | None, int] = (None, -1)
         self._is_stale = True
 
     def set_theme(self, theme: Theme) -> None:
@@ -50,11 +50,11 @@ class ScrollingImage(QGraphicsItem):
         self._is_stale = True
 
     def refresh(
-        self, timeline: Timeline, window: TimeWindow, width: int, height: int, ratio: float
+        self, history: SampleHistory, window: TimeWindow, width: int, height: int, ratio: float
     ) -> None:
         """Draw the columns that are new in a view of ``width`` × ``height`` logical pixels."""
         shape = (max(1, round(height * ratio)), max(1, round(width * ratio)))
-        source = (timeline, timeline.generation)
+        source = (history, history.generation)
         if shape != self._pixels.shape or source != self._source:
             self._is_stale = True
         if self._is_stale or window.span != self.shown.span:
@@ -63,8 +63,8 @@ class ScrollingImage(QGraphicsItem):
             self.prepareGeometryChange()
         self.shown = window
         self._head = window.right * shape[1] // window.span
-        if len(timeline):
-            self._draw_new(timeline)
+        if len(history):
+            self._draw_new(history)
         self.update()
 
     def boundingRect(self) -> QRectF:
@@ -88,7 +88,7 @@ class ScrollingImage(QGraphicsItem):
         )
         painter.restore()
 
-    def render_columns(self, timeline: Timeline, columns: PixelColumns) -> NDArray[np.uint32]:
+    def render_columns(self, history: SampleHistory, columns: PixelColumns) -> NDArray[np.uint32]:
         """Return the pixels of some columns, uint32 (height, k); subclasses implement it."""
         # Qt's metaclass and ABCMeta do not combine, so the method cannot be declared abstract.
         raise NotImplementedError
@@ -96,7 +96,9 @@ class ScrollingImage(QGraphicsItem):
     def prepare(self, height: int) -> None:
         """Compute tables for another height or theme; subclasses that need them implement it."""
 
-    def _reset(self, shape: tuple[int, int], ratio: float, source: tuple[Timeline, int]) -> None:
+    def _reset(
+        self, shape: tuple[int, int], ratio: float, source: tuple[SampleHistory, int]
+    ) -> None:
         is_prepared = not self._is_stale
         self._pixels = np.full(shape, rgb(self.theme.plot), np.uint32)
         self._drawn = (0, -1)
@@ -106,28 +108,28 @@ class ScrollingImage(QGraphicsItem):
         if not is_prepared:
             self.prepare(shape[0])
 
-    def _draw_new(self, timeline: Timeline) -> None:
+    def _draw_new(self, history: SampleHistory) -> None:
         """Draw the columns in view that are not drawn, or were drawn before all samples came."""
         width = self._pixels.shape[1]
         first, last = self._head - width + 1, self._head
         drawn_first, drawn_last = self._drawn
-        newest = timeline.newest * width // self.shown.span
+        newest = history.newest * width // self.shown.span
         if drawn_first > last or drawn_last < first or drawn_first > drawn_last:
-            self._draw(timeline, first, last)
+            self._draw(history, first, last)
         else:
             if first < drawn_first:
-                self._draw(timeline, first, drawn_first - 1)
+                self._draw(history, first, drawn_first - 1)
             # Where the right edge stands still, columns behind the newest are blank already.
             end = min(last, newest) if last == self._last else last
             if end > drawn_last:
-                self._draw(timeline, drawn_last + 1, end)
+                self._draw(history, drawn_last + 1, end)
         self._last = last
         self._drawn = (first, min(last, newest - 1))
 
-    def _draw(self, timeline: Timeline, first: int, last: int) -> None:
+    def _draw(self, history: SampleHistory, first: int, last: int) -> None:
         width = self._pixels.shape[1]
-        columns = timeline.columns(first, last, width, self.shown.span)
-        pixels = self.render_columns(timeline, columns)
+        columns = history.columns(first, last, width, self.shown.span)
+        pixels = self.render_columns(history, columns)
         pixels[:, columns.missing] = rgb(self.theme.gap)
         pixels[_STRIPE_AT::_STRIPE_STEP, columns.missing] = rgb(self.theme.bad)
         pixels[:, columns.blank] = rgb(self.theme.plot)
@@ -238,9 +240,9 @@ class Raster(ScrollingImage):
         if height >= 4 * n_rows:
             self._is_tick[edges[:-1]] = False
 
-    def render_columns(self, timeline: Timeline, columns: PixelColumns) -> NDArray[np.uint32]:
+    def render_columns(self, history: SampleHistory, columns: PixelColumns) -> NDArray[np.uint32]:
         """Return ink where the column has a spike."""
-        spikes = timeline.spike_columns(columns)
+        spikes = history.spike_columns(columns)
         is_ink = spikes[:, self.rows.order].T[self._row] & self._is_tick
         return np.where(is_ink, self._ink, self._background)
 

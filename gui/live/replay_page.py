@@ -293,7 +293,7 @@ class ReplayPage(QWidget):
         self.player.advance()
         self.show_moment()
         shown = round(self.player.position)
-        self.sound.follow(self.plots.data.timeline, shown, self.player.speed)
+        self.sound.follow(self.plots.data.history, shown, self.player.speed)
         if self.player.has_ended and self.whole_session.isChecked():
             self._next_trial()
         self._show_play()
@@ -460,13 +460,13 @@ class ReplayPage(QWidget):
 
     def _read_on(self) -> None:
         """Read what the window shows of a long trial, soon what follows, and the voltages."""
-        window, timeline = self.plots.navigation.window, self.plots.data.timeline
+        window, history = self.plots.navigation.window, self.plots.data.history
         n = self.player.length
         if self._shown != self._row or not n or self.worker.is_busy:
             return
         place = {"path": self._table.path, "row": self._row}
-        right, end = min(max(window.right, 0), n - 1), timeline.newest + 1
-        if right >= end or max(window.left, 0) < min(timeline.oldest, right):
+        right, end = min(max(window.right, 0), n - 1), history.newest + 1
+        if right >= end or max(window.left, 0) < min(history.oldest, right):
             self._read_around(right)
         elif end < min(n, right + AHEAD_SAMPLES // 2):
             ahead = {"first": end, "end": min(n, end + AHEAD_SAMPLES), "factor": 1}
@@ -484,11 +484,11 @@ class ReplayPage(QWidget):
     def _append(self, section: Section) -> None:
         """Add the samples that follow, if nothing else was read since they were asked for."""
         data = self.plots.data
-        if section.first == data.timeline.newest + 1:
-            append_samples(data.timeline, section.first, section.low, section.spikes)
+        if section.first == data.history.newest + 1:
+            append_samples(data.history, section.first, section.low, section.spikes)
             if section.course is not None:
                 append_course(data.drum, section.course)
-            self.player.read = data.timeline.newest
+            self.player.read = data.history.newest
 
     def _finish(self, task: str, result: Any) -> None:
         if task == "open_session":
@@ -536,7 +536,7 @@ class ReplayPage(QWidget):
             self.trial.setRange(1, max(1, table.n_rows))
 
     def _show_trial(self, trial: ReplayTrial) -> None:
-        data = LiveData(trial.layout.n_taxels, trial.timeline, trial.drum)
+        data = LiveData(trial.layout.n_taxels, trial.history, trial.drum)
         for mark in trial.marks:
             data.add_event(mark.at_s, NOTE, mark.text, {})
         self._offer_note()
@@ -546,7 +546,7 @@ class ReplayPage(QWidget):
         if self._fits_span:  # with the first trial of a session; a span chosen later stays
             self._fits_span = False
             self.plots.set_span(_fitting_span_s(n / SAMPLE_RATE_HZ))
-        self.player.read = trial.timeline.newest
+        self.player.read = trial.history.newest
         if self._shown == trial.row:  # another part of it
             self.plots.draw()
             return

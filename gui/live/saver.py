@@ -12,7 +12,7 @@ from PySide6.QtCore import QStandardPaths, Signal
 from PySide6.QtWidgets import QLineEdit, QWidget
 
 from gui.live.live_data import LiveData, ValueScale
-from gui.live.timeline import TimeWindow
+from gui.live.sample_history import TimeWindow
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import label
 from gui.widgets.layouts import hbox, push_button
@@ -73,20 +73,20 @@ def shown_samples(
     simulated: bool = False,
 ) -> ShownSamples:
     """Return copies of the samples in a window, of these taxels from 0."""
-    timeline = data.timeline
-    bounds = timeline.counters.count_below(np.array([window.left, window.right + 1]))
+    history = data.history
+    bounds = history.counters.count_below(np.array([window.left, window.right + 1]))
     rows = int(bounds[0]), int(bounds[1])
-    position = timeline.counters.between(*rows).copy()
-    spikes = timeline.spikes.between(*rows)
+    position = history.counters.between(*rows).copy()
+    spikes = history.spikes.between(*rows)
     n_taxels = spikes.shape[1] // 2
     trains = [*taxels, *(n_taxels + taxel for taxel in taxels)]
     origin = "SIMULATED, " if simulated else ""
     title = f"rigctl, live views, {origin}{len(position)} samples at 1000 Hz"
     return ShownSamples(
         title,
-        timeline.time_s.between(*rows).copy(),
+        history.time_s.between(*rows).copy(),
         position,
-        timeline.samples.between(*rows)[:, list(taxels)],
+        history.samples.between(*rows)[:, list(taxels)],
         spikes[:, trains],
         tuple(taxels),
         data.drum.held_at(position),

@@ -1,4 +1,4 @@
-"""Spikes of a neuron as clicks: from a timeline to frames of sound, and the queue of a device.
+"""Spikes of a neuron as clicks: from a history to frames of sound, and the queue of a device.
 
 This module does not import Qt, and no device is needed for it.
 """
@@ -12,7 +12,7 @@ from threading import Lock
 import numpy as np
 from numpy.typing import NDArray
 
-from gui.live.timeline import Timeline
+from gui.live.sample_history import SampleHistory
 from rigctl.values import SAMPLE_RATE_HZ
 
 FRAME_RATE_HZ = 48_000
@@ -88,16 +88,16 @@ class ClickTrack:
 
 
 class SpikeListener:
-    """Takes the spikes of a taxel from a timeline as its positions come to be shown."""
+    """Takes the spikes of a taxel from a history as its positions come to be shown."""
 
     def __init__(self) -> None:
         self._track = ClickTrack()
-        self._source: tuple[Timeline | None, int] = (None, -1)
+        self._source: tuple[SampleHistory | None, int] = (None, -1)
         self._heard = 0
 
     def hear(
         self,
-        timeline: Timeline,
+        history: SampleHistory,
         position: int,
         taxel: int,
         ears: NDArray[np.float64],
@@ -105,18 +105,18 @@ class SpikeListener:
     ) -> Frames:
         """Return the sound of the positions since the last call up to this one.
 
-        At most the newest :data:`QUEUE_MS` of it; none in another timeline, after a step back, and
+        At most the newest :data:`QUEUE_MS` of it; none in another history, after a step back, and
         at a speed that is not heard.
         """
-        source, first = (timeline, timeline.generation), self._heard
+        source, first = (history, history.generation), self._heard
         is_new = source != self._source or position < first or not SLOWEST <= speed <= FASTEST
         self._source, self._heard = source, position
         if is_new or position == first:
             return np.zeros((0, 2), np.int16)
         first = max(first, position - int(QUEUE_MS * speed))
-        rows = timeline.counters.count_below(np.array([first + 1, position + 1]))
-        positions = timeline.counters.between(int(rows[0]), int(rows[1]))
-        spikes = timeline.spikes.between(int(rows[0]), int(rows[1]))
+        rows = history.counters.count_below(np.array([first + 1, position + 1]))
+        positions = history.counters.between(int(rows[0]), int(rows[1]))
+        spikes = history.spikes.between(int(rows[0]), int(rows[1]))
         trains = spikes[:, [taxel, spikes.shape[1] // 2 + taxel]] > 0
         frames = self._frame_of(positions - 1, speed) - self._frame_of(first, speed)
         n_frames = int(self._frame_of(position, speed) - self._frame_of(first, speed))

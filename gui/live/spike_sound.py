@@ -10,6 +10,7 @@ import numpy as np
 from PySide6.QtCore import QObject, QSignalBlocker, Signal
 from PySide6.QtWidgets import QWidget
 
+from gui.live.sample_history import SampleHistory
 from gui.live.spike_clicks import (
     EARS,
     FRAME_RATE_HZ,
@@ -19,7 +20,6 @@ from gui.live.spike_clicks import (
     Frames,
     SpikeListener,
 )
-from gui.live.timeline import Timeline
 from gui.widgets.background import Background
 from gui.widgets.labels import ElidedLabel, label, show_text
 from gui.widgets.layouts import ComboBox, FlowLayout, vbox
@@ -134,16 +134,16 @@ class SpikeSound(QObject):
         self._taxel = taxel
         self._tell()
 
-    def follow(self, timeline: Timeline, position: int, speed: float = 1.0) -> None:
+    def follow(self, history: SampleHistory, position: int, speed: float = 1.0) -> None:
         """Let the spikes be heard up to a position, at a speed of the replay."""
         if self._device is None:
             return
         if self._queue.is_stalled:
             self._fail(STOPPED)
-        elif self._taxel < timeline.spikes.between(0, 0).shape[1] // 2:
+        elif self._taxel < history.spikes.between(0, 0).shape[1] // 2:
             loudness = (self.volume.value() / 100) ** 2  # as loudness is heard
             ears = loudness * np.array(EARS[self.chosen])
-            self._queue.put(self._listener.hear(timeline, position, self._taxel, ears, speed))
+            self._queue.put(self._listener.hear(history, position, self._taxel, ears, speed))
 
     def close_files(self) -> None:
         """Close the device, as before the window closes."""

@@ -17,7 +17,7 @@ from gui.live.eye_filter import EyeFilter
 from gui.live.live_data import ValueScale
 from gui.live.navigation import MarkLine, Overlay
 from gui.live.raster import Raster, ScrollingImage, TrainRows
-from gui.live.timeline import SPAN_S, PixelColumns, Timeline, TimeWindow
+from gui.live.sample_history import SPAN_S, PixelColumns, SampleHistory, TimeWindow
 from gui.widgets.plot_axes import (
     LEFT_PX,
     MAX_TICKS,
@@ -284,9 +284,9 @@ class Traces(ScrollingImage):
         self._background = background[:, None]
         self._row = np.arange(height, dtype=np.int32)[:, None]
 
-    def render_columns(self, timeline: Timeline, columns: PixelColumns) -> NDArray[np.uint32]:
+    def render_columns(self, history: SampleHistory, columns: PixelColumns) -> NDArray[np.uint32]:
         """Return a vertical line in each band from the column's lowest to its highest reading."""
-        low, high = timeline.extremes(columns)
+        low, high = history.extremes(columns)
         top = self._pixel_row(high).T[self._band]
         bottom = self._pixel_row(low).T[self._band]
         is_ink = (self._row >= top) & (self._row <= bottom)
@@ -404,14 +404,14 @@ class TimePlots:
         self._label_taxels()
 
     def refresh(
-        self, timeline: Timeline, drum: DrumCourse, window: TimeWindow, ratio: float
+        self, history: SampleHistory, drum: DrumCourse, window: TimeWindow, ratio: float
     ) -> None:
         """Draw what the window shows; ``ratio``: pixels of the screen in one of Qt's."""
         self._set_times(window.left_s, window.right_s)
         eye = self.traces.eye
-        seen = timeline if eye is None else eye.timeline
+        seen = history if eye is None else eye.history
         _refresh_image(self.trace_plot, self.traces, seen, window, ratio)
-        _refresh_image(self.raster_plot, self.raster, timeline, window, ratio)
+        _refresh_image(self.raster_plot, self.raster, history, window, ratio)
         time_s, columns = drum.within(window)
         self.force.refresh(time_s, columns["force_g"], columns["force_set_g"])
         self.speed.refresh(time_s, columns["speed_mm_s"], columns["speed_set_mm_s"])
@@ -483,9 +483,13 @@ class TimePlots:
 
 
 def _refresh_image(
-    plot: pg.PlotItem, image: ScrollingImage, timeline: Timeline, window: TimeWindow, ratio: float
+    plot: pg.PlotItem,
+    image: ScrollingImage,
+    history: SampleHistory,
+    window: TimeWindow,
+    ratio: float,
 ) -> None:
     area = plot.getViewBox().sceneBoundingRect()
     width = round(area.right()) - round(area.left())
     height = round(area.bottom()) - round(area.top())
-    image.refresh(timeline, window, width, height, ratio)
+    image.refresh(history, window, width, height, ratio)

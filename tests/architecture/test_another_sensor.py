@@ -117,7 +117,7 @@ def _check_window(harness: EngineHarness) -> None:
     assert page.plots.time_plots.traces.sensor_layout.n_taxels == 16
     rows = page.plots.time_plots.raster.rows
     assert (len(rows), rows.label(31)) == (32, "T_RA-16")
-    spikes = page.plots.data.spikes_before(page.plots.data.timeline.newest, 5000)
+    spikes = page.plots.data.spikes_before(page.plots.data.history.newest, 5000)
     assert spikes.shape[1] == 32 and spikes.sum() > 100
     page.hide()
     live.close()

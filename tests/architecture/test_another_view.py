@@ -75,7 +75,7 @@ page.plots.set_theme(DARK)
 page.plots.set_rates_per_mm(True)  # draws at once, not with the next tenth of a second
 app.processEvents()
 data = page.plots.data
-upper = float(data.samples_before(data.timeline.newest, 100)[:, :9].mean())
+upper = float(data.samples_before(data.history.newest, 100)[:, :9].mean())
 print(json.dumps({"text": view.text, "height": view.rect().height(), "mean": upper}))
 page.hide()
 engine.close()

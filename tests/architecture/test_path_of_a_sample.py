@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from gui.live.raster import Raster
-from gui.live.timeline import Timeline, TimeWindow
+from gui.live.sample_history import SampleHistory, TimeWindow
 from gui.widgets.theme import LIGHT
 from rigctl.boards.links import SerialLink
 from rigctl.boards.taxels import Taxels
@@ -94,7 +94,7 @@ class Profile:
 QUEUED = ("rigctl.session.recorder", "_put")
 STORED = ("rigctl.session.writer", "_append")
 SHARED = ("rigctl.engine.live_file", "append")
-SHOWN = ("gui.live.timeline", "append")
+SHOWN = ("gui.live.sample_history", "append")
 
 
 @pytest.fixture
@@ -137,10 +137,10 @@ async def record(folder: Path, pipeline: SamplePipeline) -> None:
 
 def draw(path: Path) -> None:
     reader = LiveReader(path)
-    timeline, raster = Timeline(18, 36), Raster(LIGHT, PAPER_SENSOR)
-    timeline.pull(reader)
-    raster.refresh(timeline, TimeWindow(N, N, 0), 100, 100, 1.0)
-    assert len(np.unique(raster.render_columns(timeline, timeline.columns(0, N, N, N)))) > 1
+    history, raster = SampleHistory(18, 36), Raster(LIGHT, PAPER_SENSOR)
+    history.pull(reader)
+    raster.refresh(history, TimeWindow(N, N, 0), 100, 100, 1.0)
+    assert len(np.unique(raster.render_columns(history, history.columns(0, N, N, N)))) > 1
     reader.close()
 
 

@@ -66,11 +66,11 @@ class SampleAges:
 
     def on_paint(self) -> None:
         """Store the time at which the samples of the history are on the screen."""
-        timeline = self._page.plots.data.timeline
-        newest_s = timeline.newest_s
+        history = self._page.plots.data.history
+        newest_s = history.newest_s
         if newest_s > self._seen_s > 0 and self.offsets_s:
             now_s = time.monotonic()
-            written_s = self._written_s.get(timeline.head, self._looked_s)
+            written_s = self._written_s.get(history.head, self._looked_s)
             block = PaintedBlock(self._seen_s, newest_s, written_s, self._looked_s, now_s)
             self.blocks.append(block)
         self._seen_s = newest_s

@@ -76,7 +76,7 @@ def test_a_process_reads_blocks_and_sends_what_a_screen_shows(
     section = trial.section(700_000, 701_000, 1)
     assert len(section.low) == 1000 and sum(read) < 1000 + BLOCK_SAMPLES
     replay = replay_trial(trial, N - 1)
-    assert len(replay.timeline) == SECTION_S * 1000 and replay.timeline.newest == N - 1
+    assert len(replay.history) == SECTION_S * 1000 and replay.history.newest == N - 1
 
 
 def test_sections_have_the_samples_spikes_voltages_and_features_of_the_whole(
@@ -143,9 +143,9 @@ def test_the_window_reads_what_it_looks_at(disconnected: SharedWindow, session: 
     wait_until(lambda: page.voltage.has(page.pointer.taxel, 770_000, 780_001))
     assert page.voltage.curves[0].getData()[0][-1] == pytest.approx(780.0)
     page.place.setValue(100)
-    wait_until(lambda: page.plots.data.timeline.oldest == 0 and not page.worker.is_busy)
+    wait_until(lambda: page.plots.data.history.oldest == 0 and not page.worker.is_busy)
     page.place.setValue(719_000)
-    wait_until(lambda: page.plots.data.timeline.newest >= 749_000 and not page.worker.is_busy)
+    wait_until(lambda: page.plots.data.history.newest >= 749_000 and not page.worker.is_busy)
     assert page.plots.data.reading_at(719_999, 0) == whole[719_999, 0]
     assert page.plots.data.reading_at(720_000, 0) == whole[720_000, 0]
     window.replay.hide()

@@ -14,7 +14,7 @@ from scipy.signal import butter, sosfilt, sosfilt_zi
 
 from gui.live.eye_filter import EyeFilter
 from gui.live.live_page import VIEW, LivePage
-from gui.live.timeline import Timeline
+from gui.live.sample_history import SampleHistory
 from gui.widgets.theme import LIGHT
 from tests.gui.fake_engine import FakeEngine
 from tests.gui.steps import click, wait_until
@@ -28,29 +28,29 @@ def touch() -> NDArray[np.uint16]:
     return np.repeat(np.rint(waves), 2, axis=1).astype(np.uint16)
 
 
-def append(timeline: Timeline, first: int, samples: NDArray[np.uint16]) -> None:
+def append(history: SampleHistory, first: int, samples: NDArray[np.uint16]) -> None:
     at = np.arange(first, first + len(samples))
     none = np.zeros(len(at), np.uint8)
-    timeline.append(at / 1000, at, samples, none, np.zeros((len(at), 4), np.uint8))
+    history.append(at / 1000, at, samples, none, np.zeros((len(at), 4), np.uint8))
 
 
 def test_blocks_are_filtered_as_the_whole_and_a_gap_begins_anew() -> None:
-    samples, timeline, eye = touch(), Timeline(2, 4, 10_000), EyeFilter(20.0, 200.0)
+    samples, history, eye = touch(), SampleHistory(2, 4, 10_000), EyeFilter(20.0, 200.0)
     for first in range(0, 3000, 37):
-        append(timeline, first, samples[first : min(first + 37, 3000)])
-        eye.follow(timeline)
+        append(history, first, samples[first : min(first + 37, 3000)])
+        eye.follow(history)
     sos = np.concatenate(
         [butter(2, hz, kind, fs=1000, output="sos") for hz, kind in ((20, "high"), (200, "low"))]
     )
     rest = sosfilt_zi(sos)[:, :, None] * samples[0].astype(float)
     whole, _ = sosfilt(sos, samples[:3000].astype(float), axis=0, zi=rest)
-    shown = eye.decode(eye.timeline.samples.between(0, 3000))
+    shown = eye.decode(eye.history.samples.between(0, 3000))
     assert np.abs(shown - whole).max() <= 0.5 / eye.scale + 1e-9
     assert np.abs(shown[500:]).max() < 60 and np.abs(shown[500:]).max() > 30  # 80 Hz, not 2 Hz
-    append(timeline, 5000, samples[:500])
-    eye.follow(timeline)
-    assert np.allclose(eye.decode(eye.timeline.samples.between(3000, 3500)), shown[:500], atol=0.1)
-    assert eye.timeline.newest == 5499 and eye.words == "20–200 Hz, for the eye alone"
+    append(history, 5000, samples[:500])
+    eye.follow(history)
+    assert np.allclose(eye.decode(eye.history.samples.between(3000, 3500)), shown[:500], atol=0.1)
+    assert eye.history.newest == 5499 and eye.words == "20–200 Hz, for the eye alone"
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def test_the_plot_says_that_it_is_filtered_and_what_is_kept_stays(
     wait_until(lambda: traces.eye is not None)
     engine.write_samples(500)
     page.refresh(engine.live)
-    assert traces.eye is not None and traces.eye.timeline.newest == N + 499
+    assert traces.eye is not None and traces.eye.history.newest == N + 499
     words = plots.time_plots._eye_words
     assert words.isVisible() and words.toPlainText() == "above 5 Hz, for the eye alone"
     assert np.array_equal(plots.data.samples_before(N - 1, N), before)

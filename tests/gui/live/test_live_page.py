@@ -111,8 +111,8 @@ def test_ten_minutes_are_there_to_scroll_through(page: LivePage, engine: FakeEng
     QTest.keyClick(page.plots.graphics, Qt.Key.Key_Home)
     window = page.plots.navigation.window
     assert page.plots.navigation.newest - window.left >= 600_000
-    low, high = page.plots.data.timeline.extremes(
-        page.plots.data.timeline.columns(window.left // 100, window.left // 100 + 50, 10, 1000)
+    low, high = page.plots.data.history.extremes(
+        page.plots.data.history.columns(window.left // 100, window.left // 100 + 50, 10, 1000)
     )
     assert (high > low).all()
 
@@ -310,7 +310,7 @@ def test_events_are_marked_where_they_happened(page: LivePage) -> None:
 def test_a_hidden_page_goes_on_to_collect(page: LivePage, engine: FakeEngine) -> None:
     page.hide()
     stream(page, engine, 40_000)
-    assert len(page.plots.data.timeline) == 70_000
+    assert len(page.plots.data.history) == 70_000
     assert len(page.plots.data.drum.within(page.plots.navigation.window)[0]) > 800
 
 
@@ -371,10 +371,10 @@ def test_another_encoder_is_used_from_now_on(page: LivePage, engine: FakeEngine)
     click(page.bar.buttons[ENCODER])
     strip.preset.setCurrentIndex(strip.preset.findText("quarter-rate"))
     strip.preset.activated.emit(strip.preset.currentIndex())
-    before = page.plots.data.timeline.spikes.end
+    before = page.plots.data.history.spikes.end
     stream(page, engine, 20_000)
-    shown = page.plots.data.timeline.spikes.between(before, before + 20_000)
-    samples = page.plots.data.timeline.samples.between(before, before + 20_000)
+    shown = page.plots.data.history.spikes.between(before, before + 20_000)
+    samples = page.plots.data.history.samples.between(before, before + 20_000)
     ranges = Normalisation(np.full(18, 200, np.uint16), np.full(18, 800, np.uint16))
     expected = Encoder(ranges, preset("quarter-rate")).encode(np.ascontiguousarray(samples))
     assert np.array_equal(shown, expected)
@@ -382,7 +382,7 @@ def test_another_encoder_is_used_from_now_on(page: LivePage, engine: FakeEngine)
     assert page.plots.data.marks.nearest(30_000, 100) is not None
     strip.preset.setCurrentIndex(0)
     strip.preset.activated.emit(0)
-    assert page.plots.data.timeline.recode is None
+    assert page.plots.data.history.recode is None
 
 
 def table_of(page: LivePage, folder: Path) -> list[str]:
@@ -413,18 +413,18 @@ def test_conductances_are_shown_and_encoded_without_the_load_of_neighbours(
     page.show_status(parse_status({**STATUS, "rig": "virtual", "wiring": list(DRAWN_WIRING)}))
     page.bar.unit.setCurrentText(CONDUCTANCE)
     data = page.plots.data
-    assert not len(data.timeline) and "of the conductance" in page.encoder_strip.sentence.text()
+    assert not len(data.history) and "of the conductance" in page.encoder_strip.sentence.text()
     stream(page, engine, 2000)
     counts = engine.live.taxels(2000).samples
     expected = conductance(counts, input_of_each(DRAWN_WIRING, 6, ""))
-    shown = data.samples_before(data.timeline.newest, 2000)
+    shown = data.samples_before(data.history.newest, 2000)
     assert np.array_equal(shown[-2000:], expected)
     assert np.all(data.low <= expected.min(axis=0)) and np.all(data.high >= expected.max(axis=0))
     assert page.plots.value_scale.unit == "× G divider"
     assert page.plots.value_scale.text(4096) == "1.000"
     assert "readings in × G divider" in table_of(page, tmp_path)[0]
     page.bar.unit.setCurrentText("counts")
-    assert data.timeline.recode is None and data.reading is Reading.COUNTS
+    assert data.history.recode is None and data.reading is Reading.COUNTS
 
 
 def test_a_rig_with_unknown_inputs_refuses_conductances(page: LivePage) -> None:
@@ -442,7 +442,7 @@ def test_views_follow_an_engine_that_encodes_conductances(page: LivePage) -> Non
     status = {**STATUS, "rig": "virtual", "wiring": list(DRAWN_WIRING), "reading": "conductance"}
     page.show_status(parse_status(status))
     assert page.bar.unit.currentText() == CONDUCTANCE
-    assert page.plots.data.timeline.recode is None and not page.plots.data.has_own_range
+    assert page.plots.data.history.recode is None and not page.plots.data.has_own_range
 
 
 def test_c_scales_the_current_of_the_present_force(page: LivePage, tmp_path: Path) -> None:
@@ -478,16 +478,16 @@ def test_a_typed_c_scales_all_taxels(page: LivePage, engine: FakeEngine) -> None
     QTest.keyClicks(strip.c, "2.5")
     QTest.keyClick(strip.c, Qt.Key.Key_Return)
     assert "C = 2.5 for all taxels; the record stays as it is" in strip.sentence.text()
-    before = page.plots.data.timeline.spikes.end
+    before = page.plots.data.history.spikes.end
     stream(page, engine, 5000)
-    shown = page.plots.data.timeline.spikes.between(before, before + 5000)
-    samples = page.plots.data.timeline.samples.between(before, before + 5000)
+    shown = page.plots.data.history.spikes.between(before, before + 5000)
+    samples = page.plots.data.history.samples.between(before, before + 5000)
     ranges = Normalisation(np.full(18, 200, np.uint16), np.full(18, 800, np.uint16))
     encoder = Encoder(ranges, preset("default"), np.full(18, 2.5))
     assert np.array_equal(shown, encoder.encode(np.ascontiguousarray(samples)))
     strip.scaling.setCurrentIndex(0)
     strip.scaling.activated.emit(0)
-    assert page.plots.data.timeline.recode is None and strip.model.isVisible()
+    assert page.plots.data.history.recode is None and strip.model.isVisible()
 
 
 def test_rates_are_per_mm_of_the_texture_that_passed(page: LivePage, engine: FakeEngine) -> None:

@@ -11,8 +11,8 @@ from PySide6.QtWidgets import QApplication
 
 from gui.live.live_plots import LivePlots
 from gui.live.raster import Raster, RateBars, ScrollingImage, TrainRows, layer_titles
+from gui.live.sample_history import SampleHistory, TimeWindow
 from gui.live.time_plots import Traces
-from gui.live.timeline import Timeline, TimeWindow
 from gui.widgets.theme import DARK, LIGHT, rgb
 from rigctl.engine.live_file import LiveReader, LiveWriter
 from rigctl.session.sensor_layout import SensorLayout
@@ -52,7 +52,7 @@ def view(writer: LiveWriter) -> Iterator[LiveReader]:
 
 
 def test_pulls_of_any_length_give_the_same_timeline(engine: FakeEngine) -> None:
-    whole, pieces = (Timeline(n_taxels=18, n_rows=36, capacity=3000) for _ in range(2))
+    whole, pieces = (SampleHistory(n_taxels=18, n_rows=36, capacity=3000) for _ in range(2))
     for n in (1, 7, 500, 2999, 3000, 4500, 10):
         engine.write_samples(n)
         pieces.pull(engine.live)
@@ -71,18 +71,18 @@ def test_one_sample_of_a_spike_in_a_trace_is_visible(
     samples = np.full((10_000, 18), 100)
     samples[5000, 4] = 1000
     _write(writer, 0, samples)
-    timeline, traces = Timeline(18, 36, 20_000), Traces(LIGHT, PAPER)
-    timeline.pull(view)
-    refresh(traces, timeline)
+    history, traces = SampleHistory(18, 36, 20_000), Traces(LIGHT, PAPER)
+    history.pull(view)
+    refresh(traces, history)
     ink = traces._pixels[:, traces_column(5000)] == rgb(LIGHT.layers[0])
     assert ink[4 * HEIGHT // 18 : 5 * HEIGHT // 18].sum() >= 7
     assert ink[5 * HEIGHT // 18 : 6 * HEIGHT // 18].sum() == 1
 
 
-def refresh(image: ScrollingImage, timeline: Timeline, right: int | None = None) -> None:
+def refresh(image: ScrollingImage, history: SampleHistory, right: int | None = None) -> None:
     """Draw ten seconds up to a position, by default the newest."""
-    at = timeline.newest if right is None else right
-    image.refresh(timeline, TimeWindow(at, 10_000, at), WIDTH, HEIGHT, 1.0)
+    at = history.newest if right is None else right
+    image.refresh(history, TimeWindow(at, 10_000, at), WIDTH, HEIGHT, 1.0)
 
 
 def traces_column(counter: int) -> int:
@@ -97,9 +97,9 @@ def test_every_spike_is_a_tick_in_its_row(
     for row in range(36):
         spikes[100 + 250 * row, row] = 1
     _write(writer, 0, np.zeros((10_000, 18)), spikes)
-    timeline, raster = Timeline(18, 36, 20_000), Raster(DARK, PAPER)
-    timeline.pull(view)
-    refresh(raster, timeline)
+    history, raster = SampleHistory(18, 36, 20_000), Raster(DARK, PAPER)
+    history.pull(view)
+    refresh(raster, history)
     inks = {rgb(colour) for colour in DARK.groups}
     for shown, source in enumerate(raster.rows.order):
         column = raster._pixels[:, traces_column(100 + 250 * int(source))]
@@ -108,22 +108,22 @@ def test_every_spike_is_a_tick_in_its_row(
 
 
 def test_incremental_drawing_gives_the_same_image(qapp: QApplication, engine: FakeEngine) -> None:
-    timeline, steps, once = Timeline(18, 36, 20_000), Raster(LIGHT, PAPER), Raster(LIGHT, PAPER)
+    history, steps, once = SampleHistory(18, 36, 20_000), Raster(LIGHT, PAPER), Raster(LIGHT, PAPER)
     engine.write_samples(9000)
     for n in (33, 1, 700, 5000, 40):
         engine.write_samples(n, skip=n // 30)
-        timeline.pull(engine.live)
-        refresh(steps, timeline)
-    refresh(once, timeline)
+        history.pull(engine.live)
+        refresh(steps, history)
+    refresh(once, history)
     assert np.array_equal(steps._pixels, once._pixels)
 
 
 def test_gaps_are_coloured(qapp: QApplication, engine: FakeEngine) -> None:
-    timeline, traces = Timeline(18, 36, 20_000), Traces(LIGHT, PAPER)
+    history, traces = SampleHistory(18, 36, 20_000), Traces(LIGHT, PAPER)
     engine.write_samples(3000)
     engine.write_samples(3000, skip=400)
-    timeline.pull(engine.live)
-    refresh(traces, timeline)
+    history.pull(engine.live)
+    refresh(traces, history)
     gap = np.isin(traces._pixels, (rgb(LIGHT.gap), rgb(LIGHT.bad))).all(axis=0)
     assert len(np.unique(traces._pixels[:, gap])) == 2  # stripes tell it without colours
     assert gap.sum() == 400 * WIDTH // 10_000
@@ -158,7 +158,7 @@ def test_the_plots_follow_the_layers_of_the_sensor(qapp: QApplication, engine: F
     assert not {rgb(colour) for colour in (*LIGHT.groups[2:], LIGHT.layers[1])} & colours
     scene.set_sensor_layout(SensorLayout.default(9))
     scene.refresh(engine.live)  # of 18 taxels: another engine's, whose status comes next
-    assert len(scene.data.timeline) == 0
+    assert len(scene.data.history) == 0
     scene.hide()
     engine.close()
 

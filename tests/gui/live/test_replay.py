@@ -15,9 +15,9 @@ from PySide6.QtWidgets import QApplication, QPushButton, QTableView, QWidget
 from gui.analysis.trial_sections import ReplayTrial
 from gui.live.navigation import SPANS_S
 from gui.live.replay_page import NO_ATTEMPT, NO_SESSION, Player, ReplayPage
+from gui.live.sample_history import TimeWindow
 from gui.live.spike_clicks import Channel
 from gui.live.spike_sound import Take
-from gui.live.timeline import TimeWindow
 from rigctl.encoder.encoder import encode_trial
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.errors import WrongUse
@@ -49,8 +49,8 @@ def test_a_session_replays_with_v_of_t_and_becomes_a_movie(
     wait_until(lambda: page.player.length > 0 and not page.worker.is_busy)
     with Session.open(session) as recorded:
         samples = np.ascontiguousarray(recorded.samples(0))
-    timeline = page.plots.data.timeline
-    assert np.array_equal(timeline.samples.between(0, len(samples)), samples)
+    history = page.plots.data.history
+    assert np.array_equal(history.samples.between(0, len(samples)), samples)
     assert "Trial " in page.sentence.text()
     seconds = len(samples) / 1000
     assert page.plots.navigation.span_s == min(s for s in SPANS_S if s >= seconds)
@@ -66,7 +66,7 @@ def test_a_session_replays_with_v_of_t_and_becomes_a_movie(
     assert page.plots.navigation.window.right == 400
     time_s, shown_mv = page.voltage.curves[0].getData()
     assert time_s[-1] == pytest.approx(0.4, abs=0.002)
-    spikes = timeline.spikes.between(0, 401)[:, 0]
+    spikes = history.spikes.between(0, 401)[:, 0]
     assert np.array_equal(shown_mv[:401] >= 30.0, spikes > 0)
     assert cut_plot_texts(page.voltage.graphics) == []
     span_s = page.plots.navigation.span_s
@@ -114,9 +114,9 @@ def test_the_worker_fills_the_live_views_with_the_extremes_of_the_trial(
     page.worker.finished.connect(lambda _, result: sent.append(result))
     wait_until(lambda: "Trial 2:" in page.sentence.text() and not page.worker.is_busy)
     trial = next(result for result in sent if isinstance(result, ReplayTrial))
-    assert trial.timeline is page.plots.data.timeline and trial.drum is page.plots.data.drum
-    columns = trial.timeline.columns(0, 4, 5, len(samples))
-    low, high = trial.timeline.extremes(columns)
+    assert trial.history is page.plots.data.history and trial.drum is page.plots.data.drum
+    columns = trial.history.columns(0, 4, 5, len(samples))
+    low, high = trial.history.extremes(columns)
     assert np.array_equal(low.min(axis=0), trial.low) and (trial.low == samples.min(axis=0)).all()
     assert np.array_equal(high.max(axis=0), samples.max(axis=0))
     disconnected.window.replay.hide()

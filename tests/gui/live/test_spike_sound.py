@@ -13,6 +13,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from gui.live.live_page import LISTEN, LivePage
+from gui.live.sample_history import SampleHistory
 from gui.live.spike_clicks import (
     CLICKS,
     EARS,
@@ -28,7 +29,6 @@ from gui.live.spike_clicks import (
     SpikeListener,
 )
 from gui.live.spike_sound import LAG_MS, OPENING, STOPPED, Take, open_device
-from gui.live.timeline import Timeline
 from gui.widgets.theme import LIGHT
 from rigctl.errors import WrongUse
 from tests.gui.fake_engine import FakeEngine
@@ -38,14 +38,14 @@ from tests.gui.steps import click, wait_until
 SA, RA, BOTH = (np.array(EARS[channel]) for channel in (Channel.SA, Channel.RA, Channel.BOTH))
 
 
-def timeline(spikes: NDArray[np.uint8], at: NDArray[np.int64] | None = None) -> Timeline:
-    """Return a timeline of two taxels with these spikes, SA then RA, at these positions."""
-    made = Timeline(2, 4, 10_000)
+def history(spikes: NDArray[np.uint8], at: NDArray[np.int64] | None = None) -> SampleHistory:
+    """Return a history of two taxels with these spikes, SA then RA, at these positions."""
+    made = SampleHistory(2, 4, 10_000)
     add(made, spikes, np.arange(len(spikes)) if at is None else at)
     return made
 
 
-def add(made: Timeline, spikes: NDArray[np.uint8], at: NDArray[np.int64]) -> None:
+def add(made: SampleHistory, spikes: NDArray[np.uint8], at: NDArray[np.int64]) -> None:
     """Append spikes at positions."""
     n = len(spikes)
     made.append(at / 1000, at, np.zeros((n, 2), np.uint16), np.zeros(n, np.uint8), spikes)
@@ -68,7 +68,7 @@ def expected(n_frames: int, kind: int, *begins: int) -> NDArray[np.float64]:
 
 
 def heard(
-    made: Timeline, stops: list[int], ears: NDArray[np.float64], speed: float = 1.0
+    made: SampleHistory, stops: list[int], ears: NDArray[np.float64], speed: float = 1.0
 ) -> Frames:
     """Return what taxel 1 sounds like, listened to up to each of some positions."""
     listener = SpikeListener()
@@ -76,7 +76,7 @@ def heard(
 
 
 def test_each_click_begins_at_its_frame_whatever_the_blocks_are() -> None:
-    made = timeline(spikes_at(61, (1, 1), (2, 1), (30, 1), (41, 0), (42, 3), (59, 1)))
+    made = history(spikes_at(61, (1, 1), (2, 1), (30, 1), (41, 0), (42, 3), (59, 1)))
     for stops in ([0, 60], [0, 1, 2, 3, 10, 31, 32, 59, 60], [0, *range(7, 61, 7), 60]):
         sound = heard(made, stops, SA)
         assert np.array_equal(sound[:, 0], expected(60 * 48, 0, 0, 48, 29 * 48, 58 * 48))
@@ -84,7 +84,7 @@ def test_each_click_begins_at_its_frame_whatever_the_blocks_are() -> None:
 
 
 def test_ra_is_higher_and_both_stand_left_and_right() -> None:
-    made = timeline(spikes_at(61, (1, 1), (30, 3)))
+    made = history(spikes_at(61, (1, 1), (30, 3)))
     sound = heard(made, [0, 60], BOTH)
     assert np.array_equal(sound[:, 0], expected(60 * 48, 0, 0))
     assert np.array_equal(sound[:, 1], expected(60 * 48, 1, 29 * 48))
@@ -96,12 +96,12 @@ def test_ra_is_higher_and_both_stand_left_and_right() -> None:
 
 def test_lost_samples_are_silence_of_their_length() -> None:
     at = np.concatenate([np.arange(10), np.arange(40, 61)])
-    made = timeline(spikes_at(31, (1, 1), (15, 1)), at)  # at positions 1 and 45
+    made = history(spikes_at(31, (1, 1), (15, 1)), at)  # at positions 1 and 45
     assert np.array_equal(heard(made, [0, 60], SA)[:, 0], expected(60 * 48, 0, 0, 44 * 48))
 
 
 def test_what_is_older_than_the_queue_is_not_heard() -> None:
-    made = timeline(spikes_at(1001, (5, 1), (990, 1)))
+    made = history(spikes_at(1001, (5, 1), (990, 1)))
     sound = heard(made, [0, 1000], SA)
     assert len(sound) == MOST_FRAMES == QUEUE_MS * FRAMES_A_SAMPLE and LAG_MS <= 100
     assert np.array_equal(sound[:, 0], expected(MOST_FRAMES, 0, (QUEUE_MS - 11) * 48))
@@ -109,7 +109,7 @@ def test_what_is_older_than_the_queue_is_not_heard() -> None:
 
 
 def test_a_replay_is_heard_at_its_speed() -> None:
-    made = timeline(spikes_at(201, (1, 1), (21, 1), (41, 1)))
+    made = history(spikes_at(201, (1, 1), (21, 1), (41, 1)))
     slow = heard(made, [0, *range(10, 61, 10)], SA, speed=0.5)
     assert np.array_equal(slow[:, 0], expected(60 * 96, 0, 0, 20 * 96, 40 * 96))
     assert len(heard(made, [0, 3, 60, 63], SA, speed=1 / 3)) == 6 * 144 + int(QUEUE_MS / 3) * 144
@@ -236,7 +236,7 @@ def test_a_device_that_cannot_be_opened_is_a_sentence_and_nothing_else(
     assert page.sound_strip.sentence.text() == "no sound: connect speakers"
     engine.write_samples(100)
     page.refresh(engine.live)
-    assert page.plots.data.timeline.newest == 1099
+    assert page.plots.data.history.newest == 1099
 
 
 def test_a_device_that_stops_is_told_and_switched_off(

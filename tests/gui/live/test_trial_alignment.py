@@ -16,8 +16,8 @@ from PySide6.QtWidgets import QApplication
 from gui.live.earlier_trials import BIN_S, mean_rate_hz
 from gui.live.live_page import TRIALS, WAITS, LivePage
 from gui.live.navigation import Navigation
+from gui.live.sample_history import TimeWindow
 from gui.live.time_plots import NOW, SINCE_START
-from gui.live.timeline import TimeWindow
 from gui.widgets.theme import LIGHT
 from rigctl.engine.rpc.messages import parse_status
 from rigctl.session.session import Session
@@ -144,7 +144,7 @@ def test_the_mean_rate_counts_the_spikes_of_the_earlier_trials(
     starts, data = page.alignment.starts, page.plots.data
     trials = starts.before(starts.trials[-1], 5, 0)
     at_s, rate_hz = mean_rate_hz(data, trials, navigation(page).window, train=20)
-    spikes = [data.timeline.spikes.between(t.start, t.start + TRIAL)[:, 20].sum() for t in trials]
+    spikes = [data.history.spikes.between(t.start, t.start + TRIAL)[:, 20].sum() for t in trials]
     assert at_s[-1] == pytest.approx(TRIAL / 1000)
     assert rate_hz[::2].sum() * BIN_S == pytest.approx(np.mean(spikes))
 
@@ -178,5 +178,5 @@ def test_a_recorded_session_is_cut_where_it_was(
     first, second = page.alignment.starts.trials
     assert first.end is not None and first.end - first.start == len(attempts[0])
     assert navigation(page).window.left == second.start
-    shown = page.plots.data.timeline.samples.between(second.start, second.start + len(samples))
+    shown = page.plots.data.history.samples.between(second.start, second.start + len(samples))
     assert np.array_equal(shown, attempts[1])

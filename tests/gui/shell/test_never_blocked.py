@@ -138,11 +138,11 @@ def test_an_analysis_is_slow_while_samples_scroll(
     watchdog.run(lambda: box.method.setCurrentIndex(1))
     watchdog.run(lambda: click(box.run_button))
     watchdog.run(lambda: window.show_panel("operate"))
-    before = len(window.live_plots.data.timeline)
-    while tab.worker.is_busy and len(window.live_plots.data.timeline) < before + 5_000:
+    before = len(window.live_plots.data.history)
+    while tab.worker.is_busy and len(window.live_plots.data.history) < before + 5_000:
         engine.write_samples(100)
         watchdog.run(window.poll)
-    assert len(window.live_plots.data.timeline) > before
+    assert len(window.live_plots.data.history) > before
     watchdog.run(lambda: click(box.cancel_button))
     watchdog.run_until(lambda: not tab.worker.is_busy)
     watchdog.run(lambda: box.method.setCurrentIndex(0))

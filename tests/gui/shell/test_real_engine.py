@@ -78,7 +78,7 @@ def test_manual_run_stops_by_the_button(window: MainWindow) -> None:
     _wait(window, State.RETRACT, State.ARMED)
     _wait(window, State.ARMED)
     assert window.engine_link.status.speed_mm_s == 0
-    assert len(window.live_plots.data.timeline) > 1000
+    assert len(window.live_plots.data.history) > 1000
     assert window.live_plots.rate_bars.rates_hz.shape == (36,)
 
 

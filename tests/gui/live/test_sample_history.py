@@ -8,8 +8,8 @@ from PySide6.QtWidgets import QApplication
 
 from gui.live.drum_course import thin_out
 from gui.live.raster import Raster, ScrollingImage
+from gui.live.sample_history import SampleHistory, TimeWindow
 from gui.live.time_plots import Traces
-from gui.live.timeline import Timeline, TimeWindow
 from gui.widgets.theme import LIGHT
 from rigctl.engine.live_file import Ring
 from rigctl.session.sensor_layout import SensorLayout
@@ -19,7 +19,9 @@ PAPER = SensorLayout.default(18)
 WIDTH, HEIGHT = 400, 180
 
 
-def append(timeline: Timeline, first: int, samples: np.ndarray, at_s: float | None = None) -> None:
+def append(
+    history: SampleHistory, first: int, samples: np.ndarray, at_s: float | None = None
+) -> None:
     """Append samples with counters from ``first``, and a spike of SA-1 at each reading of 1000."""
     n = len(samples)
     counters = np.arange(first, first + n, dtype=np.int64)
@@ -27,12 +29,12 @@ def append(timeline: Timeline, first: int, samples: np.ndarray, at_s: float | No
     spikes[:, 0] = samples[:, 0] == 1000
     time_s = counters / 1000 if at_s is None else at_s + np.arange(n) / 1000
     flags = np.zeros(n, np.uint8)
-    timeline.append(time_s, counters, samples.astype(np.uint16), flags, spikes)
+    history.append(time_s, counters, samples.astype(np.uint16), flags, spikes)
 
 
-def show(image: ScrollingImage, timeline: Timeline, right: int, span: int) -> np.ndarray:
+def show(image: ScrollingImage, history: SampleHistory, right: int, span: int) -> np.ndarray:
     """Draw a window; return its pixels from left to right."""
-    image.refresh(timeline, TimeWindow(right, span, right), WIDTH, HEIGHT, 1.0)
+    image.refresh(history, TimeWindow(right, span, right), WIDTH, HEIGHT, 1.0)
     return np.roll(image._pixels, -(image._head + 1), axis=1)
 
 
@@ -47,69 +49,69 @@ def test_a_ring_keeps_the_newest_rows_in_order() -> None:
 
 
 def test_columns_cover_every_sample_once() -> None:
-    timeline = Timeline(18, 36, 20_000)
-    append(timeline, 12_345, np.zeros((10_000, 18)))
-    columns = timeline.columns(12_345 * 777 // 10_000, 22_344 * 777 // 10_000, 777, 10_000)
+    history = SampleHistory(18, 36, 20_000)
+    append(history, 12_345, np.zeros((10_000, 18)))
+    columns = history.columns(12_345 * 777 // 10_000, 22_344 * 777 // 10_000, 777, 10_000)
     assert columns.start[0] == 0 and columns.start[-1] == 10_000
     assert np.all(np.diff(columns.start)[1:-1] >= 12)
     assert not columns.missing.any() and not columns.blank.any()
 
 
 def test_columns_of_lost_samples_are_marked() -> None:
-    timeline = Timeline(18, 36, 20_000)
-    append(timeline, 0, np.zeros((1000, 18)))
-    append(timeline, 1400, np.zeros((600, 18)))
-    columns = timeline.columns(0, 250, 500, 5000)
+    history = SampleHistory(18, 36, 20_000)
+    append(history, 0, np.zeros((1000, 18)))
+    append(history, 1400, np.zeros((600, 18)))
+    columns = history.columns(0, 250, 500, 5000)
     assert np.array_equal(np.flatnonzero(columns.missing), np.arange(100, 140))
     assert np.array_equal(np.flatnonzero(columns.blank), np.arange(200, 251))
 
 
 @pytest.mark.parametrize("span", [1000, 10_000, 60_000, 300_000])
 def test_one_sample_of_a_spike_is_visible_over_any_span(qapp: QApplication, span: int) -> None:
-    timeline = Timeline(18, 36, 320_000)
+    history = SampleHistory(18, 36, 320_000)
     samples = np.full((310_000, 18), 100)
     samples[309_500, 0] = 1000
     for part in np.array_split(samples, 97):
-        append(timeline, timeline.counters.end, part)
-    traces = show(Traces(LIGHT, PAPER), timeline, 309_999, span)
+        append(history, history.counters.end, part)
+    traces = show(Traces(LIGHT, PAPER), history, 309_999, span)
     background = traces[:, :1]
     assert (traces != background).any(axis=0).sum() in (1, 2, 3)
-    raster = show(Raster(LIGHT, PAPER), timeline, 309_999, span)
+    raster = show(Raster(LIGHT, PAPER), history, 309_999, span)
     lit = np.flatnonzero((raster != raster[:, :1]).any(axis=0))
     assert len(lit) >= 1
     assert abs(lit.mean() - (WIDTH - 1 - 499 * WIDTH / span)) <= 1 + 2 * WIDTH / span
 
 
 def test_the_oldest_samples_make_room_and_memory_stays(qapp: QApplication) -> None:
-    timeline = Timeline(18, 36, 50_000)
+    history = SampleHistory(18, 36, 50_000)
     for step in range(30):
-        append(timeline, 7000 * step, np.full((7000, 18), step))
-    assert len(timeline) == 50_000 and timeline.oldest == 160_000
-    show(Traces(LIGHT, PAPER), timeline, 209_999, 50_000)
-    low, high = timeline.extremes(timeline.columns(330, 419, 100, 50_000))
+        append(history, 7000 * step, np.full((7000, 18), step))
+    assert len(history) == 50_000 and history.oldest == 160_000
+    show(Traces(LIGHT, PAPER), history, 209_999, 50_000)
+    low, high = history.extremes(history.columns(330, 419, 100, 50_000))
     assert (low[:, 0] >= 22).all() and (high[-1] == 29).all()
 
 
 def test_scrolling_to_and_fro_gives_the_same_picture(
     qapp: QApplication, engine: FakeEngine
 ) -> None:
-    timeline, moved = Timeline(18, 36, 60_000), Traces(LIGHT, PAPER)
+    history, moved = SampleHistory(18, 36, 60_000), Traces(LIGHT, PAPER)
     for skip in (0, 300, 0):
         engine.write_samples(16_000, skip=skip)
-        timeline.pull(engine.live)
+        history.pull(engine.live)
     for right in (48_000, 30_000, 29_990, 24_000, 33_000, 47_000, 11_000, 40_123):
-        picture = show(moved, timeline, right, 10_000)
-        assert np.array_equal(picture, show(Traces(LIGHT, PAPER), timeline, right, 10_000))
+        picture = show(moved, history, right, 10_000)
+        assert np.array_equal(picture, show(Traces(LIGHT, PAPER), history, right, 10_000))
     engine.close()
 
 
 def test_a_restarted_board_goes_on_behind_a_gap() -> None:
-    timeline = Timeline(18, 36, 20_000)
-    append(timeline, 5000, np.ones((100, 18)), at_s=50.0)
-    append(timeline, 0, np.full((30, 18), 9), at_s=50.6)
-    positions = timeline.counters.between(0, 130)
+    history = SampleHistory(18, 36, 20_000)
+    append(history, 5000, np.ones((100, 18)), at_s=50.0)
+    append(history, 0, np.full((30, 18), 9), at_s=50.6)
+    positions = history.counters.between(0, 130)
     assert positions[99] == 5099 and positions[100] == pytest.approx(5600, abs=2)
-    assert np.all(np.diff(positions) > 0) and timeline.newest == positions[-1]
+    assert np.all(np.diff(positions) > 0) and history.newest == positions[-1]
 
 
 def test_a_thinned_course_keeps_its_extremes() -> None:

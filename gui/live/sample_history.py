@@ -156,7 +156,7 @@ Recode = Callable[[NDArray[np.int64], NDArray[np.uint16], NDArray[np.uint8]], ND
 Extremes = tuple[NDArray[np.uint16], NDArray[np.uint16]]
 
 
-class Timeline:
+class SampleHistory:
     """Samples and spikes in order of arrival; ``generation`` changes when they are removed.
 
     Rings, a row each sample: ``counters`` int64 (position), ``time_s`` float64 (engine's time),
