@@ -25,7 +25,7 @@ def test_bring_up_from_connect_to_the_taxel_range(rig: RigWindow) -> None:
     rig.until(lambda: box.next.text() == "Next: Load cell")  # leads to the page Calibrate
     words = {name: row[1].text() for name, row in box.rows.items()}
     assert words["Self-test"] == "no findings" and words["Home"] == "homed"
-    assert words["Tare"] == "tared" and words["Taxel range"] == "known"
+    assert words["Tare"] == "tared" and words["Taxel range"] == "measured, not saved"
     assert part.table.rowCount() == 18 and part.result_label.text().startswith("In use until")
     rig.until_state(State.IDLE)  # a calibration ends with everything off
 
