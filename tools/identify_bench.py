@@ -9,9 +9,8 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +20,6 @@ from rigctl.analysis.pca_lda import Split
 from rigctl.analysis.splits import make_splits, stratified_folds
 from rigctl.analysis.tasks import score_splits
 from rigctl.analysis.trial_set import Design
-from rigctl.bench.contact import contact_tables, draw_mounting, force_table
-from rigctl.bench.mechanics import DrumTrajectory, Mechanics
 from rigctl.bench.parameter_fields import ParameterInfo
 from rigctl.bench.parameters import (
     IDENTIFIED,
@@ -30,113 +27,11 @@ from rigctl.bench.parameters import (
     parameter_infos,
     validated,
 )
-from rigctl.bench.skin import SLOT_US, Skin
-from rigctl.bench.textures import CATALOGUE, GRID_MM
-from rigctl.config.rig_config import PAPER_ARRAY
-from rigctl.encoder.batch import common_bin_edges, count_spikes, features_from_counts
-from rigctl.encoder.features import UNSCALED
-from rigctl.encoder.normalisation import Normalisation
 from rigctl.errors import RigctlError
+from tools.skin_figures import measure_skin
+from tools.slides import SlideSession, simulate_slides, slide_features
 
-SPEEDS_MM_S = (40.0, 60.0, 80.0, 100.0, 120.0)
-FORCES_G = (250.0, 500.0, 1000.0)
-TRAVEL_MM = 240.0
-LIFTED_MS, RESTING_MS, RUN_IN_MM = 600, 300, 30.0
-WINDOW_MM = 100.0
-"""Distance from the plate's start to the start of a rig's recording."""
-
-CHUNK_MS = 1000
-
-Samples = NDArray[np.uint16]
-
-
-class SlideSession(NamedTuple):
-    """Trials of one session: counts uint16 (n, 18) each, in the order of the readings.
-
-    ``swing``: relative rms of the force over the plate under the lowest force, for the worst plate.
-    """
-
-    samples: list[Samples]
-    design: Design
-    swing: float
-
-
-class Slider:
-    """A bench whose rod is set directly, with one sensor for the whole session."""
-
-    def __init__(self, parameters: WorldParameters, seed: int) -> None:
-        # There is no force loop here to compensate run-out and backlash, so both are 0.
-        self._p = replace(parameters, run_out_mm=0.0, backlash_mm=0.0)
-        self._seed = seed
-        self._plant = Mechanics(self._p)
-        self._skin = Skin(self._p, seed, self._plant)
-        self._frames = 0
-        # A bench mounts a plate at power-up. Counting it gives the alignments of the same seed.
-        self._mountings = 1
-        self.swing = 0.0
-
-    def mount(self, plate: str) -> None:
-        """Mount a plate with a new alignment."""
-        mounting = draw_mounting(self._p, self._seed, self._mountings)
-        self._mountings += 1
-        tables = contact_tables(plate, self._p)
-        self._table = force_table(tables, self._p, mounting)
-        self._skin.set_plate(tables, mounting)
-        self._plant.set_force_table(self._table)
-        row = round(self._table.travel_mm(min(FORCES_G)) / self._table.cell_mm)
-        begin, end = self._p.plate_start_mm, self._p.plate_start_mm + self._p.plate_length_mm
-        force = self._table.force_g[row, round(begin / GRID_MM) : round(end / GRID_MM)]
-        self.swing = max(self.swing, float(force.std() / force.mean()))
-
-    def trial(self, speed_mm_s: float, force_g: float) -> Samples:
-        """Make a new contact and return the readings over the paper's travel at a speed."""
-        start_mm = self._p.plate_start_mm + WINDOW_MM - RUN_IN_MM - self._p.start_mm
-        at_start = DrumTrajectory(0.0, start_mm, 0.0)
-        self._plant.set_rod(0.0)
-        self._advance(LIFTED_MS, at_start)
-        self._plant.set_rod(self._p.contact_mm + self._table.travel_mm(force_g))
-        self._advance(RESTING_MS, at_start)
-        moving = DrumTrajectory(1000.0 * self._plant.time_ms, start_mm, speed_mm_s)
-        self._advance(round(1000 * RUN_IN_MM / speed_mm_s), moving)
-        left, chunks = round(1000 * TRAVEL_MM / speed_mm_s), []
-        while left:
-            chunks.append(self._read(min(left, CHUNK_MS), moving))
-            left -= len(chunks[-1])
-        return np.concatenate(chunks)
-
-    def _read(self, count: int, trajectory: DrumTrajectory) -> Samples:
-        starts = 1000.0 * (self._plant.time_ms + np.arange(count, dtype=np.float64))
-        self._advance(count, trajectory)
-        self._frames += count
-        return self._skin.read(self._frames - count, starts - 1000.0, float(SLOT_US))
-
-    def _advance(self, count: int, trajectory: DrumTrajectory) -> None:
-        end_ms = self._plant.time_ms + count
-        while self._plant.time_ms < end_ms:
-            self._plant.advance(min(end_ms, self._plant.time_ms + CHUNK_MS), 0.0, trajectory)
-            self._skin.advance()
-
-
-def simulate_slides(
-    parameters: WorldParameters, repeats: int, seeds: Sequence[int]
-) -> list[SlideSession]:
-    """Return a session per seed: every plate mounted once, every condition ``repeats`` times."""
-    sliders = [Slider(parameters, seed) for seed in seeds]
-    samples: list[list[Samples]] = [[] for _ in seeds]
-    conditions = []
-    for number, plate in enumerate(CATALOGUE):
-        rows = [(number, v, f) for f in FORCES_G for v in SPEEDS_MM_S for _ in range(repeats)]
-        conditions += rows
-        for slider, trials in zip(sliders, samples, strict=True):
-            slider.mount(plate)
-            trials += [slider.trial(v, f) for _, v, f in rows]
-    texture, speed, force = np.array(conditions).T
-    design = Design(tuple(CATALOGUE), texture.astype(np.int64), speed, force)
-    return [
-        SlideSession(trials, design, slider.swing)
-        for slider, trials in zip(sliders, samples, strict=True)
-    ]
-
+Floats = NDArray[np.float64]
 
 TASKS = tuple(task for task in published.TASKS if task.key in published.TABLE_1)
 PAPER = {key: cells["original"][0] for key, cells in published.TABLE_1.items()}
@@ -159,133 +54,10 @@ def accuracies(slides: SlideSession, seed: int) -> dict[str, float]:
     return {key: 100.0 * (correct[key] / tested[key]) for key in PAPER}
 
 
-def slide_features(slides: SlideSession) -> NDArray[np.float64]:
-    """Return features of 100 ms windows in real time, float64 (n_trials, 2160)."""
-    ranges = Normalisation.from_samples(slides.samples, "all trials")
-    out = np.empty((len(slides.samples), UNSCALED.n_features(PAPER_ARRAY.count)))
-    for speed in np.unique(slides.design.speed_mm_s):
-        rows = np.flatnonzero(slides.design.speed_mm_s == speed)
-        trials = [slides.samples[row] for row in rows]
-        lengths = [len(trial) for trial in trials]
-        cuts = common_bin_edges([UNSCALED], max(lengths), float(speed))
-        counts = count_spikes(trials, cuts, ranges)
-        out[rows] = features_from_counts(counts, cuts, lengths, float(speed), UNSCALED)
-    return out
-
-
 def _folds(design: Design, seed: int) -> list[Split]:
     """Split all trials into four folds: a third of so few would be too little for training."""
     folds = stratified_folds(design.texture, published.N_FOLDS, seed)
     return [Split(train, {"textures": test, "groups": test}) for train, test in folds]
-
-
-MEAN_MS = 250
-"""A reading minus its moving mean over this time is the signal of the texture."""
-
-RANGES = {
-    "growth": (1.2, 2.5),
-    "mean_scatter": (0.008, 0.03),
-    "amplitude_scatter": (0.03, 0.07),
-    "swing": (0.0, 0.09),
-}
-"""Ranges of real skins; see docs/reference/world.md."""
-
-Floats = NDArray[np.float64]
-
-
-class SkinMeasures(NamedTuple):
-    """Figures of one set of trials.
-
-    ``growth`` and ``mean_growth``: ratio of amplitude and mean at the highest force to those at the
-    lowest; ``…_scatter``: from trial to trial of one condition, rms over the mean; ``…_shares``:
-    variance explained by texture, speed and force. ``swing``: relative rms of the force at a set
-    travel on the worst plate; the rig's builders publish a force within 4.2 % rms over all plates.
-    """
-
-    growth: float
-    mean_growth: float
-    mean_scatter: float
-    amplitude_scatter: float
-    swing: float
-    mean_shares: tuple[float, float, float]
-    amplitude_shares: tuple[float, float, float]
-
-    def lines(self) -> list[str]:
-        """Format the figures."""
-        shares = [
-            " / ".join(f"{share:.3f}" for share in shares_of)
-            for shares_of in (self.mean_shares, self.amplitude_shares)
-        ]
-        return [
-            f"from the least to the greatest force: amplitude × {self.growth:.2f}, "
-            f"mean × {self.mean_growth:.2f}",
-            f"from trial to trial: mean {self.mean_scatter:.1%}, "
-            f"amplitude {self.amplitude_scatter:.1%}",
-            f"force at a set travel, on the worst plate: {self.swing:.1%} rms",
-            f"variance of the mean by texture / speed / force: {shares[0]}",
-            f"variance of the amplitude by texture / speed / force: {shares[1]}",
-        ]
-
-    @property
-    def excess(self) -> float:
-        """Sum of the figures' distances from :data:`RANGES`, relative to the bounds."""
-        outside = 0.0
-        for name, (low, high) in RANGES.items():
-            value = float(getattr(self, name))
-            outside += max(0.0, low / value - 1.0, value / high - 1.0)
-        return outside
-
-
-def amplitude(samples: NDArray[np.uint16]) -> Floats:
-    """Return the rms of each reading minus its moving mean, counts, float64 (n_taxels,)."""
-    sums = np.cumsum(np.pad(samples.astype(np.float64), ((1, 0), (0, 0))), axis=0)
-    means = (sums[MEAN_MS:] - sums[:-MEAN_MS]) / MEAN_MS
-    middle = samples[MEAN_MS // 2 : MEAN_MS // 2 + len(means)]
-    rms: Floats = np.sqrt(np.mean((middle - means) ** 2, axis=0))
-    return rms
-
-
-def measure_skin(slides: SlideSession) -> SkinMeasures:
-    """Compute all figures of one session with two or more repeats."""
-    means = np.array([trial.mean(axis=0) for trial in slides.samples])
-    amplitudes = np.array([amplitude(trial) for trial in slides.samples])
-    design = slides.design
-    conditions = design.conditions()
-    factors = (design.texture, design.speed_mm_s, design.force_g)
-    return SkinMeasures(
-        _growth(amplitudes, design.force_g),
-        _growth(means, design.force_g),
-        _scatter(means, conditions),
-        _scatter(amplitudes, conditions),
-        slides.swing,
-        _shares(means, factors),
-        _shares(amplitudes, factors),
-    )
-
-
-def _growth(values: Floats, force_g: Floats) -> float:
-    high, low = (values[force_g == force].mean() for force in (force_g.max(), force_g.min()))
-    return float(high / low)
-
-
-def _scatter(values: Floats, conditions: list[NDArray[np.intp]]) -> float:
-    """Return the rms over taxels and conditions of the relative spread over repeats."""
-    spread = [values[rows].std(axis=0, ddof=1) / values[rows].mean(axis=0) for rows in conditions]
-    return float(np.sqrt(np.mean(np.square(spread))))
-
-
-def _shares(values: Floats, factors: tuple[NDArray[np.generic], ...]) -> tuple[float, float, float]:
-    """Return between-level over total variance for each factor, summed over taxels."""
-    total = values.var(axis=0).sum()
-    found = []
-    for levels in factors:
-        between = 0.0
-        for level in np.unique(levels):
-            rows = levels == level
-            offset = values[rows].mean(axis=0) - values.mean(axis=0)
-            between += float(np.mean(rows) * np.sum(offset**2))
-        found.append(between / float(total))
-    return found[0], found[1], found[2]
 
 
 SEEDS = (1, 2, 3)

@@ -181,7 +181,7 @@ def _make_field(one: Field[Any]) -> QWidget:
         low, high = int(values["low"]), int(min(values["high"], 2**31 - 1))
         field = WholeNumberBox(minimum=low, maximum=high, value=usual or 0)
     elif kind == "float":
-        field = NumberBox(decimals=1, maximum=values["high"], value=usual, suffix=" g")
+        field = NumberBox(decimals=2, maximum=values["high"], value=usual, suffix=" g")
     else:
         field = QLineEdit(placeholderText=usual)
     field.setToolTip(values["hint"])

@@ -15,6 +15,7 @@ from rigctl.analysis.files import atomic_directory
 from rigctl.analysis.force_scaling import (
     ScaledBy,
     absence_sentence,
+    choose_reference,
     force_scaling_obstacle,
     sa_factors,
     trials_to_encode,
@@ -92,16 +93,17 @@ def encode_sessions(
     check_selection(trials, request.trial, request.taxel)
     resources.executor.check_visible(trials.paths)
     with atomic_directory(out) as folder:
-        trials = trials_to_encode(trials, request.reference_g, request.scaled_by)
-        obstacle = force_scaling_obstacle(trials, request.reference_g)
+        reference_g, choice = choose_reference(trials, request.reference_g)
+        trials = trials_to_encode(trials, reference_g, request.scaled_by)
+        obstacle = force_scaling_obstacle(trials, reference_g)
         prepared = prepare_trials(trials, resources, request.ranges)
         conditions = group_by_condition(
-            prepared, request.parameters, request.reference_g, search_c=not obstacle
+            prepared, request.parameters, reference_g, search_c=not obstacle
         )
         counted = list(count_conditions(prepared, conditions, resources))
         force = join_searched_c(conditions, counted)
         absence = "" if force is None else absence_sentence(force)
-        remarks = tuple(filter(None, (*prepared.trials.remarks, obstacle, absence)))
+        remarks = tuple(filter(None, (*prepared.trials.remarks, choice, obstacle, absence)))
         encoding = _encoding(request, prepared, force, remarks, made_utc)
         with SpikeFileWriter(folder / FILE, encoding) as file:
             n_spikes = _write_spikes(file, request, prepared, force, resources)

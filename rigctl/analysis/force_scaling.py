@@ -28,7 +28,7 @@ from rigctl.analysis.spike_counts import (
 )
 from rigctl.analysis.trial_set import TrialRef, TrialSet, check_source_wiring
 from rigctl.encoder.batch import sa_rates_hz
-from rigctl.encoder.force_matrix import ForceMatrix
+from rigctl.encoder.force_matrix import REFERENCE_FORCE_G, ForceMatrix
 from rigctl.encoder.force_search import TOLERANCE_HZ
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import EncoderParameters
@@ -46,6 +46,21 @@ Floats = NDArray[np.float64]
 LEAST_COVERED = 0.5
 """Share of the trials that a given C must have; the others are left out."""
 COMPARING = "comparing sessions with those that C was searched on"
+
+
+def choose_reference(trials: TrialSet, reference_g: float) -> tuple[float, str]:
+    """Return the force whose rates C aims at, and a remark where it is not ``reference_g``.
+
+    No depth is the paper's 500 g, so a set by depth takes its middle depth instead.
+    """
+    if not trials.by_depth or reference_g != REFERENCE_FORCE_G:
+        return reference_g, ""
+    depths_mm = trials.forces_g
+    middle_mm = depths_mm[(len(depths_mm) - 1) // 2]
+    return middle_mm, (
+        "the drum pressed to depths, so mm stand in the place of grams, and C aims at the middle "
+        f"depth, {middle_mm:g} mm (--reference-force names another)"
+    )
 
 
 def force_scaling_obstacle(trials: TrialSet, reference_g: float) -> str:

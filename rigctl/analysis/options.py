@@ -89,9 +89,11 @@ class EncoderOptions:
         "all|training|FILE", group=ENCODER,
     )  # fmt: skip
     reference_force: float | None = option(
-        None, "force to which the SA rates of the other forces are scaled (500)", "G", low=1,
+        None, "force to which the SA rates of the other forces are scaled (500), or a depth in mm "
+        "(the middle one)", "G", low=0.001,
         high=100_000, group=ENCODER, title="Reference force",
-        hint="Force to which the SA rates of the other forces are scaled", usual=500.0,
+        hint="Force to which the SA rates of the other forces are scaled; of depths, one in mm",
+        usual=500.0,
     )  # fmt: skip
 
     @property

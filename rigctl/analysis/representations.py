@@ -23,6 +23,7 @@ from rigctl.analysis.force_scaling import (
     ForceMatrixSource,
     TransferredC,
     absence_sentence,
+    choose_reference,
     covered_trials,
     describe_transfer,
     force_scaling_obstacle,
@@ -131,9 +132,11 @@ def represent(
     trial is left, WrongUse where no trial has the reference force that an analysis file names.
     """
     settings = settings or AnalysisSettings()
-    reference_g = settings.conditions.reference_force_g
+    reference_g, choice = settings.conditions.reference_force_g, ""
     if source is None:
         check_reference_force(settings, trials.forces_g)
+        reference_g, choice = choose_reference(trials, reference_g)
+        settings = settings.with_reference_force(reference_g)
     trials = trials.without_gaps()
     obstacle = "" if source else force_scaling_obstacle(trials, reference_g)
     if source is not None:
@@ -142,7 +145,7 @@ def represent(
         trials = with_c(trials, reference_g)
     prepared = prepare_trials(trials, resources, ranges, settings)
     trials = prepared.trials
-    remarks = [*trials.remarks, obstacle]
+    remarks = [*trials.remarks, choice, obstacle]
     conditions = group_by_condition(
         prepared, parameters, reference_g, search_c=not (obstacle or source)
     )

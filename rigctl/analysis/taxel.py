@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rigctl.analysis.cache import Resources
 from rigctl.analysis.files import atomic_file
-from rigctl.analysis.force_scaling import ScaledBy, sa_factors, trials_to_encode
+from rigctl.analysis.force_scaling import ScaledBy, choose_reference, sa_factors, trials_to_encode
 from rigctl.analysis.movies import (
     FRAME_S,
     Movie,
@@ -508,7 +508,9 @@ def encode_taxel(request: EncodeRequest, resources: Resources) -> tuple[str, ...
     request.check_files()
     trials = join_sessions(request.sessions, resources.progress, request.parameters.reading)
     check_selection(trials, request.trial, request.taxel)
-    trials = trials_to_encode(trials, request.reference_g, request.scaled_by)
+    reference_g, _ = choose_reference(trials, request.reference_g)
+    request = replace(request, reference_g=reference_g)
+    trials = trials_to_encode(trials, reference_g, request.scaled_by)
     prepared = prepare_trials(trials, resources, request.ranges)
     c = _searched_factors(request, prepared, resources)
     chosen = request.parameters, request.trial, request.taxel

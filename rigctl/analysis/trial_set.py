@@ -79,8 +79,8 @@ def _source(path: Path) -> Mapping[str, Any]:
 class TrialRef(NamedTuple):
     """One trial: its session, its row in /trials, and its planned conditions.
 
-    ``sample_range``: the place of its samples in the ``files`` of the set. ``mount``: the mounting
-    of its plate in its session, from 1.
+    ``force_g``: in a set by depth, the depth in mm. ``sample_range``: the place of its samples in
+    the ``files`` of the set. ``mount``: the mounting of its plate in its session, from 1.
     """
 
     session: int
@@ -105,7 +105,8 @@ class TrialSet:
 
     ``paths``: absolute, as other processes open them too. ``provenance``: a mapping of plain
     values for each session; ``files``: parts of all sessions; ``remarks``: sentences on omissions;
-    ``reading``: what readers of the files return.
+    ``reading``: what readers of the files return. ``by_depth``: the drum pressed to depths, in mm,
+    which stand in the place of grams.
     """
 
     paths: tuple[Path, ...]
@@ -116,6 +117,7 @@ class TrialSet:
     files: tuple[SampleFile, ...]
     remarks: tuple[str, ...] = field(default=())
     reading: Reading = Reading.COUNTS
+    by_depth: bool = False
 
     @property
     def textures(self) -> tuple[str, ...]:
@@ -129,7 +131,7 @@ class TrialSet:
 
     @property
     def forces_g(self) -> tuple[float, ...]:
-        """Planned forces, ascending."""
+        """Planned forces, or depths in a set by depth, ascending."""
         return tuple(sorted({trial.force_g for trial in self.trials}))
 
     @property
@@ -269,6 +271,7 @@ def join_sessions(
     sources: list[dict[str, Any]] = []
     layouts: list[SensorLayout | None] = []
     files: list[SampleFile] = []
+    depths: list[bool] = []
     for number, path in enumerate(paths):
         if path.resolve() in {p.resolve() for p in paths[:number]}:
             raise SessionError(
@@ -280,6 +283,8 @@ def join_sessions(
             layouts.append(session.header.sensor_layout)
             _check_layout(sources[0], sources[-1])
             check_same_sensor(paths, layouts)
+            depths.append(bool(np.any(_in_position(session.trials))))
+            _check_same_press(paths, depths)
             trials += _moving_trials(session, number, len(files), remarks)
             files += _files(session, reading)
     if not trials:
@@ -294,6 +299,7 @@ def join_sessions(
         tuple(replace(file, path=file.path.absolute()) for file in files),
         tuple(remarks),
         reading,
+        any(depths),
     )
 
 
@@ -311,6 +317,21 @@ def _files(session: Session, reading: Reading) -> Sequence[SampleFile]:
 
 def _show_mib(progress: Progress, done_bytes: int, total_bytes: int) -> None:
     progress(CHECKING_STAGE, done_bytes >> 20, max(1, total_bytes >> 20))
+
+
+def _in_position(trials: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return which rows of /trials were pressed to a depth, bool (n,)."""
+    return np.asarray(trials["force_mode"] == "position")
+
+
+def _check_same_press(paths: Sequence[Path], depths: Sequence[bool]) -> None:
+    """Raise SessionError where the last session was pressed to depths and the first to forces."""
+    if depths[-1] != depths[0]:
+        by = ("forces", "depths")
+        raise SessionError(
+            f"{paths[len(depths) - 1]} was pressed to {by[depths[-1]]}, {paths[0]} to "
+            f"{by[depths[0]]}: analyse them separately"
+        )
 
 
 def _check_layout(first: dict[str, Any], last: dict[str, Any]) -> None:
@@ -371,8 +392,9 @@ def _references(
 ) -> list[TrialRef]:
     table = session.trials[rows]
     planned = np.rint(table["travel_mm"] / table["speed_mm_s"] * SAMPLE_RATE_HZ).astype(np.int64)
-    names = ("trial_id", "texture", "speed_mm_s", "force_g")
-    columns = [column.tolist() for column in (rows, *(table[name] for name in names), planned)]
+    press = np.where(_in_position(table), table["depth_mm"], table["force_g"])
+    labels = (table[name] for name in ("trial_id", "texture", "speed_mm_s"))
+    columns = [column.tolist() for column in (rows, *labels, press, planned)]
     places = session.sample_ranges(rows.tolist(), first_file)
     mounts = table["mount"].tolist()
     return list(map(TrialRef, [number] * len(rows), *columns, places, mounts))

@@ -18,6 +18,7 @@ from rigctl.bench.parameters import WorldParameters
 from rigctl.bench.textures import (
     GRID_MM,
     Texture,
+    Values,
     blur_circular,
     drum_heights,
     find_texture,
@@ -80,6 +81,8 @@ class ForceTable(NamedTuple):
 class Mounting(NamedTuple):
     """Alignment of a mounted plate: tilts in mm a taxel pitch, shift along, gains float64
     (n_taxels,), and a turn of the sensor against the travel besides that of the world.
+
+    ``give_…_mm_g``: what a gram of contact force adds to each tilt.
     """
 
     tilt_along_mm: float
@@ -87,6 +90,8 @@ class Mounting(NamedTuple):
     shift_mm: float
     gains: _Floats
     turn_deg: float = 0.0
+    give_along_mm_g: float = 0.0
+    give_across_mm_g: float = 0.0
 
 
 def draw_mounting(
@@ -97,23 +102,38 @@ def draw_mounting(
     shift_mm = parameters.plate_seating_mm * random.uniform(-1.0, 1.0)
     along_mm, across_mm = parameters.plate_tilt_mm * random.standard_normal(2)
     gains = np.exp(parameters.mounting_spread * random.standard_normal(n_taxels))
-    return Mounting(float(along_mm), float(across_mm), float(shift_mm), gains)
+    gives_mm_g = parameters.plate_give_mm / REFERENCE_FORCE_G * random.standard_normal(2)
+    tilts = float(along_mm), float(across_mm)
+    return Mounting(*tilts, float(shift_mm), gains, 0.0, *gives_mm_g.tolist())
 
 
 def positions_along_mm(parameters: WorldParameters, mounting: Mounting, shape: Shape) -> _Floats:
     """Return the position of each site along the travel, mm from the middle, float64 (sites,)."""
-    row, column = _rows_and_columns(shape)
-    skew = math.tan(math.radians(parameters.sensor_skew_deg + mounting.turn_deg))
-    return parameters.taxel_pitch_mm * (row + column * skew) + mounting.shift_mm
+    return _along_mm(parameters, mounting, *_rows_and_columns(shape))
+
+
+def _along_mm(p: WorldParameters, mounting: Mounting, row: _Floats, column: _Floats) -> _Floats:
+    skew = math.tan(math.radians(p.sensor_skew_deg + mounting.turn_deg))
+    return p.taxel_pitch_mm * (row + column * skew) + mounting.shift_mm
 
 
 def depth_offsets_mm(parameters: WorldParameters, mounting: Mounting, shape: Shape) -> _Floats:
     """Return how much less deep than the deepest site each site is, mm, float64 (sites,)."""
-    row, column = _rows_and_columns(shape)
-    edge_mm = parameters.edge_drop_mm * row**2
-    tilted = edge_mm + mounting.tilt_along_mm * row + mounting.tilt_across_mm * column
-    offsets: _Floats = tilted - tilted.min()
+    drops_mm = _drops_mm(parameters, mounting, *_rows_and_columns(shape))
+    offsets: _Floats = drops_mm - drops_mm.min()
     return offsets
+
+
+def gives_mm_g(mounting: Mounting, shape: Shape) -> _Floats:
+    """Return how much less deep each site is for a gram of contact force, float64 (sites,)."""
+    row, column = _rows_and_columns(shape)
+    return mounting.give_along_mm_g * row + mounting.give_across_mm_g * column
+
+
+def _drops_mm(p: WorldParameters, mounting: Mounting, row: _Floats, column: _Floats) -> _Floats:
+    """Return how much less deep than a drum's crest patches are, mm."""
+    edge_mm = p.edge_drop_mm * row**2
+    return edge_mm + mounting.tilt_along_mm * row + mounting.tilt_across_mm * column
 
 
 def force_table(
@@ -122,15 +142,18 @@ def force_table(
     """Return the contact force of a mounted plate, the frame's compliance included."""
     depths = np.arange(N_DEPTHS, dtype=np.float64)
     total = np.zeros_like(tables.patch_force_g)
-    shifts = np.rint(positions_along_mm(parameters, mounting, tables.shape) / GRID_MM).astype(int)
-    offsets_mm = depth_offsets_mm(parameters, mounting, tables.shape)
-    for shift, offset_mm in zip(shifts, offsets_mm, strict=True):
+    row, column, share_of_patch = _patches(parameters, tables.shape)
+    shifts = np.rint(_along_mm(parameters, mounting, row, column) / GRID_MM).astype(int)
+    drops_mm = _drops_mm(parameters, mounting, row, column)
+    n_sites = tables.shape[0] * tables.shape[1]
+    offsets_mm = drops_mm - drops_mm[:n_sites].min()
+    for shift, offset_mm, part in zip(shifts, offsets_mm, share_of_patch, strict=True):
         depth = np.maximum(depths - offset_mm / tables.cell_mm, 0.0)
         low = np.minimum(depth.astype(int), N_DEPTHS - 2)
         share = (depth - low).astype(np.float32)[:, None]
         patch = tables.patch_force_g[low] * (1 - share) + tables.patch_force_g[low + 1] * share
-        total += np.roll(patch, -shift, axis=1)
-    total /= shifts.size
+        total += np.float32(part) * np.roll(patch, -shift, axis=1)
+    total /= n_sites
     frame_mm_g = parameters.frame_share / parameters.stiffness_g_mm
     travel_mm = (N_DEPTHS - 1) * tables.cell_mm + MAX_FORCE_G * frame_mm_g
     cell_mm = travel_mm / (N_DEPTHS - 1)
@@ -173,13 +196,19 @@ def contact_tables(
     cell_mm = _depth_at_force(MAX_FORCE_G, heights, parameters, shape) / (N_DEPTHS - 1)
     depths_mm = np.arange(N_DEPTHS, dtype=np.float32) * np.float32(cell_mm)
     pressed = np.maximum(heights.astype(np.float32) + depths_mm[:, None], 0)
-    pressure = pressed ** np.float32(parameters.pressure_power)
-    pressure *= np.float32(pressure_scale_g(parameters, shape))
+    scale_g = np.float32(pressure_scale_g(parameters, shape))
+    pressure = scale_g * pressed ** np.float32(parameters.pressure_power)
     below = gaussian_window(parameters.bottom_blur_mm)
-    patch = blur_circular(pressure, np.ones(odd_cell_count(parameters.taxel_pitch_mm)), below)
+    patch_mm, taxel_mm = parameters.taxel_pitch_mm, parameters.taxel_size_mm
+    patch = blur_circular(pressure, np.ones(odd_cell_count(patch_mm)), below)
+    if parameters.taxel_rise_mm:
+        lower = scale_g * _lowered(pressed, parameters) ** np.float32(parameters.pressure_power)
+        patch = blur_circular(lower, np.ones(odd_cell_count(patch_mm)), below)
+        raised = blur_circular(pressure - lower, np.ones(odd_cell_count(taxel_mm)), below)
+        patch += np.float32(_taxel_share(parameters)) * raised
     blurs_mm = of_layers(parameters.top_blur_mm, parameters.bottom_blur_mm, shape)
     conductance = np.empty((N_DEPTHS, heights.size, len(blurs_mm)), np.float32)
-    taxel = hann_window(parameters.taxel_size_mm)
+    taxel = hann_window(taxel_mm)
     for layer, blur_mm in enumerate(blurs_mm):
         blurred = blur_circular(pressure, taxel, gaussian_window(blur_mm))
         conductance[:, :, layer] = _conductance(blurred, parameters)
@@ -202,14 +231,41 @@ def pressure_scale_g(parameters: WorldParameters, shape: Shape) -> float:
     """
     power = parameters.pressure_power
     skin_g_mm = parameters.stiffness_g_mm / (1.0 - parameters.frame_share)
-    row, _ = _rows_and_columns(shape)
-    low, high = 0.0, 2.0 * power * REFERENCE_FORCE_G / skin_g_mm + parameters.edge_drop_mm
+    row, _, part = _patches(parameters, shape)
+    n_sites = shape[0] * shape[1]
+
+    def carried(power: float) -> float:
+        return float(np.sum(part * _carried(pressed, power, parameters)) / n_sites)
+
+    low = 0.0
+    high = 2.0 * power * REFERENCE_FORCE_G / skin_g_mm
+    high += parameters.edge_drop_mm + parameters.taxel_rise_mm
     for _ in range(50):
         deep = 0.5 * (low + high)
         pressed = np.maximum(deep - parameters.edge_drop_mm * row**2, 0.0)
-        force_g = skin_g_mm * np.mean(pressed**power) / (power * np.mean(pressed ** (power - 1.0)))
+        force_g = skin_g_mm * carried(power) / (power * carried(power - 1.0))
         low, high = (deep, high) if force_g < REFERENCE_FORCE_G else (low, deep)
-    return float(REFERENCE_FORCE_G / np.mean(pressed**power))
+    return float(REFERENCE_FORCE_G / carried(power))
+
+
+def _lowered(pressed: Values, p: WorldParameters) -> Values:
+    """Return the depths between the taxels, which stand out of the skin."""
+    lowered: Values = np.maximum(pressed - pressed.dtype.type(p.taxel_rise_mm), 0)
+    return lowered
+
+
+def _taxel_share(p: WorldParameters) -> float:
+    """Return the share of a patch that its taxel takes."""
+    return float((p.taxel_size_mm / p.taxel_pitch_mm) ** 2)
+
+
+def _carried(pressed: _Floats, power: float, p: WorldParameters) -> _Floats:
+    """Return the mean over a patch of the depth to a power."""
+    on_taxels = pressed**power
+    if not p.taxel_rise_mm:
+        return on_taxels
+    between = _lowered(pressed, p) ** power
+    return between + _taxel_share(p) * (on_taxels - between)
 
 
 def _conductance(pressure: _Table, p: WorldParameters) -> _Table:
@@ -227,9 +283,11 @@ def _skin_profile(plate: Texture, parameters: WorldParameters, shape: Shape) -> 
     followed = blur_circular(printed, gaussian_window(parameters.bridging_mm))
     followed -= followed[on_plate].max()
     # A clamp that carries the same force as the plate lets the drum roll over it without a shock.
-    deep_mm = _depth_at_force(REFERENCE_FORCE_G, followed[on_plate], parameters, shape)
-    clamp_pressure = REFERENCE_FORCE_G / pressure_scale_g(parameters, shape)
-    followed[~on_plate] = clamp_pressure ** (1.0 / parameters.pressure_power) - deep_mm
+    surfaces = np.zeros(1), followed[on_plate]
+    clamp_mm, plate_mm = (
+        _depth_at_force(REFERENCE_FORCE_G, surface, parameters, shape) for surface in surfaces
+    )
+    followed[~on_plate] = clamp_mm - plate_mm
     return followed
 
 
@@ -241,11 +299,32 @@ def _depth_at_force(
     target = force_g / pressure_scale_g(parameters, shape)
     low = 0.0
     high = target ** (1.0 / parameters.pressure_power) - float(heights.min())
+    high += parameters.taxel_rise_mm
     for _ in range(40):
         deep = 0.5 * (low + high)
-        mean = np.mean(np.maximum(spread + deep, 0.0) ** parameters.pressure_power)
+        pressed = np.maximum(spread + deep, 0.0)
+        mean = np.mean(_carried(pressed, parameters.pressure_power, parameters))
         low, high = (deep, high) if mean < target else (low, deep)
     return float(high)
+
+
+def _patches(parameters: WorldParameters, shape: Shape) -> tuple[_Floats, _Floats, _Floats]:
+    """Return row, column and share of each patch that carries force: the sites first.
+
+    Before and behind the array, along the travel, the skin goes on to its ends.
+    """
+    row, column = _rows_and_columns(shape)
+    rows, columns, _ = shape
+    beyond = max(0.0, 0.5 * (parameters.skin_length_mm / parameters.taxel_pitch_mm - rows))
+    steps = np.arange(1.0, math.ceil(beyond) + 1.0)
+    outer = np.repeat(0.5 * (rows - 1) + steps, columns)
+    share = np.repeat(np.minimum(1.0, beyond + 1.0 - steps), columns)
+    across = np.tile(column[:columns], steps.size)
+    return (
+        np.concatenate([row, outer, -outer]),
+        np.concatenate([column, across, across]),
+        np.concatenate([np.ones_like(row), share, share]),
+    )
 
 
 def _rows_and_columns(shape: Shape) -> tuple[_Floats, _Floats]:

@@ -98,6 +98,10 @@ class WorldParameters:
     edge_drop_mm: float = _p(
         0.12, "mm", 0.05, 0.2, "loss of depth at the outer rows from the drum's curve", IDENTIFIED
     )
+    skin_length_mm: float = _p(
+        15.0, "mm", 15, 40, "skin along the travel that carries force, the array in its middle"
+    )
+    taxel_rise_mm: float = _p(0.0, "mm", 0, 0.5, "rise of the taxels above the skin between them")
     bridging_mm: float = _p(
         0.25, "mm", 0.2, 1.5, "width over which the skin bridges grooves, sigma", IDENTIFIED
     )
@@ -122,6 +126,9 @@ class WorldParameters:
     session_spread: float = _p(0.04, "", 0, 0.15, "change of each gain from session to session")
     plate_tilt_mm: float = _p(
         0.002, "mm", 0, 0.1, "tilt of a mounted plate a taxel pitch, each way, rms", IDENTIFIED
+    )
+    plate_give_mm: float = _p(
+        0.0, "mm", 0, 0.1, "tilt that 500 g add to a mounted plate a taxel pitch, each way, rms"
     )
     mounting_spread: float = _p(
         0.017, "", 0, 0.03, "change of each gain from mounting to mounting, rms", IDENTIFIED

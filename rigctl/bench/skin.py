@@ -21,6 +21,7 @@ from rigctl.bench.contact import (
     Mounting,
     Shape,
     depth_offsets_mm,
+    gives_mm_g,
     of_layers,
     positions_along_mm,
 )
@@ -59,7 +60,7 @@ SENSOR_SERIAL = 1
 
 _TURN_MM, _FAST, _SLOW, _RELAX, _REST = range(5)
 _FRICTION, _DEPTH_CELLS, _SHIFT, _TEXTURE = range(5, 9)
-_ALONG, _OFFSET, _GAIN = range(3)
+_ALONG, _OFFSET, _GAIN, _GIVE = range(4)
 _Floats = NDArray[np.float64]
 _Table = NDArray[np.float32]
 NO_JITTER: NDArray[np.float32] = np.zeros((0, 0), np.float32)
@@ -74,7 +75,8 @@ def _sense_contact(
     n_sites = sensed.size // n_layers
     first = modulo(row[DRUM_MM] + c[_SHIFT], c[_TURN_MM]) * CELLS_PER_MM
     for i in range(n_sites):
-        cell = (row[DEPTH_MM] - taxels[_OFFSET, i]) * c[_DEPTH_CELLS]
+        offset_mm = taxels[_OFFSET, i] + taxels[_GIVE, i] * row[FORCE_G]
+        cell = (row[DEPTH_MM] - offset_mm) * c[_DEPTH_CELLS]
         if cell <= 0.0:
             for layer in range(n_layers):
                 sensed[n_sites * layer + i] = 0.0
@@ -136,8 +138,9 @@ def _simulate(
 
     ``pressure`` (2, n): fast and slow part, updated; ``table`` (depths, positions,
     layers) and ``mean`` (depths, layers): conductances of :class:`ContactTables`; ``taxels``
-    (3, n): position along the travel, depth offset, gain; ``reading`` (n,): the reading of each
-    taxel; ``jitter`` (count, sites), or empty if nothing slides under pressure.
+    (4, n): position along the travel, depth offset, gain, and what a gram adds to the offset;
+    ``reading`` (n,): the reading of each taxel; ``jitter`` (count, sites), or empty if nothing
+    slides under pressure.
     """
     n_taxels = reading.size
     n_sites = n_taxels // table.shape[2]
@@ -218,7 +221,7 @@ class Skin:
         self._adc = NoiseRows(seed, NoiseStream.ADC, n_taxels, executor)
         self._constants = _constants(parameters)
         self._sensor_gains = _sensor_gains(parameters, seed, self._shape)
-        self._taxels = np.zeros((3, n_taxels))
+        self._taxels = np.zeros((4, n_taxels))
         self._pressure = np.zeros((2, n_taxels))
         cells = round(parameters.circumference_mm / GRID_MM)
         self._table = np.zeros((N_DEPTHS, cells, self._shape[2]), np.float32)
@@ -238,6 +241,7 @@ class Skin:
         n_layers = self._shape[2]
         self._taxels[_ALONG] = np.tile(positions_along_mm(self._p, mounting, self._shape), n_layers)
         self._taxels[_OFFSET] = np.tile(depth_offsets_mm(self._p, mounting, self._shape), n_layers)
+        self._taxels[_GIVE] = np.tile(gives_mm_g(mounting, self._shape), n_layers)
         self._mounting_gains = mounting.gains
         self._set_gains()
 

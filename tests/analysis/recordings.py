@@ -19,12 +19,12 @@ PROTOCOL = """\
 name = "by hand"
 textures = [{textures}]
 speeds_mm_s = {speeds}
-forces_g = {forces}
+{presses}
 repeats = {repeats}
 mounts = {mounts}
 [trial]
 travel_mm = {travel}
-"""
+{mode}"""
 WAVELENGTHS_MM = {"A": 0.0, "B": 4.0, "D": 8.0, "L": 5.5, "G": 6.5, "X": 7.0}
 IDLE = 300
 BLOCK = 100
@@ -33,7 +33,8 @@ BLOCK = 100
 def readings(trial: PlannedTrial, n: int, seed: int, seat: float = 0.0) -> NDArray[np.uint16]:
     """Return readings of 18 taxels over a wave of the plate's length, weaker in the lower layer.
 
-    ``seat``: how much each mounting of a plate changes the level of each taxel.
+    A millimetre of depth presses like 500 g. ``seat``: how much each mounting of a plate changes
+    the level of each taxel.
     """
     rng = np.random.default_rng([seed, trial.trial_id])
     travel = trial.speed_mm_s * np.arange(n)[:, None] / 1000
@@ -41,7 +42,8 @@ def readings(trial: PlannedTrial, n: int, seed: int, seat: float = 0.0) -> NDArr
     wavelength = WAVELENGTHS_MM[trial.texture]
     wave = np.sin(2 * np.pi * (travel + place) / wavelength) if wavelength else np.zeros((n, 18))
     layer = np.where(np.arange(18) < 9, 1.0, 0.5)
-    level = np.random.default_rng(5).uniform(0.3, 0.5, 18) * (trial.force_g / 500) ** 0.4
+    level = np.random.default_rng(5).uniform(0.3, 0.5, 18)
+    level *= (trial.force_g / 500 or trial.depth_mm) ** 0.4
     seated = np.random.default_rng([ord(trial.texture), trial.mount]).normal(0, 1, 18)
     level = level + seat * seated
     x: NDArray[np.float64] = level + 0.12 * layer * wave + rng.normal(0, 0.012, (n, 18))
@@ -57,20 +59,25 @@ def record(
     torn: tuple[int, ...] = (),
     speeds: tuple[int, ...] = (40, 80, 120),
     forces: tuple[int, ...] = (250, 500),
+    depths_mm: tuple[float, ...] = (),
     seed: int = 3,
     layout: SensorLayout | None = None,
     mounts: int = 1,
     seat: float = 0.0,
     rig: str = "virtual",
 ) -> Path:
-    """Record every trial of a small plan; trials in ``torn`` lack a few samples."""
+    """Record every trial of a small plan, pressed to depths if there are any.
+
+    Trials in ``torn`` lack a few samples.
+    """
     names = ", ".join(f'"{name}"' for name in textures)
     text = PROTOCOL.format(
         textures=names,
         repeats=repeats,
         travel=travel_mm,
         speeds=list(speeds),
-        forces=list(forces),
+        presses=f"depths_mm = {list(depths_mm)}" if depths_mm else f"forces_g = {list(forces)}",
+        mode='force_mode = "position"\n' if depths_mm else "",
         mounts=mounts,
     )
     plan = parse_protocol(text, "by hand").plan()

@@ -242,6 +242,13 @@ def test_without_the_reference_force_there_are_spikes_and_no_c(tmp_path: Path) -
         encode([session], tmp_path / "none", scaled_by=ScaledBy.BLIND)
 
 
+def test_depths_have_a_c_for_the_middle_one(tmp_path: Path) -> None:
+    session = record(tmp_path / "session", "A", travel_mm=12.0, depths_mm=(0.5, 1.0, 1.5))
+    encode([session], tmp_path / "out", scaled_by=ScaledBy.TEXTURE).close()
+    force, _ = load_force(tmp_path / "out" / "spikes.h5", Reading.COUNTS)
+    assert (force.reference_g, force.forces_g) == (1.0, (0.5, 1.0, 1.5))
+
+
 def test_every_parameter_can_be_set() -> None:
     ours = override(preset("explicit"), ["sa_gain=120", "substeps=8", "clamp_v=true"])
     assert (ours.sa_gain, ours.substeps, ours.clamp_v) == (120.0, 8, True)

@@ -92,6 +92,29 @@ def test_without_the_reference_force_c_is_left_out_with_a_remark(tmp_path: Path)
     assert (other.force.c[..., 0] == 1).all() and (other.force.c[..., 1] < 1).all()
 
 
+def test_depths_are_scaled_to_the_middle_one_or_to_the_one_that_is_named(tmp_path: Path) -> None:
+    depths_mm = (0.6, 0.9, 1.2, 1.5)
+    session = record(tmp_path / "session", "AB", travel_mm=12.0, depths_mm=depths_mm)
+    trials = join_sessions([session])
+    assert trials.forces_g == depths_mm
+    made = represent(trials, DEFAULT, tmp_path)
+    assert len(made.present) == 6 and made.force is not None
+    assert made.force.reference_g == made.settings.conditions.reference_force_g == 0.9
+    assert (made.force.c[..., 0] > 1).all() and (made.force.c[..., 2:] < 1).all()
+    assert any("C aims at the middle depth, 0.9 mm" in remark for remark in made.remarks)
+    deepest = AnalysisSettings().with_reference_force(1.5)
+    other = represent(trials, DEFAULT, tmp_path, settings=deepest)
+    assert other.force is not None and other.force.reference_g == 1.5
+    assert not any("C aims at" in remark for remark in other.remarks)
+
+
+def test_depths_and_forces_are_not_analysed_together(tmp_path: Path) -> None:
+    forces = record(tmp_path / "forces", "A", travel_mm=12.0)
+    depths = record(tmp_path / "depths", "A", travel_mm=12.0, depths_mm=(0.5, 1.0))
+    with pytest.raises(SessionError, match=r"depths was pressed to depths, .*forces to forces"):
+        join_sessions([forces, depths])
+
+
 def test_the_rate_error_of_a_given_c_has_the_reference_of_that_c(tmp_path: Path) -> None:
     trials = join_sessions([record(tmp_path / "session", "AB", travel_mm=12.0)])
     made = represent(trials, DEFAULT, tmp_path, settings=AT_250_G)

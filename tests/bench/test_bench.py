@@ -130,6 +130,39 @@ def test_the_skin_touches_ridges_first_and_sinks_deeper_into_them() -> None:
     assert held_mm["A"] < held_mm["B"] < held_mm["C"] < held_mm["A"] + 2.5
 
 
+@pytest.mark.parametrize("carrier", [{"skin_length_mm": 33.0}, {"taxel_rise_mm": 0.2}])
+def test_skin_beside_the_taxels_carries_a_share_that_depends_on_the_plate(
+    carrier: dict[str, float],
+) -> None:
+    """It leaves the stiffness of a smooth plate as it is."""
+
+    def reading(parameters: WorldParameters, plate: str) -> float:
+        bench = Bench(parameters, 0)
+        bench.set_plate(plate)
+        press(bench, 500.0)
+        return float(turn(bench, 80.0, 1000).mean())
+
+    carried = dataclasses.replace(QUIET, **carrier)
+    rod, _, force = pressed(carried, "A", 600.0).T
+    rod, force = rod[force > 100.0], force[force > 100.0]
+    assert np.interp(500.0, force, np.gradient(force, rod)) == pytest.approx(600.0, rel=0.03)
+    smooth, deep = (reading(carried, plate) / reading(QUIET, plate) for plate in "AC")
+    assert deep < 0.98 * smooth
+
+
+def test_a_plate_that_gives_in_tilts_with_the_force() -> None:
+    yielding = dataclasses.replace(QUIET, plate_give_mm=0.05)
+
+    def pattern(parameters: WorldParameters, force_g: float) -> NDArray[np.float64]:
+        bench = Bench(parameters, 1)
+        bench.set_plate("A")
+        press(bench, force_g)
+        return turn(bench, 80.0, 400).mean(axis=0)
+
+    light, heavy = (pattern(yielding, force) / pattern(QUIET, force) for force in (100.0, 1000.0))
+    assert np.ptp(heavy) > 1.5 * np.ptp(light) > 0.0
+
+
 def test_a_press_of_the_whole_actuator_stays_monotone() -> None:
     for plate in "ACD":
         force = pressed(QUIET, plate, 7500.0)[:, 2]

@@ -12,7 +12,9 @@ from rigctl.analysis import published
 from rigctl.bench import parameter_tables
 from rigctl.bench.parameters import IDENTIFIED, WorldParameters, parameter_infos
 from tools import identify_bench
-from tools.identify_bench import RANGES, SkinMeasures, Slider, main, measure_skin, simulate_slides
+from tools.identify_bench import main
+from tools.skin_figures import RANGES, SkinMeasures, measure_skin
+from tools.slides import Slider, simulate_slides
 
 
 @pytest.fixture

@@ -1,0 +1,342 @@
+"""Compare the simulated skin's readings with real ones, and show what each mechanism does to them.
+
+``make skin`` writes the tables of ``docs/explanation/real-and-simulated.md``. The scaled
+representations are computed here, and never in the search of :mod:`tools.identify_bench`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.analysis import published
+from rigctl.analysis.further_tasks import TASKS
+from rigctl.analysis.representations import represent
+from rigctl.analysis.settings import AnalysisSettings
+from rigctl.analysis.splits import make_splits
+from rigctl.analysis.tasks import SweepSettings, run_tasks, score_splits
+from rigctl.analysis.trial_set import Design, TrialSet, join_sessions, open_trials
+from rigctl.bench.parameters import WorldParameters, validated
+from rigctl.config.rig_config import PAPER_ARRAY
+from rigctl.config.toml_reader import TomlText
+from rigctl.encoder.batch import mean_normalised_reading
+from rigctl.encoder.features import SPEED_SCALED, UNSCALED
+from rigctl.encoder.force_matrix import REFERENCE_FORCE_G
+from rigctl.encoder.force_search import mean_sa_rates_hz, search_c
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.encoder.parameters import DEFAULT
+from rigctl.encoder.reading import conductance
+from rigctl.errors import ConfigError, RigctlError
+from rigctl.exchange.column_map import parse_map
+from rigctl.exchange.importer import import_files
+from rigctl.session.session import Session
+from tools.identify_bench import DRAWS
+from tools.skin_figures import SkinFigures, skin_figures
+from tools.slides import SlideSession, simulate_slides, slide_features
+
+PAGE = Path(__file__).parents[1] / "docs" / "explanation" / "real-and-simulated.md"
+DEPTHS_MM = (0.6, 0.9, 1.2, 1.5)
+Floats = NDArray[np.float64]
+
+
+REFERENCE_MM = 0.9
+SHOWN_SEEDS, SHOWN_REPEATS, MECHANISM_REPEATS = (1, 2, 3), 4, 2
+OURS = "the simulated bench"
+INPUTS = tuple(reading % PAPER_ARRAY.inputs for reading in range(PAPER_ARRAY.count))
+"""Input of each reading."""
+FORMS = ("original", "force", "force_blind", "speed", "speed_force")
+"""Representations in the order of the table's columns."""
+(LEFT_OUT,) = (task for task in TASKS if task.key == "leave-speed-out")
+
+
+def slide_accuracies(slides: SlideSession, reference: float) -> tuple[float, ...]:
+    """Return the accuracy of each representation with each speed left out, per cent."""
+    own = searched_c(slides, reference)
+    blind = _texture_blind(own, slides.design)
+    encodings = (
+        (UNSCALED, None),
+        (UNSCALED, own),
+        (UNSCALED, blind),
+        (SPEED_SCALED, None),
+        (SPEED_SCALED, own),
+    )
+    return tuple(
+        _untrained_accuracy(slide_features(slides, layout, c), slides.design)
+        for layout, c in encodings
+    )
+
+
+def searched_c(slides: SlideSession, reference: float) -> Floats:
+    """Return the factor that brings each trial's SA rates to those at the reference press.
+
+    Float64 (n_trials, n_taxels).
+    """
+    design = slides.design
+    ranges = Normalisation.from_samples(slides.samples, "all trials")
+    out = np.ones((len(slides.samples), ranges.n_taxels))
+    aims: dict[tuple[int, float], tuple[Floats, Floats]] = {}
+    conditions = design.conditions()
+    for rows in sorted(conditions, key=lambda rows: design.force_g[rows[0]] != reference):
+        trials = [slides.samples[row] for row in rows]
+        texture_and_speed = int(design.texture[rows[0]]), float(design.speed_mm_s[rows[0]])
+        if design.force_g[rows[0]] == reference:
+            rates_hz = mean_sa_rates_hz(trials, ranges)
+            aims[texture_and_speed] = mean_normalised_reading(trials, ranges), rates_hz
+        else:
+            out[rows] = search_c(trials, *aims[texture_and_speed], ranges).c
+    return out
+
+
+def _texture_blind(c: Floats, design: Design) -> Floats:
+    """Return the mean of C over all textures at a speed and press, for each trial."""
+    out = np.empty_like(c)
+    for speed in np.unique(design.speed_mm_s):
+        for press in np.unique(design.force_g):
+            rows = (design.speed_mm_s == speed) & (design.force_g == press)
+            out[rows] = c[rows].mean(axis=0)
+    return out
+
+
+def _untrained_accuracy(features: Floats, design: Design) -> float:
+    correct = tested = 0
+    for draw in range(DRAWS):
+        splits = make_splits(design, LEFT_OUT.family, 0, draw)
+        score = score_splits(features, design, splits, [LEFT_OUT], published.K_MAX)[LEFT_OUT.key]
+        correct, tested = correct + int(score.correct[-1]), tested + score.n_tested
+    return 100.0 * correct / tested
+
+
+FABRIC_MAP = """
+[files]
+pattern = '(?P<texture>[A-Za-z]+)_F(?P<force>[0-9]+)_V(?P<speed>-?[0-9]+)mmps_(?P<repeat>[0-9]+)'
+[time]
+column = "timestamp"
+unit = "ms"
+[taxels]
+columns = ["channel1..channel16"]
+[labels]
+force_unit = "level"
+"""
+FORWARD = "forward"
+FABRIC_LEVEL = 210.0
+"""The level to which the other is scaled."""
+
+
+class TrialReadings(NamedTuple):
+    """Readings of trials, float64 (n, n_taxels) each, and their design."""
+
+    samples: list[Floats]
+    design: Design
+
+
+def import_fabrics(folder: Path, out: Path) -> TrialSet:
+    """Import the recordings in a folder as a session and return its trials.
+
+    Raises WrongUse for a folder without recordings, or with others.
+    """
+    mapping = parse_map(TomlText("fabrics", FABRIC_MAP, ConfigError), "fabrics")
+    import_files(sorted(folder.glob("*_F*.csv")), mapping, out, "2022-01-01T00:00:00+00:00")
+    return join_sessions([out])
+
+
+def read_trials(trials: TrialSet) -> list[TrialReadings]:
+    """Return imported readings in their own unit, for each direction, forward first."""
+    (source,) = trials.provenance
+    low, high = np.array(source["scaling"]).T
+    with open_trials(trials.files) as reader:
+        samples = [low + (high - low) / 65535.0 * reader.read(trial) for trial in trials.trials]
+    with Session.open(trials.paths[0]) as session:
+        backward = session.trials["direction"][[trial.row for trial in trials.trials]] != FORWARD
+    ways = (np.flatnonzero(backward == way) for way in (False, True))
+    return [_select(samples, Design.from_trials(trials), rows) for rows in ways]
+
+
+def _select(samples: Sequence[Floats], of: Design, rows: NDArray[np.intp]) -> TrialReadings:
+    design = Design(of.textures, of.texture[rows], of.speed_mm_s[rows], of.force_g[rows])
+    return TrialReadings([samples[row] for row in rows], design)
+
+
+def session_accuracies(trials: TrialSet, reference: float, folder: Path) -> tuple[float, ...]:
+    """Return the accuracy of each representation with each speed left out, per cent."""
+    settings = AnalysisSettings().with_reference_force(reference)
+    made = represent(trials, DEFAULT, folder, settings=settings)
+    sweep = SweepSettings(iterations=DRAWS, tasks=(LEFT_OUT.family,))
+    ((result,), _) = run_tasks(made, sweep)
+    curves = {curve.representation.key: curve for curve in result.curves}
+    return tuple(100.0 * float(curves[form].mean[-1]) for form in FORMS)
+
+
+class Mechanism(NamedTuple):
+    """A property of skin, plate or circuit that is changed alone, from the nominal world.
+
+    ``height_spread_mm``: as of :class:`tools.slides.Slider`. ``loaded``: whether the taxels of an
+    input load each other, and the divider a taxel.
+    """
+
+    name: str
+    measured_by: str
+    parameters: Mapping[str, Any] = MappingProxyType({})
+    height_spread_mm: float | None = None
+    loaded: bool = True
+
+
+def _change(name: str, measured_by: str, **parameters: float) -> Mechanism:
+    return Mechanism(name, measured_by, parameters)
+
+
+WEIGHTS = "reading of a taxel under weights"
+TRAVEL = "load cell over travel, smooth plate"
+MECHANISMS = (
+    _change("the nominal world", "–"),
+    Mechanism("no circuit", "the reading `conductance`", loaded=False),
+    _change("more load on dividers", "an ohmmeter", top_gain=0.25, bottom_gain=0.35),
+    _change("concave taxel curve", WEIGHTS, conductance_power=0.5),
+    _change("saturating taxels", WEIGHTS, saturation_g=500.0),
+    _change("contact area: nearly linear skin", TRAVEL, pressure_power=1.5),
+    _change("contact area: bridged grooves", "a ridge over carbon paper", bridging_mm=1.0),
+    _change("spread in the layers", "a single ridge", top_blur_mm=1.5, bottom_blur_mm=3.6),
+    _change("skin beyond the array", "a ruler", skin_length_mm=33.0),
+    _change("taxels that stand out", "a dial gauge", taxel_rise_mm=0.2),
+    _change("softer skin, stiffer frame", TRAVEL, stiffness_g_mm=300.0, frame_share=0.3),
+    _change("softer frame", TRAVEL, frame_share=0.8),
+    _change("drum's curve", "a dial gauge", edge_drop_mm=0.2),
+    _change("tilt of plates", "a dial gauge at the plate's ends", plate_tilt_mm=0.03),
+    _change("plates that give in", "a dial gauge under weights", plate_give_mm=0.03),
+    Mechanism("depths from a fixed zero", "–", height_spread_mm=0.0),
+    Mechanism("the same, plates ± 0.1 mm", "a calliper", height_spread_mm=0.1),
+    _change("finer ridges", "a ruler", base_space_mm=5.0),
+)
+
+
+def mechanism_figures(mechanism: Mechanism) -> list[SkinFigures]:
+    """Return the figures at set depths and at set forces, of two repeats of the first seed."""
+    parameters = validated(replace(WorldParameters(), **mechanism.parameters))
+    found = []
+    for depths_mm in (DEPTHS_MM, ()):
+        (slides,) = simulate_slides(
+            parameters, MECHANISM_REPEATS, SHOWN_SEEDS[:1], depths_mm, mechanism.height_spread_mm
+        )
+        trials: Sequence[NDArray[Any]] = slides.samples
+        if not mechanism.loaded:
+            trials = [conductance(trial, INPUTS) for trial in slides.samples]
+        found.append(skin_figures(trials, slides.design))
+    return found
+
+
+def _row(*cells: str) -> str:
+    return f"| {' | '.join(cells)} |\n"
+
+
+PRINTED = "21 printed textures, 9 piezoresistive taxels"
+STATISTICS_HEAD = _row(
+    "set", "pressed", "between textures", "between speeds", "between repeats",
+    "between textures over within a trial", "mean, least to most pressed", "amplitude",
+) + _row(*["---"] * 8)  # fmt: skip
+PRINTED_STATISTICS = _row(
+    PRINTED, "depths of 0–1.5 mm", "0.072–0.076", "0.013–0.015", "–", "0.7", "× 1.13–1.20",
+    "× 1.2–1.3",
+)  # fmt: skip
+ACCURACY_HEAD = _row(
+    "set", "pressed", "Original", "Force Scaled", "texture-blind", "Speed Scaled", "both"
+) + _row(*["---"] * 7)
+PRINTED_ACCURACIES = _row(
+    PRINTED, "depths of 0–1.5 mm", "39.0", "61.5", "39.0", "92.1", "95.7"
+)  # fmt: skip
+"""Both rows were measured once, on recordings that another laboratory published."""
+MECHANISM_HEAD = _row(
+    "changed", "parameters", "by depth: between textures", "over within", "mean", "amplitude",
+    "by force: between textures", "over within", "mean", "amplitude", "measured by",
+) + _row(*["---"] * 11)  # fmt: skip
+
+
+def mechanism_table() -> str:
+    """Return a row for each mechanism."""
+    rows = [MECHANISM_HEAD]
+    for mechanism in MECHANISMS:
+        changes = ", ".join(f"`{name}` {v:g}" for name, v in mechanism.parameters.items())
+        cells = []
+        for figures in mechanism_figures(mechanism):
+            textures, _, _, *others = figures.cells
+            cells += [textures, *others]
+        rows.append(_row(mechanism.name, changes or "–", *cells, mechanism.measured_by))
+        print(rows[-1], end="", file=sys.stderr, flush=True)
+    return "".join(rows)
+
+
+def our_rows(pressed: str, depths_mm: Sequence[float], reference: float) -> tuple[str, str]:
+    """Return our rows of statistics and accuracies, means over the seeds."""
+    figures, found = [], []
+    for seed in SHOWN_SEEDS:
+        (slides,) = simulate_slides(WorldParameters(), SHOWN_REPEATS, (seed,), depths_mm)
+        figures.append(skin_figures(slides.samples, slides.design))
+        found.append(slide_accuracies(slides, reference))
+    accuracies = [f"{mean:.1f}" for mean in np.mean(found, axis=0)]
+    return _row(OURS, pressed, *figures[0].cells), _row(OURS, pressed, *accuracies)
+
+
+def fabric_rows(folder: Path) -> tuple[str, str]:
+    """Return the rows of the fabrics. Raises WrongUse for a folder without their recordings."""
+    with tempfile.TemporaryDirectory() as scratch:
+        trials = import_fabrics(folder, Path(scratch) / "session")
+        name = f"{len(trials.textures)} fabrics, {trials.n_taxels} capacitive taxels"
+        pressed = f"{len(trials.forces_g)} levels"
+        statistics = [
+            _row(f"{name}, {way}", pressed, *skin_figures(*readings).cells)
+            for way, readings in zip(("forward", "backward"), read_trials(trials), strict=True)
+        ]
+        accuracies = session_accuracies(trials, FABRIC_LEVEL, Path(scratch))
+        return "".join(statistics), _row(name, pressed, *(f"{one:.1f}" for one in accuracies))
+
+
+def kept_rows(page: str, table: str) -> str:
+    """Return the rows of the fabrics that a page's table has."""
+    lines = page.partition(f"<!-- {table} -->")[2].partition(f"<!-- end of {table} -->")[0]
+    return "".join(line for line in lines.splitlines(keepends=True) if "capacitive" in line)
+
+
+def render(page: str, fabrics: Path | None) -> str:
+    """Return the page with new tables; without their folder the fabrics keep their rows."""
+    rows = [kept_rows(page, name) for name in ("statistics", "accuracies")]
+    if fabrics is not None:
+        rows = list(fabric_rows(fabrics))
+    ours = our_rows("depths of 0.6–1.5 mm", DEPTHS_MM, REFERENCE_MM)
+    forces = our_rows("250–1000 g", (), REFERENCE_FORCE_G)
+    tables = {
+        "statistics": STATISTICS_HEAD + PRINTED_STATISTICS + rows[0] + ours[0] + forces[0],
+        "accuracies": ACCURACY_HEAD + PRINTED_ACCURACIES + rows[1] + ours[1] + forces[1],
+        "mechanisms": mechanism_table(),
+    }
+    for name, lines in tables.items():
+        begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->"
+        before, _, rest = page.partition(begin)
+        page = f"{before}{begin}\n{lines}{end}{rest.partition(end)[2]}"
+    return page
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Write the tables of the page."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "--fabrics", type=Path, metavar="DIR", help="fabric_slide recordings; else their rows stay"
+    )
+    options = parser.parse_args(arguments)
+    try:
+        page = render(PAGE.read_text(encoding="utf-8"), options.fabrics)
+    except RigctlError as error:
+        print(f"rigctl: {error}", file=sys.stderr)
+        return 2
+    PAGE.write_text(page, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
