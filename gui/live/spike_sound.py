@@ -85,7 +85,8 @@ def open_device(take: Take, backends: Sequence[Any] = ()) -> SoundDevice:
         device.start(frames)
     except miniaudio.MiniaudioError as error:
         raise WrongUse(NO_DEVICE.format(reason=", ".join(map(str, error.args)))) from error
-    return device  # type: ignore[no-any-return]
+    opened: SoundDevice = device
+    return opened
 
 
 def _frames(take: Take) -> Generator[Frames, int, None]:

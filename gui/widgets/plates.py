@@ -69,7 +69,7 @@ def plate_picture(name: str, world: World) -> QPixmap:
     if texture is None:
         return QPixmap()
     parameters, size = world or _NOMINAL, picture_size()
-    sharp = QApplication.instance().devicePixelRatio()  # type: ignore[union-attr]
+    sharp = QApplication.instance().devicePixelRatio()  # type: ignore[union-attr]  # a picture is of a window
     picture = QPixmap(size * sharp)
     picture.setDevicePixelRatio(sharp)
     picture.fill(Qt.GlobalColor.transparent)

@@ -64,7 +64,7 @@ def sessions(harness: Harness, data: Path) -> Iterator[SessionList]:
 
 def menu_line(window: object, text: str) -> None:
     """Choose a line of the File menu."""
-    actions = window.menus.actions()  # type: ignore[attr-defined]
+    actions = window.menus.actions()  # type: ignore[attr-defined]  # a main window
     next(action for menu, action in actions if menu == "File" and action.text() == text).trigger()
 
 
