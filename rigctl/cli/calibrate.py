@@ -8,15 +8,19 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from contextlib import closing
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
-from rigctl.cli import calibrate_sensor, calibrate_wiring
-from rigctl.cli.arguments import add_option, add_seed, number, path_or_name
-from rigctl.cli.progress import ask
+from rigctl.cli import calibrate_wiring
+from rigctl.cli.arguments import a_path, add_option, add_seed, number, path_or_name
+from rigctl.cli.progress import ProgressLine, ask
+from rigctl.cli.run import EXIT_CODES, watch_run
 from rigctl.cli.world import add_world, chosen_world
 from rigctl.config.toml_edit import replace_file
+from rigctl.encoder.reading import Reading
 from rigctl.engine.calibration_values import (
     MassReading,
     gains_words,
@@ -33,10 +37,14 @@ from rigctl.engine.calibrator import (
 )
 from rigctl.engine.load_cell_scale import fit_scale, validate_masses
 from rigctl.engine.rig import Rig
+from rigctl.engine.rpc.client import EngineClient
 from rigctl.engine.setup.progress import note_calibration
+from rigctl.errors import WrongUse
 from rigctl.rig import open_rig
 
 MAX_LOAD_G = 1e6
+SENSOR_PROTOCOL = "sensor"
+IMPLAUSIBLE = 2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -67,7 +75,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parts.add_parser("wiring", help="find which reading is which taxel by unplugging and pressing")
     sensor = parts.add_parser("sensor", help="measure how each taxel answers to the force")
-    calibrate_sensor.add_arguments(sensor)
+    add_option(sensor, "--session", a_path, "DIR", f"a session of the protocol {SENSOR_PROTOCOL}")
+    add_option(sensor, "--out", a_path, "DIR", "new folder of the report (default: SESSION-report)")
+    sensor.add_argument(
+        "--reading",
+        type=Reading,
+        choices=list(Reading),
+        default=Reading.CONDUCTANCE,
+        help="what a taxel's curve is of (conductance)",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -75,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
     if args.part == "wiring":
         return calibrate_wiring.run(args)
     if args.part == "sensor":
-        return calibrate_sensor.run(args)
+        return _measure_sensor(args)
     if args.part == "loadcell":
         validate_masses(args.mass)
     world = chosen_world(args.world)
@@ -84,6 +100,36 @@ def run(args: argparse.Namespace) -> int:
         rig.loop.run_until_complete(calibrate_alone(rig, session.run))
     session.report()
     return 0
+
+
+def _measure_sensor(args: argparse.Namespace) -> int:
+    """Record the protocol unless a session is given; print the result and write the report."""
+    from rigctl.analysis.sensor_response import as_dict, measure, summary_lines, write_report
+
+    if args.out is not None and args.out.exists():
+        raise WrongUse(f"{args.out} already exists: name another folder")
+    session = args.session
+    if session is None:
+        state, session = _record_sensor(args)
+        if state != "done":
+            return EXIT_CODES[state]
+    found = measure(session, args.reading)
+    page = write_report(found, args.out or session.with_name(f"{session.name}-report"))
+    if args.json:
+        print(json.dumps(as_dict(found) | {"report": str(page)}, ensure_ascii=False))
+    else:
+        print("\n".join([*summary_lines(found), f"session: {session}", f"report: {page}"]))
+    return IMPLAUSIBLE if found.findings else 0
+
+
+def _record_sensor(args: argparse.Namespace) -> tuple[str, Path]:
+    """Run the protocol on the rig; return how the run ended, and the session."""
+    arguments = [f"--protocol={SENSOR_PROTOCOL}", *(["--yes"] if args.yes else [])]
+    if args.world is not None:
+        arguments.append(f"--world={args.world}")
+    client = EngineClient.start(args.rig, paced=False, seed=args.seed, run=arguments)
+    ended = watch_run(client, ProgressLine(sys.stderr, quiet=args.json))
+    return ended.state, Path(str(ended.session))
 
 
 class _CalibrationSession:

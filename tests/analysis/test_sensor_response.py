@@ -131,8 +131,9 @@ def test_the_command_writes_a_report_that_says_simulated(
     }  # fmt: skip
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "Simulated." in page and "18 taxels over 200 to 800 g" in page
-    assert main([*words, "--out", str(out)]) == 2
-    assert "already exists" in capsys.readouterr().err
+    for existing in ([*words, "--out", str(out)], [*words[:5], "--out", str(out)]):
+        assert main(existing) == 2  # without a session too: before it records for half an hour
+        assert "already exists" in capsys.readouterr().err
 
 
 def test_several_plates_or_few_forces_are_refused(tmp_path: Path) -> None:
