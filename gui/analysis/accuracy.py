@@ -239,7 +239,7 @@ class AccuracyPlots(PlotGrid):
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
         self._theme = theme
-        self.colour_background(theme)
+        self.colour(theme)
         self._lay_out()
 
     def show_alone(self, panel: int | None) -> None:

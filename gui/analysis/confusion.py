@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
 from gui.analysis.export import Picture, widget_picture
 from gui.widgets.labels import label
 from gui.widgets.layouts import FlowLayout, combo_box, container, push_button, vbox
-from gui.widgets.plot_axes import PlotGrid, Readout, colour_axes
+from gui.widgets.plot_axes import PlotGrid, Readout
 from gui.widgets.theme import Theme, blend, contrast, scaled_px
 from rigctl.analysis.report.figure import Figure, Matrix
 
@@ -108,8 +108,7 @@ class ConfusionPlotView(PlotGrid):
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
         self._theme = theme
-        self.colour_background(theme)
-        colour_axes(self.item, theme)
+        self.colour(theme, self.item)
         self.show_matrix(self.matrix)
 
     def show_matrix(self, matrix: Matrix) -> None:

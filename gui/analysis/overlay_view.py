@@ -15,7 +15,7 @@ from gui.analysis.trial_view import LEAST_PX
 from gui.analysis.value_file import data_words
 from gui.live.drum_course import thin_out
 from gui.widgets.layouts import FlowLayout, container, vbox
-from gui.widgets.plot_axes import PlotGrid, colour_axes, label_axis, reserve_right, time_plot
+from gui.widgets.plot_axes import PlotGrid, label_axis, reserve_right, time_plot
 from gui.widgets.theme import Theme
 
 _DASHES: tuple[tuple[float, ...], ...] = (
@@ -58,9 +58,7 @@ class OverlayPlots(PlotGrid):
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme; the trials are drawn by the next :meth:`show_trials`."""
         self._theme = theme
-        self.colour_background(theme)
-        for plot in self.plots:
-            colour_axes(plot, theme)
+        self.colour(theme, *self.plots)
         label_axis(self.plots[2], "bottom", "Time since the first sample (s)", theme)
         self.reserve_plots(*LEAST_PX, LEAST_PX[-1])
         reserve_right(self.cells)

@@ -71,9 +71,7 @@ class CourseView(PlotGrid):
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
         self._theme = theme
-        self.colour_background(theme)
-        for plot in (self.force_plot, self.speed_plot):
-            colour_axes(plot, theme)
+        self.colour(theme, self.force_plot, self.speed_plot)
         self.reserve_plots(*LEAST_PX)
         reserve_right(self.cells)
         self.show_course(self.course, self.heading, self._marks, self._n_samples)
@@ -180,9 +178,7 @@ class FeaturesView(PlotGrid):
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
         self._theme = theme
-        self.colour_background(theme)
-        for plot in self.plots:
-            colour_axes(plot, theme)
+        self.colour(theme, *self.plots)
         for scale, name in zip(self.scales, _SCALES.values(), strict=True):
             scale.axis.setLabel(name)
             colour_axes(scale, theme, ("left", "top", "right", "bottom"))

@@ -15,7 +15,6 @@ from gui.live.raster import TrainRows
 from gui.widgets.labels import plain_tooltip
 from gui.widgets.plot_axes import (
     PlotGrid,
-    colour_axes,
     reserve_right,
     taxel_ticks,
     time_plot,
@@ -77,9 +76,7 @@ class TrialView(PlotGrid):
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
         self._theme = theme
-        self.colour_background(theme)
-        for plot in (self.samples_plot, self.spikes_plot):
-            colour_axes(plot, theme)
+        self.colour(theme, self.samples_plot, self.spikes_plot)
         self.reserve_plots(*LEAST_PX)
         reserve_right(self.cells)
         self.show_trial(self.data)

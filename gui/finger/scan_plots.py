@@ -335,11 +335,9 @@ class ScanPlots(PlotGrid):
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme to all plots."""
-        self.colour_background(theme)
+        self.colour(theme, self._velocity_plot, self._raster_plot)
         self.raster.set_theme(theme)
         self.heat_map.set_theme(theme)
-        for plot in (self._velocity_plot, self._raster_plot):
-            colour_axes(plot, theme)
         colour_axes(self._velocity_plot, theme, ("right",))
         self.cells.layout.setColumnFixedWidth(1, scaled_px(_RIGHT_PX))
         self.reserve_plots(_LEAST_PX, *(_LEAST_PX for _ in _ROW_STRETCH))

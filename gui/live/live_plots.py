@@ -14,7 +14,7 @@ from gui.live.navigation import Cursors, Navigation
 from gui.live.raster import FULL_SCALE_HZ, HeatMap, RateBars, label_rates
 from gui.live.time_plots import NOW, PAUSED, SINCE_START, SetPointPlot, TimePlots
 from gui.widgets.data_ages import DataAges, StaleCovers
-from gui.widgets.plot_axes import BOTTOM_PX, PlotGrid, colour_axes, fixed_plot, reserve
+from gui.widgets.plot_axes import BOTTOM_PX, PlotGrid, fixed_plot, reserve
 from gui.widgets.theme import Theme, scaled_px, text_scale
 from rigctl.engine.live_file import LiveReader
 from rigctl.session.sensor_layout import PAPER_SENSOR, SensorLayout
@@ -242,12 +242,11 @@ class LivePlots(PlotGrid):
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme to all plots."""
         self._theme = theme
-        self.colour_background(theme)
+        self.colour(theme, self._rate_plot)
         self.time_plots.set_theme(theme)
         for view in self.views:
             view.set_theme(theme)
         self._earlier_trials.set_theme(theme)
-        colour_axes(self._rate_plot, theme)
         self.cells.layout.setColumnFixedWidth(1, right_column_px())
         self.cells.layout.setHorizontalSpacing(gap_px())
         self.keep_readable()

@@ -28,7 +28,7 @@ from gui.widgets.file_browser import PathKind, browse_button, typed_path
 from gui.widgets.labels import ElidedLabel, label, show_text
 from gui.widgets.layouts import ComboBox, FlowLayout, push_button, vbox
 from gui.widgets.number_box import NumberBox, WholeNumberBox, has_refused
-from gui.widgets.plot_axes import PlotGrid, colour_axes, label_axis, time_plot
+from gui.widgets.plot_axes import PlotGrid, label_axis, time_plot
 from gui.widgets.theme import Theme, scaled_px
 from rigctl.analysis.files import PARTIAL
 from rigctl.errors import WrongUse
@@ -68,11 +68,9 @@ class VoltagePlot(PlotGrid):
         self.setFixedHeight(scaled_px(HEIGHT_PX))
         right_px = _MARGIN_PX + gap_px() + right_column_px()  # times stand below each other
         self.cells.layout.setContentsMargins(_MARGIN_PX, scaled_px(_TOP_PX), right_px, 0)
-        self.colour_background(theme)
-        for plot, curve, colour, overlay in zip(
-            self.plots, self.curves, theme.groups[:2], self.overlays, strict=True
-        ):
-            colour_axes(plot, theme)
+        self.colour(theme, *self.plots)
+        pens = zip(self.curves, theme.groups[:2], self.overlays, strict=True)
+        for curve, colour, overlay in pens:
             curve.setPen(pg.mkPen(colour, width=1))
             overlay.set_theme(theme)
 

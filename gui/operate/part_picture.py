@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from gui.widgets.labels import label
 from gui.widgets.layouts import EventWatch
-from gui.widgets.plot_axes import LEFT_PX, PlotGrid, colour_axes, fixed_plot, reserve
+from gui.widgets.plot_axes import LEFT_PX, PlotGrid, fixed_plot, reserve
 from gui.widgets.theme import applied_theme, scaled_px
 from rigctl.config.resources import part_title, wiring_drawing
 from rigctl.engine.rpc.messages import EngineStatus
@@ -115,7 +115,6 @@ class CellTrace(PlotGrid):
     def _colour(self) -> None:
         theme = applied_theme()
         self.graphics.setFixedHeight(scaled_px(TRACE_HEIGHT_PX))  # the drawing needs the rest
-        self.colour_background(theme)
+        self.colour(theme, self._plot)
         self._plot.getViewBox().setBorder(theme.line)
-        colour_axes(self._plot, theme)
         self._curve.setPen(pg.mkPen(theme.accent, width=1.5))

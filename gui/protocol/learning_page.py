@@ -22,7 +22,6 @@ from gui.widgets.layouts import EventWatch, container, hbox, push_button, vbox
 from gui.widgets.plot_axes import (
     LEFT_PX,
     PlotGrid,
-    colour_axes,
     fixed_plot,
     reserve,
     reserve_right,
@@ -145,8 +144,7 @@ class CurveView(PlotGrid):
         """Draw points, or an empty plot without any."""
         self.points = points
         theme = applied_theme()
-        self.colour_background(theme)
-        colour_axes(self.plot, theme)
+        self.colour(theme, self.plot)
         reserve_right(self.cells)
         self.graphics.setMinimumHeight(scaled_px(LOWEST_PX))
         self.plot.clear()

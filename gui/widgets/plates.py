@@ -69,7 +69,9 @@ def plate_picture(name: str, world: World) -> QPixmap:
     if texture is None:
         return QPixmap()
     parameters, size = world or _NOMINAL, picture_size()
-    sharp = QApplication.instance().devicePixelRatio()  # type: ignore[union-attr]  # a picture is of a window
+    application = QApplication.instance()
+    assert isinstance(application, QApplication)
+    sharp = application.devicePixelRatio()
     picture = QPixmap(size * sharp)
     picture.setDevicePixelRatio(sharp)
     picture.fill(Qt.GlobalColor.transparent)

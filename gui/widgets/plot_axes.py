@@ -178,9 +178,11 @@ class PlotGrid(QWidget):
         plot.layout.addItem(plot.titleLabel, 0, 0, 1, 3)  # over the axis, too
         self.keep_readable()
 
-    def colour_background(self, theme: Theme) -> None:
-        """Give the space around the plots the colour of a panel."""
+    def colour(self, theme: Theme, *plots: pg.PlotItem) -> None:
+        """Give the space around all plots, and the axes of these, the colours of a theme."""
         self.graphics.setBackground(theme.panel)
+        for plot in plots:
+            colour_axes(plot, theme)
 
 
 LINES = 3

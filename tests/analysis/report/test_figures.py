@@ -71,7 +71,9 @@ def test_a_legend_with_long_names_is_no_wider_than_its_plots() -> None:
         for curves in (series, [replace(series[0], name="a")]):
             panels = [replace(PANEL, series=curves)] * n_panels
             svg = vega.still(vega.specify(Figure("F", panels, columns=n_panels)))
-            drawn.append(float(re.search(r'width="([\d.]+)"', svg)[1]))  # type: ignore[index]  # no match fails the test
+            width = re.search(r'width="([\d.]+)"', svg)
+            assert width is not None
+            drawn.append(float(width[1]))
         assert drawn[0] <= drawn[1] + 1
 
 

@@ -15,6 +15,7 @@ from PySide6.QtWidgets import QApplication
 
 from gui.analysis.overlay_view import LOOKS
 from gui.analysis.session_list import BATCH, SessionList
+from gui.shell.main_window import MainWindow
 from rigctl.session.notes import Mark, SessionNote
 from rigctl.session.session import Session, add_note
 from rigctl.values import SessionLine
@@ -62,9 +63,9 @@ def sessions(harness: Harness, data: Path) -> Iterator[SessionList]:
     click(listed.close_button)
 
 
-def menu_line(window: object, text: str) -> None:
+def menu_line(window: MainWindow, text: str) -> None:
     """Choose a line of the File menu."""
-    actions = window.menus.actions()  # type: ignore[attr-defined]  # a main window
+    actions = window.menus.actions()
     next(action for menu, action in actions if menu == "File" and action.text() == text).trigger()
 
 
