@@ -52,7 +52,7 @@ from rigctl.values import SessionLine
 TEXT_SIZES_PERCENT = (90, 100, 115, 130, 150)
 NOT_AT_REST = (
     "theme and text size change once the rig is at rest, lifted and without a run: they keep the "
-    "window busy for a second or more, and STOP with it"
+    "window busy for half a second or more, and STOP with it"
 )
 
 
