@@ -21,7 +21,7 @@ from PySide6.QtWidgets import (
 from gui.operate.alarms import RELEASE_FIRST
 from gui.operate.bench_controls import BenchControls
 from gui.widgets.data_ages import DataAges, stale_words
-from gui.widgets.file_browser import PathKind, browse_button, folder_problem, new_files_folder
+from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.formatting import time_stamp
 from gui.widgets.labels import Level, StatusLamp, Strip, elastic, label, set_property, show_text
 from gui.widgets.layouts import (
@@ -37,6 +37,7 @@ from gui.widgets.layouts import (
 )
 from gui.widgets.number_box import NumberBox, has_refused
 from gui.widgets.plates import PlateSign, World
+from gui.widgets.typed_paths import folder_problem, new_files_folder
 from rigctl.boards.drum_registers import BY_NAME
 from rigctl.boards.drum_states import State, StateEvent, next_state
 from rigctl.config.rig_config import RigLimits

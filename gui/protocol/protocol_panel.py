@@ -29,14 +29,7 @@ from gui.operate.alarms import run_end_words
 from gui.protocol.about_fields import MAX_NOTE_LETTERS, about_fields, about_title
 from gui.protocol.run_tasks import DISK_ROW, PLAN_ROWS, PlanSummary, ProtocolText
 from gui.protocol.session_page import SessionPage
-from gui.widgets.file_browser import (
-    ElidedComboBox,
-    PathKind,
-    browse_button,
-    folder_problem,
-    new_files_folder,
-    typed_path,
-)
+from gui.widgets.file_browser import ElidedComboBox, PathKind, browse_button
 from gui.widgets.formatting import (
     capitalised,
     day_time,
@@ -58,6 +51,7 @@ from gui.widgets.layouts import (
 from gui.widgets.number_box import WholeNumberBox
 from gui.widgets.plates import World, plate_words, texture_words
 from gui.widgets.theme import scaled_px
+from gui.widgets.typed_paths import folder_problem, new_files_folder, typed_path
 from rigctl.config import resources
 from rigctl.config.rig_config import RigConfig
 from rigctl.engine.rpc.messages import (
