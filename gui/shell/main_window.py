@@ -354,7 +354,7 @@ class MainWindow(SteadyFocusWindow):
 
         Qt lays out every hidden page for the first picture of any.
         """
-        assert self.replay.page
+        assert self.replay.page and self.analysis_tab.trial_view.compare.overlaid
         self.grab(QRect(0, 0, 1, 1))
 
     def poll(self) -> None:
