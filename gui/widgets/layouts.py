@@ -41,6 +41,8 @@ class FlowLayout(QLayout):
     def __init__(self, *widgets: QWidget, margins: tuple[int, int, int, int] = (0, 0, 0, 0)):
         super().__init__()
         self._items: list[QLayoutItem] = []
+        self._heights_px: dict[int, int] = {}
+        """By width; Qt asks for some again and again until an item changes."""
         self.setContentsMargins(*margins)
         self.setSpacing(4)
         for widget in widgets:
@@ -68,7 +70,14 @@ class FlowLayout(QLayout):
 
     def heightForWidth(self, width: int) -> int:
         """Return the height of all lines."""
-        return self._place(QRect(0, 0, width, 0), is_shown=False)
+        if width not in self._heights_px:
+            self._heights_px[width] = self._place(QRect(0, 0, width, 0), is_shown=False)
+        return self._heights_px[width]
+
+    def invalidate(self) -> None:
+        """Measure anew: an item has changed."""
+        self._heights_px = {}
+        super().invalidate()
 
     def sizeHint(self) -> QSize:
         """Return the size with everything in one line."""
