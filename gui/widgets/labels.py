@@ -99,9 +99,10 @@ class WrappedLabel(QLabel):
         super().__init__(wordWrap=True)
 
     def setText(self, text: str) -> None:
-        """Show another text."""
-        super().setText(text)
-        self._reserve_height()
+        """Show a text."""
+        if text != self.text():
+            super().setText(text)
+            self._reserve_height()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Reserve the height of the text at the new width."""

@@ -318,7 +318,7 @@ class PanelArea(QScrollArea):
 
     def __init__(self, panel: QWidget) -> None:
         super().__init__(widgetResizable=True)
-        self._panel = panel
+        self._panel, self._told = panel, QSize()
         self.setWidget(panel)
         self.setFrameShape(QScrollArea.Shape.NoFrame)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # Tab leads to the controls in it
@@ -331,8 +331,12 @@ class PanelArea(QScrollArea):
         return super().minimumSizeHint().expandedTo(QSize(width_px, 0))
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Tell the parent's layout when the panel's contents change."""
-        if event.type() == QEvent.Type.LayoutRequest:
+        """Tell the parent's layout when the panel's contents need another size.
+
+        Most changes are another number in a label: the whole window need not be laid out for them.
+        """
+        if event.type() == QEvent.Type.LayoutRequest and self._told != self.minimumSizeHint():
+            self._told = self.minimumSizeHint()
             self.updateGeometry()
         return super().eventFilter(watched, event)
 
