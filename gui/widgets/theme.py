@@ -9,7 +9,7 @@ from typing import Any
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QPalette
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QWidget
 
 _PARTS = (QColor.redF, QColor.greenF, QColor.blueF)
 
@@ -112,21 +112,21 @@ STOP_BACKS = ("#c81e1e", "#e02424", "#7d0f0f")
 
 LIGHT = Theme("light", **{key: light for key, (light, _) in _COLOURS.items()})
 DARK = Theme("dark", **{key: dark for key, (_, dark) in _COLOURS.items()})
-_APPLIED, _STYLED = "rigctl_theme", "rigctl_styled_theme"
+_APPLIED = "rigctl_theme"
 _SCALE, _USUAL_PT = "rigctl_text_scale", "rigctl_usual_pt"
 
 
 def apply_palette(choice: ThemeChoice) -> Theme:
-    """Set the palette and no style sheet; return the theme, which follows the system for SYSTEM.
+    """Set the palette; return the theme, which follows the system for SYSTEM.
 
     :func:`apply_theme` follows once the widgets are made: Qt polishes those that have a style sheet
-    at each change of their parent, which was half of the time until the window is there. It takes
-    four times as long, too, to give all widgets another style sheet than none and then the other.
+    at each change of their parent, which was half of the time until the window is there.
     """
-    theme, app = _chosen(choice), QApplication.instance()
+    app = QApplication.instance()
     assert isinstance(app, QApplication)
-    app.setProperty(_STYLED, "")
-    app.setStyleSheet("")
+    system_is_dark = app.styleHints().colorScheme() is Qt.ColorScheme.Dark
+    is_dark = system_is_dark if choice is ThemeChoice.SYSTEM else choice is ThemeChoice.DARK
+    theme = DARK if is_dark else LIGHT
     if app.property(_APPLIED) != theme.name:
         app.setProperty(_APPLIED, theme.name)
         if app.style().name() != "fusion":
@@ -135,23 +135,16 @@ def apply_palette(choice: ThemeChoice) -> Theme:
     return theme
 
 
-def apply_theme(choice: ThemeChoice) -> Theme:
-    """Set the colours of all widgets; return the theme as :func:`apply_palette`."""
-    theme, app = _chosen(choice), QApplication.instance()
-    assert isinstance(app, QApplication)
-    if app.property(_STYLED) != theme.name:  # polishing every widget again takes half a second
-        apply_palette(choice)
-        app.setProperty(_STYLED, theme.name)
-        app.setStyleSheet(_scaled(_style_sheet(theme), app.property(_SCALE) or 1.0))
+def apply_theme(choice: ThemeChoice, window: QWidget) -> Theme:
+    """Set the colours of all widgets of a window; return the theme as :func:`apply_palette`.
+
+    The sheet is the window's: a change of the application's takes Qt six times as long.
+    """
+    theme = apply_palette(choice)
+    sheet = _scaled(_style_sheet(theme), text_scale())
+    if window.styleSheet() != sheet:  # polishing every widget again takes a quarter of a second
+        window.setStyleSheet(sheet)
     return theme
-
-
-def _chosen(choice: ThemeChoice) -> Theme:
-    if choice is ThemeChoice.SYSTEM:
-        is_dark = QApplication.styleHints().colorScheme() is Qt.ColorScheme.Dark
-    else:
-        is_dark = choice is ThemeChoice.DARK
-    return DARK if is_dark else LIGHT
 
 
 def scale_texts(factor: float) -> None:
@@ -165,8 +158,6 @@ def scale_texts(factor: float) -> None:
         font.setPointSizeF(usual_pt * factor)
         app.setProperty(_SCALE, factor)  # before widgets hear of the font
         app.setFont(font)
-        app.setProperty(_APPLIED, "")
-        app.setProperty(_STYLED, "")
 
 
 def text_scale() -> float:
