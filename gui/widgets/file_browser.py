@@ -25,7 +25,7 @@ from PySide6.QtWidgets import (
 )
 from shiboken6 import isValid
 
-from gui.widgets.labels import label, plain_tooltip
+from gui.widgets.labels import label, plain_tooltip, show_tooltip
 from gui.widgets.layouts import ComboBox, push_button, vbox
 from gui.widgets.theme import scaled_px
 
@@ -190,7 +190,7 @@ class ElidedComboBox(ComboBox):
 
     def _tell_whole(self) -> None:
         lines = (self.currentText(), self._own_tooltip)
-        self.setToolTip(plain_tooltip("\n".join(filter(None, lines))))
+        show_tooltip(self, plain_tooltip("\n".join(filter(None, lines))))
 
 
 class FileComboBox(ElidedComboBox):

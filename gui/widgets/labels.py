@@ -177,6 +177,12 @@ def show_text(widget: QLabel, text: str) -> None:
         widget.setToolTip(plain_tooltip(text))
 
 
+def show_tooltip(widget: QWidget, text: str) -> None:
+    """Set a tooltip, only if it changed: Qt tells every filter of each."""
+    if widget.toolTip() != text:
+        widget.setToolTip(text)
+
+
 def plain_tooltip(text: str) -> str:
     """Return a tooltip that shows ``text`` as it is: Qt takes a tag in the first line for HTML."""
     return escape(text).replace("\n", "<br>") if "<" in text.partition("\n")[0] else text
