@@ -33,11 +33,12 @@ from gui.analysis.trial_sections import finer
 from gui.analysis.trial_view import TrialView
 from gui.analysis.value_file import write_columns
 from gui.analysis.worker import Worker
-from gui.widgets.file_browser import PathKind, typed_path
+from gui.widgets.file_browser import PathKind
 from gui.widgets.formatting import grouped
 from gui.widgets.labels import Strip
 from gui.widgets.layouts import push_button
 from gui.widgets.theme import Theme
+from gui.widgets.typed_paths import typed_path
 from rigctl.engine.rpc.messages import EngineStatus, RunStatus
 from rigctl.errors import WrongUse
 

@@ -26,8 +26,8 @@ from PySide6.QtWidgets import QGraphicsView, QMenu, QToolButton, QWidget
 
 from gui.analysis.value_file import data_words, new_path
 from gui.widgets.background import Background
-from gui.widgets.file_browser import new_files_folder
 from gui.widgets.theme import scaled_px
+from gui.widgets.typed_paths import new_files_folder
 from rigctl.analysis.files import atomic_file
 from rigctl.errors import DiskFault, WrongUse
 

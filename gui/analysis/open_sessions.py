@@ -30,7 +30,7 @@ from gui.analysis.trial_sections import (
 )
 from gui.analysis.trial_table import AttemptColumn
 from gui.analysis.value_file import SIMULATED, write_parts, yes_or_no
-from gui.widgets.file_browser import typed_path
+from gui.widgets.typed_paths import typed_path
 from rigctl.errors import SessionError, WrongUse
 from rigctl.values import SAMPLE_RATE_HZ
 

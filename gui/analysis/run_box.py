@@ -12,11 +12,12 @@ from PySide6.QtCore import QElapsedTimer, Signal
 from PySide6.QtWidgets import QCheckBox, QGroupBox, QHBoxLayout, QLineEdit, QProgressBar, QWidget
 
 from gui.analysis.task_values import DRUM, FINGER, model_path, results_folder
-from gui.widgets.file_browser import PathKind, browse_button, typed_path
+from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.formatting import duration
 from gui.widgets.labels import label, plain_tooltip, set_property, show_text
 from gui.widgets.layouts import combo_box, container, form_layout, hbox, push_button, vbox
 from gui.widgets.number_box import NumberBox, WholeNumberBox, has_refused
+from gui.widgets.typed_paths import typed_path
 from rigctl.analysis.options import DRUM as DRUM_ANALYSIS
 from rigctl.analysis.options import FINGER as FINGER_ANALYSIS
 from rigctl.analysis.options import AnalysisOptions, declared

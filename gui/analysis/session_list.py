@@ -13,10 +13,11 @@ from PySide6.QtWidgets import QLineEdit, QWidget
 
 from gui.analysis.trial_list import TrialModel, TrialTableView
 from gui.analysis.trial_table import AttemptColumn, AttemptTable
-from gui.widgets.file_browser import PathKind, browse_button, typed_path
+from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.formatting import grouped
 from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import FlowLayout, container, hbox, push_button, vbox
+from gui.widgets.typed_paths import typed_path
 from rigctl.experiments import DRUM_EXPERIMENT
 from rigctl.values import INCOMPLETE, UNREADABLE, SessionLine
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gui.analysis.trial_table import AttemptColumn
 from gui.analysis.value_file import data_words
-from gui.widgets.file_browser import new_files_folder, typed_path
+from gui.widgets.typed_paths import new_files_folder, typed_path
 from rigctl.session.notes import Mark
 from rigctl.session.sensor_layout import SensorLayout
 from rigctl.synth.sample_session import sample_folder

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from math import ceil
 from typing import Any, NamedTuple
 
@@ -294,13 +295,20 @@ class CompareView(QWidget):
         self.plots = pg.GraphicsLayoutWidget()
         self.rasters: list[pg.PlotItem] = []
         self.rates: list[pg.PlotItem] = []
-        self.overlaid = OverlayView(theme)
         head = (self.neuron, self.button, self.overlay_button, self.note)
-        column = vbox(hbox(*head, wide=3, margins=(8, 6, 8, 4)), self.plots, self.overlaid, tall=1)
-        column.setStretch(2, 1)
-        self.setLayout(column)
+        self._column = vbox(hbox(*head, wide=3, margins=(8, 6, 8, 4)), self.plots, tall=1)
+        self.setLayout(self._column)
         self.show_taxels(0)
         self.set_theme(theme)
+
+    @cached_property
+    def overlaid(self) -> OverlayView:
+        """The trials over each other, made when they are first needed, or by the window's turn."""
+        view = OverlayView(self._theme)
+        view.set_theme(self._theme)
+        view.hide()
+        self._column.addWidget(view, 1)
+        return view
 
     def show_taxels(self, n_taxels: int) -> None:
         """Offer the neurons of a sensor."""
@@ -316,7 +324,8 @@ class CompareView(QWidget):
         self._theme = theme
         self.plots.setBackground(theme.panel)
         reserve_right(self.plots.ci)
-        self.overlaid.set_theme(theme)
+        if "overlaid" in vars(self):
+            self.overlaid.set_theme(theme)
         if self.overlay is None:
             self.show_grid(self.grid)
 
@@ -350,7 +359,7 @@ class CompareView(QWidget):
     @property
     def overlay(self) -> TrialOverlay | None:
         """The trials that are shown over each other, None where conditions are."""
-        return self.overlaid.overlay
+        return self.overlaid.overlay if "overlaid" in vars(self) else None
 
     @property
     def is_simulated(self) -> bool:
@@ -370,8 +379,9 @@ class CompareView(QWidget):
 
     def _turn_to(self, grid: ResponseGrid | None, overlay: TrialOverlay | None) -> None:
         self.grid = grid
-        self.overlaid.show_overlay(overlay)
-        self.overlaid.setVisible(overlay is not None)
+        if overlay is not None or self.overlay is not None:
+            self.overlaid.show_overlay(overlay)
+            self.overlaid.setVisible(overlay is not None)
         self.plots.setVisible(overlay is None)
 
     def _compare(self) -> None:

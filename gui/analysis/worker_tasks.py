@@ -49,7 +49,7 @@ from gui.protocol import run_tasks
 from gui.protocol.run_tasks import (
     SessionNews,
 )
-from gui.widgets.file_browser import typed_path
+from gui.widgets.typed_paths import typed_path
 from rigctl.errors import RigctlError
 from rigctl.values import RECORDING, SessionLine
 

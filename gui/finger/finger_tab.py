@@ -33,19 +33,14 @@ from gui.operate.event_log import injected_words
 from gui.operate.operate_panel import PromptPanel
 from gui.protocol.about_fields import about_fields, about_title
 from gui.protocol.protocol_panel import RunStateBox
-from gui.widgets.file_browser import (
-    FileComboBox,
-    PathKind,
-    browse_button,
-    new_files_folder,
-    typed_path,
-)
+from gui.widgets.file_browser import FileComboBox, PathKind, browse_button
 from gui.widgets.formatting import duration, time_stamp
 from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import combo_box, container, form_layout, hbox, push_button, vbox
 from gui.widgets.number_box import WholeNumberBox, has_refused
 from gui.widgets.plates import world_of
 from gui.widgets.theme import Theme
+from gui.widgets.typed_paths import new_files_folder, typed_path
 from rigctl.config import resources
 from rigctl.errors import RigctlError
 from rigctl.finger.live_file import FingerLiveReader

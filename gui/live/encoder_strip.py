@@ -13,10 +13,11 @@ from PySide6.QtWidgets import QCheckBox, QLineEdit, QWidget
 
 from gui.live.live_data import LiveData
 from gui.widgets.background import Background
-from gui.widgets.file_browser import PathKind, browse_button, typed_path
+from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import ElidedLabel, label, show_text
 from gui.widgets.layouts import FlowLayout, combo_box, vbox
 from gui.widgets.number_box import NumberBox
+from gui.widgets.typed_paths import typed_path
 from rigctl.boards.taxel_frames import Flag
 from rigctl.encoder.force_matrix import ForceMatrix
 from rigctl.encoder.normalisation import Normalisation

@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QFrame, QGridLayout, QWidget
 
 from gui.widgets.data_ages import DataAges, stale_words
 from gui.widgets.formatting import age, ago, size
-from gui.widgets.labels import Level, StatusLamp, elastic, label, set_property
+from gui.widgets.labels import Level, StatusLamp, elastic, label, set_property, show_tooltip
 from gui.widgets.layouts import EventWatch, hbox, vbox
 from gui.widgets.theme import text_scale
 from rigctl.boards.drum_registers import SHOWN, Register
@@ -268,7 +268,7 @@ class HealthStrip(HealthRow):
             "ticks": tick_lines(status.boards),
         }
         for key, lines in details.items():
-            self.cells[key].setToolTip("\n".join([CELLS[key].tooltip, *lines]))
+            show_tooltip(self.cells[key], "\n".join([CELLS[key].tooltip, *lines]))
 
     def show_ages(self, ages: DataAges) -> None:
         """Show nothing once the engine's last status is too old."""
@@ -448,7 +448,7 @@ class FingerHealthStrip(HealthRow):
         """Show and judge the figures of a status."""
         self.show_readings(finger_readings(status))
         line = loss_line("samples", status.lost_samples, status.lost_age_s)
-        self.cells["lost"].setToolTip(f"{FINGER_CELLS['lost'].tooltip}\n{line}")
+        show_tooltip(self.cells["lost"], f"{FINGER_CELLS['lost'].tooltip}\n{line}")
 
 
 def finger_readings(status: FingerEngineStatus) -> dict[str, Reading]:

@@ -24,12 +24,13 @@ from gui.live.navigation import SPANS_S, Overlay
 from gui.live.pointer import Pointer, cursor_text
 from gui.live.spike_sound import SpikeSound
 from gui.live.time_plots import IN_TRIAL
-from gui.widgets.file_browser import PathKind, browse_button, typed_path
+from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import ElidedLabel, label, show_text
 from gui.widgets.layouts import ComboBox, FlowLayout, push_button, vbox
 from gui.widgets.number_box import NumberBox, WholeNumberBox, has_refused
 from gui.widgets.plot_axes import PlotGrid, label_axis, time_plot
 from gui.widgets.theme import Theme, scaled_px
+from gui.widgets.typed_paths import typed_path
 from rigctl.analysis.files import PARTIAL
 from rigctl.errors import WrongUse
 from rigctl.values import SAMPLE_RATE_HZ

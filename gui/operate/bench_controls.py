@@ -78,6 +78,8 @@ class BenchControls(QGroupBox):
         self.wire = push_button(WRONGLY, self._wire)
         self.wire.setAccessibleName("Switch the chosen wrong wiring on or off")
         self._wirings_on: tuple[str, ...] = ()
+        self._show_wiring()
+        EventWatch(self.wiring, self._show_wiring, QEvent.Type.FontChange)
         fault_label, wiring_label = QLabel("Fault"), QLabel("Wiring")
         self._simulated_only: tuple[QWidget, ...] = (fault_label, self.fault, self.inject)
         self._simulated_only += (wiring_label, self.wiring, self.wire)
@@ -101,8 +103,9 @@ class BenchControls(QGroupBox):
         self.plate.set_own_tooltip(f"Texture plate on the drum{locked}")
         for widget in self._simulated_only:
             widget.setVisible(status.simulated)
-        self._wirings_on = status.wrong_wirings
-        self._show_wiring()
+        if status.wrong_wirings != self._wirings_on:
+            self._wirings_on = status.wrong_wirings
+            self._show_wiring()
         if not self.plate.view().isVisible():
             self._show_plate(status.texture)
 

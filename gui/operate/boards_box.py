@@ -13,9 +13,10 @@ from PySide6.QtWidgets import QLineEdit, QProgressBar, QPushButton, QWidget
 
 from gui.operate.part_picture import PartDrawing
 from gui.widgets.background import Background
-from gui.widgets.file_browser import PathKind, browse_button, typed_path
+from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import Strip, label, set_property, show_progress, show_text
 from gui.widgets.layouts import ComboBox, FlowLayout, container, hbox, push_button, vbox
+from gui.widgets.typed_paths import typed_path
 from rigctl.engine.setup.boards import (
     BOARD_NAMES,
     installed_build,

@@ -21,9 +21,18 @@ from PySide6.QtWidgets import (
 from gui.operate.alarms import RELEASE_FIRST
 from gui.operate.bench_controls import BenchControls
 from gui.widgets.data_ages import DataAges, stale_words
-from gui.widgets.file_browser import PathKind, browse_button, folder_problem, new_files_folder
+from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.formatting import time_stamp
-from gui.widgets.labels import Level, StatusLamp, Strip, elastic, label, set_property, show_text
+from gui.widgets.labels import (
+    Level,
+    StatusLamp,
+    Strip,
+    elastic,
+    label,
+    set_property,
+    show_text,
+    show_tooltip,
+)
 from gui.widgets.layouts import (
     EventWatch,
     FlowLayout,
@@ -37,6 +46,7 @@ from gui.widgets.layouts import (
 )
 from gui.widgets.number_box import NumberBox, has_refused
 from gui.widgets.plates import PlateSign, World
+from gui.widgets.typed_paths import folder_problem, new_files_folder
 from rigctl.boards.drum_registers import BY_NAME
 from rigctl.boards.drum_states import State, StateEvent, next_state
 from rigctl.config.rig_config import RigLimits
@@ -482,7 +492,7 @@ class JogButtons(QWidget):
         obstacle = self._obstacle or ("the drum is moving" if self._is_jogging else "")
         for mm, button in self.buttons.items():
             button.setEnabled(not obstacle)
-            button.setToolTip(_tooltip(mm, obstacle))
+            show_tooltip(button, _tooltip(mm, obstacle))
 
     def _button(self, mm: int, keys: str) -> QPushButton:
         button = QPushButton(f"{mm:+d}".replace("-", "−"))
@@ -674,12 +684,12 @@ class OperatePanel(QWidget):
         for action in ACTIONS:
             self.buttons[action.command].setEnabled(is_possible(action, status))
         is_untared = status.state is State.ARMED and not status.tared
-        self.buttons["approach"].setToolTip(TARE_FIRST if is_untared else APPROACH.tooltip)
+        show_tooltip(self.buttons["approach"], TARE_FIRST if is_untared else APPROACH.tooltip)
         is_lifted = status.state in (State.ARMED, State.APPROACH)
-        self.buttons["run"].setToolTip(APPROACH_FIRST if is_lifted else RUN.tooltip)
-        self.buttons["tare"].setToolTip(_tare_tooltip(status))
+        show_tooltip(self.buttons["run"], APPROACH_FIRST if is_lifted else RUN.tooltip)
+        show_tooltip(self.buttons["tare"], _tare_tooltip(status))
         clear = RELEASE_FIRST if status.estop_pressed else CLEAR.tooltip
-        self.buttons["clear_fault"].setToolTip(clear)
+        show_tooltip(self.buttons["clear_fault"], clear)
         for part in self._parts:
             part.show_status(status)
         show_text(self.fault, status.fault_words if status.fault else "no fault")

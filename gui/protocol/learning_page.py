@@ -16,7 +16,6 @@ from PySide6.QtWidgets import QWidget
 from gui.analysis.export import TABLE, ExportButton, FileSaver, widget_picture
 from gui.analysis.value_file import write_columns, yes_or_no
 from gui.analysis.worker import Worker
-from gui.widgets.file_browser import typed_path
 from gui.widgets.labels import elastic, label, show_text
 from gui.widgets.layouts import EventWatch, container, hbox, push_button, vbox
 from gui.widgets.plot_axes import (
@@ -29,6 +28,7 @@ from gui.widgets.plot_axes import (
     whole_ticks,
 )
 from gui.widgets.theme import applied_theme, scaled_px
+from gui.widgets.typed_paths import typed_path
 
 if TYPE_CHECKING:
     from rigctl.analysis.learning_curve import CurvePoint, SessionCurve

@@ -28,11 +28,11 @@ from PySide6.QtWidgets import (
 from gui.protocol.key_form import NAME as STEPS
 from gui.protocol.key_form import KeyForm
 from gui.protocol.run_tasks import CheckedText
-from gui.widgets.file_browser import typed_path
 from gui.widgets.formatting import grouped
 from gui.widgets.labels import label, set_property, show_text
 from gui.widgets.layouts import container, hbox, push_button, scroll_area, vbox
 from gui.widgets.theme import applied_theme
+from gui.widgets.typed_paths import typed_path
 from rigctl.config.rig_config import RigConfig, parse_config
 from rigctl.config.toml_edit import insert_table, remove_table, set_key, swap_tables
 from rigctl.config.toml_reader import KeyPath

@@ -29,14 +29,7 @@ from gui.operate.alarms import run_end_words
 from gui.protocol.about_fields import MAX_NOTE_LETTERS, about_fields, about_title
 from gui.protocol.run_tasks import DISK_ROW, PLAN_ROWS, PlanSummary, ProtocolText
 from gui.protocol.session_page import SessionPage
-from gui.widgets.file_browser import (
-    ElidedComboBox,
-    PathKind,
-    browse_button,
-    folder_problem,
-    new_files_folder,
-    typed_path,
-)
+from gui.widgets.file_browser import ElidedComboBox, PathKind, browse_button
 from gui.widgets.formatting import (
     capitalised,
     day_time,
@@ -45,7 +38,15 @@ from gui.widgets.formatting import (
     size,
     time_stamp,
 )
-from gui.widgets.labels import Strip, label, plain_tooltip, set_property, show_progress, show_text
+from gui.widgets.labels import (
+    Strip,
+    label,
+    plain_tooltip,
+    set_property,
+    show_progress,
+    show_text,
+    show_tooltip,
+)
 from gui.widgets.layouts import (
     FlowLayout,
     form_layout,
@@ -58,6 +59,7 @@ from gui.widgets.layouts import (
 from gui.widgets.number_box import WholeNumberBox
 from gui.widgets.plates import World, plate_words, texture_words
 from gui.widgets.theme import scaled_px
+from gui.widgets.typed_paths import folder_problem, new_files_folder, typed_path
 from rigctl.config import resources
 from rigctl.config.rig_config import RigConfig
 from rigctl.engine.rpc.messages import (
@@ -460,7 +462,7 @@ class RunStateBox(QVBoxLayout):
         self.continue_button.setVisible(may_continue)
         name = Path(run.session).name if run.session else "–"
         self.rows["Session"].setText(name if len(name) <= MAX_NAME else f"…{name[-STAMP:]}")
-        self.rows["Session"].setToolTip(plain_tooltip(run.session or ""))
+        show_tooltip(self.rows["Session"], plain_tooltip(run.session or ""))
 
     def _sentence(self, run: RunStatus | FingerRunStatus) -> str:
         """Return the run's state, with the reasons of a pause."""
@@ -688,7 +690,7 @@ class ProtocolPanel(QWidget):
         for button in self.continue_buttons:
             button.setEnabled(self._can_start)
         reason = _MOVED_BY_HAND if status.is_moved_by_hand else ""
-        self.buttons["Start"].setToolTip(reason)
+        show_tooltip(self.buttons["Start"], reason)
         self.buttons["Pause"].setEnabled(run.state == "running")
         self.buttons["Resume"].setEnabled(run.state == "paused")
         self.buttons["Abort"].setEnabled(run.is_active)

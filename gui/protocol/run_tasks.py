@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from gui.widgets.file_browser import typed_path
 from gui.widgets.formatting import duration, grouped, size
+from gui.widgets.typed_paths import typed_path
 from rigctl.config import resources
 from rigctl.config.text_file import read_text
 from rigctl.config.toml_edit import replace_file

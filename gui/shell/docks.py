@@ -36,7 +36,7 @@ class PageArea(QScrollArea):
 
     def __init__(self, page: QWidget) -> None:
         super().__init__()
-        self.page = page
+        self.page, self._told = page, (QSize(), QSize())
         self.setFrameShape(QScrollArea.Shape.NoFrame)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # Tab leads to the controls in it
         self.setWidget(page)
@@ -64,7 +64,10 @@ class PageArea(QScrollArea):
         """Fit the page when it needs another size."""
         if watched is self.page and event.type() == QEvent.Type.LayoutRequest:
             self.fit()
-            self.updateGeometry()
+            needs = self.minimumSizeHint(), self.sizeHint()
+            if needs != self._told:  # else the whole window is laid out for a number in a label
+                self._told = needs
+                self.updateGeometry()
         return super().eventFilter(watched, event)
 
     def minimumSizeHint(self) -> QSize:

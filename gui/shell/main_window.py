@@ -52,7 +52,7 @@ from rigctl.values import SessionLine
 TEXT_SIZES_PERCENT = (90, 100, 115, 130, 150)
 NOT_AT_REST = (
     "theme and text size change once the rig is at rest, lifted and without a run: they keep the "
-    "window busy for a second or more, and STOP with it"
+    "window busy for up to a second, and STOP with it"
 )
 
 
@@ -94,12 +94,12 @@ class Appearance(QObject):
 
     def apply(self) -> None:
         """Style the widgets, once they are made."""
-        apply_theme(self._choice)
+        apply_theme(self._choice, self._docks.window())
 
     def set_theme(self, choice: ThemeChoice) -> None:
         """Apply another theme."""
         self._choice = choice
-        self.theme = apply_theme(choice)
+        self.theme = apply_theme(choice, self._docks.window())
         self.theme_changed.emit(self.theme)
 
     def set_text_size(self, percent: int) -> None:
@@ -354,7 +354,7 @@ class MainWindow(SteadyFocusWindow):
 
         Qt lays out every hidden page for the first picture of any.
         """
-        assert self.replay.page
+        assert self.replay.page and self.analysis_tab.trial_view.compare.overlaid
         self.grab(QRect(0, 0, 1, 1))
 
     def poll(self) -> None:

@@ -16,9 +16,10 @@ from gui.operate.calibrate import CalibratePage
 from gui.operate.setup_page import SetupPage
 from gui.shell.actions import ActionRegistry
 from gui.shell.docks import PageStack
-from gui.widgets.file_browser import PathKind, browse_button, typed_path
+from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import label, set_property
 from gui.widgets.layouts import container, form_layout, hbox, push_button, vbox
+from gui.widgets.typed_paths import typed_path
 from rigctl.boards.identity import offered_flash
 from rigctl.engine.live_file import LiveReader
 from rigctl.engine.rpc.messages import EngineStatus

@@ -99,9 +99,10 @@ class WrappedLabel(QLabel):
         super().__init__(wordWrap=True)
 
     def setText(self, text: str) -> None:
-        """Show another text."""
-        super().setText(text)
-        self._reserve_height()
+        """Show a text."""
+        if text != self.text():
+            super().setText(text)
+            self._reserve_height()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Reserve the height of the text at the new width."""
@@ -174,6 +175,12 @@ def show_text(widget: QLabel, text: str) -> None:
     if widget.text() != text:
         widget.setText(text)
         widget.setToolTip(plain_tooltip(text))
+
+
+def show_tooltip(widget: QWidget, text: str) -> None:
+    """Set a tooltip, only if it changed: Qt tells every filter of each."""
+    if widget.toolTip() != text:
+        widget.setToolTip(text)
 
 
 def plain_tooltip(text: str) -> str:

@@ -41,6 +41,8 @@ class FlowLayout(QLayout):
     def __init__(self, *widgets: QWidget, margins: tuple[int, int, int, int] = (0, 0, 0, 0)):
         super().__init__()
         self._items: list[QLayoutItem] = []
+        self._heights_px: dict[int, int] = {}
+        """By width; Qt asks for some again and again until an item changes."""
         self.setContentsMargins(*margins)
         self.setSpacing(4)
         for widget in widgets:
@@ -68,7 +70,14 @@ class FlowLayout(QLayout):
 
     def heightForWidth(self, width: int) -> int:
         """Return the height of all lines."""
-        return self._place(QRect(0, 0, width, 0), is_shown=False)
+        if width not in self._heights_px:
+            self._heights_px[width] = self._place(QRect(0, 0, width, 0), is_shown=False)
+        return self._heights_px[width]
+
+    def invalidate(self) -> None:
+        """Measure anew: an item has changed."""
+        self._heights_px = {}
+        super().invalidate()
 
     def sizeHint(self) -> QSize:
         """Return the size with everything in one line."""
@@ -309,7 +318,7 @@ class PanelArea(QScrollArea):
 
     def __init__(self, panel: QWidget) -> None:
         super().__init__(widgetResizable=True)
-        self._panel = panel
+        self._panel, self._told = panel, QSize()
         self.setWidget(panel)
         self.setFrameShape(QScrollArea.Shape.NoFrame)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # Tab leads to the controls in it
@@ -322,8 +331,12 @@ class PanelArea(QScrollArea):
         return super().minimumSizeHint().expandedTo(QSize(width_px, 0))
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Tell the parent's layout when the panel's contents change."""
-        if event.type() == QEvent.Type.LayoutRequest:
+        """Tell the parent's layout when the panel's contents need another size.
+
+        Most changes are another number in a label: the whole window need not be laid out for them.
+        """
+        if event.type() == QEvent.Type.LayoutRequest and self._told != self.minimumSizeHint():
+            self._told = self.minimumSizeHint()
             self.updateGeometry()
         return super().eventFilter(watched, event)
 

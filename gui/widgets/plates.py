@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -79,7 +80,7 @@ def plate_picture(name: str, world: World) -> QPixmap:
     painter.setRenderHint(QPainter.RenderHint.Antialiasing)
     painter.setPen(Qt.PenStyle.NoPen)
     painter.setBrush(QColor(applied_theme().text))
-    painter.drawPolygon(_outline(texture, parameters, size))
+    painter.drawPolygon(_outline(texture, parameters, size.width(), size.height()))
     painter.end()
     return picture
 
@@ -89,16 +90,19 @@ def _texture(name: str, world: World) -> Texture | None:
     return find_texture(name, parameters) if name in plate_names(parameters) else None
 
 
-def _outline(texture: Texture, parameters: WorldParameters, size: QSize) -> QPolygonF:
+@lru_cache(maxsize=64)
+def _outline(
+    texture: Texture, parameters: WorldParameters, width_px: int, height_px: int
+) -> QPolygonF:
     """Return the profile on its base, px."""
-    along_mm = np.linspace(0.0, SHOWN_MM, 8 * size.width())
+    along_mm = np.linspace(0.0, SHOWN_MM, 8 * width_px)
     heights_mm = printed_heights(texture, along_mm, parameters)
     plates = (find_texture(name, parameters) for name in plate_names(parameters))
     highest_mm = parameters.base_height_mm * max(plate.height for plate in plates)
-    x_px = along_mm * size.width() / SHOWN_MM
-    y_px = size.height() - _BASE_PX - heights_mm * (size.height() - _BASE_PX) / highest_mm
+    x_px = along_mm * width_px / SHOWN_MM
+    y_px = height_px - _BASE_PX - heights_mm * (height_px - _BASE_PX) / highest_mm
     top = [QPointF(x, y) for x, y in zip(x_px.tolist(), y_px.tolist(), strict=True)]
-    ends = [QPointF(size.width(), size.height()), QPointF(0.0, size.height())]
+    ends = [QPointF(width_px, height_px), QPointF(0.0, height_px)]
     return QPolygonF([*top, *ends])
 
 

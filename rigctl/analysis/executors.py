@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from functools import cache, partial
 from importlib.metadata import version
 from itertools import islice
@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 from urllib.parse import urlsplit
 
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from rigctl import __version__
 from rigctl.config.resources import source_commit
@@ -116,12 +116,19 @@ def local_executor(n_workers: int) -> Iterator[Executor]:
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def limit_blas_threads() -> threadpool_limits:
+def limit_blas_threads() -> AbstractContextManager[object]:
     """Limit BLAS to one thread in this process, permanently or within a ``with``."""
-    # Only libraries that are loaded can be limited, and SciPy brings one of its own.
+    limited: AbstractContextManager[object] = _blas_libraries().limit(limits=1)
+    return limited
+
+
+@cache
+def _blas_libraries() -> ThreadpoolController:
+    """Return those of NumPy and SciPy, found once: a search takes as long as a small fit."""
+    # Only libraries that are loaded are found, and SciPy brings one of its own.
     import scipy.linalg  # noqa: F401
 
-    return threadpool_limits(1, "blas")
+    return ThreadpoolController().select(user_api="blas")
 
 
 def _initialize_worker() -> None:

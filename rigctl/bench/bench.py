@@ -4,13 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Executor
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from rigctl.bench import electrics
 from rigctl.bench.circuit import TestPoints, Wire, wire_on
-from rigctl.bench.contact import contact_tables, draw_mounting, force_table
+from rigctl.bench.contact import (
+    ForceTable,
+    Mounting,
+    contact_tables,
+    draw_mounting,
+    force_table,
+)
 from rigctl.bench.ground_truth import GroundTruth
 from rigctl.bench.load_cell import LoadCellAmplifier
 from rigctl.bench.mechanics import DRUM_MM, FORCE_G, RING_MS, DrumTrajectory, Mechanics
@@ -21,6 +28,19 @@ from rigctl.boards.drum_codes import Signal
 from rigctl.config.rig_config import PAPER_ARRAY, TaxelArray
 
 LOG_EVERY_MS = 1000
+
+
+@lru_cache(maxsize=4)
+def _mounted(
+    name: str, parameters: WorldParameters, seed: int, number: int, sensor: TaxelArray
+) -> tuple[Mounting, ForceTable]:
+    """Return the alignment of a mounting of a session, and its contact force.
+
+    Kept, as most rigs are opened anew with the same world and seed, and start with the same plate.
+    """
+    mounting = draw_mounting(parameters, seed, number, sensor.count)
+    tables = contact_tables(name, parameters, sensor.shape)
+    return mounting, force_table(tables, parameters, mounting)
 
 
 class Bench:
@@ -70,11 +90,11 @@ class Bench:
     def set_plate(self, name: str) -> None:
         """Mount a plate, with an alignment of its own. Raises WrongUse for an unknown name."""
         tables = contact_tables(name, self.parameters, self.sensor.shape)
-        mounting = draw_mounting(self.parameters, self.seed, self._mountings, self.sensor.count)
+        mounting, forces = _mounted(name, self.parameters, self.seed, self._mountings, self.sensor)
         self._mountings += 1
         self.plate = name
         self.skin.set_plate(tables, mounting)
-        self.plant.set_force_table(force_table(tables, self.parameters, mounting))
+        self.plant.set_force_table(forces)
 
     def skip_mountings(self, count: int) -> None:
         """Leave out the alignments of this many mountings, which were those of another sitting."""

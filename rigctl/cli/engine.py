@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rigctl.cli.arguments import about_of, add_about
-from rigctl.cli.engine_process import EngineProcess, add_engine_arguments, utc_now
+from rigctl.cli.engine_process import EngineProcess, add_engine_arguments, load_numba, utc_now
 from rigctl.cli.world import add_wirings, chosen_world, session_world
 from rigctl.engine.drum_commands import DrumCommands
 from rigctl.engine.engine import Engine
@@ -29,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Open the rig, announce the engine, wait for its first client, serve."""
+    load_numba()
     rig = open_rig(
         args.rig, seed=args.seed, paced=args.paced, world=_world(args), wirings=args.wire
     )

@@ -101,7 +101,7 @@ CONTACT_COUNTS = 30.0
 """Mean rise over rest at which the sensor touches; the converter's noise is below 1 count."""
 KEPT_S = 120
 """Rest is taken from this time: it drifts with the sensor's warmth and wear."""
-REST_PERCENTILE = 5.0
+REST_PERCENTILE = 5
 """Of the lowest level of each second: a bad reading must not become rest."""
 
 
@@ -127,7 +127,7 @@ class ContactMeter:
         if self._second_samples >= SAMPLE_RATE_HZ:
             self._lowest.append(self._second_lowest)
             self._second_lowest, self._second_samples = inf, 0
-        self._rest = float(np.percentile(levels, REST_PERCENTILE, method="lower"))
+        self._rest = sorted(levels)[REST_PERCENTILE * (len(levels) - 1) // 100]
         self.touches = bool(self.touched(readings[-1:])[0])
 
     def touched(self, readings: NDArray[np.uint16]) -> NDArray[np.bool_]:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from threadpoolctl import threadpool_limits
+
+from rigctl.analysis.executors import limit_blas_threads
 
 
 @pytest.fixture(autouse=True)
 def one_blas_thread() -> Iterator[None]:
     """Hold BLAS to one thread during a test."""
-    with threadpool_limits(1, "blas"):
+    with limit_blas_threads():
         yield

@@ -9,7 +9,6 @@ from rigctl.analysis.movies import check_movie_file
 from rigctl.cli.arguments import a_path, add_option, whole_number
 from rigctl.cli.progress import ProgressLine
 from rigctl.cli.verify import print_missing
-from rigctl.finger.analysis.movie import read_timeline, write_movie
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,6 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read the scan and write its movie."""
+    from rigctl.finger.analysis.movie import read_timeline, write_movie
+
     check_movie_file(args.out)
     print_missing(args.session)
     timeline = read_timeline(args.session, args.trial)

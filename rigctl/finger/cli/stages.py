@@ -19,7 +19,6 @@ from rigctl.errors import CheckFailed, WrongUse
 from rigctl.finger.latency import KINDS, LIMITS_MS
 from rigctl.finger.model_file import load_finger_model
 from rigctl.finger.model_files import SPEED_SCALED, model_path
-from rigctl.finger.models import calibrate_models, train_models
 from rigctl.finger.open_rig import SIMULATED
 from rigctl.finger.rig import RUN_FIRST_SLIDE
 from rigctl.finger.session import FingerSession
@@ -88,6 +87,8 @@ PERSON_EVENTS = ("stage", "instruction", "trial", "log", "board")
 
 def train(args: argparse.Namespace) -> int:
     """Record normalisation and training scans and train the classifiers."""
+    from rigctl.finger.models import train_models
+
     folder, code = _recorded(args, ("normalise", "train"), session=0)
     for path in train_models(folder, args.components, utc_now()):
         print(f"model: {path}")
@@ -96,6 +97,8 @@ def train(args: argparse.Namespace) -> int:
 
 def calibrate(args: argparse.Namespace) -> int:
     """Record calibration scans and write the models with the mean of this session."""
+    from rigctl.finger.models import calibrate_models
+
     model = model_path(args.model, SPEED_SCALED)  # either will do: it takes the ranges only
     folder, code = _recorded(args, ("calibrate",), session=1, model=model)
     for path in calibrate_models(args.model, folder):

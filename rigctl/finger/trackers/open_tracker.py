@@ -12,7 +12,6 @@ from urllib.parse import parse_qsl
 from rigctl.boards.links import SCHEME, ByteLink, SerialLink, TcpLink
 from rigctl.config.text_file import read_bytes
 from rigctl.errors import WrongUse
-from rigctl.finger.trackers.imu import ImuTracker
 from rigctl.finger.trackers.lines import PositionLines
 from rigctl.finger.trackers.streaming import (
     OpenVrTracker,
@@ -134,6 +133,8 @@ def open_tracker(spec: str, loop: asyncio.AbstractEventLoop) -> Tracker:
     if kind == "serial" and place:
         return SerialTracker(_link(place, baud, loop), loop, latency_s)
     if kind == "imu" and place:
+        from rigctl.finger.trackers.imu import ImuTracker  # with SciPy's rotations
+
         return ImuTracker(_link(place, baud, loop), loop, latency_s)
     if kind == "udp" and place.isdecimal() and 0 < int(place) < 65536:
         return UdpTracker(int(place), loop, latency_s)

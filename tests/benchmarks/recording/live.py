@@ -101,13 +101,13 @@ def redraw_costs_ms(frames: int = FRAMES) -> RedrawCosts:
     import pyqtgraph as pg
 
     from gui.live.live_plots import LivePlots
-    from gui.widgets.theme import ThemeChoice, apply_theme
+    from gui.widgets.theme import ThemeChoice, apply_palette
     from tests.gui.fake_engine import FakeEngine
 
     pg.mkQApp()
     with tempfile.TemporaryDirectory() as folder:
         engine = FakeEngine(Path(folder))
-        scene = LivePlots(apply_theme(ThemeChoice.LIGHT))
+        scene = LivePlots(apply_palette(ThemeChoice.LIGHT))
         scene.resize(*SIZE)
         scene.show()
         for _ in range(MINUTES_BACK * 2):

@@ -12,8 +12,8 @@ from gui.analysis.task_values import FingerSessionInfo
 from gui.finger.finger_tab import FingerSetupForm
 from gui.link.engine_link import FingerEngineSpec
 from gui.shell.user_settings import UserSettings, WindowMemory
-from gui.widgets.file_browser import NO_WHOLE_PATH
 from gui.widgets.labels import Level
+from gui.widgets.typed_paths import NO_WHOLE_PATH
 from rigctl.errors import LinkLost
 from rigctl.finger.rig import RUN_FIRST_SLIDE
 from rigctl.values import ABOUT

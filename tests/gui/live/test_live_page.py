@@ -17,8 +17,8 @@ from gui.analysis.export import FOOT_PX
 from gui.live.live_page import CONDUCTANCE, COUNTS, ENCODER, SAVE, TAXELS, VOLTS, LivePage
 from gui.live.saver import shown_samples, write_table
 from gui.live.time_plots import ENLARGED, LEAST_HEIGHT
-from gui.widgets.file_browser import NO_FOLDER, NO_WHOLE_PATH
 from gui.widgets.theme import LIGHT
+from gui.widgets.typed_paths import NO_FOLDER, NO_WHOLE_PATH
 from rigctl.encoder.encoder import Encoder
 from rigctl.encoder.force_matrix import ForceMatrix
 from rigctl.encoder.normalisation import Normalisation
