@@ -7,13 +7,14 @@ channel.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.encoder.force_gain import ForceGain
 from rigctl.encoder.kernel import NeuronBlocks, TrainEncoder, TrialViews, to_raster
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import DEFAULT, KERNEL_RA_ORDER, EncoderParameters
@@ -22,6 +23,8 @@ from rigctl.errors import WrongUse
 from rigctl.values import Spikes
 
 Samples = NDArray[np.uint16]
+GainOf = Callable[[Normalisation], ForceGain]
+"""The gain for taxel ranges, such as :func:`rigctl.encoder.force_gain.divided`."""
 
 # Lanes to encode side by side, at most: few unused ones in the last block, much work for a call.
 TILE_LANES = 2048
@@ -34,7 +37,8 @@ class Encoder:
     The first call compiles or loads the kernel; :meth:`warm_up` does that beforehand.
     ``sa_scale``: float64 (n_taxels,), a factor on the SA current of each taxel, or None for 1.
     ``inputs``: the input of each taxel (:func:`rigctl.encoder.reading.input_of_each`), which the
-    reading ``conductance`` needs; the ranges are in its unit, samples remain counts.
+    reading ``conductance`` needs; the ranges are in its unit, samples remain counts. ``gain_of``:
+    the gain on the readings that the SA channel takes, for the current ranges; None for 1.
     Raises :class:`WrongUse` for parameters whose RA filter needs whole trials.
     """
 
@@ -44,6 +48,7 @@ class Encoder:
         parameters: EncoderParameters = DEFAULT,
         sa_scale: NDArray[np.float64] | None = None,
         inputs: Sequence[int] = (),
+        gain_of: GainOf | None = None,
     ) -> None:
         normalisation.check_reading(parameters)
         if parameters.filters_whole_trials:
@@ -54,8 +59,10 @@ class Encoder:
             )
         self.parameters = parameters
         self._inputs = inputs
+        self._gain_of = gain_of
         self._sa_scale = None if sa_scale is None else sa_scale[None, :]
         self._normalisation = normalisation
+        self._gain = gain_of(normalisation) if gain_of else None
         self._blocks = self._blocks_at_rest()
         self._clipped_counts = np.zeros(normalisation.n_taxels, np.int64)
 
@@ -74,7 +81,9 @@ class Encoder:
             )
         value.check_reading(self.parameters)
         self._normalisation = value
-        self._blocks.set_normalisation(value)
+        self._gain = self._gain_of(value) if self._gain_of else None
+        for blocks in self._blocks:
+            blocks.set_normalisation(value)
 
     @property
     def clipped_counts(self) -> NDArray[np.int64]:
@@ -83,12 +92,13 @@ class Encoder:
 
     def reset(self) -> None:
         """Put the neurons at rest; the filter starts at the next sample."""
-        self._blocks.reset()
+        for blocks in self._blocks:
+            blocks.reset()
 
     def copy(self) -> Self:
         """Return an encoder that goes on from here, while this one stays as it is."""
         other = copy(self)
-        other._blocks = self._blocks.copy()
+        other._blocks = [blocks.copy() for blocks in self._blocks]
         other._clipped_counts = self.clipped_counts
         return other
 
@@ -109,7 +119,11 @@ class Encoder:
     def membrane_mv(self, samples: Samples) -> NDArray[np.float64]:
         """Go on as :meth:`encode`; return the voltages as :func:`membrane_mv` does."""
         _check(samples, self._normalisation)
-        return _membrane_mv(self._blocks, self.readings(samples), self.parameters)
+        parts = zip(self._blocks, self._of_channels(self.readings(samples)), strict=True)
+        voltage, *sa = [_membrane_mv(blocks, taken, self.parameters) for blocks, taken in parts]
+        if sa:
+            voltage[:, : self._normalisation.n_taxels] = sa[0]
+        return voltage
 
     def readings(self, samples: Samples) -> Samples:
         """Return counts uint16 (n, n_taxels) in the reading that ranges and neurons take."""
@@ -117,13 +131,25 @@ class Encoder:
             return samples
         return conductance(samples, self._inputs)
 
-    def _blocks_at_rest(self) -> NeuronBlocks:
-        return NeuronBlocks(1, self._normalisation, self.parameters, self._sa_scale)
+    def _blocks_at_rest(self) -> list[NeuronBlocks]:
+        """Return neurons of both channels and, with a gain, SA neurons of their own."""
+        of_sa = [False] if self._gain is None else [False, True]
+        neurons = (self._normalisation, self.parameters, self._sa_scale)
+        return [NeuronBlocks(1, *neurons, sa_only=sa_only) for sa_only in of_sa]
 
-    def _encode(self, blocks: NeuronBlocks, samples: Samples) -> NDArray[np.uint8]:
-        every_sample = np.arange(1, len(samples) + 1)
-        counts = blocks.advance(TrialViews.from_arrays([samples]), every_sample)
-        return to_raster(counts, self._normalisation.n_taxels)
+    def _of_channels(self, readings: Samples) -> list[Samples]:
+        """Return the readings that each of the neurons takes."""
+        return [readings] if self._gain is None else [readings, self._gain.apply(readings)]
+
+    def _encode(self, neurons: list[NeuronBlocks], readings: Samples) -> NDArray[np.uint8]:
+        ends, n = np.arange(1, len(readings) + 1), self._normalisation.n_taxels
+        spikes: list[NDArray[np.uint8]] = []
+        for blocks, taken in zip(neurons, self._of_channels(readings), strict=True):
+            counts = blocks.advance(TrialViews.from_arrays([taken]), ends)
+            spikes.append(to_raster(counts, n))
+        if len(spikes) > 1:
+            spikes[0][:, :n] = spikes[1]
+        return spikes[0]
 
 
 def _check(samples: Samples, normalisation: Normalisation) -> None:
@@ -146,14 +172,22 @@ def encode_trials(
     parameters: EncoderParameters = DEFAULT,
     *,
     sa_scale: NDArray[np.float64] | None = None,
+    gains: Sequence[ForceGain] = (),
 ) -> list[Spikes]:
     """Return the spike trains of many trials, encoded side by side, each from rest.
 
     Trials of the same tile share memory: to keep one and free the others, copy it.
     ``trials``: uint16 (n_i, n_taxels) each, in the reading of ranges and parameters.
     ``sa_scale``: float64 (n_trials, n_taxels), a factor on the SA current of each trial and taxel
-    (the force matrix C), or None for 1 everywhere.
+    (the force matrix C), or None for 1 everywhere. ``gains``: of each trial, on the readings that
+    the SA channel takes; none for 1.
     """
+    if gains:
+        scaled = [gain.apply(samples) for gain, samples in zip(gains, trials, strict=True)]
+        sa = encode_trials(scaled, normalisation, parameters, sa_scale=sa_scale)
+        ra = encode_trials(trials, normalisation, parameters)
+        pairs = zip(sa, ra, strict=True)
+        return [_with_channels(of_sa, of_ra, normalisation.n_taxels) for of_sa, of_ra in pairs]
     normalisation.check_reading(parameters)
     for samples in trials:
         _check(samples, normalisation)
@@ -173,6 +207,13 @@ def encode_trials(
             for i, samples in enumerate(trials)
         ]
     return [spikes[i] for i in range(len(trials))]
+
+
+def _with_channels(sa: Spikes, ra: Spikes, n_taxels: int) -> Spikes:
+    """Return the SA trains of one with the RA trains of another encoding of the same trial."""
+    trains = [sa.train(row) for row in range(n_taxels)]
+    trains += [ra.train(row) for row in range(n_taxels, 2 * n_taxels)]
+    return Spikes.from_trains(trains, ra.n_samples)
 
 
 def tiles(lengths: Sequence[int], n_taxels: int) -> Iterator[list[int]]:
@@ -210,10 +251,10 @@ def membrane_mv(
 def _membrane_mv(
     blocks: NeuronBlocks, samples: Samples, parameters: EncoderParameters
 ) -> NDArray[np.float64]:
-    """Return the voltage of neurons after each sample, float64 (n, 2·n_taxels), SA then RA."""
-    voltage = np.empty((len(samples), 2 * blocks.n_taxels))
+    """Return the voltage of neurons after each sample, float64 (n, trains), SA then RA."""
+    rows = []
     for t in range(len(samples)):
         counts = blocks.advance(TrialViews.from_arrays([samples[t : t + 1]]), np.array([1]))
         fired = to_raster(counts, blocks.n_taxels)[0] > 0
-        voltage[t] = np.where(fired, parameters.threshold_mv, blocks.membrane_mv())
-    return voltage
+        rows.append(np.where(fired, parameters.threshold_mv, blocks.membrane_mv()[: len(fired)]))
+    return np.array(rows)

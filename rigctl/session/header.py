@@ -39,6 +39,7 @@ JSON_ATTRIBUTES: Mapping[str, type[Any]] = {
     "sensor_layout": dict,
     "simulation": dict,
     "tracker": dict,
+    "passport": dict,
 }
 """Attributes that hold JSON, and what it must be."""
 Count = Annotated[int, Meta(ge=0, le=INT32)]
@@ -69,6 +70,8 @@ class SessionHeader:
     ``sample_unit`` is the unit of a reading, ``highest_reading`` its upper limit. ``cut_by`` is
     the signal that marks the first sample of a trial, empty if unknown. ``simulation`` holds what
     repeats a simulated bench (seed, slice length, parameters) and is empty for a real one.
+    ``passport``: values of :class:`~rigctl.session.sensor_passport.SensorPassport`, empty without
+    one.
 
     The moving finger also has ``experiment``, the reference speed of scaled time, the planned
     ``stages`` and the ``tracker`` (name and plate frame); parts of the drum lack these attributes.
@@ -103,6 +106,7 @@ class SessionHeader:
     sensor_layout: SensorLayout | None = None
     cut_by: str = ""
     simulation: dict[str, Any] = field(default_factory=dict)
+    passport: dict[str, Any] = field(default_factory=dict)
     experiment: str = DRUM_EXPERIMENT
     reference_um_per_s: Count = 0
     stages: tuple[str, ...] = ()
