@@ -14,15 +14,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.encoder.force_matrix import REFERENCE_FORCE_G
 from rigctl.encoder.normalisation import Normalisation
-from rigctl.encoder.reading import HIGHEST
 from rigctl.encoder.root_bracket import LIMIT_C
 
 UNIT_BITS = 12
@@ -57,9 +54,12 @@ class ForceGain:
 
     def apply(self, readings: Samples) -> Samples:
         """Return readings uint16 (n, n_taxels) as they would be at the reference force."""
+        # Imported here: the compiler takes long to load, and readers of sessions come this way.
+        from rigctl.encoder.gain_kernel import scale
+
         out = np.empty_like(readings)
         tables = np.array(self.gains, np.int64), np.array(self.layer, np.int64)
-        _scale_compiled(np.ascontiguousarray(readings), *tables, self.shift, out)
+        scale(np.ascontiguousarray(readings), *tables, self.shift, out)
         return out
 
 
@@ -106,22 +106,3 @@ def _shift(highest_sum: float) -> int:
 
 def _in_units(gains: Floats) -> tuple[int, ...]:
     return tuple(np.clip(np.rint(gains * UNIT), 0, HIGHEST_GAIN).astype(int).tolist())
-
-
-def _scale(readings: Any, gains: Any, layer: Any, shift: Any, out: Any) -> None:
-    """Multiply each reading by the gain at its sample's sum, interpolated between two knots."""
-    now = np.empty(gains.shape[0], np.int64)
-    for t in range(readings.shape[0]):
-        total = np.int64(0)
-        for i in range(readings.shape[1]):
-            total += readings[t, i]
-        knot = min(total >> shift, KNOTS - 1)
-        into = min(total - (knot << shift), np.int64(1) << shift)
-        for k in range(gains.shape[0]):
-            low, high = gains[k, knot], gains[k, knot + 1]
-            now[k] = low + (((high - low) * into) >> shift)
-        for i in range(readings.shape[1]):
-            out[t, i] = min((readings[t, i] * now[layer[i]]) >> UNIT_BITS, HIGHEST)
-
-
-_scale_compiled = numba.njit(cache=True, nogil=True)(_scale)

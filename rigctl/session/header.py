@@ -20,6 +20,7 @@ from msgspec import Meta
 
 from rigctl.config.rig_config import MAX_TAXELS, PAPER_ARRAY
 from rigctl.config.toml_reader import TomlText
+from rigctl.encoder.force_gain import ForceScaling
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import DEFAULT, PRESETS, EncoderParameters
 from rigctl.encoder.reading import FULL_SCALE, Reading
@@ -48,6 +49,7 @@ RateHz = Annotated[int, Meta(ge=1, le=1_000_000)]
 Counts = tuple[Annotated[int, Meta(ge=0, le=65_535)], ...]
 Wiring = tuple[Annotated[int, Meta(ge=0, lt=MAX_TAXELS)], ...]
 ReadingName = Annotated[str, Meta(pattern=f"^({'|'.join(Reading)})$")]
+ScalingName = Annotated[str, Meta(pattern=f"^({'|'.join(ForceScaling)})$")]
 IMPORTED = "import"
 """``rig`` of a session that was imported from other recordings."""
 CUT_BY_WIRE, CUT_BY_CLOCK = "sync line", "drum clock"
@@ -63,7 +65,9 @@ class SessionHeader:
     ``start_utc`` is an ISO 8601 time stamp from the command line, ``start_loop_s`` the loop time
     at that instant. ``taxel_low`` and ``taxel_high`` are the calibrated range of each taxel in
     stored counts, empty without calibration. ``encoder_reading``: what the live encoder took of the
-    samples, a :class:`~rigctl.encoder.reading.Reading`; older parts have counts. ``wiring`` is the
+    samples, a :class:`~rigctl.encoder.reading.Reading`; older parts have counts.
+    ``encoder_scaling``: of its SA current, a :class:`~rigctl.encoder.force_gain.ForceScaling`.
+    ``wiring`` is the
     reading of the taxel wire in each column of the samples;
     :mod:`rigctl.session.header` explains an empty one.
     ``sensor_layout`` has rows, columns and layers of the sensor; None in older parts.
@@ -96,6 +100,7 @@ class SessionHeader:
     software_commit: str = ""
     encoder_preset: str = ""
     encoder_reading: ReadingName = Reading.COUNTS
+    encoder_scaling: ScalingName = ForceScaling.NONE
     n_taxels: TaxelCount = PAPER_SENSOR.n_taxels
     sample_rate_hz: RateHz = SAMPLE_RATE_HZ
     sample_unit: str = ADC_COUNTS

@@ -8,18 +8,21 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import msgspec
 import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from rigctl.encoder.force_gain import ForceGain, calibrated
+from rigctl.encoder.force_gain import ForceGain, ForceScaling, calibrated, divided
 from rigctl.encoder.force_matrix import REFERENCE_FORCE_G
 from rigctl.encoder.reading import Reading
-from rigctl.errors import ConfigError
+from rigctl.errors import ConfigError, WrongUse
 from rigctl.session.sensor_layout import SensorLayout
+
+if TYPE_CHECKING:
+    from rigctl.encoder.encoder import GainOf
 
 MOST_BYTES = 60_000
 """Longest passport: an attribute of an HDF5 file holds no more than 64 KiB."""
@@ -84,6 +87,31 @@ class SensorPassport(msgspec.Struct, frozen=True):
 def read_passport(values: Any) -> SensorPassport:
     """Return a passport from plain values. Raises ValueError for one that cannot be used."""
     return msgspec.convert(values, SensorPassport)
+
+
+def gain_source(
+    scaling: ForceScaling, passport: SensorPassport | None, reading: Reading, layout: SensorLayout
+) -> GainOf | None:
+    """Return what gives the gain for taxel ranges, None for no scaling.
+
+    Raises WrongUse for a calibrated one without a passport of that reading.
+    """
+    if scaling is ForceScaling.NONE:
+        return None
+    if scaling is ForceScaling.DIVIDED:
+        return divided
+    if passport is None:
+        raise WrongUse(
+            'force_scaling = "calibrated" needs the sensor\'s passport: run rigctl calibrate '
+            "sensor, or name its sensor.json as [taxels] passport"
+        )
+    if passport.reading is not reading:
+        raise WrongUse(
+            f"the sensor's passport is of {passport.reading}, the encoder takes {reading}: set "
+            f'[encoder] reading = "{passport.reading}"'
+        )
+    gain = passport.gain(layout)
+    return lambda _: gain
 
 
 def load_passport(path: Path, n_taxels: int) -> SensorPassport:
