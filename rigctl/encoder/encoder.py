@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
-from typing import Self
+from dataclasses import replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,8 +83,7 @@ class Encoder:
         value.check_reading(self.parameters)
         self._normalisation = value
         self._gain = self._gain_of(value) if self._gain_of else None
-        for blocks in self._blocks:
-            blocks.set_normalisation(value)
+        self._blocks.set_normalisation(self._lane_ranges)
 
     @property
     def clipped_counts(self) -> NDArray[np.int64]:
@@ -92,13 +92,12 @@ class Encoder:
 
     def reset(self) -> None:
         """Put the neurons at rest; the filter starts at the next sample."""
-        for blocks in self._blocks:
-            blocks.reset()
+        self._blocks.reset()
 
     def copy(self) -> Self:
         """Return an encoder that goes on from here, while this one stays as it is."""
         other = copy(self)
-        other._blocks = [blocks.copy() for blocks in self._blocks]
+        other._blocks = self._blocks.copy()
         other._clipped_counts = self.clipped_counts
         return other
 
@@ -119,11 +118,8 @@ class Encoder:
     def membrane_mv(self, samples: Samples) -> NDArray[np.float64]:
         """Go on as :meth:`encode`; return the voltages as :func:`membrane_mv` does."""
         _check(samples, self._normalisation)
-        parts = zip(self._blocks, self._of_channels(self.readings(samples)), strict=True)
-        voltage, *sa = [_membrane_mv(blocks, taken, self.parameters) for blocks, taken in parts]
-        if sa:
-            voltage[:, : self._normalisation.n_taxels] = sa[0]
-        return voltage
+        taken = self._taken(self.readings(samples))
+        return self._of_channels(_membrane_mv(self._blocks, taken, self.parameters))
 
     def readings(self, samples: Samples) -> Samples:
         """Return counts uint16 (n, n_taxels) in the reading that ranges and neurons take."""
@@ -131,25 +127,37 @@ class Encoder:
             return samples
         return conductance(samples, self._inputs)
 
-    def _blocks_at_rest(self) -> list[NeuronBlocks]:
-        """Return neurons of both channels and, with a gain, SA neurons of their own."""
-        of_sa = [False] if self._gain is None else [False, True]
-        neurons = (self._normalisation, self.parameters, self._sa_scale)
-        return [NeuronBlocks(1, *neurons, sa_only=sa_only) for sa_only in of_sa]
+    # With a gain there are neurons for the scaled readings and, behind them, for the plain ones: a
+    # second call of the kernel would take longer than the neurons that nobody asks for.
 
-    def _of_channels(self, readings: Samples) -> list[Samples]:
-        """Return the readings that each of the neurons takes."""
-        return [readings] if self._gain is None else [readings, self._gain.apply(readings)]
+    @property
+    def _lane_ranges(self) -> Normalisation:
+        ranges, times = self._normalisation, 1 if self._gain is None else 2
+        return replace(ranges, low=np.tile(ranges.low, times), high=np.tile(ranges.high, times))
 
-    def _encode(self, neurons: list[NeuronBlocks], readings: Samples) -> NDArray[np.uint8]:
-        ends, n = np.arange(1, len(readings) + 1), self._normalisation.n_taxels
-        spikes: list[NDArray[np.uint8]] = []
-        for blocks, taken in zip(neurons, self._of_channels(readings), strict=True):
-            counts = blocks.advance(TrialViews.from_arrays([taken]), ends)
-            spikes.append(to_raster(counts, n))
-        if len(spikes) > 1:
-            spikes[0][:, :n] = spikes[1]
-        return spikes[0]
+    def _blocks_at_rest(self) -> NeuronBlocks:
+        scale = self._sa_scale
+        if scale is not None and self._gain is not None:
+            scale = np.tile(scale, 2)
+        return NeuronBlocks(1, self._lane_ranges, self.parameters, scale)
+
+    def _taken(self, readings: Samples) -> Samples:
+        """Return what the neurons take of readings."""
+        if self._gain is None:
+            return readings
+        return np.concatenate([self._gain.apply(readings), readings], axis=1)
+
+    def _of_channels(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return SA of the scaled and RA of the plain readings, from values of all neurons."""
+        if self._gain is None:
+            return values
+        n = self._normalisation.n_taxels
+        return np.concatenate([values[:, :n], values[:, 3 * n :]], axis=1)
+
+    def _encode(self, blocks: NeuronBlocks, readings: Samples) -> NDArray[np.uint8]:
+        taken = self._taken(readings)
+        counts = blocks.advance(TrialViews.from_arrays([taken]), np.arange(1, len(taken) + 1))
+        return self._of_channels(to_raster(counts, blocks.n_taxels))
 
 
 def _check(samples: Samples, normalisation: Normalisation) -> None:
@@ -251,10 +259,10 @@ def membrane_mv(
 def _membrane_mv(
     blocks: NeuronBlocks, samples: Samples, parameters: EncoderParameters
 ) -> NDArray[np.float64]:
-    """Return the voltage of neurons after each sample, float64 (n, trains), SA then RA."""
-    rows = []
+    """Return the voltage of neurons after each sample, float64 (n, 2·n_taxels), SA then RA."""
+    voltage = np.empty((len(samples), 2 * blocks.n_taxels))
     for t in range(len(samples)):
         counts = blocks.advance(TrialViews.from_arrays([samples[t : t + 1]]), np.array([1]))
         fired = to_raster(counts, blocks.n_taxels)[0] > 0
-        rows.append(np.where(fired, parameters.threshold_mv, blocks.membrane_mv()[: len(fired)]))
-    return np.array(rows)
+        voltage[t] = np.where(fired, parameters.threshold_mv, blocks.membrane_mv())
+    return voltage

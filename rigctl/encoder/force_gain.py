@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,9 +59,14 @@ class ForceGain:
         from rigctl.encoder.gain_kernel import scale
 
         out = np.empty_like(readings)
-        tables = np.array(self.gains, np.int64), np.array(self.layer, np.int64)
-        scale(np.ascontiguousarray(readings), *tables, self.shift, out)
+        scale(np.ascontiguousarray(readings), *_tables(self), self.shift, out)
         return out
+
+
+@lru_cache(maxsize=64)
+def _tables(gain: ForceGain) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return gains and layers as arrays: to make them takes as long as to scale a batch."""
+    return np.array(gain.gains, np.int64), np.array(gain.layer, np.int64)
 
 
 def divided(ranges: Normalisation) -> ForceGain:
