@@ -43,7 +43,7 @@ def force_gains(
     if remark := _obstacle(trials, passports):
         return ForceGains(gains, (remark,))
     gains[ForceScaling.CALIBRATED] = tuple(
-        one.gain(trials.sensor_layout, reference_g) for one in passports if one is not None
+        one.gain(ranges, reference_g) for one in passports if one is not None
     )
     return ForceGains(gains, ())
 

@@ -1,9 +1,10 @@
 """A gain on the SA current for the force that all taxels together show, sample by sample.
 
-C needs the texture's label. This gain needs the sum of all readings of the same instant: the more
-they read together, the harder the press, and the less each one's current counts. ``divided`` takes
+C needs the texture's label. This gain needs the sum of all taxels' currents at the same instant:
+the more they give together, the harder the press, and the less each one counts. ``divided`` takes
 the sum itself, so that each taxel becomes its share; ``calibrated`` takes the force that the sum
-shows on a smooth plate, and the curve of the taxel's layer there.
+shows on a smooth plate, and stays within the calibrated forces. Both have one gain for all taxels:
+``docs/explanation/force-invariance.md`` has what a gain for each taxel or layer does.
 
 All of it is integer arithmetic on one sample, without a state: any slicing of the samples, the
 analysis and a board get the same bits.
@@ -11,7 +12,6 @@ analysis and a board get the same bits.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
@@ -43,15 +43,15 @@ class ForceScaling(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ForceGain:
-    """Gains on the readings over the sum of all readings.
+    """A gain over the sum of all readings above their taxels' ``base``.
 
-    ``gains``: for each layer the gain at 0, 1 … :data:`KNOTS` steps of 2 ** ``shift`` of the sum,
-    in 1 / :data:`UNIT`; the last one holds for higher sums. ``layer``: that of each taxel.
+    ``gains``: at 0, 1 … :data:`KNOTS` steps of 2 ** ``shift`` of the sum, in 1 / :data:`UNIT`; the
+    last one holds for higher sums.
     """
 
     shift: int
-    gains: tuple[tuple[int, ...], ...]
-    layer: tuple[int, ...]
+    gains: tuple[int, ...]
+    base: tuple[int, ...]
 
     def apply(self, readings: Samples) -> Samples:
         """Return readings uint16 (n, n_taxels) as they would be at the reference force."""
@@ -65,44 +65,42 @@ class ForceGain:
 
 @lru_cache(maxsize=64)
 def _tables(gain: ForceGain) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return gains and layers as arrays: to make them takes as long as to scale a batch."""
-    return np.array(gain.gains, np.int64), np.array(gain.layer, np.int64)
+    """Return gains and bases as arrays: to make them takes as long as to scale a batch."""
+    return np.array(gain.gains, np.int64), np.array(gain.base, np.int64)
 
 
 def divided(ranges: Normalisation) -> ForceGain:
-    """Return the gain that makes of each reading its share of all, on the scale of the ranges.
+    """Return the gain that makes of each current its share of all, on the scale of the ranges.
 
     It is 1 where the sum is that of the middles of all taxel ranges.
     """
-    middle = float(np.sum(ranges.low.astype(np.float64) + ranges.high)) / 2.0
-    shift = _shift(float(np.sum(ranges.high, dtype=np.int64)))
-    sums = np.arange(KNOTS + 1) * float(1 << shift)
-    gains = np.divide(middle, sums, out=np.full(KNOTS + 1, LIMIT_C), where=sums > 0)
-    return ForceGain(shift, (_in_units(gains),), (0,) * ranges.n_taxels)
+    width = float(np.sum(ranges.high.astype(np.float64) - ranges.low))
+    shift = _shift(width)
+    sums = np.maximum(np.arange(KNOTS + 1) * float(1 << shift), 1.0)
+    return ForceGain(shift, _in_units(width / 2.0 / sums), _base(ranges))
 
 
 def calibrated(
     forces_g: Floats,
     curves: Floats,
-    layer: Sequence[int],
+    ranges: Normalisation,
     reference_g: float = REFERENCE_FORCE_G,
 ) -> ForceGain:
-    """Return the gain from each layer's mean curve on a smooth plate.
+    """Return the gain from the curve of all taxels on a smooth plate.
 
-    ``curves``: float64 (n_forces, n_taxels), mean readings at ``forces_g``, ascending. A plate
-    never lies quite even, so one taxel's curve is that of its mounting too; over a layer a tilt
-    averages out. Beyond the calibrated forces the gain of the nearest one holds.
+    ``curves``: float64 (n_forces, n_taxels), mean readings at ``forces_g``, ascending. Beyond the
+    calibrated forces the gain of the nearest one holds.
     """
-    sums = np.maximum.accumulate(curves.sum(axis=1))
+    sums = np.maximum((curves - ranges.low).clip(min=0.0).sum(axis=1), 1.0)
+    sums = np.maximum.accumulate(sums)
     shift = _shift(float(sums[-1]))
-    forces_at_knots = np.interp(np.arange(KNOTS + 1) * float(1 << shift), sums, forces_g)
-    of_layer = np.array(layer)
-    gains = []
-    for number in range(max(layer) + 1):
-        mean = curves[:, of_layer == number].mean(axis=1)
-        at_reference = float(np.interp(reference_g, forces_g, mean))
-        gains.append(_in_units(at_reference / np.interp(forces_at_knots, forces_g, mean)))
-    return ForceGain(shift, tuple(gains), tuple(layer))
+    at_knots = np.clip(np.arange(KNOTS + 1) * float(1 << shift), sums[0], sums[-1])
+    at_reference = float(np.interp(reference_g, forces_g, sums))
+    return ForceGain(shift, _in_units(at_reference / at_knots), _base(ranges))
+
+
+def _base(ranges: Normalisation) -> tuple[int, ...]:
+    return tuple(ranges.low.tolist())
 
 
 def _shift(highest_sum: float) -> int:

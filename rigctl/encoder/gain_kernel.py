@@ -11,20 +11,22 @@ from rigctl.encoder.force_gain import KNOTS, UNIT_BITS
 from rigctl.encoder.reading import HIGHEST
 
 
-def _scale(readings: Any, gains: Any, layer: Any, shift: Any, out: Any) -> None:
-    """Multiply each reading by the gain at its sample's sum, interpolated between two knots."""
-    now = np.empty(gains.shape[0], np.int64)
+def _scale(readings: Any, gains: Any, base: Any, shift: Any, out: Any) -> None:
+    """Multiply what each reading is above its base, by the gain at the sum of a sample's.
+
+    The gain is interpolated between two knots.
+    """
     for t in range(readings.shape[0]):
         total = np.int64(0)
         for i in range(readings.shape[1]):
-            total += readings[t, i]
+            total += max(readings[t, i] - base[i], 0)
         knot = min(total >> shift, KNOTS - 1)
         into = min(total - (knot << shift), np.int64(1) << shift)
-        for k in range(gains.shape[0]):
-            low, high = gains[k, knot], gains[k, knot + 1]
-            now[k] = low + (((high - low) * into) >> shift)
+        gain = gains[knot] + (((gains[knot + 1] - gains[knot]) * into) >> shift)
         for i in range(readings.shape[1]):
-            out[t, i] = min((readings[t, i] * now[layer[i]]) >> UNIT_BITS, HIGHEST)
+            above = np.int64(readings[t, i]) - base[i]
+            scaled = base[i] + ((above * gain) >> UNIT_BITS)
+            out[t, i] = min(scaled, HIGHEST) if above > 0 else readings[t, i]
 
 
 scale = numba.njit(cache=True, nogil=True)(_scale)

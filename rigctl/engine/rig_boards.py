@@ -28,7 +28,6 @@ from rigctl.engine.poller import RECONNECT_PERIOD_S, DrumPoller
 from rigctl.engine.rig import Rig
 from rigctl.engine.setup.boards import installed_build
 from rigctl.errors import BoardRebooted, LinkLost, RigFault
-from rigctl.session.sensor_layout import SensorLayout
 from rigctl.session.sensor_passport import gain_source
 from rigctl.values import Block, BoardIdentity, DrumState
 
@@ -304,8 +303,8 @@ def _compiled_encoder(rig: Rig) -> Encoder:
         normalisation = Normalisation(low, high)
     else:
         normalisation = Normalisation.full_scale(taxels.count)
-    scaling, layout = ForceScaling(config.force_scaling), SensorLayout.of_rig(taxels)
-    gain_of = gain_source(scaling, rig.passport, parameters.reading, layout)
+    scaling = ForceScaling(config.force_scaling)
+    gain_of = gain_source(scaling, rig.passport, parameters.reading)
     encoder = Encoder(normalisation, parameters, inputs=inputs, gain_of=gain_of)
     encoder.warm_up()
     return encoder

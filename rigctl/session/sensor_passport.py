@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from rigctl.encoder.force_gain import ForceGain, ForceScaling, calibrated, divided
 from rigctl.encoder.force_matrix import REFERENCE_FORCE_G
+from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.reading import Reading
 from rigctl.errors import ConfigError, WrongUse
-from rigctl.session.sensor_layout import SensorLayout
 
 if TYPE_CHECKING:
     from rigctl.encoder.encoder import GainOf
@@ -73,10 +73,9 @@ class SensorPassport(msgspec.Struct, frozen=True):
         """Mean reading of each taxel at each force, float64 (n_forces, n_taxels)."""
         return np.array([taxel.curve for taxel in self.taxels]).T
 
-    def gain(self, layout: SensorLayout, reference_g: float = REFERENCE_FORCE_G) -> ForceGain:
+    def gain(self, ranges: Normalisation, reference_g: float = REFERENCE_FORCE_G) -> ForceGain:
         """Return the gain of the SA current that brings readings to the reference force."""
-        layer = [i // layout.per_layer for i in range(layout.n_taxels)]
-        return calibrated(np.array(self.force_g), self.curves, layer, reference_g)
+        return calibrated(np.array(self.force_g), self.curves, ranges, reference_g)
 
     def to_values(self) -> dict[str, Any]:
         """Return plain values, for the header of a session."""
@@ -90,7 +89,7 @@ def read_passport(values: Any) -> SensorPassport:
 
 
 def gain_source(
-    scaling: ForceScaling, passport: SensorPassport | None, reading: Reading, layout: SensorLayout
+    scaling: ForceScaling, passport: SensorPassport | None, reading: Reading
 ) -> GainOf | None:
     """Return what gives the gain for taxel ranges, None for no scaling.
 
@@ -110,8 +109,7 @@ def gain_source(
             f"the sensor's passport is of {passport.reading}, the encoder takes {reading}: set "
             f'[encoder] reading = "{passport.reading}"'
         )
-    gain = passport.gain(layout)
-    return lambda _: gain
+    return passport.gain
 
 
 def load_passport(path: Path, n_taxels: int) -> SensorPassport:

@@ -31,7 +31,6 @@ from rigctl.session.layout import SessionLayout, parse_trial
 from rigctl.session.notes import Mark, SessionNote, write_note
 from rigctl.session.part import PartReader, StructuredArray, session_layout
 from rigctl.session.sample_index import SampleFile, SampleRange, locate_samples, locate_windows
-from rigctl.session.sensor_layout import SensorLayout
 from rigctl.session.sensor_passport import gain_source, read_passport
 from rigctl.session.session_reader import NOTE_KIND, SessionReader, read_closing_digest
 from rigctl.values import Gap, TrialMark, TrialRow, Verdict
@@ -119,9 +118,8 @@ class Session(SessionReader):
         """Return the gain of the live encoder's SA current for taxel ranges, None for 1."""
         header = self.header
         passport = read_passport(header.passport) if header.passport else None
-        layout = header.sensor_layout or SensorLayout.default(header.n_taxels)
-        kinds = ForceScaling(header.encoder_scaling), passport, Reading(header.encoder_reading)
-        gain_of = gain_source(*kinds, layout)
+        scaling, reading = ForceScaling(header.encoder_scaling), Reading(header.encoder_reading)
+        gain_of = gain_source(scaling, passport, reading)
         return None if gain_of is None else gain_of(ranges)
 
     @property

@@ -56,7 +56,7 @@ def test_features_are_those_of_scaled_conductances(made: RepresentationSet) -> N
     layouts = (made.unscaled, made.scaled)
     gains = {
         "divided": divided(ranges),
-        "calibrated": sensor_passport().gain(trials.sensor_layout),
+        "calibrated": sensor_passport().gain(ranges),
     }
     for key, gain in gains.items():
         expected = feature_matrices(
@@ -84,7 +84,7 @@ def test_each_session_has_the_gain_of_its_own_passport(session: Path, tmp_path: 
     made = represent(join_sessions([session, later]), DEFAULT, tmp_path)
     assert made.gained is not None
     before, now = made.gained.gains[ForceScaling.CALIBRATED]
-    assert before == sensor_passport().gain(made.trials.sensor_layout) != now
+    assert before == sensor_passport().gain(made.gained.normalisation) != now
 
 
 def test_a_calibrated_model_needs_a_passport(

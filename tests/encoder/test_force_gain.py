@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -16,9 +18,7 @@ from rigctl.encoder.root_bracket import LIMIT_C
 
 RANGES = Normalisation(np.full(18, 80, np.uint16), np.full(18, 2400, np.uint16))
 FORCES_G = np.array([75.0, 150.0, 250.0, 500.0, 1000.0, 1200.0])
-TOP, BOTTOM = FORCES_G**0.8, 40.0 * FORCES_G**0.4
-CURVES = np.column_stack([TOP] * 9 + [BOTTOM] * 9)
-LAYERS = [0] * 9 + [1] * 9
+CURVES = 80.0 + np.linspace(2.0, 9.0, 18) * FORCES_G[:, None] ** 0.7
 
 
 def touch(n: int, seed: int = 1) -> NDArray[np.uint16]:
@@ -31,60 +31,68 @@ def touch(n: int, seed: int = 1) -> NDArray[np.uint16]:
 
 def by_hand(gain: ForceGain, sample: list[int]) -> list[int]:
     """Return a sample as a board computes it: whole numbers, one operation after another."""
-    total = sum(sample)
+    above = [max(reading - base, 0) for reading, base in zip(sample, gain.base, strict=True)]
+    total = sum(above)
     knot = min(total >> gain.shift, KNOTS - 1)
     into = min(total - (knot << gain.shift), 1 << gain.shift)
-    gains = [of[knot] + ((of[knot + 1] - of[knot]) * into >> gain.shift) for of in gain.gains]
-    layers = zip(sample, gain.layer, strict=True)
-    return [min(reading * gains[layer] >> 12, HIGHEST) for reading, layer in layers]
+    low, high = gain.gains[knot : knot + 2]
+    now = low + ((high - low) * into >> gain.shift)
+    taxels = zip(sample, above, gain.base, strict=True)
+    return [min(base + (over * now >> 12), HIGHEST) if over else x for x, over, base in taxels]
 
 
 @given(st.lists(st.integers(0, HIGHEST), min_size=18, max_size=18))
 def test_every_sample_is_whole_number_arithmetic(sample: list[int]) -> None:
-    for gain in (divided(RANGES), calibrated(FORCES_G, CURVES, LAYERS)):
+    for gain in (divided(RANGES), calibrated(FORCES_G, CURVES, RANGES)):
         found = gain.apply(np.array([sample], np.uint16))
         assert found[0].tolist() == by_hand(gain, sample)
 
 
-def test_divided_readings_are_shares_of_all() -> None:
-    readings = touch(400)
-    shares = divided(RANGES).apply(readings) / (readings / readings.sum(axis=1, keepdims=True))
-    assert shares.std() / shares.mean() < 0.01
+def test_divided_currents_are_shares_of_all() -> None:
+    readings = touch(400).astype(int)
+    above = readings - 80
+    shares = (divided(RANGES).apply(readings.astype(np.uint16)) - 80.0) / above
+    shares *= above.sum(axis=1, keepdims=True)
+    assert shares[above > 100].std() / shares[above > 100].mean() < 0.01
     middle = np.full((1, 18), 1240, np.uint16)  # the sum at which nothing changes
     np.testing.assert_allclose(divided(RANGES).apply(middle), middle, rtol=0.01)
 
 
 def test_calibrated_plate_reads_the_same_at_every_force() -> None:
-    plate = np.round(CURVES[1:]).astype(np.uint16)
-    scaled = calibrated(FORCES_G, CURVES, LAYERS).apply(plate)
-    at_reference = CURVES[3]
-    np.testing.assert_allclose(scaled, np.tile(at_reference, (5, 1)), rtol=0.04)
-    lower = calibrated(FORCES_G, CURVES, LAYERS, reference_g=250.0).apply(plate)
-    np.testing.assert_allclose(lower, np.tile(CURVES[2], (5, 1)), rtol=0.04)
+    plate = np.round(CURVES).astype(np.uint16)
+    for reference_g, row in ((500.0, 3), (250.0, 2)):
+        gain = calibrated(FORCES_G, CURVES, RANGES, reference_g=reference_g)
+        aim = np.tile(CURVES[row], (len(plate), 1))
+        np.testing.assert_allclose(gain.apply(plate), aim, rtol=0.03)
 
 
-def test_tilt_of_the_plate_does_not_change_the_gain() -> None:
-    """On the bench the curves of single taxels lost all accuracy to one tilted plate."""
-    tilt = 1.0 + 0.3 * (np.arange(18) % 9 - 4) / 4.0
-    level = calibrated(FORCES_G, CURVES, LAYERS)
-    tilted = calibrated(FORCES_G, CURVES * tilt, LAYERS)
-    np.testing.assert_allclose(tilted.gains, level.gains, atol=2)
+def test_beyond_the_calibrated_forces_the_gain_stays() -> None:
+    gain = calibrated(FORCES_G, CURVES, RANGES)
+    light, heavy = (
+        (80 + share * (CURVES[row] - 80)).astype(np.uint16)[None]
+        for share, row in ((0.5, 0), (2.0, -1))
+    )
+    for readings, row in ((light, 0), (heavy, -1)):
+        expected = 80 + (readings - 80.0) * (500.0 / FORCES_G[row]) ** 0.7
+        np.testing.assert_allclose(gain.apply(readings), expected, rtol=0.03)
 
 
 def test_gain_is_limited_where_nothing_presses() -> None:
-    for gain in (divided(RANGES), calibrated(FORCES_G, CURVES, LAYERS)):
-        untouched = np.full((1, 18), 3, np.uint16)
-        assert (gain.apply(untouched) <= 3 * LIMIT_C).all()
-        assert all(0 <= one <= HIGHEST_GAIN for of_layer in gain.gains for one in of_layer)
+    for gain in (divided(RANGES), calibrated(FORCES_G, CURVES, RANGES)):
+        below = np.full((1, 18), 79, np.uint16)
+        assert (gain.apply(below) == below).all()
+        touched = np.full((1, 18), 83, np.uint16)
+        assert (gain.apply(touched) <= 80 + 3 * LIMIT_C).all()
+        assert all(0 <= one <= HIGHEST_GAIN for one in gain.gains)
         assert gain.apply(np.full((1, 18), HIGHEST, np.uint16)).max() <= HIGHEST
-        assert UNIT == 1 << 12
+    assert UNIT == 1 << 12
 
 
 @pytest.mark.parametrize("slices", [[400], [1] * 400, [7, 150, 1, 242]])
 def test_live_spikes_are_those_of_the_analysis(slices: list[int]) -> None:
     readings = touch(400)
-    gain = calibrated(FORCES_G, CURVES, LAYERS)
-    encoder = Encoder(RANGES, gain_of=lambda _: gain)
+    gain = calibrated(FORCES_G, CURVES, RANGES)
+    encoder = Encoder(RANGES, gain_of=partial(calibrated, FORCES_G, CURVES))
     ends = np.cumsum(slices)
     parts = [readings[end - n : end] for n, end in zip(slices, ends, strict=True)]
     live = np.concatenate([encoder.encode(part) for part in parts])
