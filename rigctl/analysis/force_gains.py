@@ -9,7 +9,7 @@ from rigctl.analysis.trial_set import TrialSet
 from rigctl.encoder.force_gain import ForceGain, ForceScaling, divided
 from rigctl.encoder.force_matrix import REFERENCE_FORCE_G
 from rigctl.encoder.normalisation import Normalisation
-from rigctl.session.sensor_passport import SensorPassport, describe_change, read_passport
+from rigctl.session.sensor_passport import SensorPassport, passport_of, sensor_difference
 
 NO_PASSPORT = (
     "{path} carries no passport of its sensor (rigctl calibrate sensor makes one, --passport names "
@@ -48,30 +48,13 @@ def force_gains(
     return ForceGains(gains, ())
 
 
-def passport_of(source: Mapping[str, Any]) -> SensorPassport | None:
-    """Return the passport that a session carries, None without one."""
-    values = source.get("passport")
-    return read_passport(values) if values else None
-
-
 def sensor_warnings(model_inputs: Sequence[Mapping[str, Any]], trials: TrialSet) -> list[str]:
     """Return a warning for each session whose sensor is not that of a model, or has changed."""
     if not model_inputs:
         return []
-    changes = [_change(model_inputs[-1], source) for source in trials.provenance]
+    changes = [sensor_difference(model_inputs[-1], source) for source in trials.provenance]
     pairs = zip(trials.paths, changes, strict=True)
     return [f"WARNING: {path}: the model was trained on {how}" for path, how in pairs if how]
-
-
-def _change(trained: Mapping[str, Any], source: Mapping[str, Any]) -> str:
-    """Return how the sensor of a session differs from the model's, "" where nothing says so."""
-    before, now = passport_of(trained), passport_of(source)
-    if before is not None and now is not None:
-        return describe_change(before, now)
-    names = [one.get("sensor") for one in (trained, source)]
-    if not all(names) or names[0] == names[1]:
-        return ""
-    return f"sensor {names[0]}, not {names[1]}: without passports of both nobody knows by how much"
 
 
 def _obstacle(trials: TrialSet, passports: Sequence[SensorPassport | None]) -> str:

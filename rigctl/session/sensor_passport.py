@@ -7,6 +7,7 @@ header of each later session has its values, so that a session can be read witho
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -193,3 +194,23 @@ def describe_change(before: SensorPassport, now: SensorPassport) -> str:
         f"{'more' if change.force > 0 else 'less'} (error {change.error:.1%}), and taxel "
         f"{change.taxel + 1} gives {change.factor:.2f} times as much beside the others"
     )
+
+
+def passport_of(source: Mapping[str, Any]) -> SensorPassport | None:
+    """Return the passport of a session that a model or a set lists, None without one."""
+    values = source.get("passport")
+    return read_passport(values) if values else None
+
+
+def sensor_difference(trained: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+    """Return how the sensor of a session differs from that of a model's, "" where nothing says so.
+
+    Both are mappings with the ``passport`` and the name of the ``sensor``.
+    """
+    before, after = passport_of(trained), passport_of(now)
+    if before is not None and after is not None:
+        return describe_change(before, after)
+    names = [one.get("sensor") for one in (trained, now)]
+    if not all(names) or names[0] == names[1]:
+        return ""
+    return f"sensor {names[0]}, not {names[1]}: without passports of both nobody knows by how much"
