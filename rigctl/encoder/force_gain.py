@@ -59,7 +59,7 @@ class ForceGain:
         from rigctl.encoder.gain_kernel import scale
 
         out = np.empty_like(readings)
-        scale(np.ascontiguousarray(readings), *_tables(self), self.shift, out)
+        scale(np.ascontiguousarray(readings), *_tables(self), self.shift, UNIT_BITS, out)
         return out
 
 
