@@ -31,13 +31,14 @@ from rigctl.encoder.force_matrix import REFERENCE_FORCE_G
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import override, preset
 from rigctl.encoder.reading import Reading, conductance
+from rigctl.encoder.root_bracket import LIMIT_C
 from rigctl.errors import RigctlError
 from tools.skin_statistics import searched_c
 from tools.slides import Slider, SlideSession, simulate_slides, slide_features
 
 PAGE = Path(__file__).parents[1] / "docs" / "explanation" / "force-invariance.md"
 MARK = "<!-- make invariance writes what follows -->\n"
-SEEDS, REPEATS, DRAWS = (1, 2, 3), 8, 4
+SEEDS, REPEATS, DRAWS = (21, 22, 23), 8, 4
 LEVELS_G = np.linspace(75.0, 1200.0, 20)
 """Forces of the protocol ``sensor``."""
 CALIBRATION_MM_S = 80.0
@@ -61,11 +62,18 @@ class Calibration(NamedTuple):
         sums = np.maximum.accumulate(self.curves.sum(axis=1))
         return float(np.interp(readings.sum(axis=1), sums, LEVELS_G).mean())
 
-    def factors(self, force_g: Floats, ranges: Normalisation) -> Floats:
-        """Return the factor on each taxel's current at known forces, float64 (n, n_taxels)."""
-        sums = (self.curves - ranges.low).clip(min=0.0).sum(axis=1)
-        aim = np.interp(REFERENCE_FORCE_G, LEVELS_G, sums)
-        return np.tile((aim / np.interp(force_g, LEVELS_G, sums))[:, None], ranges.n_taxels)
+    def factors(self, force_g: Floats, ranges: Normalisation, *, each: bool) -> Floats:
+        """Return the factor on each taxel's current at known forces, float64 (n, n_taxels).
+
+        It is from the sum of all taxels, or of ``each`` by itself.
+        """
+        above = (self.curves - ranges.low).clip(min=1.0)
+        if not each:
+            above = np.tile(above.sum(axis=1, keepdims=True), ranges.n_taxels)
+        aim = [np.interp(REFERENCE_FORCE_G, LEVELS_G, curve) for curve in above.T]
+        now = [np.interp(force_g, LEVELS_G, curve) for curve in above.T]
+        factors: Floats = np.minimum(np.array(aim)[:, None] / np.array(now), LIMIT_C).T
+        return factors
 
 
 def calibrate(parameters: WorldParameters, seed: int) -> Calibration:
@@ -99,30 +107,31 @@ def measure(parameters: WorldParameters, seed: int, repeats: int) -> Measured:
     """Simulate a session and its calibration, and classify every representation."""
     (slides,) = simulate_slides(parameters, repeats, [seed])
     calibration = calibrate(parameters, seed)
-    readings = [_readings(samples) for samples in slides.samples]
+    own = searched_c(slides, REFERENCE_FORCE_G)
     accuracy = {
         (name, layout is SPEED_SCALED): accuracies(features, slides.design, seed)
         for layout in LAYOUTS
-        for name, features in _features(slides, readings, calibration, layout)
+        for name, features in _features(slides, own, calibration, layout)
     }
-    return Measured(accuracy, _estimates(calibration, readings, slides.design))
+    return Measured(accuracy, _estimates(calibration, slides))
 
 
 def _features(
-    slides: SlideSession, readings: Sequence[Samples], found: Calibration, layout: FeatureLayout
+    slides: SlideSession, own: Floats, found: Calibration, layout: FeatureLayout
 ) -> Iterator[tuple[str, Floats]]:
-    """Yield the features with each kind of force scaling."""
-    own = searched_c(slides, REFERENCE_FORCE_G)
+    """Yield the features with each kind of force scaling; ``own``: C of each trial's texture."""
+    readings = [_readings(samples) for samples in slides.samples]
     yield "Original", slide_features(slides, layout)
     yield "Force Scaled (label)", slide_features(slides, layout, own)
     yield "texture-blind C (set force)", slide_features(slides, layout, _blind(own, slides.design))
     ranges = Normalisation.from_samples(readings, "all trials", Reading.CONDUCTANCE)
     encode = partial(_encode, readings, slides.design, ranges, layout)
-    yield (
-        "Calibrated by the set force",
-        encode(factors=found.factors(slides.design.force_g, ranges)),
-    )
-    yield "Divided", encode(gain=divided(ranges))
+    forces_g = slides.design.force_g
+    for each, name in ((False, "Calibrated by the set force"), (True, "the same for each taxel")):
+        yield name, encode(factors=found.factors(forces_g, ranges, each=each))
+    shares, plain = encode(gain=divided(ranges)), encode()
+    yield "Divided", shares
+    yield "Divided, beside plain SA rates", np.hstack([shares, plain[:, : plain.shape[1] // 2]])
     yield "Calibrated", encode(gain=calibrated(LEVELS_G, found.curves, ranges))
 
 
@@ -174,10 +183,9 @@ def accuracies(features: Floats, design: Design, seed: int) -> dict[str, float]:
     return {key: 100.0 * correct[key] / tested[key] for key in correct}
 
 
-def _estimates(
-    found: Calibration, readings: Sequence[Samples], design: Design
-) -> dict[float, tuple[float, float]]:
-    shown = np.array([found.estimated_g(one) for one in readings]) / design.force_g
+def _estimates(found: Calibration, slides: SlideSession) -> dict[float, tuple[float, float]]:
+    design = slides.design
+    shown = np.array([found.estimated_g(_readings(one)) for one in slides.samples]) / design.force_g
     out = {}
     for force_g in np.unique(design.force_g):
         of_texture = [
