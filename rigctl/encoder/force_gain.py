@@ -4,7 +4,7 @@ C needs the texture's label. This gain needs the sum of all taxels' currents at 
 the more they give together, the harder the press, and the less each one counts. ``divided`` takes
 the sum itself, so that each taxel becomes its share; ``calibrated`` takes the force that the sum
 shows on a smooth plate, and stays within the calibrated forces. Both have one gain for all taxels:
-``docs/explanation/force-invariance.md`` has what a gain for each taxel or layer does.
+``docs/explanation/force-invariance.md`` has what a gain for each taxel does.
 
 All of it is integer arithmetic on one sample, without a state: any slicing of the samples, the
 analysis and a board get the same bits.
