@@ -28,6 +28,7 @@ from rigctl.errors import SessionError
 from rigctl.experiments import DRUM_EXPERIMENT
 from rigctl.session.hdf5_file import Attributes, damage, describe, parse_json
 from rigctl.session.sensor_layout import ATTRIBUTE, PAPER_SENSOR, SensorLayout
+from rigctl.session.sensor_passport import read_passport
 from rigctl.values import SAMPLE_RATE_HZ, BoardIdentity
 
 INT32 = 1 << 31
@@ -178,6 +179,8 @@ class SessionHeader:
         for name in ("taxel_low", "taxel_high", "wiring"):
             if len(getattr(self, name)) not in (0, self.n_taxels):
                 raise ValueError(f"{name} is neither empty nor one integer for each taxel")
+        if self.passport:
+            read_passport(self.passport)
         layout = self.sensor_layout
         if layout is not None and layout.n_taxels != self.n_taxels:
             raise ValueError(

@@ -19,21 +19,23 @@ from numpy.typing import NDArray
 from rigctl.encoder.force_gain import ForceGain, ForceScaling, calibrated, divided
 from rigctl.encoder.force_matrix import REFERENCE_FORCE_G
 from rigctl.encoder.normalisation import Normalisation
-from rigctl.encoder.reading import Reading
-from rigctl.errors import ConfigError, WrongUse
+from rigctl.encoder.reading import HIGHEST, Reading
+from rigctl.errors import ConfigError, SessionError, WrongUse
 
 if TYPE_CHECKING:
     from rigctl.encoder.encoder import GainOf
 
 MOST_BYTES = 60_000
 """Longest passport: an attribute of an HDF5 file holds no more than 64 KiB."""
-Positive = Annotated[float, Meta(gt=0)]
+ForceG = Annotated[float, Meta(gt=0, le=1_000_000)]
+MeanReading = Annotated[float, Meta(gt=0, le=HIGHEST)]
+Share = Annotated[float, Meta(ge=0, le=1_000)]
 
 
 class TaxelResponse(msgspec.Struct, frozen=True):
     """A taxel's curve and what departs from it, as shares of its span; None if not measured."""
 
-    curve: tuple[float, ...]
+    curve: tuple[MeanReading, ...]
     span: float
     hysteresis: float | None = None
     repeatability: float | None = None
@@ -53,8 +55,8 @@ class SensorPassport(msgspec.Struct, frozen=True):
     session_digest: str
     simulated: bool
     reading: Reading
-    force_g: tuple[Positive, ...]
-    force_error: tuple[float, ...]
+    force_g: tuple[ForceG, ...]
+    force_error: tuple[Share, ...]
     taxels: tuple[TaxelResponse, ...]
 
     def __post_init__(self) -> None:
@@ -64,10 +66,8 @@ class SensorPassport(msgspec.Struct, frozen=True):
             raise ValueError("it needs two forces or more, an error for each, and taxels")
         if any(len(taxel.curve) != n for taxel in self.taxels):
             raise ValueError("a taxel's curve has not one reading for each force")
-        if not (np.diff(self.force_g) > 0).all() or not np.isfinite(self.curves).all():
-            raise ValueError("its forces do not rise, or a reading is not finite")
-        if not (self.curves > 0).all():
-            raise ValueError("a taxel's curve has a reading that is not above 0")
+        if not (np.diff(self.force_g) > 0).all():
+            raise ValueError("its forces do not rise")
 
     @property
     def curves(self) -> NDArray[np.float64]:
@@ -197,9 +197,18 @@ def describe_change(before: SensorPassport, now: SensorPassport) -> str:
 
 
 def passport_of(source: Mapping[str, Any]) -> SensorPassport | None:
-    """Return the passport of a session that a model or a set lists, None without one."""
+    """Return the passport of a session that a model or a set lists, None without one.
+
+    Raises SessionError for one that cannot be used.
+    """
     values = source.get("passport")
-    return read_passport(values) if values else None
+    try:
+        return read_passport(values) if values else None
+    except ValueError as error:
+        path = source.get("path", "a session")
+        raise SessionError(
+            f"{path} carries a passport of its sensor that cannot be used: {error}"
+        ) from error
 
 
 def sensor_difference(trained: Mapping[str, Any], now: Mapping[str, Any]) -> str:

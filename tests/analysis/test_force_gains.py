@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -18,7 +21,7 @@ from rigctl.encoder.features import feature_matrices
 from rigctl.encoder.force_gain import ForceScaling, divided
 from rigctl.encoder.parameters import DEFAULT
 from rigctl.encoder.reading import Reading
-from rigctl.errors import ConfigError, WrongUse
+from rigctl.errors import ConfigError, SessionError, WrongUse
 from rigctl.session.model_file import load_model, save_model
 from rigctl.session.sensor_passport import load_passport, sensor_change
 from tests.analysis.recordings import record, sensor_passport
@@ -132,10 +135,26 @@ def test_a_wrong_passport_is_named(tmp_path: Path) -> None:
     values = sensor_passport().to_values()
     wrong = {
         "no passport of a sensor": {"force_g": [1.0]},
-        "is not above 0": {**values, "taxels": [{"curve": [0.0] * 5, "span": 1.0}]},
+        "Expected `float` > 0": {**values, "taxels": [{"curve": [0.0] * 5, "span": 1.0}]},
+        "do not rise": {**values, "force_g": values["force_g"][::-1]},
         "18 taxels, this one has 9": values,
     }
     for words, content in wrong.items():
         file.write_text(json.dumps(content))
         with pytest.raises(ConfigError, match=words):
             load_passport(file, 9)
+
+
+def test_a_session_or_a_model_with_a_damaged_passport_is_refused(
+    model: Path, session: Path, tmp_path: Path
+) -> None:
+    copy = shutil.copytree(session, tmp_path / "copy")
+    with h5py.File(copy / "part-0001.h5", "r+") as part:
+        part.attrs["passport"] = np.bytes_(b'{"sensor": 3}')
+    with pytest.raises(SessionError, match="its description"):
+        join_sessions([copy])
+    read = load_model(model)
+    inputs = ({**read.training.inputs[0], "passport": {"force_g": "none"}},)
+    damaged = replace(read, training=replace(read.training, inputs=inputs))
+    with pytest.raises(SessionError, match="carries a passport of its sensor that cannot be used"):
+        classify(damaged, [session])
