@@ -16,11 +16,11 @@ DEBIAN_FIRMWARE := gcc g++ make gcc-avr avr-libc libsimavr-dev libelf-dev \
 DEBIAN_TEST := $(DEBIAN_RUN) $(DEBIAN_FIRMWARE) hdf5-tools mbpoll arduino-core-avr avrdude
 
 .DEFAULT_GOAL := help
-.PHONY: help setup boards demo gui test check pytest firmware kernels bench orders realtime identify skin scale shots soak fuzz scans attack docs lock clean
+.PHONY: help setup boards demo gui test check pytest firmware kernels bench orders realtime identify invariance skin scale shots soak fuzz scans attack docs lock clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
-	@echo 'also: make gui, check, firmware, bench, orders, realtime, identify, skin, scale, shots, soak, fuzz, scans, attack, docs, lock, clean'
+	@echo 'also: make gui, check, firmware, bench, orders, realtime, identify, invariance, skin, scale, shots, soak, fuzz, scans, attack, docs, lock, clean'
 
 $(VENV)/.ready: requirements.lock pyproject.toml hatch_build.py
 	$(SAY) "Python environment in $(VENV) (locked versions, hashes checked, wheels only)"
@@ -132,6 +132,10 @@ realtime: boards
 identify: $(VENV)/.ready
 	$(SAY) "the bench's unknowns, searched for by the paper's Original column alone (half an hour)"
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.identify_bench $(IDENTIFY_ARGS)
+
+invariance: $(VENV)/.ready
+	$(SAY) "the tables of docs/explanation/force-invariance.md (four minutes)"
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.force_invariance $(INVARIANCE_ARGS)
 
 skin: $(VENV)/.ready
 	$(SAY) "the tables of docs/explanation/real-and-simulated.md (ten minutes)"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,6 +23,7 @@ from rigctl.config.rig_config import PAPER_ARRAY, RigConfig, TaxelArray, load_co
 from rigctl.config.text_file import is_plain_file, shorten
 from rigctl.engine.rig import Rig
 from rigctl.errors import ConfigError, LinkLost, WrongUse
+from rigctl.session.sensor_passport import SensorPassport, load_passport
 from rigctl.values import DRUM, TAXELS
 
 if TYPE_CHECKING:
@@ -57,8 +59,11 @@ def open_rig(
             f"there is no rig {shorten(spec)}: give virtual, firmware, or the path of a rig.toml"
         )
     config = config or load_config(path)
+    passport, config = sensor_passport(path, config)
     if config.ports.simulate:
-        return _simulated_rig(config.ports.simulate, seed, paced, config, world, wirings)
+        rig = _simulated_rig(config.ports.simulate, seed, paced, config, world, wirings)
+        rig.passport = passport
+        return rig
     if world is not None:
         raise WrongUse(
             f"{path} describes a real rig, which has no world file: leave --world out, or set "
@@ -69,7 +74,22 @@ def open_rig(
             f"{path} describes a real rig, which is wired as it is: leave --wire out, or set "
             "[ports] simulate to rehearse"
         )
-    return _bench(path, config)
+    rig = _bench(path, config)
+    rig.passport = passport
+    return rig
+
+
+def sensor_passport(path: Path, config: RigConfig) -> tuple[SensorPassport | None, RigConfig]:
+    """Return the passport that a ``rig.toml`` names, and the description with its full path.
+
+    A session keeps the description, and is continued from another folder. Raises ConfigError.
+    """
+    taxels = config.taxels
+    if not taxels.passport:
+        return None, config
+    file = (path.parent / taxels.passport).resolve()
+    named = replace(config, taxels=replace(taxels, passport=str(file)))
+    return load_passport(file, taxels.count), named
 
 
 def _simulated_rig(

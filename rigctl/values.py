@@ -5,7 +5,7 @@ Code never changes the arrays of a value after its construction.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, NamedTuple
@@ -101,6 +101,13 @@ class Spikes:
     row_start: NDArray[np.int64]
     sample_index: NDArray[np.int32]
     n_samples: int
+
+    @classmethod
+    def from_trains(cls, trains: Sequence[NDArray[np.int32]], n_samples: int) -> Spikes:
+        """Return spikes from the sample indices of each train, int32, one train or more."""
+        starts = np.zeros(len(trains) + 1, np.int64)
+        np.cumsum([len(train) for train in trains], out=starts[1:])
+        return cls(starts, np.concatenate(trains), n_samples)
 
     def train(self, row: int) -> NDArray[np.int32]:
         """Return the sample indices of one train, int32."""

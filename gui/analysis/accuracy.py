@@ -96,8 +96,17 @@ COLOURS = {
     "red": ("#c8102e", "#ff7a85"),
     "blue": ("#1f4fd1", "#86a8ff"),
     "green": ("#1a8a34", "#5fd07a"),
+    "violet": ("#7a3fc4", "#b794f6"),
+    "brown": ("#8a5a00", "#d3a04a"),
 }
-SYMBOLS_OF = {"ink": ("o", "h"), "red": ("t1", "t"), "blue": ("s", "d"), "green": ("star", "x")}
+SYMBOLS_OF = {
+    "ink": ("o", "h"),
+    "red": ("t1", "t"),
+    "blue": ("s", "d"),
+    "green": ("star", "x"),
+    "violet": ("p", "t2"),
+    "brown": ("+", "t3"),
+}
 """Symbols of curves that are drawn through, and of dashed ones."""
 
 

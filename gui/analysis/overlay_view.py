@@ -21,10 +21,9 @@ from gui.widgets.theme import Theme
 _DASHES: tuple[tuple[float, ...], ...] = (
     (), (6, 3), (1.5, 2), (8, 2, 1.5, 2), (12, 4), (4, 2, 1.5, 2, 1.5, 2),
 )  # fmt: skip
-_MORE = (("#8f5f00", "#e3b341"), ("#7a3fb5", "#c9a5ff"))
 LOOKS = tuple(
     CurveLook(*colours, dashes, "")
-    for colours, dashes in zip((*COLOURS.values(), *_MORE), _DASHES, strict=True)
+    for colours, dashes in zip(COLOURS.values(), _DASHES, strict=True)
 )
 """Each trial has a colour and dashes of its own."""
 assert len(LOOKS) == MOST_TRIALS

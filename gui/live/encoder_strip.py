@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,19 +20,24 @@ from gui.widgets.layouts import FlowLayout, combo_box, vbox
 from gui.widgets.number_box import NumberBox
 from gui.widgets.typed_paths import typed_path
 from rigctl.boards.taxel_frames import Flag
+from rigctl.encoder.force_gain import ForceScaling
 from rigctl.encoder.force_matrix import ForceMatrix
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import PRESETS, EncoderParameters, preset
 from rigctl.encoder.reading import Reading
 from rigctl.engine.rpc.messages import EngineStatus
 from rigctl.errors import WrongUse
+from rigctl.session.sensor_passport import SensorPassport, gain_source, load_passport
+
+if TYPE_CHECKING:
+    from rigctl.encoder.encoder import GainOf
 
 
 class Recoder:
     """Encodes samples as they arrive; starts from rest after a gap and where sync rises.
 
     ``sa_scale``: float64 (n_taxels,), C, or None for 1; ``inputs``: the input of each taxel, for
-    conductances.
+    conductances; ``gain_of``: gives the gain on the SA current for taxel ranges, None for 1.
     """
 
     def __init__(
@@ -40,11 +46,12 @@ class Recoder:
         parameters: EncoderParameters,
         sa_scale: NDArray[np.float64] | None,
         inputs: tuple[int, ...] = (),
+        gain_of: GainOf | None = None,
     ) -> None:
         # The compiler of the encoder takes long to load: not before somebody encodes anew.
         from rigctl.encoder.encoder import Encoder
 
-        self._encoder = Encoder(ranges, parameters, sa_scale, inputs)
+        self._encoder = Encoder(ranges, parameters, sa_scale, inputs, gain_of)
         self._encoder.warm_up()
         self._next = -1
         self._has_sync = True
@@ -79,6 +86,10 @@ class Recoder:
 
 
 ENGINE, NO_C, BLIND, OF_PLATE, TYPED = "engine", "none", "blind", "plate", "typed"
+GAINS = {
+    ForceScaling.DIVIDED: "divided by all taxels, which knows nothing",
+    ForceScaling.CALIBRATED: "calibrated by the sensor's passport",
+}
 _HIGHEST_C = 20.0
 _LIVE_PRESETS = tuple(name for name, known in PRESETS.items() if not known.filters_whole_trials)
 
@@ -100,11 +111,17 @@ class EncoderStrip(QWidget):
         super().__init__()
         self._data = data
         self._force: ForceMatrix | None = None
+        self._passport: SensorPassport | None = None
         self._background = Background("rigctl-live-c")
         self._condition = ("", 0.0, 0.0)
         self.preset = combo_box({"the engine's": ENGINE, **{name: name for name in _LIVE_PRESETS}})
         scalings = {"no C": NO_C, "C, blind": BLIND, "C of the plate": OF_PLATE, "C, typed": TYPED}
+        scalings |= {kind.capitalize(): kind for kind in GAINS}
         self.scaling = combo_box(scalings)
+        self.scaling.setToolTip(
+            "What the scaling knows: C of the plate its name, force and speed; C, blind force and\n"
+            "speed; Divided nothing; Calibrated the sensor's passport, a sensor.json"
+        )
         for box in (self.preset, self.scaling):
             box.setMinimumContentsLength(_LONGEST_NAME)
         self.c = NumberBox(minimum=0.01, maximum=_HIGHEST_C, value=1.0, singleStep=0.1)
@@ -146,8 +163,8 @@ class EncoderStrip(QWidget):
             recode.set_ranges(_ranges(low, high, self._data.reading))
 
     def apply_reading(self) -> None:
-        """Encode the reading that the views show from now on; a C is of one reading."""
-        if self.scaling.currentData() in (BLIND, OF_PLATE):
+        """Encode the reading that the views show from now on; C and passport are of one."""
+        if self.scaling.currentData() in (BLIND, OF_PLATE, ForceScaling.CALIBRATED):
             self._load()
         elif self._data.history.recode is not None or self._data.has_own_range:
             self._apply()
@@ -161,23 +178,31 @@ class EncoderStrip(QWidget):
         self._load()
 
     def _show_fields(self) -> None:
-        """Show the number to type or the file to read C from."""
-        is_typed = self.scaling.currentData() == TYPED
-        self.c.setVisible(is_typed)
+        """Show the number to type, or the file to read C or the passport from."""
+        scaling = self.scaling.currentData()
+        self.c.setVisible(scaling == TYPED)
         for field in self._of_model:
-            field.setVisible(not is_typed)
+            field.setVisible(scaling not in (TYPED, ForceScaling.DIVIDED))
+        is_calibrated = scaling == ForceScaling.CALIBRATED
+        named = "sensor.json of the sensor" if is_calibrated else "model file with C"
+        self.model.setPlaceholderText(named)
 
     def _choose_model(self, path: str) -> None:
         self.model.setText(path)
         self._load()
 
     def _load(self) -> None:
-        """Read C in a thread, as a disk may be slow."""
-        path = self.model.text().strip()
-        if self.scaling.currentData() in (NO_C, TYPED) or not path:
+        """Read C or the passport in a thread, as a disk may be slow."""
+        path, scaling = self.model.text().strip(), self.scaling.currentData()
+        if scaling in (NO_C, TYPED, ForceScaling.DIVIDED) or not path:
             self._take(None)
             return
-        self._background.run(lambda: self._read(path), self._take, partial(self._take, None))
+        read = self._read_passport if scaling == ForceScaling.CALIBRATED else self._read
+        self._background.run(lambda: read(path), self._take, partial(self._take, None))
+
+    def _read_passport(self, path: str) -> SensorPassport:
+        """Return a sensor's passport. Raises RigctlError, also for another sensor's."""
+        return load_passport(typed_path(path), len(self._data.low))
 
     def _read(self, path: str) -> ForceMatrix:
         """Return C of a model file. Raises RigctlError, also for another sensor's."""
@@ -189,19 +214,25 @@ class EncoderStrip(QWidget):
             raise WrongUse(f"C of {path} is for {n_taxels} taxels")
         return force
 
-    def _take(self, force: ForceMatrix | None, problem: str = "") -> None:
-        self._force = force
+    def _take(self, found: ForceMatrix | SensorPassport | None, problem: str = "") -> None:
+        self._force = found if isinstance(found, ForceMatrix) else None
+        self._passport = found if isinstance(found, SensorPassport) else None
         self._apply(problem)
 
     def _apply(self, problem: str = "") -> None:
         scaling, name = self.scaling.currentData(), self.preset.currentData()
-        scale, words = None, "without C"
+        scale, gain_of, words = None, None, "without C"
         if scaling != NO_C and not problem:
             try:
-                scale, words = self._scale(scaling)
+                if scaling in GAINS:
+                    kind = ForceScaling(scaling)
+                    gain_of, words = self._gain_of(kind), GAINS[kind]
+                else:
+                    scale, words = self._scale(scaling)
             except WrongUse as error:
                 problem = str(error)
-        if name == ENGINE and scale is None and not self._data.has_own_range:
+        is_plain = scale is None and gain_of is None
+        if name == ENGINE and is_plain and not self._data.has_own_range:
             self._data.history.recode = None
             text = "The spikes are the engine's."
         else:
@@ -209,12 +240,18 @@ class EncoderStrip(QWidget):
             parameters = replace(preset("default" if name == ENGINE else name), reading=reading)
             ranges = _ranges(self._data.low, self._data.high, reading)
             inputs = self._data.history.inputs
-            self._data.history.recode = Recoder(ranges, parameters, scale, inputs)
+            self._data.history.recode = Recoder(ranges, parameters, scale, inputs, gain_of)
             of = "" if reading is Reading.COUNTS else f" of the {reading}"
             chosen = f"encoder {parameters.name}{of}, {words}"
             text = f"From here on {chosen}; the record stays as it is."
         show_text(self.sentence, f"{text} {problem}".strip())
         self.changed.emit(text)
+
+    def _gain_of(self, scaling: ForceScaling) -> GainOf | None:
+        """Return what gives the gain for taxel ranges. Raises WrongUse without a passport."""
+        if scaling is ForceScaling.CALIBRATED and self._passport is None:
+            raise WrongUse("name the sensor.json that rigctl calibrate sensor wrote")
+        return gain_source(scaling, self._passport, self._data.reading)
 
     def _scale(self, scaling: str) -> tuple[NDArray[np.float64], str]:
         """Return C of the present condition, and words. Raises WrongUse without one."""

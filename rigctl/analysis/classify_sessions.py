@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rigctl import __version__
 from rigctl.analysis.cache import SERIAL_RESOURCES, Resources
+from rigctl.analysis.force_gains import NO_PASSPORT, force_gains, sensor_warnings
 from rigctl.analysis.force_scaling import (
     RateError,
     covered_trials,
@@ -37,10 +38,13 @@ from rigctl.analysis.trial_set import (
     open_trials,
 )
 from rigctl.encoder.features import feature_matrices
+from rigctl.encoder.force_gain import ForceGain, ForceScaling
+from rigctl.encoder.force_matrix import REFERENCE_FORCE_G
 from rigctl.encoder.reading import Reading
 from rigctl.errors import SessionError, WrongUse
 from rigctl.session.model_file import Model
 from rigctl.session.sample_index import SampleFile
+from rigctl.session.sensor_passport import SensorPassport
 from rigctl.session.session import Session
 
 MANY_CLIPPED = 0.01
@@ -194,6 +198,7 @@ class _PredictionTask(NamedTuple):
     files: tuple[SampleFile, ...]
     trials: tuple[TrialRef, ...]
     model: Model
+    gains: tuple[ForceGain, ...]
 
 
 class _Posteriors(NamedTuple):
@@ -210,12 +215,18 @@ class _Posteriors(NamedTuple):
 
 
 def classify(
-    model: Model, paths: Sequence[Path], resources: Resources = SERIAL_RESOURCES
+    model: Model,
+    paths: Sequence[Path],
+    resources: Resources = SERIAL_RESOURCES,
+    passport: SensorPassport | None = None,
 ) -> Classification:
     """Predict the texture of every complete trial of some sessions.
 
+    ``passport``: the sensor's, in the place of those that the sessions carry.
+
     Raises WrongUse or SessionError for another number of taxels or sample rate, no motion, no
-    complete trial, or where the model's C lacks the speed, force or texture of every trial.
+    complete trial, where the model's C lacks the speed, force or texture of every trial, or a
+    Calibrated model meets a session without a passport.
     """
     known = model.training.trial_hashes
     if known is None:
@@ -228,12 +239,14 @@ def classify(
     if model.c is not None:
         trials = covered_trials(trials, model.c, by_texture=model.force == "texture")
     trials = trials.without_gaps()
-    logs, lengths, n_clipped, hashes = _map_posteriors(model, trials, resources)
+    gains = _gains(model, trials, passport)
+    logs, lengths, n_clipped, hashes = _map_posteriors(model, trials, gains, resources)
     trained = [one in known for one in hashes]
     rows = zip(trials.trials, logs, trained, strict=True)
     predictions = tuple(_prediction(model, trials, *row) for row in rows)
     clipped = n_clipped / max(1, sum(lengths))
     errors, warnings = _rate_errors(model, trials, resources)
+    changes = sensor_warnings(model.training.inputs, trials)
     unknown = [one.texture for one in predictions if one.right is None]
     remarks = prediction_remarks(model, trials, unknown, clipped, lengths)
     return Classification(
@@ -243,7 +256,7 @@ def classify(
         _confusion(model, predictions),
         tuple(clipped.tolist()),
         errors,
-        (*warnings, *_trained_remarks(trained), *trials.remarks, *remarks),
+        (*changes, *warnings, *_trained_remarks(trained), *trials.remarks, *remarks),
     )
 
 
@@ -281,10 +294,26 @@ def _check_sensor(model: Model, paths: Sequence[Path]) -> None:
             )
 
 
-def _map_posteriors(model: Model, trials: TrialSet, resources: Resources) -> _Posteriors:
+def _gains(
+    model: Model, trials: TrialSet, passport: SensorPassport | None
+) -> tuple[ForceGain, ...]:
+    """Return the gain of each session, none for a model without. Raises WrongUse."""
+    if model.force not in list(ForceScaling):
+        return ()
+    kind = ForceScaling(model.force)
+    found = force_gains(trials, model.normalisation, REFERENCE_FORCE_G, passport)
+    if kind not in found.by_kind:
+        missing = NO_PASSPORT.format(path=trials.paths[0])
+        raise WrongUse(f"the model is {model.representation}: {(*found.remarks, missing)[0]}")
+    return found.by_kind[kind]
+
+
+def _map_posteriors(
+    model: Model, trials: TrialSet, gains: tuple[ForceGain, ...], resources: Resources
+) -> _Posteriors:
     """Return the posteriors of all trials, computed in chunks."""
     chunks = [trials.trials[at : at + CHUNK] for at in range(0, len(trials.trials), CHUNK)]
-    tasks = [_PredictionTask(trials.files, chunk, model) for chunk in chunks]
+    tasks = [_PredictionTask(trials.files, chunk, model, gains) for chunk in chunks]
     found = resources.map(_posteriors, tasks, STAGE)
     logs, lengths, clipped, hashes = zip(*found, strict=True)
     return _Posteriors(
@@ -308,9 +337,9 @@ def _posteriors(task: _PredictionTask) -> _Posteriors:
     if model.c is not None:
         scale = c_per_trial(task.trials, model.c, blind=model.force == "blind")
     speeds = [trial.speed_mm_s for trial in task.trials]
-    (features,) = feature_matrices(
-        samples, speeds, model.normalisation, [model.features], model.parameters, sa_scale=scale
-    )
+    gains = [task.gains[trial.session] for trial in task.trials] if task.gains else ()
+    encoder = (model.normalisation, [model.features], model.parameters)
+    (features,) = feature_matrices(samples, speeds, *encoder, sa_scale=scale, gains=gains)
     return _Posteriors(log_posteriors(model, features), list(map(len, samples)), clipped, hashes)
 
 

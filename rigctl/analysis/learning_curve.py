@@ -226,7 +226,11 @@ class GrowingCurve:
             samples = [self.session.readings(row) for row in tile]
             speeds = self.session.trials["speed_mm_s"][tile].tolist()
             layouts = [self._layout]
-            (matrix,) = feature_matrices(samples, speeds, ranges, layouts, self._parameters)
+            gain = self.session.gain(ranges)
+            gains = [gain] * len(tile) if gain else ()
+            (matrix,) = feature_matrices(
+                samples, speeds, ranges, layouts, self._parameters, gains=gains
+            )
             self.features.update(zip(tile, matrix, strict=True))
 
     def _range_for(self, rows: Sequence[int]) -> Normalisation:

@@ -35,6 +35,10 @@ REPRESENTATIONS = (
     ("speed_force", "Speed and Force Scaled"),
     ("force_blind", "Force Scaled, texture-blind"),
     ("speed_force_blind", "Speed and Force Scaled, texture-blind"),
+    ("divided", "Divided"),
+    ("speed_divided", "Speed Scaled and Divided"),
+    ("calibrated", "Calibrated"),
+    ("speed_calibrated", "Speed Scaled and Calibrated"),
 )
 
 
@@ -179,6 +183,12 @@ class AnalysisOptions(EncoderOptions):
         "FILE", title="C from",
         hint="Model file that C is taken from; the analysis measures its rate error",
         usual="found by a search",
+    )  # fmt: skip
+    passport: Path | None = option(
+        None, "sensor.json of rigctl calibrate sensor, for Calibrated representations of sessions "
+        "that do not carry one", "FILE", title="Sensor",
+        hint="sensor.json of a calibration, in the place of those that the sessions carry",
+        usual="of the sessions",
     )  # fmt: skip
     sensitivity: bool = option(
         False, "add a table of all encoder presets, with 10 components and the same draws",

@@ -1,7 +1,8 @@
-"""The paper's four representations of a set of trials, and two with a texture-blind C.
+"""The paper's four representations of a set of trials, and others that do not see the label.
 
-Every condition is read once for the force search and both layouts, and once more for the
-texture-blind C, which needs all conditions searched first. Feature matrices are files that are
+Every condition is read once for the force search and both layouts, once more for the
+texture-blind C, which needs all conditions searched first, and once for each kind of gain, which
+takes conductances where the wiring is known. Feature matrices are files that are
 mapped into memory, so that a large set needs no more memory than one condition does.
 """
 
@@ -10,7 +11,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -19,6 +20,7 @@ from numpy.lib.format import open_memmap
 from numpy.typing import NDArray
 
 from rigctl.analysis.cache import SERIAL_RESOURCES, Resources
+from rigctl.analysis.force_gains import force_gains
 from rigctl.analysis.force_scaling import (
     ForceMatrixSource,
     TransferredC,
@@ -46,15 +48,21 @@ from rigctl.analysis.spike_counts import (
 from rigctl.analysis.trial_set import TrialSet
 from rigctl.encoder.batch import features_from_counts
 from rigctl.encoder.features import FeatureLayout
+from rigctl.encoder.force_gain import ForceGain, ForceScaling
 from rigctl.encoder.force_matrix import ForceMatrix
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import EncoderParameters
+from rigctl.session.sensor_passport import SensorPassport
 
 Features = NDArray[np.float64]
 
 
 class Representation(NamedTuple):
-    """A kind of features; ``force``: "" for no C, "texture" for the true one's, or "blind"."""
+    """A kind of features.
+
+    ``force``: what scales the SA current, "" for nothing, "texture" for C of the true one, "blind"
+    for the mean C, or a :class:`ForceScaling` for a gain.
+    """
 
     name: str
     key: str
@@ -66,7 +74,17 @@ class Representation(NamedTuple):
         """Whether a test trial's own texture selects its C."""
         return self.force == "texture"
 
+    @property
+    def knows(self) -> str:
+        """What the scaling of the force knows beside the readings."""
+        return KNOWS.get(self.force, "nothing")
 
+
+KNOWS = {
+    "texture": "label, set force, speed",
+    "blind": "set force, speed",
+    ForceScaling.CALIBRATED: "the sensor's passport",
+}
 REPRESENTATIONS = (
     Representation("Original", "original", False, ""),
     Representation("Speed Scaled", "speed", True, ""),
@@ -74,7 +92,21 @@ REPRESENTATIONS = (
     Representation("Speed and Force Scaled", "speed_force", True, "texture"),
     Representation("Force Scaled, texture-blind", "force_blind", False, "blind"),
     Representation("Speed and Force Scaled, texture-blind", "speed_force_blind", True, "blind"),
+    Representation("Divided", "divided", False, ForceScaling.DIVIDED),
+    Representation("Speed Scaled and Divided", "speed_divided", True, ForceScaling.DIVIDED),
+    Representation("Calibrated", "calibrated", False, ForceScaling.CALIBRATED),
+    Representation(
+        "Speed Scaled and Calibrated", "speed_calibrated", True, ForceScaling.CALIBRATED
+    ),
 )
+
+
+class GainedEncoding(NamedTuple):
+    """Ranges, encoder and gains (of each session, by kind) of the representations with a gain."""
+
+    normalisation: Normalisation
+    parameters: EncoderParameters
+    gains: dict[ForceScaling, tuple[ForceGain, ...]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +115,7 @@ class RepresentationSet:
 
     ``transferred_c``: the origin of ``force`` if it was not searched on these trials.
     ``settings``: windows and conditions that they were made with. ``hashes``: XXH3 of each trial's
-    samples, uint64 (n_trials,).
+    samples, uint64 (n_trials,). ``gained``: the encoding of those with a gain.
     """
 
     trials: TrialSet
@@ -97,6 +129,7 @@ class RepresentationSet:
     transferred_c: TransferredC | None = None
     settings: AnalysisSettings = field(default_factory=AnalysisSettings)
     hashes: NDArray[np.uint64] = field(default_factory=lambda: np.empty(0, np.uint64))
+    gained: GainedEncoding | None = None
 
     @property
     def present(self) -> tuple[Representation, ...]:
@@ -106,6 +139,12 @@ class RepresentationSet:
     def layout(self, representation: Representation) -> FeatureLayout:
         """Return the windows of a representation's features."""
         return self.scaled if representation.speed_scaled else self.unscaled
+
+    def encoder(self, representation: Representation) -> tuple[Normalisation, EncoderParameters]:
+        """Return the taxel ranges and the encoder of a representation."""
+        if self.gained is None or representation.force not in list(ForceScaling):
+            return self.normalisation, self.parameters
+        return self.gained.normalisation, self.gained.parameters
 
     def features(self, representation: Representation) -> Features:
         """Return the feature matrix, float64 (n_trials, width), read only."""
@@ -120,13 +159,15 @@ def represent(
     *,
     settings: AnalysisSettings | None = None,
     source: ForceMatrixSource | None = None,
+    passport: SensorPassport | None = None,
     ranges: RangesOver | Normalisation = RangesOver.ALL,
     resources: Resources = SERIAL_RESOURCES,
 ) -> RepresentationSet:
     """Encode a set in every representation that it allows; write feature files into ``folder``.
 
     ``settings``: windows, reference force and trained conditions, by default the paper's.
-    ``source``: a C that is used as it is, without a search. ``ranges``: the taxel ranges, over all
+    ``source``: a C that is used as it is, without a search. ``passport``: the sensor's, in the
+    place of those that the sessions carry. ``ranges``: the taxel ranges, over all
     trials used as in the paper, over those that it trains on, or given. The set leaves out trials
     with gaps and trials without C, and lists them in remarks. Raises SessionError where no complete
     trial is left, WrongUse where no trial has the reference force that an analysis file names.
@@ -151,6 +192,10 @@ def represent(
     )
     with closing(_FeatureFiles(folder, trials, sync=not resources.executor.is_local)) as files:
         force, transferred = _write_features(files, prepared, conditions, source, resources)
+        gained, gain_remarks = _write_gained(
+            files, prepared, parameters, ranges, settings, passport, resources
+        )
+        remarks += gain_remarks
     if transferred is not None:
         remarks.append(transferred.sentence)
     elif force is not None:
@@ -166,6 +211,7 @@ def represent(
         transferred,
         settings,
         prepared.hashes,
+        gained,
     )
 
 
@@ -200,6 +246,36 @@ def _write_features(
     for condition, forced in zip(conditions, count_with_given_c(*given, blind=True), strict=True):
         files.write("blind", condition, forced)
     return force, transferred
+
+
+def _write_gained(
+    files: _FeatureFiles,
+    plain: PreparedTrials,
+    parameters: EncoderParameters,
+    ranges: RangesOver | Normalisation,
+    settings: AnalysisSettings,
+    passport: SensorPassport | None,
+    resources: Resources,
+) -> tuple[GainedEncoding, tuple[str, ...]]:
+    """Write the features whose SA current has a gain; return their encoding, and remarks.
+
+    They are of conductances where the wiring is known: a sum of counts depends on which taxels
+    share an input. Ranges that are given are of the encoder's own reading, which then stays.
+    """
+    is_given = isinstance(ranges, Normalisation)
+    trials = plain.trials if is_given else plain.trials.as_conductances
+    is_new = trials.reading is not plain.trials.reading
+    prepared = prepare_trials(trials, resources, ranges, settings) if is_new else plain
+    parameters = replace(parameters, reading=trials.reading)
+    reference_g = settings.conditions.reference_force_g
+    gains, remarks = force_gains(trials, prepared.normalisation, reference_g, passport)
+    conditions = group_by_condition(prepared, parameters, reference_g, search_c=False)
+    for kind, of_sessions in gains.items():
+        gained = [condition._replace(gains=of_sessions) for condition in conditions]
+        counts = count_conditions(prepared, gained, resources, f"encoding {kind} readings")
+        for condition, found in zip(gained, counts, strict=True):
+            files.write(kind, condition, found["plain"])
+    return GainedEncoding(prepared.normalisation, parameters, gains), remarks
 
 
 class _FeatureFiles:

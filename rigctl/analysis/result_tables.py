@@ -106,6 +106,7 @@ def table_rows(results: Sequence[TaskResult]) -> list[dict[str, Any]]:
                 "paper_mean_percent": paper_mean,
                 "paper_sd_percent": paper_sd,
                 "c_knows_the_label": curve.representation.sees_labels,
+                "scaling_knows": curve.representation.knows,
             }
             rows.append(row)
     return rows

@@ -32,7 +32,7 @@ GROUPS = {
 }
 COMPONENTS = 10
 STAGE = "sensitivity over encoder presets"
-STAGES_PER_PRESET = 4
+STAGES_PER_PRESET = 6
 STEPS = 100
 ROWS_AT_ONCE = 256
 Row = dict[str, Any]

@@ -237,7 +237,7 @@ def measure(path: Path, reading: Reading = Reading.CONDUCTANCE) -> SensorRespons
         trials.provenance[0],
         trials.sensor_layout,
         reading,
-        _mean_readings(trials),
+        mean_readings(trials),
         rows["force_g"].astype(np.float64),
         rows["mean_force_g"].astype(np.float64),
         rows["speed_mm_s"].astype(np.float64),
@@ -246,7 +246,8 @@ def measure(path: Path, reading: Reading = Reading.CONDUCTANCE) -> SensorRespons
     )
 
 
-def _mean_readings(trials: TrialSet) -> Floats:
+def mean_readings(trials: TrialSet) -> Floats:
+    """Return the mean reading of each taxel over each trial, float64 (n_trials, n_taxels)."""
     with open_trials(trials.files) as reader:
         return np.array([reader.read(trial).mean(axis=0) for trial in trials.trials])
 

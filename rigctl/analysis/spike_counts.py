@@ -19,6 +19,7 @@ from rigctl.analysis.cache import Arrays, Cache, Resources, cache_key
 from rigctl.analysis.settings import AnalysisSettings, ConditionSettings
 from rigctl.analysis.trial_set import (
     ScratchMemory,
+    TrialBlock,
     TrialReader,
     TrialRef,
     TrialSet,
@@ -33,6 +34,7 @@ from rigctl.encoder.batch import (
     sa_rates_hz,
 )
 from rigctl.encoder.features import FeatureLayout
+from rigctl.encoder.force_gain import ForceGain
 from rigctl.encoder.force_matrix import ForceMatrix
 from rigctl.encoder.force_search import search_c
 from rigctl.encoder.kernel import TrialViews
@@ -89,7 +91,7 @@ class ConditionTask(NamedTuple):
 
     All other row numbers count the condition's own trials from 0. ``forces_g``: levels of force
     that need a C, none for counts without C. ``given_c``: the C of each of them, float64
-    (n_taxels,), or empty for a search.
+    (n_taxels,), or empty for a search. ``gains``: of the SA current, for each session; none for 1.
     """
 
     rows: list[int]
@@ -101,6 +103,7 @@ class ConditionTask(NamedTuple):
     forces_g: tuple[float, ...]
     reference_g: float
     given_c: tuple[NDArray[np.float64], ...]
+    gains: tuple[ForceGain, ...] = ()
 
     @property
     def texture(self) -> str:
@@ -172,6 +175,9 @@ def count_condition(condition: ConditionTask) -> Arrays:
             return {"forced": _downcast(_count_with_given_c(condition, reader))}
         if condition.forces_g:
             return _search_c(condition, reader)
+        if condition.gains:
+            block = reader.read_block(condition.trials, SCRATCH)
+            return {"plain": _downcast(_count_with_gains(condition, block))}
         every = range(len(condition.trials))
         return {"plain": _downcast(_count(condition, _read(condition, reader, every)))}
 
@@ -203,6 +209,18 @@ def _count_with_given_c(condition: ConditionTask, reader: TrialReader) -> Counts
     rows = condition.scaled_rows
     scale = np.array([by_force[condition.trials[i].force_g] for i in rows])
     return _count(condition, _read(condition, reader, rows), scale)
+
+
+def _count_with_gains(condition: ConditionTask, block: TrialBlock) -> Counts:
+    """Return the counts of both channels; a gain does not change RA, as C does not."""
+    counts = _count(condition, TrialViews.from_memory(*block))
+    pairs = zip(condition.trials, block.arrays, strict=True)
+    scaled = [condition.gains[trial.session].apply(samples) for trial, samples in pairs]
+    n_taxels = condition.normalisation.n_taxels
+    counts[:, :n_taxels] = count_spikes(
+        scaled, condition.bin_edges, condition.normalisation, condition.parameters, sa_only=True
+    )
+    return counts
 
 
 def _search_c(condition: ConditionTask, reader: TrialReader) -> Arrays:
@@ -374,11 +392,17 @@ def group_by_condition(
 
 
 def count_conditions(
-    prepared: PreparedTrials, conditions: Sequence[ConditionTask], resources: Resources
+    prepared: PreparedTrials,
+    conditions: Sequence[ConditionTask],
+    resources: Resources,
+    stage: str = "",
 ) -> Iterator[Arrays]:
-    """Yield the counts without C of each condition; after a search also C and counts with it."""
+    """Yield the counts without C of each condition; after a search also C and counts with it.
+
+    ``stage``: what the progress calls it.
+    """
     searches = any(condition.forces_g for condition in conditions)
-    stage = "searching C, encoding" if searches else "encoding"
+    stage = stage or ("searching C, encoding" if searches else "encoding")
     return _map_conditions(prepared, conditions, stage, resources)
 
 
@@ -471,6 +495,7 @@ def _condition_key(condition: ConditionTask, hashes: NDArray[np.uint64]) -> str:
         condition.forces_g,
         condition.reference_g,
         *condition.given_c,
+        [condition.gains[trial.session] for trial in condition.trials] if condition.gains else [],
     )
 
 
@@ -482,7 +507,7 @@ def _map_fingerprints(
     parts = [tuple(trials.trials[i] for i in rows) for rows in chunks]
     tasks = [(files_of_trials(trials.files, part), part) for part in parts]
     keys = [_file_key(*task, resources.cache) for task in tasks]
-    stage = "reading trials for the taxel ranges"
+    stage = f"reading {trials.reading} for the taxel ranges"
     n = len(trials.trials)
     hashes = np.empty(n, np.uint64)
     low, high = (np.empty((n, trials.n_taxels), np.uint16) for _ in range(2))

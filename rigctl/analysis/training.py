@@ -10,13 +10,15 @@ import numpy as np
 from rigctl import __version__
 from rigctl.analysis import published
 from rigctl.analysis.executors import Progress
+from rigctl.analysis.force_gains import NO_PASSPORT
 from rigctl.analysis.pca_lda import fit_classifier
 from rigctl.analysis.representations import REPRESENTATIONS, Representation, RepresentationSet
 from rigctl.analysis.trial_set import Design
 from rigctl.config.resources import source_commit
+from rigctl.encoder.force_gain import ForceScaling
 from rigctl.errors import WrongUse
 from rigctl.session.analysis_file import content_digest
-from rigctl.session.model_file import Model, TrainingInfo
+from rigctl.session.model_file import C_USES, Model, TrainingInfo
 
 STAGE = "training the model, hashing its sessions"
 
@@ -59,9 +61,14 @@ def train_model(
     """
     representation = find_representation(request.representation)
     if representation not in encoded.present:
+        is_calibrated = representation.force == ForceScaling.CALIBRATED
+        why = (
+            NO_PASSPORT.format(path=encoded.trials.paths[0])
+            if is_calibrated
+            else "the remarks say why"
+        )
         raise WrongUse(
-            f"cannot train a model: the set has no {representation.name} representation, "
-            "the remarks say why"
+            f"cannot train a model: the set has no {representation.name} representation, {why}"
         )
     design = Design.from_trials(encoded.trials)
     n, n_classes = len(design.texture), len(design.textures)
@@ -69,16 +76,17 @@ def train_model(
     most = min(n - n_classes, features.shape[1], request.components)
     if n_classes < 2 or most < 1:
         raise WrongUse(f"cannot train a model on {n} trials of {n_classes} textures: record more")
+    ranges, parameters = encoded.encoder(representation)
     model = Model(
         *fit_classifier(np.asarray(features), design.texture, most),
         representation=representation.name,
         key=representation.key,
         force=representation.force,
         classes=design.textures,
-        parameters=encoded.parameters,
-        normalisation=encoded.normalisation,
+        parameters=parameters,
+        normalisation=ranges,
         features=encoded.layout(representation),
-        c=encoded.force if representation.force else None,
+        c=encoded.force if representation.force in C_USES else None,
         training=_training(encoded, made_utc, seed, progress),
     )
     return model, _sentence(model, request)

@@ -19,7 +19,7 @@ from rigctl.analysis import published
 from rigctl.analysis.executors import Progress
 from rigctl.analysis.settings import AnalysisSettings
 from rigctl.encoder.reading import Reading, conductance
-from rigctl.errors import SessionError
+from rigctl.errors import SessionError, WrongUse
 from rigctl.session.analysis_file import load_inputs
 from rigctl.session.digests import damaged_trials
 from rigctl.session.header import describe_mismatch, source_wiring, wirings_match
@@ -106,7 +106,8 @@ class TrialSet:
     ``paths``: absolute, as other processes open them too. ``provenance``: a mapping of plain
     values for each session; ``files``: parts of all sessions; ``remarks``: sentences on omissions;
     ``reading``: what readers of the files return. ``by_depth``: the drum pressed to depths, in mm,
-    which stand in the place of grams.
+    which stand in the place of grams. ``inputs``: the input of each taxel for each of ``files``,
+    empty where the wiring is not known.
     """
 
     paths: tuple[Path, ...]
@@ -118,6 +119,7 @@ class TrialSet:
     remarks: tuple[str, ...] = field(default=())
     reading: Reading = Reading.COUNTS
     by_depth: bool = False
+    inputs: tuple[tuple[int, ...], ...] = ()
 
     @property
     def textures(self) -> tuple[str, ...]:
@@ -145,6 +147,15 @@ class TrialSet:
         for i, trial in enumerate(self.trials):
             rows.setdefault((trial.texture, trial.speed_mm_s), []).append(i)
         return dict(sorted(rows.items()))
+
+    @property
+    def as_conductances(self) -> TrialSet:
+        """The same trials, of which readers return conductances where every wiring is known."""
+        if self.reading is Reading.CONDUCTANCE or not self.inputs or not all(self.inputs):
+            return self
+        pairs = zip(self.files, self.inputs, strict=True)
+        files = tuple(replace(file, inputs=inputs) for file, inputs in pairs)
+        return replace(self, files=files, reading=Reading.CONDUCTANCE)
 
     def without(self, rows: Sequence[int], remark: str) -> TrialSet:
         """Return the set without the trials of some rows, with a remark on them."""
@@ -272,6 +283,7 @@ def join_sessions(
     layouts: list[SensorLayout | None] = []
     files: list[SampleFile] = []
     depths: list[bool] = []
+    inputs: list[tuple[int, ...]] = []
     for number, path in enumerate(paths):
         if path.resolve() in {p.resolve() for p in paths[:number]}:
             raise SessionError(
@@ -287,6 +299,7 @@ def join_sessions(
             _check_same_press(paths, depths)
             trials += _moving_trials(session, number, len(files), remarks)
             files += _files(session, reading)
+            inputs += [_known_inputs(session)] * (len(files) - len(inputs))
     if not trials:
         details = "; ".join(remarks) or ", ".join(map(str, paths))
         raise SessionError(f"there is no committed trial with motion: {details}")
@@ -300,6 +313,7 @@ def join_sessions(
         tuple(remarks),
         reading,
         any(depths),
+        tuple(inputs),
     )
 
 
@@ -313,6 +327,14 @@ def _files(session: Session, reading: Reading) -> Sequence[SampleFile]:
     if reading is Reading.COUNTS:
         return session.sample_files()
     return [replace(file, inputs=session.inputs) for file in session.sample_files()]
+
+
+def _known_inputs(session: Session) -> tuple[int, ...]:
+    """Return the input of each taxel, empty where the wiring is not known."""
+    try:
+        return session.inputs
+    except WrongUse:
+        return ()
 
 
 def _show_mib(progress: Progress, done_bytes: int, total_bytes: int) -> None:
@@ -415,6 +437,7 @@ def _provenance(session: Session) -> dict[str, Any]:
         "firmware": {b.board: f"{b.firmware_version} {b.build_hash}" for b in header.boards},
         "operator": header.operator,
         "sensor": header.sensor,
+        "passport": header.passport,
         "n_taxels": header.n_taxels,
         "wiring": list(session.wiring),
         "sensor_layout": layout.to_values() if layout else None,

@@ -40,6 +40,7 @@ MODULES = {
     "accept": ".accept",
     "setup": ".setup",
     "calibrate": ".calibrate",
+    "sensor": ".sensor",
     "ports": ".ports",
     "flash": ".flash",
     "doctor": ".doctor",

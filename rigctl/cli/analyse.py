@@ -1,8 +1,8 @@
 """Encode sessions and classify their textures as the paper does.
 
-Encode sessions in the paper's four representations and in two with a texture-blind force
-scaling, classify the textures with 1 to 50 principal components in many draws, and write a
-report: report.html, results.json, table1.csv and figures.
+Encode sessions in the paper's four representations and in others whose force scaling does not
+see the texture, classify the textures with 1 to 50 principal components in many draws, and write
+a report: report.html, results.json, table1.csv and figures.
 """
 
 from __future__ import annotations

@@ -1,13 +1,15 @@
 """Calibrate load cell, force loop, imbalance, wiring or sensor.
 
 Calibrate a rig and save the result on the drum's board and in rig.toml; of the sensor, write a
-report. Exit code 0: done; 2: the measurement is implausible; 3: rig fault.
+report, and name its passport in rig.toml. Exit code 0: done; 2: the measurement is implausible;
+3: rig fault.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from contextlib import closing
 from datetime import UTC, datetime
@@ -19,7 +21,8 @@ from rigctl.cli.arguments import a_path, add_option, add_seed, number, path_or_n
 from rigctl.cli.progress import ProgressLine, ask
 from rigctl.cli.run import EXIT_CODES, watch_run
 from rigctl.cli.world import add_world, chosen_world
-from rigctl.config.toml_edit import replace_file
+from rigctl.config.rig_config import load_config
+from rigctl.config.toml_edit import replace_file, set_keys
 from rigctl.encoder.reading import Reading
 from rigctl.engine.calibration_values import (
     MassReading,
@@ -40,7 +43,8 @@ from rigctl.engine.rig import Rig
 from rigctl.engine.rpc.client import EngineClient
 from rigctl.engine.setup.progress import note_calibration
 from rigctl.errors import WrongUse
-from rigctl.rig import open_rig
+from rigctl.rig import FIRMWARE, VIRTUAL, open_rig
+from rigctl.session.sensor_passport import read_passport
 
 MAX_LOAD_G = 1e6
 SENSOR_PROTOCOL = "sensor"
@@ -104,7 +108,16 @@ def run(args: argparse.Namespace) -> int:
 
 def _measure_sensor(args: argparse.Namespace) -> int:
     """Record the protocol unless a session is given; print the result and write the report."""
-    from rigctl.analysis.sensor_response import as_dict, measure, summary_lines, write_report
+    from rigctl.analysis.sensor_response import (
+        RESULT,
+        as_dict,
+        measure,
+        summary_lines,
+        write_report,
+    )
+
+    if args.rig not in (VIRTUAL, FIRMWARE):
+        load_config(Path(args.rig))
 
     if args.out is not None and args.out.exists():
         raise WrongUse(f"{args.out} already exists: name another folder")
@@ -115,11 +128,30 @@ def _measure_sensor(args: argparse.Namespace) -> int:
             return EXIT_CODES[state]
     found = measure(session, args.reading)
     page = write_report(found, args.out or session.with_name(f"{session.name}-report"))
+    values = as_dict(found) | {"report": str(page)}
+    kept = _save_passport(args, page.with_name(RESULT), values)
     if args.json:
-        print(json.dumps(as_dict(found) | {"report": str(page)}, ensure_ascii=False))
+        print(json.dumps(values | {"passport": kept}, ensure_ascii=False))
     else:
-        print("\n".join([*summary_lines(found), f"session: {session}", f"report: {page}"]))
+        files = [f"session: {session}", f"report: {page}"]
+        print("\n".join([*summary_lines(found), *files, f"passport: {kept}"]))
     return IMPLAUSIBLE if found.findings else 0
+
+
+def _save_passport(args: argparse.Namespace, file: Path, values: dict[str, Any]) -> str:
+    """Name the passport in the rig's ``rig.toml``; return what became of it, in words."""
+    path = Path(args.rig)
+    if values["findings"]:
+        return "not kept, because of the findings"
+    try:
+        read_passport(values)
+    except ValueError as error:
+        return f"not kept: {error}"
+    if args.dry or args.rig in (VIRTUAL, FIRMWARE):
+        return f"not kept in a rig.toml; --passport {file} names it"
+    named = os.path.relpath(file.resolve(), path.resolve().parent)
+    replace_file(path, set_keys(path.read_text("utf-8"), "taxels", {"passport": named}))
+    return f"{file}, named in {path}: every later session carries it"
 
 
 def _record_sensor(args: argparse.Namespace) -> tuple[str, Path]:

@@ -20,6 +20,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_option(parser, "sessions", a_path, "SESSION", "folders", nargs="+")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     add_option(parser, "--out", a_path, "FILE", "write the predictions: JSON to .json, else CSV")
+    add_option(
+        parser,
+        "--passport",
+        a_path,
+        "FILE",
+        "sensor.json of the sensor, for a Calibrated model and sessions that do not carry one",
+    )
     add_option(parser, "--workers", WORKERS, "N", "processors to use (1)", default=1)
     add_more_workers(parser, default=1)
     parser.set_defaults(dask=None, no_cache=True)  # options that resources_of reads
@@ -31,12 +38,15 @@ def run(args: argparse.Namespace) -> int:
     from rigctl.analysis.result_tables import to_csv
     from rigctl.session.analysis_file import check_output_path
     from rigctl.session.model_file import load_model
+    from rigctl.session.sensor_passport import load_passport
 
     if args.out is not None:
         check_output_path(args.out)
     model = load_model(args.model)
+    named = args.passport
+    passport = None if named is None else load_passport(named, model.n_taxels)
     with resources_of(args) as resources:
-        found = classify(model, args.sessions, resources)
+        found = classify(model, args.sessions, resources, passport)
     as_json = json.dumps(as_dict(found), allow_nan=False, ensure_ascii=False)
     if args.out is not None:
         is_json = args.out.suffix == ".json"

@@ -155,6 +155,9 @@ class TaxelArray:
     low: tuple[int, ...] = number((), "counts", 0, ADC_MAX, "lowest reading of each taxel")
     high: tuple[int, ...] = number((), "counts", 0, ADC_MAX, "highest reading of each taxel")
     range_from: str = text("", "date and source of the range, for people")
+    passport: str = text(
+        "", "sensor.json of rigctl calibrate sensor, beside this file; sessions carry it"
+    )
 
     @property
     def order(self) -> tuple[int, ...]:
@@ -206,6 +209,11 @@ class EncoderConfig:
         "counts",
         "counts, or conductance: without the load of the other taxels of an input",
         ("counts", "conductance"),
+    )
+    force_scaling: str = text(
+        "none",
+        "what scales the SA current for the force: none, divided, or calibrated by the passport",
+        ("none", "divided", "calibrated"),
     )
 
 

@@ -7,13 +7,15 @@ channel.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from copy import copy
-from typing import Self
+from dataclasses import replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.encoder.force_gain import ForceGain
 from rigctl.encoder.kernel import NeuronBlocks, TrainEncoder, TrialViews, to_raster
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import DEFAULT, KERNEL_RA_ORDER, EncoderParameters
@@ -22,6 +24,8 @@ from rigctl.errors import WrongUse
 from rigctl.values import Spikes
 
 Samples = NDArray[np.uint16]
+GainOf = Callable[[Normalisation], ForceGain]
+"""The gain for taxel ranges, such as :func:`rigctl.encoder.force_gain.divided`."""
 
 # Lanes to encode side by side, at most: few unused ones in the last block, much work for a call.
 TILE_LANES = 2048
@@ -34,7 +38,8 @@ class Encoder:
     The first call compiles or loads the kernel; :meth:`warm_up` does that beforehand.
     ``sa_scale``: float64 (n_taxels,), a factor on the SA current of each taxel, or None for 1.
     ``inputs``: the input of each taxel (:func:`rigctl.encoder.reading.input_of_each`), which the
-    reading ``conductance`` needs; the ranges are in its unit, samples remain counts.
+    reading ``conductance`` needs; the ranges are in its unit, samples remain counts. ``gain_of``:
+    the gain on the readings that the SA channel takes, for the current ranges; None for 1.
     Raises :class:`WrongUse` for parameters whose RA filter needs whole trials.
     """
 
@@ -44,6 +49,7 @@ class Encoder:
         parameters: EncoderParameters = DEFAULT,
         sa_scale: NDArray[np.float64] | None = None,
         inputs: Sequence[int] = (),
+        gain_of: GainOf | None = None,
     ) -> None:
         normalisation.check_reading(parameters)
         if parameters.filters_whole_trials:
@@ -54,8 +60,10 @@ class Encoder:
             )
         self.parameters = parameters
         self._inputs = inputs
+        self._gain_of = gain_of
         self._sa_scale = None if sa_scale is None else sa_scale[None, :]
         self._normalisation = normalisation
+        self._gain = gain_of(normalisation) if gain_of else None
         self._blocks = self._blocks_at_rest()
         self._clipped_counts = np.zeros(normalisation.n_taxels, np.int64)
 
@@ -74,7 +82,8 @@ class Encoder:
             )
         value.check_reading(self.parameters)
         self._normalisation = value
-        self._blocks.set_normalisation(value)
+        self._gain = self._gain_of(value) if self._gain_of else None
+        self._blocks.set_normalisation(self._lane_ranges)
 
     @property
     def clipped_counts(self) -> NDArray[np.int64]:
@@ -109,7 +118,8 @@ class Encoder:
     def membrane_mv(self, samples: Samples) -> NDArray[np.float64]:
         """Go on as :meth:`encode`; return the voltages as :func:`membrane_mv` does."""
         _check(samples, self._normalisation)
-        return _membrane_mv(self._blocks, self.readings(samples), self.parameters)
+        taken = self._taken(self.readings(samples))
+        return self._of_channels(_membrane_mv(self._blocks, taken, self.parameters))
 
     def readings(self, samples: Samples) -> Samples:
         """Return counts uint16 (n, n_taxels) in the reading that ranges and neurons take."""
@@ -117,13 +127,37 @@ class Encoder:
             return samples
         return conductance(samples, self._inputs)
 
-    def _blocks_at_rest(self) -> NeuronBlocks:
-        return NeuronBlocks(1, self._normalisation, self.parameters, self._sa_scale)
+    # With a gain there are neurons for the scaled readings and, behind them, for the plain ones: a
+    # second call of the kernel would take longer than the neurons that nobody asks for.
 
-    def _encode(self, blocks: NeuronBlocks, samples: Samples) -> NDArray[np.uint8]:
-        every_sample = np.arange(1, len(samples) + 1)
-        counts = blocks.advance(TrialViews.from_arrays([samples]), every_sample)
-        return to_raster(counts, self._normalisation.n_taxels)
+    @property
+    def _lane_ranges(self) -> Normalisation:
+        ranges, times = self._normalisation, 1 if self._gain is None else 2
+        return replace(ranges, low=np.tile(ranges.low, times), high=np.tile(ranges.high, times))
+
+    def _blocks_at_rest(self) -> NeuronBlocks:
+        scale = self._sa_scale
+        if scale is not None and self._gain is not None:
+            scale = np.tile(scale, 2)
+        return NeuronBlocks(1, self._lane_ranges, self.parameters, scale)
+
+    def _taken(self, readings: Samples) -> Samples:
+        """Return what the neurons take of readings."""
+        if self._gain is None:
+            return readings
+        return np.concatenate([self._gain.apply(readings), readings], axis=1)
+
+    def _of_channels(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return SA of the scaled and RA of the plain readings, from values of all neurons."""
+        if self._gain is None:
+            return values
+        n = self._normalisation.n_taxels
+        return np.concatenate([values[:, :n], values[:, 3 * n :]], axis=1)
+
+    def _encode(self, blocks: NeuronBlocks, readings: Samples) -> NDArray[np.uint8]:
+        taken = self._taken(readings)
+        counts = blocks.advance(TrialViews.from_arrays([taken]), np.arange(1, len(taken) + 1))
+        return self._of_channels(to_raster(counts, blocks.n_taxels))
 
 
 def _check(samples: Samples, normalisation: Normalisation) -> None:
@@ -146,14 +180,22 @@ def encode_trials(
     parameters: EncoderParameters = DEFAULT,
     *,
     sa_scale: NDArray[np.float64] | None = None,
+    gains: Sequence[ForceGain] = (),
 ) -> list[Spikes]:
     """Return the spike trains of many trials, encoded side by side, each from rest.
 
     Trials of the same tile share memory: to keep one and free the others, copy it.
     ``trials``: uint16 (n_i, n_taxels) each, in the reading of ranges and parameters.
     ``sa_scale``: float64 (n_trials, n_taxels), a factor on the SA current of each trial and taxel
-    (the force matrix C), or None for 1 everywhere.
+    (the force matrix C), or None for 1 everywhere. ``gains``: of each trial, on the readings that
+    the SA channel takes; none for 1.
     """
+    if gains:
+        scaled = [gain.apply(samples) for gain, samples in zip(gains, trials, strict=True)]
+        sa = encode_trials(scaled, normalisation, parameters, sa_scale=sa_scale)
+        ra = encode_trials(trials, normalisation, parameters)
+        pairs = zip(sa, ra, strict=True)
+        return [_with_channels(of_sa, of_ra, normalisation.n_taxels) for of_sa, of_ra in pairs]
     normalisation.check_reading(parameters)
     for samples in trials:
         _check(samples, normalisation)
@@ -173,6 +215,13 @@ def encode_trials(
             for i, samples in enumerate(trials)
         ]
     return [spikes[i] for i in range(len(trials))]
+
+
+def _with_channels(sa: Spikes, ra: Spikes, n_taxels: int) -> Spikes:
+    """Return the SA trains of one with the RA trains of another encoding of the same trial."""
+    trains = [sa.train(row) for row in range(n_taxels)]
+    trains += [ra.train(row) for row in range(n_taxels, 2 * n_taxels)]
+    return Spikes.from_trains(trains, ra.n_samples)
 
 
 def tiles(lengths: Sequence[int], n_taxels: int) -> Iterator[list[int]]:

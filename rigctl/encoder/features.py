@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.encoder.encoder import encode_trials
+from rigctl.encoder.force_gain import ForceGain
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import DEFAULT, EncoderParameters
 from rigctl.errors import WrongUse
@@ -135,17 +136,18 @@ def feature_matrices(
     parameters: EncoderParameters = DEFAULT,
     *,
     sa_scale: NDArray[np.float64] | None = None,
+    gains: Sequence[ForceGain] = (),
 ) -> list[NDArray[np.float64]]:
     """Return one feature matrix for each layout, float64 (n_trials, n_features).
 
     Encodes every trial once. Equal to :func:`trial_features` of each trial's spikes. ``sa_scale``
-    as in :func:`rigctl.encoder.encoder.encode_trials`.
+    and ``gains`` as in :func:`rigctl.encoder.encoder.encode_trials`.
     """
     if len(trials) != len(speeds_mm_s):
         raise WrongUse(f"{len(trials)} trials, but {len(speeds_mm_s)} speeds")
     n_taxels = normalisation.n_taxels
     matrices = [np.zeros((len(trials), layout.n_features(n_taxels))) for layout in layouts]
-    spikes = encode_trials(trials, normalisation, parameters, sa_scale=sa_scale)
+    spikes = encode_trials(trials, normalisation, parameters, sa_scale=sa_scale, gains=gains)
     for index, (trains, speed) in enumerate(zip(spikes, speeds_mm_s, strict=True)):
         for layout, matrix in zip(layouts, matrices, strict=True):
             matrix[index] = trial_features(trains, speed, layout)

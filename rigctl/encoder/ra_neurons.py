@@ -73,9 +73,7 @@ def with_ra_trains(
     counts = ra_response(samples, normalisation, parameters).spikes.T
     trains = [np.repeat(np.arange(len(row), dtype=np.int32), row) for row in counts]
     trains = [spikes.train(row) for row in range(n_taxels)] + trains
-    starts = np.zeros(2 * n_taxels + 1, np.int64)
-    np.cumsum([len(train) for train in trains], out=starts[1:])
-    return Spikes(starts, np.concatenate(trains), spikes.n_samples)
+    return Spikes.from_trains(trains, spikes.n_samples)
 
 
 def _numbers(p: EncoderParameters) -> tuple[float, ...]:

@@ -12,6 +12,7 @@ from rigctl.boards.drum import Drum
 from rigctl.boards.taxels import Taxels
 from rigctl.config.rig_config import RigConfig
 from rigctl.session.ground_truth import Start, TruthLog, begin_log
+from rigctl.session.sensor_passport import SensorPassport
 
 TRUTH_PERIOD_MS = 2_000
 """World time from one write of the ground truth to the next."""
@@ -26,6 +27,7 @@ class Rig:
     not import; None at the bench. ``world``: what a session stores about a simulated rig.
     ``path``: the ``rig.toml`` of a bench, which takes its calibrations. ``commissions``: the drum's
     board is commissioned by this program, because its wires are known to be as drawn.
+    ``passport``: of the sensor, None without a calibration.
     """
 
     kind: str
@@ -39,6 +41,7 @@ class Rig:
     world: dict[str, Any] = field(default_factory=dict)
     path: Path | None = None
     commissions: bool = False
+    passport: SensorPassport | None = None
     _truth_log: TruthLog | None = None
 
     @property

@@ -14,6 +14,7 @@ from rigctl.boards.drum_codes import reset_cause_text
 from rigctl.boards.drum_states import FAULT_TEXT, STATE_TEXT, Fault, State
 from rigctl.boards.taxel_frames import SelfTest
 from rigctl.encoder.encoder import Encoder
+from rigctl.encoder.force_gain import ForceScaling
 from rigctl.encoder.normalisation import Normalisation, RunningRange
 from rigctl.encoder.parameters import preset
 from rigctl.encoder.reading import Reading, input_of_each
@@ -27,6 +28,7 @@ from rigctl.engine.poller import RECONNECT_PERIOD_S, DrumPoller
 from rigctl.engine.rig import Rig
 from rigctl.engine.setup.boards import installed_build
 from rigctl.errors import BoardRebooted, LinkLost, RigFault
+from rigctl.session.sensor_passport import gain_source
 from rigctl.values import Block, BoardIdentity, DrumState
 
 RELEASE_S = 10.0
@@ -301,6 +303,8 @@ def _compiled_encoder(rig: Rig) -> Encoder:
         normalisation = Normalisation(low, high)
     else:
         normalisation = Normalisation.full_scale(taxels.count)
-    encoder = Encoder(normalisation, parameters, inputs=inputs)
+    scaling = ForceScaling(config.force_scaling)
+    gain_of = gain_source(scaling, rig.passport, parameters.reading)
+    encoder = Encoder(normalisation, parameters, inputs=inputs, gain_of=gain_of)
     encoder.warm_up()
     return encoder

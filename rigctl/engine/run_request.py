@@ -207,6 +207,7 @@ def open_recorder(folder: Path, plan: Plan, context: RunContext, resume: bool) -
         taxel_high=config.taxels.high,
         cut_by=CUT_BY_WIRE if config.signals.sync else CUT_BY_CLOCK,
         simulation={"seed": rig.seed, **rig.world} if rig.simulated else {},
+        passport=rig.passport.to_values() if rig.passport else {},
     )
     if config.recording.private:
         keep_private(folder)
@@ -225,6 +226,7 @@ def drum_header(plan: Plan, **fields: Any) -> SessionHeader:
         plan,
         encoder_preset=config.encoder.preset,
         encoder_reading=config.encoder.reading,
+        encoder_scaling=config.encoder.force_scaling,
         n_taxels=config.taxels.count,
         wiring=config.taxels.order,
         sensor_layout=SensorLayout.of_rig(config.taxels),

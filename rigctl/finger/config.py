@@ -12,9 +12,12 @@ from rigctl.errors import ConfigError
 
 @dataclass(frozen=True, slots=True)
 class FingerPort:
-    """The port of the finger board."""
+    """The finger board and its sensor."""
 
     port: str = text("", "port of the finger board; empty: search all ports")
+    passport: str = text(
+        "", "sensor.json of rigctl calibrate sensor, beside this file; sessions carry it"
+    )
 
 
 @dataclass(frozen=True, slots=True)

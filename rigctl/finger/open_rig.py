@@ -14,12 +14,14 @@ from rigctl.boards.port_discovery import create_link, find_boards, identify_boar
 from rigctl.config.text_file import read_text
 from rigctl.config.toml_reader import MAX_BYTES
 from rigctl.errors import ConfigError, LinkLost, WrongUse
+from rigctl.finger.board_messages import N_TAXELS
 from rigctl.finger.config import FingerConfig, load_finger_config
 from rigctl.finger.driver import Finger
 from rigctl.finger.rig import FingerRig
 from rigctl.finger.trackers.open_tracker import open_tracker
 from rigctl.finger.trackers.plate_frame import PlateFrame, fit_plate_frame
 from rigctl.finger.trackers.tracker import Tracker
+from rigctl.session.sensor_passport import load_passport
 from rigctl.values import FINGER, TAXELS
 
 if TYPE_CHECKING:
@@ -104,7 +106,8 @@ def _simulated(
 
 
 def _real(path: Path, config: FingerConfig) -> FingerRig:
-    frame = _plate_frame(path, config)
+    frame, named = _plate_frame(path, config), config.finger.passport
+    passport = load_passport(path.parent / named, N_TAXELS) if named else None
     loop = asyncio.SelectorEventLoop()
     try:
         port = config.finger.port or loop.run_until_complete(find_boards(loop)).get(FINGER, "")
@@ -118,7 +121,9 @@ def _real(path: Path, config: FingerConfig) -> FingerRig:
     except BaseException:
         loop.close()
         raise
-    return FingerRig(BENCH, config.about.name, config, loop, finger, tracker, frame)
+    return FingerRig(
+        BENCH, config.about.name, config, loop, finger, tracker, frame, passport=passport
+    )
 
 
 def configured_tracker(

@@ -12,6 +12,7 @@ from rigctl.finger.driver import Finger
 from rigctl.finger.trackers.plate_frame import PlateFrame
 from rigctl.finger.trackers.tracker import Tracker
 from rigctl.finger.values import FingerTrial
+from rigctl.session.sensor_passport import SensorPassport
 
 RUN_FIRST_SLIDE = 1 << 16
 """First slide of `run` in a simulated session: calibration has made the slides from 0 on."""
@@ -23,7 +24,7 @@ class FingerRig:
 
     ``kind``: virtual, firmware or bench. ``simulation``: the virtual finger behind board and
     tracker, which the engine must not import; None where a person moves the finger. ``world``:
-    what a session stores about a simulated rig.
+    what a session stores about a simulated rig. ``passport``: of the sensor, None without one.
     """
 
     kind: str
@@ -36,6 +37,7 @@ class FingerRig:
     seed: int = 0
     simulation: Any = None
     world: dict[str, Any] = field(default_factory=dict)
+    passport: SensorPassport | None = None
 
     @property
     def simulated(self) -> bool:

@@ -44,6 +44,7 @@ from rigctl.finger.session import FingerSession
 from rigctl.finger.status import CurrentScan, FingerRunStatus
 from rigctl.finger.trackers.plate_frame import PlatePosition
 from rigctl.finger.values import FingerTrial, PredictionRow, Stage
+from rigctl.session.sensor_passport import sensor_difference
 from rigctl.values import Event, Position, Verdict
 
 
@@ -170,6 +171,10 @@ class FingerRun(ServedRun[FingerControl, FingerRecorder]):
         name, digest = classifier.model.representation, self._opened.model_digest
         text = f"a model of {name} names the scans, SHA-256 {digest[:16]}…"
         self._event_bus.publish(MODEL_KIND, text, representation=name, digest=digest)
+        header, trained = self._opened.header, classifier.model.training.inputs
+        now = {"sensor": header.sensor, "passport": header.passport}
+        if trained and (change := sensor_difference(trained[-1], now)):
+            self._event_bus.publish("check", f"WARNING: the model was trained on {change}")
         return LiveAnswers(classifier)
 
     async def _configure(self, ranges: Normalisation) -> None:

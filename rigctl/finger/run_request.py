@@ -310,4 +310,5 @@ def _header(
         reference_um_per_s=round(1000 * plan.protocol.reference_mm_s),
         stages=tuple(stages),
         tracker={"name": rig.tracker.name, "frame": rig.frame.to_toml()},
+        passport=rig.passport.to_values() if rig.passport else {},
     )

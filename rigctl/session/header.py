@@ -20,6 +20,7 @@ from msgspec import Meta
 
 from rigctl.config.rig_config import MAX_TAXELS, PAPER_ARRAY
 from rigctl.config.toml_reader import TomlText
+from rigctl.encoder.force_gain import ForceScaling
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import DEFAULT, PRESETS, EncoderParameters
 from rigctl.encoder.reading import FULL_SCALE, Reading
@@ -27,6 +28,7 @@ from rigctl.errors import SessionError
 from rigctl.experiments import DRUM_EXPERIMENT
 from rigctl.session.hdf5_file import Attributes, damage, describe, parse_json
 from rigctl.session.sensor_layout import ATTRIBUTE, PAPER_SENSOR, SensorLayout
+from rigctl.session.sensor_passport import read_passport
 from rigctl.values import SAMPLE_RATE_HZ, BoardIdentity
 
 INT32 = 1 << 31
@@ -39,6 +41,7 @@ JSON_ATTRIBUTES: Mapping[str, type[Any]] = {
     "sensor_layout": dict,
     "simulation": dict,
     "tracker": dict,
+    "passport": dict,
 }
 """Attributes that hold JSON, and what it must be."""
 Count = Annotated[int, Meta(ge=0, le=INT32)]
@@ -47,6 +50,7 @@ RateHz = Annotated[int, Meta(ge=1, le=1_000_000)]
 Counts = tuple[Annotated[int, Meta(ge=0, le=65_535)], ...]
 Wiring = tuple[Annotated[int, Meta(ge=0, lt=MAX_TAXELS)], ...]
 ReadingName = Annotated[str, Meta(pattern=f"^({'|'.join(Reading)})$")]
+ScalingName = Annotated[str, Meta(pattern=f"^({'|'.join(ForceScaling)})$")]
 IMPORTED = "import"
 """``rig`` of a session that was imported from other recordings."""
 CUT_BY_WIRE, CUT_BY_CLOCK = "sync line", "drum clock"
@@ -62,13 +66,17 @@ class SessionHeader:
     ``start_utc`` is an ISO 8601 time stamp from the command line, ``start_loop_s`` the loop time
     at that instant. ``taxel_low`` and ``taxel_high`` are the calibrated range of each taxel in
     stored counts, empty without calibration. ``encoder_reading``: what the live encoder took of the
-    samples, a :class:`~rigctl.encoder.reading.Reading`; older parts have counts. ``wiring`` is the
+    samples, a :class:`~rigctl.encoder.reading.Reading`; older parts have counts.
+    ``encoder_scaling``: of its SA current, a :class:`~rigctl.encoder.force_gain.ForceScaling`.
+    ``wiring`` is the
     reading of the taxel wire in each column of the samples;
     :mod:`rigctl.session.header` explains an empty one.
     ``sensor_layout`` has rows, columns and layers of the sensor; None in older parts.
     ``sample_unit`` is the unit of a reading, ``highest_reading`` its upper limit. ``cut_by`` is
     the signal that marks the first sample of a trial, empty if unknown. ``simulation`` holds what
     repeats a simulated bench (seed, slice length, parameters) and is empty for a real one.
+    ``passport``: values of :class:`~rigctl.session.sensor_passport.SensorPassport`, empty without
+    one.
 
     The moving finger also has ``experiment``, the reference speed of scaled time, the planned
     ``stages`` and the ``tracker`` (name and plate frame); parts of the drum lack these attributes.
@@ -93,6 +101,7 @@ class SessionHeader:
     software_commit: str = ""
     encoder_preset: str = ""
     encoder_reading: ReadingName = Reading.COUNTS
+    encoder_scaling: ScalingName = ForceScaling.NONE
     n_taxels: TaxelCount = PAPER_SENSOR.n_taxels
     sample_rate_hz: RateHz = SAMPLE_RATE_HZ
     sample_unit: str = ADC_COUNTS
@@ -103,6 +112,7 @@ class SessionHeader:
     sensor_layout: SensorLayout | None = None
     cut_by: str = ""
     simulation: dict[str, Any] = field(default_factory=dict)
+    passport: dict[str, Any] = field(default_factory=dict)
     experiment: str = DRUM_EXPERIMENT
     reference_um_per_s: Count = 0
     stages: tuple[str, ...] = ()
@@ -169,6 +179,8 @@ class SessionHeader:
         for name in ("taxel_low", "taxel_high", "wiring"):
             if len(getattr(self, name)) not in (0, self.n_taxels):
                 raise ValueError(f"{name} is neither empty nor one integer for each taxel")
+        if self.passport:
+            read_passport(self.passport)
         layout = self.sensor_layout
         if layout is not None and layout.n_taxels != self.n_taxels:
             raise ValueError(

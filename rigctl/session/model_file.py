@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.config.text_file import shorten
 from rigctl.encoder.features import FeatureLayout
+from rigctl.encoder.force_gain import ForceScaling
 from rigctl.encoder.force_matrix import ForceMatrix
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import EncoderParameters
@@ -43,6 +45,8 @@ from rigctl.values import SAMPLE_RATE_HZ
 
 Floats = NDArray[np.float64]
 LONGEST_WINDOW_MS = 1_000_000
+C_USES = ("texture", "blind")
+FORCE_DOC = "scaling of the SA current: texture or blind (C), divided, calibrated, or empty"
 
 _FACTOR = "lower Cholesky factor of the pooled covariance, divisor n - classes"
 _MEANS = "factor · whitened = class mean of the scores"
@@ -113,8 +117,8 @@ class Classifier:
 class Model(Classifier):
     """The classifier of one representation, with encoder and windows.
 
-    ``force``: how C scales the SA current: by the trial's own ``texture``, ``blind`` to it, or
-    empty for no scaling; a scaling needs ``c``.
+    ``force``: what scales the SA current: C of the trial's own ``texture`` or ``blind`` to it,
+    which need ``c``, a :class:`~rigctl.encoder.force_gain.ForceScaling`, or empty for nothing.
     """
 
     representation: str
@@ -153,7 +157,7 @@ def _write(file: Any, model: Model) -> None:
     write_attributes(file, {**header, "simulated": int(model.training.simulated)})
     write_text(file, "representation", model.representation, "name in the paper")
     write_text(file, "key", model.key, "short name of the representation")
-    write_text(file, "force", model.force, "use of C: texture, blind to it, or empty for none")
+    write_text(file, "force", model.force, FORCE_DOC)
     write_texts(file, "classes", model.classes, "textures to choose from", "class")
     write_encoder(file.create_group("encoder"), model.parameters, model.normalisation)
     _write_features(file.create_group("features"), model.features)
@@ -251,7 +255,9 @@ def _check_shapes(model: Model) -> None:
         "dropped component": len(model.dropped),
     }
     check_arrays(model, _ARRAYS, sizes)
-    if model.force and model.c is None:
+    if model.force not in ("", *C_USES, *ForceScaling):
+        raise WrongUse(f"force is {shorten(model.force)}, which this version does not know")
+    if model.force in C_USES and model.c is None:
         raise WrongUse("its representation is scaled to force, but there is no C")
 
 

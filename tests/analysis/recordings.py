@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.encoder.reading import Reading
 from rigctl.protocol.loader import parse_protocol
 from rigctl.session.header import SessionHeader
 from rigctl.session.recorder import Recorder
 from rigctl.session.sensor_layout import SensorLayout
+from rigctl.session.sensor_passport import SensorPassport, TaxelResponse
 from rigctl.values import Block, DrumState, Gap, PlannedTrial
 from tests.session.building import drum_state, trial_row
 
@@ -50,6 +52,19 @@ def readings(trial: PlannedTrial, n: int, seed: int, seat: float = 0.0) -> NDArr
     return np.round(1023 * np.clip(x, 0, 1)).astype(np.uint16)
 
 
+def sensor_passport(gain: float = 1.0, sensor: str = "S1") -> SensorPassport:
+    """Return what a calibration of the sensor of :func:`readings` finds, ``gain`` times as much."""
+    forces_g = (100.0, 250.0, 500.0, 1000.0, 1200.0)
+    level = np.random.default_rng(5).uniform(0.3, 0.5, 18)
+    curves = 4096 * gain * level[:, None] * (np.array(forces_g) / 500) ** 0.4
+    taxels = tuple(
+        TaxelResponse(tuple(curve.tolist()), float(np.ptp(curve)), repeatability=0.01)
+        for curve in curves
+    )
+    made = (sensor, "2026-11-20T12:00:00Z", "0" * 64, True, Reading.CONDUCTANCE)
+    return SensorPassport(*made, forces_g, (0.02,) * len(forces_g), taxels)
+
+
 def record(
     folder: Path,
     textures: str = "ABDL",
@@ -65,6 +80,7 @@ def record(
     mounts: int = 1,
     seat: float = 0.0,
     rig: str = "virtual",
+    passport: SensorPassport | None = None,
 ) -> Path:
     """Record every trial of a small plan, pressed to depths if there are any.
 
@@ -82,7 +98,8 @@ def record(
     )
     plan = parse_protocol(text, "by hand").plan()
     header = SessionHeader(plan.hash, seed, len(plan.trials), rig, True, "2026-11-21T12:00:00Z")
-    header = replace(header, sensor_layout=layout)
+    carried = {} if passport is None else passport.to_values()
+    header = replace(header, sensor_layout=layout, passport=carried)
     counter, sequence = 0, 0
     with Recorder(folder, header, text, "") as recorder:
         recorder.begin_part("start", textures[0])

@@ -143,7 +143,7 @@ def test_a_missing_force_costs_no_trial_where_the_reference_is(
 ) -> None:
     damage(session, partial(abort, 250))
     made, plain = analyse(session, tmp_path)
-    assert len(made.present) == 6 and len(made.trials.trials) == 24 - 2
+    assert len(made.present) == 8 and len(made.trials.trials) == 24 - 2
     assert made.force is not None and made.force.absent_conditions == [("B", 80.0, 250.0)]
     assert "C has no entry for combinations" in remarks_of(plain)
     assert "1 (B at 80 mm/s and 250 g)" in remarks_of(plain)
@@ -159,7 +159,7 @@ def test_a_texture_and_speed_without_the_reference_is_left_out_alone(
 ) -> None:
     damage(session, partial(abort, 500))
     made, plain = analyse(session, tmp_path)
-    assert len(made.present) == 6 and len(made.trials.trials) == 24 - 4
+    assert len(made.present) == 8 and len(made.trials.trials) == 24 - 4
     assert "have no C: 2; their texture and speed have no trial at the" in remarks_of(plain)
     assert "of 500 g: texture B at 80 mm/s" in remarks_of(plain)
     assert {t.speed_mm_s for t in made.trials.trials if t.texture == "B"} == {40.0}

@@ -51,9 +51,10 @@ def test_a_second_run_encodes_nothing(session: Path, tmp_path: Path) -> None:
     first, second = Cache(tmp_path / "cache"), Cache(tmp_path / "cache")
     fresh = analyse(session, tmp_path / "one", first)
     conditions = len(TEXTURES) * len(SPEEDS)
-    assert (first.hits, first.misses) == (0, 1 + 2 * conditions)
+    # Ranges of counts and of conductances; each condition with C, with the mean C and divided.
+    assert (first.hits, first.misses) == (0, 2 + 3 * conditions)
     again = analyse(session, tmp_path / "two", second)
-    assert (second.hits, second.misses) == (1 + 2 * conditions, 0)
+    assert (second.hits, second.misses) == (2 + 3 * conditions, 0)
     assert_equal(fresh, again)
     assert_equal(fresh, analyse(session, tmp_path / "three", Cache()))
     assert fresh.force is not None and again.force is not None
@@ -64,7 +65,7 @@ def test_other_parameters_and_samples_are_encoded_again(session: Path, tmp_path:
     analyse(session, tmp_path / "one", Cache(tmp_path / "cache"))
     other = Cache(tmp_path / "cache")
     analyse(session, tmp_path / "two", other, PRESETS["explicit"])
-    assert (other.hits, other.misses) == (1, 2 * len(TEXTURES) * len(SPEEDS))
+    assert (other.hits, other.misses) == (2, 3 * len(TEXTURES) * len(SPEEDS))
     with h5py.File(session / "part-0001.h5", "r+") as part:
         first, samples = int(part["trials"][0]["first_sample"]), part["taxels/samples"]
         samples[first + 5 : first + 55] = np.sort(samples[first + 5 : first + 55], axis=0)
@@ -72,8 +73,9 @@ def test_other_parameters_and_samples_are_encoded_again(session: Path, tmp_path:
     settle(session)
     changed = Cache(tmp_path / "cache")
     fresh = analyse(session, tmp_path / "three", changed)
-    # One file's ranges, the trial's own condition, and the mean of C over textures at its speed.
-    assert changed.misses == 1 + 1 + len(TEXTURES)
+    # One file's two ranges, the trial's own condition with C and divided, and the mean of C over
+    # textures at its speed.
+    assert changed.misses == 2 + 2 + len(TEXTURES)
     assert_equal(fresh, analyse(session, tmp_path / "four", Cache()))
 
 
@@ -117,7 +119,7 @@ def test_a_file_that_was_just_written_is_read_again(session: Path, tmp_path: Pat
     (session / "part-0001.h5").touch()
     again = Cache(tmp_path / "cache")
     analyse(session, tmp_path / "two", again)
-    assert again.misses == 1
+    assert again.misses == 2
 
 
 def test_the_least_recently_used_entry_goes_first(tmp_path: Path) -> None:

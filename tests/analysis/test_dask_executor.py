@@ -93,7 +93,7 @@ def test_results_are_equal_although_a_worker_is_killed(
         key: path.read_bytes() for key, path in together.files.items()
     }
     assert outcomes(results) == outcomes(run_tasks(alone, SETTINGS)[0])
-    assert [n for stage, n in steps if stage == "classifying"] == list(range(2 * 6 * 3 + 1))
+    assert [n for stage, n in steps if stage == "classifying"] == list(range(2 * 8 * 3 + 1))
 
 
 def test_a_worker_that_does_not_fit_is_refused_by_name(

@@ -25,7 +25,7 @@ from rigctl.errors import SessionError, WrongUse
 from rigctl.session.analysis_file import LAYOUT_VERSION
 from rigctl.session.hdf5_file import write_text
 from rigctl.session.model_file import load_model, save_model
-from tests.analysis.recordings import record
+from tests.analysis.recordings import record, sensor_passport
 from tests.session.forging import rewrite_digests
 
 UTC = "2026-11-21T12:00:00Z"
@@ -34,7 +34,8 @@ UTC = "2026-11-21T12:00:00Z"
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("model") / "session"
-    return record(folder, "ABG", repeats=3, travel_mm=24.0, speeds=(40, 80))
+    carried = sensor_passport()
+    return record(folder, "ABG", repeats=3, travel_mm=24.0, speeds=(40, 80), passport=carried)
 
 
 @pytest.fixture(scope="module")

@@ -48,7 +48,8 @@ def test_two_days_make_one_set(tmp_path: Path) -> None:
     np.testing.assert_array_equal(by_key["original"], plain[0])
     np.testing.assert_array_equal(by_key["speed"], plain[1])
     assert list(by_key) == [
-        "original", "speed", "force", "speed_force", "force_blind", "speed_force_blind"
+        "original", "speed", "force", "speed_force", "force_blind", "speed_force_blind",
+        "divided", "speed_divided",
     ]  # fmt: skip
     assert made.force is not None
     matrix = made.force
@@ -85,10 +86,10 @@ def test_processes_give_equal_features(tmp_path: Path) -> None:
 def test_without_the_reference_force_c_is_left_out_with_a_remark(tmp_path: Path) -> None:
     session = record(tmp_path / "session", "AB", travel_mm=12.0, forces=(250, 1000))
     made = represent(join_sessions([session]), DEFAULT, tmp_path)
-    assert [r.key for r in made.present] == ["original", "speed"]
+    assert [r.key for r in made.present] == ["original", "speed", "divided", "speed_divided"]
     assert any("reference force of 500 g" in remark for remark in made.remarks)
     other = represent(join_sessions([session]), DEFAULT, tmp_path, settings=AT_250_G)
-    assert len(other.present) == 6 and other.force is not None
+    assert len(other.present) == 8 and other.force is not None
     assert (other.force.c[..., 0] == 1).all() and (other.force.c[..., 1] < 1).all()
 
 
@@ -98,7 +99,7 @@ def test_depths_are_scaled_to_the_middle_one_or_to_the_one_that_is_named(tmp_pat
     trials = join_sessions([session])
     assert trials.forces_g == depths_mm
     made = represent(trials, DEFAULT, tmp_path)
-    assert len(made.present) == 6 and made.force is not None
+    assert len(made.present) == 8 and made.force is not None
     assert made.force.reference_g == made.settings.conditions.reference_force_g == 0.9
     assert (made.force.c[..., 0] > 1).all() and (made.force.c[..., 2:] < 1).all()
     assert any("C aims at the middle depth, 0.9 mm" in remark for remark in made.remarks)

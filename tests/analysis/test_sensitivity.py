@@ -57,7 +57,7 @@ def test_every_preset_answers_the_same_questions(session: Path, tmp_path: Path) 
     plain = json.loads((tmp_path / "r" / "results.json").read_text())
     rows = plain["sensitivity"]["rows"]
     assert list(dict.fromkeys(row["preset"] for row in rows)) == list(PRESET_ORDER)
-    assert len(rows) == len(PRESETS) * 6
+    assert len(rows) == len(PRESETS) * 8
     shares = [done / all_ for done, all_ in reported]
     assert shares == sorted(shares) and shares[-1] == 1.0 and len(set(shares)) > 10
 

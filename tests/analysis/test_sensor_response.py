@@ -16,8 +16,11 @@ from rigctl.config.resources import find_protocol
 from rigctl.encoder.reading import Reading
 from rigctl.errors import WrongUse
 from rigctl.protocol.loader import load_protocol
+from rigctl.rig import open_rig
 from rigctl.session.sensor_layout import SensorLayout
-from tests.engine.engine_harness import open_harness
+from rigctl.session.sensor_passport import read_passport
+from rigctl.session.session import Session
+from tests.engine.engine_harness import engine_on, open_harness
 
 SHORT = """
 name = "sensor"
@@ -134,6 +137,30 @@ def test_the_command_writes_a_report_that_says_simulated(
     for existing in ([*words, "--out", str(out)], [*words[:5], "--out", str(out)]):
         assert main(existing) == 2  # without a session too: before it records for half an hour
         assert "already exists" in capsys.readouterr().err
+
+
+def test_later_sessions_of_the_rig_carry_the_passport(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text('[ports]\nsimulate = "virtual"  # a rehearsal\n')
+    words = ["calibrate", "--rig", str(path), "--yes"]
+    measured = ["sensor", "--session", str(session), "--out"]
+    assert main([*words, "--dry", *measured, str(tmp_path / "dry")]) == 0
+    assert "passport" not in path.read_text()
+    assert main([*words, *measured, str(tmp_path / "report")]) == 0
+    assert "every later session carries it" in capsys.readouterr().out
+    assert (
+        'passport = "report/sensor.json"' in path.read_text()
+        and "# a rehearsal" in path.read_text()
+    )
+    with engine_on(open_rig(str(path), seed=1, paced=False), tmp_path) as harness:
+        harness.record(SHORT.replace("[200, 400, 600, 800]", "[500]"))
+        later = harness.session
+    with Session.open(later) as opened:
+        passport = read_passport(opened.header.passport)
+    assert passport.curves == pytest.approx(measure(session).curves, abs=0.01)
+    assert passport.session_digest and passport.reading is Reading.CONDUCTANCE
 
 
 def test_several_plates_or_few_forces_are_refused(tmp_path: Path) -> None:

@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 from msgspec import structs
 
+from rigctl.encoder.reading import Reading
 from rigctl.errors import SessionError, WrongUse
 from rigctl.finger.bench.virtual import FingerFaults
 from rigctl.finger.devices import TrackingLoss
 from rigctl.finger.model_file import FingerModel, load_finger_model, save_finger_model
 from rigctl.finger.models import calibrate_models
 from rigctl.finger.run_request import FingerRunRequest
+from rigctl.session.sensor_passport import SensorPassport, TaxelResponse, read_passport
 from rigctl.session.verify import verify
 from rigctl.values import Position
 from tests.finger.conftest import Trained
@@ -324,3 +326,27 @@ def test_a_long_loss_is_told_once_with_its_length(
     valid: list[tuple[float, bool]], told: list[float]
 ) -> None:
     assert losses(valid) == pytest.approx(told)
+
+
+def nine_taxels(gain: float) -> SensorPassport:
+    """Return what a calibration of the finger's sensor finds, ``gain`` times as much."""
+    forces_g = (100.0, 500.0, 1000.0)
+    taxel = TaxelResponse(tuple(gain * force**0.7 for force in forces_g), gain * 100.0)
+    about = ("", "2026-11-20T12:00:00Z", "", True, Reading.CONDUCTANCE)
+    return SensorPassport(*about, forces_g, (0.02,) * 3, (taxel,) * 9)
+
+
+def test_a_run_says_that_the_sensor_changed_since_the_model(
+    trained: Trained, tmp_path: Path
+) -> None:
+    model, path = load_finger_model(trained.model), tmp_path / "earlier.h5"
+    inputs = ({**model.training.inputs[0], "passport": nine_taxels(1.0).to_values()},)
+    training = replace(model.training, inputs=inputs)
+    save_finger_model(replace(model, training=training), path)
+    with open_finger_harness(tmp_path / "run", session=1) as harness:
+        harness.rig.passport = nine_taxels(1.3)
+        harness.run(abort_after_one, harness.request("run", model=path))
+    with open_finger_session(harness.session) as session:
+        said = [event.text for event in session.events_of("check")]
+        assert read_passport(session.header.passport) == nine_taxels(1.3)
+    assert any("trained on this sensor as it was on 2026-11-20" in text for text in said)

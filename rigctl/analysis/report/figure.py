@@ -14,6 +14,8 @@ COLOURS = {
     "red": "#c8102e",
     "blue": "#1f4fd1",
     "green": "#1a8a34",
+    "violet": "#7a3fc4",
+    "brown": "#8a5a00",
     "text": "#1b1f24",
     "muted": "#59636e",
     "line": "#e3e7eb",

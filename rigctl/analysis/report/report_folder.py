@@ -40,6 +40,7 @@ from rigctl.analysis.trial_set import TrialSet, join_sessions
 from rigctl.session.analysis_file import check_output_path
 from rigctl.session.header import IMPORTED
 from rigctl.session.model_file import Model, save_model
+from rigctl.session.sensor_passport import load_passport
 from rigctl.session.session import Session
 
 FEATURES = "features"
@@ -88,11 +89,20 @@ def make_report(
     if wanted is not None:
         check_output_path(wanted.path)
     source = None if options.c is None else load_c(options.c, trials, resources)
+    named = options.passport
+    passport = None if named is None else load_passport(named, trials.n_taxels)
     executor.check_visible(trials.paths)
     with atomic_directory(options.out) as folder:
         executor.check_visible([folder])
         (folder / FEATURES).mkdir()
-        encode = partial(represent, trials, settings=constants, source=source, ranges=ranges)
+        encode = partial(
+            represent,
+            trials,
+            settings=constants,
+            source=source,
+            passport=passport,
+            ranges=ranges,
+        )
         analysis = _analyse(options, trials, encode, folder / FEATURES, made_utc, resources)
         progress("writing the report", 0, 1)
         _write(folder, options, analysis, made_utc)

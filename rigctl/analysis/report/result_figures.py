@@ -18,14 +18,22 @@ STYLES = {
     "speed_force": "green",
     "force_blind": "red",
     "speed_force_blind": "green",
+    "divided": "violet",
+    "speed_divided": "violet",
+    "calibrated": "brown",
+    "speed_calibrated": "brown",
 }
-"""The paper's colours; a texture-blind C has that of its representation, dashed."""
+"""The paper's colours, and others for what the paper does not have."""
+DASHED = ("force_blind", "speed_force_blind", "divided", "calibrated")
 BLIND = "_blind"
 PAPER_NOTE = (
     f"Diamonds: the paper's Table 1 with {published.K_MAX} components, in the colour of its curve."
 )
 BLIND_NOTE = (
     "Force Scaled curves use the C of the true texture, which a dashed, texture-blind one does not."
+)
+GAIN_NOTE = (
+    "Divided and Calibrated know neither texture nor force: their gain is of all taxels' readings."
 )
 CONFUSION_TASKS = (
     "untrained-both",
@@ -49,6 +57,7 @@ def accuracy_figure(results: Values) -> Figure:
         notes.append(PAPER_NOTE)
     if any(key.endswith(BLIND) for task in tasks for key in task["representations"]):
         notes.append(BLIND_NOTE)
+    notes.append(GAIN_NOTE)
     panels = [_panel(task, results["curve_tests"][key]) for key, task in results["tasks"].items()]
     return Figure("Accuracy over principal components", panels, notes)
 
@@ -110,7 +119,7 @@ def _series(task: Values, key: str, test: Values | None) -> Series:
         percent(curve["mean"]),
         None if curve["sd"] is None else percent(curve["sd"]),
         published=_published(task, key),
-        dashed=blind,
+        dashed=key in DASHED,
         **asterisks(None if blind else test),
     )
 

@@ -445,7 +445,9 @@ def read_scans(path: Path) -> RecordedScans:
 def training_info(scans: RecordedScans, made_utc: str) -> TrainingInfo:
     """Return where a model's training trials are from."""
     trained = [one for one in scans.recordings if one.stage == Stage.TRAIN]
-    source = {"path": str(scans.path), "content": content_digest(scans.path)}
+    with FingerSession.open(scans.path) as session:
+        about = {"sensor": session.header.sensor, "passport": session.header.passport}
+    source = {"path": str(scans.path), "content": content_digest(scans.path), **about}
     return TrainingInfo(
         made_utc,
         __version__,

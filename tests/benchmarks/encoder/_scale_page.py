@@ -109,7 +109,7 @@ def _shares(rates: Mapping[str, Any]) -> str:
             ("reading, encoding, search for C (workers share this)", _time(rates["encode_s"])),
             ("writing features (first process only)", _time(rates["write_s"])),
             ("spike counts, kept until C is known", _bytes(rates["counts_bytes"])),
-            ("features in all six representations, on disk", _bytes(rates["feature_bytes"])),
+            ("features in all representations, on disk", _bytes(rates["feature_bytes"])),
             ("one draw of all tasks and representations, per trial of the set", whole),
             ("rows of one draw in memory, per trial of the set", _bytes(rates["draw_bytes"])),
             ("one task through Dask", _time(rates["task_s"])),

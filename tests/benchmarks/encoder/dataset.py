@@ -50,7 +50,7 @@ def measure() -> Iterator[dict[str, Any]]:
     note = (
         f"{largest['trials']} trials, {largest['trial_s']:.0f} s; join, ranges, search of C, both "
         f"encodings, features of the paper's four representations; {WORKERS} threads; files in "
-        f"memory, kernels loaded; all six with the texture-blind two: {largest['six_s']:.2f} s; "
+        f"memory, kernels loaded; all representations: {largest['six_s']:.2f} s; "
         f"best of {REPEATS} in turns with smaller sets; CPU {largest['cpu_s']:.1f} s; "
         f"{describe_machine()}, load {largest['load']:.1f}; "
         f"the peer encodes {PEER_TRIALS} trials with and without C, no search, extrapolated"
@@ -127,7 +127,7 @@ def second_run() -> dict[str, Any]:
         first, second = (compute_features(SIZES[-1], cache) for _ in range(2))
         size = sum(path.stat().st_size for path in Path(cache).glob("??/*")) / 2**20
     note = (
-        f"{SIZES[-1]} trials, six representations; {second['missed']} of "
+        f"{SIZES[-1]} trials, all representations; {second['missed']} of "
         f"{second['missed'] + second['found']} pieces computed; the cache holds {size:.0f} MiB"
     )
     peer = "the first run, which fills it"

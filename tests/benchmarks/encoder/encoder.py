@@ -20,7 +20,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.encoder.encoder import encode_trials
+from rigctl.encoder.encoder import Encoder, encode_trials
+from rigctl.encoder.force_gain import divided
 from rigctl.encoder.kernel import simd
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import DEFAULT, PRESETS, EncoderParameters
@@ -31,6 +32,8 @@ from tests.benchmarks.encoder.numpy_encoder import currents, numpy_spikes, numpy
 N_TRIALS, N_SAMPLES, N_TAXELS = 100, 10_000, 18
 TAXELS = range(N_TAXELS)
 NEURON_MS = N_TRIALS * N_SAMPLES * 2 * N_TAXELS
+LIVE_BATCH, LIVE_BATCHES = 10, 200
+"""As the engine passes samples on in real time."""
 COMPARED_TRAINS, PER_TRIAL_SAMPLE, BRIAN2_RUNS = 500, 2, 3
 RANGES = Normalisation.full_scale(N_TAXELS)
 SCENE = "36 neurons x 10 s x 100 trials, 1 ms samples, 4 substeps, float64"
@@ -48,6 +51,7 @@ def measure() -> Iterator[dict[str, Any]]:
     trials = scene()
     ours = per_neuron_ms(best_of(5, lambda: encode_trials(trials, RANGES)))
     yield _arithmetic_limit(ours)
+    yield _live_gain(trials[0])
     yield from _against_numpy(trials)
     if not _peers.available():
         for name in ("vs_brian2_cpp", "vs_brian2_cython", "differing_trains"):
@@ -155,6 +159,22 @@ def _against_numpy(trials: Trials) -> Iterator[dict[str, Any]]:
     note = f"{SCENE}; one thread each; the peer returns counts of {PER_TRIAL_SAMPLE} trials"
     name, peer = "encoder.vs_numpy_per_trial", "NumPy, trial by trial"
     yield _peers.row(name, both[0], unit, peer, alone, note)
+
+
+def _live_gain(samples: NDArray[np.uint16]) -> dict[str, Any]:
+    """Return what a live sample takes with a gain for the force, beside the encoder without."""
+    batches = np.split(samples[: LIVE_BATCHES * LIVE_BATCH], LIVE_BATCHES)
+    encoders = Encoder(RANGES, gain_of=divided), Encoder(RANGES)
+    spent: tuple[list[float], list[float]] = ([], [])
+    for _ in range(20):  # in turns, and the shortest: a batch is short beside the load of others
+        for encoder, times in zip(encoders, spent, strict=True):
+            start = time.thread_time()
+            for batch in batches:
+                encoder.encode(batch)
+            times.append(1e6 * (time.thread_time() - start) / (LIVE_BATCHES * LIVE_BATCH))
+    note = f"batches of {LIVE_BATCH} samples of {N_TAXELS} taxels; a gain may add 2 µs"
+    with_gain, without = map(min, spent)
+    return _peers.row("encoder.live_gain", with_gain, "µs/sample", "without a gain", without, note)
 
 
 def median_times_s(ours: Callable[[], Any], theirs: Callable[[], Any]) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -20,6 +21,7 @@ from gui.live.time_plots import ENLARGED, LEAST_HEIGHT
 from gui.widgets.theme import LIGHT
 from gui.widgets.typed_paths import NO_FOLDER, NO_WHOLE_PATH
 from rigctl.encoder.encoder import Encoder
+from rigctl.encoder.force_gain import divided
 from rigctl.encoder.force_matrix import ForceMatrix
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import preset
@@ -27,6 +29,7 @@ from rigctl.encoder.reading import Reading, conductance, input_of_each
 from rigctl.engine.rpc.messages import EngineStatus, parse_status
 from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import DRAWN_WIRING
+from tests.analysis.recordings import sensor_passport
 from tests.gui.fake_engine import STATUS, FakeEngine
 from tests.gui.steps import click, wait_until
 
@@ -488,6 +491,32 @@ def test_a_typed_c_scales_all_taxels(page: LivePage, engine: FakeEngine) -> None
     strip.scaling.setCurrentIndex(0)
     strip.scaling.activated.emit(0)
     assert page.plots.data.history.recode is None and strip.model.isVisible()
+
+
+def test_a_gain_scales_by_all_taxels(page: LivePage, engine: FakeEngine, tmp_path: Path) -> None:
+    strip = page.encoder_strip
+    click(page.bar.buttons[ENCODER])
+    strip.scaling.setCurrentIndex(strip.scaling.findText("Divided"))
+    strip.scaling.activated.emit(strip.scaling.currentIndex())
+    assert not strip.c.isVisible() and not strip.model.isVisible()
+    assert "divided by all taxels, which knows nothing" in strip.sentence.text()
+    before = page.plots.data.history.spikes.end
+    stream(page, engine, 5000)
+    shown = page.plots.data.history.spikes.between(before, before + 5000)
+    samples = page.plots.data.history.samples.between(before, before + 5000)
+    ranges = Normalisation(np.full(18, 200, np.uint16), np.full(18, 800, np.uint16))
+    encoder = Encoder(ranges, gain_of=divided)
+    assert np.array_equal(shown, encoder.encode(np.ascontiguousarray(samples)))
+    strip.scaling.setCurrentIndex(strip.scaling.findText("Calibrated"))
+    strip.scaling.activated.emit(strip.scaling.currentIndex())
+    assert "name the sensor.json" in strip.sentence.text() and strip.model.isVisible()
+    strip.model.setText(str(tmp_path / "sensor.json"))
+    strip.model.editingFinished.emit()
+    wait_until(lambda: "sensor.json cannot be read" in strip.sentence.text())
+    (tmp_path / "sensor.json").write_text(json.dumps(sensor_passport().to_values()))
+    strip.model.editingFinished.emit()
+    wait_until(lambda: "passport is of conductance" in strip.sentence.text())
+    page.close_files()
 
 
 def test_rates_are_per_mm_of_the_texture_that_passed(page: LivePage, engine: FakeEngine) -> None:

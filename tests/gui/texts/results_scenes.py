@@ -15,7 +15,7 @@ from gui.analysis.results import AnalysisResults, ResultsPage, plot_page
 from gui.shell.main_window import MainWindow
 from rigctl.analysis.published import GROUPS, TASKS
 from rigctl.analysis.report.figure import Figure, Matrix, PublishedValue, Series
-from rigctl.analysis.report.result_figures import BLIND, STYLES, accuracy_panel
+from rigctl.analysis.report.result_figures import DASHED, STYLES, accuracy_panel
 from rigctl.analysis.representations import REPRESENTATIONS
 from tests.gui.steps import wait_until
 
@@ -60,7 +60,7 @@ def largest_accuracy() -> Figure:
     curves = [
         Series(
             r.name, STYLES[r.key], range(1, 51), percent, (1.25,) * 50, published=paper,
-            dashed=r.key.endswith(BLIND),
+            dashed=r.key in DASHED,
         )
         for r in REPRESENTATIONS
     ]  # fmt: skip
