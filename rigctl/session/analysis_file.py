@@ -398,6 +398,7 @@ class SpikeFileWriter:
         write_texts(self._file, "rows", names, "trains in the order of a trial", "train")
         layout = json.dumps(encoding.layout.to_values(), ensure_ascii=False)
         write_text(self._file, ATTRIBUTE, layout, "JSON: rows, columns, layers of the sensor")
+        self._write_trains(encoding.layout)
         self._write_trials(encoding)
         group = self._file.create_group("encoder")
         write_encoder(group, encoding.parameters, encoding.normalisation)
@@ -407,6 +408,17 @@ class SpikeFileWriter:
             write_force(self._file.create_group("c"), encoding.force)
         self._create_spikes(len(names))
         self._write_layouts(encoding.layouts)
+
+    def _write_trains(self, layout: SensorLayout) -> None:
+        """Write what each train is, in the order of ``rows``."""
+        group, rows = self._file.create_group("train"), [row for _, row in layout.train_names()]
+        taxels = [row % layout.n_taxels for row in rows]
+        layers = [layout.layers[layout.layer_of(taxel)] for taxel in taxels]
+        write_texts(group, "layer", layers, "name of its layer", "train")
+        receptors = ["SA" if row < layout.n_taxels else "RA" for row in rows]
+        write_texts(group, "receptor", receptors, "SA or RA", "train")
+        numbers = np.array(taxels, np.int32) + 1
+        write_array(group, "taxel", numbers, "", "number over all layers, from 1", "train")
 
     def _write_trials(self, encoding: EncodingInfo) -> None:
         group = self._file.create_group("trials")

@@ -138,6 +138,9 @@ def test_the_file_describes_itself(days: list[Path], tmp_path: Path) -> None:
         names = [name.decode() for name in file["rows"]]
         assert names[:10] == [f"SAI-{i}" for i in range(1, 10)] + ["RAI-1"]
         assert names[18] == "SAII-10" and names[-1] == "RAII-18"
+        trains = [file[f"train/{column}"][:] for column in ("receptor", "layer", "taxel")]
+        said = [f"{r.decode()}{layer.decode()}-{n}" for r, layer, n in zip(*trains, strict=True)]
+        assert said == names
         assert file.attrs["simulated"] == 1 and b"SIMULATED" in file["origin"][()]
         assert [source["seed"] for source in json.loads(file["inputs"][()])] == [3, 4]
         assert "gaps in their samples: 5" in file["remarks"][0].decode()
