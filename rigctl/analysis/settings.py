@@ -162,9 +162,6 @@ class AsteriskThresholds:
     two_star_p: float = number(0.01, "", 0, 1, "** for p below")
     two_star_d: float = number(1.0, "", 0, 100, "** for |d| above")
     two_star_h: float = number(0.5, "", 0, 4, "** for |h| above")
-    separation_sds: float = number(
-        2.0, "", 0, 100, "standard deviations of a pair that make a difference of Table 1"
-    )
 
     @property
     def asterisks(self) -> tuple[tuple[str, float, float], ...]:

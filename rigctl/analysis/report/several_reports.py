@@ -26,12 +26,17 @@ Count = Annotated[int, msgspec.Meta(ge=1, le=1_000_000_000)]
 Numbers = list[float]
 
 
+class _Test(TypedDict):
+    p: float | None
+    effect: float | None
+
+
 class _Pair(TypedDict):
     better: str
     worse: str
     verdict: str
     points: float
-    spread_points: float | None
+    test: _Test
     paper_points: float
     measured_beside: list[str]
 
@@ -307,7 +312,8 @@ def _compare_pair(key: str, number: int, sets: Sets) -> dict[str, Any]:
         "worse": pairs[0]["worse"],
         "paper_points": pairs[0]["paper_points"],
         "points": points,
-        "spread_points": [pair["spread_points"] for pair in pairs],
+        "p": [pair["test"]["p"] for pair in pairs],
+        "d": [pair["test"]["effect"] for pair in pairs],
         "verdicts": [pair["verdict"] for pair in pairs],
         "over_sets": over_sets,
     }
@@ -323,7 +329,7 @@ def summary_sentences(tasks: Results) -> list[str]:
     for task in tasks.values():
         n = len(task["pairs"])
         if not n:
-            sentences.append(f"{task['title']}: the paper's own spreads separate no pair")
+            sentences.append(f"{task['title']}: the paper's own values separate no pair")
             continue
         counts = Counter(_outcome(pair["verdicts"]) for pair in task["pairs"])
         listed = ", ".join(f"{counts[name]} {name}" for name in OUTCOMES if counts[name])
