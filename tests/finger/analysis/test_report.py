@@ -30,6 +30,8 @@ from rigctl.finger.analysis.tasks import DrawSettings
 from rigctl.finger.published import NEW_SESSION, SAME_SESSION
 from tests.finger.analysis.made_scans import made_data_set
 
+DIAMOND = 'd="M-4.183,0L0,-4.183L4.183,0L0,4.183Z"'
+
 
 @pytest.fixture(scope="module")
 def analysis() -> FingerAnalysis:
@@ -68,6 +70,11 @@ def test_the_figures_have_the_papers_values_and_both_representations(folder: Pat
         assert words in text
     deployed = (folder / "figs5.svg").read_text("utf-8")
     assert "h &gt; 0.2" in deployed and "n = 50 trials" in deployed
+
+
+@pytest.mark.parametrize(("name", "quoted"), [("fig4b", 4), ("fig4c", 4), ("figs5", 2)])
+def test_the_papers_quoted_accuracies_are_drawn(folder: Path, name: str, quoted: int) -> None:
+    assert (folder / f"{name}.svg").read_text("utf-8").count(DIAMOND) == quoted
 
 
 def test_results_hold_every_number_of_components(folder: Path) -> None:
