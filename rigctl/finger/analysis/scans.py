@@ -24,6 +24,7 @@ from rigctl.finger.scaled_time import (
     BATCH_SAMPLES,
     N_WINDOWS,
     REFERENCE_UM_PER_S,
+    Gaps,
     ScaledWindows,
     feature_vector,
     first_windows,
@@ -185,6 +186,7 @@ def scan_set(
     simulated: bool,
     reference_um_per_s: int = REFERENCE_UM_PER_S,
     n_windows: int = N_WINDOWS,
+    gaps: Gaps = Gaps.SPLIT,
 ) -> ScanSet:
     """Return the scans of recorded trials. ``normalisation``: of the readings.
 
@@ -195,7 +197,8 @@ def scan_set(
     for one in recordings:
         _check(session, one)
     scaled = [
-        scale_windows(one.spikes, one.velocities_um_per_s, reference_um_per_s) for one in recordings
+        scale_windows(one.spikes, one.velocities_um_per_s, reference_um_per_s, gaps=gaps)
+        for one in recordings
     ]
     timed = [time_windows(one.spikes) for one in recordings]
     longest = max(len(windows.counts) for windows in timed)
@@ -360,6 +363,7 @@ class RecordedScans:
     latencies: dict[str, Floats]
     remarks: tuple[str, ...]
     n_windows: int = N_WINDOWS
+    gaps: Gaps = Gaps.SPLIT
 
     @property
     def stages(self) -> frozenset[str]:
@@ -392,6 +396,7 @@ class RecordedScans:
             simulated=self.simulated,
             reference_um_per_s=self.encoding.reference_um_per_s,
             n_windows=self.n_windows,
+            gaps=self.gaps,
         )
 
     def with_settings(self, settings: FingerAnalysisSettings) -> RecordedScans:
@@ -400,7 +405,9 @@ class RecordedScans:
         if settings.reference_speed_mm_s:
             speed_um_per_s = round(1000 * settings.reference_speed_mm_s)
             encoding = encoding._replace(reference_um_per_s=speed_um_per_s)
-        return replace(self, encoding=encoding, n_windows=settings.windows)
+        return replace(
+            self, encoding=encoding, n_windows=settings.windows, gaps=Gaps(settings.gaps)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -476,6 +483,7 @@ def read_data_sets(
         read.append(read_scans(path).with_settings(settings or FingerAnalysisSettings()))
     resources.progress(READING_STAGE, len(paths), len(paths))
     pairs, remarks = _pair(read)
+    remarks.append(describe_windows(read))
     data_sets, currents = [], []
     for number, (first, new) in enumerate(pairs, start=1):
         name = f"set {number}"
@@ -493,6 +501,40 @@ def read_data_sets(
     joined = {kind: np.concatenate(parts) for kind, parts in latencies.items()}
     digests = {str(path): read_closing_digest(path) for path in paths}
     return RecordedDataSets(tuple(data_sets), tuple(currents), joined, tuple(remarks), digests)
+
+
+def describe_windows(read: Sequence[RecordedScans]) -> str:
+    """Return how many scans end beyond their windows or inside one, and what the gaps change."""
+    n = beyond = short = moved = spikes = 0
+    for one in read:
+        reference = one.encoding.reference_um_per_s
+        for scan in one.recordings:
+            split, whole = (
+                scale_windows(scan.spikes, scan.velocities_um_per_s, reference, gaps=gaps)
+                for gaps in Gaps
+            )
+            n, beyond = n + 1, beyond + (len(split.counts) > one.n_windows)
+            short += len(split.counts) <= one.n_windows
+            spikes += int(split.counts.sum())
+            moved += _moved(split, whole)
+    return (
+        f"{beyond} of {n} scans go beyond window {read[0].n_windows}, and what lies there is "
+        f"dropped; {short} end inside a window, whose rate is over its real time. The other "
+        f"reading of a gap across two batches (finger.gaps) puts {moved / max(spikes, 1):.1%} of "
+        "the spikes in another window"
+    )
+
+
+def _moved(split: ScaledWindows, whole: ScaledWindows) -> int:
+    """Return the spikes that are in another window or beyond all: each train keeps its order."""
+    sides = [np.repeat(np.arange(len(one.counts) + 1), _with_rest(one, split)[:, taxel])
+             for taxel in range(split.counts.shape[1]) for one in (split, whole)]  # fmt: skip
+    return sum(int((a != b).sum()) for a, b in zip(sides[::2], sides[1::2], strict=True))
+
+
+def _with_rest(one: ScaledWindows, split: ScaledWindows) -> Integers:
+    """Return the counts with a row more for the spikes that are in no window."""
+    return np.vstack([one.counts, split.counts.sum(axis=0) - one.counts.sum(axis=0)])
 
 
 def _check_distinct(paths: Sequence[Path]) -> None:

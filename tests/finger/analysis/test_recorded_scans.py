@@ -192,3 +192,24 @@ def test_options_of_the_drum_are_refused(
     assert main([*words, "--out", str(tmp_path / "out"), *option]) == 2
     assert f"{option[0]} belongs to the drum's analysis" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_both_readings_of_a_gap_are_offered_and_a_note_says_what_they_change(
+    sessions: tuple[Path, Path],
+) -> None:
+    split, whole = (
+        read_data_sets(sessions, settings=FingerAnalysisSettings(gaps=gaps))
+        for gaps in ("split", "whole")
+    )
+    steady, changing = (
+        [name in kind for name in split.data_sets[0].tested.profile.tolist()]
+        for kind in (("slow", "medium", "fast"), ("slow-to-fast", "fast-to-slow"))
+    )
+    ours, theirs = (one.data_sets[0].tested.windows for one in (split, whole))
+    assert (ours != theirs)[changing].any(axis=(1, 2)).all()
+    assert np.array_equal(ours[steady], theirs[steady])
+    (note,) = [text for text in split.remarks if "finger.gaps" in text]
+    n = sum(len(read_scans(path).recordings) for path in sessions)
+    beyond, of = int(note.split()[0]), int(note.split()[2])
+    assert of == n and f"; {n - beyond} end inside a window" in note
+    assert 0 < float(note.split("puts ")[1].split("%")[0]) < 50
