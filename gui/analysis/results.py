@@ -136,6 +136,12 @@ def report_results(report: ReportResult) -> AnalysisResults:
     if (out / "sensitivity.csv").exists():
         presets = out / "sensitivity.csv"
         pages.append(ResultsPage("Presets", _csv_table(presets), csv=_text(presets)))
+    for name, one in values["further"].items():
+        table, picture = out / f"{name}.csv", out / f"{name}.png"
+        if picture.exists():
+            pages.append(ResultsPage(one["title"], figure=str(picture), csv=_text(table)))
+        else:
+            pages.append(ResultsPage(one["title"], _csv_table(table), csv=_text(table)))
     pages.append(_words_page("Remarks", summarise_notes(report.remarks)))
     sentence = _report_sentence(report)
     return AnalysisResults(

@@ -23,7 +23,7 @@ from rigctl.analysis.options import AnalysisOptions, declared
 
 ROWS = (
     "task", "settings", "iterations", "k_max", "preset", "reference_force", "seed", "engine", "c",
-    "representation", "sensitivity",
+    "also", "representation", "sensitivity",
 )  # fmt: skip
 FILES = {"settings": PathKind.ANALYSIS_FILE, "c": PathKind.MODEL}
 EXPERIMENTS = {DRUM: DRUM_ANALYSIS, FINGER: FINGER_ANALYSIS}

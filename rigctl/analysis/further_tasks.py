@@ -19,6 +19,8 @@ from rigctl.errors import WrongUse
 if TYPE_CHECKING:
     from rigctl.analysis.trial_set import Design
 
+EXTRAPOLATION = "extrapolation"
+"""Family of Figures 3C to 3F."""
 Rows = NDArray[np.intp]
 TrainAndTests = tuple[Rows, dict[str, Rows]]
 """Training rows of one fit, and its test rows by the key of a task."""
@@ -89,7 +91,7 @@ TASKS = (
 OFFERED = (
     ("textures", "Individual textures"),
     ("groups", "Texture groups"),
-    ("extrapolation", "Extrapolation (Fig. 3C–F)"),
+    (EXTRAPOLATION, "Extrapolation (Fig. 3C–F)"),
     *((family.name, family.title) for family in FURTHER),
     ("leave-mount-out", "Leave one mounting out"),
 )

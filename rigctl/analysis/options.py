@@ -7,6 +7,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rigctl.analysis.further_analyses import OFFERED as ALSO
+from rigctl.analysis.further_analyses import check_names
 from rigctl.analysis.further_tasks import OFFERED
 from rigctl.encoder.parameters import PRESETS, override, preset
 from rigctl.errors import WrongUse
@@ -85,7 +87,8 @@ class EncoderOptions:
     ranges: Path | str = option(
         "all",
         "measure the taxel ranges in all trials (default) or only in those at the paper's "
-        "training speeds and forces, or take them from a spikes.h5 or model file",
+        "training speeds and forces, or take them from a spikes.h5 or model file; ranges over all "
+        "trials know the untrained force: --also ranges shows both",
         "all|training|FILE", group=ENCODER,
     )  # fmt: skip
     reference_force: float | None = option(
@@ -184,6 +187,11 @@ class AnalysisOptions(EncoderOptions):
         False, "add a table of all encoder presets, with 10 components and the same draws",
         title="Compare all encoder presets",
     )  # fmt: skip
+    also: tuple[str, ...] = option(
+        (), f"a further analysis: {', '.join(name for name, _ in ALSO[1:])}; may be repeated",
+        "NAME", title="Also measure", offered=ALSO,
+        hint="An analysis beside the tasks, on the same trials and draws",
+    )  # fmt: skip
     trial: int | None = option(None, "trial in the figure of one taxel", metavar="ID")
     taxel: int | None = option(None, "taxel in that figure, from 1", metavar="N", low=1)
     save_model: Path | None = option(
@@ -213,10 +221,11 @@ class AnalysisOptions(EncoderOptions):
 
     @property
     def sweep(self) -> SweepSettings:
-        """The draws of the drum's report, and its tasks. Raises ConfigError."""
+        """The draws of the drum's report, and its tasks. Raises ConfigError or WrongUse."""
         from rigctl.analysis.pca_lda import SweepEngine
         from rigctl.analysis.tasks import SweepSettings
 
+        check_names(self.also)
         draws = self.analysis.draws
         iterations = draws.count if self.iterations is None else self.iterations
         k_max = draws.components if self.k_max is None else self.k_max

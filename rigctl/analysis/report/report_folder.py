@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,6 +14,7 @@ from rigctl.analysis.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.comparisons import Ablations, measure_ablations
 from rigctl.analysis.files import atomic_directory
 from rigctl.analysis.force_scaling import load_c
+from rigctl.analysis.further_analyses import ANALYSES, run_further
 from rigctl.analysis.options import AnalysisOptions
 from rigctl.analysis.report.html_report import html_report
 from rigctl.analysis.report.responses import measure_responses
@@ -27,6 +28,7 @@ from rigctl.analysis.result_tables import as_dict, to_csv
 from rigctl.analysis.sensitivity import as_dict as sensitivity_dict
 from rigctl.analysis.sensitivity import compare_presets
 from rigctl.analysis.settings import differences_from_paper, to_toml
+from rigctl.analysis.study import Findings, Study
 from rigctl.analysis.tasks import TaskResult, run_tasks
 from rigctl.analysis.taxel import (
     check_selection,
@@ -60,6 +62,7 @@ class ReportResult:
     results: tuple[TaskResult, ...]
     remarks: tuple[str, ...]
     model: Path | None
+    further: tuple[Findings, ...] = ()
 
 
 class _Analysis(NamedTuple):
@@ -70,6 +73,7 @@ class _Analysis(NamedTuple):
     remarks: tuple[str, ...]
     preset_rows: list[dict[str, Any]]
     ablations: Ablations | None
+    further: dict[str, Findings]
     model: Model | None
 
 
@@ -101,7 +105,10 @@ def make_report(
             save_model(analysis.model, wanted.path)
     progress("writing the report", 1, 1)
     model = None if wanted is None else wanted.path
-    return ReportResult(options.out, trials.simulated, analysis.results, analysis.remarks, model)
+    further = tuple(analysis.further.values())
+    return ReportResult(
+        options.out, trials.simulated, analysis.results, analysis.remarks, model, further
+    )
 
 
 def _analyse(
@@ -117,6 +124,7 @@ def _analyse(
     ``encode``: :func:`represent` for the trials; it still takes parameters, folder and resources.
     """
     settings, wanted = options.sweep, options.model
+    further: dict[str, Findings] = {}
     representations = encode(options.parameters, folder, resources=resources)
     results, remarks = run_tasks(representations, settings, resources)
     ablations = measure_ablations(representations, results, settings, resources)
@@ -131,13 +139,19 @@ def _analyse(
     if options.sensitivity:
         base = (representations, results)
         preset_rows = compare_presets(encode, base, settings, folder, resources)
+    if options.also:
+        study = Study(encode, representations, results, settings, folder, resources)
+        further, left_out = run_further(options.also, study)
+        remarks = (*remarks, *left_out)
     model = None
     if wanted is not None:
         model, remark = train_model(
             representations, wanted, made_utc, settings.seed, resources.progress
         )
         remarks = (*remarks, remark)
-    return _Analysis(representations, tuple(results), remarks, preset_rows, ablations, model)
+    return _Analysis(
+        representations, tuple(results), remarks, preset_rows, ablations, further, model
+    )
 
 
 def _write(folder: Path, options: AnalysisOptions, analysis: _Analysis, made_utc: str) -> None:
@@ -153,6 +167,7 @@ def _write(folder: Path, options: AnalysisOptions, analysis: _Analysis, made_utc
     values["sensitivity"] = table = sensitivity_dict(analysis.preset_rows)
     if table is not None:
         (folder / "sensitivity.csv").write_text(to_csv(table["rows"]), encoding="utf-8")
+    values["further"] = _write_further(folder, analysis.further, origin)
     force = values["force_matrix"]
     if force is not None and force["unconverged_entries"]:
         entries = to_csv(force["unconverged_entries"])
@@ -166,8 +181,27 @@ def _write(folder: Path, options: AnalysisOptions, analysis: _Analysis, made_utc
     save_figure(accuracy, folder / "fig3", origin)
     save_figure(confusions[0], folder / "confusion", origin)
     responses = measure_responses(trials, ranges, representations.parameters)
-    page = html_report(values, accuracy, confusions, responses, fig2c, origin)
+    figures = {name: one.figures for name, one in analysis.further.items()}
+    page = html_report(values, accuracy, confusions, responses, fig2c, figures, origin)
     (folder / "report.html").write_text(page, encoding="utf-8")
+
+
+def _write_further(
+    folder: Path, further: Mapping[str, Findings], origin: str
+) -> dict[str, dict[str, Any]]:
+    """Write table and figures of each further analysis; return their values for JSON."""
+    values = {}
+    for one in ANALYSES:
+        if (found := further.get(one.name)) is None:
+            continue
+        (folder / f"{one.name}.csv").write_text(to_csv(found.rows), encoding="utf-8")
+        for number, figure in enumerate(found.figures):
+            save_figure(figure, folder / f"{one.name}{f'-{number + 1}' if number else ''}", origin)
+        sentences, rows = list(found.sentences), [dict(row) for row in found.rows]
+        values[one.name] = {
+            "title": one.title, "sentences": sentences, "rows": rows, "note": found.note
+        }  # fmt: skip
+    return values
 
 
 def _import_remarks(trials: TrialSet) -> list[str]:
