@@ -31,6 +31,7 @@ from rigctl.analysis.settings import differences_from_paper, to_toml
 from rigctl.analysis.study import Findings, Study
 from rigctl.analysis.tasks import TaskResult, run_tasks
 from rigctl.analysis.taxel import (
+    TaxelCourse,
     check_selection,
     draw_taxel,
     load_course,
@@ -39,6 +40,7 @@ from rigctl.analysis.taxel import (
 )
 from rigctl.analysis.training import train_model
 from rigctl.analysis.trial_set import TrialSet, join_sessions
+from rigctl.errors import WrongUse
 from rigctl.session.analysis_file import check_output_path
 from rigctl.session.header import IMPORTED
 from rigctl.session.model_file import Model, save_model
@@ -75,6 +77,7 @@ class _Analysis(NamedTuple):
     ablations: Ablations | None
     further: dict[str, Findings]
     model: Model | None
+    taxel: TaxelCourse
 
 
 def make_report(
@@ -88,7 +91,6 @@ def make_report(
     executor, progress = resources.executor, resources.progress
     constants, wanted, ranges = options.analysis, options.model, options.taxel_ranges
     trials = join_sessions(options.sessions, progress, options.parameters.reading)
-    check_selection(trials, options.trial, options.taxel)
     if wanted is not None:
         check_output_path(wanted.path)
     source = None if options.c is None else load_c(options.c, trials, resources)
@@ -127,6 +129,7 @@ def _analyse(
     further: dict[str, Findings] = {}
     representations = encode(options.parameters, folder, resources=resources)
     results, remarks = run_tasks(representations, settings, resources)
+    taxel, absent = _chosen_course(representations, options)
     ablations = measure_ablations(representations, results, settings, resources)
     remarks = (
         *differences_from_paper(options.analysis),
@@ -134,6 +137,7 @@ def _analyse(
         *representations.remarks,
         *remarks,
         *_component_remarks(results),
+        *absent,
     )
     preset_rows: list[dict[str, Any]] = []
     if options.sensitivity:
@@ -150,7 +154,7 @@ def _analyse(
         )
         remarks = (*remarks, remark)
     return _Analysis(
-        representations, tuple(results), remarks, preset_rows, ablations, further, model
+        representations, tuple(results), remarks, preset_rows, ablations, further, model, taxel
     )
 
 
@@ -158,7 +162,7 @@ def _write(folder: Path, options: AnalysisOptions, analysis: _Analysis, made_utc
     representations, results = analysis.representations, analysis.results
     trials, ranges = representations.trials, representations.normalisation
     origin = trials_origin(trials)
-    taxel = load_course(trials, ranges, representations.parameters, options.trial, options.taxel)
+    taxel = analysis.taxel
     fig2c = draw_taxel(taxel, folder / "fig2c")
     values = as_dict(
         representations, options.sweep, results, analysis.remarks, made_utc, analysis.ablations
@@ -184,6 +188,19 @@ def _write(folder: Path, options: AnalysisOptions, analysis: _Analysis, made_utc
     figures = {name: one.figures for name, one in analysis.further.items()}
     page = html_report(values, accuracy, confusions, responses, fig2c, figures, origin)
     (folder / "report.html").write_text(page, encoding="utf-8")
+
+
+def _chosen_course(
+    representations: RepresentationSet, options: AnalysisOptions
+) -> tuple[TaxelCourse, list[str]]:
+    """Return the signals of the chosen taxel; of the usual one with a remark if it is not there."""
+    trials = representations.trials
+    given = (trials, representations.normalisation, representations.parameters)
+    try:
+        check_selection(trials, options.trial, options.taxel)
+        return load_course(*given, options.trial, options.taxel), []
+    except WrongUse as reason:
+        return load_course(*given), [f"figure of one taxel: {reason}; it shows the usual one"]
 
 
 def _write_further(

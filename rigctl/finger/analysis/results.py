@@ -87,6 +87,7 @@ def analyse_finger(
     """
     if not data_sets:
         raise WrongUse("the analysis needs a data set: a training session and a later one")
+    data_sets = [one.of_repeated_textures() for one in data_sets]
     common = common_textures([one.textures for one in data_sets])
     if common is None:
         raise WrongUse("the data sets have different textures: analyse sets of one protocol")

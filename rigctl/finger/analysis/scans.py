@@ -328,13 +328,30 @@ class FingerDataSet:
         """Names of the textures, sorted."""
         return self.training.textures
 
-    def of_textures(self, textures: Sequence[str]) -> FingerDataSet:
-        """Return the scans of some textures, with a remark on the others."""
+    def of_repeated_textures(self) -> FingerDataSet:
+        """Return the scans of the textures with two training trials or more, with a remark.
+
+        A single trial has no spread to train with and none to test. Raises :class:`WrongUse` where
+        fewer than two textures are left.
+        """
+        trained = self.training.texture.tolist()
+        repeated = [name for name in self.textures if trained.count(name) > 1]
+        if len(repeated) < 2:
+            raise WrongUse(
+                f"{self.training.session} has {len(repeated)} textures with two training trials or "
+                "more: a classifier needs two such textures"
+            )
+        return self.of_textures(repeated, "for a single training trial")
+
+    def of_textures(
+        self, textures: Sequence[str], reason: str = "which a stage lacks"
+    ) -> FingerDataSet:
+        """Return the scans of some textures, with a remark on the others and its reason."""
         parts = (self.training, self.calibration, self.tested)
         left_out = sorted({name for part in parts for name in part.textures} - set(textures))
         if not left_out:
             return self
-        remark = f"{self.name}: textures left out, which a stage lacks: {', '.join(left_out)}"
+        remark = f"{self.name}: textures left out, {reason}: {', '.join(left_out)}"
         training, calibration, tested = (part.of_textures(textures) for part in parts)
         return FingerDataSet(self.name, training, calibration, tested, (*self.remarks, remark))
 

@@ -153,7 +153,20 @@ def run_finger_tasks(
             found.setdefault(key, []).extend(rows)
     run = [task for task in FINGER_TASKS if not (obstacle and task in (TRAINED, UNTRAINED))]
     results = [_join(task, data_sets, found, settings) for task in run]
-    return results, (obstacle,) if obstacle else ()
+    few = [one for one in data_sets if n_folds(one, settings.finger) < settings.finger.folds]
+    remarks = [
+        f"Figure 4B, same session: {n_folds(one, settings.finger)} folds instead of "
+        f"{settings.finger.folds}, as many as the rarest texture of {one.training.session} has "
+        "training trials"
+        for one in few
+    ]
+    return results, tuple(filter(None, (obstacle, *remarks)))
+
+
+def n_folds(data_set: FingerDataSet, settings: FingerAnalysisSettings) -> int:
+    """Return the folds of the training trials: no more than its rarest texture has."""
+    counts = np.unique(data_set.training.texture, return_counts=True)[1]
+    return int(min(settings.folds, counts.min()))
 
 
 def _profile_obstacle(data_set: FingerDataSet, settings: FingerAnalysisSettings) -> str:
@@ -311,9 +324,10 @@ def predict_new_session(
 def _same_session(
     data_set: FingerDataSet, kind: ScanKind, random: np.random.Generator, settings: DrawSettings
 ) -> Floats:
-    """Return the accuracy over four folds of the training trials, float64 (k_max,)."""
+    """Return the accuracy over the folds of the training trials, float64 (k_max,)."""
     labels = data_set.training.labels(data_set.textures)
-    folds = stratified_folds(labels, settings.finger.folds, int(random.integers(2**63)))
+    count = n_folds(data_set, settings.finger)
+    folds = stratified_folds(labels, count, int(random.integers(2**63)))
     key = SAME_SESSION.key
     splits = [Split(train, {key: test}) for train, test in folds]
     k_max = _allowed(settings.finger.k_max(SAME_SESSION), labels, splits)

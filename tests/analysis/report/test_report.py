@@ -238,8 +238,6 @@ def test_impossible_requests_are_refused_and_write_nothing(
         ([str(report)], "already exists"),
         ([str(tmp_path / "r"), "--preset", "fast"], "unknown encoder preset 'fast'"),
         ([str(tmp_path / "r"), "--task", "colours"], "no task 'colours'"),
-        ([str(tmp_path / "r"), "--taxel", "19"], "no taxel 19"),
-        ([str(tmp_path / "r"), "--trial", "999"], "no session has a committed trial 999"),
         ([str(tmp_path / "r"), "--iterations", "0"], "give a whole number from 1"),
     ):
         assert main([*start, *words]) == 2

@@ -58,6 +58,19 @@ def folder(analysis: FingerAnalysis, tmp_path_factory: pytest.TempPathFactory) -
     return out
 
 
+@pytest.mark.parametrize(("left", "words"), [(1, "single training trial: D"), (2, "2 folds")])
+def test_a_texture_with_few_training_trials_is_told_and_the_rest_analysed(
+    left: int, words: str
+) -> None:
+    whole = made_data_set(1, contrast=0.012)
+    kept = np.ones(len(whole.training), bool)
+    kept[np.flatnonzero(whole.training.texture == "D")[left:]] = False
+    found = analyse_finger([replace(whole, training=whole.training.select(kept))], DrawSettings(1))
+    assert any(words in remark for remark in found.remarks)
+    assert ("D" in found.data_sets[0].textures) == (left > 1)
+    assert len(found.tasks) == 5
+
+
 def test_every_figure_is_there_and_says_that_it_is_simulated(folder: Path) -> None:
     for name in ("fig4b", "fig4c", "figs5", "evidence", "promises", "latencies"):
         assert (folder / f"{name}.png").stat().st_size > 10_000
