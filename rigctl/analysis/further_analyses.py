@@ -28,7 +28,11 @@ class FurtherAnalysis(NamedTuple):
     module: str
 
 
-ANALYSES = (FurtherAnalysis("ranges", "Both taxel ranges", "rigctl.analysis.range_comparison"),)
+ANALYSES = (
+    FurtherAnalysis("ranges", "Both taxel ranges", "rigctl.analysis.range_comparison"),
+    FurtherAnalysis("trains", "Receptors, layers, rows and taxels", "rigctl.analysis.train_choice"),
+    FurtherAnalysis("lost", "Taxels lost one by one", "rigctl.analysis.lost_taxels"),
+)
 OFFERED = (("", "Nothing more"), *((one.name, one.title) for one in ANALYSES))
 """What ``--also`` takes, and how the window's form names it."""
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rigctl.analysis.further_analyses import OFFERED as ALSO
-from rigctl.analysis.further_analyses import check_names
 from rigctl.analysis.further_tasks import OFFERED
 from rigctl.encoder.parameters import PRESETS, override, preset
 from rigctl.errors import WrongUse
@@ -221,11 +220,10 @@ class AnalysisOptions(EncoderOptions):
 
     @property
     def sweep(self) -> SweepSettings:
-        """The draws of the drum's report, and its tasks. Raises ConfigError or WrongUse."""
+        """The draws of the drum's report, and its tasks. Raises ConfigError."""
         from rigctl.analysis.pca_lda import SweepEngine
         from rigctl.analysis.tasks import SweepSettings
 
-        check_names(self.also)
         draws = self.analysis.draws
         iterations = draws.count if self.iterations is None else self.iterations
         k_max = draws.components if self.k_max is None else self.k_max

@@ -18,6 +18,7 @@ from rigctl.config.toml_reader import (
     TomlTable,
     TomlText,
     lines_of_paths,
+    names,
     number,
     read_section,
 )
@@ -30,6 +31,7 @@ MAX_SPEED_MM_S, MAX_FORCE_G = 100_000.0, 100_000.0
 MAX_WINDOWS, MAX_WINDOW_MS = 100_000, 60_000
 MAX_DRAWS, MAX_COMPONENTS = 10_000, 100_000
 LEAST_SHARE = 0.001
+MAX_CHOICES, MAX_CHOICE_BYTES = 100, 200
 GROUPS = "groups"
 
 
@@ -181,10 +183,26 @@ class AsteriskThresholds:
 
 
 @dataclass(frozen=True, slots=True)
+class FurtherSettings:
+    """Further analyses (``--also``), which the paper does not have.
+
+    ``trains``: choices of trains beside the usual ones, such as ``SA layer I row 2`` or
+    ``taxels 1-3, 7``.
+    """
+
+    draws: int = number(5, "", 1, MAX_DRAWS, "draws of the report that are used, the first ones")
+    trains: tuple[str, ...] = names("further choices of trains", MAX_CHOICES, MAX_CHOICE_BYTES)
+    noise_counts: tuple[float, ...] = number(
+        (1.0, 2.0, 5.0, 10.0, 20.0), "counts", 0.01, 1023, "deviation of the noise added"
+    )
+    neighbours: int = number(5, "", 1, 1000, "neighbours that vote")
+
+
+@dataclass(frozen=True, slots=True)
 class AnalysisSettings:
     """All constants of both experiments' analysis; ``file``: where they are from, or empty.
 
-    ``finger``: the moving finger's, as its package defines them.
+    ``finger``: the moving finger's, as its package defines them. ``further``: not the paper's.
 
     ``given``: keys that the file sets, with their lines.
     """
@@ -197,6 +215,7 @@ class AnalysisSettings:
     draws: DrawCounts = field(default_factory=DrawCounts)
     statistics: AsteriskThresholds = field(default_factory=AsteriskThresholds)
     finger: Any = field(default_factory=lambda: _finger_settings()())
+    further: FurtherSettings = field(default_factory=FurtherSettings)
     file: str = field(default="", compare=False)
     given: tuple[tuple[str, int], ...] = field(default=(), compare=False)
 
@@ -237,6 +256,7 @@ def read_settings(text: TomlText) -> AnalysisSettings:
         draws=read_section(root.table("draws"), DrawCounts),
         statistics=read_section(root.table("statistics"), AsteriskThresholds),
         finger=read_section(root.table("finger"), _finger_settings()),
+        further=read_section(root.table("further"), FurtherSettings),
         file=text.name,
         given=_given(text),
     )
@@ -281,6 +301,7 @@ def to_toml(settings: AnalysisSettings) -> str:
 def differences_from_paper(settings: AnalysisSettings) -> tuple[str, ...]:
     """Return a sentence with each constant that is not the paper's; none where all are."""
     ours, paper = as_plain(settings), as_plain(AnalysisSettings())
+    del ours["further"]
     found = []
     for name, values in ours.items():
         for key in dict.fromkeys((*paper[name], *values)):

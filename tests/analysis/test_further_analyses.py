@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import json
+from html import escape
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from rigctl.analysis.further_analyses import ANALYSES
+from rigctl.analysis.lost_taxels import NEW, OLD, columns_of
 from rigctl.analysis.options import AnalysisOptions
 from rigctl.analysis.report.report_folder import make_report
+from rigctl.analysis.train_choice import parse_choice, usual_choices
 from rigctl.cli import main
+from rigctl.errors import WrongUse
+from rigctl.session.sensor_layout import SensorLayout
 from tests.analysis.recordings import record
 
 WHEN = "2026-11-21T12:00:00Z"
+PAPER = SensorLayout.default(18)
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +45,7 @@ def further(session: Path, out: Path, name: str, **changed: Any) -> dict[str, An
     results: dict[str, Any] = json.loads((out / "results.json").read_text(encoding="utf-8"))
     page = (out / "report.html").read_text(encoding="utf-8")
     for sentence in results["further"][name]["sentences"]:
-        assert sentence.split(",")[0] in page
+        assert escape(sentence.split(",")[0]) in page
     assert (out / f"{name}.csv").read_text(encoding="utf-8").count("\n") == 1 + len(
         results["further"][name]["rows"]
     )
@@ -75,3 +81,62 @@ def test_every_analysis_has_a_page_in_the_documentation() -> None:
     page = (Path(__file__).parents[2] / "docs/reference/analysis.md").read_text(encoding="utf-8")
     for one in ANALYSES:
         assert f"\n| `{one.name}` |" in page
+
+
+def test_trains_are_chosen_by_receptor_layer_row_and_number() -> None:
+    def rows(text: str) -> tuple[int, ...]:
+        return parse_choice(text, PAPER).rows
+
+    assert rows("SA") == tuple(range(18)) and rows("RA layer II") == tuple(range(27, 36))
+    assert rows("SA layer I row 2") == (3, 4, 5)
+    assert rows("sa column 3 taxels 1-6, 12") == (2, 5, 11)
+    names = [one.name for one in usual_choices(PAPER)]
+    assert names == [
+        "all trains", "SA", "RA", "layer I", "layer II", "SAI", "RAI", "SAII", "RAII",
+        "row 1", "row 2", "row 3",
+    ]  # fmt: skip
+    for text, sentence in (
+        ("layer III", "there is no layer III: the sensor has I, II"),
+        ("taxels 17-19", "there is no taxel 19: choose 1 to 18"),
+        ("row 4", "there is no row 4: the sensor has 3"),
+        ("layer II taxel 3", "no taxel is in all of its parts"),
+        ("thumb", "names no trains: write SA or RA"),
+    ):
+        with pytest.raises(WrongUse, match=sentence):
+            parse_choice(text, PAPER)
+
+
+def test_some_trains_classify_as_their_features_alone(session: Path, tmp_path: Path) -> None:
+    file = session.parent / "file.toml"
+    file.write_text(file.read_text() + '[further]\ntrains = ["RA taxel 4", "layer V"]\n')
+    results = further(session, tmp_path / "out", "trains")
+    found = results["further"]["trains"]
+    assert found["sentences"][0] == (
+        "further.trains: there is no layer V: the sensor has I, II; left out."
+    )
+    by = {(row["task"], row["representation"], row["trains"]): row for row in found["rows"]}
+    task = results["tasks"]["textures"]
+    mean = task["representations"]["speed"]["mean"][task["shown_components"] - 1]
+    whole = by["Individual textures", "Speed Scaled", "all trains"]
+    assert whole["mean_percent"] == pytest.approx(100 * mean, abs=1e-3)
+    alone = results["evidence"]["alone"]["textures"]["speed"]
+    for half in ("SA", "RA"):
+        row = by["Individual textures", "Speed Scaled", half]
+        assert row["mean_percent"] == pytest.approx(100 * alone[half], abs=1e-3)
+    assert by["Individual textures", "Speed Scaled", "RA taxel 4"]["number_of_trains"] == 1
+
+
+def test_losing_no_taxel_changes_nothing_and_losing_most_does(
+    session: Path, tmp_path: Path
+) -> None:
+    results = further(session, tmp_path / "out", "lost")
+    rows = results["further"]["lost"]["rows"]
+    task = results["tasks"]["textures"]
+    mean = task["representations"]["original"]["mean"][task["shown_components"] - 1]
+    mine = [r for r in rows if (r["task"], r["representation"]) == (task["title"], "Original")]
+    before = {r["taxels_lost"]: r["mean_percent"] for r in mine if r["classifier"] == OLD}
+    after = {r["taxels_lost"]: r["mean_percent"] for r in mine if r["classifier"] == NEW}
+    assert before[0] == after[0] == pytest.approx(100 * mean, abs=1e-3)
+    assert list(before) == [0, 1, 2, 3, 4, 6, 8, 10, 12, 15, 17]
+    assert before[17] < before[0]
+    assert columns_of([1], 3, 12).tolist() == [2, 3, 8, 9], "SA and RA of the second taxel"

@@ -102,6 +102,21 @@ class Panel:
 
 
 @dataclass(frozen=True, slots=True)
+class Bars:
+    """Values of named things beside each other: a group of bars for each of ``categories``.
+
+    ``series``: one value for each category; their ``x`` counts the categories from 0.
+    """
+
+    title: str
+    categories: Sequence[str]
+    series: Sequence[Series]
+    x_label: str
+    x_range: tuple[float, float]
+    level: tuple[float, str] | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Matrix:
     """A confusion matrix. ``counts``: trials by true (row) and predicted class.
 
@@ -137,7 +152,7 @@ class Figure:
     """Panels with one legend. ``notes``: sentences below them, what bars and marks mean."""
 
     title: str
-    panels: Sequence[Panel | Matrix]
+    panels: Sequence[Panel | Matrix | Bars]
     notes: Sequence[str] = ()
     columns: int = 3
 
@@ -154,4 +169,9 @@ class Figure:
     @property
     def legend(self) -> dict[str, Series]:
         """The curves by name, each once."""
-        return {one.name: one for plot in self.plots for one in plot.series}
+        return {
+            one.name: one
+            for plot in self.panels
+            if not isinstance(plot, Matrix)
+            for one in plot.series
+        }

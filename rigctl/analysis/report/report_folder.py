@@ -14,7 +14,7 @@ from rigctl.analysis.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.comparisons import Ablations, measure_ablations
 from rigctl.analysis.files import atomic_directory
 from rigctl.analysis.force_scaling import load_c
-from rigctl.analysis.further_analyses import ANALYSES, run_further
+from rigctl.analysis.further_analyses import ANALYSES, check_names, run_further
 from rigctl.analysis.options import AnalysisOptions
 from rigctl.analysis.report.html_report import html_report
 from rigctl.analysis.report.responses import measure_responses
@@ -89,6 +89,7 @@ def make_report(
     DiskFault where nothing can be written; then there is no report folder.
     """
     executor, progress = resources.executor, resources.progress
+    check_names(options.also)
     constants, wanted, ranges = options.analysis, options.model, options.taxel_ranges
     trials = join_sessions(options.sessions, progress, options.parameters.reading)
     if wanted is not None:

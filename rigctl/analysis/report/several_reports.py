@@ -223,7 +223,11 @@ def load_reports(folders: Sequence[Path]) -> list[dict[str, Any]]:
 
 def _constants(one: dict[str, Any]) -> dict[str, Any]:
     """Return the constants that determine a report of the drum, but for the number of draws."""
-    return {k: v for k, v in one["settings"]["analysis"].items() if k not in ("draws", "finger")}
+    return {
+        k: v
+        for k, v in one["settings"]["analysis"].items()
+        if k not in ("draws", "finger", "further")
+    }
 
 
 def _load(folder: Path) -> dict[str, Any]:

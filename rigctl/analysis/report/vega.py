@@ -13,7 +13,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
-from rigctl.analysis.report.figure import COLOURS, Figure, Matrix, Panel, Series
+from rigctl.analysis.report.figure import COLOURS, Bars, Figure, Matrix, Panel, Series
 
 Spec = dict[str, Any]
 Colours = Mapping[str, str]
@@ -35,6 +35,7 @@ LICENCES = (
 PNG_PPI = 144
 PANEL_WIDTH, PANEL_HEIGHT = 330, 200
 STAR_ROW = 10
+BAR_HEIGHT = 7
 NOTE_LETTERS = 68
 """Of a note above the width of a panel."""
 LEGEND_LETTER, LEGEND_SYMBOL = 6, 40
@@ -83,9 +84,7 @@ def specify(figure: Figure, colours: Colours = THEMED, *, pointer: bool = False)
     """Return the Vega-Lite specification of a figure; ``pointer``: shows the values there."""
     legend = list(figure.legend.values())
     panels = [
-        _matrix(panel, colours)
-        if isinstance(panel, Matrix)
-        else _lines(panel, number, legend, colours, pointer=pointer)
+        _drawn(panel, number, legend, colours, pointer=pointer)
         for number, panel in enumerate(figure.panels)
     ]
     settings = config(colours)
@@ -100,6 +99,21 @@ def specify(figure: Figure, colours: Colours = THEMED, *, pointer: bool = False)
         "spacing": {"row": 16, "column": 20},
         "config": settings,
     }
+
+
+def _drawn(
+    panel: Panel | Matrix | Bars,
+    number: int,
+    legend: Sequence[Series],
+    colours: Colours,
+    *,
+    pointer: bool,
+) -> Spec:
+    if isinstance(panel, Matrix):
+        return _matrix(panel, colours)
+    if isinstance(panel, Bars):
+        return _bars(panel, legend, colours)
+    return _lines(panel, number, legend, colours, pointer=pointer)
 
 
 def legend_columns(figure: Figure, panels: int) -> int:
@@ -209,6 +223,47 @@ def _rows(panel: Panel) -> Iterator[Spec]:
                 row |= {"low": ends[0], "high": ends[1]}
             inside = {key: round(min(max(value, low), high), 2) for key, value in row.items()}
             yield {"name": one.name, "x": round(x, 3), **inside}
+
+
+def _bars(bars: Bars, legend: Sequence[Series], colours: Colours) -> Spec:
+    """Return a group of lying bars for each category; ends of the error bars stay in the plot."""
+    low, high = bars.x_range
+    rows = []
+    for one in bars.series:
+        for i, (at, value) in enumerate(zip(one.x, one.y, strict=True)):
+            row: Spec = {"name": one.name, "category": bars.categories[int(at)]}
+            ends = one.ends(i) or (value, value)
+            each = {"x": value, "low": ends[0], "high": ends[1]}
+            rows.append(row | {k: round(min(max(v, low), high), 2) for k, v in each.items()})
+    x = _axis("x", bars.x_label, bars.x_range)
+    names = [one.name for one in legend]
+    place = {
+        "y": {
+            "field": "category",
+            "type": "nominal",
+            "sort": None,
+            "title": None,
+            "scale": {"domain": list(bars.categories), "paddingInner": 0.25},
+            "axis": {"labelLimit": 0},
+        },
+        "yOffset": {"field": "name", "sort": names, "scale": {"domain": names}},
+    }
+    hue = {**_hues(legend, colours), "legend": {"symbolType": "square"}}
+    bar = {**place, "x": x, "color": hue}
+    dashed = [one.name for one in legend if one.dashed]
+    faded = {"condition": {"test": f"indexof({dashed}, datum.name) >= 0", "value": 0.5}, "value": 1}
+    error = {**place, "x": {**x, "field": "low"}, "x2": {"field": "high"}}
+    layers: list[Spec] = [
+        {"mark": {"type": "bar", "aria": False}, "encoding": {**bar, "opacity": faded}},
+        {"mark": {"type": "rule", "color": colours["text"], "strokeWidth": 0.7}, "encoding": error},
+    ]
+    return {
+        "title": {"text": bars.title, "anchor": "start", "offset": 6},
+        "width": PANEL_WIDTH,
+        "height": BAR_HEIGHT * (len(names) + 1) * len(bars.categories),
+        "data": {"values": rows},
+        "layer": layers,
+    }
 
 
 def _level(level: tuple[float, str], colours: Colours) -> list[Spec]:
