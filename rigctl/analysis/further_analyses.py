@@ -32,6 +32,10 @@ ANALYSES = (
     FurtherAnalysis("ranges", "Both taxel ranges", "rigctl.analysis.range_comparison"),
     FurtherAnalysis("trains", "Receptors, layers, rows and taxels", "rigctl.analysis.train_choice"),
     FurtherAnalysis("lost", "Taxels lost one by one", "rigctl.analysis.lost_taxels"),
+    FurtherAnalysis("noise", "Noise added to the readings", "rigctl.analysis.reading_noise"),
+    FurtherAnalysis("classifiers", "Other classifiers", "rigctl.analysis.classifiers"),
+    FurtherAnalysis("training", "Training trials", "rigctl.analysis.training_curve"),
+    FurtherAnalysis("distances", "Distances of spike trains", "rigctl.analysis.train_distances"),
 )
 OFFERED = (("", "Nothing more"), *((one.name, one.title) for one in ANALYSES))
 """What ``--also`` takes, and how the window's form names it."""

@@ -13,9 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.pca_lda import Split, SweepEngine, predict_splits
-from rigctl.analysis.report.figure import Figure, Panel, Series
+from rigctl.analysis.report.figure import Figure
 from rigctl.analysis.splits import make_splits
-from rigctl.analysis.study import COLOURS, Case, Findings, Row, Study, cases, mean_and_sd
+from rigctl.analysis.study import (
+    Case,
+    Findings,
+    Row,
+    Study,
+    cases,
+    curve_panel,
+    mean_and_sd,
+)
 from rigctl.analysis.tasks import score_splits
 from rigctl.errors import WrongUse
 
@@ -54,7 +62,7 @@ def measure(study: Study) -> Findings:
         for trained in (OLD, NEW)
         for number in lost
     ]
-    return Findings(_sentences(study, rows), rows, [_figure(study, rows, lost)], NOTE)
+    return Findings(_sentences(study, rows), rows, [_figure(study, rows)], NOTE)
 
 
 def columns_of(taxels: Sequence[int], n_taxels: int, width: int) -> NDArray[np.intp]:
@@ -143,37 +151,13 @@ def _sentences(study: Study, rows: Sequence[Row]) -> list[str]:
     ]
 
 
-def _figure(study: Study, rows: Sequence[Row], lost: Sequence[int]) -> Figure:
-    panels = []
-    for result in study.results:
-        series = [
-            _curve(rows, result.task.title, one.name, trained, COLOURS[one.key], lost)
-            for one in study.shown
-            for trained in (OLD, NEW)
-        ]
-        title = f"{result.task.figure}  {result.task.title}".strip()
-        level = (100 * result.chance, f"chance {100 * result.chance:.3g} %")
-        ends = (0.0, lost[-1] + 1.0)
-        label = "taxels lost"
-        panels.append(
-            Panel(
-                title, series, label, "accuracy (%)", ends, (0.0, 100.0), x_name=label, level=level
-            )
-        )
+def _figure(study: Study, rows: Sequence[Row]) -> Figure:
+    series = {
+        f"{one.name}{ending}": {"representation": one.name, "classifier": trained}
+        for one in study.shown
+        for trained, ending in ((OLD, ""), (NEW, ", trained anew"))
+    }
+    panels = [
+        curve_panel(result, rows, "taxels_lost", "taxels lost", series) for result in study.results
+    ]
     return Figure("Accuracy while taxels are lost", panels, [NOTE])
-
-
-def _curve(
-    rows: Sequence[Row], task: str, name: str, trained: str, colour: str, lost: Sequence[int]
-) -> Series:
-    chosen = {"task": task, "representation": name, "classifier": trained}
-    mine = [row for row in rows if chosen.items() <= row.items()]
-    spread = [row["sd_percent"] for row in mine]
-    return Series(
-        f"{name}{', trained anew' if trained == NEW else ''}",
-        colour,
-        list(lost),
-        [row["mean_percent"] for row in mine],
-        None if None in spread else spread,
-        dashed=trained == NEW,
-    )

@@ -32,6 +32,7 @@ MAX_WINDOWS, MAX_WINDOW_MS = 100_000, 60_000
 MAX_DRAWS, MAX_COMPONENTS = 10_000, 100_000
 LEAST_SHARE = 0.001
 MAX_CHOICES, MAX_CHOICE_BYTES = 100, 200
+MAX_DISTANCE_TRIALS = 2000
 GROUPS = "groups"
 
 
@@ -196,6 +197,13 @@ class FurtherSettings:
         (1.0, 2.0, 5.0, 10.0, 20.0), "counts", 0.01, 1023, "deviation of the noise added"
     )
     neighbours: int = number(5, "", 1, 1000, "neighbours that vote")
+    distance_trials: int = number(
+        200, "", 4, MAX_DISTANCE_TRIALS, "trials drawn for distances of spike trains"
+    )
+    shift_cost_per_s: float = number(
+        100.0, "1/s", 0.1, 1e6, "Victor-Purpura: cost of moving a spike, adding one costs 1"
+    )
+    time_constant_ms: float = number(10.0, "ms", 0.1, 1e5, "van Rossum: of the exponential")
 
 
 @dataclass(frozen=True, slots=True)

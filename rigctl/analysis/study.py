@@ -14,8 +14,12 @@ from numpy.typing import NDArray
 
 from rigctl.analysis import published
 from rigctl.analysis.cache import Resources
-from rigctl.analysis.report.figure import Figure
-from rigctl.analysis.representations import Representation, RepresentationSet
+from rigctl.analysis.report.figure import Bars, Figure, Panel, Series
+from rigctl.analysis.representations import (
+    REPRESENTATIONS,
+    Representation,
+    RepresentationSet,
+)
 from rigctl.analysis.settings import AnalysisSettings
 from rigctl.analysis.tasks import SweepSettings, TaskResult
 from rigctl.analysis.trial_set import Design
@@ -148,3 +152,53 @@ def mean_and_sd(shares: Sequence[float]) -> tuple[float, float | None]:
 def percent(share: float) -> float:
     """Return a share in per cent, as rows have it."""
     return round(100 * share, DECIMALS)
+
+
+def curve_panel(
+    result: TaskResult, rows: Sequence[Row], x: str, label: str, series: Mapping[str, Row]
+) -> Panel:
+    """Return a panel of a task's accuracies over the column ``x`` of some rows.
+
+    ``series``: the rows of each curve by its name, as the values that they have; a representation
+    says the colour, and a curve whose name begins otherwise is dashed.
+    """
+    title = f"{result.task.figure}  {result.task.title}".strip()
+    mine = [row for row in rows if row["task"] == result.task.title]
+    curves = []
+    for name, chosen in series.items():
+        own = [row for row in mine if chosen.items() <= row.items()]
+        spread = [row["sd_percent"] for row in own]
+        kind = next(one for one in REPRESENTATIONS if one.name == chosen["representation"])
+        curves.append(
+            Series(
+                name,
+                COLOURS[kind.key],
+                [row[x] for row in own],
+                [row["mean_percent"] for row in own],
+                None if None in spread else spread,
+                dashed=name != kind.name,
+            )
+        )
+    last = max((row[x] for row in mine), default=1)
+    level = (100 * result.chance, f"chance {100 * result.chance:.3g} %")
+    ends = (0.0, 1.05 * last)
+    return Panel(
+        title, curves, label, "accuracy (%)", ends, (0.0, 100.0), x_name=label, level=level
+    )
+
+
+def bar_panel(
+    result: TaskResult, rows: Sequence[Row], category: str, shown: Sequence[Representation]
+) -> Bars:
+    """Return bars of a task's accuracies for each value of a column, by representation."""
+    mine = [row for row in rows if row["task"] == result.task.title]
+    series = []
+    for one in shown:
+        own = [row for row in mine if row["representation"] == one.name]
+        spread = [row["sd_percent"] for row in own]
+        values = [row["mean_percent"] for row in own]
+        bars = None if None in spread else spread
+        series.append(Series(one.name, COLOURS[one.key], range(len(own)), values, bars))
+    names = list(dict.fromkeys(row[category] for row in mine))
+    title = f"{result.task.figure}  {result.task.title}".strip()
+    return Bars(title, names, series, "accuracy (%)", (0.0, 100.0))

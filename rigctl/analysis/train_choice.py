@@ -13,9 +13,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.report.figure import Bars, Figure, Series
+from rigctl.analysis.report.figure import Figure
 from rigctl.analysis.splits import make_splits
-from rigctl.analysis.study import COLOURS, Case, Findings, Row, Study, cases, mean_and_sd
+from rigctl.analysis.study import (
+    Case,
+    Findings,
+    Row,
+    Study,
+    bar_panel,
+    cases,
+    mean_and_sd,
+)
 from rigctl.analysis.tasks import score_splits
 from rigctl.errors import WrongUse
 from rigctl.session.sensor_layout import SensorLayout
@@ -184,22 +192,5 @@ def _sentences(study: Study, rows: Sequence[Row]) -> list[str]:
 
 
 def _figure(study: Study, rows: Sequence[Row]) -> Figure:
-    panels = []
-    for result in study.results:
-        mine = [row for row in rows if row["task"] == result.task.title]
-        names = list(dict.fromkeys(row["trains"] for row in mine))
-        series = [
-            Series(
-                one.name,
-                COLOURS[one.key],
-                range(len(names)),
-                [row["mean_percent"] for row in mine if row["representation"] == one.name],
-                None
-                if study.draws < 2
-                else [row["sd_percent"] for row in mine if row["representation"] == one.name],
-            )
-            for one in study.shown
-        ]
-        title = f"{result.task.figure}  {result.task.title}".strip()
-        panels.append(Bars(title, names, series, "accuracy (%)", (0.0, 100.0)))
+    panels = [bar_panel(result, rows, "trains", study.shown) for result in study.results]
     return Figure("Accuracy from some of the trains", panels, [NOTE])

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from rigctl.analysis.further_analyses import ANALYSES
 from rigctl.analysis.lost_taxels import NEW, OLD, columns_of
 from rigctl.analysis.options import AnalysisOptions
+from rigctl.analysis.reading_noise import CLEAN, NOISY
 from rigctl.analysis.report.report_folder import make_report
 from rigctl.analysis.train_choice import parse_choice, usual_choices
+from rigctl.analysis.train_distances import draw_trials
+from rigctl.analysis.training_curve import part_of
+from rigctl.analysis.trial_set import Design, join_sessions, open_trials
 from rigctl.cli import main
 from rigctl.errors import WrongUse
 from rigctl.session.sensor_layout import SensorLayout
@@ -37,10 +43,10 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def further(session: Path, out: Path, name: str, **changed: Any) -> dict[str, Any]:
     """Return the values of one analysis in a report."""
+    usual: dict[str, Any] = {"settings": session.parent / "file.toml"}
     options = AnalysisOptions(
-        (session,), out=out, iterations=2, k_max=4, also=(name,),
-        settings=session.parent / "file.toml", **changed,
-    )  # fmt: skip
+        (session,), out=out, iterations=2, k_max=4, also=(name,), **(usual | changed)
+    )
     make_report(options, WHEN)
     results: dict[str, Any] = json.loads((out / "results.json").read_text(encoding="utf-8"))
     page = (out / "report.html").read_text(encoding="utf-8")
@@ -140,3 +146,84 @@ def test_losing_no_taxel_changes_nothing_and_losing_most_does(
     assert list(before) == [0, 1, 2, 3, 4, 6, 8, 10, 12, 15, 17]
     assert before[17] < before[0]
     assert columns_of([1], 3, 12).tolist() == [2, 3, 8, 9], "SA and RA of the second taxel"
+
+
+def test_noise_is_the_same_whoever_reads_and_harms_what_was_trained_without(
+    session: Path, tmp_path: Path
+) -> None:
+    trials = join_sessions([session])
+    noisy = tuple(replace(file, noise_counts=30.0) for file in trials.files)
+    some = trials.trials[3:6]
+    with open_trials(trials.files) as clean, open_trials(noisy) as reader:
+        block = reader.read_block(some).arrays
+        for one, together in zip(some, block, strict=True):
+            alone = reader.read(one)
+            assert np.array_equal(alone, together)
+            difference = alone.astype(int) - clean.read(one)
+            assert 25 < difference.std() < 35 and abs(difference.mean()) < 2
+    file = session.parent / "noise.toml"
+    file.write_text("[further]\nnoise_counts = [0.01, 300]\n")
+    results = further(session, tmp_path / "out", "noise", task=("textures",), settings=file)
+    by = {
+        (row["representation"], row["classifier"], row["noise_counts"]): row["mean_percent"]
+        for row in results["further"]["noise"]["rows"]
+    }
+    task = results["tasks"]["textures"]
+    for key, name in (("original", "Original"), ("force", "Force Scaled")):
+        mean = 100 * task["representations"][key]["mean"][task["shown_components"] - 1]
+        for trained in (CLEAN, NOISY):
+            # A hundredth of a count changes no reading.
+            assert (
+                by[name, trained, 0.0] == by[name, trained, 0.01] == pytest.approx(mean, abs=0.01)
+            )
+        assert by[name, CLEAN, 300] < mean
+
+
+def test_classifiers_are_scored_on_ldas_folds(session: Path, tmp_path: Path) -> None:
+    results = further(session, tmp_path / "out", "classifiers")
+    rows = results["further"]["classifiers"]["rows"]
+    names = list(dict.fromkeys(row["classifier"] for row in rows))
+    assert names == [
+        "LDA", "5 nearest neighbours", "linear SVM", "logistic regression", "k-means clusters",
+    ]  # fmt: skip
+    task = results["tasks"]["textures"]
+    by = {
+        (row["representation"], row["classifier"]): row
+        for row in rows
+        if row["task"] == task["title"]
+    }
+    mean = task["representations"]["speed"]["mean"][task["shown_components"] - 1]
+    assert by["Speed Scaled", "LDA"]["mean_percent"] == pytest.approx(100 * mean, abs=1e-3)
+    for name in names[1:]:
+        assert by["Speed Scaled", name]["mean_percent"] > 100 * task["chance"]
+
+
+def test_the_training_curve_ends_at_the_report(session: Path, tmp_path: Path) -> None:
+    results = further(session, tmp_path / "out", "training", task=("textures",))
+    task, rows = results["tasks"]["textures"], results["further"]["training"]["rows"]
+    mine = [row for row in rows if row["representation"] == "Speed Scaled"]
+    trained = [row["training_trials"] for row in mine]
+    assert trained == sorted(trained) and len(trained) > 2
+    mean = task["representations"]["speed"]["mean"][task["shown_components"] - 1]
+    assert mine[-1]["mean_percent"] == pytest.approx(100 * mean, abs=1e-3)
+    texture = np.repeat([0, 1, 2], 10)
+    part = part_of(np.arange(30), texture, 0.2, [1])
+    assert np.bincount(texture[part]).tolist() == [2, 2, 2]
+
+
+def test_distances_tell_textures_apart_across_speeds_where_trains_are_scaled(
+    session: Path, tmp_path: Path
+) -> None:
+    results = further(session, tmp_path / "out", "distances", task=("textures",))
+    found = results["further"]["distances"]
+    assert found["sentences"][0].startswith("48 of 48 trials, drawn evenly")
+    rows = {(row["representation"], row["distance"]): row for row in found["rows"]}
+    assert len(rows) == 8
+    for distance in ("Victor-Purpura", "van Rossum"):
+        original, scaled = (rows[name, distance] for name in ("Original", "Speed Scaled"))
+        assert 0 < scaled["same_texture_same_condition"] < scaled["other_texture_same_condition"]
+        assert scaled["contrast"] > original["contrast"]
+    design = Design(("A", "B"), np.repeat([0, 1], 12), np.tile([40.0, 80.0], 12), np.ones(24))
+    rows_drawn = draw_trials(design, 8, 0)
+    cells = design.texture[rows_drawn] * 100 + design.speed_mm_s[rows_drawn]
+    assert np.unique(cells, return_counts=True)[1].tolist() == [2, 2, 2, 2]
