@@ -35,6 +35,7 @@ ANALYSES = (
     FurtherAnalysis("noise", "Noise added to the readings", "rigctl.analysis.reading_noise"),
     FurtherAnalysis("classifiers", "Other classifiers", "rigctl.analysis.classifiers"),
     FurtherAnalysis("training", "Training trials", "rigctl.analysis.training_curve"),
+    FurtherAnalysis("poisson", "A Poisson control", "rigctl.analysis.poisson_control"),
     FurtherAnalysis("distances", "Distances of spike trains", "rigctl.analysis.train_distances"),
 )
 OFFERED = (("", "Nothing more"), *((one.name, one.title) for one in ANALYSES))

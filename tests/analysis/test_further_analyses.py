@@ -14,6 +14,7 @@ import pytest
 from rigctl.analysis.further_analyses import ANALYSES
 from rigctl.analysis.lost_taxels import NEW, OLD, columns_of
 from rigctl.analysis.options import AnalysisOptions
+from rigctl.analysis.poisson_control import poisson_features
 from rigctl.analysis.reading_noise import CLEAN, NOISY
 from rigctl.analysis.report.report_folder import make_report
 from rigctl.analysis.train_choice import parse_choice, usual_choices
@@ -227,3 +228,17 @@ def test_distances_tell_textures_apart_across_speeds_where_trains_are_scaled(
     rows_drawn = draw_trials(design, 8, 0)
     cells = design.texture[rows_drawn] * 100 + design.speed_mm_s[rows_drawn]
     assert np.unique(cells, return_counts=True)[1].tolist() == [2, 2, 2, 2]
+
+
+def test_poisson_trains_have_the_expected_spikes_and_more_spread(
+    session: Path, tmp_path: Path
+) -> None:
+    features = np.tile([50.0, 20.0, 4.0, 0.0], (4000, 1))  # one taxel, two windows, SA and RA
+    seconds = np.tile([0.1, 0.3], (4000, 1))
+    drawn = poisson_features(features, seconds, np.random.default_rng(0))
+    np.testing.assert_allclose(drawn.mean(axis=0), features[0], rtol=0.05)
+    variance = np.array([50 / 0.1, 20 / 0.3, 4.0])
+    np.testing.assert_allclose(drawn.var(axis=0)[:3], variance, rtol=0.1)
+    rows = further(session, tmp_path / "out", "poisson", task=("textures",))["further"]["poisson"]
+    by = {(row["representation"], row["spikes"]): row["mean_percent"] for row in rows["rows"]}
+    assert by["Speed Scaled", "Poisson"] < by["Speed Scaled", "as encoded"]
