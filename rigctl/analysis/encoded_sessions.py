@@ -20,6 +20,7 @@ from rigctl.analysis.force_scaling import (
     sa_factors,
     trials_to_encode,
 )
+from rigctl.analysis.settings import check_reference_force
 from rigctl.analysis.spike_counts import (
     ConditionTask,
     PreparedTrials,
@@ -93,10 +94,11 @@ def encode_sessions(
     check_selection(trials, request.trial, request.taxel)
     resources.executor.check_visible(trials.paths)
     with atomic_directory(out) as folder:
+        check_reference_force(request.settings, trials.forces_g)
         reference_g, choice = choose_reference(trials, request.reference_g)
         trials = trials_to_encode(trials, reference_g, request.scaled_by)
         obstacle = force_scaling_obstacle(trials, reference_g)
-        prepared = prepare_trials(trials, resources, request.ranges)
+        prepared = prepare_trials(trials, resources, request.ranges, request.settings)
         conditions = group_by_condition(
             prepared, request.parameters, reference_g, search_c=not obstacle
         )

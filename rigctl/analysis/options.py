@@ -98,6 +98,15 @@ class EncoderOptions:
         usual=500.0,
     )  # fmt: skip
 
+    settings: Path | None = option(
+        None,
+        "analysis file (TOML) with conditions, groups, shares, windows and thresholds that "
+        "differ from the paper's; every report of rigctl analyse holds one, analysis.toml",
+        "FILE", drum=False, title="Constants",
+        hint="Analysis file with other conditions, groups, shares, windows and reference force",
+        usual="the paper's",
+    )  # fmt: skip
+
     @property
     def parameters(self) -> EncoderParameters:
         """The encoder's parameters. Raises WrongUse for a preset or parameter that is not there."""
@@ -106,12 +115,18 @@ class EncoderOptions:
             base = override(base, [f"reading={self.reading}"])
         return override(base, self.set) if self.set else base
 
-    @property
-    def reference_g(self) -> float:
-        """The reference force, or the paper's."""
-        from rigctl.encoder.force_matrix import REFERENCE_FORCE_G
+    @cached_property
+    def analysis(self) -> AnalysisSettings:
+        """The constants of the analysis file, or the paper's; options come before both.
 
-        return REFERENCE_FORCE_G if self.reference_force is None else self.reference_force
+        Raises ConfigError.
+        """
+        from rigctl.analysis.settings import AnalysisSettings, load_settings
+
+        settings = AnalysisSettings() if self.settings is None else load_settings(self.settings)
+        if self.reference_force is None:
+            return settings
+        return settings.with_reference_force(self.reference_force)
 
     @property
     def taxel_ranges(self) -> RangesOver | Normalisation:
@@ -140,14 +155,6 @@ class AnalysisOptions(EncoderOptions):
         "realtime: sessions of the moving finger, training sessions and new ones in pairs, for "
         "Figures 4B, 4C and S5 (default: drum)",
         choices=(DRUM, FINGER), drum=False,
-    )  # fmt: skip
-    settings: Path | None = option(
-        None,
-        "analysis file (TOML) with conditions, groups, shares, windows and thresholds that "
-        "differ from the paper's; every report holds one, analysis.toml",
-        "FILE", drum=False, title="Constants",
-        hint="Analysis file with other conditions, groups, shares, windows and reference force",
-        usual="the paper's",
     )  # fmt: skip
     iterations: int | None = option(
         None, "random draws (20; realtime: 100 of each data set)", "N", low=1, high=MAX_DRAWS,
@@ -204,19 +211,6 @@ class AnalysisOptions(EncoderOptions):
     components: int | None = option(
         None, "principal components (50)", "K", low=1, group=MODEL,
     )  # fmt: skip
-
-    @cached_property
-    def analysis(self) -> AnalysisSettings:
-        """The constants of the analysis file, or the paper's; options come before both.
-
-        Raises ConfigError.
-        """
-        from rigctl.analysis.settings import AnalysisSettings, load_settings
-
-        settings = AnalysisSettings() if self.settings is None else load_settings(self.settings)
-        if self.reference_force is None:
-            return settings
-        return settings.with_reference_force(self.reference_force)
 
     @property
     def sweep(self) -> SweepSettings:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from math import ceil
 from pathlib import Path
@@ -35,6 +35,7 @@ from rigctl.analysis.report.figures import (
     new_figure,
     save_figure,
 )
+from rigctl.analysis.settings import AnalysisSettings, check_reference_force
 from rigctl.analysis.spike_counts import (
     PreparedTrials,
     RangesOver,
@@ -46,7 +47,6 @@ from rigctl.analysis.spike_counts import (
 from rigctl.analysis.trial_set import TrialRef, TrialSet, join_sessions, open_trials
 from rigctl.config.text_file import shorten
 from rigctl.encoder.encoder import encode_trials, membrane_mv
-from rigctl.encoder.force_matrix import REFERENCE_FORCE_G
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import DEFAULT, EncoderParameters, RaDerivative
 from rigctl.encoder.ra_filter import ra_signals
@@ -466,14 +466,14 @@ def _pace(section: Section, movie_s: float) -> str:
 class EncodeRequest:
     """What to encode and how, and the files to write.
 
-    ``figure``, ``csv``, ``movie``: files of one
-    ``taxel`` of one ``trial``; ``start_s``, ``seconds``: the section of figure and movie, the table
-    has the whole trial.
+    ``settings``: windows, trained conditions and reference force. ``figure``, ``csv``, ``movie``:
+    files of one ``taxel`` of one ``trial``; ``start_s``, ``seconds``: the section of figure and
+    movie, the table has the whole trial.
     """
 
     sessions: tuple[Path, ...]
     parameters: EncoderParameters = DEFAULT
-    reference_g: float = REFERENCE_FORCE_G
+    settings: AnalysisSettings = field(default_factory=AnalysisSettings)
     ranges: RangesOver | Normalisation = RangesOver.ALL
     scaled_by: ScaledBy = ScaledBy.NONE
     trial: int | None = None
@@ -483,6 +483,11 @@ class EncodeRequest:
     figure: Path | None = None
     csv: Path | None = None
     movie: Path | None = None
+
+    @property
+    def reference_g(self) -> float:
+        """The force to which C scales the others."""
+        return self.settings.conditions.reference_force_g
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -508,10 +513,11 @@ def encode_taxel(request: EncodeRequest, resources: Resources) -> tuple[str, ...
     request.check_files()
     trials = join_sessions(request.sessions, resources.progress, request.parameters.reading)
     check_selection(trials, request.trial, request.taxel)
+    check_reference_force(request.settings, trials.forces_g)
     reference_g, _ = choose_reference(trials, request.reference_g)
-    request = replace(request, reference_g=reference_g)
+    request = replace(request, settings=request.settings.with_reference_force(reference_g))
     trials = trials_to_encode(trials, reference_g, request.scaled_by)
-    prepared = prepare_trials(trials, resources, request.ranges)
+    prepared = prepare_trials(trials, resources, request.ranges, request.settings)
     c = _searched_factors(request, prepared, resources)
     chosen = request.parameters, request.trial, request.taxel
     course = load_course(prepared.trials, prepared.normalisation, *chosen, c)

@@ -111,7 +111,7 @@ def _request(args: argparse.Namespace) -> EncodeRequest:
     return EncodeRequest(
         options.sessions,
         options.parameters,
-        reference_g=options.reference_g,
+        settings=options.analysis,
         ranges=options.taxel_ranges,
         scaled_by=ScaledBy(args.scaled_by),
         trial=args.trial,

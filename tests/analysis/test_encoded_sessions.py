@@ -278,3 +278,26 @@ def test_every_parameter_can_be_set() -> None:
 def test_a_wrong_parameter_is_refused_with_a_reason(setting: str, words: str) -> None:
     with pytest.raises(WrongUse, match=words):
         override(DEFAULT, [setting])
+
+
+def test_an_analysis_file_sets_windows_ranges_and_the_reference_force(
+    days: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "analysis.toml"
+    file.write_text(
+        "[conditions]\ntrained_speeds_mm_s = [40]\ntrained_forces_g = [250]\n"
+        "reference_force_g = 250\n[windows]\nlength_ms = 50\nreference_speed_mm_s = 80\n"
+    )
+    words = ["encode", str(days[0]), "--no-cache", "--settings", str(file), "--ranges", "training"]
+    assert main([*words, "--out", str(tmp_path / "out")]) == 0
+    assert "over the trials at 40 mm/s and 250 g" in capsys.readouterr().out
+    with h5py.File(file_of(tmp_path / "out")) as spikes:
+        assert spikes["c/reference_g"][()] == 250
+        layout = json.loads(spikes["windows/speed_scaled_layout"][()])
+        assert (layout["window_ms"], layout["reference_mm_s"], layout["n_windows"]) == (50, 80.0, 6)
+    file.write_text("[conditions]\nreference_force_g = 333\n")
+    assert main([*words, "--out", str(tmp_path / "none")]) == 2
+    assert "line 2: conditions.reference_force_g: no trial was made at 333 g" in (
+        capsys.readouterr().err
+    )
+    assert not (tmp_path / "none").exists()
