@@ -60,15 +60,16 @@ def scale_windows(
     reference_um_per_s: int = REFERENCE_UM_PER_S,
     batch_samples: int = BATCH_SAMPLES,
     gaps: Gaps = Gaps.SPLIT,
+    window_ms: int = WINDOW_MS,
 ) -> ScaledWindows:
     """Return the windows of scaled time of one scan: spikes uint8 (n, n_taxels) at 1 kHz.
 
-    ``velocities_um_per_s``: int64, one for each batch; the last batch may be short. The last window
-    may be short, too. Windows and their real time are those of the finger's way; spikes whose whole
-    gaps lead beyond it are dropped. Raises :class:`WrongUse` for another number of velocities, a
-    negative one, or one so high that a window would be shorter than a sample.
+    ``velocities_um_per_s``: int64, one for each batch; the last batch may be short, and so may the
+    last window of ``window_ms``. Windows and their real time are those of the finger's way; spikes
+    whose whole gaps lead beyond it are dropped. Raises :class:`WrongUse` for another number of
+    velocities, a negative one, or one so high that a window would be shorter than a sample.
     """
-    window_nm = WINDOW_MS * reference_um_per_s
+    window_nm = window_ms * reference_um_per_s
     velocities = np.asarray(velocities_um_per_s, np.int64)
     _check_velocities(velocities, -(-len(spikes) // batch_samples), window_nm)
     per_sample = np.repeat(velocities, batch_samples)[: len(spikes)]
@@ -86,12 +87,12 @@ def scale_windows(
     return ScaledWindows(counts, np.bincount(window, minlength=n_windows))
 
 
-def time_windows(spikes: Spikes1Khz) -> ScaledWindows:
-    """Return the windows of a scan without speed scaling: whole 100 ms; a remainder is dropped."""
-    whole = len(spikes) // WINDOW_MS
-    blocks = spikes[: whole * WINDOW_MS].reshape(whole, WINDOW_MS, spikes.shape[1])
+def time_windows(spikes: Spikes1Khz, window_ms: int = WINDOW_MS) -> ScaledWindows:
+    """Return the windows of a scan without speed scaling: whole ones; a remainder is dropped."""
+    whole = len(spikes) // window_ms
+    blocks = spikes[: whole * window_ms].reshape(whole, window_ms, spikes.shape[1])
     counts: Counts = blocks.sum(axis=1, dtype=np.int64)
-    return ScaledWindows(counts, np.full(whole, WINDOW_MS, np.int64))
+    return ScaledWindows(counts, np.full(whole, window_ms, np.int64))
 
 
 def first_windows(windows: ScaledWindows, n_windows: int = N_WINDOWS) -> Floats:

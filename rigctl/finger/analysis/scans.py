@@ -97,6 +97,7 @@ class ScanSet:
     n_time_windows: Integers
     reading: Floats
     reference_um_per_s: int = REFERENCE_UM_PER_S
+    window_ms: int = WINDOW_MS
 
     def __len__(self) -> int:
         return len(self.trial_id)
@@ -114,7 +115,7 @@ class ScanSet:
     @property
     def window_mm(self) -> float:
         """Way of a window of scaled time: the paper's 10 mm."""
-        return WINDOW_MS * self.reference_um_per_s / 1e6
+        return self.window_ms * self.reference_um_per_s / 1e6
 
     def labels(self, textures: Sequence[str]) -> Integers:
         """Return the index of each scan's texture in ``textures``, int64 (n,); −1 for another."""
@@ -187,6 +188,7 @@ def scan_set(
     reference_um_per_s: int = REFERENCE_UM_PER_S,
     n_windows: int = N_WINDOWS,
     gaps: Gaps = Gaps.SPLIT,
+    window_ms: int = WINDOW_MS,
 ) -> ScanSet:
     """Return the scans of recorded trials. ``normalisation``: of the readings.
 
@@ -197,10 +199,16 @@ def scan_set(
     for one in recordings:
         _check(session, one)
     scaled = [
-        scale_windows(one.spikes, one.velocities_um_per_s, reference_um_per_s, gaps=gaps)
+        scale_windows(
+            one.spikes,
+            one.velocities_um_per_s,
+            reference_um_per_s,
+            gaps=gaps,
+            window_ms=window_ms,
+        )
         for one in recordings
     ]
-    timed = [time_windows(one.spikes) for one in recordings]
+    timed = [time_windows(one.spikes, window_ms) for one in recordings]
     longest = max(len(windows.counts) for windows in timed)
     return ScanSet(
         session,
@@ -215,6 +223,7 @@ def scan_set(
         np.array([len(windows.counts) for windows in timed], np.int64),
         np.stack([mean_reading(one.readings, normalisation) for one in recordings]),
         reference_um_per_s,
+        window_ms,
     )
 
 
@@ -381,6 +390,7 @@ class RecordedScans:
     remarks: tuple[str, ...]
     n_windows: int = N_WINDOWS
     gaps: Gaps = Gaps.SPLIT
+    window_ms: int = WINDOW_MS
 
     @property
     def stages(self) -> frozenset[str]:
@@ -414,6 +424,7 @@ class RecordedScans:
             reference_um_per_s=self.encoding.reference_um_per_s,
             n_windows=self.n_windows,
             gaps=self.gaps,
+            window_ms=self.window_ms,
         )
 
     def with_settings(self, settings: FingerAnalysisSettings) -> RecordedScans:
@@ -423,7 +434,11 @@ class RecordedScans:
             speed_um_per_s = round(1000 * settings.reference_speed_mm_s)
             encoding = encoding._replace(reference_um_per_s=speed_um_per_s)
         return replace(
-            self, encoding=encoding, n_windows=settings.windows, gaps=Gaps(settings.gaps)
+            self,
+            encoding=encoding,
+            n_windows=settings.windows,
+            gaps=Gaps(settings.gaps),
+            window_ms=settings.window_ms,
         )
 
 
@@ -527,7 +542,13 @@ def describe_windows(read: Sequence[RecordedScans]) -> str:
         reference = one.encoding.reference_um_per_s
         for scan in one.recordings:
             split, whole = (
-                scale_windows(scan.spikes, scan.velocities_um_per_s, reference, gaps=gaps)
+                scale_windows(
+                    scan.spikes,
+                    scan.velocities_um_per_s,
+                    reference,
+                    gaps=gaps,
+                    window_ms=one.window_ms,
+                )
                 for gaps in Gaps
             )
             n, beyond = n + 1, beyond + (len(split.counts) > one.n_windows)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from rigctl.analysis.settings import LEAST_SHARE, MAX_COMPONENTS, MAX_DRAWS, MAX_SPEED_MM_S
 from rigctl.config.toml_reader import number, text, texts
+from rigctl.encoder.features import WINDOW_MS
 from rigctl.finger import published
 from rigctl.finger.scaled_time import N_WINDOWS, Gaps
 from rigctl.finger.values import VelocityProfile
@@ -44,6 +45,7 @@ class FingerAnalysisSettings:
         (), "velocity profiles to test without training; none: all others", PROFILES
     )
     windows: int = number(N_WINDOWS, "", 1, 1000, "windows of a scan")
+    window_ms: int = number(WINDOW_MS, "ms", 10, 1000, "length of a window, at the reference speed")
     gaps: str = text(
         Gaps.SPLIT.value, "gap across two batches: split at their border, or whole", tuple(Gaps)
     )

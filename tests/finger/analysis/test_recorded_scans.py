@@ -213,3 +213,16 @@ def test_both_readings_of_a_gap_are_offered_and_a_note_says_what_they_change(
     beyond, of = int(note.split()[0]), int(note.split()[2])
     assert of == n and f"; {n - beyond} end inside a window" in note
     assert 0 < float(note.split("puts ")[1].split("%")[0]) < 50
+
+
+def test_the_length_of_a_window_is_a_setting(sessions: tuple[Path, Path]) -> None:
+    usual, fine = (
+        read_data_sets(sessions, settings=FingerAnalysisSettings(windows=n, window_ms=ms))
+        for n, ms in ((20, 100), (40, 50))
+    )
+    one, other = usual.data_sets[0].training, fine.data_sets[0].training
+    assert (one.window_mm, other.window_mm, other.windows.shape[1]) == (10.0, 5.0, 40)
+    whole = one.windows * one.real_ms[..., None]
+    halves = other.windows * other.real_ms[..., None]
+    np.testing.assert_allclose(halves[:, ::2] + halves[:, 1::2], whole, atol=1e-6)
+    assert np.array_equal(other.n_time_windows // 2, one.n_time_windows)
