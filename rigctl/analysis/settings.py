@@ -207,10 +207,44 @@ class FurtherSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class StimulationSettings:
+    """Pulses of ``rigctl encode --stimulation``, which the paper does not have.
+
+    ``channels``: choices of trains, a channel each; none: one for each train.
+    """
+
+    channels: tuple[str, ...] = names("trains of each channel", MAX_CHOICES, MAX_CHOICE_BYTES)
+    amplitude_low_ua: float = number(20.0, "µA", 0, 1e5, "of a spike where the reading is 0")
+    amplitude_high_ua: float = number(80.0, "µA", 0, 1e5, "of a spike where the reading is 1")
+    phase_us: int = number(200, "µs", 1, 10_000, "length of each of the two phases")
+    interphase_us: int = number(50, "µs", 0, 10_000, "between the phases")
+    refractory_ms: float = number(5.0, "ms", 0.1, 10_000, "least time from pulse to pulse")
+    max_rate_hz: float = number(150.0, "Hz", 0.1, 10_000, "most pulses a second")
+    rate_window_ms: float = number(200.0, "ms", 1, 10_000, "time in which the rate is counted")
+    max_phase_charge_nc: float = number(16.0, "nC", 0, 1e6, "most charge of a phase")
+    max_charge_nc_per_s: float = number(1000.0, "nC", 0, 1e9, "most charge of the phases of 1 s")
+
+    @property
+    def most_pulses(self) -> int:
+        """The most pulses in the window of the rate."""
+        return int(self.max_rate_hz * self.rate_window_ms / 1000)
+
+    @property
+    def largest_ua(self) -> float:
+        """The amplitude that the charge of a phase allows."""
+        return 1000 * self.max_phase_charge_nc / self.phase_us
+
+    def amplitude_at(self, reading: float) -> float:
+        """Return the amplitude in µA of a spike at a reading of 0 to 1."""
+        return self.amplitude_low_ua + (self.amplitude_high_ua - self.amplitude_low_ua) * reading
+
+
+@dataclass(frozen=True, slots=True)
 class AnalysisSettings:
     """All constants of both experiments' analysis; ``file``: where they are from, or empty.
 
-    ``finger``: the moving finger's, as its package defines them. ``further``: not the paper's.
+    ``finger``: the moving finger's, as its package defines them. ``further``,
+    ``stimulation``: not the paper's.
 
     ``given``: keys that the file sets, with their lines.
     """
@@ -224,6 +258,7 @@ class AnalysisSettings:
     statistics: AsteriskThresholds = field(default_factory=AsteriskThresholds)
     finger: Any = field(default_factory=lambda: _finger_settings()())
     further: FurtherSettings = field(default_factory=FurtherSettings)
+    stimulation: StimulationSettings = field(default_factory=StimulationSettings)
     file: str = field(default="", compare=False)
     given: tuple[tuple[str, int], ...] = field(default=(), compare=False)
 
@@ -265,6 +300,7 @@ def read_settings(text: TomlText) -> AnalysisSettings:
         statistics=read_section(root.table("statistics"), AsteriskThresholds),
         finger=read_section(root.table("finger"), _finger_settings()),
         further=read_section(root.table("further"), FurtherSettings),
+        stimulation=read_section(root.table("stimulation"), StimulationSettings),
         file=text.name,
         given=_given(text),
     )
@@ -273,6 +309,7 @@ def read_settings(text: TomlText) -> AnalysisSettings:
     _refuse_overlap(text, "conditions", "forces_g", settings.conditions)
     _refuse_overlap(text, "finger", "profiles", settings.finger)
     _refuse_easier_stars(text, settings.statistics)
+    _refuse_overlapping_pulses(text, settings.stimulation)
     return settings
 
 
@@ -309,7 +346,7 @@ def to_toml(settings: AnalysisSettings) -> str:
 def differences_from_paper(settings: AnalysisSettings) -> tuple[str, ...]:
     """Return a sentence with each constant that is not the paper's; none where all are."""
     ours, paper = as_plain(settings), as_plain(AnalysisSettings())
-    del ours["further"]
+    del ours["further"], ours["stimulation"]
     found = []
     for name, values in ours.items():
         for key in dict.fromkeys((*paper[name], *values)):
@@ -366,6 +403,23 @@ def _refuse_easier_stars(text: TomlText, bounds: AsteriskThresholds) -> None:
         other = key.replace("two", "one")
         given = key if ("statistics", key) in lines_of_paths(text.source) else other
         text.fail(("statistics", given), f"** is easier to reach than *: change {key} or {other}")
+
+
+def _refuse_overlapping_pulses(text: TomlText, pulses: StimulationSettings) -> None:
+    """Raise the text's error where a pulse is longer than the time to the next one."""
+    length_ms = (2 * pulses.phase_us + pulses.interphase_us) / 1000
+    if length_ms > pulses.refractory_ms:
+        given = [key for table, key in _paths_of(text) if table == "stimulation"]
+        names_of = ("refractory_ms", "phase_us", "interphase_us")
+        key = next(name for name in names_of if name in given)
+        text.fail(
+            ("stimulation", key),
+            f"a pulse of {length_ms:g} ms is longer than refractory_ms {pulses.refractory_ms:g}",
+        )
+
+
+def _paths_of(text: TomlText) -> list[tuple[Any, ...]]:
+    return [path for path in lines_of_paths(text.source) if len(path) == 2]
 
 
 def _given(text: TomlText) -> tuple[tuple[str, int], ...]:

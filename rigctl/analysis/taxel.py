@@ -44,6 +44,13 @@ from rigctl.analysis.spike_counts import (
     join_searched_c,
     prepare_trials,
 )
+from rigctl.analysis.stimulation import (
+    channels_of,
+    check_stimulation_file,
+    describe_limits,
+    pulses_of,
+    to_text,
+)
 from rigctl.analysis.trial_set import TrialRef, TrialSet, join_sessions, open_trials
 from rigctl.config.text_file import shorten
 from rigctl.encoder.encoder import encode_trials, membrane_mv
@@ -466,7 +473,8 @@ def _pace(section: Section, movie_s: float) -> str:
 class EncodeRequest:
     """What to encode and how, and the files to write.
 
-    ``settings``: windows, trained conditions and reference force. ``figure``, ``csv``, ``movie``:
+    ``settings``: windows, trained conditions, reference force, pulses. ``stimulation``: file of the
+    pulses of one ``trial``. ``figure``, ``csv``, ``movie``:
     files of one ``taxel`` of one ``trial``; ``start_s``, ``seconds``: the section of figure and
     movie, the table has the whole trial.
     """
@@ -483,6 +491,7 @@ class EncodeRequest:
     figure: Path | None = None
     csv: Path | None = None
     movie: Path | None = None
+    stimulation: Path | None = None
 
     @property
     def reference_g(self) -> float:
@@ -492,7 +501,7 @@ class EncodeRequest:
     @property
     def files(self) -> tuple[Path, ...]:
         """The files of one taxel."""
-        return tuple(filter(None, (self.figure, self.csv, self.movie)))
+        return tuple(filter(None, (self.figure, self.csv, self.movie, self.stimulation)))
 
     def check_files(self) -> None:
         """Raise WrongUse for a file that exists, or whose name has another end."""
@@ -502,6 +511,8 @@ class EncodeRequest:
             raise WrongUse(f"{self.csv} already exists: name another file, or remove it")
         if self.movie is not None:
             check_movie_file(self.movie)
+        if self.stimulation is not None:
+            check_stimulation_file(self.stimulation)
 
 
 def encode_taxel(request: EncodeRequest, resources: Resources) -> tuple[str, ...]:
@@ -529,7 +540,30 @@ def encode_taxel(request: EncodeRequest, resources: Resources) -> tuple[str, ...
             write_course(course, partial)
     if request.movie is not None:
         write_taxel_movie(course, section, request.movie, resources.progress)
-    return prepared.trials.remarks
+    remarks = prepared.trials.remarks
+    if request.stimulation is not None:
+        remarks = (*remarks, _write_stimulation(request, prepared, c, request.stimulation))
+    return remarks
+
+
+def _write_stimulation(
+    request: EncodeRequest, prepared: PreparedTrials, c: Floats | None, path: Path
+) -> str:
+    """Write the pulses of the chosen trial; return what the limits took, in a sentence."""
+    trials, ranges = prepared.trials, prepared.normalisation
+    settings = request.settings.stimulation
+    channels = channels_of(settings, trials.sensor_layout)
+    row = chosen_trial(trials, request.trial)
+    trial = trials.trials[row]
+    with open_trials(trials.files) as reader:
+        samples = reader.read(trial)
+    scale = None if c is None else c[[row]]
+    (spikes,) = encode_trials([samples], ranges, request.parameters, sa_scale=scale)
+    pulses = pulses_of(spikes, ranges.apply(samples), channels, settings)
+    about = f"trial {trial.trial_id}, {trials_origin(trials)}"
+    with atomic_file(path) as partial:
+        partial.write_text(to_text(pulses, settings, about, path.suffix), encoding="utf-8")
+    return describe_limits(pulses)
 
 
 def _section_of(request: EncodeRequest, course: TaxelCourse) -> Section:

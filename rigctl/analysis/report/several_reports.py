@@ -161,6 +161,8 @@ def _unknown_evidence(results: dict[str, Any]) -> Iterator[str]:
 
 
 EQUAL_SETTINGS = ("iterations", "k_max", "engine", "encoder")
+NOT_OF_REPORTS = ("draws", "finger", "further", "stimulation")
+"""Constants that change nothing of a report of the drum but its draws."""
 IDENTITY = ("plan_hash", "begun_utc", "seed", "simulation_seed")
 OUTCOMES = (
     "hold in every set",
@@ -223,11 +225,7 @@ def load_reports(folders: Sequence[Path]) -> list[dict[str, Any]]:
 
 def _constants(one: dict[str, Any]) -> dict[str, Any]:
     """Return the constants that determine a report of the drum, but for the number of draws."""
-    return {
-        k: v
-        for k, v in one["settings"]["analysis"].items()
-        if k not in ("draws", "finger", "further")
-    }
+    return {k: v for k, v in one["settings"]["analysis"].items() if k not in NOT_OF_REPORTS}
 
 
 def _load(folder: Path) -> dict[str, Any]:
