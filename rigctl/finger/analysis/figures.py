@@ -76,11 +76,12 @@ def _notes(tasks: Mapping[str, Values], tests: Mapping[str, Values]) -> list[str
     quoted = [value for one in tasks.values() for value in one["paper"]["accuracy"].values()]
     errors = [one["standard_error"] for task in tasks.values() for one in task["curves"].values()]
     one = next(iter(tasks.values()))
-    counted = (
-        f"{one['n'] * one['tested_per_draw']} trials"
-        if DEPLOYED.key in tasks
-        else f"{one['n']} draws"
-    )
+    counted = f"{one['n']} draws"
+    if DEPLOYED.key in tasks:
+        counted = f"{one['n'] * one['tested_per_draw']} trials"
+    if one["n_of_runs"]:
+        each = ", ".join(f"{n} {kind}" for kind, n in one["n_of_runs"].items())
+        counted = f"{each} trials, in runs of their own"
     bars = "one draw, no spread" if None in errors else "bars: standard error"
     notes = [f"n = {counted}; {bars}."]
     notes += [*star_notes(tests), PEAKS_NOTE]

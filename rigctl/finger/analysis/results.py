@@ -169,6 +169,7 @@ def task_dict(result: FingerResult) -> dict[str, Any]:
         "trained_on": result.n_train,
         "tested_per_draw": result.n_tested,
         "n": len(result.accuracy[ScanKind.ORIGINAL]),
+        "n_of_runs": {kind.value: n for kind, n in result.n_of_runs.items()},
         "chance": result.chance,
         "k_max": result.k_max,
         "paper": {
@@ -196,7 +197,7 @@ def _shares_from_paper(result: FingerResult) -> list[dict[str, Any]]:
     for kind, quoted in zip(KINDS, result.task.quoted, strict=True):
         if quoted.components is None or quoted.components > result.k_max:
             continue
-        n = len(result.accuracy[kind]) * result.n_tested
+        n = result.tested(kind)
         correct = round(n * float(result.mean(kind)[quoted.components - 1]))
         rule = result.thresholds.proportion_asterisks
         paper = published_share(correct, n, quoted.percent, DEPLOYED_TRIALS, rule=rule)

@@ -32,7 +32,7 @@ from rigctl.finger.scaled_time import (
     time_windows,
 )
 from rigctl.finger.session import FingerSession
-from rigctl.finger.values import Stage
+from rigctl.finger.values import MODEL_KIND, Stage
 from rigctl.session.analysis_file import content_digest
 from rigctl.session.digests import damaged_trials
 from rigctl.session.model_file import TrainingInfo
@@ -63,7 +63,8 @@ KINDS = (ScanKind.ORIGINAL, ScanKind.SPEED_SCALED)
 class ScanRecording(NamedTuple):
     """One trial: readings uint16 (n, 9), spikes uint8 (n, 9), and each batch's velocity in µm/s.
 
-    ``spikes`` are the board's; ``stage`` and ``profile`` by their names.
+    ``spikes`` are the board's; ``stage`` and ``profile`` by their names. ``named_by``: the
+    representation of the model that named the scan in its run, empty for none.
     """
 
     readings: NDArray[np.uint16]
@@ -73,16 +74,18 @@ class ScanRecording(NamedTuple):
     profile: str
     stage: str
     trial_id: int
+    named_by: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class ScanSet:
     """Scans of one session; every array has one element or row for each scan.
 
-    ``texture``, ``profile``, ``stage``: text. ``windows``: rates in the first 20 windows of scaled
-    time, float64 (n, 20, 9), Hz; ``real_ms``: the real time of each, int64 (n, 20), 0 where the
-    scan was shorter. ``time_rates``: rates in all whole 100 ms, float64 (n, w, 9), 0 behind the
-    ``n_time_windows`` of a scan. ``reading``: mean normalised reading of each taxel, (n, 9).
+    ``texture``, ``profile``, ``stage``, ``named_by``: text. ``windows``: rates in the first 20
+    windows of scaled time, float64 (n, 20, 9), Hz; ``real_ms``: the real time of each, int64
+    (n, 20), 0 where the scan was shorter. ``time_rates``: rates in all whole 100 ms, float64
+    (n, w, 9), 0 behind the ``n_time_windows`` of a scan. ``reading``: mean normalised reading of
+    each taxel, (n, 9).
     """
 
     session: str
@@ -90,6 +93,7 @@ class ScanSet:
     texture: NDArray[np.str_]
     profile: NDArray[np.str_]
     stage: NDArray[np.str_]
+    named_by: NDArray[np.str_]
     trial_id: Integers
     windows: Floats
     real_ms: Integers
@@ -216,6 +220,7 @@ def scan_set(
         np.array([one.texture for one in recordings]),
         np.array([str(one.profile) for one in recordings]),
         np.array([str(one.stage) for one in recordings]),
+        np.array([one.named_by for one in recordings]),
         np.array([one.trial_id for one in recordings], np.int64),
         np.stack([first_windows(windows, n_windows) for windows in scaled]),
         np.stack([_first_durations(windows, n_windows) for windows in scaled]),
@@ -472,7 +477,9 @@ def read_scans(path: Path) -> RecordedScans:
                 + (f" ({'; '.join(left_out)})" if left_out else "")
             )
         encoding = _encoding(session, indices)
-        recordings = tuple(_recording(session, index) for index in indices)
+        models = session.events_of(MODEL_KIND)
+        named_by = str(models[-1].data["representation"]) if models else ""
+        recordings = tuple(_recording(session, index, named_by) for index in indices)
         latencies = session.latencies
         kinds = sorted(set(latencies["kind"].tolist()))
         by_kind = {kind: latencies["ms"][latencies["kind"] == kind] for kind in kinds}
@@ -526,8 +533,8 @@ def read_data_sets(
         scaled = (one.scaled_to_population(reference) for one in (first, new))
         currents.append(FingerDataSet.from_sessions(name, *scaled))
     latencies: dict[str, list[Floats]] = {}
+    remarks += dict.fromkeys(text for pair in pairs for one in pair for text in one.remarks)
     for one in read:
-        remarks += one.remarks
         for kind, ms in one.latencies.items():
             latencies.setdefault(kind, []).append(ms)
     joined = {kind: np.concatenate(parts) for kind, parts in latencies.items()}
@@ -604,30 +611,57 @@ def _pair(
 
 
 def _join_later(later: Sequence[RecordedScans]) -> list[RecordedScans]:
-    """Return the later sessions, each session of calibration joined with the run after it."""
+    """Return the later sessions, each session of calibration joined with the runs after it.
+
+    As many runs as calibrations are paired in their order. Of more runs, each belongs to the last
+    calibration that was named before it.
+    """
     calibrations = [one for one in later if Stage.RUN not in one.stages]
     runs = [one for one in later if Stage.CALIBRATE not in one.stages]
-    if len(calibrations) != len(runs):
+    if len(calibrations) == len(runs):
+        partner = {one.path: [other] for one, other in zip(calibrations, runs, strict=True)}
+    else:
+        partner = _runs_by_calibration(later)
+    if len(runs) < len(calibrations) or not all(partner.values()):
         raise WrongUse(
             f"{len(calibrations)} of the sessions have scans of the stage calibrate only and "
-            f"{len(runs)} of run only: name the calibration of each run"
+            f"{len(runs)} of run only: name the calibration of each run before it"
         )
-    partner = {one.path: other for one, other in zip(runs, calibrations, strict=True)}
-    return [
-        _join(partner[one.path], one) if one.path in partner else one
-        for one in later
-        if Stage.RUN in one.stages
-    ]
+    joined = {path: _join(one, partner[path]) for one in calibrations for path in [one.path]}
+    return [joined.get(one.path, one) for one in later if Stage.CALIBRATE in one.stages]
 
 
-def _join(calibration: RecordedScans, run: RecordedScans) -> RecordedScans:
-    """Return a calibration and a run of one session, with the encoding of the run."""
-    matched, text = _match(run, calibration)
-    return replace(
-        run,
-        recordings=matched.recordings + run.recordings,
-        remarks=(*calibration.remarks, *run.remarks, *text),
-    )
+def _runs_by_calibration(later: Sequence[RecordedScans]) -> dict[Path, list[RecordedScans]]:
+    """Return the runs that were named behind each calibration, by its path. Raises WrongUse."""
+    found: dict[Path, list[RecordedScans]] = {}
+    last: Path | None = None
+    for one in later:
+        if Stage.RUN not in one.stages:
+            last = one.path
+            found[last] = []
+        elif Stage.CALIBRATE not in one.stages:
+            if last is None:
+                raise WrongUse(
+                    f"{one.path} is named before any calibration: name the calibration of each run "
+                    "before it"
+                )
+            found[last].append(one)
+    return found
+
+
+def _join(calibration: RecordedScans, runs: Sequence[RecordedScans]) -> RecordedScans:
+    """Return a calibration and its runs as one session, with the encoding of the first run."""
+    first = runs[0]
+    recordings: list[ScanRecording] = []
+    remarks = [*calibration.remarks]
+    for one in (calibration, *runs):
+        matched, text = (one, []) if one is first else _match(first, one)
+        recordings += matched.recordings
+        remarks += [*text, *(one.remarks if one is not calibration else ())]
+    if len(runs) > 1:
+        named = ", ".join(str(one.path) for one in runs)
+        remarks.append(f"runs after the calibration {calibration.path}: {named}")
+    return replace(first, recordings=tuple(recordings), remarks=tuple(remarks))
 
 
 def _match(first: RecordedScans, new: RecordedScans) -> tuple[RecordedScans, list[str]]:
@@ -693,7 +727,7 @@ def _encoding(session: FingerSession, indices: Sequence[int]) -> FingerEncoding:
     )
 
 
-def _recording(session: FingerSession, index: int) -> ScanRecording:
+def _recording(session: FingerSession, index: int, named_by: str) -> ScanRecording:
     row = session.trials[index]
     return ScanRecording(
         session.samples(index),
@@ -703,4 +737,5 @@ def _recording(session: FingerSession, index: int) -> ScanRecording:
         str(row["profile"]),
         str(row["stage"]),
         int(row["trial_id"]),
+        named_by,
     )

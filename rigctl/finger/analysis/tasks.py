@@ -6,7 +6,7 @@ centred by the mean of its calibration, in place of the training trials' mean.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -18,6 +18,7 @@ from rigctl.analysis.pca_lda import Rows, Split, SweepEngine, predict_splits
 from rigctl.analysis.settings import AnalysisSettings, AsteriskThresholds
 from rigctl.analysis.splits import stratified_folds
 from rigctl.analysis.statistics import (
+    PAIRED,
     Difference,
     standard_deviation,
     standard_error,
@@ -71,7 +72,8 @@ class FingerResult:
     """Accuracies of a task. ``accuracy``: of each kind, float64 (draws of all sets, k_max).
 
     ``n_tested``: trials that a draw tests; ``n_train``: that it trains on, at least;
-    ``thresholds``: of the tests of differences.
+    ``thresholds``: of the tests of differences. ``n_of_runs``: trials of each kind where each was
+    tested in runs of its own, as in the paper's Figure S5; else empty.
     """
 
     task: FingerTask
@@ -80,6 +82,11 @@ class FingerResult:
     n_train: int
     chance: float
     thresholds: AsteriskThresholds = field(default_factory=AsteriskThresholds)
+    n_of_runs: Mapping[ScanKind, int] = field(default_factory=dict)
+
+    def tested(self, kind: ScanKind) -> int:
+        """Return how many trials all draws of a kind test."""
+        return self.n_of_runs.get(kind) or len(self.accuracy[kind]) * self.n_tested
 
     @property
     def k_max(self) -> int:
@@ -102,20 +109,18 @@ class FingerResult:
         if self.task is not DEPLOYED:
             return standard_error(self.accuracy[kind])
         mean = self.mean(kind)
-        return np.asarray(np.sqrt(mean * (1.0 - mean) / (len(self.accuracy[kind]) * self.n_tested)))
+        return np.asarray(np.sqrt(mean * (1.0 - mean) / self.tested(kind)))
 
     def differences(self) -> tuple[Difference, ...]:
         """Return Speed Scaled against Original for each number of components."""
         scaled, original = (self.accuracy[kind] for kind in KINDS[::-1])
         if self.task is not DEPLOYED:
             return welch_each(scaled, original, self.thresholds.asterisks)
-        n = len(scaled) * self.n_tested
-        counts = (
-            np.rint(one.sum(axis=0) * self.n_tested).astype(int) for one in (scaled, original)
-        )
-        rule = self.thresholds.proportion_asterisks
+        n, n_original = (self.tested(kind) for kind in KINDS[::-1])
+        counts = (np.rint(self.mean(kind) * self.tested(kind)).astype(int) for kind in KINDS[::-1])
+        rule, weak = self.thresholds.proportion_asterisks, () if self.n_of_runs else (PAIRED,)
         return tuple(
-            two_proportions(int(one), int(other), n, rule=rule)
+            two_proportions(int(one), int(other), n, n_original, rule=rule, weak=weak)
             for one, other in zip(*counts, strict=True)
         )
 
@@ -202,7 +207,23 @@ def _join(
     n_train = min(_n_train(task, data_set, settings.finger) for data_set in data_sets)
     chance = 1.0 / len(data_sets[0].textures)
     thresholds = settings.analysis.statistics
-    return FingerResult(task, accuracy, tested, n_train, chance, thresholds)
+    of_runs: dict[ScanKind, int] = {}
+    if task is DEPLOYED and has_runs_of_each(data_sets):
+        of_runs = {k: sum(len(tested_of(one, k)) for one in data_sets) for k in KINDS}
+    return FingerResult(task, accuracy, tested, n_train, chance, thresholds, of_runs)
+
+
+def has_runs_of_each(data_sets: Sequence[FingerDataSet]) -> bool:
+    """Return whether every set has runs with and without speed scaling, as the paper made them."""
+    names = {kind.value for kind in KINDS}
+    return all(names <= set(one.tested.named_by.tolist()) for one in data_sets)
+
+
+def tested_of(data_set: FingerDataSet, kind: ScanKind) -> Rows:
+    """Return the tested scans of one kind's own runs; all where there are not runs of each."""
+    if not has_runs_of_each([data_set]):
+        return np.arange(len(data_set.tested))
+    return np.flatnonzero(data_set.tested.named_by == kind.value)
 
 
 def _tested(task: FingerTask, data_set: FingerDataSet, settings: FingerAnalysisSettings) -> ScanSet:
@@ -273,7 +294,7 @@ def draw_accuracies(
 def deployed_accuracy(data_set: FingerDataSet, kind: ScanKind, settings: DrawSettings) -> Floats:
     """Return the accuracy of Figure S5 in one data set: all training trials, float64 (k_max,)."""
     rows = np.arange(len(data_set.training))
-    tests = {DEPLOYED.key: np.arange(len(data_set.tested))}
+    tests = {DEPLOYED.key: tested_of(data_set, kind)}
     k_max = settings.finger.k_max(DEPLOYED)
     return _new_session(data_set, kind, rows, tests, k_max, settings.engine)[DEPLOYED.key]
 
