@@ -55,6 +55,7 @@ from rigctl.session.analysis_file import EncodingInfo, SpikeFileWriter
 from rigctl.session.sample_index import SampleFiles
 
 CHUNK = 64
+US_PER_SAMPLE = 1000
 FILE = "spikes.h5"
 
 
@@ -154,10 +155,14 @@ def _write_spikes(
         encoding = (encoder_items(parameters), inputs_of(files))
         encoder = (ranges.low, ranges.high, *encoding, c, np.array(order))
         keys.append(cache_key("spikes", prepared.hashes[rows], *encoder))
-    total = 0
-    for found in resources.map_cached(_encode, tasks, keys, "writing spikes"):
-        file.add(found["counts"], found["samples"])
-        total += len(found["samples"])
+    total, reference_mm_s = 0, request.settings.windows.reference_speed_mm_s
+    found_each = resources.map_cached(_encode, tasks, keys, "writing spikes")
+    for task, found in zip(tasks, found_each, strict=True):
+        counts, samples = found["counts"], found["samples"]
+        speeds = np.array([trial.speed_mm_s for trial in task.trials])
+        factors = np.repeat(speeds / reference_mm_s, counts.sum(axis=1, dtype=np.int64))
+        file.add(counts, samples, np.rint(samples * (US_PER_SAMPLE * factors)).astype(np.int64))
+        total += len(samples)
     return total
 
 

@@ -29,6 +29,7 @@ class FurtherAnalysis(NamedTuple):
 
 
 ANALYSES = (
+    FurtherAnalysis("invariance", "One taxel, every module", "rigctl.analysis.invariance"),
     FurtherAnalysis("ranges", "Both taxel ranges", "rigctl.analysis.range_comparison"),
     FurtherAnalysis("trains", "Receptors, layers, rows and taxels", "rigctl.analysis.train_choice"),
     FurtherAnalysis("lost", "Taxels lost one by one", "rigctl.analysis.lost_taxels"),

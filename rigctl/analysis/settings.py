@@ -21,6 +21,7 @@ from rigctl.config.toml_reader import (
     names,
     number,
     read_section,
+    text,
 )
 from rigctl.encoder.features import REFERENCE_SPEED_MM_S, WINDOW_MS
 from rigctl.encoder.force_matrix import REFERENCE_FORCE_G
@@ -193,6 +194,8 @@ class FurtherSettings:
 
     draws: int = number(5, "", 1, MAX_DRAWS, "draws of the report that are used, the first ones")
     trains: tuple[str, ...] = names("further choices of trains", MAX_CHOICES, MAX_CHOICE_BYTES)
+    texture: str = text("", "texture whose trains are shown; empty: L, or the first one")
+    taxel: int = number(0, "", 0, 1024, "taxel whose trains are shown; 0: the most active one")
     noise_counts: tuple[float, ...] = number(
         (1.0, 2.0, 5.0, 10.0, 20.0), "counts", 0.01, 1023, "deviation of the noise added"
     )

@@ -138,6 +138,11 @@ def test_the_file_describes_itself(days: list[Path], tmp_path: Path) -> None:
         names = [name.decode() for name in file["rows"]]
         assert names[:10] == [f"SAI-{i}" for i in range(1, 10)] + ["RAI-1"]
         assert names[18] == "SAII-10" and names[-1] == "RAII-18"
+        speeds = np.repeat(
+            file["trials/speed_mm_s"][:], np.diff(file["spikes/ptr"][:, [0, -1]])[:, 0]
+        )
+        scaled = file["spikes/sample"][:] * 1000 * speeds / 120
+        np.testing.assert_allclose(file["spikes/scaled_us"][:], scaled, atol=0.5)
         trains = [file[f"train/{column}"][:] for column in ("receptor", "layer", "taxel")]
         said = [f"{r.decode()}{layer.decode()}-{n}" for r, layer, n in zip(*trains, strict=True)]
         assert said == names

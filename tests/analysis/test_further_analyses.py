@@ -242,3 +242,47 @@ def test_poisson_trains_have_the_expected_spikes_and_more_spread(
     rows = further(session, tmp_path / "out", "poisson", task=("textures",))["further"]["poisson"]
     by = {(row["representation"], row["spikes"]): row["mean_percent"] for row in rows["rows"]}
     assert by["Speed Scaled", "Poisson"] < by["Speed Scaled", "as encoded"]
+
+
+def test_trains_lie_on_each_other_behind_the_module_that_scales_them(
+    session: Path, tmp_path: Path
+) -> None:
+    results = further(session, tmp_path / "out", "invariance", task=("textures",))
+    rows = results["further"]["invariance"]["rows"]
+    assert "Texture L" in results["further"]["invariance"]["sentences"][0]
+
+    def pair(name: str, one: str, other: str) -> dict[str, Any]:
+        chosen = {"representation": name, "receptor": "SA", "condition": one}
+        chosen["other_condition"] = other
+        return next(row for row in rows if chosen.items() <= row.items())
+
+    speeds = ("40 mm/s, 500 g", "80 mm/s, 500 g")
+    before, after = (pair(name, *speeds) for name in ("Original", "Speed Scaled"))
+    assert after["correlation"] > 0.6 > before["correlation"] + 0.2
+    forces = ("40 mm/s, 250 g", "40 mm/s, 500 g")
+    before, after = (pair(name, *forces) for name in ("Original", "Force Scaled"))
+    assert after["difference_percent"] < before["difference_percent"]
+    rates = [[one["rate_hz"], one["other_rate_hz"]] for one in (before, after)]
+    assert 3 * np.ptp(rates[1]) < np.ptp(rates[0]), "C brings the rates of a taxel together"
+    picture = (tmp_path / "out" / "invariance.svg").read_text(encoding="utf-8")
+    assert "SA 40 mm/s, 250 g" in picture and "RA 80 mm/s, 500 g" in picture
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence"),
+    [
+        ('texture = "Z"', "there is no texture Z: choose from A, B, L"),
+        ("taxel = 19", "there is no taxel 19: choose 1 to 18"),
+    ],
+)
+def test_a_texture_or_taxel_that_is_not_there_is_a_note(
+    session: Path, tmp_path: Path, line: str, sentence: str
+) -> None:
+    file = tmp_path / "file.toml"
+    file.write_text(f"[further]\n{line}\n")
+    options = AnalysisOptions(
+        (session,), out=tmp_path / "out", iterations=1, k_max=3, also=("invariance",),
+        settings=file, task=("textures",),
+    )  # fmt: skip
+    report = make_report(options, WHEN)
+    assert any(sentence in remark for remark in report.remarks)

@@ -117,6 +117,20 @@ class Bars:
 
 
 @dataclass(frozen=True, slots=True)
+class Raster:
+    """Spikes as ticks, a row for each train: ``rows`` by name, from the top.
+
+    ``series``: one for each row, its ``x`` the times of the spikes; ``y`` counts the row from 0.
+    """
+
+    title: str
+    rows: Sequence[str]
+    series: Sequence[Series]
+    x_label: str
+    x_range: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
 class Matrix:
     """A confusion matrix. ``counts``: trials by true (row) and predicted class.
 
@@ -152,7 +166,7 @@ class Figure:
     """Panels with one legend. ``notes``: sentences below them, what bars and marks mean."""
 
     title: str
-    panels: Sequence[Panel | Matrix | Bars]
+    panels: Sequence[Panel | Matrix | Bars | Raster]
     notes: Sequence[str] = ()
     columns: int = 3
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
-from rigctl.analysis.report.figure import COLOURS, Bars, Figure, Matrix, Panel, Series
+from rigctl.analysis.report.figure import COLOURS, Bars, Figure, Matrix, Panel, Raster, Series
 
 Spec = dict[str, Any]
 Colours = Mapping[str, str]
@@ -36,6 +36,7 @@ PNG_PPI = 144
 PANEL_WIDTH, PANEL_HEIGHT = 330, 200
 STAR_ROW = 10
 BAR_HEIGHT = 7
+RASTER_ROW = 16
 NOTE_LETTERS = 68
 """Of a note above the width of a panel."""
 LEGEND_LETTER, LEGEND_SYMBOL = 6, 40
@@ -83,9 +84,16 @@ def still(spec: Spec) -> str:
 def specify(figure: Figure, colours: Colours = THEMED, *, pointer: bool = False) -> Spec:
     """Return the Vega-Lite specification of a figure; ``pointer``: shows the values there."""
     legend = list(figure.legend.values())
+    plots = count()
     panels = [
-        _drawn(panel, number, legend, colours, pointer=pointer)
-        for number, panel in enumerate(figure.panels)
+        _drawn(
+            panel,
+            next(plots) if isinstance(panel, Panel) else 0,
+            legend,
+            colours,
+            pointer=pointer,
+        )
+        for panel in figure.panels
     ]
     settings = config(colours)
     columns = min(figure.columns, len(panels))
@@ -102,7 +110,7 @@ def specify(figure: Figure, colours: Colours = THEMED, *, pointer: bool = False)
 
 
 def _drawn(
-    panel: Panel | Matrix | Bars,
+    panel: Panel | Matrix | Bars | Raster,
     number: int,
     legend: Sequence[Series],
     colours: Colours,
@@ -113,6 +121,8 @@ def _drawn(
         return _matrix(panel, colours)
     if isinstance(panel, Bars):
         return _bars(panel, legend, colours)
+    if isinstance(panel, Raster):
+        return _raster(panel, legend, colours)
     return _lines(panel, number, legend, colours, pointer=pointer)
 
 
@@ -223,6 +233,33 @@ def _rows(panel: Panel) -> Iterator[Spec]:
                 row |= {"low": ends[0], "high": ends[1]}
             inside = {key: round(min(max(value, low), high), 2) for key, value in row.items()}
             yield {"name": one.name, "x": round(x, 3), **inside}
+
+
+def _raster(raster: Raster, legend: Sequence[Series], colours: Colours) -> Spec:
+    """Return a tick for each spike in the plot, a row for each train."""
+    low, high = raster.x_range
+    values = [
+        {"name": one.name, "row": raster.rows[int(row)], "x": round(x, 3)}
+        for one in raster.series
+        for x, row in zip(one.x, one.y, strict=True)
+        if low <= x <= high
+    ]
+    rows = {
+        "field": "row",
+        "type": "nominal",
+        "title": None,
+        "scale": {"domain": list(raster.rows)},
+        "axis": {"labelLimit": 0},
+    }
+    x = _axis("x", raster.x_label, raster.x_range)
+    return {
+        "title": {"text": raster.title, "anchor": "start", "offset": 6},
+        "width": PANEL_WIDTH,
+        "height": RASTER_ROW * len(raster.rows),
+        "data": {"values": values},
+        "mark": {"type": "tick", "thickness": 1, "bandSize": RASTER_ROW - 4, "aria": False},
+        "encoding": {"x": x, "y": rows, "color": _hues(legend, colours)},
+    }
 
 
 def _bars(bars: Bars, legend: Sequence[Series], colours: Colours) -> Spec:
