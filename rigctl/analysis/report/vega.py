@@ -106,6 +106,7 @@ def specify(figure: Figure, colours: Colours = THEMED, *, pointer: bool = False)
         "concat": panels,
         "spacing": {"row": 16, "column": 20},
         "config": settings,
+        "usermeta": {"legend_columns": [legend_columns(figure, n + 1) for n in range(columns)]},
     }
 
 
