@@ -30,6 +30,8 @@ class FurtherAnalysis(NamedTuple):
 
 ANALYSES = (
     FurtherAnalysis("invariance", "One taxel, every module", "rigctl.analysis.invariance"),
+    FurtherAnalysis("c", "C, and rates by force", "rigctl.analysis.c_figure"),
+    FurtherAnalysis("loadings", "Loadings of the components", "rigctl.analysis.loadings"),
     FurtherAnalysis("ranges", "Both taxel ranges", "rigctl.analysis.range_comparison"),
     FurtherAnalysis("trains", "Receptors, layers, rows and taxels", "rigctl.analysis.train_choice"),
     FurtherAnalysis("lost", "Taxels lost one by one", "rigctl.analysis.lost_taxels"),

@@ -286,3 +286,25 @@ def test_a_texture_or_taxel_that_is_not_there_is_a_note(
     )  # fmt: skip
     report = make_report(options, WHEN)
     assert any(sentence in remark for remark in report.remarks)
+
+
+def test_c_and_the_rates_before_and_after_it_are_drawn(session: Path, tmp_path: Path) -> None:
+    results = further(session, tmp_path / "out", "c", task=("textures",))
+    rows = results["further"]["c"]["rows"]
+    reference = {row["texture"]: row["before_hz"] for row in rows if row["force_g"] == 500}
+    for row in rows:
+        assert row["after_hz"] == pytest.approx(reference[row["texture"]], abs=0.3)
+        if row["force_g"] == 250:
+            assert row["before_hz"] < reference[row["texture"]] - 3
+    assert "C at 250" in (tmp_path / "out" / "c-2.svg").read_text(encoding="utf-8")
+
+
+def test_loadings_say_what_each_component_explains(session: Path, tmp_path: Path) -> None:
+    rows = further(session, tmp_path / "out", "loadings", task=("textures",))["further"]["loadings"]
+    mine = [row for row in rows["rows"] if row["representation"] == "Speed Scaled"]
+    shares = [row["variance_percent"] for row in mine]
+    assert shares == sorted(shares, reverse=True) and mine[-1]["cumulative_percent"] <= 100.001
+    assert sum(shares) == pytest.approx(mine[-1]["cumulative_percent"], abs=0.01)
+    for row in mine:
+        assert row["layer_I_percent"] + row["layer_II_percent"] == pytest.approx(100, abs=0.01)
+        assert 0 <= row["sa_percent"] <= 100

@@ -131,6 +131,19 @@ class Raster:
 
 
 @dataclass(frozen=True, slots=True)
+class Image:
+    """Values of named rows and columns as colours; the scale is even about ``middle``."""
+
+    title: str
+    rows: Sequence[str]
+    columns: Sequence[str]
+    values: Sequence[Sequence[float | None]]
+    x_label: str
+    y_label: str
+    middle: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class Matrix:
     """A confusion matrix. ``counts``: trials by true (row) and predicted class.
 
@@ -166,7 +179,7 @@ class Figure:
     """Panels with one legend. ``notes``: sentences below them, what bars and marks mean."""
 
     title: str
-    panels: Sequence[Panel | Matrix | Bars | Raster]
+    panels: Sequence[Panel | Matrix | Bars | Raster | Image]
     notes: Sequence[str] = ()
     columns: int = 3
 
@@ -186,6 +199,6 @@ class Figure:
         return {
             one.name: one
             for plot in self.panels
-            if not isinstance(plot, Matrix)
+            if not isinstance(plot, Matrix | Image)
             for one in plot.series
         }

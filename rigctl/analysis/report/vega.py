@@ -13,7 +13,16 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
-from rigctl.analysis.report.figure import COLOURS, Bars, Figure, Matrix, Panel, Raster, Series
+from rigctl.analysis.report.figure import (
+    COLOURS,
+    Bars,
+    Figure,
+    Image,
+    Matrix,
+    Panel,
+    Raster,
+    Series,
+)
 
 Spec = dict[str, Any]
 Colours = Mapping[str, str]
@@ -37,6 +46,9 @@ PANEL_WIDTH, PANEL_HEIGHT = 330, 200
 STAR_ROW = 10
 BAR_HEIGHT = 7
 RASTER_ROW = 16
+IMAGE_SIDE = 240
+MOST_NAMES = 18
+"""Names on an axis of an image."""
 NOTE_LETTERS = 68
 """Of a note above the width of a panel."""
 LEGEND_LETTER, LEGEND_SYMBOL = 6, 40
@@ -105,13 +117,16 @@ def specify(figure: Figure, colours: Colours = THEMED, *, pointer: bool = False)
         "columns": columns,
         "concat": panels,
         "spacing": {"row": 16, "column": 20},
+        "resolve": {"scale": {"color": "independent"}}
+        if any(isinstance(panel, Image) for panel in figure.panels)
+        else {},
         "config": settings,
         "usermeta": {"legend_columns": [legend_columns(figure, n + 1) for n in range(columns)]},
     }
 
 
 def _drawn(
-    panel: Panel | Matrix | Bars | Raster,
+    panel: Panel | Matrix | Bars | Raster | Image,
     number: int,
     legend: Sequence[Series],
     colours: Colours,
@@ -122,6 +137,8 @@ def _drawn(
         return _matrix(panel, colours)
     if isinstance(panel, Bars):
         return _bars(panel, legend, colours)
+    if isinstance(panel, Image):
+        return _image(panel)
     if isinstance(panel, Raster):
         return _raster(panel, legend, colours)
     return _lines(panel, number, legend, colours, pointer=pointer)
@@ -234,6 +251,44 @@ def _rows(panel: Panel) -> Iterator[Spec]:
                 row |= {"low": ends[0], "high": ends[1]}
             inside = {key: round(min(max(value, low), high), 2) for key, value in row.items()}
             yield {"name": one.name, "x": round(x, 3), **inside}
+
+
+def _image(image: Image) -> Spec:
+    """Return a coloured cell for each value, from blue below the middle to red above it."""
+    cells: list[Spec] = [
+        {"row": row, "column": column, "value": round(value, 5)}
+        for row, line in zip(image.rows, image.values, strict=True)
+        for column, value in zip(image.columns, line, strict=True)
+        if value is not None
+    ]
+    reach = max((abs(one["value"] - image.middle) for one in cells), default=1.0) or 1.0
+    ends = [image.middle - reach, image.middle + reach]
+    shade = {
+        "field": "value",
+        "type": "quantitative",
+        "scale": {"domain": ends, "range": "diverging", "reverse": True},
+        "legend": {"orient": "right", "gradientLength": IMAGE_SIDE / 2, "title": None},
+    }
+
+    def axis(field: str, names: Sequence[str], title: str) -> Spec:
+        every = max(1, len(names) // MOST_NAMES + 1)
+        shown = {"values": list(names[::every]), "labelAngle": 0}
+        scale = {"domain": list(names)}
+        kind = {"field": field, "type": "nominal", "sort": None, "title": title}
+        return {**kind, "scale": scale, "axis": shown}
+
+    place = {
+        "x": axis("column", image.columns, image.x_label),
+        "y": axis("row", image.rows, image.y_label),
+    }
+    return {
+        "title": {"text": image.title, "anchor": "start", "offset": 6},
+        "width": IMAGE_SIDE,
+        "height": IMAGE_SIDE,
+        "data": {"values": cells},
+        "mark": {"type": "rect", "aria": False},
+        "encoding": {**place, "color": shade},
+    }
 
 
 def _raster(raster: Raster, legend: Sequence[Series], colours: Colours) -> Spec:
