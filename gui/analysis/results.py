@@ -151,7 +151,12 @@ def report_results(report: ReportResult) -> AnalysisResults:
 
 def finger_results(report: FingerReport) -> AnalysisResults:
     """Return the results of a report on the moving finger: its sentences and figures."""
-    from rigctl.finger.analysis.figures import accuracy_figures, evidence_figure, promises_figure
+    from rigctl.finger.analysis.figures import (
+        accuracy_figures,
+        answer_figures,
+        evidence_figure,
+        promises_figure,
+    )
     from rigctl.finger.analysis.report import CAPTIONS
 
     out = report.page.parent
@@ -159,6 +164,7 @@ def finger_results(report: FingerReport) -> AnalysisResults:
     origin = f"{data_words(simulated=values['simulated'])} · {out.name}"
     figures = {one.title.partition(":")[0]: one for one in accuracy_figures(values, CAPTIONS)}
     figures |= {"Evidence": evidence_figure(values), "Promises": promises_figure(values)}
+    figures["Confusion"] = answer_figures(values)[0]
     pages = [plot_page(name, origin, figure) for name, figure in figures.items()]
     if values["latencies"]:
         rows = [(kind, *one.values()) for kind, one in values["latencies"].items()]

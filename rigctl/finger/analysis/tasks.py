@@ -6,6 +6,7 @@ centred by the mean of its calibration, in place of the training trials' mean.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -297,6 +298,39 @@ def deployed_accuracy(data_set: FingerDataSet, kind: ScanKind, settings: DrawSet
     tests = {DEPLOYED.key: tested_of(data_set, kind)}
     k_max = settings.finger.k_max(DEPLOYED)
     return _new_session(data_set, kind, rows, tests, k_max, settings.engine)[DEPLOYED.key]
+
+
+class DeployedAnswers(NamedTuple):
+    """What Figure S5's classifier calls the tested scans, with ``components`` at most.
+
+    ``confusion``: int64 (textures, textures), rows: true; ``right``, ``tested``: by profile.
+    """
+
+    kind: ScanKind
+    components: int
+    textures: tuple[str, ...]
+    confusion: Integers
+    right: dict[str, int]
+    tested: dict[str, int]
+
+
+def deployed_answers(
+    data_sets: Sequence[FingerDataSet], kind: ScanKind, settings: DrawSettings
+) -> DeployedAnswers:
+    """Return the answers over all data sets, which have the same textures."""
+    textures, components = data_sets[0].textures, settings.finger.components
+    confusion = np.zeros((len(textures), len(textures)), np.int64)
+    right, tested = Counter[str](), Counter[str]()
+    for one in data_sets:
+        rows, train = tested_of(one, kind), np.arange(len(one.training))
+        given = (one, kind, train, {DEPLOYED.key: rows}, components, settings.engine)
+        predicted = predict_new_session(*given)[DEPLOYED.key][-1]
+        truth, profiles = one.tested.labels(textures)[rows], one.tested.profile[rows].tolist()
+        np.add.at(confusion, (truth, predicted), 1)
+        tested.update(profiles)
+        right.update(name for name, hit in zip(profiles, predicted == truth, strict=True) if hit)
+    known = {name: right[name] for name in tested}
+    return DeployedAnswers(kind, components, textures, confusion, known, dict(tested))
 
 
 def _draw(rows: Rows, random: np.random.Generator, settings: FingerAnalysisSettings) -> Rows:

@@ -90,6 +90,24 @@ def test_the_papers_quoted_accuracies_are_drawn(folder: Path, name: str, quoted:
     assert (folder / f"{name}.svg").read_text("utf-8").count(DIAMOND) == quoted
 
 
+def test_answers_are_told_by_texture_and_by_velocity_profile(
+    analysis: FingerAnalysis, folder: Path
+) -> None:
+    values: dict[str, Any] = json.loads((folder / "results.json").read_text("utf-8"))
+    deployed = next(one for one in analysis.tasks if one.task.key == "deployed")
+    for kind, one in zip(deployed.accuracy, values["answers"], strict=True):
+        confusion = np.array(one["confusion"])
+        assert confusion.sum() == sum(one["tested"].values()) == 50
+        assert np.trace(confusion) == sum(one["right"].values())
+        share = deployed.accuracy[kind][0][one["components"] - 1]
+        assert np.trace(confusion) / 50 == pytest.approx(share)
+        assert set(one["tested"]) == {"slow", "medium", "fast", "slow-to-fast", "fast-to-slow"}
+    page = (folder / "report.html").read_text("utf-8")
+    assert "Which textures, which velocities" in page
+    assert "slow-to-fast" in (folder / "profiles.svg").read_text("utf-8")
+    assert (folder / "confusion.png").stat().st_size > 10_000
+
+
 def test_results_hold_every_number_of_components(folder: Path) -> None:
     values: dict[str, Any] = json.loads((folder / "results.json").read_text("utf-8"))
     assert values["simulated"] is True and values["settings"]["draws"] == 3
