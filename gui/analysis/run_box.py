@@ -61,9 +61,11 @@ class AnalysisOptionsForm(QWidget):
         self._form = form_layout(4)
         self._rows = {name: self._add_row(name) for name in ROWS}
         self.setLayout(self._form)
-        task, settings = self.fields["task"], self.fields["settings"]
-        # A list that is too long for the place beside its name stands below it.
-        task.setMinimumContentsLength(max(len(task.itemText(i)) for i in range(task.count())))
+        settings = self.fields["settings"]
+        for field in (self.fields["task"], self.fields["also"]):
+            # A list that is too long for the place beside its name stands below it.
+            longest = max(len(field.itemText(i)) for i in range(field.count()))
+            field.setMinimumContentsLength(longest)
         settings.textChanged.connect(self._show_reference)
         self._show_sessions()
 

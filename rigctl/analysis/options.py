@@ -200,6 +200,9 @@ class AnalysisOptions(EncoderOptions):
     )  # fmt: skip
     trial: int | None = option(None, "trial in the figure of one taxel", metavar="ID")
     taxel: int | None = option(None, "taxel in that figure, from 1", metavar="N", low=1)
+    start: float = option(
+        0.0, "time in the trial at which that figure begins (0); it shows a second", "S", high=3600,
+    )  # fmt: skip
     save_model: Path | None = option(
         None, "save a model trained on all trials", "FILE", group=MODEL,
     )  # fmt: skip

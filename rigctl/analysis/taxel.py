@@ -361,11 +361,12 @@ def _limits(values: Floats) -> tuple[float, float]:
     return low - margin, high + margin
 
 
-def draw_taxel(course: TaxelCourse, stem: Path) -> Path:
-    """Draw reading, voltages and spikes of the first second to ``stem``.svg and .png."""
-    section = Section(0.0, min(SHOWN_S, course.duration_s))
+def draw_taxel(course: TaxelCourse, stem: Path, start_s: float = 0.0) -> Path:
+    """Draw reading, voltages and spikes of a second to ``stem``.svg and .png."""
+    section = Section(start_s, min(start_s + SHOWN_S, course.duration_s))
     figure = _figure(course, section, (9.5, 5.6), HEIGHTS_OF_2C)
-    title = f"{course.title}, up to its first second (as Fig. 2C)"
+    shown = f"{section.start_s:g} to {section.end_s:g} s" if start_s else "up to its first second"
+    title = f"{course.title}, {shown} (as Fig. 2C)"
     return save_figure(figure, stem, title, course.origin)
 
 

@@ -353,7 +353,11 @@ def test_a_taxel_or_trial_that_is_not_there_changes_one_figure(
 ) -> None:
     words = ["analyse", str(good), "--iterations", "1", "--k-max", "3", "--no-cache"]
     for number, (option, value, sentence) in enumerate(
-        (("--taxel", "19", "no taxel 19"), ("--trial", "999", "no session has a committed trial"))
+        (
+            ("--taxel", "19", "no taxel 19"),
+            ("--trial", "999", "no session has a committed trial"),
+            ("--start", "9", "--start 9 is behind the end of the trial"),
+        )
     ):
         out = tmp_path / str(number)
         assert main([*words, option, value, "--out", str(out)]) == 0
@@ -373,3 +377,12 @@ def test_a_texture_at_one_level_is_not_tested_where_that_is_left_out(
         (result,), remarks = run_tasks(made, SweepSettings(2, 3, tasks=(name,)))
         assert result.curves[0].confusion[result.classes.index("D")].sum() == 0
         assert any("textures left out" in text and text.endswith(": D") for text in remarks)
+
+
+def test_the_figure_of_a_taxel_begins_at_a_chosen_time(good: Path, tmp_path: Path) -> None:
+    words = ["analyse", str(good), "--iterations", "1", "--k-max", "3", "--no-cache"]
+    out = tmp_path / "out"
+    assert main([*words, "--start", "0.1", "--task", "textures", "--out", str(out)]) == 0
+    assert "0.1 to " in (out / "fig2c.svg").read_text(encoding="utf-8")
+    assert not [line for line in json.loads((out / "results.json").read_text())["remarks"]
+                if "figure of one taxel" in line]  # fmt: skip

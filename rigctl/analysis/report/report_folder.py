@@ -164,7 +164,8 @@ def _write(folder: Path, options: AnalysisOptions, analysis: _Analysis, made_utc
     trials, ranges = representations.trials, representations.normalisation
     origin = trials_origin(trials)
     taxel = analysis.taxel
-    fig2c = draw_taxel(taxel, folder / "fig2c")
+    start_s = options.start if options.start < taxel.duration_s else 0.0
+    fig2c = draw_taxel(taxel, folder / "fig2c", start_s)
     values = as_dict(
         representations, options.sweep, results, analysis.remarks, made_utc, analysis.ablations
     )
@@ -199,7 +200,10 @@ def _chosen_course(
     given = (trials, representations.normalisation, representations.parameters)
     try:
         check_selection(trials, options.trial, options.taxel)
-        return load_course(*given, options.trial, options.taxel), []
+        course = load_course(*given, options.trial, options.taxel)
+        if options.start >= course.duration_s:
+            raise WrongUse(f"--start {options.start:g} is behind the end of the trial")
+        return course, []
     except WrongUse as reason:
         return load_course(*given), [f"figure of one taxel: {reason}; it shows the usual one"]
 
