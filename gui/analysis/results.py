@@ -136,6 +136,12 @@ def report_results(report: ReportResult) -> AnalysisResults:
     if (out / "sensitivity.csv").exists():
         presets = out / "sensitivity.csv"
         pages.append(ResultsPage("Presets", _csv_table(presets), csv=_text(presets)))
+    for name, one in values["further"].items():
+        table, picture = out / f"{name}.csv", out / f"{name}.png"
+        if picture.exists():
+            pages.append(ResultsPage(one["title"], figure=str(picture), csv=_text(table)))
+        else:
+            pages.append(ResultsPage(one["title"], _csv_table(table), csv=_text(table)))
     pages.append(_words_page("Remarks", summarise_notes(report.remarks)))
     sentence = _report_sentence(report)
     return AnalysisResults(
@@ -145,7 +151,12 @@ def report_results(report: ReportResult) -> AnalysisResults:
 
 def finger_results(report: FingerReport) -> AnalysisResults:
     """Return the results of a report on the moving finger: its sentences and figures."""
-    from rigctl.finger.analysis.figures import accuracy_figures, evidence_figure, promises_figure
+    from rigctl.finger.analysis.figures import (
+        accuracy_figures,
+        answer_figures,
+        evidence_figure,
+        promises_figure,
+    )
     from rigctl.finger.analysis.report import CAPTIONS
 
     out = report.page.parent
@@ -153,6 +164,7 @@ def finger_results(report: FingerReport) -> AnalysisResults:
     origin = f"{data_words(simulated=values['simulated'])} · {out.name}"
     figures = {one.title.partition(":")[0]: one for one in accuracy_figures(values, CAPTIONS)}
     figures |= {"Evidence": evidence_figure(values), "Promises": promises_figure(values)}
+    figures["Confusion"] = answer_figures(values)[0]
     pages = [plot_page(name, origin, figure) for name, figure in figures.items()]
     if values["latencies"]:
         rows = [(kind, *one.values()) for kind, one in values["latencies"].items()]

@@ -24,7 +24,7 @@ from rigctl.analysis.options import AnalysisOptions, declared
 
 ROWS = (
     "task", "settings", "iterations", "k_max", "preset", "reference_force", "seed", "engine", "c",
-    "representation", "sensitivity",
+    "also", "representation", "sensitivity",
 )  # fmt: skip
 FILES = {"settings": PathKind.ANALYSIS_FILE, "c": PathKind.MODEL}
 EXPERIMENTS = {DRUM: DRUM_ANALYSIS, FINGER: FINGER_ANALYSIS}
@@ -62,9 +62,11 @@ class AnalysisOptionsForm(QWidget):
         self._form = form_layout(4)
         self._rows = {name: self._add_row(name) for name in ROWS}
         self.setLayout(self._form)
-        task, settings = self.fields["task"], self.fields["settings"]
-        # A list that is too long for the place beside its name stands below it.
-        task.setMinimumContentsLength(max(len(task.itemText(i)) for i in range(task.count())))
+        settings = self.fields["settings"]
+        for field in (self.fields["task"], self.fields["also"]):
+            # A list that is too long for the place beside its name stands below it.
+            longest = max(len(field.itemText(i)) for i in range(field.count()))
+            field.setMinimumContentsLength(longest)
         settings.textChanged.connect(self._show_reference)
         self._show_sessions()
 

@@ -181,7 +181,7 @@ def describe_options(options: AnalysisOptions, experiment: str) -> str:
             f"C: {options.c.name if options.c else 'by a search'}",
         ]
         if not options.settings:
-            parts.append(f"reference force: {options.reference_g:g} g")
+            parts.append(f"reference force: {options.analysis.conditions.reference_force_g:g} g")
     return "; ".join([*parts, f"engine: {ENGINE_NAMES.get(options.engine, options.engine)}"])
 
 

@@ -11,7 +11,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import combinations
-from math import hypot
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,7 +21,7 @@ from rigctl.analysis import published
 from rigctl.analysis.cache import Resources
 from rigctl.analysis.representations import REPRESENTATIONS, RepresentationSet
 from rigctl.analysis.splits import make_splits
-from rigctl.analysis.statistics import Difference, k_ranges, welch_each
+from rigctl.analysis.statistics import Difference, k_ranges, welch_each, welch_of_moments
 from rigctl.analysis.tasks import Curve, SweepSettings, TaskResult, score_splits
 from rigctl.analysis.trial_set import Design
 
@@ -51,16 +50,15 @@ class Agreement(StrEnum):
 class RepresentationPair(NamedTuple):
     """Two representations with different accuracies in the paper; ``better``: by the paper.
 
-    ``gap``: our accuracy, better less worse; ``spread``: two standard deviations of the pair (or as
-    many as an analysis file says), None for a single draw; ``paper_gap``: the paper's.
-    ``holds_at``: numbers of components with which the comparison holds.
+    ``gap``: our accuracy, better less worse; ``paper_gap``: the paper's. ``difference``: Welch's
+    test of ours. ``holds_at``: numbers of components with which the comparison holds.
     """
 
     better: Curve
     worse: Curve
     agreement: Agreement
     gap: float
-    spread: float | None
+    difference: Difference
     paper_gap: float
     holds_at: tuple[int, ...]
 
@@ -88,11 +86,11 @@ class TaskComparison:
     def sentence(self) -> str:
         """How many pairs hold, and which do not."""
         if not self.pairs:
-            return "The paper's own spreads separate no pair here."
+            return "The paper's own means and deviations separate no pair here."
         n_held = len(self.keys(Agreement.HOLDS))
         sentences = [f"{n_held} of the {len(self.pairs)} differences that the paper separates hold"]
         for agreement, title in (
-            (Agreement.TIED, "Within the spread"),
+            (Agreement.TIED, "Cannot be told apart"),
             (Agreement.REVERSED, "Reversed"),
         ):
             listed = "; ".join(f"{NAME_OF[a]} over {NAME_OF[b]}" for a, b in self.keys(agreement))
@@ -153,13 +151,17 @@ def compare_task(result: TaskResult, *, simulated: bool) -> TaskComparison | Non
 def _separated_pairs(
     result: TaskResult, table: dict[str, tuple[float, float]]
 ) -> Iterator[RepresentationPair]:
-    """Yield the pairs of our curves that the paper's spreads separate, its better one first."""
+    """Yield the pairs of our curves whose means differ in the paper, its better one first.
+
+    They differ if the test of our curves gives an asterisk for the paper's means and deviations.
+    """
+    n, rule = published.ITERATIONS, result.thresholds.asterisks
     for first, second in combinations(table, 2):
-        (mean_a, sd_a), (mean_b, sd_b) = table[first], table[second]
+        mean_a, mean_b = table[first][0], table[second][0]
         one, other = result.curve(first), result.curve(second)
         if one is None or other is None:
             continue
-        if abs(mean_a - mean_b) > result.thresholds.separation_sds * hypot(sd_a, sd_b):
+        if welch_of_moments(table[first], table[second], n, rule).stars:
             both = (one, other) if mean_a > mean_b else (other, one)
             yield _compare_pair(*both, result, abs(mean_a - mean_b) / 100)
 
@@ -168,16 +170,14 @@ def _compare_pair(
     better: Curve, worse: Curve, result: TaskResult, paper_gap: float
 ) -> RepresentationPair:
     gaps, shown = better.mean - worse.mean, result.shown_components
+    tests = welch_each(better.accuracy, worse.accuracy, result.thresholds.asterisks)
+    starred = np.array([bool(test.stars) for test in tests])
+    agreement = Agreement.TIED
+    if starred[shown - 1]:
+        agreement = Agreement.HOLDS if gaps[shown - 1] > 0 else Agreement.REVERSED
+    holds_at = tuple((np.flatnonzero(starred & (gaps > 0)) + 1).tolist())
     gap = float(gaps[shown - 1])
-    if better.sd is None or worse.sd is None:
-        return RepresentationPair(better, worse, Agreement.TIED, gap, None, paper_gap, ())
-    spreads = result.thresholds.separation_sds * np.hypot(better.sd, worse.sd)
-    spread = float(spreads[shown - 1])
-    agreement = Agreement.HOLDS if gap > 0 else Agreement.REVERSED
-    if abs(gap) <= spread:
-        agreement = Agreement.TIED
-    holds_at = tuple(int(k) + 1 for k in np.flatnonzero(gaps > spreads))
-    return RepresentationPair(better, worse, agreement, gap, spread, paper_gap, holds_at)
+    return RepresentationPair(better, worse, agreement, gap, tests[shown - 1], paper_gap, holds_at)
 
 
 def _caveats(result: TaskResult, near_ceiling: bool, simulated: bool) -> tuple[str, ...]:
@@ -423,14 +423,11 @@ def explain(
 
 
 def _gap_sentence(pair: RepresentationPair, result: TaskResult) -> str:
-    if pair.spread is None:
+    if pair.better.sd is None or pair.worse.sd is None:
         return "a single draw has no spread to compare with"
-    sds = result.thresholds.separation_sds
-    number = "two" if sds == 2 else f"{sds:g}"
-    gap = (
-        f"ours differ by {_points(pair.gap)}, {number} standard deviations are "
-        f"{_points(pair.spread)}"
-    )
+    gap = f"ours differ by {_points(pair.gap)}"
+    if pair.difference.p is not None:
+        gap += f", Welch's p = {pair.difference.p:.2g}, Cohen's d = {pair.difference.effect:.2g}"
     if not pair.holds_at:
         return f"{gap}; it holds with no number of components up to {result.k_max}"
     return f"{gap}; it holds with {k_ranges(pair.holds_at)} components"

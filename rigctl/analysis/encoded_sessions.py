@@ -20,6 +20,7 @@ from rigctl.analysis.force_scaling import (
     sa_factors,
     trials_to_encode,
 )
+from rigctl.analysis.settings import check_reference_force
 from rigctl.analysis.spike_counts import (
     ConditionTask,
     PreparedTrials,
@@ -54,6 +55,7 @@ from rigctl.session.analysis_file import EncodingInfo, SpikeFileWriter
 from rigctl.session.sample_index import SampleFiles
 
 CHUNK = 64
+US_PER_SAMPLE = 1000
 FILE = "spikes.h5"
 
 
@@ -93,10 +95,11 @@ def encode_sessions(
     check_selection(trials, request.trial, request.taxel)
     resources.executor.check_visible(trials.paths)
     with atomic_directory(out) as folder:
+        check_reference_force(request.settings, trials.forces_g)
         reference_g, choice = choose_reference(trials, request.reference_g)
         trials = trials_to_encode(trials, reference_g, request.scaled_by)
         obstacle = force_scaling_obstacle(trials, reference_g)
-        prepared = prepare_trials(trials, resources, request.ranges)
+        prepared = prepare_trials(trials, resources, request.ranges, request.settings)
         conditions = group_by_condition(
             prepared, request.parameters, reference_g, search_c=not obstacle
         )
@@ -152,10 +155,14 @@ def _write_spikes(
         encoding = (encoder_items(parameters), inputs_of(files))
         encoder = (ranges.low, ranges.high, *encoding, c, np.array(order))
         keys.append(cache_key("spikes", prepared.hashes[rows], *encoder))
-    total = 0
-    for found in resources.map_cached(_encode, tasks, keys, "writing spikes"):
-        file.add(found["counts"], found["samples"])
-        total += len(found["samples"])
+    total, reference_mm_s = 0, request.settings.windows.reference_speed_mm_s
+    found_each = resources.map_cached(_encode, tasks, keys, "writing spikes")
+    for task, found in zip(tasks, found_each, strict=True):
+        counts, samples = found["counts"], found["samples"]
+        speeds = np.array([trial.speed_mm_s for trial in task.trials])
+        factors = np.repeat(speeds / reference_mm_s, counts.sum(axis=1, dtype=np.int64))
+        file.add(counts, samples, np.rint(samples * (US_PER_SAMPLE * factors)).astype(np.int64))
+        total += len(samples)
     return total
 
 

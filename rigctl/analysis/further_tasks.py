@@ -19,6 +19,8 @@ from rigctl.errors import WrongUse
 if TYPE_CHECKING:
     from rigctl.analysis.trial_set import Design
 
+EXTRAPOLATION = "extrapolation"
+"""Family of Figures 3C to 3F."""
 Rows = NDArray[np.intp]
 TrainAndTests = tuple[Rows, dict[str, Rows]]
 """Training rows of one fit, and its test rows by the key of a task."""
@@ -37,22 +39,36 @@ class Family(NamedTuple):
     splits: Callable[[Design, np.random.Generator], list[TrainAndTests]]
 
 
+LEVELS_LEFT_OUT = {"leave-speed-out": "speed_mm_s", "leave-force-out": "force_g"}
+"""Column of a design whose levels a family leaves out."""
+
+
+def textures_at_one_level(design: Design, levels: NDArray[np.float64]) -> Rows:
+    """Return the rows of textures with one level: no fit that leaves it out knows them."""
+    single = [
+        label
+        for label in range(len(design.textures))
+        if len(np.unique(levels[design.texture == label])) < 2
+    ]
+    return np.flatnonzero(np.isin(design.texture, single))
+
+
 def _each_speed(design: Design, random: np.random.Generator) -> list[TrainAndTests]:
-    return _leave_one_out(design, random, "leave-speed-out", design.speed_mm_s)
+    return _leave_one_out(design, random, "leave-speed-out")
 
 
 def _each_force(design: Design, random: np.random.Generator) -> list[TrainAndTests]:
-    return _leave_one_out(design, random, "leave-force-out", design.force_g)
+    return _leave_one_out(design, random, "leave-force-out")
 
 
-def _leave_one_out(
-    design: Design, random: np.random.Generator, key: str, levels: NDArray[np.float64]
-) -> list[TrainAndTests]:
+def _leave_one_out(design: Design, random: np.random.Generator, key: str) -> list[TrainAndTests]:
     """Draw three quarters of each condition; test each level on a fit of the other levels."""
+    levels: NDArray[np.float64] = getattr(design, LEVELS_LEFT_OUT[key])
     if len(np.unique(levels)) < 2:
         raise WrongUse("it needs two levels or more, one to leave out and one to train on")
-    if len(design.textures) < 2:
-        raise WrongUse("it needs two textures or more")
+    unknown = textures_at_one_level(design, levels)
+    if len(np.unique(np.delete(design.texture, unknown))) < 2:
+        raise WrongUse("it needs two textures or more, each at two levels or more")
     share = design.settings.extrapolation.trained_share
     drawn = np.concatenate(
         [
@@ -60,6 +76,7 @@ def _leave_one_out(
             for rows in design.conditions()
         ]
     )
+    drawn = drawn[~np.isin(drawn, unknown)]
     return [
         (drawn[levels[drawn] != level], {key: drawn[levels[drawn] == level]})
         for level in np.unique(levels)
@@ -89,7 +106,7 @@ TASKS = (
 OFFERED = (
     ("textures", "Individual textures"),
     ("groups", "Texture groups"),
-    ("extrapolation", "Extrapolation (Fig. 3C–F)"),
+    (EXTRAPOLATION, "Extrapolation (Fig. 3C–F)"),
     *((family.name, family.title) for family in FURTHER),
     ("leave-mount-out", "Leave one mounting out"),
 )

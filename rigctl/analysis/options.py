@@ -7,6 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rigctl.analysis.further_analyses import OFFERED as ALSO
 from rigctl.analysis.further_tasks import OFFERED
 from rigctl.encoder.parameters import PRESETS, override, preset
 from rigctl.errors import WrongUse
@@ -89,7 +90,8 @@ class EncoderOptions:
     ranges: Path | str = option(
         "all",
         "measure the taxel ranges in all trials (default) or only in those at the paper's "
-        "training speeds and forces, or take them from a spikes.h5 or model file",
+        "training speeds and forces, or take them from a spikes.h5 or model file; ranges over all "
+        "trials know the untrained force: --also ranges shows both",
         "all|training|FILE", group=ENCODER,
     )  # fmt: skip
     reference_force: float | None = option(
@@ -100,6 +102,15 @@ class EncoderOptions:
         usual=500.0,
     )  # fmt: skip
 
+    settings: Path | None = option(
+        None,
+        "analysis file (TOML) with conditions, groups, shares, windows and thresholds that "
+        "differ from the paper's; every report of rigctl analyse holds one, analysis.toml",
+        "FILE", drum=False, title="Constants",
+        hint="Analysis file with other conditions, groups, shares, windows and reference force",
+        usual="the paper's",
+    )  # fmt: skip
+
     @property
     def parameters(self) -> EncoderParameters:
         """The encoder's parameters. Raises WrongUse for a preset or parameter that is not there."""
@@ -108,12 +119,18 @@ class EncoderOptions:
             base = override(base, [f"reading={self.reading}"])
         return override(base, self.set) if self.set else base
 
-    @property
-    def reference_g(self) -> float:
-        """The reference force, or the paper's."""
-        from rigctl.encoder.force_matrix import REFERENCE_FORCE_G
+    @cached_property
+    def analysis(self) -> AnalysisSettings:
+        """The constants of the analysis file, or the paper's; options come before both.
 
-        return REFERENCE_FORCE_G if self.reference_force is None else self.reference_force
+        Raises ConfigError.
+        """
+        from rigctl.analysis.settings import AnalysisSettings, load_settings
+
+        settings = AnalysisSettings() if self.settings is None else load_settings(self.settings)
+        if self.reference_force is None:
+            return settings
+        return settings.with_reference_force(self.reference_force)
 
     @property
     def taxel_ranges(self) -> RangesOver | Normalisation:
@@ -142,14 +159,6 @@ class AnalysisOptions(EncoderOptions):
         "realtime: sessions of the moving finger, training sessions and new ones in pairs, for "
         "Figures 4B, 4C and S5 (default: drum)",
         choices=(DRUM, FINGER), drum=False,
-    )  # fmt: skip
-    settings: Path | None = option(
-        None,
-        "analysis file (TOML) with conditions, groups, shares, windows and thresholds that "
-        "differ from the paper's; every report holds one, analysis.toml",
-        "FILE", drum=False, title="Constants",
-        hint="Analysis file with other conditions, groups, shares, windows and reference force",
-        usual="the paper's",
     )  # fmt: skip
     iterations: int | None = option(
         None, "random draws (20; realtime: 100 of each data set)", "N", low=1, high=MAX_DRAWS,
@@ -194,8 +203,16 @@ class AnalysisOptions(EncoderOptions):
         False, "add a table of all encoder presets, with 10 components and the same draws",
         title="Compare all encoder presets",
     )  # fmt: skip
+    also: tuple[str, ...] = option(
+        (), f"a further analysis: {', '.join(name for name, _ in ALSO[1:])}; may be repeated",
+        "NAME", title="Also measure", offered=ALSO,
+        hint="An analysis beside the tasks, on the same trials and draws",
+    )  # fmt: skip
     trial: int | None = option(None, "trial in the figure of one taxel", metavar="ID")
     taxel: int | None = option(None, "taxel in that figure, from 1", metavar="N", low=1)
+    start: float = option(
+        0.0, "time in the trial at which that figure begins (0); it shows a second", "S", high=3600,
+    )  # fmt: skip
     save_model: Path | None = option(
         None, "save a model trained on all trials", "FILE", group=MODEL,
     )  # fmt: skip
@@ -207,19 +224,6 @@ class AnalysisOptions(EncoderOptions):
     components: int | None = option(
         None, "principal components (50)", "K", low=1, group=MODEL,
     )  # fmt: skip
-
-    @cached_property
-    def analysis(self) -> AnalysisSettings:
-        """The constants of the analysis file, or the paper's; options come before both.
-
-        Raises ConfigError.
-        """
-        from rigctl.analysis.settings import AnalysisSettings, load_settings
-
-        settings = AnalysisSettings() if self.settings is None else load_settings(self.settings)
-        if self.reference_force is None:
-            return settings
-        return settings.with_reference_force(self.reference_force)
 
     @property
     def sweep(self) -> SweepSettings:

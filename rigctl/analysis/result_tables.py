@@ -236,7 +236,7 @@ def _task_dict(
             "sentence": found.sentence,
             "pairs": len(found.pairs),
             "held": len(found.keys(Agreement.HOLDS)),
-            "within_spread": [list(keys) for keys in found.keys(Agreement.TIED)],
+            "not_told_apart": [list(keys) for keys in found.keys(Agreement.TIED)],
             "reversed": [list(keys) for keys in found.keys(Agreement.REVERSED)],
             "reasons": list(found.caveats),
             "compared": [_pair_dict(pair, result, ablations) for pair in found.pairs],
@@ -247,13 +247,12 @@ def _task_dict(
 def _pair_dict(
     pair: RepresentationPair, result: TaskResult, ablations: Ablations | None
 ) -> dict[str, Any]:
-    spread = None if pair.spread is None else round(100 * pair.spread, DECIMALS)
     return {
         "better": pair.keys[0],
         "worse": pair.keys[1],
         "verdict": pair.agreement.value,
         "points": round(100 * pair.gap, DECIMALS),
-        "spread_points": spread,
+        "test": difference_dict(pair.difference),
         "paper_points": round(100 * pair.paper_gap, DECIMALS),
         "measured_beside": list(explain(pair, result, ablations)),
     }

@@ -21,13 +21,15 @@ from rigctl.analysis.executors import Progress
 from rigctl.analysis.further_tasks import TASKS
 from rigctl.analysis.representations import REPRESENTATIONS, Representation, RepresentationSet
 from rigctl.analysis.tasks import Curve, SweepSettings, TaskResult, run_tasks
-from rigctl.encoder.parameters import PRESETS, SA_PRESETS
+from rigctl.encoder.parameters import MODEL_PRESETS, PRESETS, SA_PRESETS
 
-PRESET_ORDER = (*SA_PRESETS, *(name for name in PRESETS if name not in SA_PRESETS))
+_NEURONS = (*SA_PRESETS, *MODEL_PRESETS)
+PRESET_ORDER = (*_NEURONS, *(name for name in PRESETS if name not in _NEURONS))
 """Those that differ in the neuron, then the readings of the RA channel."""
-RA_PRESETS = ("default", *PRESET_ORDER[len(SA_PRESETS) :])
+RA_PRESETS = ("default", *PRESET_ORDER[len(_NEURONS) :])
 GROUPS = {
     "presets that differ in the neuron": SA_PRESETS,
+    "neurons": ("default", *MODEL_PRESETS),
     "readings of the RA channel": RA_PRESETS,
 }
 COMPONENTS = 10

@@ -18,8 +18,10 @@ from rigctl.config.toml_reader import (
     TomlTable,
     TomlText,
     lines_of_paths,
+    names,
     number,
     read_section,
+    text,
 )
 from rigctl.encoder.features import REFERENCE_SPEED_MM_S, WINDOW_MS
 from rigctl.encoder.force_matrix import REFERENCE_FORCE_G
@@ -30,6 +32,8 @@ MAX_SPEED_MM_S, MAX_FORCE_G = 100_000.0, 100_000.0
 MAX_WINDOWS, MAX_WINDOW_MS = 100_000, 60_000
 MAX_DRAWS, MAX_COMPONENTS = 10_000, 100_000
 LEAST_SHARE = 0.001
+MAX_CHOICES, MAX_CHOICE_BYTES = 100, 200
+MAX_DISTANCE_TRIALS = 2000
 GROUPS = "groups"
 
 
@@ -162,9 +166,6 @@ class AsteriskThresholds:
     two_star_p: float = number(0.01, "", 0, 1, "** for p below")
     two_star_d: float = number(1.0, "", 0, 100, "** for |d| above")
     two_star_h: float = number(0.5, "", 0, 4, "** for |h| above")
-    separation_sds: float = number(
-        2.0, "", 0, 100, "standard deviations of a pair that make a difference of Table 1"
-    )
 
     @property
     def asterisks(self) -> tuple[tuple[str, float, float], ...]:
@@ -184,10 +185,69 @@ class AsteriskThresholds:
 
 
 @dataclass(frozen=True, slots=True)
+class FurtherSettings:
+    """Further analyses (``--also``), which the paper does not have.
+
+    ``trains``: choices of trains beside the usual ones, such as ``SA layer I row 2`` or
+    ``taxels 1-3, 7``.
+    """
+
+    draws: int = number(5, "", 1, MAX_DRAWS, "draws of the report that are used, the first ones")
+    trains: tuple[str, ...] = names("further choices of trains", MAX_CHOICES, MAX_CHOICE_BYTES)
+    texture: str = text("", "texture whose trains are shown; empty: L, or the first one")
+    taxel: int = number(0, "", 0, 1024, "taxel whose trains are shown; 0: the most active one")
+    noise_counts: tuple[float, ...] = number(
+        (1.0, 2.0, 5.0, 10.0, 20.0), "counts", 0.01, 1023, "deviation of the noise added"
+    )
+    neighbours: int = number(5, "", 1, 1000, "neighbours that vote")
+    distance_trials: int = number(
+        200, "", 4, MAX_DISTANCE_TRIALS, "trials drawn for distances of spike trains"
+    )
+    shift_cost_per_s: float = number(
+        100.0, "1/s", 0.1, 1e6, "Victor-Purpura: cost of moving a spike, adding one costs 1"
+    )
+    time_constant_ms: float = number(10.0, "ms", 0.1, 1e5, "van Rossum: of the exponential")
+
+
+@dataclass(frozen=True, slots=True)
+class StimulationSettings:
+    """Pulses of ``rigctl encode --stimulation``, which the paper does not have.
+
+    ``channels``: choices of trains, a channel each; none: one for each train.
+    """
+
+    channels: tuple[str, ...] = names("trains of each channel", MAX_CHOICES, MAX_CHOICE_BYTES)
+    amplitude_low_ua: float = number(20.0, "µA", 0, 1e5, "of a spike where the reading is 0")
+    amplitude_high_ua: float = number(80.0, "µA", 0, 1e5, "of a spike where the reading is 1")
+    phase_us: int = number(200, "µs", 1, 10_000, "length of each of the two phases")
+    interphase_us: int = number(50, "µs", 0, 10_000, "between the phases")
+    refractory_ms: float = number(5.0, "ms", 0.1, 10_000, "least time from pulse to pulse")
+    max_rate_hz: float = number(150.0, "Hz", 0.1, 10_000, "most pulses a second")
+    rate_window_ms: float = number(200.0, "ms", 1, 10_000, "time in which the rate is counted")
+    max_phase_charge_nc: float = number(16.0, "nC", 0, 1e6, "most charge of a phase")
+    max_charge_nc_per_s: float = number(1000.0, "nC", 0, 1e9, "most charge of the phases of 1 s")
+
+    @property
+    def most_pulses(self) -> int:
+        """The most pulses in the window of the rate."""
+        return int(self.max_rate_hz * self.rate_window_ms / 1000)
+
+    @property
+    def largest_ua(self) -> float:
+        """The amplitude that the charge of a phase allows."""
+        return 1000 * self.max_phase_charge_nc / self.phase_us
+
+    def amplitude_at(self, reading: float) -> float:
+        """Return the amplitude in µA of a spike at a reading of 0 to 1."""
+        return self.amplitude_low_ua + (self.amplitude_high_ua - self.amplitude_low_ua) * reading
+
+
+@dataclass(frozen=True, slots=True)
 class AnalysisSettings:
     """All constants of both experiments' analysis; ``file``: where they are from, or empty.
 
-    ``finger``: the moving finger's, as its package defines them.
+    ``finger``: the moving finger's, as its package defines them. ``further``,
+    ``stimulation``: not the paper's.
 
     ``given``: keys that the file sets, with their lines.
     """
@@ -200,6 +260,8 @@ class AnalysisSettings:
     draws: DrawCounts = field(default_factory=DrawCounts)
     statistics: AsteriskThresholds = field(default_factory=AsteriskThresholds)
     finger: Any = field(default_factory=lambda: _finger_settings()())
+    further: FurtherSettings = field(default_factory=FurtherSettings)
+    stimulation: StimulationSettings = field(default_factory=StimulationSettings)
     file: str = field(default="", compare=False)
     given: tuple[tuple[str, int], ...] = field(default=(), compare=False)
 
@@ -240,6 +302,8 @@ def read_settings(text: TomlText) -> AnalysisSettings:
         draws=read_section(root.table("draws"), DrawCounts),
         statistics=read_section(root.table("statistics"), AsteriskThresholds),
         finger=read_section(root.table("finger"), _finger_settings()),
+        further=read_section(root.table("further"), FurtherSettings),
+        stimulation=read_section(root.table("stimulation"), StimulationSettings),
         file=text.name,
         given=_given(text),
     )
@@ -248,6 +312,7 @@ def read_settings(text: TomlText) -> AnalysisSettings:
     _refuse_overlap(text, "conditions", "forces_g", settings.conditions)
     _refuse_overlap(text, "finger", "profiles", settings.finger)
     _refuse_easier_stars(text, settings.statistics)
+    _refuse_overlapping_pulses(text, settings.stimulation)
     return settings
 
 
@@ -284,6 +349,7 @@ def to_toml(settings: AnalysisSettings) -> str:
 def differences_from_paper(settings: AnalysisSettings) -> tuple[str, ...]:
     """Return a sentence with each constant that is not the paper's; none where all are."""
     ours, paper = as_plain(settings), as_plain(AnalysisSettings())
+    del ours["further"], ours["stimulation"]
     found = []
     for name, values in ours.items():
         for key in dict.fromkeys((*paper[name], *values)):
@@ -340,6 +406,23 @@ def _refuse_easier_stars(text: TomlText, bounds: AsteriskThresholds) -> None:
         other = key.replace("two", "one")
         given = key if ("statistics", key) in lines_of_paths(text.source) else other
         text.fail(("statistics", given), f"** is easier to reach than *: change {key} or {other}")
+
+
+def _refuse_overlapping_pulses(text: TomlText, pulses: StimulationSettings) -> None:
+    """Raise the text's error where a pulse is longer than the time to the next one."""
+    length_ms = (2 * pulses.phase_us + pulses.interphase_us) / 1000
+    if length_ms > pulses.refractory_ms:
+        given = [key for table, key in _paths_of(text) if table == "stimulation"]
+        names_of = ("refractory_ms", "phase_us", "interphase_us")
+        key = next(name for name in names_of if name in given)
+        text.fail(
+            ("stimulation", key),
+            f"a pulse of {length_ms:g} ms is longer than refractory_ms {pulses.refractory_ms:g}",
+        )
+
+
+def _paths_of(text: TomlText) -> list[tuple[Any, ...]]:
+    return [path for path in lines_of_paths(text.source) if len(path) == 2]
 
 
 def _given(text: TomlText) -> tuple[tuple[str, int], ...]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.further_tasks import FURTHER
+from rigctl.analysis.further_tasks import FURTHER, LEVELS_LEFT_OUT, textures_at_one_level
 from rigctl.analysis.pca_lda import Labels, Rows, Split
 from rigctl.analysis.trial_set import Design
 from rigctl.errors import WrongUse
@@ -148,6 +148,9 @@ def textures_left_out(design: Design, family: str) -> tuple[str, ...]:
     if family == "leave-mount-out":
         again = mounted_again(design.texture, design.mount).tolist()
         return tuple(name for label, name in enumerate(design.textures) if label not in again)
+    if family in LEVELS_LEFT_OUT:
+        rows = textures_at_one_level(design, getattr(design, LEVELS_LEFT_OUT[family]))
+        return tuple(design.textures[label] for label in np.unique(design.texture[rows]))
     counted = np.ones(len(design.texture), bool)
     if family == "extrapolation":
         counted = _is_trained(design)

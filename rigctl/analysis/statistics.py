@@ -168,6 +168,15 @@ def welch_each(
     return tuple(found)
 
 
+def welch_of_moments(
+    first: tuple[float, float], second: tuple[float, float], n: int, rule: AsteriskRule = ASTERISKS
+) -> Difference:
+    """Return the test of :func:`welch_each` from mean and standard deviation of ``n`` draws."""
+    one, other = (_Moments(np.array([mean]), np.array([sd**2]), n) for mean, sd in (first, second))
+    ((statistic, p, effect),) = _welch(one, other)
+    return Difference(statistic, p, effect, (REDRAWN,), rule)
+
+
 def _welch(one: _Moments, other: _Moments) -> list[tuple[float, float, float]]:
     """Return t, p and Cohen's d, the difference over the pooled deviation, of each column."""
     from scipy import stats

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from math import ceil
 from pathlib import Path
@@ -35,6 +35,7 @@ from rigctl.analysis.report.figures import (
     new_figure,
     save_figure,
 )
+from rigctl.analysis.settings import AnalysisSettings, check_reference_force
 from rigctl.analysis.spike_counts import (
     PreparedTrials,
     RangesOver,
@@ -43,10 +44,16 @@ from rigctl.analysis.spike_counts import (
     join_searched_c,
     prepare_trials,
 )
+from rigctl.analysis.stimulation import (
+    channels_of,
+    check_stimulation_file,
+    describe_limits,
+    pulses_of,
+    to_text,
+)
 from rigctl.analysis.trial_set import TrialRef, TrialSet, join_sessions, open_trials
 from rigctl.config.text_file import shorten
 from rigctl.encoder.encoder import encode_trials, membrane_mv
-from rigctl.encoder.force_matrix import REFERENCE_FORCE_G
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import DEFAULT, EncoderParameters, RaDerivative
 from rigctl.encoder.ra_filter import ra_signals
@@ -354,11 +361,12 @@ def _limits(values: Floats) -> tuple[float, float]:
     return low - margin, high + margin
 
 
-def draw_taxel(course: TaxelCourse, stem: Path) -> Path:
-    """Draw reading, voltages and spikes of the first second to ``stem``.svg and .png."""
-    section = Section(0.0, min(SHOWN_S, course.duration_s))
+def draw_taxel(course: TaxelCourse, stem: Path, start_s: float = 0.0) -> Path:
+    """Draw reading, voltages and spikes of a second to ``stem``.svg and .png."""
+    section = Section(start_s, min(start_s + SHOWN_S, course.duration_s))
     figure = _figure(course, section, (9.5, 5.6), HEIGHTS_OF_2C)
-    title = f"{course.title}, up to its first second (as Fig. 2C)"
+    shown = f"{section.start_s:g} to {section.end_s:g} s" if start_s else "up to its first second"
+    title = f"{course.title}, {shown} (as Fig. 2C)"
     return save_figure(figure, stem, title, course.origin)
 
 
@@ -466,14 +474,15 @@ def _pace(section: Section, movie_s: float) -> str:
 class EncodeRequest:
     """What to encode and how, and the files to write.
 
-    ``figure``, ``csv``, ``movie``: files of one
-    ``taxel`` of one ``trial``; ``start_s``, ``seconds``: the section of figure and movie, the table
-    has the whole trial.
+    ``settings``: windows, trained conditions, reference force, pulses. ``stimulation``: file of the
+    pulses of one ``trial``. ``figure``, ``csv``, ``movie``:
+    files of one ``taxel`` of one ``trial``; ``start_s``, ``seconds``: the section of figure and
+    movie, the table has the whole trial.
     """
 
     sessions: tuple[Path, ...]
     parameters: EncoderParameters = DEFAULT
-    reference_g: float = REFERENCE_FORCE_G
+    settings: AnalysisSettings = field(default_factory=AnalysisSettings)
     ranges: RangesOver | Normalisation = RangesOver.ALL
     scaled_by: ScaledBy = ScaledBy.NONE
     trial: int | None = None
@@ -483,11 +492,17 @@ class EncodeRequest:
     figure: Path | None = None
     csv: Path | None = None
     movie: Path | None = None
+    stimulation: Path | None = None
+
+    @property
+    def reference_g(self) -> float:
+        """The force to which C scales the others."""
+        return self.settings.conditions.reference_force_g
 
     @property
     def files(self) -> tuple[Path, ...]:
         """The files of one taxel."""
-        return tuple(filter(None, (self.figure, self.csv, self.movie)))
+        return tuple(filter(None, (self.figure, self.csv, self.movie, self.stimulation)))
 
     def check_files(self) -> None:
         """Raise WrongUse for a file that exists, or whose name has another end."""
@@ -497,6 +512,8 @@ class EncodeRequest:
             raise WrongUse(f"{self.csv} already exists: name another file, or remove it")
         if self.movie is not None:
             check_movie_file(self.movie)
+        if self.stimulation is not None:
+            check_stimulation_file(self.stimulation)
 
 
 def encode_taxel(request: EncodeRequest, resources: Resources) -> tuple[str, ...]:
@@ -508,10 +525,11 @@ def encode_taxel(request: EncodeRequest, resources: Resources) -> tuple[str, ...
     request.check_files()
     trials = join_sessions(request.sessions, resources.progress, request.parameters.reading)
     check_selection(trials, request.trial, request.taxel)
+    check_reference_force(request.settings, trials.forces_g)
     reference_g, _ = choose_reference(trials, request.reference_g)
-    request = replace(request, reference_g=reference_g)
+    request = replace(request, settings=request.settings.with_reference_force(reference_g))
     trials = trials_to_encode(trials, reference_g, request.scaled_by)
-    prepared = prepare_trials(trials, resources, request.ranges)
+    prepared = prepare_trials(trials, resources, request.ranges, request.settings)
     c = _searched_factors(request, prepared, resources)
     chosen = request.parameters, request.trial, request.taxel
     course = load_course(prepared.trials, prepared.normalisation, *chosen, c)
@@ -523,7 +541,30 @@ def encode_taxel(request: EncodeRequest, resources: Resources) -> tuple[str, ...
             write_course(course, partial)
     if request.movie is not None:
         write_taxel_movie(course, section, request.movie, resources.progress)
-    return prepared.trials.remarks
+    remarks = prepared.trials.remarks
+    if request.stimulation is not None:
+        remarks = (*remarks, _write_stimulation(request, prepared, c, request.stimulation))
+    return remarks
+
+
+def _write_stimulation(
+    request: EncodeRequest, prepared: PreparedTrials, c: Floats | None, path: Path
+) -> str:
+    """Write the pulses of the chosen trial; return what the limits took, in a sentence."""
+    trials, ranges = prepared.trials, prepared.normalisation
+    settings = request.settings.stimulation
+    channels = channels_of(settings, trials.sensor_layout)
+    row = chosen_trial(trials, request.trial)
+    trial = trials.trials[row]
+    with open_trials(trials.files) as reader:
+        samples = reader.read(trial)
+    scale = None if c is None else c[[row]]
+    (spikes,) = encode_trials([samples], ranges, request.parameters, sa_scale=scale)
+    pulses = pulses_of(spikes, ranges.apply(samples), channels, settings)
+    about = f"trial {trial.trial_id}, {trials_origin(trials)}"
+    with atomic_file(path) as partial:
+        partial.write_text(to_text(pulses, settings, about, path.suffix), encoding="utf-8")
+    return describe_limits(pulses)
 
 
 def _section_of(request: EncodeRequest, course: TaxelCourse) -> Section:

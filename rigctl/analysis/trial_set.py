@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from rigctl.analysis import published
 from rigctl.analysis.executors import Progress
 from rigctl.analysis.settings import AnalysisSettings
-from rigctl.encoder.reading import Reading, conductance
+from rigctl.encoder.reading import FULL_SCALE, Reading, conductance
 from rigctl.errors import SessionError, WrongUse
 from rigctl.session.analysis_file import load_inputs
 from rigctl.session.digests import damaged_trials
@@ -228,12 +228,23 @@ class TrialReader:
 
     def _read_counts(self, trial: TrialRef) -> NDArray[np.uint16]:
         try:
-            return self._reader.read(trial.sample_range)
+            samples = self._reader.read(trial.sample_range)
         except (OSError, SessionError) as error:
             raise SessionError(
                 f"{self._files[trial.sample_range.file].path.parent}: trial {trial.trial_id} "
                 f"cannot be read ({error}); rigctl verify says what is left of the session"
             ) from error
+        return self._with_noise(samples, trial)
+
+    def _with_noise(self, samples: NDArray[np.uint16], trial: TrialRef) -> NDArray[np.uint16]:
+        """Return counts with the noise of their file: the same for a trial, whoever reads it."""
+        place = trial.sample_range
+        deviation = self._files[place.file].noise_counts
+        if not deviation:
+            return samples
+        random = np.random.default_rng([place.file, place.start])
+        noisy = samples + random.normal(0.0, deviation, samples.shape)
+        return np.clip(np.rint(noisy), 0, FULL_SCALE).astype(np.uint16)
 
     def read_block(
         self, trials: Sequence[TrialRef], scratch: ScratchMemory | None = None
@@ -254,6 +265,10 @@ class TrialReader:
         except (OSError, SessionError):
             for trial, out in zip(trials, block.arrays, strict=True):
                 out[:] = self._read_counts(trial)  # one by one, so that the error names the trial
+        else:
+            if self._files[ranges[0].file].noise_counts:
+                for trial, out in zip(trials, block.arrays, strict=True):
+                    out[:] = self._with_noise(out, trial)
         if self._files[ranges[0].file].inputs:
             for trial, out in zip(trials, block.arrays, strict=True):
                 out[:] = conductance(out, self._files[trial.sample_range.file].inputs)

@@ -77,6 +77,7 @@ def _summary(report: ReportResult) -> str:
         lines.append(
             f"{result.task.title} ({result.shown_components} components): {', '.join(accuracies)}"
         )
+    lines += [sentence for found in report.further for sentence in found.sentences]
     names = {"report": "report.html", "results": "results.json", "table": "table1.csv"}
     files = {k: report.folder / v for k, v in names.items()}
     if report.model is not None:

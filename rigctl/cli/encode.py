@@ -55,6 +55,7 @@ def _add_taxel(parser: argparse.ArgumentParser) -> None:
     files = (
         ("--figure", "new .svg, .png or .pdf of every signal"),
         ("--csv", "new table of every signal, a line a sample of the whole trial"),
+        ("--stimulation", "new .csv or .json of the trial's spikes as pulses of a stimulator"),
         ("--movie", "new .gif or .mp4 in which the signals grow, or .png of its last frame"),
     )
     for name, words in files:
@@ -85,8 +86,8 @@ def run(args: argparse.Namespace) -> int:
     request = _request(args)
     if args.out is None and not request.files:
         raise WrongUse(
-            "nothing to write: give --out DIR for the spikes of all trials, or --figure, --csv or "
-            "--movie FILE for one taxel of one trial"
+            "nothing to write: give --out DIR for the spikes of all trials, or --figure, --csv, "
+            "--movie or --stimulation FILE for one trial"
         )
     request.check_files()
     if args.out is not None:
@@ -111,7 +112,7 @@ def _request(args: argparse.Namespace) -> EncodeRequest:
     return EncodeRequest(
         options.sessions,
         options.parameters,
-        reference_g=options.reference_g,
+        settings=options.analysis,
         ranges=options.taxel_ranges,
         scaled_by=ScaledBy(args.scaled_by),
         trial=args.trial,
@@ -121,6 +122,7 @@ def _request(args: argparse.Namespace) -> EncodeRequest:
         figure=args.figure,
         csv=args.csv,
         movie=args.movie,
+        stimulation=args.stimulation,
     )
 
 

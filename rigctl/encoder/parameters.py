@@ -163,6 +163,22 @@ def _parse_enum(key: str, enum: type[StrEnum], value: str) -> StrEnum:
 
 
 DEFAULT = EncoderParameters()
+LIF = replace(
+    DEFAULT,
+    name="lif",
+    b=0.0,
+    c_mv=-70.0,
+    d=0.0,
+    quadratic=0.0,
+    linear=-1 / 50,
+    constant=-70 / 50,
+    threshold_mv=-50.0,
+    start_u=0.0,
+    reset=Reset.NEXT_SAMPLE,
+    sa_gain=8.0,
+    ra_gain=0.24,
+)
+"""A leaky integrator of 50 ms, 20 mV below its threshold at rest."""
 PRESETS: dict[str, EncoderParameters] = {
     "default": DEFAULT,
     # v and u both from the old state: plain forward Euler, as Brian2's "euler" integrates it.
@@ -182,6 +198,10 @@ PRESETS: dict[str, EncoderParameters] = {
     ),
     # Model time runs at a quarter of real time.
     "quarter-rate": replace(DEFAULT, name="quarter-rate", substeps=1),
+    # Other neurons in the same equations: without the quadratic term, the membrane is a leaky
+    # integrator, and u is an adaptation current that each spike raises by d.
+    "lif": LIF,
+    "adaptive-lif": replace(LIF, name="adaptive-lif", a=0.01, d=0.1),
     # Other readings of "smoothed with a 20 Hz lowpass filter and then differentiated": MATLAB's
     # filtfilt, other orders, MATLAB's lowpass, diff without a sample time, changes of either sign.
     "ra-zero-phase": replace(DEFAULT, name="ra-zero-phase", ra_filter=RaFilter.ZERO_PHASE),
@@ -192,7 +212,9 @@ PRESETS: dict[str, EncoderParameters] = {
     "ra-absolute": replace(DEFAULT, name="ra-absolute", ra_rectify=Rectify.ABSOLUTE),
 }
 SA_PRESETS = ("default", "explicit", "izhikevich2003", "iskarous2022", "quarter-rate")
-"""The presets that differ in the neuron; all others are readings of the RA channel."""
+"""The presets that differ in how Izhikevich's neuron is integrated."""
+MODEL_PRESETS = ("lif", "adaptive-lif")
+"""The presets of another neuron; all others are readings of the RA channel."""
 
 
 def preset(name: str) -> EncoderParameters:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rigctl.encoder.encoder import Encoder
 from rigctl.encoder.normalisation import Normalisation
-from rigctl.encoder.parameters import PRESETS, SA_PRESETS, EncoderParameters
+from rigctl.encoder.parameters import MODEL_PRESETS, PRESETS, SA_PRESETS, EncoderParameters
 
 SETTLE_S = 1
 COUNT_S = 20
@@ -40,7 +40,8 @@ def markdown_table() -> str:
 
     Presets that differ from the default in the RA channel alone are left out.
     """
-    columns = {name: steady_sa_rates_hz(PRESETS[name], TABLE_INPUTS) for name in SA_PRESETS}
+    names = (*SA_PRESETS, *MODEL_PRESETS)
+    columns = {name: steady_sa_rates_hz(PRESETS[name], TABLE_INPUTS) for name in names}
     lines = ["| x | " + " | ".join(columns) + " |", "|---:|" + "---:|" * len(columns)]
     for row, x in enumerate(TABLE_INPUTS):
         cells = " | ".join(f"{rates[row]:.1f}" for rates in columns.values())

@@ -37,13 +37,13 @@ from rigctl.finger.live_answers import LiveAnswers
 from rigctl.finger.progress import FingerProgress
 from rigctl.finger.recorder import FingerRecorder
 from rigctl.finger.rig import FingerRig
-from rigctl.finger.run_request import MODEL_KIND, OpenedFingerRun
+from rigctl.finger.run_request import OpenedFingerRun
 from rigctl.finger.scan_attempt import ScanAttempt
 from rigctl.finger.scan_recording import ScanOutput, track_row, trial_row
 from rigctl.finger.session import FingerSession
 from rigctl.finger.status import CurrentScan, FingerRunStatus
 from rigctl.finger.trackers.plate_frame import PlatePosition
-from rigctl.finger.values import FingerTrial, PredictionRow, Stage
+from rigctl.finger.values import MODEL_KIND, FingerTrial, PredictionRow, Stage
 from rigctl.session.sensor_passport import sensor_difference
 from rigctl.values import Event, Position, Verdict
 

@@ -32,7 +32,7 @@ from rigctl.finger.plan import FingerPlan, load_finger_protocol
 from rigctl.finger.recorder import FingerRecorder
 from rigctl.finger.rig import FingerRig
 from rigctl.finger.session import FingerSession
-from rigctl.finger.values import Stage
+from rigctl.finger.values import MODEL_KIND, Stage
 from rigctl.session import layout
 from rigctl.session.header import SessionHeader
 from rigctl.session.recorder import keep_private
@@ -40,7 +40,6 @@ from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import BoardIdentity, Verdict
 
 DEFAULT_PROTOCOL = "paper"
-MODEL_KIND = "model"
 """Kind of the event that says which model names the scans of a session."""
 Share = Annotated[float, Meta(gt=0, lt=1)]
 

@@ -2,11 +2,13 @@
 
 Scaled time is ∫ v dt / v_ref (Iskarous et al., equation 2, applied to each 100 ms). 1 µm/s for 1 ms
 is 1 nm, and a window of 100 ms of scaled time is 100 · v_ref nanometres (10 mm at 100 mm/s), so
-nothing is rounded. The finger's board computes the same windows.
+nothing is rounded. The finger's board computes the same windows. :class:`Gaps` names the other
+reading of the paper's words.
 """
 
 from __future__ import annotations
 
+from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +26,16 @@ MS_PER_S = 1000.0
 Spikes1Khz = NDArray[np.uint8]
 Counts = NDArray[np.int64]
 Floats = NDArray[np.float64]
+
+
+class Gaps(StrEnum):
+    """What happens to a gap between two spikes of a train that lie in different batches.
+
+    The paper scales "the time gaps between spikes" by "the computed velocity of that window".
+    """
+
+    SPLIT = "split"  # at the border, each piece by its own velocity: ∫ v dt, as the board has it
+    WHOLE = "whole"  # by the velocity of the batch in which the gap ends: the words taken literally
 
 
 class ScaledWindows(NamedTuple):
@@ -47,30 +59,40 @@ def scale_windows(
     velocities_um_per_s: Counts,
     reference_um_per_s: int = REFERENCE_UM_PER_S,
     batch_samples: int = BATCH_SAMPLES,
+    gaps: Gaps = Gaps.SPLIT,
+    window_ms: int = WINDOW_MS,
 ) -> ScaledWindows:
     """Return the windows of scaled time of one scan: spikes uint8 (n, n_taxels) at 1 kHz.
 
-    ``velocities_um_per_s``: int64, one for each batch; the last batch may be short. The last window
-    may be short, too. Raises :class:`WrongUse` for another number of velocities, a negative one,
-    or one so high that a window would be shorter than a sample.
+    ``velocities_um_per_s``: int64, one for each batch; the last batch may be short, and so may the
+    last window of ``window_ms``. Windows and their real time are those of the finger's way; spikes
+    whose whole gaps lead beyond it are dropped. Raises :class:`WrongUse` for another number of
+    velocities, a negative one, or one so high that a window would be shorter than a sample.
     """
-    window_nm = WINDOW_MS * reference_um_per_s
+    window_nm = window_ms * reference_um_per_s
     velocities = np.asarray(velocities_um_per_s, np.int64)
     _check_velocities(velocities, -(-len(spikes) // batch_samples), window_nm)
     per_sample = np.repeat(velocities, batch_samples)[: len(spikes)]
     window = (np.cumsum(per_sample) - per_sample) // window_nm
     n_windows = int(window[-1]) + 1 if len(window) else 0
     counts = np.zeros((n_windows, spikes.shape[1]), np.int64)
-    np.add.at(counts, window, spikes)
+    if gaps is Gaps.SPLIT:
+        np.add.at(counts, window, spikes)
+    else:
+        for taxel, train in enumerate(spikes.T):
+            at = np.flatnonzero(train)
+            place = np.cumsum(np.diff(at, prepend=0) * per_sample[at]) // window_nm
+            inside = place < n_windows
+            np.add.at(counts[:, taxel], place[inside], train[at[inside]])
     return ScaledWindows(counts, np.bincount(window, minlength=n_windows))
 
 
-def time_windows(spikes: Spikes1Khz) -> ScaledWindows:
-    """Return the windows of a scan without speed scaling: whole 100 ms; a remainder is dropped."""
-    whole = len(spikes) // WINDOW_MS
-    blocks = spikes[: whole * WINDOW_MS].reshape(whole, WINDOW_MS, spikes.shape[1])
+def time_windows(spikes: Spikes1Khz, window_ms: int = WINDOW_MS) -> ScaledWindows:
+    """Return the windows of a scan without speed scaling: whole ones; a remainder is dropped."""
+    whole = len(spikes) // window_ms
+    blocks = spikes[: whole * window_ms].reshape(whole, window_ms, spikes.shape[1])
     counts: Counts = blocks.sum(axis=1, dtype=np.int64)
-    return ScaledWindows(counts, np.full(whole, WINDOW_MS, np.int64))
+    return ScaledWindows(counts, np.full(whole, window_ms, np.int64))
 
 
 def first_windows(windows: ScaledWindows, n_windows: int = N_WINDOWS) -> Floats:

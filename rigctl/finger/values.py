@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from rigctl.values import Gap, Verdict
 
+MODEL_KIND = "model"
+"""Kind of the event that says which representation's model names the scans of a run."""
 PLATE_MM = 300.0
 """Length of a flat plate (Materials and Methods, Real-time Texture Classification)."""
 MARKS_MM = (50.0, 250.0)

@@ -32,6 +32,7 @@ from rigctl.finger.scaled_time import scale_windows
 from rigctl.finger.session import FingerSession, board_ranges
 from rigctl.finger.values import Stage
 from rigctl.session import layout
+from rigctl.session.header import IMPORTED
 from rigctl.session.layout import COUNTER, FLAGS, SAMPLES
 from rigctl.session.part import PartReader, StructuredArray
 from rigctl.session.verify_part import (
@@ -316,8 +317,10 @@ def _check_scan_numbers(trials: StructuredArray) -> Iterator[str]:
 
 
 def check_finger_plan(session: FingerSession) -> list[str]:
-    """Return a problem for each attempt that is not at a trial of the plan."""
+    """Return a problem for each attempt that is not at a trial of the plan; an import has none."""
     header = session.header
+    if header.rig == IMPORTED:
+        return []
     try:
         protocol = parse_finger_protocol(session.protocol_text, layout.PROTOCOL_FILE)
         plan = protocol.plan([Stage(stage) for stage in header.stages], header.seed)

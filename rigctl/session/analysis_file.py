@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from rigctl.config.rig_config import MAX_TAXELS
 from rigctl.config.text_file import open_file, refuse_link_outside
-from rigctl.encoder.features import FeatureLayout
+from rigctl.encoder.features import REFERENCE_SPEED_MM_S, FeatureLayout
 from rigctl.encoder.force_matrix import ForceMatrix
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import EncoderParameters
@@ -362,17 +362,23 @@ class SpikeFileWriter:
     def __exit__(self, *_: object) -> None:
         self._file.close()
 
-    def add(self, counts: NDArray[Any], samples: NDArray[Any]) -> None:
-        """Append trials: spike counts of each train (n, n_trains), and all their samples."""
+    def add(
+        self, counts: NDArray[Any], samples: NDArray[Any], scaled_us: NDArray[np.int64]
+    ) -> None:
+        """Append trials: spike counts of each train (n, n_trains), and all their samples.
+
+        ``scaled_us``: the time of each spike in µs at the reference speed.
+        """
         n = len(counts)
         ptr = np.empty((n, counts.shape[1] + 1), np.int64)
         ends = np.cumsum(counts, dtype=np.int64).reshape(counts.shape)
         ptr[:, 1:] = self._spikes + ends
         ptr[:, 0] = self._spikes + np.concatenate([[0], ends[:-1, -1]])
         self._file["spikes/ptr"][self._trial : self._trial + n] = ptr
-        sample = self._file["spikes/sample"]
-        sample.resize(self._spikes + len(samples), axis=0)
-        sample[self._spikes :] = samples
+        for name, values in (("sample", samples), ("scaled_us", scaled_us)):
+            stored = self._file[f"spikes/{name}"]
+            stored.resize(self._spikes + len(values), axis=0)
+            stored[self._spikes :] = values
         self._trial, self._spikes = self._trial + n, self._spikes + len(samples)
 
     def add_windows(self, name: str, counts: NDArray[Any], seconds: NDArray[np.float64]) -> None:
@@ -398,6 +404,7 @@ class SpikeFileWriter:
         write_texts(self._file, "rows", names, "trains in the order of a trial", "train")
         layout = json.dumps(encoding.layout.to_values(), ensure_ascii=False)
         write_text(self._file, ATTRIBUTE, layout, "JSON: rows, columns, layers of the sensor")
+        self._write_trains(encoding.layout)
         self._write_trials(encoding)
         group = self._file.create_group("encoder")
         write_encoder(group, encoding.parameters, encoding.normalisation)
@@ -405,8 +412,22 @@ class SpikeFileWriter:
         write_text(group, "scaled_by", encoding.scaled_by, doc)
         if encoding.force is not None:
             write_force(self._file.create_group("c"), encoding.force)
-        self._create_spikes(len(names))
+        reference_mm_s = next(
+            (one.reference_mm_s for one in encoding.layouts.values()), REFERENCE_SPEED_MM_S
+        )
+        self._create_spikes(len(names), reference_mm_s)
         self._write_layouts(encoding.layouts)
+
+    def _write_trains(self, layout: SensorLayout) -> None:
+        """Write what each train is, in the order of ``rows``."""
+        group, rows = self._file.create_group("train"), [row for _, row in layout.train_names()]
+        taxels = [row % layout.n_taxels for row in rows]
+        layers = [layout.layers[layout.layer_of(taxel)] for taxel in taxels]
+        write_texts(group, "layer", layers, "name of its layer", "train")
+        receptors = ["SA" if row < layout.n_taxels else "RA" for row in rows]
+        write_texts(group, "receptor", receptors, "SA or RA", "train")
+        numbers = np.array(taxels, np.int32) + 1
+        write_array(group, "taxel", numbers, "", "number over all layers, from 1", "train")
 
     def _write_trials(self, encoding: EncodingInfo) -> None:
         group = self._file.create_group("trials")
@@ -416,16 +437,20 @@ class SpikeFileWriter:
             else:
                 write_texts(group, name, values, doc, "trial")
 
-    def _create_spikes(self, n_trains: int) -> None:
+    def _create_spikes(self, n_trains: int, reference_mm_s: float) -> None:
         group = self._file.create_group("spikes")
         doc = "spikes of train r of trial i are sample[ptr[i, r]:ptr[i, r + 1]]"
         ptr = np.zeros((self._n_trials, n_trains + 1), np.int64)
         write_array(group, "ptr", ptr, "", doc, "trial, train + 1")
-        sample = group.create_dataset(
-            "sample", (0,), "<i4", maxshape=(None,), chunks=(SAMPLE_CHUNK,)
-        )
-        doc = "0-based sample of the trial in which v crossed, one entry a spike"
-        write_attributes(sample, {"unit": "samples", "doc": doc, "shape": "(spike)"})
+        docs = {
+            "sample": ("samples", "0-based sample of the trial in which v crossed, one a spike"),
+            "scaled_us": ("µs", f"time of that sample × speed / {reference_mm_s:g} mm/s"),
+        }
+        for name, (unit, doc) in docs.items():
+            stored = group.create_dataset(
+                name, (0,), "<i4", maxshape=(None,), chunks=(SAMPLE_CHUNK,)
+            )
+            write_attributes(stored, {"unit": unit, "doc": doc, "shape": "(spike)"})
 
     def _write_layouts(self, layouts: dict[str, FeatureLayout]) -> None:
         group = self._file.create_group("windows")

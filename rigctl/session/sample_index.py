@@ -32,7 +32,8 @@ class SampleFile:
 
     A chunk of ``chunk_rows`` rows begins at each of ``offsets`` (int64, bytes from the start of
     the file); ``offsets`` is None if only HDF5 can read them. ``inputs``: the input of each taxel
-    where the samples are to become conductances, else empty.
+    where the samples are to become conductances, else empty. ``noise_counts``: deviation of normal
+    noise that readers of trials add.
     """
 
     path: Path
@@ -40,6 +41,7 @@ class SampleFile:
     chunk_rows: int
     offsets: NDArray[np.int64] | None
     inputs: tuple[int, ...] = ()
+    noise_counts: float = 0.0
 
 
 SampleFiles = Sequence[SampleFile] | Mapping[int, SampleFile]

@@ -80,7 +80,7 @@ def test_a_reversed_pair_is_explained_by_numbers() -> None:
     assert pair.keys == ("force", "speed") and pair.agreement is Agreement.REVERSED
     sentences = "; ".join(explain(pair, result, evidence()))
     for words in (
-        "ours differ by -14.0 points, two standard deviations are 4.0 points",
+        "ours differ by -14.0 points, Welch's p = 0.01, Cohen's d = -9.9",
         "it holds with 1–2 components",
         "from RA counts alone Force Scaled reaches 32.0 %",
         "force explains 30.0 % of the variance of SA rates in Force Scaled",

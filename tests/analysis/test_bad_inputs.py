@@ -346,3 +346,43 @@ def test_impossible_imports_are_refused_with_the_file_name(
     assert main([*words, "--out", str(tmp_path / "s")]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "s").exists()
+
+
+def test_a_taxel_or_trial_that_is_not_there_changes_one_figure(
+    good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["analyse", str(good), "--iterations", "1", "--k-max", "3", "--no-cache"]
+    for number, (option, value, sentence) in enumerate(
+        (
+            ("--taxel", "19", "no taxel 19"),
+            ("--trial", "999", "no session has a committed trial"),
+            ("--start", "9", "--start 9 is behind the end of the trial"),
+        )
+    ):
+        out = tmp_path / str(number)
+        assert main([*words, option, value, "--out", str(out)]) == 0
+        remarks = json.loads((out / "results.json").read_text())["remarks"]
+        assert any(sentence in text and "shows the usual one" in text for text in remarks)
+        assert f"figure of one taxel: {'there is ' if number == 0 else ''}{sentence}" in (
+            capsys.readouterr().out
+        )
+
+
+def test_a_texture_at_one_level_is_not_tested_where_that_is_left_out(
+    good: Path, tmp_path: Path
+) -> None:
+    single = record(tmp_path / "single", "D", travel_mm=12.0, speeds=(40,), forces=(500,))
+    made = represent(join_sessions([good, single]), DEFAULT, tmp_path)
+    for name in ("leave-speed-out", "leave-force-out"):
+        (result,), remarks = run_tasks(made, SweepSettings(2, 3, tasks=(name,)))
+        assert result.curves[0].confusion[result.classes.index("D")].sum() == 0
+        assert any("textures left out" in text and text.endswith(": D") for text in remarks)
+
+
+def test_the_figure_of_a_taxel_begins_at_a_chosen_time(good: Path, tmp_path: Path) -> None:
+    words = ["analyse", str(good), "--iterations", "1", "--k-max", "3", "--no-cache"]
+    out = tmp_path / "out"
+    assert main([*words, "--start", "0.1", "--task", "textures", "--out", str(out)]) == 0
+    assert "0.1 to " in (out / "fig2c.svg").read_text(encoding="utf-8")
+    assert not [line for line in json.loads((out / "results.json").read_text())["remarks"]
+                if "figure of one taxel" in line]  # fmt: skip

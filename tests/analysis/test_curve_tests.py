@@ -65,12 +65,28 @@ def test_an_analysis_file_sets_the_bounds_of_asterisks_and_of_what_holds() -> No
     share = confusion_shares(replace(RESULT, thresholds=strict))["speed"]["from_original"]
     assert share["stars"] == "*" and share["rule"].endswith("** p < 0.01 and h > 0.9")
     tied = []
-    for sds in (2.0, 8.0):
-        bounds = AsteriskThresholds(separation_sds=sds)
+    for least_d in (0.5, 9.0):
+        bounds = AsteriskThresholds(one_star_d=least_d, two_star_d=9.0)
         compared = compare_task(replace(RESULT, thresholds=bounds), simulated=False)
         assert compared is not None
         tied.append(compared.keys(Agreement.TIED))
     assert tied == [[], [("force", "original")]]
+
+
+def test_a_reversal_within_two_deviations_is_one_if_the_test_says_so() -> None:
+    spread = np.linspace(-0.015, 0.015, 20)[:, None]
+    by_key = {one.key: one for one in REPRESENTATIONS}
+    curves = tuple(
+        Curve(by_key[key], spread + mean, np.eye(16, dtype=np.int64), 800, 0, 0)
+        for key, mean in (("speed", 0.60), ("force", 0.585))
+    )
+    task = next(task for task in published.TASKS if task.key == "untrained-force")
+    result = TaskResult(task, CLASSES, 1, 7200, 1 / 16, curves)
+    found = compare_task(result, simulated=False)
+    assert found is not None and found.keys(Agreement.REVERSED) == [("force", "speed")]
+    (pair,) = found.pairs
+    assert abs(pair.gap) < 2 * np.hypot(spread.std(ddof=1), spread.std(ddof=1))
+    assert pair.difference.p is not None and pair.difference.p < 1e-4
 
 
 def test_an_undefined_test_is_null_and_the_others_remain() -> None:

@@ -138,6 +138,14 @@ def test_the_file_describes_itself(days: list[Path], tmp_path: Path) -> None:
         names = [name.decode() for name in file["rows"]]
         assert names[:10] == [f"SAI-{i}" for i in range(1, 10)] + ["RAI-1"]
         assert names[18] == "SAII-10" and names[-1] == "RAII-18"
+        speeds = np.repeat(
+            file["trials/speed_mm_s"][:], np.diff(file["spikes/ptr"][:, [0, -1]])[:, 0]
+        )
+        scaled = file["spikes/sample"][:] * 1000 * speeds / 120
+        np.testing.assert_allclose(file["spikes/scaled_us"][:], scaled, atol=0.5)
+        trains = [file[f"train/{column}"][:] for column in ("receptor", "layer", "taxel")]
+        said = [f"{r.decode()}{layer.decode()}-{n}" for r, layer, n in zip(*trains, strict=True)]
+        assert said == names
         assert file.attrs["simulated"] == 1 and b"SIMULATED" in file["origin"][()]
         assert [source["seed"] for source in json.loads(file["inputs"][()])] == [3, 4]
         assert "gaps in their samples: 5" in file["remarks"][0].decode()
@@ -275,3 +283,26 @@ def test_every_parameter_can_be_set() -> None:
 def test_a_wrong_parameter_is_refused_with_a_reason(setting: str, words: str) -> None:
     with pytest.raises(WrongUse, match=words):
         override(DEFAULT, [setting])
+
+
+def test_an_analysis_file_sets_windows_ranges_and_the_reference_force(
+    days: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "analysis.toml"
+    file.write_text(
+        "[conditions]\ntrained_speeds_mm_s = [40]\ntrained_forces_g = [250]\n"
+        "reference_force_g = 250\n[windows]\nlength_ms = 50\nreference_speed_mm_s = 80\n"
+    )
+    words = ["encode", str(days[0]), "--no-cache", "--settings", str(file), "--ranges", "training"]
+    assert main([*words, "--out", str(tmp_path / "out")]) == 0
+    assert "over the trials at 40 mm/s and 250 g" in capsys.readouterr().out
+    with h5py.File(file_of(tmp_path / "out")) as spikes:
+        assert spikes["c/reference_g"][()] == 250
+        layout = json.loads(spikes["windows/speed_scaled_layout"][()])
+        assert (layout["window_ms"], layout["reference_mm_s"], layout["n_windows"]) == (50, 80.0, 6)
+    file.write_text("[conditions]\nreference_force_g = 333\n")
+    assert main([*words, "--out", str(tmp_path / "none")]) == 2
+    assert "line 2: conditions.reference_force_g: no trial was made at 333 g" in (
+        capsys.readouterr().err
+    )
+    assert not (tmp_path / "none").exists()

@@ -17,7 +17,7 @@ from rigctl.analysis.sensitivity import PRESET_ORDER, STAGE, mean_rates_hz
 from rigctl.analysis.tasks import run_tasks
 from rigctl.analysis.trial_set import join_sessions
 from rigctl.encoder.encoder import encode_trials
-from rigctl.encoder.parameters import PRESETS, SA_PRESETS
+from rigctl.encoder.parameters import MODEL_PRESETS, PRESETS, SA_PRESETS
 from rigctl.session.session import Session
 from tests.analysis.recordings import record
 
@@ -65,7 +65,8 @@ def test_every_preset_answers_the_same_questions(session: Path, tmp_path: Path) 
     rate = {name: by[name, "original"]["sa_hz"] for name in PRESET_ORDER}
     assert 2 * rate["quarter-rate"] < rate["default"] < rate["explicit"]
     ra_rate = {name: by[name, "original"]["ra_hz"] for name in PRESET_ORDER}
-    readings = [name for name in PRESET_ORDER if name not in SA_PRESETS]
+    readings = [name for name in PRESET_ORDER if name not in (*SA_PRESETS, *MODEL_PRESETS)]
+    assert 0 < rate["adaptive-lif"] < rate["lif"]
     assert {rate[name] for name in readings} == {rate["default"]}
     assert ra_rate["ra-per-sample"] == 0.0
     assert len({ra_rate[name] for name in readings} | {ra_rate["default"]}) == 1 + len(readings)
@@ -73,7 +74,8 @@ def test_every_preset_answers_the_same_questions(session: Path, tmp_path: Path) 
     k = by["default", "speed"]["components"] - 1
     assert by["default", "speed"]["mean_percent"] == pytest.approx(100 * curve["mean"][k], abs=1e-4)
 
-    neuron, channel = plain["sensitivity"]["sentences"]
+    neuron, models, channel = plain["sensitivity"]["sentences"]
+    assert models.startswith("Between the 3 neurons, an accuracy")
     assert neuron.startswith("Between the 5 presets that differ in the neuron, an accuracy")
     assert channel.startswith("Between the 7 readings of the RA channel, an accuracy")
     widest = max(

@@ -9,6 +9,7 @@ import pytest
 
 from rigctl.errors import WrongUse
 from rigctl.finger.scaled_time import (
+    Gaps,
     feature_vector,
     original_features,
     scale_windows,
@@ -56,6 +57,23 @@ def test_a_regular_train_on_the_plate_has_equal_rates_at_any_speed() -> None:
         windows = scale_windows(spikes, np.full(-(-len(spikes) // 100), mm_s * 1000))
         assert len(windows.counts) == 20
         assert np.all(windows.counts == 10) and np.all(windows.rates_hz == mm_s)
+
+
+@pytest.mark.to_the_bit
+def test_whole_gaps_have_the_velocity_of_the_batch_in_which_they_end() -> None:
+    spikes = np.zeros((200, 9), np.uint8)
+    spikes[[90, 110], 0] = 1
+    spikes[110, 1] = 2
+    velocities = np.array([50_000, 200_000])
+    split = scale_windows(spikes, velocities)
+    whole = scale_windows(spikes, velocities, gaps=Gaps.WHOLE)
+    # 100 · 0.05 + 10 · 0.2 = 7 mm; 90 · 0.05 + 20 · 0.2 = 8.5 mm; 110 · 0.2 = 22 mm.
+    assert np.argwhere(split.counts).tolist() == [[0, 0], [0, 1]]
+    assert np.argwhere(whole.counts).tolist() == [[0, 0], [2, 1]]
+    assert whole.counts[2, 1] == 2 and whole.real_ms.tolist() == split.real_ms.tolist()
+    for other in (Gaps.SPLIT, Gaps.WHOLE):
+        steady = scale_windows(_spikes(2000), np.full(20, 73_000), gaps=other)
+        assert np.array_equal(steady.counts, scale_windows(_spikes(2000), [73_000] * 20).counts)
 
 
 def test_a_finger_that_stands_still_stays_in_its_window() -> None:

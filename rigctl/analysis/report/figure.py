@@ -104,6 +104,48 @@ class Panel:
 
 
 @dataclass(frozen=True, slots=True)
+class Bars:
+    """Values of named things beside each other: a group of bars for each of ``categories``.
+
+    ``series``: one value for each category; their ``x`` counts the categories from 0.
+    """
+
+    title: str
+    categories: Sequence[str]
+    series: Sequence[Series]
+    x_label: str
+    x_range: tuple[float, float]
+    level: tuple[float, str] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Raster:
+    """Spikes as ticks, a row for each train: ``rows`` by name, from the top.
+
+    ``series``: one for each row, its ``x`` the times of the spikes; ``y`` counts the row from 0.
+    """
+
+    title: str
+    rows: Sequence[str]
+    series: Sequence[Series]
+    x_label: str
+    x_range: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Image:
+    """Values of named rows and columns as colours; the scale is even about ``middle``."""
+
+    title: str
+    rows: Sequence[str]
+    columns: Sequence[str]
+    values: Sequence[Sequence[float | None]]
+    x_label: str
+    y_label: str
+    middle: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class Matrix:
     """A confusion matrix. ``counts``: trials by true (row) and predicted class.
 
@@ -139,7 +181,7 @@ class Figure:
     """Panels with one legend. ``notes``: sentences below them, what bars and marks mean."""
 
     title: str
-    panels: Sequence[Panel | Matrix]
+    panels: Sequence[Panel | Matrix | Bars | Raster | Image]
     notes: Sequence[str] = ()
     columns: int = 3
 
@@ -156,4 +198,9 @@ class Figure:
     @property
     def legend(self) -> dict[str, Series]:
         """The curves by name, each once."""
-        return {one.name: one for plot in self.plots for one in plot.series}
+        return {
+            one.name: one
+            for plot in self.panels
+            if not isinstance(plot, Matrix | Image)
+            for one in plot.series
+        }

@@ -21,11 +21,13 @@ def html_report(
     confusions: Sequence[Figure],
     responses: Responses,
     fig2c: Path,
+    further: Mapping[str, Sequence[Figure]],
     origin: str,
 ) -> str:
     """Return the page. ``results``: from :func:`rigctl.analysis.result_tables.as_dict`.
 
-    ``fig2c``: the PNG of one taxel. ``origin``: of the trials, in a few words, below the figures.
+    ``fig2c``: the PNG of one taxel. ``further``: figures of each further analysis. ``origin``: of
+    the trials, in a few words, below the figures.
     """
     tasks = results["tasks"].values()
     present = {key for task in tasks for key in task["representations"]}
@@ -38,6 +40,7 @@ def html_report(
         confusions=confusions,
         responses=responses,
         fig2c=fig2c,
+        further=further,
         origin=origin,
         findings=findings(results),
         keys=[key for key in NAME_OF if key in present],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,6 +14,7 @@ from rigctl.analysis.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.comparisons import Ablations, measure_ablations
 from rigctl.analysis.files import atomic_directory
 from rigctl.analysis.force_scaling import load_c
+from rigctl.analysis.further_analyses import ANALYSES, check_names, run_further
 from rigctl.analysis.options import AnalysisOptions
 from rigctl.analysis.report.html_report import html_report
 from rigctl.analysis.report.responses import measure_responses
@@ -27,8 +28,10 @@ from rigctl.analysis.result_tables import as_dict, to_csv
 from rigctl.analysis.sensitivity import as_dict as sensitivity_dict
 from rigctl.analysis.sensitivity import compare_presets
 from rigctl.analysis.settings import differences_from_paper, to_toml
+from rigctl.analysis.study import Findings, Study
 from rigctl.analysis.tasks import TaskResult, run_tasks
 from rigctl.analysis.taxel import (
+    TaxelCourse,
     check_selection,
     draw_taxel,
     load_course,
@@ -37,6 +40,7 @@ from rigctl.analysis.taxel import (
 )
 from rigctl.analysis.training import train_model
 from rigctl.analysis.trial_set import TrialSet, join_sessions
+from rigctl.errors import WrongUse
 from rigctl.session.analysis_file import check_output_path
 from rigctl.session.header import IMPORTED
 from rigctl.session.model_file import Model, save_model
@@ -61,6 +65,7 @@ class ReportResult:
     results: tuple[TaskResult, ...]
     remarks: tuple[str, ...]
     model: Path | None
+    further: tuple[Findings, ...] = ()
 
 
 class _Analysis(NamedTuple):
@@ -71,7 +76,9 @@ class _Analysis(NamedTuple):
     remarks: tuple[str, ...]
     preset_rows: list[dict[str, Any]]
     ablations: Ablations | None
+    further: dict[str, Findings]
     model: Model | None
+    taxel: TaxelCourse
 
 
 def make_report(
@@ -83,9 +90,9 @@ def make_report(
     DiskFault where nothing can be written; then there is no report folder.
     """
     executor, progress = resources.executor, resources.progress
+    check_names(options.also)
     constants, wanted, ranges = options.analysis, options.model, options.taxel_ranges
     trials = join_sessions(options.sessions, progress, options.parameters.reading)
-    check_selection(trials, options.trial, options.taxel)
     if wanted is not None:
         check_output_path(wanted.path)
     source = None if options.c is None else load_c(options.c, trials, resources)
@@ -111,7 +118,10 @@ def make_report(
             save_model(analysis.model, wanted.path)
     progress("writing the report", 1, 1)
     model = None if wanted is None else wanted.path
-    return ReportResult(options.out, trials.simulated, analysis.results, analysis.remarks, model)
+    further = tuple(analysis.further.values())
+    return ReportResult(
+        options.out, trials.simulated, analysis.results, analysis.remarks, model, further
+    )
 
 
 def _analyse(
@@ -127,8 +137,10 @@ def _analyse(
     ``encode``: :func:`represent` for the trials; it still takes parameters, folder and resources.
     """
     settings, wanted = options.sweep, options.model
+    further: dict[str, Findings] = {}
     representations = encode(options.parameters, folder, resources=resources)
     results, remarks = run_tasks(representations, settings, resources)
+    taxel, absent = _chosen_course(representations, options)
     ablations = measure_ablations(representations, results, settings, resources)
     remarks = (
         *differences_from_paper(options.analysis),
@@ -136,26 +148,34 @@ def _analyse(
         *representations.remarks,
         *remarks,
         *_component_remarks(results),
+        *absent,
     )
     preset_rows: list[dict[str, Any]] = []
     if options.sensitivity:
         base = (representations, results)
         preset_rows = compare_presets(encode, base, settings, folder, resources)
+    if options.also:
+        study = Study(encode, representations, results, settings, folder, resources)
+        further, left_out = run_further(options.also, study)
+        remarks = (*remarks, *left_out)
     model = None
     if wanted is not None:
         model, remark = train_model(
             representations, wanted, made_utc, settings.seed, resources.progress
         )
         remarks = (*remarks, remark)
-    return _Analysis(representations, tuple(results), remarks, preset_rows, ablations, model)
+    return _Analysis(
+        representations, tuple(results), remarks, preset_rows, ablations, further, model, taxel
+    )
 
 
 def _write(folder: Path, options: AnalysisOptions, analysis: _Analysis, made_utc: str) -> None:
     representations, results = analysis.representations, analysis.results
     trials, ranges = representations.trials, representations.normalisation
     origin = trials_origin(trials)
-    taxel = load_course(trials, ranges, representations.parameters, options.trial, options.taxel)
-    fig2c = draw_taxel(taxel, folder / "fig2c")
+    taxel = analysis.taxel
+    start_s = options.start if options.start < taxel.duration_s else 0.0
+    fig2c = draw_taxel(taxel, folder / "fig2c", start_s)
     values = as_dict(
         representations, options.sweep, results, analysis.remarks, made_utc, analysis.ablations
     )
@@ -163,6 +183,7 @@ def _write(folder: Path, options: AnalysisOptions, analysis: _Analysis, made_utc
     values["sensitivity"] = table = sensitivity_dict(analysis.preset_rows)
     if table is not None:
         (folder / "sensitivity.csv").write_text(to_csv(table["rows"]), encoding="utf-8")
+    values["further"] = _write_further(folder, analysis.further, origin)
     force = values["force_matrix"]
     if force is not None and force["unconverged_entries"]:
         entries = to_csv(force["unconverged_entries"])
@@ -176,8 +197,43 @@ def _write(folder: Path, options: AnalysisOptions, analysis: _Analysis, made_utc
     save_figure(accuracy, folder / "fig3", origin)
     save_figure(confusions[0], folder / "confusion", origin)
     responses = measure_responses(trials, ranges, representations.parameters)
-    page = html_report(values, accuracy, confusions, responses, fig2c, origin)
+    figures = {name: one.figures for name, one in analysis.further.items()}
+    page = html_report(values, accuracy, confusions, responses, fig2c, figures, origin)
     (folder / "report.html").write_text(page, encoding="utf-8")
+
+
+def _chosen_course(
+    representations: RepresentationSet, options: AnalysisOptions
+) -> tuple[TaxelCourse, list[str]]:
+    """Return the signals of the chosen taxel; of the usual one with a remark if it is not there."""
+    trials = representations.trials
+    given = (trials, representations.normalisation, representations.parameters)
+    try:
+        check_selection(trials, options.trial, options.taxel)
+        course = load_course(*given, options.trial, options.taxel)
+        if options.start >= course.duration_s:
+            raise WrongUse(f"--start {options.start:g} is behind the end of the trial")
+        return course, []
+    except WrongUse as reason:
+        return load_course(*given), [f"figure of one taxel: {reason}; it shows the usual one"]
+
+
+def _write_further(
+    folder: Path, further: Mapping[str, Findings], origin: str
+) -> dict[str, dict[str, Any]]:
+    """Write table and figures of each further analysis; return their values for JSON."""
+    values = {}
+    for one in ANALYSES:
+        if (found := further.get(one.name)) is None:
+            continue
+        (folder / f"{one.name}.csv").write_text(to_csv(found.rows), encoding="utf-8")
+        for number, figure in enumerate(found.figures):
+            save_figure(figure, folder / f"{one.name}{f'-{number + 1}' if number else ''}", origin)
+        sentences, rows = list(found.sentences), [dict(row) for row in found.rows]
+        values[one.name] = {
+            "title": one.title, "sentences": sentences, "rows": rows, "note": found.note
+        }  # fmt: skip
+    return values
 
 
 def _import_remarks(trials: TrialSet) -> list[str]:

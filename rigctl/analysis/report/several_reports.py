@@ -26,12 +26,17 @@ Count = Annotated[int, msgspec.Meta(ge=1, le=1_000_000_000)]
 Numbers = list[float]
 
 
+class _Test(TypedDict):
+    p: float | None
+    effect: float | None
+
+
 class _Pair(TypedDict):
     better: str
     worse: str
     verdict: str
     points: float
-    spread_points: float | None
+    test: _Test
     paper_points: float
     measured_beside: list[str]
 
@@ -156,6 +161,8 @@ def _unknown_evidence(results: dict[str, Any]) -> Iterator[str]:
 
 
 EQUAL_SETTINGS = ("iterations", "k_max", "engine", "encoder")
+NOT_OF_REPORTS = ("draws", "finger", "further", "stimulation")
+"""Constants that change nothing of a report of the drum but its draws."""
 IDENTITY = ("plan_hash", "begun_utc", "seed", "simulation_seed")
 OUTCOMES = (
     "hold in every set",
@@ -218,7 +225,7 @@ def load_reports(folders: Sequence[Path]) -> list[dict[str, Any]]:
 
 def _constants(one: dict[str, Any]) -> dict[str, Any]:
     """Return the constants that determine a report of the drum, but for the number of draws."""
-    return {k: v for k, v in one["settings"]["analysis"].items() if k not in ("draws", "finger")}
+    return {k: v for k, v in one["settings"]["analysis"].items() if k not in NOT_OF_REPORTS}
 
 
 def _load(folder: Path) -> dict[str, Any]:
@@ -307,7 +314,8 @@ def _compare_pair(key: str, number: int, sets: Sets) -> dict[str, Any]:
         "worse": pairs[0]["worse"],
         "paper_points": pairs[0]["paper_points"],
         "points": points,
-        "spread_points": [pair["spread_points"] for pair in pairs],
+        "p": [pair["test"]["p"] for pair in pairs],
+        "d": [pair["test"]["effect"] for pair in pairs],
         "verdicts": [pair["verdict"] for pair in pairs],
         "over_sets": over_sets,
     }
@@ -323,7 +331,7 @@ def summary_sentences(tasks: Results) -> list[str]:
     for task in tasks.values():
         n = len(task["pairs"])
         if not n:
-            sentences.append(f"{task['title']}: the paper's own spreads separate no pair")
+            sentences.append(f"{task['title']}: the paper's own values separate no pair")
             continue
         counts = Counter(_outcome(pair["verdicts"]) for pair in task["pairs"])
         listed = ", ".join(f"{counts[name]} {name}" for name in OUTCOMES if counts[name])

@@ -8,12 +8,21 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
-from rigctl.analysis.report.figure import COLOURS, Figure, Matrix, Panel, Series
+from rigctl.analysis.report.figure import (
+    COLOURS,
+    Bars,
+    Figure,
+    Image,
+    Matrix,
+    Panel,
+    Raster,
+    Series,
+)
 
 Spec = dict[str, Any]
 Colours = Mapping[str, str]
@@ -35,6 +44,11 @@ LICENCES = (
 PNG_PPI = 144
 PANEL_WIDTH, PANEL_HEIGHT = 330, 200
 STAR_ROW = 10
+BAR_HEIGHT = 7
+RASTER_ROW = 16
+IMAGE_SIDE = 240
+MOST_NAMES = 18
+"""Names on an axis of an image."""
 NOTE_LETTERS = 68
 """Of a note above the width of a panel."""
 LEGEND_LETTER, LEGEND_SYMBOL = 6, 40
@@ -82,11 +96,16 @@ def still(spec: Spec) -> str:
 def specify(figure: Figure, colours: Colours = THEMED, *, pointer: bool = False) -> Spec:
     """Return the Vega-Lite specification of a figure; ``pointer``: shows the values there."""
     legend = list(figure.legend.values())
+    plots = count()
     panels = [
-        _matrix(panel, colours)
-        if isinstance(panel, Matrix)
-        else _lines(panel, number, legend, colours, pointer=pointer)
-        for number, panel in enumerate(figure.panels)
+        _drawn(
+            panel,
+            next(plots) if isinstance(panel, Panel) else 0,
+            legend,
+            colours,
+            pointer=pointer,
+        )
+        for panel in figure.panels
     ]
     settings = config(colours)
     columns = min(figure.columns, len(panels))
@@ -98,8 +117,31 @@ def specify(figure: Figure, colours: Colours = THEMED, *, pointer: bool = False)
         "columns": columns,
         "concat": panels,
         "spacing": {"row": 16, "column": 20},
+        "resolve": {"scale": {"color": "independent"}}
+        if any(isinstance(panel, Image) for panel in figure.panels)
+        else {},
         "config": settings,
+        "usermeta": {"legend_columns": [legend_columns(figure, n + 1) for n in range(columns)]},
     }
+
+
+def _drawn(
+    panel: Panel | Matrix | Bars | Raster | Image,
+    number: int,
+    legend: Sequence[Series],
+    colours: Colours,
+    *,
+    pointer: bool,
+) -> Spec:
+    if isinstance(panel, Matrix):
+        return _matrix(panel, colours)
+    if isinstance(panel, Bars):
+        return _bars(panel, legend, colours)
+    if isinstance(panel, Image):
+        return _image(panel)
+    if isinstance(panel, Raster):
+        return _raster(panel, legend, colours)
+    return _lines(panel, number, legend, colours, pointer=pointer)
 
 
 def legend_columns(figure: Figure, panels: int) -> int:
@@ -209,6 +251,112 @@ def _rows(panel: Panel) -> Iterator[Spec]:
                 row |= {"low": ends[0], "high": ends[1]}
             inside = {key: round(min(max(value, low), high), 2) for key, value in row.items()}
             yield {"name": one.name, "x": round(x, 3), **inside}
+
+
+def _image(image: Image) -> Spec:
+    """Return a coloured cell for each value, from blue below the middle to red above it."""
+    cells: list[Spec] = [
+        {"row": row, "column": column, "value": round(value, 5)}
+        for row, line in zip(image.rows, image.values, strict=True)
+        for column, value in zip(image.columns, line, strict=True)
+        if value is not None
+    ]
+    reach = max((abs(one["value"] - image.middle) for one in cells), default=1.0) or 1.0
+    ends = [image.middle - reach, image.middle + reach]
+    shade = {
+        "field": "value",
+        "type": "quantitative",
+        "scale": {"domain": ends, "range": "diverging", "reverse": True},
+        "legend": {"orient": "right", "gradientLength": IMAGE_SIDE / 2, "title": None},
+    }
+
+    def axis(field: str, names: Sequence[str], title: str) -> Spec:
+        every = max(1, len(names) // MOST_NAMES + 1)
+        shown = {"values": list(names[::every]), "labelAngle": 0}
+        scale = {"domain": list(names)}
+        kind = {"field": field, "type": "nominal", "sort": None, "title": title}
+        return {**kind, "scale": scale, "axis": shown}
+
+    place = {
+        "x": axis("column", image.columns, image.x_label),
+        "y": axis("row", image.rows, image.y_label),
+    }
+    return {
+        "title": {"text": image.title, "anchor": "start", "offset": 6},
+        "width": IMAGE_SIDE,
+        "height": IMAGE_SIDE,
+        "data": {"values": cells},
+        "mark": {"type": "rect", "aria": False},
+        "encoding": {**place, "color": shade},
+    }
+
+
+def _raster(raster: Raster, legend: Sequence[Series], colours: Colours) -> Spec:
+    """Return a tick for each spike in the plot, a row for each train."""
+    low, high = raster.x_range
+    values = [
+        {"name": one.name, "row": raster.rows[int(row)], "x": round(x, 3)}
+        for one in raster.series
+        for x, row in zip(one.x, one.y, strict=True)
+        if low <= x <= high
+    ]
+    rows = {
+        "field": "row",
+        "type": "nominal",
+        "title": None,
+        "scale": {"domain": list(raster.rows)},
+        "axis": {"labelLimit": 0},
+    }
+    x = _axis("x", raster.x_label, raster.x_range)
+    return {
+        "title": {"text": raster.title, "anchor": "start", "offset": 6},
+        "width": PANEL_WIDTH,
+        "height": RASTER_ROW * len(raster.rows),
+        "data": {"values": values},
+        "mark": {"type": "tick", "thickness": 1, "bandSize": RASTER_ROW - 4, "aria": False},
+        "encoding": {"x": x, "y": rows, "color": _hues(legend, colours)},
+    }
+
+
+def _bars(bars: Bars, legend: Sequence[Series], colours: Colours) -> Spec:
+    """Return a group of lying bars for each category; ends of the error bars stay in the plot."""
+    low, high = bars.x_range
+    rows = []
+    for one in bars.series:
+        for i, (at, value) in enumerate(zip(one.x, one.y, strict=True)):
+            row: Spec = {"name": one.name, "category": bars.categories[int(at)]}
+            ends = one.ends(i) or (value, value)
+            each = {"x": value, "low": ends[0], "high": ends[1]}
+            rows.append(row | {k: round(min(max(v, low), high), 2) for k, v in each.items()})
+    x = _axis("x", bars.x_label, bars.x_range)
+    names = [one.name for one in legend]
+    place = {
+        "y": {
+            "field": "category",
+            "type": "nominal",
+            "sort": None,
+            "title": None,
+            "scale": {"domain": list(bars.categories), "paddingInner": 0.25},
+            "axis": {"labelLimit": 0},
+        },
+        "yOffset": {"field": "name", "sort": names, "scale": {"domain": names}},
+    }
+    hue = {**_hues(legend, colours), "legend": {"symbolType": "square"}}
+    bar = {**place, "x": x, "color": hue}
+    dashed = [one.name for one in legend if one.dashed]
+    faded = {"condition": {"test": f"indexof({dashed}, datum.name) >= 0", "value": 0.5}, "value": 1}
+    error = {**place, "x": {**x, "field": "low"}, "x2": {"field": "high"}}
+    layers: list[Spec] = [
+        {"mark": {"type": "bar", "aria": False}, "encoding": {**bar, "opacity": faded}},
+        {"mark": {"type": "rule", "color": colours["text"], "strokeWidth": 0.7}, "encoding": error},
+    ]
+    return {
+        "title": {"text": bars.title, "anchor": "start", "offset": 6},
+        "width": PANEL_WIDTH,
+        "height": BAR_HEIGHT * (len(names) + 1) * len(bars.categories),
+        "data": {"values": rows},
+        "layer": layers,
+    }
 
 
 def _level(level: tuple[float, str], colours: Colours) -> list[Spec]:

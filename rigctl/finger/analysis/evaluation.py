@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.statistics import Difference, two_proportions, wilson_interval
-from rigctl.encoder.features import WINDOW_MS
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.finger.analysis.classifier import (
     COVERAGE,
@@ -67,7 +66,8 @@ def evidence_curve(
     kind = ScanKind(classifiers[0].model.representation)
     window_mm, n_windows = tested[0].window_mm, tested[0].n_windows
     longest = max(int(_durations_ms(scans).max()) for scans in tested)
-    times_ms = np.arange(WINDOW_MS, longest + WINDOW_MS, WINDOW_MS)
+    step_ms = tested[0].window_ms
+    times_ms = np.arange(step_ms, longest + step_ms, step_ms)
     pairs = list(zip(classifiers, tested, strict=True))
     by_mm = [
         np.mean([_share_right(c, scans, _times_of_window(scans, n), n) for c, scans in pairs])
@@ -87,7 +87,7 @@ def _share_right(
     """Return the share of scans with the right answer at a time; ``n_scaled``: known windows."""
     textures = classifier.model.textures
     if ScanKind(classifier.model.representation) is ScanKind.ORIGINAL:
-        windows = np.minimum(times_ms // WINDOW_MS, scans.n_time_windows)
+        windows = np.minimum(times_ms // scans.window_ms, scans.n_time_windows)
         ended = times_ms >= _durations_ms(scans)
     else:
         closed = np.cumsum(scans.real_ms, axis=1) <= times_ms[:, None]

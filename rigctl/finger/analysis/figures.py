@@ -9,10 +9,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.report.figure import COLOURS, Figure, Panel, PublishedValue, Series
+from rigctl.analysis.report.figure import (
+    COLOURS,
+    Bars,
+    Figure,
+    Matrix,
+    Panel,
+    PublishedValue,
+    Series,
+)
 from rigctl.analysis.report.figures import TEXT, new_figure, save_figure
 from rigctl.analysis.report.result_figures import accuracy_panel, asterisks, percent, star_notes
 from rigctl.finger.published import DEPLOYED
+from rigctl.finger.values import VelocityProfile
 
 Floats = NDArray[np.float64]
 Values = Mapping[str, Any]
@@ -21,6 +30,7 @@ TASK_COLOURS = {"new-session": "green", "untrained-profiles": "green"}
 """The paper's: green for what is new to the classifier, blue for the rest."""
 KIND_COLOURS = {"Original": "ink", "Speed Scaled": "blue"}
 ORIGINAL = "Original"
+PROFILE_ORDER = tuple(map(str, VelocityProfile))
 PEAKS_NOTE = "Diamonds: the paper's peaks, filled for Speed Scaled, hollow for Original."
 LATENCY_ROOM = 1.3
 """The axis of a latency ends this far beyond the largest one."""
@@ -76,17 +86,39 @@ def _notes(tasks: Mapping[str, Values], tests: Mapping[str, Values]) -> list[str
     quoted = [value for one in tasks.values() for value in one["paper"]["accuracy"].values()]
     errors = [one["standard_error"] for task in tasks.values() for one in task["curves"].values()]
     one = next(iter(tasks.values()))
-    counted = (
-        f"{one['n'] * one['tested_per_draw']} trials"
-        if DEPLOYED.key in tasks
-        else f"{one['n']} draws"
-    )
+    counted = f"{one['n']} draws"
+    if DEPLOYED.key in tasks:
+        counted = f"{one['n'] * one['tested_per_draw']} trials"
+    if one["n_of_runs"]:
+        each = ", ".join(f"{n} {kind}" for kind, n in one["n_of_runs"].items())
+        counted = f"{each} trials, in runs of their own"
     bars = "one draw, no spread" if None in errors else "bars: standard error"
     notes = [f"n = {counted}; {bars}."]
     notes += [*star_notes(tests), PEAKS_NOTE]
     if any(value["components"] is None for value in quoted):
         notes.append("The paper's saturations are at the last component.")
     return notes
+
+
+def answer_figures(results: Values) -> list[Figure]:
+    """Return the confusion of the textures, and the accuracy by velocity profile, of Figure S5."""
+    answers = results["answers"]
+    matrices = [
+        Matrix(one["kind"], [f"{one['components']} components"], one["textures"], one["confusion"])
+        for one in answers
+    ]
+    confusion = Figure("Figure S5: confusion of the textures", matrices, ["% of a row."], columns=2)
+    names = [name for name in PROFILE_ORDER if all(name in one["tested"] for one in answers)]
+    series = []
+    for one in answers:
+        shares = [100 * one["right"][name] / one["tested"][name] for name in names]
+        ends = [(100 * low, 100 * high) for low, high in (one["interval"][name] for name in names)]
+        series.append(
+            Series(one["kind"], KIND_COLOURS[one["kind"]], range(len(names)), shares, ends)
+        )
+    bars = Bars("", names, series, "accuracy (%)", (0.0, 100.0))
+    note = f"{answers[0]['components']} components; bars: 95 % Wilson intervals of the trials."
+    return [confusion, Figure("Figure S5: accuracy by velocity profile", [bars], [note])]
 
 
 def evidence_figure(results: Values) -> Figure:

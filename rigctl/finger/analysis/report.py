@@ -20,6 +20,7 @@ from rigctl.analysis.report.vega import save_figure
 from rigctl.errors import WrongUse
 from rigctl.finger.analysis.figures import (
     accuracy_figures,
+    answer_figures,
     draw_latencies,
     evidence_figure,
     promises_figure,
@@ -195,7 +196,11 @@ def write_finger_report(
         accuracies = accuracy_figures(values, CAPTIONS)
         evidence, promised = evidence_figure(values), promises_figure(values)
         named = {_stem(figure.title): figure for figure in accuracies}
-        for stem, figure in {**named, "evidence": evidence, "promises": promised}.items():
+        confusion, by_profile = answer_figures(values)
+        further = {"evidence": evidence, "promises": promised, "confusion": confusion}
+        if by_profile.legend:
+            further["profiles"] = by_profile
+        for stem, figure in {**named, **further}.items():
             save_figure(figure, folder / stem, origin)
         latencies = None
         if analysis.latencies:
@@ -208,6 +213,8 @@ def write_finger_report(
             accuracies=accuracies,
             evidence=evidence,
             promises_figure=promised,
+            confusion=confusion,
+            by_profile=by_profile,
             origin=origin,
             assumptions=sorted(assumptions),
             promises=_promises(analysis),

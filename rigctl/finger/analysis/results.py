@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rigctl import __version__
 from rigctl.analysis.cache import SERIAL_RESOURCES, Resources
 from rigctl.analysis.settings import as_plain, differences_from_paper
-from rigctl.analysis.statistics import curve_test_dict, k_ranges, published_share
+from rigctl.analysis.statistics import curve_test_dict, k_ranges, published_share, wilson_interval
 from rigctl.errors import WrongUse
 from rigctl.finger.analysis.evaluation import (
     ERROR_RATES,
@@ -34,7 +34,13 @@ from rigctl.finger.analysis.evaluation import (
     train_classifier,
 )
 from rigctl.finger.analysis.scans import KINDS, FingerDataSet, ScanKind, common_textures
-from rigctl.finger.analysis.tasks import DrawSettings, FingerResult, run_finger_tasks
+from rigctl.finger.analysis.tasks import (
+    DeployedAnswers,
+    DrawSettings,
+    FingerResult,
+    deployed_answers,
+    run_finger_tasks,
+)
 from rigctl.finger.published import DEPLOYED, DEPLOYED_TRIALS
 
 Floats = NDArray[np.float64]
@@ -59,6 +65,7 @@ class FingerAnalysis:
     sequential: tuple[SequentialResult, ...]
     force: tuple[ForceComparison, ...]
     profiles: tuple[ProfileDifferences, ...]
+    answers: tuple[DeployedAnswers, ...]
     latencies: Mapping[str, Floats] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
 
@@ -87,6 +94,7 @@ def analyse_finger(
     """
     if not data_sets:
         raise WrongUse("the analysis needs a data set: a training session and a later one")
+    data_sets = [one.of_repeated_textures() for one in data_sets]
     common = common_textures([one.textures for one in data_sets])
     if common is None:
         raise WrongUse("the data sets have different textures: analyse sets of one protocol")
@@ -114,6 +122,7 @@ def analyse_finger(
         tuple(sequential),
         tuple(compare_force_scalings(data_sets, scaled_currents, settings)),
         tuple(_profiles(data_sets, kind) for kind in KINDS),
+        tuple(deployed_answers(data_sets, kind, settings) for kind in KINDS),
         latencies or {},
         (
             *differences_from_paper(settings.analysis),
@@ -168,6 +177,7 @@ def task_dict(result: FingerResult) -> dict[str, Any]:
         "trained_on": result.n_train,
         "tested_per_draw": result.n_tested,
         "n": len(result.accuracy[ScanKind.ORIGINAL]),
+        "n_of_runs": {kind.value: n for kind, n in result.n_of_runs.items()},
         "chance": result.chance,
         "k_max": result.k_max,
         "paper": {
@@ -195,7 +205,7 @@ def _shares_from_paper(result: FingerResult) -> list[dict[str, Any]]:
     for kind, quoted in zip(KINDS, result.task.quoted, strict=True):
         if quoted.components is None or quoted.components > result.k_max:
             continue
-        n = len(result.accuracy[kind]) * result.n_tested
+        n = result.tested(kind)
         correct = round(n * float(result.mean(kind)[quoted.components - 1]))
         rule = result.thresholds.proportion_asterisks
         paper = published_share(correct, n, quoted.percent, DEPLOYED_TRIALS, rule=rule)
@@ -265,6 +275,16 @@ def as_dict(analysis: FingerAnalysis, made_utc: str) -> dict[str, Any]:
         "profiles": [
             _values(one, "mean_rate_hz", "spread", "texture_share", "profile_share")
             for one in analysis.profiles
+        ],
+        "answers": [
+            {
+                **_values(one, "components", "confusion", "right", "tested"),
+                "textures": list(one.textures),
+                "interval": {
+                    name: wilson_interval(one.right[name], n) for name, n in one.tested.items()
+                },
+            }
+            for one in analysis.answers
         ],
         "latencies": {kind: latency_dict(ms) for kind, ms in analysis.latencies.items()},
     }

@@ -24,6 +24,7 @@ from rigctl.finger.scaled_time import (
     BATCH_SAMPLES,
     N_WINDOWS,
     REFERENCE_UM_PER_S,
+    Gaps,
     ScaledWindows,
     feature_vector,
     first_windows,
@@ -31,7 +32,7 @@ from rigctl.finger.scaled_time import (
     time_windows,
 )
 from rigctl.finger.session import FingerSession
-from rigctl.finger.values import Stage
+from rigctl.finger.values import MODEL_KIND, Stage
 from rigctl.session.analysis_file import content_digest
 from rigctl.session.digests import damaged_trials
 from rigctl.session.model_file import TrainingInfo
@@ -62,7 +63,8 @@ KINDS = (ScanKind.ORIGINAL, ScanKind.SPEED_SCALED)
 class ScanRecording(NamedTuple):
     """One trial: readings uint16 (n, 9), spikes uint8 (n, 9), and each batch's velocity in µm/s.
 
-    ``spikes`` are the board's; ``stage`` and ``profile`` by their names.
+    ``spikes`` are the board's; ``stage`` and ``profile`` by their names. ``named_by``: the
+    representation of the model that named the scan in its run, empty for none.
     """
 
     readings: NDArray[np.uint16]
@@ -72,16 +74,18 @@ class ScanRecording(NamedTuple):
     profile: str
     stage: str
     trial_id: int
+    named_by: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class ScanSet:
     """Scans of one session; every array has one element or row for each scan.
 
-    ``texture``, ``profile``, ``stage``: text. ``windows``: rates in the first 20 windows of scaled
-    time, float64 (n, 20, 9), Hz; ``real_ms``: the real time of each, int64 (n, 20), 0 where the
-    scan was shorter. ``time_rates``: rates in all whole 100 ms, float64 (n, w, 9), 0 behind the
-    ``n_time_windows`` of a scan. ``reading``: mean normalised reading of each taxel, (n, 9).
+    ``texture``, ``profile``, ``stage``, ``named_by``: text. ``windows``: rates in the first 20
+    windows of scaled time, float64 (n, 20, 9), Hz; ``real_ms``: the real time of each, int64
+    (n, 20), 0 where the scan was shorter. ``time_rates``: rates in all whole 100 ms, float64
+    (n, w, 9), 0 behind the ``n_time_windows`` of a scan. ``reading``: mean normalised reading of
+    each taxel, (n, 9).
     """
 
     session: str
@@ -89,6 +93,7 @@ class ScanSet:
     texture: NDArray[np.str_]
     profile: NDArray[np.str_]
     stage: NDArray[np.str_]
+    named_by: NDArray[np.str_]
     trial_id: Integers
     windows: Floats
     real_ms: Integers
@@ -96,6 +101,7 @@ class ScanSet:
     n_time_windows: Integers
     reading: Floats
     reference_um_per_s: int = REFERENCE_UM_PER_S
+    window_ms: int = WINDOW_MS
 
     def __len__(self) -> int:
         return len(self.trial_id)
@@ -113,7 +119,7 @@ class ScanSet:
     @property
     def window_mm(self) -> float:
         """Way of a window of scaled time: the paper's 10 mm."""
-        return WINDOW_MS * self.reference_um_per_s / 1e6
+        return self.window_ms * self.reference_um_per_s / 1e6
 
     def labels(self, textures: Sequence[str]) -> Integers:
         """Return the index of each scan's texture in ``textures``, int64 (n,); −1 for another."""
@@ -185,6 +191,8 @@ def scan_set(
     simulated: bool,
     reference_um_per_s: int = REFERENCE_UM_PER_S,
     n_windows: int = N_WINDOWS,
+    gaps: Gaps = Gaps.SPLIT,
+    window_ms: int = WINDOW_MS,
 ) -> ScanSet:
     """Return the scans of recorded trials. ``normalisation``: of the readings.
 
@@ -195,9 +203,16 @@ def scan_set(
     for one in recordings:
         _check(session, one)
     scaled = [
-        scale_windows(one.spikes, one.velocities_um_per_s, reference_um_per_s) for one in recordings
+        scale_windows(
+            one.spikes,
+            one.velocities_um_per_s,
+            reference_um_per_s,
+            gaps=gaps,
+            window_ms=window_ms,
+        )
+        for one in recordings
     ]
-    timed = [time_windows(one.spikes) for one in recordings]
+    timed = [time_windows(one.spikes, window_ms) for one in recordings]
     longest = max(len(windows.counts) for windows in timed)
     return ScanSet(
         session,
@@ -205,6 +220,7 @@ def scan_set(
         np.array([one.texture for one in recordings]),
         np.array([str(one.profile) for one in recordings]),
         np.array([str(one.stage) for one in recordings]),
+        np.array([one.named_by for one in recordings]),
         np.array([one.trial_id for one in recordings], np.int64),
         np.stack([first_windows(windows, n_windows) for windows in scaled]),
         np.stack([_first_durations(windows, n_windows) for windows in scaled]),
@@ -212,6 +228,7 @@ def scan_set(
         np.array([len(windows.counts) for windows in timed], np.int64),
         np.stack([mean_reading(one.readings, normalisation) for one in recordings]),
         reference_um_per_s,
+        window_ms,
     )
 
 
@@ -325,13 +342,30 @@ class FingerDataSet:
         """Names of the textures, sorted."""
         return self.training.textures
 
-    def of_textures(self, textures: Sequence[str]) -> FingerDataSet:
-        """Return the scans of some textures, with a remark on the others."""
+    def of_repeated_textures(self) -> FingerDataSet:
+        """Return the scans of the textures with two training trials or more, with a remark.
+
+        A single trial has no spread to train with and none to test. Raises :class:`WrongUse` where
+        fewer than two textures are left.
+        """
+        trained = self.training.texture.tolist()
+        repeated = [name for name in self.textures if trained.count(name) > 1]
+        if len(repeated) < 2:
+            raise WrongUse(
+                f"{self.training.session} has {len(repeated)} textures with two training trials or "
+                "more: a classifier needs two such textures"
+            )
+        return self.of_textures(repeated, "for a single training trial")
+
+    def of_textures(
+        self, textures: Sequence[str], reason: str = "which a stage lacks"
+    ) -> FingerDataSet:
+        """Return the scans of some textures, with a remark on the others and its reason."""
         parts = (self.training, self.calibration, self.tested)
         left_out = sorted({name for part in parts for name in part.textures} - set(textures))
         if not left_out:
             return self
-        remark = f"{self.name}: textures left out, which a stage lacks: {', '.join(left_out)}"
+        remark = f"{self.name}: textures left out, {reason}: {', '.join(left_out)}"
         training, calibration, tested = (part.of_textures(textures) for part in parts)
         return FingerDataSet(self.name, training, calibration, tested, (*self.remarks, remark))
 
@@ -360,6 +394,8 @@ class RecordedScans:
     latencies: dict[str, Floats]
     remarks: tuple[str, ...]
     n_windows: int = N_WINDOWS
+    gaps: Gaps = Gaps.SPLIT
+    window_ms: int = WINDOW_MS
 
     @property
     def stages(self) -> frozenset[str]:
@@ -392,6 +428,8 @@ class RecordedScans:
             simulated=self.simulated,
             reference_um_per_s=self.encoding.reference_um_per_s,
             n_windows=self.n_windows,
+            gaps=self.gaps,
+            window_ms=self.window_ms,
         )
 
     def with_settings(self, settings: FingerAnalysisSettings) -> RecordedScans:
@@ -400,7 +438,13 @@ class RecordedScans:
         if settings.reference_speed_mm_s:
             speed_um_per_s = round(1000 * settings.reference_speed_mm_s)
             encoding = encoding._replace(reference_um_per_s=speed_um_per_s)
-        return replace(self, encoding=encoding, n_windows=settings.windows)
+        return replace(
+            self,
+            encoding=encoding,
+            n_windows=settings.windows,
+            gaps=Gaps(settings.gaps),
+            window_ms=settings.window_ms,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -433,7 +477,9 @@ def read_scans(path: Path) -> RecordedScans:
                 + (f" ({'; '.join(left_out)})" if left_out else "")
             )
         encoding = _encoding(session, indices)
-        recordings = tuple(_recording(session, index) for index in indices)
+        models = session.events_of(MODEL_KIND)
+        named_by = str(models[-1].data["representation"]) if models else ""
+        recordings = tuple(_recording(session, index, named_by) for index in indices)
         latencies = session.latencies
         kinds = sorted(set(latencies["kind"].tolist()))
         by_kind = {kind: latencies["ms"][latencies["kind"] == kind] for kind in kinds}
@@ -478,6 +524,7 @@ def read_data_sets(
         read.append(read_scans(path).with_settings(settings or FingerAnalysisSettings()))
     resources.progress(READING_STAGE, len(paths), len(paths))
     pairs, remarks = _pair(read)
+    remarks.append(describe_windows(read))
     data_sets, currents = [], []
     for number, (first, new) in enumerate(pairs, start=1):
         name = f"set {number}"
@@ -488,13 +535,53 @@ def read_data_sets(
         scaled = (one.scaled_to_population(reference) for one in (first, new))
         currents.append(FingerDataSet.from_sessions(name, *scaled))
     latencies: dict[str, list[Floats]] = {}
+    remarks += dict.fromkeys(text for pair in pairs for one in pair for text in one.remarks)
     for one in read:
-        remarks += one.remarks
         for kind, ms in one.latencies.items():
             latencies.setdefault(kind, []).append(ms)
     joined = {kind: np.concatenate(parts) for kind, parts in latencies.items()}
     digests = {str(path): read_closing_digest(path) for path in paths}
     return RecordedDataSets(tuple(data_sets), tuple(currents), joined, tuple(remarks), digests)
+
+
+def describe_windows(read: Sequence[RecordedScans]) -> str:
+    """Return how many scans end beyond their windows or inside one, and what the gaps change."""
+    n = beyond = short = moved = spikes = 0
+    for one in read:
+        reference = one.encoding.reference_um_per_s
+        for scan in one.recordings:
+            split, whole = (
+                scale_windows(
+                    scan.spikes,
+                    scan.velocities_um_per_s,
+                    reference,
+                    gaps=gaps,
+                    window_ms=one.window_ms,
+                )
+                for gaps in Gaps
+            )
+            n, beyond = n + 1, beyond + (len(split.counts) > one.n_windows)
+            short += len(split.counts) <= one.n_windows
+            spikes += int(split.counts.sum())
+            moved += _moved(split, whole)
+    return (
+        f"{beyond} of {n} scans go beyond window {read[0].n_windows}, and what lies there is "
+        f"dropped; {short} end inside a window, whose rate is over its real time. The other "
+        f"reading of a gap across two batches (finger.gaps) puts {moved / max(spikes, 1):.1%} of "
+        "the spikes in another window"
+    )
+
+
+def _moved(split: ScaledWindows, whole: ScaledWindows) -> int:
+    """Return the spikes that are in another window or beyond all: each train keeps its order."""
+    sides = [np.repeat(np.arange(len(one.counts) + 1), _with_rest(one, split)[:, taxel])
+             for taxel in range(split.counts.shape[1]) for one in (split, whole)]  # fmt: skip
+    return sum(int((a != b).sum()) for a, b in zip(sides[::2], sides[1::2], strict=True))
+
+
+def _with_rest(one: ScaledWindows, split: ScaledWindows) -> Integers:
+    """Return the counts with a row more for the spikes that are in no window."""
+    return np.vstack([one.counts, split.counts.sum(axis=0) - one.counts.sum(axis=0)])
 
 
 def _check_distinct(paths: Sequence[Path]) -> None:
@@ -526,30 +613,57 @@ def _pair(
 
 
 def _join_later(later: Sequence[RecordedScans]) -> list[RecordedScans]:
-    """Return the later sessions, each session of calibration joined with the run after it."""
+    """Return the later sessions, each session of calibration joined with the runs after it.
+
+    As many runs as calibrations are paired in their order. Of more runs, each belongs to the last
+    calibration that was named before it.
+    """
     calibrations = [one for one in later if Stage.RUN not in one.stages]
     runs = [one for one in later if Stage.CALIBRATE not in one.stages]
-    if len(calibrations) != len(runs):
+    if len(calibrations) == len(runs):
+        partner = {one.path: [other] for one, other in zip(calibrations, runs, strict=True)}
+    else:
+        partner = _runs_by_calibration(later)
+    if len(runs) < len(calibrations) or not all(partner.values()):
         raise WrongUse(
             f"{len(calibrations)} of the sessions have scans of the stage calibrate only and "
-            f"{len(runs)} of run only: name the calibration of each run"
+            f"{len(runs)} of run only: name the calibration of each run before it"
         )
-    partner = {one.path: other for one, other in zip(runs, calibrations, strict=True)}
-    return [
-        _join(partner[one.path], one) if one.path in partner else one
-        for one in later
-        if Stage.RUN in one.stages
-    ]
+    joined = {path: _join(one, partner[path]) for one in calibrations for path in [one.path]}
+    return [joined.get(one.path, one) for one in later if Stage.CALIBRATE in one.stages]
 
 
-def _join(calibration: RecordedScans, run: RecordedScans) -> RecordedScans:
-    """Return a calibration and a run of one session, with the encoding of the run."""
-    matched, text = _match(run, calibration)
-    return replace(
-        run,
-        recordings=matched.recordings + run.recordings,
-        remarks=(*calibration.remarks, *run.remarks, *text),
-    )
+def _runs_by_calibration(later: Sequence[RecordedScans]) -> dict[Path, list[RecordedScans]]:
+    """Return the runs that were named behind each calibration, by its path. Raises WrongUse."""
+    found: dict[Path, list[RecordedScans]] = {}
+    last: Path | None = None
+    for one in later:
+        if Stage.RUN not in one.stages:
+            last = one.path
+            found[last] = []
+        elif Stage.CALIBRATE not in one.stages:
+            if last is None:
+                raise WrongUse(
+                    f"{one.path} is named before any calibration: name the calibration of each run "
+                    "before it"
+                )
+            found[last].append(one)
+    return found
+
+
+def _join(calibration: RecordedScans, runs: Sequence[RecordedScans]) -> RecordedScans:
+    """Return a calibration and its runs as one session, with the encoding of the first run."""
+    first = runs[0]
+    recordings: list[ScanRecording] = []
+    remarks = [*calibration.remarks]
+    for one in (calibration, *runs):
+        matched, text = (one, []) if one is first else _match(first, one)
+        recordings += matched.recordings
+        remarks += [*text, *(one.remarks if one is not calibration else ())]
+    if len(runs) > 1:
+        named = ", ".join(str(one.path) for one in runs)
+        remarks.append(f"runs after the calibration {calibration.path}: {named}")
+    return replace(first, recordings=tuple(recordings), remarks=tuple(remarks))
 
 
 def _match(first: RecordedScans, new: RecordedScans) -> tuple[RecordedScans, list[str]]:
@@ -615,7 +729,7 @@ def _encoding(session: FingerSession, indices: Sequence[int]) -> FingerEncoding:
     )
 
 
-def _recording(session: FingerSession, index: int) -> ScanRecording:
+def _recording(session: FingerSession, index: int, named_by: str) -> ScanRecording:
     row = session.trials[index]
     return ScanRecording(
         session.samples(index),
@@ -625,4 +739,5 @@ def _recording(session: FingerSession, index: int) -> ScanRecording:
         str(row["profile"]),
         str(row["stage"]),
         int(row["trial_id"]),
+        named_by,
     )

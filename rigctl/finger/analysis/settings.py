@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rigctl.analysis.settings import LEAST_SHARE, MAX_COMPONENTS, MAX_DRAWS, MAX_SPEED_MM_S
-from rigctl.config.toml_reader import number, texts
+from rigctl.config.toml_reader import number, text, texts
+from rigctl.encoder.features import WINDOW_MS
 from rigctl.finger import published
-from rigctl.finger.scaled_time import N_WINDOWS
+from rigctl.finger.scaled_time import N_WINDOWS, Gaps
 from rigctl.finger.values import VelocityProfile
 
 PROFILES = tuple(str(profile) for profile in VelocityProfile)
@@ -44,6 +45,10 @@ class FingerAnalysisSettings:
         (), "velocity profiles to test without training; none: all others", PROFILES
     )
     windows: int = number(N_WINDOWS, "", 1, 1000, "windows of a scan")
+    window_ms: int = number(WINDOW_MS, "ms", 10, 1000, "length of a window, at the reference speed")
+    gaps: str = text(
+        Gaps.SPLIT.value, "gap across two batches: split at their border, or whole", tuple(Gaps)
+    )
     reference_speed_mm_s: float = number(
         0.0, "mm/s", 0, MAX_SPEED_MM_S, "speed to which time is scaled; 0: that of the sessions"
     )

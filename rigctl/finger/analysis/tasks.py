@@ -6,7 +6,8 @@ centred by the mean of its calibration, in place of the training trials' mean.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -18,6 +19,7 @@ from rigctl.analysis.pca_lda import Rows, Split, SweepEngine, predict_splits
 from rigctl.analysis.settings import AnalysisSettings, AsteriskThresholds
 from rigctl.analysis.splits import stratified_folds
 from rigctl.analysis.statistics import (
+    PAIRED,
     Difference,
     standard_deviation,
     standard_error,
@@ -71,7 +73,8 @@ class FingerResult:
     """Accuracies of a task. ``accuracy``: of each kind, float64 (draws of all sets, k_max).
 
     ``n_tested``: trials that a draw tests; ``n_train``: that it trains on, at least;
-    ``thresholds``: of the tests of differences.
+    ``thresholds``: of the tests of differences. ``n_of_runs``: trials of each kind where each was
+    tested in runs of its own, as in the paper's Figure S5; else empty.
     """
 
     task: FingerTask
@@ -80,6 +83,11 @@ class FingerResult:
     n_train: int
     chance: float
     thresholds: AsteriskThresholds = field(default_factory=AsteriskThresholds)
+    n_of_runs: Mapping[ScanKind, int] = field(default_factory=dict)
+
+    def tested(self, kind: ScanKind) -> int:
+        """Return how many trials all draws of a kind test."""
+        return self.n_of_runs.get(kind) or len(self.accuracy[kind]) * self.n_tested
 
     @property
     def k_max(self) -> int:
@@ -102,20 +110,18 @@ class FingerResult:
         if self.task is not DEPLOYED:
             return standard_error(self.accuracy[kind])
         mean = self.mean(kind)
-        return np.asarray(np.sqrt(mean * (1.0 - mean) / (len(self.accuracy[kind]) * self.n_tested)))
+        return np.asarray(np.sqrt(mean * (1.0 - mean) / self.tested(kind)))
 
     def differences(self) -> tuple[Difference, ...]:
         """Return Speed Scaled against Original for each number of components."""
         scaled, original = (self.accuracy[kind] for kind in KINDS[::-1])
         if self.task is not DEPLOYED:
             return welch_each(scaled, original, self.thresholds.asterisks)
-        n = len(scaled) * self.n_tested
-        counts = (
-            np.rint(one.sum(axis=0) * self.n_tested).astype(int) for one in (scaled, original)
-        )
-        rule = self.thresholds.proportion_asterisks
+        n, n_original = (self.tested(kind) for kind in KINDS[::-1])
+        counts = (np.rint(self.mean(kind) * self.tested(kind)).astype(int) for kind in KINDS[::-1])
+        rule, weak = self.thresholds.proportion_asterisks, () if self.n_of_runs else (PAIRED,)
         return tuple(
-            two_proportions(int(one), int(other), n, rule=rule)
+            two_proportions(int(one), int(other), n, n_original, rule=rule, weak=weak)
             for one, other in zip(*counts, strict=True)
         )
 
@@ -153,7 +159,20 @@ def run_finger_tasks(
             found.setdefault(key, []).extend(rows)
     run = [task for task in FINGER_TASKS if not (obstacle and task in (TRAINED, UNTRAINED))]
     results = [_join(task, data_sets, found, settings) for task in run]
-    return results, (obstacle,) if obstacle else ()
+    few = [one for one in data_sets if n_folds(one, settings.finger) < settings.finger.folds]
+    remarks = [
+        f"Figure 4B, same session: {n_folds(one, settings.finger)} folds instead of "
+        f"{settings.finger.folds}, as many as the rarest texture of {one.training.session} has "
+        "training trials"
+        for one in few
+    ]
+    return results, tuple(filter(None, (obstacle, *remarks)))
+
+
+def n_folds(data_set: FingerDataSet, settings: FingerAnalysisSettings) -> int:
+    """Return the folds of the training trials: no more than its rarest texture has."""
+    counts = np.unique(data_set.training.texture, return_counts=True)[1]
+    return int(min(settings.folds, counts.min()))
 
 
 def _profile_obstacle(data_set: FingerDataSet, settings: FingerAnalysisSettings) -> str:
@@ -189,7 +208,23 @@ def _join(
     n_train = min(_n_train(task, data_set, settings.finger) for data_set in data_sets)
     chance = 1.0 / len(data_sets[0].textures)
     thresholds = settings.analysis.statistics
-    return FingerResult(task, accuracy, tested, n_train, chance, thresholds)
+    of_runs: dict[ScanKind, int] = {}
+    if task is DEPLOYED and has_runs_of_each(data_sets):
+        of_runs = {k: sum(len(tested_of(one, k)) for one in data_sets) for k in KINDS}
+    return FingerResult(task, accuracy, tested, n_train, chance, thresholds, of_runs)
+
+
+def has_runs_of_each(data_sets: Sequence[FingerDataSet]) -> bool:
+    """Return whether every set has runs with and without speed scaling, as the paper made them."""
+    names = {kind.value for kind in KINDS}
+    return all(names <= set(one.tested.named_by.tolist()) for one in data_sets)
+
+
+def tested_of(data_set: FingerDataSet, kind: ScanKind) -> Rows:
+    """Return the tested scans of one kind's own runs; all where there are not runs of each."""
+    if not has_runs_of_each([data_set]):
+        return np.arange(len(data_set.tested))
+    return np.flatnonzero(data_set.tested.named_by == kind.value)
 
 
 def _tested(task: FingerTask, data_set: FingerDataSet, settings: FingerAnalysisSettings) -> ScanSet:
@@ -260,9 +295,42 @@ def draw_accuracies(
 def deployed_accuracy(data_set: FingerDataSet, kind: ScanKind, settings: DrawSettings) -> Floats:
     """Return the accuracy of Figure S5 in one data set: all training trials, float64 (k_max,)."""
     rows = np.arange(len(data_set.training))
-    tests = {DEPLOYED.key: np.arange(len(data_set.tested))}
+    tests = {DEPLOYED.key: tested_of(data_set, kind)}
     k_max = settings.finger.k_max(DEPLOYED)
     return _new_session(data_set, kind, rows, tests, k_max, settings.engine)[DEPLOYED.key]
+
+
+class DeployedAnswers(NamedTuple):
+    """What Figure S5's classifier calls the tested scans, with ``components`` at most.
+
+    ``confusion``: int64 (textures, textures), rows: true; ``right``, ``tested``: by profile.
+    """
+
+    kind: ScanKind
+    components: int
+    textures: tuple[str, ...]
+    confusion: Integers
+    right: dict[str, int]
+    tested: dict[str, int]
+
+
+def deployed_answers(
+    data_sets: Sequence[FingerDataSet], kind: ScanKind, settings: DrawSettings
+) -> DeployedAnswers:
+    """Return the answers over all data sets, which have the same textures."""
+    textures, components = data_sets[0].textures, settings.finger.components
+    confusion = np.zeros((len(textures), len(textures)), np.int64)
+    right, tested = Counter[str](), Counter[str]()
+    for one in data_sets:
+        rows, train = tested_of(one, kind), np.arange(len(one.training))
+        given = (one, kind, train, {DEPLOYED.key: rows}, components, settings.engine)
+        predicted = predict_new_session(*given)[DEPLOYED.key][-1]
+        truth, profiles = one.tested.labels(textures)[rows], one.tested.profile[rows].tolist()
+        np.add.at(confusion, (truth, predicted), 1)
+        tested.update(profiles)
+        right.update(name for name, hit in zip(profiles, predicted == truth, strict=True) if hit)
+    known = {name: right[name] for name in tested}
+    return DeployedAnswers(kind, components, textures, confusion, known, dict(tested))
 
 
 def _draw(rows: Rows, random: np.random.Generator, settings: FingerAnalysisSettings) -> Rows:
@@ -311,9 +379,10 @@ def predict_new_session(
 def _same_session(
     data_set: FingerDataSet, kind: ScanKind, random: np.random.Generator, settings: DrawSettings
 ) -> Floats:
-    """Return the accuracy over four folds of the training trials, float64 (k_max,)."""
+    """Return the accuracy over the folds of the training trials, float64 (k_max,)."""
     labels = data_set.training.labels(data_set.textures)
-    folds = stratified_folds(labels, settings.finger.folds, int(random.integers(2**63)))
+    count = n_folds(data_set, settings.finger)
+    folds = stratified_folds(labels, count, int(random.integers(2**63)))
     key = SAME_SESSION.key
     splits = [Split(train, {key: test}) for train, test in folds]
     k_max = _allowed(settings.finger.k_max(SAME_SESSION), labels, splits)

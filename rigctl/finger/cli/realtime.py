@@ -5,9 +5,10 @@ plates; the finger board encodes and scales the spikes by the tracked velocity. 
 normalisation and training scans and trains a classifier, `calibrate` records the scans that centre
 it in a new session, `run` names the texture while the finger moves, and `demo` does all three with
 the virtual finger. `frame` finds the place of the plate from its touched corners, `board` writes a
-model for the classifier on the board, `movie` shows a recorded scan as an animation. Exit code 0:
-every scan is committed; 1: some scans are missing; 2: wrong use; 3: board, tracker or disk failed;
-130: interrupted. The session is whole in every case.
+model for the classifier on the board, `import` makes a session from recordings of another program,
+`movie` shows a recorded scan as an animation. Exit code 0: every scan is committed; 1: some scans
+are missing; 2: wrong use; 3: board, tracker or disk failed; 130: interrupted. The session is whole
+in every case.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from rigctl.cli.arguments import (
     whole_number,
 )
 from rigctl.cli.world import add_world
-from rigctl.finger.cli import board_model, movie, plate_frame, stages
+from rigctl.finger.cli import board_model, import_scans, movie, plate_frame, stages
 from rigctl.finger.model_files import REPRESENTATIONS
 
 
@@ -73,6 +74,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     board_model.add_arguments(
         parts.add_parser("board", help="write a model as the header of the board's classifier")
     )
+    import_scans.add_arguments(
+        parts.add_parser("import", help="make a session from recordings of another program")
+    )
     movie.add_arguments(parts.add_parser("movie", help="make a movie of a recorded scan"))
 
 
@@ -85,6 +89,7 @@ def run(args: argparse.Namespace) -> int:
         "demo": stages.demo,
         "frame": plate_frame.run,
         "board": board_model.run,
+        "import": import_scans.run,
         "movie": movie.run,
     }
     return parts[args.part](args)

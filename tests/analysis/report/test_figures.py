@@ -75,6 +75,10 @@ def test_a_legend_with_long_names_is_no_wider_than_its_plots() -> None:
             assert width is not None
             drawn.append(float(width[1]))
         assert drawn[0] <= drawn[1] + 1
+    # The page's script takes as many names a row as fit the panels that it shows side by side.
+    panels = [replace(PANEL, series=series)] * 3
+    meta = vega.specify(Figure("F", panels))["usermeta"]
+    assert meta["legend_columns"] == [1, 2, 3]
 
 
 def test_bars_end_at_the_edge_of_the_plot() -> None:

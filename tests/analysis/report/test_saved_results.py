@@ -20,7 +20,7 @@ PAIR = {
     "worse": WORSE,
     "verdict": "holds",
     "points": 3.5,
-    "spread_points": None,
+    "test": {"p": None, "effect": None},
     "paper_points": 4,
     "measured_beside": ["rates differ"],
 }

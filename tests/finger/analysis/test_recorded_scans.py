@@ -12,7 +12,9 @@ import pytest
 from rigctl.cli import main
 from rigctl.errors import SessionError, WrongUse
 from rigctl.finger.analysis.scans import (
+    FingerDataSet,
     FingerEncoding,
+    ScanKind,
     encode_readings,
     read_data_sets,
     read_scans,
@@ -20,9 +22,13 @@ from rigctl.finger.analysis.scans import (
     training_info,
 )
 from rigctl.finger.analysis.settings import FingerAnalysisSettings
+from rigctl.finger.analysis.tasks import DrawSettings, deployed_accuracy, run_finger_tasks
+from rigctl.finger.published import DEPLOYED
+from rigctl.finger.recorder import FingerRecorder
 from rigctl.finger.values import Stage
+from rigctl.values import Event
 from tests.finger.analysis.made_scans import RANGES, made_recordings
-from tests.finger.analysis.made_sessions import HEADER, with_ranges, write_session
+from tests.finger.analysis.made_sessions import HEADER, PROTOCOL, with_ranges, write_session
 
 FIRST = made_recordings({Stage.NORMALISE: 1, Stage.TRAIN: 2}, 2, contrast=0.015)
 NEW = made_recordings({Stage.CALIBRATE: 1, Stage.RUN: 2}, 3, contrast=0.015)
@@ -192,3 +198,82 @@ def test_options_of_the_drum_are_refused(
     assert main([*words, "--out", str(tmp_path / "out"), *option]) == 2
     assert f"{option[0]} belongs to the drum's analysis" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_both_readings_of_a_gap_are_offered_and_a_note_says_what_they_change(
+    sessions: tuple[Path, Path],
+) -> None:
+    split, whole = (
+        read_data_sets(sessions, settings=FingerAnalysisSettings(gaps=gaps))
+        for gaps in ("split", "whole")
+    )
+    steady, changing = (
+        [name in kind for name in split.data_sets[0].tested.profile.tolist()]
+        for kind in (("slow", "medium", "fast"), ("slow-to-fast", "fast-to-slow"))
+    )
+    ours, theirs = (one.data_sets[0].tested.windows for one in (split, whole))
+    assert (ours != theirs)[changing].any(axis=(1, 2)).all()
+    assert np.array_equal(ours[steady], theirs[steady])
+    (note,) = [text for text in split.remarks if "finger.gaps" in text]
+    n = sum(len(read_scans(path).recordings) for path in sessions)
+    beyond, of = int(note.split()[0]), int(note.split()[2])
+    assert of == n and f"; {n - beyond} end inside a window" in note
+    assert 0 < float(note.split("puts ")[1].split("%")[0]) < 50
+
+
+def test_the_length_of_a_window_is_a_setting(sessions: tuple[Path, Path]) -> None:
+    usual, fine = (
+        read_data_sets(sessions, settings=FingerAnalysisSettings(windows=n, window_ms=ms))
+        for n, ms in ((20, 100), (40, 50))
+    )
+    one, other = usual.data_sets[0].training, fine.data_sets[0].training
+    assert (one.window_mm, other.window_mm, other.windows.shape[1]) == (10.0, 5.0, 40)
+    whole = one.windows * one.real_ms[..., None]
+    halves = other.windows * other.real_ms[..., None]
+    np.testing.assert_allclose(halves[:, ::2] + halves[:, 1::2], whole, atol=1e-6)
+    assert np.array_equal(other.n_time_windows // 2, one.n_time_windows)
+
+
+def run_named_by(folder: Path, seed: int, kind: str) -> Path:
+    """Write a run whose scans a model of one representation named."""
+    recordings = made_recordings({Stage.RUN: 2}, seed, contrast=0.015)
+    path = write_session(folder / f"run-{seed}", recordings)
+    rows = [Event(0.0, "model", f"a model of {kind}", {"representation": kind})]
+    with FingerRecorder(path, replace(HEADER, stages=("run",)), PROTOCOL, "", resume=True) as file:
+        file.begin_part("resume")
+        for row in rows:
+            file.add_event(row)
+    return path
+
+
+def test_several_runs_after_one_calibration_are_tested_as_the_paper_did(
+    sessions: tuple[Path, Path], tmp_path: Path
+) -> None:
+    calibration = write_session(
+        tmp_path / "calibration", made_recordings({Stage.CALIBRATE: 1}, 3, contrast=0.015)
+    )
+    runs = [
+        run_named_by(tmp_path, 20 + number, kind)
+        for number, kind in enumerate(("Speed Scaled", "Original", "Speed Scaled", "Original"))
+    ]
+    read = read_data_sets([sessions[0], calibration, *runs])
+    (one,) = read.data_sets
+    assert len(one.tested) == 4 * 50 and len(one.calibration) == 25
+    assert any("runs after the calibration" in text for text in read.remarks)
+    results, _ = run_finger_tasks([one], DrawSettings(1))
+    deployed = next(result for result in results if result.task is DEPLOYED)
+    assert deployed.n_of_runs == {ScanKind.ORIGINAL: 100, ScanKind.SPEED_SCALED: 100}
+    assert not any(difference.assumptions for difference in deployed.differences())
+    alone = FingerDataSet("set", one.training, one.calibration,
+                          one.tested.select(one.tested.named_by == "Original"))  # fmt: skip
+    expected = deployed_accuracy(alone, ScanKind.ORIGINAL, DrawSettings(1))
+    np.testing.assert_array_equal(deployed.accuracy[ScanKind.ORIGINAL][0], expected)
+    with pytest.raises(WrongUse, match="named before any calibration"):
+        read_data_sets([sessions[0], *runs, calibration])
+
+
+def test_runs_of_one_kind_are_tested_on_the_same_scans(sessions: tuple[Path, Path]) -> None:
+    (one,) = read_data_sets(sessions).data_sets
+    results, _ = run_finger_tasks([one], DrawSettings(1))
+    deployed = next(result for result in results if result.task is DEPLOYED)
+    assert deployed.n_of_runs == {} and deployed.differences()[0].assumptions

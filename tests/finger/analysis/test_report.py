@@ -30,6 +30,8 @@ from rigctl.finger.analysis.tasks import DrawSettings
 from rigctl.finger.published import NEW_SESSION, SAME_SESSION
 from tests.finger.analysis.made_scans import made_data_set
 
+DIAMOND = 'd="M-4.183,0L0,-4.183L4.183,0L0,4.183Z"'
+
 
 @pytest.fixture(scope="module")
 def analysis() -> FingerAnalysis:
@@ -56,6 +58,19 @@ def folder(analysis: FingerAnalysis, tmp_path_factory: pytest.TempPathFactory) -
     return out
 
 
+@pytest.mark.parametrize(("left", "words"), [(1, "single training trial: D"), (2, "2 folds")])
+def test_a_texture_with_few_training_trials_is_told_and_the_rest_analysed(
+    left: int, words: str
+) -> None:
+    whole = made_data_set(1, contrast=0.012)
+    kept = np.ones(len(whole.training), bool)
+    kept[np.flatnonzero(whole.training.texture == "D")[left:]] = False
+    found = analyse_finger([replace(whole, training=whole.training.select(kept))], DrawSettings(1))
+    assert any(words in remark for remark in found.remarks)
+    assert ("D" in found.data_sets[0].textures) == (left > 1)
+    assert len(found.tasks) == 5
+
+
 def test_every_figure_is_there_and_says_that_it_is_simulated(folder: Path) -> None:
     for name in ("fig4b", "fig4c", "figs5", "evidence", "promises", "latencies"):
         assert (folder / f"{name}.png").stat().st_size > 10_000
@@ -68,6 +83,29 @@ def test_the_figures_have_the_papers_values_and_both_representations(folder: Pat
         assert words in text
     deployed = (folder / "figs5.svg").read_text("utf-8")
     assert "h &gt; 0.2" in deployed and "n = 50 trials" in deployed
+
+
+@pytest.mark.parametrize(("name", "quoted"), [("fig4b", 4), ("fig4c", 4), ("figs5", 2)])
+def test_the_papers_quoted_accuracies_are_drawn(folder: Path, name: str, quoted: int) -> None:
+    assert (folder / f"{name}.svg").read_text("utf-8").count(DIAMOND) == quoted
+
+
+def test_answers_are_told_by_texture_and_by_velocity_profile(
+    analysis: FingerAnalysis, folder: Path
+) -> None:
+    values: dict[str, Any] = json.loads((folder / "results.json").read_text("utf-8"))
+    deployed = next(one for one in analysis.tasks if one.task.key == "deployed")
+    for kind, one in zip(deployed.accuracy, values["answers"], strict=True):
+        confusion = np.array(one["confusion"])
+        assert confusion.sum() == sum(one["tested"].values()) == 50
+        assert np.trace(confusion) == sum(one["right"].values())
+        share = deployed.accuracy[kind][0][one["components"] - 1]
+        assert np.trace(confusion) / 50 == pytest.approx(share)
+        assert set(one["tested"]) == {"slow", "medium", "fast", "slow-to-fast", "fast-to-slow"}
+    page = (folder / "report.html").read_text("utf-8")
+    assert "Which textures, which velocities" in page
+    assert "slow-to-fast" in (folder / "profiles.svg").read_text("utf-8")
+    assert (folder / "confusion.png").stat().st_size > 10_000
 
 
 def test_results_hold_every_number_of_components(folder: Path) -> None:

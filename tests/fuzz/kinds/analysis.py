@@ -130,7 +130,8 @@ def build_spikes(folder: Path) -> None:
     )
     with SpikeFileWriter(folder / FILE, info) as file:
         counts = np.ones((3, 2 * sensor.n_taxels), np.int64)
-        file.add(counts, np.arange(counts.sum(), dtype=np.int32))
+        samples = np.arange(counts.sum(), dtype=np.int32)
+        file.add(counts, samples, 1000 * samples.astype(np.int64))
         windows = np.ones((*counts.shape, 2), np.int64)
         file.add_windows("unscaled", windows, np.ones((3, 2)))
 

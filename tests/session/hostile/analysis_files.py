@@ -77,5 +77,6 @@ def write_spikes(path: Path) -> Path:
         force_matrix(), {},
     )  # fmt: skip
     with SpikeFileWriter(path, encoding) as writer:
-        writer.add(np.ones((1, 4), np.int64), np.arange(4, dtype=np.int32))
+        samples = np.arange(4, dtype=np.int32)
+        writer.add(np.ones((1, 4), np.int64), samples, 1000 * samples.astype(np.int64))
     return path

@@ -14,7 +14,7 @@
     var plot = figure.querySelector(".plot"), view = document.createElement("div");
     var spec = JSON.parse(figure.querySelector("script").textContent);
     spec.columns = Math.max(1, Math.min(spec.columns, Math.round(plot.clientWidth / PANEL_WIDTH)));
-    spec.config.legend.columns = spec.columns + 1;
+    spec.config.legend.columns = spec.usermeta.legend_columns[spec.columns - 1];
     window.vegaEmbed(view, spec, { actions: false, ast: true, renderer: "svg" }).then(function () {
       plot.append(view);
       plot.classList.add("live");
