@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -27,7 +26,9 @@ from rigctl.engine.served_engine import ServedEngine
 from rigctl.engine.setup.served_setup import ServedSetup
 from rigctl.engine.status import StatusBuilder
 from rigctl.engine.step_runner import mountings_before
-from rigctl.errors import DiskFault, RigctlError, WrongUse
+from rigctl.errors import RigctlError, WrongUse
+from rigctl.session.ground_truth import TruthRecorder
+from rigctl.session.layout import DRUM_TRUTH
 from rigctl.session.notes import SessionNote, check_note
 from rigctl.session.session import ConditionEnd
 
@@ -41,7 +42,7 @@ class Engine(ServedEngine[Run, RunRequest]):
     def __init__(
         self, rig: Rig, live_writer: LiveWriter, utc_now: Callable[[], str], real_time: bool = True
     ) -> None:
-        super().__init__(rig.loop, rig.description)
+        super().__init__(rig.loop, rig.description, TruthRecorder(rig.truth, DRUM_TRUTH))
         self.rig = rig
         self.heartbeat_gate = HeartbeatGate(rig.loop.time)
         self.boards = RigBoards(
@@ -185,18 +186,14 @@ class Engine(ServedEngine[Run, RunRequest]):
 
     async def _execute(self, run: Run) -> None:
         self.heartbeat_gate.check_in("runner")
-        with self._publish_disk_fault():
-            self.rig.begin_truth(run.folder, run.start)
         try:
-            await run.execute()
+            await self._run(run)
         finally:
             if self.early_end is not None:
                 self.early_end.close()
                 self.early_end = None
             self.heartbeat_gate.check_out("runner")
             self.heartbeat_gate.check_out("recorder")
-            with self._publish_disk_fault():
-                self.rig.save_truth(is_last=True)
         if len(self.queue) and not self._shutdown_requested.is_set():
             self._follow_up(run)
         self._send_status()
@@ -211,20 +208,11 @@ class Engine(ServedEngine[Run, RunRequest]):
         except (RigctlError, OSError):
             self.event_bus.publish("failed", f"the queue waits: {self.queue.problem}")
 
-    @contextmanager
-    def _publish_disk_fault(self) -> Iterator[None]:
-        """Publish that the truth could not be written; the recorder judges the disk itself."""
-        try:
-            yield
-        except DiskFault as fault:
-            self.event_bus.publish("fault", str(fault))
-
     def _serve_boards(self) -> None:
         self.boards.pipeline.flush()
         if self.early_end is not None and self.run is not None:
             self.early_end.poll(self.run.status().trials_committed, self.run.end_condition)
-        with self._publish_disk_fault():
-            self.rig.save_truth()
+        super()._serve_boards()
         self.heartbeat_gate.check_in("pipeline")
 
     def _check_disk(self) -> None:

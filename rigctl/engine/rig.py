@@ -11,11 +11,7 @@ from typing import Any
 from rigctl.boards.drum import Drum
 from rigctl.boards.taxels import Taxels
 from rigctl.config.rig_config import RigConfig
-from rigctl.session.ground_truth import Start, TruthLog, begin_log
 from rigctl.session.sensor_passport import SensorPassport
-
-TRUTH_PERIOD_MS = 2_000
-"""World time from one write of the ground truth to the next."""
 
 
 @dataclass(eq=False, slots=True)
@@ -42,12 +38,16 @@ class Rig:
     path: Path | None = None
     commissions: bool = False
     passport: SensorPassport | None = None
-    _truth_log: TruthLog | None = None
 
     @property
     def simulated(self) -> bool:
         """True without a real bench."""
         return self.simulation is not None
+
+    @property
+    def truth(self) -> Any:
+        """What a simulated rig logs that nobody measures; None at the bench."""
+        return self.simulation.truth if self.simulated else None
 
     @property
     def faults(self) -> Any:
@@ -96,29 +96,6 @@ class Rig:
         ``key`` is that of the question, ``amount`` the number that it is about.
         """
         return str(self.simulation.hands.answer(key, amount)) if self.simulated else ""
-
-    def begin_truth(self, folder: Path, start: Start) -> None:
-        """Log the ground truth of a simulated rig into a session from now on.
-
-        ``start`` is that of the sitting. Raises DiskFault.
-        """
-        if self.simulated:
-            self._truth_log = begin_log(folder, start, self.simulation.truth.take().end_ms)
-
-    def save_truth(self, is_last: bool = False) -> None:
-        """Write the ground truth since the last call once a period has passed, or the last of it.
-
-        Without a log it is dropped, so that a rig may stand for days. Raises DiskFault.
-        """
-        if not self.simulated or (self.simulation.truth.n_rows < TRUTH_PERIOD_MS and not is_last):
-            return
-        rows, log = self.simulation.truth.take(), self._truth_log
-        if is_last:
-            self._truth_log = None
-        if log is not None:
-            log.write(rows)
-            if is_last:
-                log.close()
 
     def close(self) -> None:
         """Free ports and boards, then close the loop unless it is running."""

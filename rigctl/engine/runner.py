@@ -98,11 +98,6 @@ class Run(ServedRun[RunControl, Recorder]):
     def _record_end(self) -> None:
         self._step_runner.record_health(END)
 
-    @property
-    def start(self) -> tuple[str, float]:
-        """Wall clock and loop time at which the sitting began."""
-        return self._recorder.header.start_utc, self._recorder.header.start_loop_s
-
     def status(self) -> RunStatus:
         """Return the run's part of the status message."""
         progress, trial = self._progress, self._step_runner.current

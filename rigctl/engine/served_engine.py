@@ -9,7 +9,8 @@ import asyncio
 import socket
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from typing import Any, Generic, TypeVar
 
@@ -18,7 +19,8 @@ from rigctl.engine.rpc.commands import RequestHandler
 from rigctl.engine.rpc.messages import DISK, STATUS_PERIOD_S, engine_message
 from rigctl.engine.rpc.server import KEPT_EVENTS, Server
 from rigctl.engine.served_run import ServedRun
-from rigctl.errors import RigctlError, RigFault
+from rigctl.errors import DiskFault, RigctlError, RigFault
+from rigctl.session.ground_truth import TruthRecorder
 from rigctl.values import Event
 
 IDLE_TIMEOUT_S = 10.0
@@ -36,12 +38,15 @@ _Request = TypeVar("_Request")
 class ServedEngine(ABC, Generic[_Run, _Request]):
     """The control program of one rig; :meth:`serve` runs it."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, description: str) -> None:
+    def __init__(
+        self, loop: asyncio.AbstractEventLoop, description: str, truth: TruthRecorder
+    ) -> None:
         self.event_bus = EventBus(loop.time)
         self.run: _Run | None = None
         self.is_ready = False
         self.loop = loop
         self._description = description
+        self._truth = truth
         self._now_s = loop.time
         self._tasks: set[asyncio.Task[None]] = set()
         self._run_task: asyncio.Task[None] | None = None
@@ -128,8 +133,26 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         return run
 
     async def _execute(self, run: _Run) -> None:
-        await run.execute()
+        await self._run(run)
         self._send_status()
+
+    async def _run(self, run: _Run) -> None:
+        """Let a run end; a simulated rig logs its truth beside it."""
+        with self._publish_disk_fault():
+            self._truth.begin(run.folder, run.start)
+        try:
+            await run.execute()
+        finally:
+            with self._publish_disk_fault():
+                self._truth.save(is_last=True)
+
+    @contextmanager
+    def _publish_disk_fault(self) -> Iterator[None]:
+        """Publish that the truth could not be written; the recorder judges the disk itself."""
+        try:
+            yield
+        except DiskFault as fault:
+            self.event_bus.publish("fault", str(fault))
 
     def _mark_link(self, reason: str, connected: bool) -> None:
         """Pause an active run for this reason while a device is not connected."""
@@ -201,6 +224,8 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
 
     def _serve_boards(self) -> None:
         """Do what the boards need ten times a second."""
+        with self._publish_disk_fault():
+            self._truth.save()
 
     def _check_disk(self) -> None:
         if self.run is None or self.run.ended:

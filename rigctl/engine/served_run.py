@@ -48,6 +48,11 @@ class ServedRun(ABC, Generic[_Control, _Recorder]):
         return self._recorder.folder
 
     @property
+    def start(self) -> tuple[str, float]:
+        """Wall clock and loop time at which the sitting began."""
+        return self._recorder.header.start_utc, self._recorder.header.start_loop_s
+
+    @property
     def state(self) -> str:
         """How it ended, or else running, paused or prompt."""
         if self.outcome:

@@ -11,11 +11,13 @@ from rigctl.engine.served_engine import ServedEngine
 from rigctl.errors import RigFault
 from rigctl.finger.devices import BOARD, TRACKER, FingerDevices
 from rigctl.finger.latency import LatencyLog
+from rigctl.finger.layout import FINGER_TRUTH
 from rigctl.finger.live_file import FingerLiveWriter
 from rigctl.finger.rig import FingerRig
 from rigctl.finger.run import FingerRun
 from rigctl.finger.run_request import FingerRunRequest, open_finger_run
 from rigctl.finger.status import FingerEngineStatus, FingerRunStatus
+from rigctl.session.ground_truth import TruthRecorder
 
 
 class FingerEngine(ServedEngine[FingerRun, FingerRunRequest]):
@@ -24,7 +26,7 @@ class FingerEngine(ServedEngine[FingerRun, FingerRunRequest]):
     def __init__(
         self, rig: FingerRig, live_writer: FingerLiveWriter, utc_now: Callable[[], str]
     ) -> None:
-        super().__init__(rig.loop, rig.description)
+        super().__init__(rig.loop, rig.description, TruthRecorder(rig.truth, FINGER_TRUTH))
         self.rig = rig
         self.latencies = LatencyLog()
         self.devices = FingerDevices(

@@ -203,6 +203,14 @@ FINGER_TABLES = (
     EVENTS,
     GAPS,
 )
+FINGER_TRUTH = (
+    ArrayLayout("/along_mm", "along_mm", "f4", "mm", "place of the fingertip along the plate"),
+    ArrayLayout("/across_mm", "across_mm", "f4", "mm", "its place across, from the middle"),
+    ArrayLayout("/height_mm", "height_mm", "f4", "mm", "its height over the plate"),
+    ArrayLayout("/force_g", "force_g", "f4", "g", "contact force"),
+    ArrayLayout("/plate", "plate", "S1", "", "plate under the finger; - before the first slide"),
+    ArrayLayout("/slide", "slide", "i4", "", "number of the slide; -1 before the first"),
+)
 FINGER_LAYOUT = SessionLayout(
     FINGER_EXPERIMENT,
     "finger board",
@@ -210,6 +218,7 @@ FINGER_LAYOUT = SessionLayout(
     FINGER_TABLES,
     FINGER_TRIALS,
     (SAMPLES, COUNTER, SPIKES, BATCHES.path),
+    truth=FINGER_TRUTH,
 )
 
 

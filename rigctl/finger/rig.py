@@ -45,6 +45,11 @@ class FingerRig:
         return self.simulation is not None
 
     @property
+    def truth(self) -> Any:
+        """What a simulated rig logs that nobody measures; None at a real one."""
+        return self.simulation.truth if self.simulated else None
+
+    @property
     def faults(self) -> Any:
         """The fault injection of a simulated rig; None at a real one."""
         return self.simulation.faults if self.simulated else None

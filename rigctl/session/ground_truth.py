@@ -12,7 +12,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from rigctl.errors import DiskFault, SessionError
 from rigctl.session import layout
 from rigctl.session.hdf5_file import Attributes, DataSetSchema, Hdf5File, system_reason
 from rigctl.session.header import CUT_BY_CLOCK
-from rigctl.session.layout import ArrayLayout, Column, SessionLayout, TableLayout
+from rigctl.session.layout import DRUM_TRUTH, ArrayLayout, Column, SessionLayout, TableLayout
 from rigctl.session.part import (
     BufferedArray,
     existing_parts,
@@ -41,22 +42,13 @@ PARTIAL = ".partial"
 """Ends the name of a log that is being written, or whose writer was killed."""
 _LOG_NAME = re.compile(r"world(?:-([0-9]{4,6}))?\.h5(?:\.partial)?")
 
-COLUMNS = (
-    ArrayLayout("/speed_mm_s", "speed_mm_s", "f4", "mm/s", "true speed, mean over the millisecond"),
-    ArrayLayout("/force_g", "force_g", "f4", "g", "true force at the end of the millisecond"),
-    ArrayLayout("/sync", "sync", "u1", "", "level of the sync line at the end of the millisecond"),
-)
 END = TableLayout(
     "/end",
     "one row, written when the log was closed",
     1,
     (Column("n_rows", "i8", "ms", "rows of each column"),),
 )
-TRUTH_LAYOUT = SessionLayout("world", "simulated world", COLUMNS, (END,), END, has_digests=False)
-_SCHEMA = (
-    *(DataSetSchema(c.path, 1, dtype=np.dtype(f"<{c.type_code}"), tail=()) for c in COLUMNS),
-    DataSetSchema(END.path, 1, dtype=END.dtype, tail=()),
-)
+Columns = tuple[ArrayLayout, ...]
 _LIMITS = {"first_ms": 1 << 48, "sitting": 1 << 15}
 """Largest value of each attribute."""
 Start = tuple[str, float]
@@ -80,11 +72,11 @@ def log_paths(folder: Path) -> list[Path]:
 
 
 @contextmanager
-def open_truth(path: Path) -> Iterator[TruthReader]:
-    """Open one log. Opening and reading raise SessionError for a damaged file."""
+def open_truth(path: Path, columns: Columns = DRUM_TRUTH) -> Iterator[TruthReader]:
+    """Open a log with these columns. Opening and reading raise SessionError for a damaged file."""
     is_growing = path.suffix == PARTIAL and is_being_written(path.parent)
     with open_appended(path, is_growing) as file:
-        yield TruthReader(file)
+        yield TruthReader(file, columns)
 
 
 class TruthReader:
@@ -93,7 +85,7 @@ class TruthReader:
     A log whose writer was killed has the rows that all columns hold.
     """
 
-    def __init__(self, file: Hdf5File) -> None:
+    def __init__(self, file: Hdf5File, columns: Columns) -> None:
         self._file = file
         attributes = file.attributes()
         if (attributes.get("layout"), attributes.get("layout_version")) != (LAYOUT, LAYOUT_VERSION):
@@ -102,11 +94,14 @@ class TruthReader:
             _integer(file.path, attributes, name, most) for name, most in _LIMITS.items()
         )
         self.start = start_of(attributes)
-        file.check(_SCHEMA)
-        self.n_rows = min(readable_rows(file, column.path) for column in COLUMNS)
+        schema = [
+            DataSetSchema(c.path, 1, dtype=np.dtype(f"<{c.type_code}"), tail=()) for c in columns
+        ]
+        file.check([*schema, DataSetSchema(END.path, 1, dtype=END.dtype, tail=())])
+        self.n_rows = min(readable_rows(file, column.path) for column in columns)
         self._buffers = {
             column.field: BufferedArray(partial(file.rows, column.path), self.n_rows)
-            for column in COLUMNS
+            for column in columns
         }
 
     def window(self, name: str, start: int, stop: int) -> NDArray[Any]:
@@ -115,7 +110,7 @@ class TruthReader:
         Raises SessionError where one is no number.
         """
         rows = self._buffers[name].window(start, stop)
-        if not np.isfinite(rows).all():
+        if rows.dtype.kind == "f" and not np.isfinite(rows).all():
             raise SessionError(
                 f"{self._file.path} is damaged: {name} is no number in some of the rows "
                 f"{start}–{stop}"
@@ -134,8 +129,8 @@ class TruthReader:
 
     def check(self) -> None:
         """Read every row, so that damage raises SessionError; a whole log says its length."""
-        for column in COLUMNS:
-            for _ in read_blocks(partial(self.window, column.field), self.n_rows):
+        for name in self._buffers:
+            for _ in read_blocks(partial(self.window, name), self.n_rows):
                 pass
         if self._file.path.suffix == PARTIAL:
             return
@@ -157,22 +152,21 @@ def _integer(path: Path, attributes: Mapping[str, Any], name: str, most: int) ->
     return value
 
 
-TruthRows = tuple[int, NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]
-"""First millisecond, then speed in mm/s, force in g and sync, one value for each millisecond."""
+TruthRows = tuple[Any, ...]
+"""First millisecond, then an array for each column of the log, one value for each millisecond."""
 _WRITE_ERRORS = (OSError, RuntimeError, DiskFault)
 """What a full disk and HDF5 raise, and the part's writer where its file has lost its name."""
 
 
-@dataclass(frozen=True, slots=True)
-class TruthBlock:
-    """Milliseconds in a row; ``counters`` are those of the world, int64 (n,)."""
+class TruthBlock(SimpleNamespace):
+    """Milliseconds in a row, an array for each column of the log besides.
+
+    ``counters`` are those of the world, int64 (n,).
+    """
 
     counters: NDArray[np.int64]
-    speed_mm_s: NDArray[np.float32]
-    force_g: NDArray[np.float32]
-    sync: NDArray[np.uint8]
-    gaps: tuple[Gap, ...] = ()
-    arrived_s: float = 0.0
+    gaps: tuple[Gap, ...]
+    arrived_s: float
 
     def __len__(self) -> int:
         return len(self.counters)
@@ -186,7 +180,10 @@ class TruthLog:
     disk does not take it; the log then ends with the last write that was whole.
     """
 
-    def __init__(self, folder: Path, sitting: int, start: Start, first_ms: int) -> None:
+    def __init__(
+        self, folder: Path, sitting: int, start: Start, first_ms: int, columns: Columns
+    ) -> None:
+        self._names = [column.field for column in columns]
         self.path = folder / log_name(sitting)
         self._partial = self.path.with_name(self.path.name + PARTIAL)
         self._next_ms = first_ms
@@ -201,7 +198,10 @@ class TruthLog:
         }
         try:
             self._partial.unlink(missing_ok=True)
-            self._part = PartWriter(self._partial, TRUTH_LAYOUT, attributes, 0, ("", ""))
+            written = SessionLayout(
+                "world", "simulated world", columns, (END,), END, has_digests=False
+            )
+            self._part = PartWriter(self._partial, written, attributes, 0, ("", ""))
             self._part.write()
         except _WRITE_ERRORS as error:
             raise self._fail(error) from error
@@ -209,19 +209,21 @@ class TruthLog:
 
     def write(self, rows: TruthRows) -> None:
         """Append rows, which must follow those before, and flush them."""
-        first_ms, speed, force, sync = rows
+        first_ms, *columns = rows
+        n_rows = len(columns[0])
         if first_ms != self._next_ms:
             raise SessionError(
                 f"{self._partial} ends at {self._next_ms} ms and the new rows begin at {first_ms} "
                 "ms: part of the truth is missing"
             )
-        self._next_ms += len(sync)
-        self._n_rows += len(sync)
+        self._next_ms += n_rows
+        self._n_rows += n_rows
         counters = np.arange(first_ms, self._next_ms, dtype=np.int64)
-        if self._part is None or not len(sync):
+        if self._part is None or not n_rows:
             return
+        named = dict(zip(self._names, columns, strict=True))
         try:
-            self._part.add_samples(TruthBlock(counters, speed, force, sync))
+            self._part.add_samples(TruthBlock(counters=counters, gaps=(), arrived_s=0.0, **named))
             self._part.write()
         except _WRITE_ERRORS as error:
             raise self._fail(error) from error
@@ -387,7 +389,13 @@ def _parts_of(log: TruthReader, starts: Mapping[int, Start]) -> list[int]:
     return [number for number, start in starts.items() if start == log.start]
 
 
-def begin_log(folder: Path, start: Start, first_ms: int, again: bool = False) -> TruthLog:
+def begin_log(
+    folder: Path,
+    start: Start,
+    first_ms: int,
+    again: bool = False,
+    columns: Columns = DRUM_TRUTH,
+) -> TruthLog:
     """Begin the log of the sitting with this start, which has its own, as world time begins at 0.
 
     ``again``: the world has begun from its start once more, so this log replaces an older one of
@@ -396,7 +404,7 @@ def begin_log(folder: Path, start: Start, first_ms: int, again: bool = False) ->
     starts = _part_starts(folder)
     own = _log_of(starts, folder, start) if again else None
     sitting = log_number(own) if own is not None else _new_sitting(starts, folder, start)
-    return TruthLog(folder, sitting, start, first_ms)
+    return TruthLog(folder, sitting, start, first_ms, columns)
 
 
 def _log_of(starts: Mapping[int, Start], folder: Path, start: Start) -> Path | None:
@@ -414,3 +422,51 @@ def _new_sitting(starts: Mapping[int, Start], folder: Path, start: Start) -> int
     own = [sitting for number, sitting in sittings.items() if starts[number] == start]
     number = own[0] if own else max([0, *sittings.values()]) + 1
     return max([number, *(log_number(path) + 1 for path in log_paths(folder))])
+
+
+TRUTH_PERIOD_MS = 2_000
+"""World time from one write of the ground truth to the next."""
+
+
+class Truth(Protocol):
+    """What a simulated bench logs in memory."""
+
+    @property
+    def n_rows(self) -> int:
+        """Milliseconds logged and not yet taken."""
+
+    def take(self) -> TruthRows:
+        """Return and discard everything logged."""
+
+
+class TruthRecorder:
+    """Logs the truth of a simulated rig beside its sessions; does nothing at a real one.
+
+    ``truth``: None at a real rig. ``columns``: those of its rows. Methods raise DiskFault.
+    """
+
+    def __init__(self, truth: Truth | None, columns: Columns) -> None:
+        self._truth = truth
+        self._columns = columns
+        self._log: TruthLog | None = None
+
+    def begin(self, folder: Path, start: Start) -> None:
+        """Log into a session from now on. ``start`` is that of the sitting."""
+        if self._truth is not None:
+            first_ms, *columns = self._truth.take()
+            self._log = begin_log(folder, start, first_ms + len(columns[0]), columns=self._columns)
+
+    def save(self, is_last: bool = False) -> None:
+        """Write the rows since the last call once a period has passed, or the last of them.
+
+        Without a log they are dropped, so that a rig may stand for days.
+        """
+        if self._truth is None or (self._truth.n_rows < TRUTH_PERIOD_MS and not is_last):
+            return
+        rows, log = self._truth.take(), self._log
+        if is_last:
+            self._log = None
+        if log is not None:
+            log.write(rows)
+            if is_last:
+                log.close()

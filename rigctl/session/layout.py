@@ -125,6 +125,7 @@ class SessionLayout:
     ``experiment`` is the attribute of a part's root, ``board`` the name of the board that samples,
     for people. ``trials`` is the one of ``tables`` that is written last. ``analysed``: paths of
     what an analysis needs besides them. ``has_digests``: whether its rows are covered by digests.
+    ``truth``: columns of the log that a simulated bench writes beside the parts.
     """
 
     experiment: str
@@ -134,6 +135,7 @@ class SessionLayout:
     trials: TableLayout
     analysed: tuple[str, ...] = ()
     has_digests: bool = True
+    truth: tuple[ArrayLayout, ...] = ()
 
     @property
     def stored_tables(self) -> tuple[TableLayout, ...]:
@@ -329,8 +331,19 @@ GAPS = TableLayout(
 )
 
 TABLES = (ARRIVALS, DRUM, LOADCELL, TRIALS, EVENTS, GAPS)
+DRUM_TRUTH = (
+    ArrayLayout("/speed_mm_s", "speed_mm_s", "f4", "mm/s", "true speed, mean over the millisecond"),
+    ArrayLayout("/force_g", "force_g", "f4", "g", "true force at the end of the millisecond"),
+    ArrayLayout("/sync", "sync", "u1", "", "level of the sync line at the end of the millisecond"),
+)
 DRUM_LAYOUT = SessionLayout(
-    DRUM_EXPERIMENT, "taxel board", TAXEL_ARRAYS, TABLES, TRIALS, (SAMPLES, COUNTER)
+    DRUM_EXPERIMENT,
+    "taxel board",
+    TAXEL_ARRAYS,
+    TABLES,
+    TRIALS,
+    (SAMPLES, COUNTER),
+    truth=DRUM_TRUTH,
 )
 
 

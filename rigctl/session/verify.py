@@ -166,6 +166,7 @@ def _check_other(session: SessionReader, report: VerifyReport, on_progress: OnPr
     experiment = EXPERIMENTS[session.layout.experiment]
     _check_contents(session, experiment.load("check_part"), report, on_progress, 1.0)
     report.problems += experiment.load("check_plan")(session)
+    _check_logs(session, report)
 
 
 def _check_parts(session: SessionReader, report: VerifyReport) -> None:
@@ -429,11 +430,11 @@ def _check_truth(
         )
 
 
-def _check_logs(session: Session, report: VerifyReport) -> None:
+def _check_logs(session: SessionReader, report: VerifyReport) -> None:
     """Check that every log can be read to its end; note the partial ones."""
     for path in log_paths(session.path):
         try:
-            with open_truth(path) as log:
+            with open_truth(path, session.layout.truth) as log:
                 log.check()
                 if log.sitting != log_number(path):
                     report.problems.append(

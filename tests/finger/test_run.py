@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from rigctl.finger.layout import FINGER_TRUTH
 from rigctl.finger.model_file import load_finger_model
 from rigctl.finger.run_request import FingerRunRequest
+from rigctl.session.ground_truth import log_paths, open_truth
 from rigctl.session.summary import summarise_session
 from rigctl.session.verify import verify
 from rigctl.values import ABOUT
@@ -23,6 +26,9 @@ from tests.finger.harness import (
     until_ended,
 )
 
+TRUE_NAMES = ("along_mm", "force_g", "plate", "slide")
+TRACKED_MM = 8.0
+"""The tracker's noise and delay at the fastest slide, and the wrist that bends."""
 FEW_SCANS = SMALL.replace('"medium", "fast"', '"medium"')
 
 
@@ -128,7 +134,28 @@ def test_an_aborted_run_is_resumed_where_it_stopped(tmp_path: Path) -> None:
     with open_finger_session(folder) as session:
         ids = session.trials["trial_id"][session.committed()]
         assert ids.tolist() == list(range(1, 13))
+    assert [path.name for path in log_paths(folder)] == ["world.h5", "world-0002.h5"]
     assert_whole(folder)
+
+
+def test_the_true_path_plate_and_pressure_lie_beside_a_session(harness: FingerHarness) -> None:
+    harness.record(harness.request(protocol=ONE_SCAN))
+    log = harness.session / "world.h5"
+    with open_finger_session(harness.session) as session, open_truth(log, FINGER_TRUTH) as truth:
+        slides = set()
+        for i in session.committed():
+            track, trial = session.track(i), session.trials[i]
+            at = np.rint(1000 * track["at_s"]).astype(int) - truth.first_ms - 1
+            true = {name: truth.window(name, 0, truth.n_rows)[at] for name in TRUE_NAMES}
+            assert set(true["plate"].tolist()) == {trial["texture"].encode()}
+            assert np.abs(track["along_mm"] - true["along_mm"]).max() < TRACKED_MM
+            assert np.median(true["force_g"]) > 150.0
+            slides |= set(true["slide"].tolist())
+        assert len(slides) == len(session.committed())
+    with h5py.File(log, "r+") as file:
+        del file["/plate"]
+    (problem,) = verify(harness.session).problems
+    assert "world.h5" in problem and "/plate" in problem
 
 
 def test_a_person_is_asked_for_each_plate(harness: FingerHarness) -> None:

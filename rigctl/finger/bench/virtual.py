@@ -161,14 +161,15 @@ class FingerTruth:
         self.plate = "-"
         self.slide = -1
         self._first_ms = 0
-        self._kept_ms = 0
+        self.n_rows = 0
+        """Milliseconds that are kept and not yet taken."""
         self._parts: deque[tuple[NDArray[np.float32], str, int]] = deque()
 
     def append(self, rows: NDArray[np.float64]) -> None:
         """Append milliseconds: along, across, height, force, float64 (n, 4)."""
         self._parts.append((rows.astype(np.float32), self.plate, self.slide))
-        self._kept_ms += len(rows)
-        while self._kept_ms > KEPT_MS:
+        self.n_rows += len(rows)
+        while self.n_rows > KEPT_MS:
             self._drop(len(self._parts.popleft()[0]))
 
     def arrays(self) -> FingerTruthArrays:
@@ -185,12 +186,12 @@ class FingerTruth:
         """Return and discard everything that is kept."""
         taken = self.arrays()
         self._parts.clear()
-        self._drop(self._kept_ms)
+        self._drop(self.n_rows)
         return taken
 
     def _drop(self, count: int) -> None:
         self._first_ms += count
-        self._kept_ms -= count
+        self.n_rows -= count
 
 
 FINGER = "finger"
