@@ -93,7 +93,8 @@ scale: boards
 	@$(BIN)/python -m tests.benchmarks.encoder.scale docs/explanation/scale.md
 
 # Independent virtual sets; what is there already is used again.
-ORDERS := build/orders
+# WORLD=FILE gives them another simulated bench, such as tools/skin.toml.
+ORDERS := build/orders$(if $(WORLD),-$(basename $(notdir $(WORLD))))
 SEEDS ?= 1 2 3
 REPEATS ?= 10
 
@@ -103,7 +104,8 @@ orders: boards
 	@for seed in $(SEEDS); do \
 	  name=$(REPEATS)-seed-$$seed; \
 	  test -d $(ORDERS)/set-$$name || $(BIN)/rigctl synth --plan protocols/paper.toml \
-	    --repeats $(REPEATS) --seed $$seed --out $(ORDERS)/set-$$name || exit $$?; \
+	    $(if $(WORLD),--world $(WORLD)) --repeats $(REPEATS) --seed $$seed \
+	    --out $(ORDERS)/set-$$name || exit $$?; \
 	  test -d $(ORDERS)/$$name || $(BIN)/rigctl analyse $(ORDERS)/set-$$name \
 	    --out $(ORDERS)/$$name $(ORDERS_ARGS) || exit $$?; \
 	done
@@ -130,7 +132,7 @@ realtime: boards
 	    $(FINGER)/seed-$(seed)/run) --out $(FINGER)/report
 
 identify: $(VENV)/.ready
-	$(SAY) "the bench's unknowns, searched for by the paper's Original column alone (half an hour)"
+	$(SAY) "the bench's unknowns, searched for by the paper's Original column and real skins (half an hour)"
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.identify_bench $(IDENTIFY_ARGS)
 
 invariance: $(VENV)/.ready

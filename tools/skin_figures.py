@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -62,8 +63,7 @@ class SkinMeasures(NamedTuple):
         """Sum of the figures' distances from :data:`RANGES`, relative to the bounds."""
         outside = 0.0
         for name, (low, high) in RANGES.items():
-            value = float(getattr(self, name))
-            outside += max(0.0, low / value - 1.0, value / high - 1.0)
+            outside += _outside(float(getattr(self, name)), low, high)
         return outside
 
 
@@ -119,6 +119,20 @@ def _shares(values: Floats, factors: tuple[NDArray[np.generic], ...]) -> tuple[f
     return found[0], found[1], found[2]
 
 
+DEPTH_RANGES = {
+    "textures": (0.05, 0.1),
+    "over_within": (0.6, 0.8),
+    "over_speeds": (4.0, math.inf),
+}
+DEPTH_GROWTHS = {"mean_growth": (1.1, 1.5), "amplitude_growth": (1.2, 1.5)}
+"""Ranges of real skins at set depths; see docs/explanation/real-and-simulated.md."""
+
+
+def _outside(value: float, low: float, high: float) -> float:
+    """Return the distance from a range, relative to its bound."""
+    return max(0.0, low / value - 1.0, value / high - 1.0)
+
+
 class LevelFigures(NamedTuple):
     """Standard deviations at one press, as shares of a taxel's range, means over the taxels.
 
@@ -133,6 +147,16 @@ class LevelFigures(NamedTuple):
     repeats: float
     within: float
 
+    @property
+    def over_within(self) -> float:
+        """Deviation between textures over that within a trial."""
+        return self.textures / self.within
+
+    @property
+    def over_speeds(self) -> float:
+        """Deviation between textures over that between speeds."""
+        return self.textures / self.speeds
+
 
 class SkinFigures(NamedTuple):
     """Figures of one set; growth of mean and amplitude is from the least to the greatest press."""
@@ -145,9 +169,20 @@ class SkinFigures(NamedTuple):
     def cells(self) -> tuple[str, ...]:
         """The figures as the last cells of a table's row."""
         between = [_span([level[i] for level in self.levels], 3) for i in (1, 2, 3)]
-        ratio = _span([level.textures / level.within for level in self.levels], 2)
+        ratio = _span([level.over_within for level in self.levels], 2)
         growths = f"× {self.mean_growth:.2f}", f"× {self.amplitude_growth:.2f}"
         return *between, ratio, *growths
+
+    @property
+    def depth_excess(self) -> float:
+        """Sum of the distances from the ranges at set depths, means over the depths."""
+        outside = [
+            _outside(getattr(level, name), *bounds) / len(self.levels)
+            for level in self.levels
+            for name, bounds in DEPTH_RANGES.items()
+        ]
+        outside += [_outside(getattr(self, name), *ends) for name, ends in DEPTH_GROWTHS.items()]
+        return sum(outside)
 
 
 def _span(values: Sequence[float], digits: int) -> str:

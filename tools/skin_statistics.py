@@ -20,12 +20,14 @@ from numpy.typing import NDArray
 
 from rigctl.analysis import published
 from rigctl.analysis.further_tasks import TASKS
+from rigctl.analysis.published import Task
 from rigctl.analysis.representations import represent
 from rigctl.analysis.settings import AnalysisSettings
 from rigctl.analysis.splits import make_splits
 from rigctl.analysis.tasks import SweepSettings, run_tasks, score_splits
 from rigctl.analysis.trial_set import Design, TrialSet, join_sessions, open_trials
 from rigctl.bench.parameters import WorldParameters, validated
+from rigctl.bench.world_file import load_world
 from rigctl.config.rig_config import PAPER_ARRAY
 from rigctl.config.toml_reader import TomlText
 from rigctl.encoder.batch import mean_normalised_reading
@@ -39,27 +41,28 @@ from rigctl.errors import ConfigError, RigctlError
 from rigctl.exchange.column_map import parse_map
 from rigctl.exchange.importer import import_files
 from rigctl.session.session import Session
-from tools.identify_bench import DRAWS
+from tools.identify_bench import DRAWS, JUDGES, START
 from tools.skin_figures import SkinFigures, skin_figures
-from tools.slides import SlideSession, simulate_slides, slide_features
+from tools.slides import DEPTHS_MM, SlideSession, simulate_slides, slide_features
 
 PAGE = Path(__file__).parents[1] / "docs" / "explanation" / "real-and-simulated.md"
-DEPTHS_MM = (0.6, 0.9, 1.2, 1.5)
 Floats = NDArray[np.float64]
 
 
-REFERENCE_MM = 0.9
-SHOWN_SEEDS, SHOWN_REPEATS, MECHANISM_REPEATS = (1, 2, 3), 4, 2
-OURS = "the simulated bench"
+SHALLOW_MM = (0.6, 0.9, 1.2, 1.5)
+SHOWN_REPEATS, MECHANISM_REPEATS = 4, 2
 INPUTS = tuple(reading % PAPER_ARRAY.inputs for reading in range(PAPER_ARRAY.count))
 """Input of each reading."""
 FORMS = ("original", "force", "force_blind", "speed", "speed_force")
 """Representations in the order of the table's columns."""
-(LEFT_OUT,) = (task for task in TASKS if task.key == "leave-speed-out")
+LEFT_OUT, EXTRAPOLATED = (
+    next(task for task in TASKS if task.key == key)
+    for key in ("leave-speed-out", "untrained-speed")
+)
 
 
-def slide_accuracies(slides: SlideSession, reference: float) -> tuple[float, ...]:
-    """Return the accuracy of each representation with each speed left out, per cent."""
+def slide_accuracies(slides: SlideSession, reference: float, task: Task) -> tuple[float, ...]:
+    """Return the accuracy of each representation in a task, per cent."""
     own = searched_c(slides, reference)
     blind = _texture_blind(own, slides.design)
     encodings = (
@@ -70,8 +73,7 @@ def slide_accuracies(slides: SlideSession, reference: float) -> tuple[float, ...
         (SPEED_SCALED, own),
     )
     return tuple(
-        _untrained_accuracy(slide_features(slides, layout, c), slides.design)
-        for layout, c in encodings
+        _accuracy(slide_features(slides, layout, c), slides.design, task) for layout, c in encodings
     )
 
 
@@ -106,11 +108,11 @@ def _texture_blind(c: Floats, design: Design) -> Floats:
     return out
 
 
-def _untrained_accuracy(features: Floats, design: Design) -> float:
+def _accuracy(features: Floats, design: Design, task: Task) -> float:
     correct = tested = 0
     for draw in range(DRAWS):
-        splits = make_splits(design, LEFT_OUT.family, 0, draw)
-        score = score_splits(features, design, splits, [LEFT_OUT], published.K_MAX)[LEFT_OUT.key]
+        splits = make_splits(design, task.family, 0, draw)
+        score = score_splits(features, design, splits, [task], published.K_MAX)[task.key]
         correct, tested = correct + int(score.correct[-1]), tested + score.n_tested
     return 100.0 * correct / tested
 
@@ -176,8 +178,9 @@ def session_accuracies(trials: TrialSet, reference: float, folder: Path) -> tupl
 
 
 class Mechanism(NamedTuple):
-    """A property of skin, plate or circuit that is changed alone, from the nominal world.
+    """A property of skin, plate or circuit that is changed alone, from a world.
 
+    ``parameters``: what it changes of ``base``.
     ``height_spread_mm``: as of :class:`tools.slides.Slider`. ``loaded``: whether the taxels of an
     input load each other, and the divider a taxel.
     """
@@ -185,45 +188,68 @@ class Mechanism(NamedTuple):
     name: str
     measured_by: str
     parameters: Mapping[str, Any] = MappingProxyType({})
+    base: WorldParameters = WorldParameters()
     height_spread_mm: float | None = None
     loaded: bool = True
 
 
-def _change(name: str, measured_by: str, **parameters: float) -> Mechanism:
+SKIN = load_world(START).parameters
+
+
+def _with(name: str, measured_by: str, **parameters: float) -> Mechanism:
+    """Return a mechanism that is added to the nominal world."""
     return Mechanism(name, measured_by, parameters)
+
+
+def _without(name: str, *parameters: str) -> Mechanism:
+    """Return a mechanism that is taken from the identified skin: nominal values instead."""
+    nominal = WorldParameters()
+    values = {one: getattr(nominal, one) for one in parameters}
+    return Mechanism(f"identified skin without {name}", "–", values, SKIN)
 
 
 WEIGHTS = "reading of a taxel under weights"
 TRAVEL = "load cell over travel, smooth plate"
 MECHANISMS = (
-    _change("the nominal world", "–"),
+    _with("the nominal world", "–"),
     Mechanism("no circuit", "the reading `conductance`", loaded=False),
-    _change("more load on dividers", "an ohmmeter", top_gain=0.25, bottom_gain=0.35),
-    _change("concave taxel curve", WEIGHTS, conductance_power=0.5),
-    _change("saturating taxels", WEIGHTS, saturation_g=500.0),
-    _change("contact area: nearly linear skin", TRAVEL, pressure_power=1.5),
-    _change("contact area: bridged grooves", "a ridge over carbon paper", bridging_mm=1.0),
-    _change("spread in the layers", "a single ridge", top_blur_mm=1.5, bottom_blur_mm=3.6),
-    _change("skin beyond the array", "a ruler", skin_length_mm=33.0),
-    _change("taxels that stand out", "a dial gauge", taxel_rise_mm=0.2),
-    _change("softer skin, stiffer frame", TRAVEL, stiffness_g_mm=300.0, frame_share=0.3),
-    _change("softer frame", TRAVEL, frame_share=0.8),
-    _change("drum's curve", "a dial gauge", edge_drop_mm=0.2),
-    _change("tilt of plates", "a dial gauge at the plate's ends", plate_tilt_mm=0.03),
-    _change("plates that give in", "a dial gauge under weights", plate_give_mm=0.03),
+    _with("more load on dividers", "an ohmmeter", top_gain=0.25, bottom_gain=0.35),
+    _with("concave taxel curve", WEIGHTS, conductance_power=0.5),
+    _with("saturating taxels", WEIGHTS, saturation_g=500.0),
+    _with("contact area: nearly linear skin", TRAVEL, pressure_power=1.5),
+    _with("contact area: bridged grooves", "a ridge over carbon paper", bridging_mm=1.0),
+    _with("spread in the layers", "a single ridge", top_blur_mm=1.5, bottom_blur_mm=3.6),
+    _with("skin beyond the array", "a ruler", skin_length_mm=33.0),
+    _with("taxels that stand out", "a dial gauge", taxel_rise_mm=0.2),
+    _with("softer skin, stiffer frame", TRAVEL, stiffness_g_mm=300.0, frame_share=0.3),
+    _with("softer frame", TRAVEL, frame_share=0.8),
+    _with("drum's curve", "a dial gauge", edge_drop_mm=0.2),
+    _with("tilt of the sensor", "a feeler gauge at its edges", sensor_tilt_mm=0.1),
+    _with("tilt of plates", "a dial gauge at the plate's ends", plate_tilt_mm=0.03),
+    _with("plates that give in", "a dial gauge under weights", plate_give_mm=0.05),
     Mechanism("depths from a fixed zero", "–", height_spread_mm=0.0),
     Mechanism("the same, plates ± 0.1 mm", "a calliper", height_spread_mm=0.1),
-    _change("finer ridges", "a ruler", base_space_mm=5.0),
+    _with("finer ridges", "a ruler", base_space_mm=5.0),
+    Mechanism("**the identified skin**", "–", base=SKIN),
+    _without("its concave curve", "conductance_power"),
+    _without("tilt of the sensor", "sensor_tilt_mm"),
+    _without("tilt of plates", "plate_tilt_mm"),
+    _without("plates that give in", "plate_give_mm"),
+    _without("skin beyond the array", "skin_length_mm"),
+    _without("spread in the lower layer", "bottom_blur_mm"),
+    _without("finer ridges", "base_space_mm"),
+    _without("its skin and frame", "pressure_power", "frame_share"),
+    _without("load on dividers", "top_gain", "bottom_gain"),
 )
 
 
 def mechanism_figures(mechanism: Mechanism) -> list[SkinFigures]:
     """Return the figures at set depths and at set forces, of two repeats of the first seed."""
-    parameters = validated(replace(WorldParameters(), **mechanism.parameters))
+    parameters = validated(replace(mechanism.base, **mechanism.parameters))
     found = []
     for depths_mm in (DEPTHS_MM, ()):
         (slides,) = simulate_slides(
-            parameters, MECHANISM_REPEATS, SHOWN_SEEDS[:1], depths_mm, mechanism.height_spread_mm
+            parameters, MECHANISM_REPEATS, JUDGES[:1], depths_mm, mechanism.height_spread_mm
         )
         trials: Sequence[NDArray[Any]] = slides.samples
         if not mechanism.loaded:
@@ -252,6 +278,9 @@ PRINTED_ACCURACIES = _row(
     PRINTED, "depths of 0–1.5 mm", "39.0", "61.5", "39.0", "92.1", "95.7"
 )  # fmt: skip
 """Both rows were measured once, on recordings that another laboratory published."""
+FORCES = "250–1000 g"
+TRAINED = "250–1000 g, only 40–80 mm/s trained"
+PAPERS_ACCURACIES = _row("the paper", TRAINED, "36.8", "67.5", "–", "85.5", "91.5")
 MECHANISM_HEAD = _row(
     "changed", "parameters", "by depth: between textures", "over within", "mean", "amplitude",
     "by force: between textures", "over within", "mean", "amplitude", "measured by",
@@ -272,15 +301,31 @@ def mechanism_table() -> str:
     return "".join(rows)
 
 
-def our_rows(pressed: str, depths_mm: Sequence[float], reference: float) -> tuple[str, str]:
-    """Return our rows of statistics and accuracies, means over the seeds."""
-    figures, found = [], []
-    for seed in SHOWN_SEEDS:
-        (slides,) = simulate_slides(WorldParameters(), SHOWN_REPEATS, (seed,), depths_mm)
-        figures.append(skin_figures(slides.samples, slides.design))
-        found.append(slide_accuracies(slides, reference))
-    accuracies = [f"{mean:.1f}" for mean in np.mean(found, axis=0)]
-    return _row(OURS, pressed, *figures[0].cells), _row(OURS, pressed, *accuracies)
+def _depths(depths_mm: Sequence[float]) -> str:
+    return f"depths of {depths_mm[0]}–{depths_mm[-1]} mm"
+
+
+WORLDS = {
+    "the simulated bench": WorldParameters(),
+    f"the same with [tools/{START.name}](../../tools/{START.name})": SKIN,
+}
+
+
+def our_statistics(name: str, pressed: str, depths_mm: Sequence[float]) -> str:
+    """Return the row of a world in the table of statistics, of the first seed."""
+    world = WORLDS[name]
+    (slides,) = simulate_slides(world, SHOWN_REPEATS, JUDGES[:1], depths_mm)
+    return _row(name, pressed, *skin_figures(slides.samples, slides.design).cells)
+
+
+def our_accuracies(
+    name: str, pressed: str, depths_mm: Sequence[float], reference: float, task: Task = LEFT_OUT
+) -> str:
+    """Return the row of a world: the mean over the seeds, and the least and the greatest."""
+    sessions = simulate_slides(WORLDS[name], SHOWN_REPEATS, JUDGES, depths_mm)
+    found = np.array([slide_accuracies(slides, reference, task) for slides in sessions])
+    ends = zip(found.mean(axis=0), found.min(axis=0), found.max(axis=0), strict=True)
+    return _row(name, pressed, *(f"{mean:.1f} ({low:.0f}–{high:.0f})" for mean, low, high in ends))
 
 
 def fabric_rows(folder: Path) -> tuple[str, str]:
@@ -308,11 +353,17 @@ def render(page: str, fabrics: Path | None) -> str:
     rows = [kept_rows(page, name) for name in ("statistics", "accuracies")]
     if fabrics is not None:
         rows = list(fabric_rows(fabrics))
-    ours = our_rows("depths of 0.6–1.5 mm", DEPTHS_MM, REFERENCE_MM)
-    forces = our_rows("250–1000 g", (), REFERENCE_FORCE_G)
+    by_depth = [(_depths(depths_mm), depths_mm) for depths_mm in (DEPTHS_MM, SHALLOW_MM)]
+    statistics, accuracies = "", PAPERS_ACCURACIES
+    for name in WORLDS:
+        for pressed, depths_mm in (*by_depth, (FORCES, ())):
+            statistics += our_statistics(name, pressed, depths_mm)
+            reference = depths_mm[1] if depths_mm else REFERENCE_FORCE_G
+            accuracies += our_accuracies(name, pressed, depths_mm, reference)
+        accuracies += our_accuracies(name, TRAINED, (), REFERENCE_FORCE_G, EXTRAPOLATED)
     tables = {
-        "statistics": STATISTICS_HEAD + PRINTED_STATISTICS + rows[0] + ours[0] + forces[0],
-        "accuracies": ACCURACY_HEAD + PRINTED_ACCURACIES + rows[1] + ours[1] + forces[1],
+        "statistics": STATISTICS_HEAD + PRINTED_STATISTICS + rows[0] + statistics,
+        "accuracies": ACCURACY_HEAD + PRINTED_ACCURACIES + rows[1] + accuracies,
         "mechanisms": mechanism_table(),
     }
     for name, lines in tables.items():

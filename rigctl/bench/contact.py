@@ -133,7 +133,8 @@ def gives_mm_g(mounting: Mounting, shape: Shape) -> _Floats:
 def _drops_mm(p: WorldParameters, mounting: Mounting, row: _Floats, column: _Floats) -> _Floats:
     """Return how much less deep than a drum's crest patches are, mm."""
     edge_mm = p.edge_drop_mm * row**2
-    return edge_mm + mounting.tilt_along_mm * row + mounting.tilt_across_mm * column
+    across_mm = p.sensor_tilt_mm + mounting.tilt_across_mm
+    return edge_mm + mounting.tilt_along_mm * row + across_mm * column
 
 
 def force_table(

@@ -64,7 +64,7 @@ class WorldParameters:
     stiffness_g_mm: float = _p(
         600.0, "g/mm", 300, 900, "stiffness of skin and frame, smooth plate, 500 g"
     )
-    frame_share: float = _p(0.5, "", 0.3, 0.8, "share of that deflection in the frame", IDENTIFIED)
+    frame_share: float = _p(0.5, "", 0.3, 0.95, "share of that deflection in the frame", IDENTIFIED)
     pressure_power: float = _p(2.1, "", 1.5, 2.2, "pressure is this power of the depth", IDENTIFIED)
 
     # Load cell
@@ -99,7 +99,12 @@ class WorldParameters:
         0.12, "mm", 0.05, 0.2, "loss of depth at the outer rows from the drum's curve", IDENTIFIED
     )
     skin_length_mm: float = _p(
-        15.0, "mm", 15, 40, "skin along the travel that carries force, the array in its middle"
+        15.0,
+        "mm",
+        15,
+        40,
+        "skin along the travel that carries force, the array in its middle",
+        IDENTIFIED,
     )
     taxel_rise_mm: float = _p(0.0, "mm", 0, 0.5, "rise of the taxels above the skin between them")
     bridging_mm: float = _p(
@@ -124,11 +129,19 @@ class WorldParameters:
     rest_conductance: float = _p(0.02, "", 0, 0.1, "conductance without load")
     gain_spread: float = _p(0.14, "", 0, 0.4, "spread of gain over the taxels, rms", IDENTIFIED)
     session_spread: float = _p(0.04, "", 0, 0.15, "change of each gain from session to session")
+    sensor_tilt_mm: float = _p(
+        0.0, "mm", 0, 0.3, "tilt of the sensor a taxel pitch, across the travel", IDENTIFIED
+    )
     plate_tilt_mm: float = _p(
         0.002, "mm", 0, 0.1, "tilt of a mounted plate a taxel pitch, each way, rms", IDENTIFIED
     )
     plate_give_mm: float = _p(
-        0.0, "mm", 0, 0.1, "tilt that 500 g add to a mounted plate a taxel pitch, each way, rms"
+        0.0,
+        "mm",
+        0,
+        0.1,
+        "tilt that 500 g add to a mounted plate a taxel pitch, each way, rms",
+        IDENTIFIED,
     )
     mounting_spread: float = _p(
         0.017, "", 0, 0.03, "change of each gain from mounting to mounting, rms", IDENTIFIED

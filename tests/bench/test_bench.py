@@ -22,6 +22,7 @@ from rigctl.bench.mechanics import (
 from rigctl.bench.parameters import WorldParameters
 from rigctl.bench.simulated_rig import LoadcellFault
 from rigctl.bench.textures import CATALOGUE, printed_heights
+from rigctl.config.rig_config import PAPER_ARRAY
 from rigctl.encoder.reading import conductance, input_of_each
 from rigctl.protocol.fields import CATALOGUE_WORDS
 from rigctl.values import DRAWN_WIRING
@@ -161,6 +162,18 @@ def test_a_plate_that_gives_in_tilts_with_the_force() -> None:
 
     light, heavy = (pattern(yielding, force) / pattern(QUIET, force) for force in (100.0, 1000.0))
     assert np.ptp(heavy) > 1.5 * np.ptp(light) > 0.0
+
+
+def test_under_a_tilted_sensor_one_column_carries_more_and_the_other_less() -> None:
+    patterns = []
+    for tilt_mm in (0.0, 0.05):
+        bench = Bench(dataclasses.replace(QUIET, sensor_tilt_mm=tilt_mm), 1)
+        bench.set_plate("A")
+        press(bench, 500.0)
+        top = turn(bench, 80.0, 400).mean(axis=0)[np.array(PAPER_ARRAY.drawn_order[:9])]
+        patterns.append(top.reshape(3, 3).mean(axis=0))
+    deeper, middle, shallower = patterns[1] / patterns[0]
+    assert deeper > 1.05 and shallower < 0.95 and abs(middle - 1.0) < 0.05
 
 
 def test_a_press_of_the_whole_actuator_stays_monotone() -> None:

@@ -1,8 +1,9 @@
-"""Identification of the bench's unknown parameters by the Original column alone."""
+"""Identification of the bench's unknown parameters by the Original column and by real skins."""
 
 from __future__ import annotations
 
 import runpy
+import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -11,10 +12,14 @@ import pytest
 from rigctl.analysis import published
 from rigctl.bench import parameter_tables
 from rigctl.bench.parameters import IDENTIFIED, WorldParameters, parameter_infos
+from rigctl.bench.world_file import load_world
 from tools import identify_bench
-from tools.identify_bench import main
-from tools.skin_figures import RANGES, SkinMeasures, measure_skin
-from tools.slides import Slider, simulate_slides
+from tools.identify_bench import JUDGES, main
+from tools.skin_figures import RANGES, SkinMeasures, measure_skin, skin_figures
+from tools.slides import DEPTHS_MM, Slider, simulate_slides
+
+MOST_EXCESS = 0.1
+"""A session's mountings move the figures: a tenth of a bound beyond their ranges, in sum."""
 
 
 @pytest.fixture
@@ -36,8 +41,16 @@ def test_the_scaled_columns_are_never_read(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_every_identified_parameter_has_a_start_value_and_no_other_is_searched() -> None:
     names = [row.name for row in identify_bench.identified_parameters(WorldParameters())]
-    assert names == list(identify_bench.START)
+    with identify_bench.START.open("rb") as file:
+        assert names == list(tomllib.load(file))
     assert names == [row.name for row in parameter_infos() if row.source == IDENTIFIED]
+
+
+def test_the_identified_skin_has_at_set_depths_the_statistics_of_printed_textures() -> None:
+    world = load_world(identify_bench.START).parameters
+    (slides,) = simulate_slides(world, 1, JUDGES[:1], DEPTHS_MM)
+    figures = skin_figures(slides.samples, slides.design)
+    assert figures.depth_excess < MOST_EXCESS, figures
 
 
 def test_a_session_depends_only_on_its_own_seed() -> None:
@@ -56,7 +69,7 @@ def test_a_plate_is_pressed_with_the_requested_force() -> None:
 
 
 def test_a_step_replaces_the_best_only_if_better_and_is_reproducible(brief: None) -> None:
-    start = identify_bench.evaluate(replace(WorldParameters(), **identify_bench.START))
+    start = identify_bench.evaluate(load_world(identify_bench.START).parameters)
     candidates = []
     for _ in range(2):
         parameter_search = identify_bench.ParameterSearch(start, 5)
@@ -64,6 +77,23 @@ def test_a_step_replaces_the_best_only_if_better_and_is_reproducible(brief: None
         assert parameter_search.best is min((start, candidates[-1]), key=lambda one: one.error)
     assert candidates[0] == candidates[1]
     assert candidates[0].parameters != start.parameters
+
+
+def test_a_parameter_is_identified_by_the_figure_that_it_moves_and_others_are_free(
+    brief: None,
+) -> None:
+    start = identify_bench.evaluate(load_world(identify_bench.START).parameters)
+    search = identify_bench.ParameterSearch(start, 5)
+    for share in (-0.2, -0.1, 0.1, 0.2):
+        moved = {**start.original, "groups": start.original["groups"] + 100.0 * share}
+        value = start.parameters.relaxation * (1.0 + share)
+        parameters = replace(start.parameters, relaxation=value)
+        search.add(replace(start, parameters=parameters, original=moved))
+    table = {line.split("`")[1]: line for line in search.precision().splitlines()[2:]}
+    found = identify_bench.identified_parameters(start.parameters)
+    assert list(table) == [row.name for row in found]
+    assert "| ± " in table["relaxation"] and "| groups |" in table["relaxation"]
+    assert all("| free |" in line for name, line in table.items() if name != "relaxation")
 
 
 def test_the_command_prints_a_world_file(brief: None, capsys: pytest.CaptureFixture[str]) -> None:

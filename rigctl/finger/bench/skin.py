@@ -75,12 +75,15 @@ class FingerSkin:
     """
 
     def __init__(self, parameters: WorldParameters, seed: int, rest: float = 1.0) -> None:
-        # A plate is flat, so no row of taxels stands off as on the drum's curve.
+        # A plate is flat, so no row of taxels stands off as on the drum's curve, a finger turns
+        # until its sensor lies on the plate, and its tip is no longer than the array.
         self._p = replace(
             validated(parameters),
             circumference_mm=TABLE_MM,
             plate_length_mm=PLATE_MM,
             edge_drop_mm=0.0,
+            sensor_tilt_mm=0.0,
+            skin_length_mm=15.0,
             rest_conductance=parameters.rest_conductance * rest,
         )
         self._motion = _Motion()

@@ -1,0 +1,164 @@
+"""Measure which spread of a person's movement decides how well a moving finger knows textures.
+
+``python -m tools.finger_spreads`` prints the table of ``docs/explanation/moving-finger.md``: sets
+of the paper's protocol from slides of the virtual finger, without board, cable and tracker. The
+velocity of a batch is the true one, so what the tracker adds is not in them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rigctl.bench.parameters import WorldParameters
+from rigctl.bench.world_file import load_world
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.errors import RigctlError
+from rigctl.finger.analysis.scans import (
+    KINDS,
+    FingerDataSet,
+    ScanRecording,
+    encode_readings,
+    scan_set,
+)
+from rigctl.finger.analysis.tasks import DrawSettings, run_finger_tasks
+from rigctl.finger.bench.operator import ALONG, FORCE, draw_habits, draw_slide
+from rigctl.finger.bench.operator_parameters import OperatorParameters
+from rigctl.finger.bench.skin import TOP_LAYER, FingerSkin
+from rigctl.finger.published import DEPLOYED, NEW_SESSION, SAME_SESSION
+from rigctl.finger.scaled_time import BATCH_SAMPLES
+from rigctl.finger.values import MARKS_MM, Stage, VelocityProfile
+from tools.identify_bench import JUDGES
+
+PLATES = ("A", "B", "D", "L", "N")
+REPEATS = {Stage.NORMALISE: 2, Stage.TRAIN: 4, Stage.CALIBRATE: 2, Stage.RUN: 4}
+FIRST_SESSION = (Stage.NORMALISE, Stage.TRAIN)
+COMPONENTS = 25
+DRAWS = 10
+SPREADS: Mapping[str, tuple[str, ...]] = {
+    "speed": ("speed_session_spread", "speed_scan_spread", "speed_wander_spread"),
+    "path": (
+        "run_up_scatter_mm",
+        "lateral_session_mm",
+        "lateral_scan_mm",
+        "lateral_wander_mm",
+        "skew_session_deg",
+        "skew_scan_deg",
+        "seating_mm",
+    ),
+    "pressure": ("force_session_spread", "force_scan_spread", "force_wander_spread"),
+    "the sensor on the finger": (
+        "tilt_attachment_deg",
+        "tilt_scan_deg",
+        "turn_attachment_deg",
+        "turn_scan_deg",
+        "shift_attachment_mm",
+        "attachment_spread",
+        "gain_drift_spread",
+        "rest_drift_spread",
+    ),
+}
+"""Parameters of the virtual person, by what they move."""
+PERSONS: Mapping[str, tuple[str, ...]] = {
+    "the virtual person": (),
+    **{f"without spread of {what}": names for what, names in SPREADS.items()},
+    "without any spread": tuple(name for names in SPREADS.values() for name in names),
+}
+TASKS = (SAME_SESSION, NEW_SESSION, DEPLOYED)
+
+
+class SlidingFinger:
+    """A person and a sensor in one session; every slide begins where it touches the plate."""
+
+    def __init__(
+        self, parameters: WorldParameters, operator: OperatorParameters, seed: int, session: int
+    ) -> None:
+        self._operator, self._seed = operator, (seed, session)
+        self._habits = draw_habits(operator, np.random.default_rng(self._seed))
+        self._skin = FingerSkin(parameters, 1000 * seed + session, self._habits.rest)
+        self._n_slides = itertools.count(1)
+
+    def scan(self, plate: str, profile: VelocityProfile, stage: Stage) -> ScanRecording:
+        """Return a scan between the marks, not yet encoded: its spikes are 0."""
+        number = next(self._n_slides)
+        random = np.random.default_rng([*self._seed, number])
+        slide = draw_slide(self._operator, self._habits, profile, random)
+        self._skin.begin_slide(number, plate, slide.mounting)
+        along_mm, force_g = (np.ascontiguousarray(slide.rows[:, i]) for i in (ALONG, FORCE))
+        readings = self._skin.advance(along_mm, force_g)[:, TOP_LAYER]
+        inside = slice(*(slide.down + np.searchsorted(along_mm[slide.down : slide.up], MARKS_MM)))
+        ends_mm = [*along_mm[inside][::BATCH_SAMPLES], along_mm[inside.stop]]
+        # A batch takes as many milliseconds as it has samples.
+        velocities_um_per_s = np.rint(1e6 * np.diff(ends_mm) / BATCH_SAMPLES).astype(np.int64)
+        return ScanRecording(
+            readings[inside],
+            np.zeros_like(readings[inside], np.uint8),
+            velocities_um_per_s,
+            plate,
+            profile.value,
+            stage.value,
+            number,
+        )
+
+
+def simulate_data_set(
+    parameters: WorldParameters, operator: OperatorParameters, seed: int
+) -> FingerDataSet:
+    """Return the scans of a first session and of one on a later day."""
+    sets, ranges = [], None
+    for session, stages in enumerate((FIRST_SESSION, (Stage.CALIBRATE, Stage.RUN))):
+        finger = SlidingFinger(parameters, operator, seed, session)
+        scans = [
+            finger.scan(plate, profile, stage)
+            for stage in stages
+            for _ in range(REPEATS[stage])
+            for plate, profile in itertools.product(PLATES, VelocityProfile)
+        ]
+        if ranges is None:
+            first = [one.readings for one in scans if one.stage == Stage.NORMALISE.value]
+            ranges = Normalisation.from_samples(first, "normalisation")
+        scans = [one._replace(spikes=encode_readings(one.readings, ranges)) for one in scans]
+        sets.append(scan_set(f"session {session}", scans, ranges, simulated=True))
+    return FingerDataSet.from_sessions(f"seed {seed}", *sets)
+
+
+def accuracies(data_sets: Sequence[FingerDataSet]) -> list[float]:
+    """Return accuracies in per cent with :data:`COMPONENTS`: of each task, of each kind."""
+    results, _ = run_finger_tasks(data_sets, DrawSettings(draws=DRAWS))
+    of = {result.task: result for result in results}
+    return [100.0 * float(of[task].mean(kind)[COMPONENTS - 1]) for task in TASKS for kind in KINDS]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Print a row for the nominal person and one for each spread that is taken away."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--world", type=Path, help="world file of skin and plates")
+    parser.add_argument("--seeds", type=int, nargs="+", default=JUDGES, help="(4 5 6)")
+    options = parser.parse_args(arguments)
+    try:
+        world = load_world(options.world).parameters if options.world else WorldParameters()
+    except RigctlError as error:
+        print(f"rigctl: {error}", file=sys.stderr)
+        return 2
+    print(_row("person", *(f"{task.key}, {kind}" for task in TASKS for kind in KINDS)))
+    print(_row(*["---"] * (1 + len(TASKS) * len(KINDS))))
+    for name, spreads in PERSONS.items():
+        person: Any = replace(OperatorParameters(), **dict.fromkeys(spreads, 0.0))
+        sets = [simulate_data_set(world, person, seed) for seed in options.seeds]
+        print(_row(name, *(f"{accuracy:.1f}" for accuracy in accuracies(sets))), flush=True)
+    return 0
+
+
+def _row(*cells: str) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
