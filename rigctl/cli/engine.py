@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from contextlib import closing
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rigctl.cli.arguments import about_of, add_about
-from rigctl.cli.engine_process import EngineProcess, add_engine_arguments, load_numba, utc_now
+from rigctl.cli.engine_process import EngineProcess, add_engine_arguments, utc_now
 from rigctl.cli.world import add_wirings, chosen_world, session_world
 from rigctl.engine.drum_commands import DrumCommands
 from rigctl.engine.engine import Engine
@@ -29,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Open the rig, announce the engine, wait for its first client, serve."""
-    load_numba()
+    _load_numba()
     rig = open_rig(
         args.rig, seed=args.seed, paced=args.paced, world=_world(args), wirings=args.wire
     )
@@ -39,6 +41,18 @@ def run(args: argparse.Namespace) -> int:
         engine = Engine(rig, live, utc_now, real_time=args.paced or not rig.simulated)
         with closing(live):
             return process.serve(engine, DrumCommands(engine).handle, _run_request(args))
+
+
+def _load_numba() -> None:
+    """Load what the kernels of a rig need, without the linear algebra of SciPy, which they do not.
+
+    numba loads that with its first kernel if it is there: a seventh of the start of an engine.
+    """
+    blas = "scipy.linalg.cython_blas"
+    if blas not in sys.modules:
+        sys.modules[blas] = None  # type: ignore[assignment] # Python's mark of what cannot be had
+        import_module("numba.np.arraymath")
+        del sys.modules[blas]
 
 
 def _run_request(args: argparse.Namespace) -> RunRequest | None:

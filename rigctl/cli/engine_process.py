@@ -11,7 +11,6 @@ import signal
 import socket
 import sys
 from datetime import UTC, datetime
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -36,18 +35,6 @@ from rigctl.engine.served_engine import ServedEngine
 from rigctl.errors import WrongUse
 from rigctl.experiments import DRUM_EXPERIMENT
 from rigctl.protocol.plan import MAX_SEED
-
-
-def load_numba() -> None:
-    """Load what the kernels of a rig need, without the linear algebra of SciPy, which they do not.
-
-    numba loads that with its first kernel if it is there: a seventh of the start of an engine.
-    """
-    blas = "scipy.linalg.cython_blas"
-    if blas not in sys.modules:
-        sys.modules[blas] = None  # type: ignore[assignment] # Python's mark of what cannot be had
-        import_module("numba.np.arraymath")
-        del sys.modules[blas]
 
 
 class EngineProcess:

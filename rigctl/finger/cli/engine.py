@@ -6,7 +6,7 @@ import argparse
 from contextlib import closing
 
 from rigctl.cli.arguments import about_of, add_about, add_option, number, path_or_name, whole_number
-from rigctl.cli.engine_process import EngineProcess, add_engine_arguments, load_numba, utc_now
+from rigctl.cli.engine_process import EngineProcess, add_engine_arguments, utc_now
 from rigctl.cli.world import chosen_world
 from rigctl.experiments import FINGER_EXPERIMENT
 from rigctl.finger.analysis.classifier import COVERAGE, ERROR_RATE
@@ -31,7 +31,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Open the rig, announce the engine, wait for its first client, serve."""
-    load_numba()
     rig = open_finger_rig(
         args.rig,
         seed=args.seed,
