@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     add_option(parser, "sessions", a_path, "SESSION", "sessions of one sensor", nargs="+")
     smooth = published.SMOOTH
-    parser.add_argument("--texture", default=smooth, metavar="NAME", help=f"the plate ({smooth})")
+    parser.add_argument("--plate", default=smooth, metavar="NAME", help=f"the plate ({smooth})")
     add_option(parser, "--force", number(0, 1e6), "G", "the force", default=REFERENCE_FORCE_G)
     parser.add_argument(
         "--reading", type=Reading, choices=list(Reading), default=Reading.CONDUCTANCE,
@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
     """Print the table."""
     from rigctl.analysis.sensor_history import as_dict, sensor_history, table_lines
 
-    found = sensor_history(args.sessions, args.texture, args.force, args.reading)
+    found = sensor_history(args.sessions, args.plate, args.force, args.reading)
     text = json.dumps(as_dict(found), ensure_ascii=False)
     print(text if args.json else "\n".join(table_lines(found)))
     return 0
