@@ -213,7 +213,9 @@ def test_more_workers_than_cores_are_asked_for_twice(
 
 def test_every_argument_of_every_command_has_a_declared_type() -> None:
     """A new option is checked, or it would read pipes and take 10⁴⁰⁰."""
-    free = {"set", "preset", "dask", "name", "task", "representation", "plate", "port", "stage"}
+    free = {
+        "set", "preset", "dask", "name", "task", "also", "representation", "plate", "port", "stage",
+    }  # fmt: skip
     for command in set(MODULES) - {"gui"}:
         for action in _actions(create_parser([command])):
             takes_text = action.nargs != 0 and action.choices is None and action.type is None

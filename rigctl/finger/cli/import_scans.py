@@ -16,7 +16,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_option(parser, "--out", a_path, "DIR", "folder of the new session", required=True)
     parser.add_argument(
-        "--sensor", default="imported", help="name of the sensor, the same for all its sessions"
+        "--sensor",
+        default="imported",
+        type=str.strip,
+        help="name of the sensor, the same for all its sessions",
     )
 
 

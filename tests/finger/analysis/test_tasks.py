@@ -176,7 +176,7 @@ def test_an_analysis_file_changes_profiles_shares_and_components() -> None:
 def test_too_few_trials_are_refused() -> None:
     one = SETS[0]
     few = replace(one, training=one.training.of_profiles(["slow"]))
-    with pytest.raises(WrongUse, match="4 folds cannot be made"):
+    with pytest.raises(WrongUse, match="too few for a classifier"):
         run_finger_tasks([few], DrawSettings(1))
     with pytest.raises(WrongUse, match="one draw or more"):
         DrawSettings(0)
