@@ -1,7 +1,7 @@
 """Search for the unknown parameters of the simulated bench.
 
 The paper's Original column and the statistics of real skins decide. ``make identify`` runs it for
-half an hour and prints the parameters as a TOML file (decision 48).
+half an hour and prints the parameters as a TOML file (decision 49).
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ CHANGED = 0.4
 """Share of the parameters that a random step changes."""
 
 START = Path(__file__).with_name("skin.toml")
-"""World at which a search begins; decision 48 says where its values are from."""
+"""World at which a search begins; decision 49 says where its values are from."""
 
 REPEATS_GAIN_POINTS = {
     "textures": 1.9,
