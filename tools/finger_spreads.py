@@ -1,8 +1,8 @@
 """Measure which spread of a person's movement decides how well a moving finger knows textures.
 
 ``python -m tools.finger_spreads`` prints the table of ``docs/explanation/moving-finger.md``: sets
-of the paper's protocol from slides of the virtual finger, without board, cable and tracker. The
-velocity of a batch is the true one, so what the tracker adds is not in them.
+of the paper's protocol from slides of the virtual finger, without board and cable. Marks and
+velocities are those of the wrist, which wears the tracker; its noise and delay are not in them.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from rigctl.finger.analysis.scans import (
     scan_set,
 )
 from rigctl.finger.analysis.tasks import DrawSettings, run_finger_tasks
-from rigctl.finger.bench.operator import ALONG, FORCE, draw_habits, draw_slide
+from rigctl.finger.bench.operator import ALONG, FORCE, WRIST_ALONG, draw_habits, draw_slide
 from rigctl.finger.bench.operator_parameters import OperatorParameters
 from rigctl.finger.bench.skin import TOP_LAYER, FingerSkin
 from rigctl.finger.published import DEPLOYED, NEW_SESSION, SAME_SESSION
@@ -64,6 +64,7 @@ SPREADS: Mapping[str, tuple[str, ...]] = {
         "gain_drift_spread",
         "rest_drift_spread",
     ),
+    "the wrist": ("wrist_session_mm", "wrist_scan_mm", "wrist_bend_mm", "wrist_wander_mm"),
 }
 """Parameters of the virtual person, by what they move."""
 PERSONS: Mapping[str, tuple[str, ...]] = {
@@ -93,8 +94,10 @@ class SlidingFinger:
         self._skin.begin_slide(number, plate, slide.mounting)
         along_mm, force_g = (np.ascontiguousarray(slide.rows[:, i]) for i in (ALONG, FORCE))
         readings = self._skin.advance(along_mm, force_g)[:, TOP_LAYER]
-        inside = slice(*(slide.down + np.searchsorted(along_mm[slide.down : slide.up], MARKS_MM)))
-        ends_mm = [*along_mm[inside][::BATCH_SAMPLES], along_mm[inside.stop]]
+        tracked_mm = along_mm + slide.rows[:, WRIST_ALONG]
+        at_marks = [np.argmax(tracked_mm[slide.down : slide.up] >= mark) for mark in MARKS_MM]
+        inside = slice(*(slide.down + np.array(at_marks)))
+        ends_mm = [*tracked_mm[inside][::BATCH_SAMPLES], tracked_mm[inside.stop]]
         # A batch takes as many milliseconds as it has samples.
         velocities_um_per_s = np.rint(1e6 * np.diff(ends_mm) / BATCH_SAMPLES).astype(np.int64)
         return ScanRecording(
