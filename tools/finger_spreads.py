@@ -97,13 +97,13 @@ class SlidingFinger:
         tracked_mm = along_mm + slide.rows[:, WRIST_ALONG]
         at_marks = [np.argmax(tracked_mm[slide.down : slide.up] >= mark) for mark in MARKS_MM]
         inside = slice(*(slide.down + np.array(at_marks)))
-        ends_mm = [*tracked_mm[inside][::BATCH_SAMPLES], tracked_mm[inside.stop]]
-        # A batch takes as many milliseconds as it has samples.
-        velocities_um_per_s = np.rint(1e6 * np.diff(ends_mm) / BATCH_SAMPLES).astype(np.int64)
+        # A batch takes as many milliseconds as it has samples; the last one may have fewer.
+        ends = np.append(np.arange(inside.start, inside.stop, BATCH_SAMPLES), inside.stop)
+        velocities_um_per_s = np.rint(1e6 * np.diff(tracked_mm[ends]) / np.diff(ends))
         return ScanRecording(
             readings[inside],
             np.zeros_like(readings[inside], np.uint8),
-            velocities_um_per_s,
+            velocities_um_per_s.astype(np.int64),
             plate,
             profile.value,
             stage.value,

@@ -1,0 +1,59 @@
+"""Sets of the moving finger from slides, without what the virtual person spreads."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from rigctl.bench.parameters import WorldParameters
+from rigctl.finger.bench.operator_parameters import OperatorParameters
+from rigctl.finger.values import Stage, VelocityProfile
+from tools import finger_spreads
+from tools.finger_spreads import PERSONS, SlidingFinger, main, simulate_data_set
+
+
+@pytest.fixture
+def brief(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make two slides over two plates in each profile and stage."""
+    monkeypatch.setattr(finger_spreads, "PLATES", ("A", "D"))
+    monkeypatch.setattr(finger_spreads, "REPEATS", dict.fromkeys(Stage, 2))
+    monkeypatch.setattr(finger_spreads, "COMPONENTS", 3)
+    monkeypatch.setattr(finger_spreads, "DRAWS", 1)
+
+
+def test_every_spread_is_a_parameter_of_the_person() -> None:
+    known = {field.name for field in fields(OperatorParameters)}
+    assert all(known.issuperset(names) for names in PERSONS.values())
+
+
+def test_the_same_seed_makes_the_same_scans(brief: None) -> None:
+    one, again = (simulate_data_set(WorldParameters(), OperatorParameters(), 4) for _ in range(2))
+    assert np.array_equal(one.training.windows, again.training.windows)
+    assert len(one.training) == len(one.calibration) == len(one.tested) == 2 * 2 * 5
+    assert one.textures == ("A", "D")
+
+
+def test_a_person_without_spread_slides_alike_and_over_the_whole_way() -> None:
+    still = replace(OperatorParameters(), **dict.fromkeys(PERSONS["without any spread"], 0.0))
+    finger = SlidingFinger(WorldParameters(), still, 4, 0)
+    scans = [finger.scan("A", VelocityProfile.MEDIUM, Stage.TRAIN) for _ in range(2)]
+    assert len({len(scan.readings) for scan in scans}) == 1
+    for scan in scans:
+        seconds = (
+            np.diff(np.append(np.arange(0, len(scan.readings), 100), len(scan.readings))) / 1000
+        )
+        way_mm = float(np.sum(scan.velocities_um_per_s * seconds)) / 1000
+        assert way_mm == pytest.approx(200.0, abs=0.5)
+        assert scan.readings.mean() > 60
+
+
+def test_the_command_prints_a_row_for_each_person(
+    brief: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["--seeds", "4", "--world", "tools/skin.toml"]) == 0
+    rows = capsys.readouterr().out.splitlines()
+    assert [row.split(" | ")[0] for row in rows[2:]] == [f"| {name}" for name in PERSONS]
+    assert main(["--world", "none.toml"]) == 2
+    assert "none.toml" in capsys.readouterr().err
