@@ -9,6 +9,7 @@ import pytest
 
 from rigctl.bench.parameters import WorldParameters
 from rigctl.finger.bench.operator_parameters import OperatorParameters
+from rigctl.finger.scaled_time import BATCH_SAMPLES
 from rigctl.finger.values import Stage, VelocityProfile
 from tools import finger_spreads
 from tools.finger_spreads import PERSONS, SlidingFinger, main, simulate_data_set
@@ -41,9 +42,8 @@ def test_a_person_without_spread_slides_alike_and_over_the_whole_way() -> None:
     scans = [finger.scan("A", VelocityProfile.MEDIUM, Stage.TRAIN) for _ in range(2)]
     assert len({len(scan.readings) for scan in scans}) == 1
     for scan in scans:
-        seconds = (
-            np.diff(np.append(np.arange(0, len(scan.readings), 100), len(scan.readings))) / 1000
-        )
+        n = len(scan.readings)
+        seconds = np.diff([*range(0, n, BATCH_SAMPLES), n]) / 1000
         way_mm = float(np.sum(scan.velocities_um_per_s * seconds)) / 1000
         assert way_mm == pytest.approx(200.0, abs=0.5)
         assert scan.readings.mean() > 60
