@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from contextlib import closing
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,7 +29,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Open the rig, announce the engine, wait for its first client, serve."""
-    _load_numba()
     rig = open_rig(
         args.rig, seed=args.seed, paced=args.paced, world=_world(args), wirings=args.wire
     )
@@ -41,18 +38,6 @@ def run(args: argparse.Namespace) -> int:
         engine = Engine(rig, live, utc_now, real_time=args.paced or not rig.simulated)
         with closing(live):
             return process.serve(engine, DrumCommands(engine).handle, _run_request(args))
-
-
-def _load_numba() -> None:
-    """Load what the kernels of a rig need, without the linear algebra of SciPy, which they do not.
-
-    numba loads that with its first kernel if it is there: a seventh of the start of an engine.
-    """
-    blas = "scipy.linalg.cython_blas"
-    if blas not in sys.modules:
-        sys.modules[blas] = None  # type: ignore[assignment] # Python's mark of what cannot be had
-        import_module("numba.np.arraymath")
-        del sys.modules[blas]
 
 
 def _run_request(args: argparse.Namespace) -> RunRequest | None:
