@@ -42,7 +42,7 @@ class Engine(ServedEngine[Run, RunRequest]):
     def __init__(
         self, rig: Rig, live_writer: LiveWriter, utc_now: Callable[[], str], real_time: bool = True
     ) -> None:
-        super().__init__(rig.loop, rig.description, TruthRecorder(rig.truth, DRUM_TRUTH))
+        super().__init__(rig.loop, rig.description, TruthRecorder(lambda: rig.truth, DRUM_TRUTH))
         self.rig = rig
         self.heartbeat_gate = HeartbeatGate(rig.loop.time)
         self.boards = RigBoards(

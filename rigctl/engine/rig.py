@@ -46,7 +46,7 @@ class Rig:
 
     @property
     def truth(self) -> Any:
-        """What a simulated rig logs that nobody measures; None at the bench."""
+        """What a simulated rig logs that nobody measures, up to now; None at the bench."""
         return self.simulation.truth if self.simulated else None
 
     @property

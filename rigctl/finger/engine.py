@@ -26,7 +26,7 @@ class FingerEngine(ServedEngine[FingerRun, FingerRunRequest]):
     def __init__(
         self, rig: FingerRig, live_writer: FingerLiveWriter, utc_now: Callable[[], str]
     ) -> None:
-        super().__init__(rig.loop, rig.description, TruthRecorder(rig.truth, FINGER_TRUTH))
+        super().__init__(rig.loop, rig.description, TruthRecorder(lambda: rig.truth, FINGER_TRUTH))
         self.rig = rig
         self.latencies = LatencyLog()
         self.devices = FingerDevices(

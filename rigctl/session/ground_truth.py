@@ -442,18 +442,20 @@ class Truth(Protocol):
 class TruthRecorder:
     """Logs the truth of a simulated rig beside its sessions; does nothing at a real one.
 
-    ``truth``: None at a real rig. ``columns``: those of its rows. Methods raise DiskFault.
+    ``truth_of``: returns the truth up to the present time, None at a real rig. ``columns``: those
+    of its rows. Methods raise DiskFault.
     """
 
-    def __init__(self, truth: Truth | None, columns: Columns) -> None:
-        self._truth = truth
+    def __init__(self, truth_of: Callable[[], Truth | None], columns: Columns) -> None:
+        self._truth_of = truth_of
         self._columns = columns
         self._log: TruthLog | None = None
 
     def begin(self, folder: Path, start: Start) -> None:
         """Log into a session from now on. ``start`` is that of the sitting."""
-        if self._truth is not None:
-            first_ms, *columns = self._truth.take()
+        truth = self._truth_of()
+        if truth is not None:
+            first_ms, *columns = truth.take()
             self._log = begin_log(folder, start, first_ms + len(columns[0]), columns=self._columns)
 
     def save(self, is_last: bool = False) -> None:
@@ -461,9 +463,10 @@ class TruthRecorder:
 
         Without a log they are dropped, so that a rig may stand for days.
         """
-        if self._truth is None or (self._truth.n_rows < TRUTH_PERIOD_MS and not is_last):
+        truth = self._truth_of()
+        if truth is None or (truth.n_rows < TRUTH_PERIOD_MS and not is_last):
             return
-        rows, log = self._truth.take(), self._log
+        rows, log = truth.take(), self._log
         if is_last:
             self._log = None
         if log is not None:

@@ -9,14 +9,14 @@ import h5py
 import pytest
 
 from rigctl.errors import SessionError
-from rigctl.session.ground_truth import COLUMNS, END, check_log
-from rigctl.session.layout import LIBVER
+from rigctl.session.ground_truth import END, check_log
+from rigctl.session.layout import DRUM_TRUTH, LIBVER
 from rigctl.session.verify import verify
 from tests.session.building import record_plan
 from tests.session.hostile.spoiling import HOSTILE, spoil
 from tests.session.test_truth_log import write_log
 
-PATHS = [each.path for each in (*COLUMNS, END)]
+PATHS = [each.path for each in (*DRUM_TRUTH, END)]
 
 
 @pytest.fixture(scope="module")
