@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from rigctl.analysis.pca_lda import count_real_components, fit_pca
 from rigctl.analysis.report.figure import Figure
 from rigctl.analysis.splits import make_splits
-from rigctl.analysis.statistics import welch_each
 from rigctl.analysis.study import (
     Case,
     Findings,
@@ -21,7 +20,7 @@ from rigctl.analysis.study import (
     Study,
     bar_panel,
     cases,
-    mean_and_sd,
+    compared_row,
 )
 from rigctl.analysis.tasks import TaskResult
 
@@ -65,10 +64,10 @@ def measure(study: Study) -> Findings:
         for one in study.shown:
             lda = _lda(result, one.key, study.draws, min(job.case.k for job in jobs
                        if job.case.family == result.task.family))  # fmt: skip
-            rows.append(_row(result, one.name, LDA, lda, lda))
+            rows.append(compared_row(result, one.name, lda, lda, classifier=LDA))
             for name in names:
                 mine = shares[result.task.key, one.key, name]
-                rows.append(_row(result, one.name, name, mine, lda))
+                rows.append(compared_row(result, one.name, mine, lda, classifier=name))
     sentences = _sentences(study, rows, names)
     if unconverged:
         sentences.append(f"{unconverged} fits of these classifiers did not converge.")
@@ -136,25 +135,6 @@ def _answers(
     np.add.at(counts, (means.labels_, truth), 1)
     found[CLUSTERS] = counts.argmax(axis=1)[means.predict(test)]
     return found
-
-
-def _row(
-    result: TaskResult, name: str, classifier: str, shares: Sequence[float], lda: Sequence[float]
-) -> Row:
-    mean, sd = mean_and_sd(shares)
-    (test,) = welch_each(
-        np.array(shares)[:, None], np.array(lda)[:, None], result.thresholds.asterisks
-    )
-    return {
-        "task": result.task.title,
-        "representation": name,
-        "classifier": classifier,
-        "mean_percent": mean,
-        "sd_percent": sd,
-        "p": test.p,
-        "d": test.effect,
-        "stars": test.stars,
-    }
 
 
 def _sentences(study: Study, rows: Sequence[Row], names: Sequence[str]) -> list[str]:

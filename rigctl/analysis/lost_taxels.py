@@ -20,9 +20,9 @@ from rigctl.analysis.study import (
     Findings,
     Row,
     Study,
+    accuracy_row,
     cases,
     curve_panel,
-    mean_and_sd,
 )
 from rigctl.analysis.tasks import score_splits
 from rigctl.errors import WrongUse
@@ -55,7 +55,13 @@ def measure(study: Study) -> Findings:
         for (task, trained, number), share in found.items():
             shares[task, job.case.representation, trained, number].append(share)
     rows = [
-        _row(result.task.title, one.name, trained, number, shares[key, one.key, trained, number])
+        accuracy_row(
+            result,
+            one.name,
+            shares[key, one.key, trained, number],
+            classifier=trained,
+            taxels_lost=number,
+        )
         for result in study.results
         for key in [result.task.key]
         for one in study.shown
@@ -123,18 +129,6 @@ def _with_old(
     return {
         (key, number): int((found.predictions[name][-1] == answers).sum())
         for name, (key, number, answers) in names.items()
-    }
-
-
-def _row(task: str, name: str, trained: str, number: int, shares: Sequence[float]) -> Row:
-    mean, sd = mean_and_sd(shares)
-    return {
-        "task": task,
-        "representation": name,
-        "classifier": trained,
-        "taxels_lost": number,
-        "mean_percent": mean,
-        "sd_percent": sd,
     }
 
 

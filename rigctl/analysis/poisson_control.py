@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from rigctl.analysis.report.figure import Figure
 from rigctl.analysis.splits import make_splits
-from rigctl.analysis.statistics import welch_each
 from rigctl.analysis.study import (
     Case,
     Findings,
@@ -24,9 +23,9 @@ from rigctl.analysis.study import (
     Study,
     bar_panel,
     cases,
-    mean_and_sd,
+    compared_row,
 )
-from rigctl.analysis.tasks import TaskResult, score_splits
+from rigctl.analysis.tasks import score_splits
 
 STAGE = "classifying Poisson trains"
 REGULAR, POISSON = "as encoded", "Poisson"
@@ -57,7 +56,7 @@ def measure(study: Study) -> Findings:
             regular = [] if curve is None else curve.accuracy[: study.draws, k - 1].tolist()
             drawn = shares[result.task.key, one.key]
             rows += [
-                _row(result, one.name, spikes, mine, regular)
+                compared_row(result, one.name, mine, regular, spikes=spikes)
                 for spikes, mine in ((REGULAR, regular), (POISSON, drawn))
             ]
     panels = [bar_panel(result, rows, "spikes", study.shown) for result in study.results]
@@ -98,24 +97,6 @@ def _score(job: _Job) -> dict[str, float]:
     splits = make_splits(case.design, case.family, case.seed, case.draw)
     scores = score_splits(features, case.design, splits, case.tasks, case.k)
     return {key: float(one.correct[-1]) / one.n_tested for key, one in scores.items()}
-
-
-def _row(
-    result: TaskResult, name: str, spikes: str, shares: Sequence[float], regular: Sequence[float]
-) -> Row:
-    mean, sd = mean_and_sd(shares)
-    first, second = (np.array(one)[:, None] for one in (shares, regular))
-    (test,) = welch_each(first, second, result.thresholds.asterisks)
-    return {
-        "task": result.task.title,
-        "representation": name,
-        "spikes": spikes,
-        "mean_percent": mean,
-        "sd_percent": sd,
-        "p": test.p,
-        "d": test.effect,
-        "stars": test.stars,
-    }
 
 
 def _sentences(study: Study, rows: Sequence[Row]) -> list[str]:

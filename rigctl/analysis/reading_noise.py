@@ -21,9 +21,9 @@ from rigctl.analysis.study import (
     Findings,
     Row,
     Study,
+    accuracy_row,
     cases,
     curve_panel,
-    mean_and_sd,
 )
 
 STAGE = "encoding with noise"
@@ -57,7 +57,13 @@ def measure(study: Study) -> Findings:
                     shares[task, job.case.representation, trained, counts].append(share)
     study.resources.progress(STAGE, len(levels), len(levels))
     rows = [
-        _row(result.task.title, one.name, trained, counts, shares[key, one.key, trained, counts])
+        accuracy_row(
+            result,
+            one.name,
+            shares[key, one.key, trained, counts],
+            classifier=trained,
+            noise_counts=counts,
+        )
         for result in study.results
         for key in [result.task.key]
         for one in study.shown
@@ -108,18 +114,6 @@ def _score(job: _Job) -> dict[tuple[str, str], float]:
         for key, rows in tests.items():
             tested[key] += len(rows)
     return {key: n_right / tested[key[0]] for key, n_right in right.items()}
-
-
-def _row(task: str, name: str, trained: str, counts: float, shares: Sequence[float]) -> Row:
-    mean, sd = mean_and_sd(shares)
-    return {
-        "task": task,
-        "representation": name,
-        "classifier": trained,
-        "noise_counts": counts,
-        "mean_percent": mean,
-        "sd_percent": sd,
-    }
 
 
 def _sentences(study: Study, rows: Sequence[Row], most: float) -> list[str]:

@@ -21,6 +21,7 @@ from rigctl.analysis.representations import (
     RepresentationSet,
 )
 from rigctl.analysis.settings import AnalysisSettings
+from rigctl.analysis.statistics import welch_each
 from rigctl.analysis.tasks import SweepSettings, TaskResult
 from rigctl.analysis.trial_set import Design
 
@@ -143,10 +144,32 @@ def cases(study: Study, files: Mapping[str, Path] | None = None) -> list[Case]:
     ]
 
 
-def mean_and_sd(shares: Sequence[float]) -> tuple[float, float | None]:
-    """Return mean and standard deviation (n − 1) over draws, in per cent; None for one draw."""
-    sd = float(np.std(shares, ddof=1)) if len(shares) > 1 else None
-    return percent(float(np.mean(shares))), None if sd is None else percent(sd)
+def accuracy_row(
+    result: TaskResult, name: str, shares: Sequence[float], **columns: str | float
+) -> Row:
+    """Return a row of a representation: mean and standard deviation (n − 1) over draws, per cent.
+
+    ``name``: of the representation; ``columns`` stand between it and the mean. The deviation of a
+    single draw is None.
+    """
+    sd = percent(float(np.std(shares, ddof=1))) if len(shares) > 1 else None
+    mean = percent(float(np.mean(shares)))
+    known = {"task": result.task.title, "representation": name}
+    return {**known, **columns, "mean_percent": mean, "sd_percent": sd}
+
+
+def compared_row(
+    result: TaskResult,
+    name: str,
+    shares: Sequence[float],
+    others: Sequence[float],
+    **columns: str | float,
+) -> Row:
+    """Return the row with Welch's test against the shares of ``others`` over the draws."""
+    first, second = (np.array(one)[:, None] for one in (shares, others))
+    (test,) = welch_each(first, second, result.thresholds.asterisks)
+    compared = {"p": test.p, "d": test.effect, "stars": test.stars}
+    return {**accuracy_row(result, name, shares, **columns), **compared}
 
 
 def percent(share: float) -> float:

@@ -20,9 +20,9 @@ from rigctl.analysis.study import (
     Findings,
     Row,
     Study,
+    accuracy_row,
     bar_panel,
     cases,
-    mean_and_sd,
 )
 from rigctl.analysis.tasks import score_splits
 from rigctl.errors import WrongUse
@@ -161,22 +161,18 @@ def _rows(
     choices: Sequence[TrainChoice],
     shares: dict[tuple[str, str, str], list[float]],
 ) -> list[Row]:
-    rows: list[Row] = []
-    for result in study.results:
-        for one in study.shown:
-            for choice in choices:
-                mean, sd = mean_and_sd(shares[result.task.key, one.key, choice.name])
-                rows.append(
-                    {
-                        "task": result.task.title,
-                        "representation": one.name,
-                        "trains": choice.name,
-                        "number_of_trains": len(choice.rows),
-                        "mean_percent": mean,
-                        "sd_percent": sd,
-                    }
-                )
-    return rows
+    return [
+        accuracy_row(
+            result,
+            one.name,
+            shares[result.task.key, one.key, choice.name],
+            trains=choice.name,
+            number_of_trains=len(choice.rows),
+        )
+        for result in study.results
+        for one in study.shown
+        for choice in choices
+    ]
 
 
 def _sentences(study: Study, rows: Sequence[Row]) -> list[str]:

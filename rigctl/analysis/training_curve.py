@@ -16,10 +16,11 @@ from rigctl.analysis.study import (
     Findings,
     Row,
     Study,
+    accuracy_row,
     cases,
     curve_panel,
-    mean_and_sd,
 )
+from rigctl.analysis.tasks import TaskResult
 from rigctl.errors import WrongUse
 
 STAGE = "training with fewer trials"
@@ -45,7 +46,7 @@ def measure(study: Study) -> Findings:
         for (task, size), point in found.items():
             points[task, case.representation, size].append(point)
     rows = [
-        _row(result.task.title, one.name, points[result.task.key, one.key, size])
+        _row(result, one.name, points[result.task.key, one.key, size])
         for result in study.results
         for one in study.shown
         for size in SHARES
@@ -96,16 +97,9 @@ def _score(case: Case) -> dict[tuple[str, float], _Point]:
     return points
 
 
-def _row(task: str, name: str, points: Sequence[_Point]) -> Row:
-    mean, sd = mean_and_sd([one.share for one in points])
+def _row(result: TaskResult, name: str, points: Sequence[_Point]) -> Row:
     trained = round(float(np.mean([one.trained for one in points])))
-    return {
-        "task": task,
-        "representation": name,
-        "training_trials": trained,
-        "mean_percent": mean,
-        "sd_percent": sd,
-    }
+    return accuracy_row(result, name, [one.share for one in points], training_trials=trained)
 
 
 def _sentences(study: Study, rows: Sequence[Row]) -> list[str]:

@@ -58,7 +58,6 @@ def _factored(v: Any, u: Any, current: Any) -> Any:
 
 
 def _neurons(rise: Any) -> Callable[[NDArray[np.float64], Raster], None]:
-    @numba.njit
     def respond(current: Any, spikes: Any) -> None:
         v, u = np.full(current.shape[1], -70.0), np.full(current.shape[1], -14.0)
         for t in range(current.shape[0]):
@@ -70,7 +69,8 @@ def _neurons(rise: Any) -> Callable[[NDArray[np.float64], Raster], None]:
                         v[j], u[j] = -65.0, u[j] + 6.0
                         spikes[t, j] += 1
 
-    return respond  # type: ignore[no-any-return]  # numba has no types
+    compiled: Callable[[NDArray[np.float64], Raster], None] = numba.njit(respond)
+    return compiled
 
 
 printed, factored = (_neurons(numba.njit(rise)) for rise in (_printed, _factored))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -103,13 +104,16 @@ def test_a_mistake_in_the_list_is_named_with_its_line(
     ],
 )  # fmt: skip
 def test_a_table_that_cannot_be_a_scan_is_refused_in_a_sentence(
-    tmp_path: Path, edit: object, sentence: str, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    edit: Callable[[list[str]], list[str]],
+    sentence: str,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     listed = write_list(
         tmp_path / "files", made_recordings({Stage.TRAIN: 1}, 5, textures=("A",))[:1]
     )
     table = listed.parent / "scan-0.csv"
     rows = table.read_text().splitlines()
-    table.write_text("\n".join(edit(rows)) + "\n")  # type: ignore[operator]  # a lambda above
+    table.write_text("\n".join(edit(rows)) + "\n")
     assert main(["realtime", "import", str(listed), "--out", str(tmp_path / "session")]) == 2
     assert sentence in capsys.readouterr().err and not (tmp_path / "session").exists()
