@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import sqrt
+from math import asin, erfc, sqrt
+from statistics import NormalDist
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -102,12 +103,12 @@ class _Moments(NamedTuple):
 def wilson_interval(correct: Any, n: int) -> tuple[Any, Any]:
     """Return the 95 % Wilson interval of ``correct`` out of ``n``, a number or an array each.
 
-    It stays inside 0–1 for small n too (statsmodels).
+    It stays inside 0–1 for small n too (Wilson 1927, equation 4).
     """
-    from statsmodels.stats.proportion import proportion_confint
-
-    low, high = proportion_confint(correct, n, method="wilson")
-    return low, high
+    share, square = correct / n, NormalDist().inv_cdf(0.975) ** 2 / n
+    middle = (share + square / 2) / (1 + square)
+    half = np.sqrt(square * (share * (1 - share) + square / 4)) / (1 + square)
+    return np.maximum(middle - half, 0.0), np.minimum(middle + half, 1.0)
 
 
 def k_ranges(numbers: Sequence[int] | NDArray[np.intp]) -> str:
@@ -220,17 +221,17 @@ def two_proportions(
     do not hold. Positive where the first share is larger; z is None where no trial, or every one,
     is counted. Raises :class:`WrongUse` for counts that are not between 0 and their n.
     """
-    from statsmodels.stats.proportion import proportion_effectsize, proportions_ztest
-
     others = n if n_second is None else n_second
     if not (n > 0 and others > 0 and 0 <= first <= n and 0 <= second <= others):
         trials = f"{n} trials" if others == n else f"{n} and {others} trials"
         raise WrongUse(f"{first} and {second} are no counts out of {trials}")
-    effect = float(proportion_effectsize(first / n, second / others))
+    effect = 2 * (asin(sqrt(first / n)) - asin(sqrt(second / others)))
     if first + second in (0, n + others):
         return Difference(None, None, effect, weak, rule, TWO_PROPORTIONS)
-    statistic, p = proportions_ztest([first, second], [n, others])
-    return Difference(float(statistic), float(p), effect, weak, rule, TWO_PROPORTIONS)
+    pooled = (first + second) / (n + others)
+    spread = sqrt(pooled * (1 - pooled) * (1 / n + 1 / others))
+    z = (first / n - second / others) / spread
+    return Difference(z, erfc(abs(z) / sqrt(2)), effect, weak, rule, TWO_PROPORTIONS)
 
 
 def curve_test_dict(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import binomtest, chi2_contingency
 
 from rigctl.analysis.statistics import (
     ASTERISKS,
@@ -40,6 +41,21 @@ def test_wilson_interval_is_the_published_one() -> None:
     """Newcombe 1998, table I, method 3: 81 of 263 and 0 of 20."""
     np.testing.assert_allclose(wilson_interval(81, 263), (0.2553, 0.3662), atol=5e-5)
     np.testing.assert_allclose(wilson_interval(0, 20), (0.0, 0.1611), atol=5e-5)
+
+
+@pytest.mark.parametrize(
+    ("first", "n", "second", "others"), [(1, 3, 2, 2), (185, 300, 157, 300), (4999, 5000, 9, 11)]
+)
+def test_scipy_computes_the_same_to_twelve_digits(
+    first: int, n: int, second: int, others: int
+) -> None:
+    interval = binomtest(first, n).proportion_ci(method="wilson")
+    np.testing.assert_allclose(wilson_interval(first, n), interval, rtol=1e-12)
+    table = [[first, n - first], [second, others - second]]
+    square, p, *_ = chi2_contingency(table, correction=False)
+    found = two_proportions(first, second, n, others)
+    assert (found.statistic or 0) ** 2 == pytest.approx(square, rel=1e-12)
+    assert found.p == pytest.approx(p, rel=1e-12)
 
 
 @pytest.mark.parametrize(
