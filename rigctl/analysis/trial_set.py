@@ -405,6 +405,11 @@ def _moving_trials(
             f"{session.path} is still being written or was not closed: trials committed so far"
         )
     rows = session.committed()
+    unusual = np.isin(rows, list(session.quarantined()))
+    if unusual.any():
+        ids = table["trial_id"][rows[unusual]].tolist()
+        remarks.append(f"{session.path}: {_left_out(ids, QUARANTINE)}")
+        rows = rows[~unusual]
     still = (table["speed_mm_s"][rows] <= 0) | (table["travel_mm"][rows] <= 0)
     if still.any():
         ids = table["trial_id"][rows[still]].tolist()
@@ -465,6 +470,9 @@ def _provenance(session: Session) -> dict[str, Any]:
         "missing": session.describe_missing(),
         "closing_digest": read_closing_digest(session.path),
     }
+
+
+QUARANTINE = "quarantine (`rigctl note SESSION --trial N --good` takes one out of it)"
 
 
 def _left_out(ids: Sequence[int], reason: str) -> str:

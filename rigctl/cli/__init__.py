@@ -41,6 +41,7 @@ MODULES = {
     "setup": ".setup",
     "calibrate": ".calibrate",
     "sensor": ".sensor",
+    "quality": ".quality",
     "ports": ".ports",
     "flash": ".flash",
     "doctor": ".doctor",

@@ -104,6 +104,7 @@ class SamplePipeline:
             self._record(self._recorder, block)
         starts = self.trial_cutter.add_block(block)
         spikes = self._encode(block, starts)
+        self.trial_cutter.add_spikes(block, spikes)
         for subscriber in self._subscribers:
             subscriber(block)
         self._live_writer.add_taxels(

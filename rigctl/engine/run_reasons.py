@@ -49,6 +49,7 @@ class RunReasons(ABC):
         self._event_bus = event_bus
         self._disk_failure = disk_failure
         self._paused_since_s: dict[str, float] = {}
+        self._findings: list[str] = []
         self._prompt_count = 0
         self._failure: RigFault | None = None
 
@@ -65,8 +66,15 @@ class RunReasons(ABC):
                 "pause", f"the run pauses: {reason_words((reason,))}", reason=reason
             )
 
+    def pause_for(self, finding: str) -> None:
+        """Pause for something that a person has to look at, until a person resumes the run."""
+        self._findings.append(finding)
+        self.pause(finding)
+
     def resume(self, reason: str = OPERATOR) -> None:
-        """Remove this reason to pause."""
+        """Remove this reason to pause; ``operator`` removes what a person had to look at, too."""
+        while reason == OPERATOR and self._findings:
+            self.resume(self._findings.pop())
         if self._paused_since_s.pop(reason, None) is not None:
             self._event_bus.publish(
                 "resume", f"no longer paused: {reason_words((reason,))}", reason=reason

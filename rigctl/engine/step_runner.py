@@ -8,6 +8,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import takewhile
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rigctl.boards import drum_registers, taxel_frames
 from rigctl.boards.clock_fit import ClockEstimate, ClockFit
 from rigctl.engine.health import START, Counters
@@ -20,9 +23,16 @@ from rigctl.engine.run_reasons import RunPaused, RunStopped, TrialSkipped
 from rigctl.engine.run_request import OpenedRun
 from rigctl.engine.settings import press_settings, trial_settings
 from rigctl.engine.trial_cutter import CutTrial
-from rigctl.engine.trial_quality import MeasuredTrial, judge, measure, trial_row
+from rigctl.engine.trial_quality import (
+    FailedAttempt,
+    MeasuredTrial,
+    diagnose,
+    judge,
+    measure,
+    trial_row,
+)
 from rigctl.errors import RigFault
-from rigctl.protocol.plan import Quality
+from rigctl.protocol.plan import Quality, condition_of
 from rigctl.protocol.steps import (
     ApproachOnly,
     Baseline,
@@ -34,7 +44,9 @@ from rigctl.protocol.steps import (
     Tare,
     Turn,
 )
+from rigctl.session.data_quality import DataVerdict, TrialHistory, cell_statistics
 from rigctl.session.header import CUT_BY_CLOCK
+from rigctl.session.session import QUARANTINE_KIND
 from rigctl.values import SAMPLE_RATE_HZ, DrumState, LoadcellSample, PlannedTrial, TrialRow, Verdict
 
 CABLE_S = 0.004
@@ -105,6 +117,7 @@ class TrialAttempt:
         self._loadcell: list[LoadcellSample] = []
         self._measured = MeasuredTrial()
         self._cut: CutTrial | None = None
+        self._baseline: NDArray[np.float64] | None = None
         self._by_wire = motion.config.signals.sync
         self._rises_before: int | None = None
 
@@ -121,8 +134,17 @@ class TrialAttempt:
             unsubscribe()
             self._pipeline.flush()
             self._cut = self._pipeline.trial_cutter.trial
+            self._baseline = self._pipeline.trial_cutter.baseline
             self._pipeline.trial_cutter.cancel()
         return judge(self.trial, self._cut, self._measured, self._quality)
+
+    def judged_by(self, history: TrialHistory) -> DataVerdict:
+        """Return what a history of equal trials finds in the trial's data."""
+        if self._cut is None or self._cut.sums is None:
+            return DataVerdict()
+        cell = cell_statistics(self._measured.forces_g)
+        statistics = self._cut.sums.statistics(self._baseline, cell)
+        return history.judge(condition_of(self.trial), statistics)
 
     def row(self, verdict: Verdict, reasons: tuple[str, ...]) -> TrialRow:
         """Return the attempt's row; the recorder fills in part and first sample."""
@@ -240,6 +262,8 @@ class StepRunner:
         self._attempts = Counter(opened.attempts)
         self._committed = {trial: opened.attempts[trial] for trial in opened.done}
         self._quality = opened.plan.protocol.quality
+        self._history = TrialHistory(self._quality)
+        self._failures: list[FailedAttempt] = []
         self._part_reason = "resume" if opened.resumed else "start"
         self._tared = False
         self._start_counters: dict[str, Counters] | None = None
@@ -315,6 +339,7 @@ class StepRunner:
                 self._progress.commit(trial)
                 return
             self._progress.rejected += 1
+        self._control.check()  # a pause for failures in a row: the trial begins again after it
         self._progress.finish(trial)
         text = f"trial {trial.trial_id} is given up after {self._quality.attempts} attempts"
         self._publish("trial", text, trial_id=trial.trial_id)
@@ -372,14 +397,34 @@ class StepRunner:
         except (RunPaused, RunStopped, TrialSkipped, RigFault) as interruption:
             self._store(attempt, Verdict.ABORTED, (str(interruption),))
             raise
+        found = DataVerdict() if reasons else attempt.judged_by(self._history)
+        reasons = reasons or found.repeat
         data: dict[str, Any] = {"index_error_steps": await self._motion.index_error_steps()}
         if attempt.start_by_clock is not None:
             uncertainty_ms = attempt.start_by_clock.uncertainty_ms
             data |= {"cut_by": CUT_BY_CLOCK, "cut_uncertainty_ms": uncertainty_ms}
         self._store(attempt, Verdict.REJECTED if reasons else Verdict.COMMITTED, reasons, **data)
+        if found.quarantine:
+            text = f"trial {trial.trial_id} is in quarantine: {'; '.join(found.quarantine)}"
+            self._publish(QUARANTINE_KIND, text, trial_id=trial.trial_id, attempt=number)
+        self._count_failure(trial, reasons, found.broken)
         # A pause must not interrupt this lift: the stored trial would run again.
         await self._without_pauses(self._motion.lift)
         return not reasons
+
+    def _count_failure(
+        self, trial: PlannedTrial, reasons: tuple[str, ...], broken: tuple[int, ...]
+    ) -> None:
+        """Pause after several failures in a row, and say what they have in common."""
+        if not reasons:
+            self._failures.clear()
+            return
+        self._failures.append(FailedAttempt(trial.trial_id, reasons, broken))
+        if len(self._failures) == self._quality.pause_after_failures:
+            self._control.pause_for(diagnose(self._failures, self._motion.config.taxels))
+            self._failures.clear()
+            # What a person has put right need not read as before.
+            self._history = TrialHistory(self._quality)
 
     async def _without_pauses(self, move: Callable[[], Any]) -> None:
         """Complete one move, regardless of reasons to pause or stop."""

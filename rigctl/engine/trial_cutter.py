@@ -10,12 +10,13 @@ blocks that arrive meanwhile and cuts them then.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.boards.taxel_frames import Flag
+from rigctl.session.data_quality import BASELINE_SAMPLES, TrialSums
 from rigctl.values import Block
 
 BUFFERED_BLOCKS = 100
@@ -31,7 +32,7 @@ class CutTrial:
     ``late`` and ``overrun`` count samples with these flags, ``sync_low`` those outside the window
     in which the drum signals a constant speed. ``start_lost``: the rise fell into a gap, so
     the first sample may be another one. ``by_wire``: cut at the sync line, which alone shows
-    ``sync_low``.
+    ``sync_low``. ``sums``: over the readings of its taxels, None before the first.
     """
 
     first_counter: int
@@ -43,6 +44,7 @@ class CutTrial:
     newest_counter: int = -1
     start_lost: bool = False
     by_wire: bool = True
+    sums: TrialSums | None = field(default=None, compare=False)
 
     @property
     def complete(self) -> bool:
@@ -59,10 +61,19 @@ class TrialCutter:
         self._last_rises: np.uint8 | None = None
         self._next_counter = -1
         self._buffered: list[Block] | None = None
+        self._lifted: TrialSums | None = None
+
+    @property
+    def baseline(self) -> NDArray[np.float64] | None:
+        """Mean readings before the approach of the expected trial, None before they arrived."""
+        return None if self._lifted is None else self._lifted.mean
 
     def expect(self, n_samples: int, by_wire: bool = True) -> None:
-        """Cut a trial of this length at the next rise, or without the wire at :meth:`begin`."""
-        self.trial = None
+        """Cut a trial of this length at the next rise, or without the wire at :meth:`begin`.
+
+        The next readings are taken for the baseline: the drum is lifted.
+        """
+        self.trial = self._lifted = None
         self._expected_samples = n_samples
         self._buffered = None if by_wire else []
 
@@ -98,6 +109,7 @@ class TrialCutter:
         if rows and self._expected_samples is not None and self._buffered is None:
             self._begin_at_rise(block, rows[0], self._expected_samples)
         self._add_to_trial(block)
+        self._add_to_baseline(block)
         self._last_rises, self._next_counter = rises[-1], int(block.counters[-1]) + 1
         return [int(block.counters[row]) + 1 for row in rows]
 
@@ -123,12 +135,32 @@ class TrialCutter:
             block.counters, (trial.first_counter, trial.first_counter + trial.n_samples)
         )
         flags = block.flags[start:stop]
+        if stop > start:
+            trial.sums = trial.sums or TrialSums(block.samples.shape[1])
+            trial.sums.add(block.samples[start:stop])
         trial.received += len(flags)
         trial.late += _count(flags, Flag.LATE)
         trial.overrun += _count(flags, Flag.OVERRUN)
         if trial.by_wire:
             trial.sync_low += len(flags) - _count(flags, Flag.SYNC)
         trial.newest_counter = int(block.counters[-1])
+
+    def _add_to_baseline(self, block: Block) -> None:
+        if self._expected_samples is None or self.trial is not None:
+            return
+        self._lifted = self._lifted or TrialSums(block.samples.shape[1])
+        if self._lifted.n < BASELINE_SAMPLES:
+            self._lifted.add(block.samples)
+
+    def add_spikes(self, block: Block, spikes: NDArray[np.uint8]) -> None:
+        """Add the spikes of a block that was added, uint8 (n, 2·n_taxels).
+
+        Without the wire the first ones come before the trial is known: it then has no spikes.
+        """
+        trial = self.trial
+        if trial is not None and trial.by_wire and trial.sums is not None:
+            first, end = trial.first_counter, trial.first_counter + trial.n_samples
+            trial.sums.add_spikes(spikes[slice(*np.searchsorted(block.counters, (first, end)))])
 
 
 def _count(flags: NDArray[np.uint8], flag: Flag) -> int:

@@ -6,11 +6,15 @@ force that swings is FORCE_UNSTEADY.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from rigctl.config.rig_config import TaxelArray
 from rigctl.engine.trial_cutter import CutTrial
 from rigctl.protocol.plan import Quality
 from rigctl.values import SAMPLE_RATE_HZ, DrumState, LoadcellSample, PlannedTrial, TrialRow, Verdict
@@ -23,12 +27,16 @@ MAX_LATE_SHARE = 0.01
 
 @dataclass(frozen=True, slots=True)
 class MeasuredTrial:
-    """Measured speed, force and length of the window; NaN where not measured."""
+    """Measured speed, force and length of the window; NaN where not measured.
+
+    ``forces_g``: the load cell's readings in the window, float64 (n,).
+    """
 
     mean_speed_mm_s: float = float("nan")
     mean_force_g: float = float("nan")
     force_spread_g: float = float("nan")
     window_s: float = float("nan")
+    forces_g: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
 
 
 def measure(
@@ -50,11 +58,11 @@ def measure(
         return MeasuredTrial()
     true_s = board_s / (1.0 + clock_ppm * 1e-6)
     end_us = rise_us + planned.n_samples * 1_000_000 // SAMPLE_RATE_HZ
-    inside = [s.force_g for s in loadcell if rise_us <= s.board_time_us <= end_us]
-    if not inside:
+    inside = np.array([s.force_g for s in loadcell if rise_us <= s.board_time_us <= end_us])
+    if not inside.size:
         return MeasuredTrial(travel_mm / true_s, window_s=true_s)
     force_g, spread_g = float(np.mean(inside)), float(np.std(inside))
-    return MeasuredTrial(travel_mm / true_s, force_g, spread_g, true_s)
+    return MeasuredTrial(travel_mm / true_s, force_g, spread_g, true_s, inside)
 
 
 def judge(
@@ -146,3 +154,30 @@ def trial_row(
 def _is_close(value: float, planned: float, limit: float) -> bool:
     """Return whether a value is within its limit; False for NaN: it was not measured."""
     return abs(value - planned) <= limit
+
+
+class FailedAttempt(NamedTuple):
+    """An attempt that was rejected; ``broken``: the taxels that its reasons are about, from 0."""
+
+    trial_id: int
+    reasons: tuple[str, ...]
+    broken: tuple[int, ...]
+
+
+def diagnose(failures: Sequence[FailedAttempt], taxels: TaxelArray) -> str:
+    """Return what attempts that failed in a row have in common, and where to look."""
+    broken = Counter(taxel for one in failures for taxel in one.broken)
+    often = sorted(taxel for taxel, n in broken.items() if n > len(failures) / 2)
+    since = f"{len(failures)} attempts in a row failed since trial {failures[0].trial_id}"
+    if not often:
+        return f"{since}, the last one because {'; '.join(failures[-1].reasons)}"
+    places = [divmod(taxels.order[taxel], taxels.inputs) for taxel in often]
+    lines = sorted({line + 1 for line, _ in places})
+    inputs = sorted({f"A{number}" for _, number in places})
+    look = f"line {_listed(lines)} and input {_listed(inputs)}"
+    why = "; ".join(dict.fromkeys(failures[-1].reasons))
+    return f"{since}: {why}. Look at the wires of {look}"
+
+
+def _listed(items: Sequence[object]) -> str:
+    return ", ".join(map(str, items))

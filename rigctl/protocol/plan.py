@@ -6,7 +6,7 @@ import hashlib
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import groupby, product
 from operator import attrgetter
 from random import Random
@@ -111,6 +111,10 @@ class Settle:
     )
 
 
+# A plan's digest is of its repr: sessions from before these limits keep their plan.
+unhashed = partial(number, repr=False)
+
+
 @dataclass(frozen=True, slots=True)
 class Quality:
     """Limits that a trial must keep to be committed, and the number of attempts."""
@@ -121,6 +125,21 @@ class Quality:
     )
     speed_tolerance_percent: float = number(1.0, "%", 0.01, 100, "mean speed, of the set-point")
     attempts: int = number(3, "", 1, 100, "highest number of attempts at a trial")
+    pause_after_failures: int = unhashed(
+        6, "", 0, 1000, "attempts in a row that fail before the run pauses; 0: it never does"
+    )
+    max_spike_percent: float = unhashed(
+        25.0, "%", 1, 1000, "a load-cell reading off its neighbours, of the set force: repeated"
+    )
+    max_saturated_percent: float = unhashed(
+        50.0, "%", 0, 100, "of a taxel's samples at the end of its range: quarantine"
+    )
+    max_drift_counts: float = unhashed(
+        50.0, "counts", 1, 1023, "of a taxel's lifted reading since the start: quarantine"
+    )
+    false_alarms_percent: float = unhashed(
+        0.1, "%", 0, 10, "of good trials that may seem unusual beside equal ones: quarantine"
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
+from rigctl.boards.drum_states import State
 from rigctl.config.rig_config import RigConfig, parse_config
 from rigctl.encoder.force_gain import ForceGain, ForceScaling
 from rigctl.encoder.normalisation import Normalisation
@@ -27,14 +28,16 @@ from rigctl.protocol.loader import parse_protocol
 from rigctl.protocol.plan import QUANTITY_NAMES, Condition, EarlyEnd, Plan, condition_of
 from rigctl.session import layout
 from rigctl.session.header import ADC_COUNTS, IMPORTED, session_inputs, session_wiring
-from rigctl.session.layout import SessionLayout, parse_trial
+from rigctl.session.layout import SAMPLES, SessionLayout, parse_trial
 from rigctl.session.notes import Mark, SessionNote, write_note
 from rigctl.session.part import PartReader, StructuredArray, session_layout
 from rigctl.session.sample_index import SampleFile, SampleRange, locate_samples, locate_windows
 from rigctl.session.sensor_passport import gain_source, read_passport
 from rigctl.session.session_reader import NOTE_KIND, SessionReader, read_closing_digest
-from rigctl.values import Gap, TrialMark, TrialRow, Verdict
+from rigctl.values import SAMPLE_RATE_HZ, Gap, TrialMark, TrialRow, Verdict
 
+QUARANTINE_KIND = "quarantine"
+"""Kind of the event of a committed attempt that is unusual on its data."""
 SCALING_KIND = "scaling"
 """Kind of an import's events with the scale of the stored counts, one for each taxel."""
 
@@ -190,6 +193,35 @@ class Session(SessionReader):
             int(row["count"]),
             *(part.read(array.path, start, stop) for array in layout.TAXEL_ARRAYS),
         )
+
+    def quarantined(self) -> dict[int, str]:
+        """Return why committed attempts are in quarantine, by index; not those marked good."""
+        released = {(n.trial_id, n.attempt) for n in self.notes if n.mark is Mark.GOOD}
+        why = {
+            (event.data.get("trial_id"), event.data.get("attempt")): event.text
+            for event in self.events_of(QUARANTINE_KIND)
+        }
+        attempts = zip(
+            self.trials["trial_id"].tolist(), self.trials["attempt"].tolist(), strict=True
+        )
+        return {
+            index: why[one]
+            for index, one in enumerate(attempts)
+            if one in why and one not in released
+        }
+
+    def lifted_samples(self, index: int, drum: TrialDrum, n: int) -> NDArray[np.uint16]:
+        """Return the last ``n`` readings before the approach, uint16 (up to n, n_taxels).
+
+        ``drum``: that of the attempt. None are known where the drum was in contact already, or has
+        no polls.
+        """
+        pressing = np.flatnonzero(drum.polls["state"] == State.APPROACH)
+        if not len(pressing) or not np.isfinite(drum.polls_s[pressing[0]]):
+            return np.zeros((0, self.header.n_taxels), np.uint16)
+        part, start, _ = self._rows_of(index)
+        end = max(0, start + int(drum.polls_s[pressing[0]] * SAMPLE_RATE_HZ))
+        return part.read(SAMPLES, max(0, end - n), end)
 
     def drum(self, index: int, first_s: float = -np.inf, end_s: float = np.inf) -> TrialDrum:
         """Return the polls and load-cell samples between an attempt's start and end.
