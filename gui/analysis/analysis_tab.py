@@ -21,6 +21,7 @@ from gui.analysis.task_values import (
     DRUM,
     FINGER,
     FoundSessions,
+    JudgedTrials,
     ScanPicture,
     SessionLines,
     SessionTable,
@@ -100,6 +101,7 @@ READING = (
     "trial_section",
     "compare_trials",
     "overlay_trials",
+    "judge_trials",
     "leave_out",
     "note_trial",
 )
@@ -163,6 +165,7 @@ class AnalysisTab(QObject):
             view.section_requested.connect(partial(self._want_section, view))
         self.trial_view.compare.compare_requested.connect(self._compare)
         self.trial_view.compare.overlay_requested.connect(self._lay_over)
+        self.trial_view.quality.shown.connect(self._judge)
         self.results_panel.refused.connect(lambda text: self.reported.emit("refused", text))
         panel.shown.connect(self.prepare)
         worker.progressed.connect(panel.run_box.show_progress)
@@ -337,6 +340,11 @@ class AnalysisTab(QObject):
         paths, trials = tuple(self.panel.sessions), self.panel.selected_trials()
         self.reader.submit("overlay_trials", paths=paths, trials=trials, taxel=taxel, is_ra=is_ra)
 
+    def _judge(self) -> None:
+        """Judge the trials of the session of the trial that is shown, if it is of the drum."""
+        if self.trial_view.data is not None:
+            self.reader.submit("judge_trials", path=self.trial_view.data.place[0])
+
     def _follow(self) -> None:
         """Read what was recorded since the last time."""
         if not self.reader.is_busy:
@@ -359,6 +367,8 @@ class AnalysisTab(QObject):
             self.trial_view.compare.show_grid(result)
         elif isinstance(result, TrialOverlay):
             self._show_overlay(result)
+        elif isinstance(result, JudgedTrials):
+            self.trial_view.quality.show_judged(result)
         elif isinstance(result, SessionTable):
             self.panel.show_session(result)
             if task == "open_session":
@@ -389,6 +399,10 @@ class AnalysisTab(QObject):
             self._show_results(task, result)
         if not self.reader.is_busy:
             self._read_wanted()
+        quality = self.trial_view.quality
+        has_more = quality.is_behind or (task == "follow_session" and result is not None)
+        if has_more and quality.isVisible() and not self.reader.is_busy:
+            self._judge()
 
     def _show_overlay(self, overlay: TrialOverlay) -> None:
         pages = self.trial_view

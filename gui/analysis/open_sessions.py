@@ -16,6 +16,7 @@ from gui.analysis.task_values import (
     DRUM,
     FINGER,
     FingerSessionInfo,
+    JudgedTrials,
     ScanPicture,
     SessionTable,
     TrialData,
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from rigctl.analysis.cache import Resources
     from rigctl.analysis.executors import Progress
     from rigctl.analysis.options import AnalysisOptions
+    from rigctl.analysis.session_quality import SessionJudge
     from rigctl.encoder.normalisation import Normalisation
     from rigctl.finger.analysis.report import FingerReport
     from rigctl.finger.session import FingerSession
@@ -45,7 +47,7 @@ if TYPE_CHECKING:
     from rigctl.session.session import Session
 
 
-LEFT_OUT, REPEATED = "left out", "repeated"
+LEFT_OUT, REPEATED, QUARANTINE = "left out", "repeated", "quarantine"
 
 
 def shown_verdicts(session: Any) -> list[str]:
@@ -57,6 +59,8 @@ def shown_verdicts(session: Any) -> list[str]:
     verdicts, repeated = session.trials["verdict"].tolist(), session.repeated
     for row in repeated:
         verdicts[row] = f"{verdicts[row]}, {REPEATED}"
+    for row in session.quarantined():
+        verdicts[row] = QUARANTINE
     for row in session.left_out:
         verdicts[row] = REPEATED if row in repeated else LEFT_OUT
     return list(map(str, verdicts))
@@ -65,7 +69,7 @@ def shown_verdicts(session: Any) -> list[str]:
 def shown_reasons(session: Any) -> list[str]:
     """Return why each attempt of an open session does not count, empty for one that does."""
     reasons = session.trials["reasons"].tolist()
-    for row, reason in session.left_out.items():
+    for row, reason in (session.quarantined() | session.left_out).items():
         reasons[row] = reason
     return list(map(str, reasons))
 
@@ -275,12 +279,17 @@ _COLUMNS = (
 )
 
 
+JUDGED_AT_ONCE = 100
+"""Attempts that are judged in one task, of about two seconds: trials are read between them."""
+
+
 class OpenSessions:
     """Sessions of the drum or the finger by their path; each stays open until it opens again."""
 
     def __init__(self) -> None:
         self._open: dict[str, Session | FingerSession] = {}
         self._ranges: dict[str, Normalisation] = {}
+        self._judges: dict[str, SessionJudge] = {}
         self._encoded: tuple[tuple[str, int], EncodedTrial] | None = None
 
     def open(self, path: str) -> SessionTable:
@@ -288,6 +297,7 @@ class OpenSessions:
         if path in self._open:
             self._open.pop(path).close()
         self._ranges.pop(path, None)
+        self._judges.pop(path, None)
         self._encoded = None
         return self._table(path)
 
@@ -374,6 +384,18 @@ class OpenSessions:
         if isinstance(session, Session):
             return read_trial(self.encoded(path, row), path)
         return scan_picture(session, row, pictures)
+
+    def judge(self, path: str) -> JudgedTrials:
+        """Judge the next attempts of an open session of the drum; return all judged so far."""
+        from rigctl.analysis.session_quality import SessionJudge, commonest_reasons, picture_of
+
+        session = self.drum_session(path)
+        judge = self._judges.setdefault(path, SessionJudge(session))
+        found = judge.judge(most=JUDGED_AT_ONCE)
+        why = "; ".join(f"{reason} ({n:,} times)" for reason, n in commonest_reasons(found)[:1])
+        left = len(session.trials) - len(found.trials)
+        picture, counts = picture_of(found), found.counts()
+        return JudgedTrials(path, found.simulated, picture, counts, why, left)
 
     def drum_session(self, path: str) -> Session:
         """Return an open session of the drum. Raises SessionError for one of the finger."""

@@ -19,6 +19,7 @@ from rigctl.values import SessionLine, TrialMark, Verdict
 
 if TYPE_CHECKING:
     from rigctl.analysis.options import AnalysisOptions
+    from rigctl.analysis.session_quality import QualityPicture
 
 
 MARKED_BAD = "marked bad"
@@ -207,6 +208,20 @@ def figures_folder(place: Path, session: str) -> str:
 def model_path(report: Path) -> Path:
     """Return the path of a report's model: beside its folder."""
     return report.with_name(f"{report.name}-model.h5")
+
+
+class JudgedTrials(NamedTuple):
+    """The quality of a session's trials: attempts by verdict, and how many are to be judged yet.
+
+    ``commonest``: the commonest reason, empty without any.
+    """
+
+    path: str
+    simulated: bool
+    picture: QualityPicture
+    counts: dict[str, int]
+    commonest: str
+    left: int
 
 
 class FoundSessions(NamedTuple):

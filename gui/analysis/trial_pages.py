@@ -16,6 +16,7 @@ from PySide6.QtWidgets import QWidget
 from gui.analysis.export import ExportButton, Picture, foot_text, widget_picture, with_foot
 from gui.analysis.open_sessions import NeuronResponse, ResponseGrid
 from gui.analysis.overlay_view import OverlayView
+from gui.analysis.quality_view import QualityView
 from gui.analysis.task_values import Section, TrialCourse, TrialData, TrialFeatures
 from gui.analysis.trial_overlay import TrialOverlay
 from gui.analysis.trial_sections import COURSE_NAMES, course_columns, reading_columns, reading_names
@@ -439,11 +440,13 @@ class TrialPages(PageTabs):
         super().__init__()
         self.readings, self.course = TrialView(theme), CourseView(theme)
         self.features, self.compare = FeaturesView(theme), CompareView(theme)
+        self.quality = QualityView(theme)
         self.save_button = ExportButton()
-        self.addTab(self.readings, "Readings and spikes")
+        self.addTab(self.readings, "Readings")
         self.addTab(self.course, "Force and speed")
         self.addTab(self.features, "Features")
         self.addTab(self.compare, "Compare")
+        self.addTab(self.quality, "Quality")
         self.setCornerWidget(self.save_button, Qt.Corner.TopRightCorner)
         self.save_button.setEnabled(False)
 
@@ -462,10 +465,14 @@ class TrialPages(PageTabs):
         self.features.show_features(data.features if data else None, heading)
         self.compare.show_taxels(data.layout.n_taxels if data else 0)
         self.save_button.setEnabled(data is not None)
+        if data is None or (self.quality.judged and self.quality.judged.path != data.place[0]):
+            self.quality.show_judged(None)
+        if self.quality.isVisible():
+            self.quality.shown.emit()
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme to every page."""
-        for page in (self.readings, self.course, self.features, self.compare):
+        for page in (self.readings, self.course, self.features, self.compare, self.quality):
             page.set_theme(theme)
 
     def file_stem(self) -> str:
@@ -473,6 +480,8 @@ class TrialPages(PageTabs):
         origin = "-simulated" if self.is_simulated else ""
         if self.currentWidget() is self.compare:
             return f"{'laid-over' if self.compare.overlay else 'compare'}{origin}"
+        if self.currentWidget() is self.quality:
+            return f"quality{origin}"
         trial = self.data.title.partition(":")[0] if self.data else "trial"
         page = f"{trial} {self.tabText(self.currentIndex())}".lower().replace(" ", "-")
         return f"{page}{origin}"
@@ -488,7 +497,7 @@ class TrialPages(PageTabs):
         """Return the page in front above a line that names the trial and where it comes from."""
         page = self.currentWidget()
         assert page is not None
-        is_one = self.data is not None and page is not self.compare
+        is_one = self.data is not None and page not in (self.compare, self.quality)
         title = self.data.title if is_one and self.data else ""
         figure = self.features.graphics if page is self.features else page
         return with_foot(widget_picture(figure), foot_text(title, simulated=self.is_simulated))
@@ -519,6 +528,8 @@ class TrialPages(PageTabs):
             return _feature_values(data)
         if page is self.compare:
             return self.compare.values()
+        if page is self.quality:
+            return ValueTable(*self.quality.values())
         return _readings(data)
 
 

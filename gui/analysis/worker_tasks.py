@@ -112,6 +112,7 @@ class WorkerTasks:
         self.open_session, self.follow_session = sessions.open, sessions.follow
         self.note_trial = sessions.note
         self.session_age, self.leave_out = sessions.age_s, sessions.leave_out
+        self.judge_trials = sessions.judge
         self._pictures = tempfile.TemporaryDirectory(prefix="rigctl-scans-")
         self._follower = run_tasks.SessionFollower()
         self._growing: GrowingCurve | None = None

@@ -23,6 +23,14 @@ from rigctl.protocol.loader import parse_protocol
 from rigctl.protocol.plan import Quality, condition_of
 from rigctl.session.data_quality import (
     BASELINE_SAMPLES,
+    GIVEN_UP,
+    MARKED,
+    PASS,
+    QUARANTINE,
+    REPEAT,
+    SHOWN_PERCENT,
+    TITLES,
+    VERDICTS,
     TrialHistory,
     TrialStatistics,
     TrialSums,
@@ -36,13 +44,9 @@ from rigctl.values import SAMPLE_RATE_HZ, PlannedTrial, Verdict
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-PASS, REPEAT, QUARANTINE, GIVEN_UP = "pass", "repeat", "quarantine", "given up"
-VERDICTS = (PASS, QUARANTINE, REPEAT, GIVEN_UP)
 RESULT, PAGE = "quality.json", "quality.html"
 MAX_COLUMNS = 400
 """Columns of the picture; with more trials each is the median of neighbours."""
-SHOWN_SHARE = 0.3
-"""Ends of the colour scale, a share of the usual reading."""
 MAX_ROWS = 500
 """Rows of the page's table."""
 Floats = NDArray[np.float64]
@@ -73,26 +77,49 @@ class SessionQuality:
         return {verdict: found[verdict] for verdict in VERDICTS}
 
 
+class SessionJudge:
+    """Judges the attempts of a session of the drum, which may grow, by its protocol's limits."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._limits = _limits_of(session)
+        self._history = TrialHistory(self._limits)
+        self._judged: list[JudgedTrial] = []
+
+    @property
+    def is_behind(self) -> bool:
+        """Whether there are attempts to judge yet."""
+        return len(self._judged) < len(self._session.trials)
+
+    def judge(
+        self,
+        progress: Callable[[int, int], object] = lambda done, total: None,
+        most: int | None = None,
+    ) -> SessionQuality:
+        """Judge the attempts that are new, or the first ``most`` of them; return all judged.
+
+        Calls ``progress`` with the attempts judged and all. Raises SessionError.
+        """
+        session, known = self._session, len(self._judged)
+        order = np.argsort(session.trials["started_s"], kind="stable")
+        for index in order[known:][:most].tolist():
+            self._judged.append(_judge(session, index, self._history))
+            progress(len(self._judged), len(order))
+        trials = tuple(_with_given_up(self._judged, session.finished))
+        return SessionQuality(session.path, session.header.simulated, self._limits, trials)
+
+
 def judge_session(
     path: Path, progress: Callable[[int, int], object] = lambda done, total: None
 ) -> SessionQuality:
-    """Judge every attempt of a session of the drum by its protocol's limits.
+    """Judge every attempt of a session of the drum as :class:`SessionJudge`.
 
-    Calls ``progress`` with the attempts judged and all. Raises SessionError for a session that
-    cannot be read or has no trial.
+    Raises SessionError for a session that cannot be read or has no trial.
     """
     with Session.open(path) as session:
         if not len(session.trials):
             raise SessionError(f"{path} has no trial to judge")
-        limits = _limits_of(session)
-        history = TrialHistory(limits)
-        order = np.argsort(session.trials["started_s"], kind="stable")
-        judged = []
-        for done, index in enumerate(order.tolist(), 1):
-            judged.append(_judge(session, index, history))
-            progress(done, len(order))
-        trials = tuple(_with_given_up(judged))
-        return SessionQuality(path, session.header.simulated, limits, trials)
+        return SessionJudge(session).judge(progress)
 
 
 def _limits_of(session: Session) -> Quality:
@@ -113,13 +140,18 @@ def _judge(session: Session, index: int, history: TrialHistory) -> JudgedTrial:
     return JudgedTrial(row.trial, row.attempt, verdict, reasons, statistics)
 
 
-def _with_given_up(judged: list[JudgedTrial]) -> Iterator[JudgedTrial]:
-    """Yield the attempts; the last one at a trial of which none is good is given up."""
+def _with_given_up(judged: Sequence[JudgedTrial], finished: bool) -> Iterator[JudgedTrial]:
+    """Yield the attempts; the last one at a trial of which none is good is given up.
+
+    The newest one of a session that is not finished may be repeated yet.
+    """
     good = {one.trial.trial_id for one in judged if one.verdict != REPEAT}
     last = {one.trial.trial_id: number for number, one in enumerate(judged)}
     for number, one in enumerate(judged):
-        is_last = number == last[one.trial.trial_id] and one.trial.trial_id not in good
-        yield one._replace(verdict=GIVEN_UP) if is_last else one
+        may_come = number == len(judged) - 1 and not finished
+        is_last = number == last[one.trial.trial_id] and not may_come
+        given_up = is_last and one.trial.trial_id not in good
+        yield one._replace(verdict=GIVEN_UP) if given_up else one
 
 
 def trial_statistics(session: Session, index: int) -> TrialStatistics:
@@ -162,9 +194,14 @@ def as_dict(found: SessionQuality) -> dict[str, Any]:
 def summary_lines(found: SessionQuality) -> list[str]:
     """Return the verdicts in a line, and the commonest reasons."""
     counts = ", ".join(f"{n:,} {verdict}" for verdict, n in found.counts().items())
-    why = Counter(_kind(reason) for one in found.trials for reason in one.reasons)
-    commonest = [f"{n:,} times: {reason}" for reason, n in why.most_common(5)]
+    commonest = [f"{n:,} times: {reason}" for reason, n in commonest_reasons(found)]
     return [f"{len(found.trials):,} attempts: {counts}", *commonest]
+
+
+def commonest_reasons(found: SessionQuality) -> list[tuple[str, int]]:
+    """Return the five commonest reasons, without their measured numbers, and how often each is."""
+    why = Counter(_kind(reason) for one in found.trials for reason in one.reasons)
+    return why.most_common(5)
 
 
 def _kind(reason: str) -> str:
@@ -195,32 +232,69 @@ def write_quality(found: SessionQuality, out: Path) -> Path:
     return out / PAGE
 
 
-def draw_quality(found: SessionQuality, stem: Path) -> Path:
-    """Draw every taxel over all recorded attempts, its drift, and the verdicts; return the PNG."""
-    figure, (taxels, drift, verdicts) = new_figure(
-        (10, 8.6), 3, 1, sharex=True, gridspec_kw={"height_ratios": [3, 1.6, 1]}
-    )
-    recorded = [n for n, one in enumerate(found.trials) if one.statistics is not None]
-    edges = np.linspace(0, len(found.trials), min(len(found.trials), MAX_COLUMNS) + 1).astype(int)
-    _draw_taxels(taxels, found, recorded, edges)
-    _draw_drift(drift, found, recorded)
-    _draw_verdicts(verdicts, found)
-    verdicts.set(xlabel="attempt", xlim=(0, max(len(found.trials), 1)))
-    bench = "Simulated bench" if found.simulated else "Real bench"
-    origin = f"{bench} · session {found.path.name} · {len(found.trials):,} attempts"
-    return save_figure(figure, stem, "Quality of the trials", origin)
+class QualityPicture(NamedTuple):
+    """What the picture of a session's quality shows; places count attempts from 0.
+
+    ``off_percent``: float64 (n_taxels, columns), each taxel's mean beside that of equal trials,
+    NaN where nothing was recorded; ``edges``: int64 (columns + 1,), first attempt of each column.
+    ``drift_at``: int64 (n,), ``drift_counts``: float64 (n, n_taxels), lifted readings less those of
+    the first attempt. ``marks``: the attempts of each verdict but *pass*.
+    """
+
+    n_attempts: int
+    off_percent: Floats
+    edges: NDArray[np.int64]
+    drift_at: NDArray[np.int64]
+    drift_counts: Floats
+    marks: dict[str, NDArray[np.int64]]
+
+
+def picture_of(found: SessionQuality) -> QualityPicture:
+    """Return what the picture of a session's quality shows."""
+    n = len(found.trials)
+    recorded = [number for number, one in enumerate(found.trials) if one.statistics is not None]
+    edges = np.linspace(0, n, min(n, MAX_COLUMNS) + 1).astype(np.int64)
+    at, drift = _drift(found, recorded)
+    marks = {
+        verdict: np.array([i for i, one in enumerate(found.trials) if one.verdict == verdict], int)
+        for verdict in MARKED
+    }
+    return QualityPicture(n, _off_percent(found, recorded, edges), edges, at, drift, marks)
+
+
+def _off_percent(
+    found: SessionQuality, recorded: Sequence[int], edges: NDArray[np.int64]
+) -> Floats:
+    if not recorded:
+        return np.zeros((0, len(edges) - 1))
+    shares = _shares(found, recorded)
+    image = np.full((shares.shape[1], len(edges) - 1), np.nan)
+    column = np.searchsorted(edges, recorded, side="right") - 1
+    for number in np.unique(column).tolist():
+        image[:, number] = 100 * np.median(shares[column == number], axis=0)
+    return image
 
 
 def _shares(found: SessionQuality, recorded: Sequence[int]) -> Floats:
-    """Return each taxel's mean as a share of that of its condition, float64 (n, n_taxels)."""
-    means = np.array([_statistics(found, n).mean for n in recorded])
-    conditions = [condition_of(found.trials[n].trial) for n in recorded]
+    """Return each taxel's mean as a share of that of its condition, float64 (n, n_taxels).
+
+    What is usual is the median of the trials that passed, of all where none did.
+    """
+    means = np.array([_statistics(found, number).mean for number in recorded])
+    conditions = [condition_of(found.trials[number].trial) for number in recorded]
+    passed = {row for row, i in enumerate(recorded) if found.trials[i].verdict == PASS}
     shares = np.zeros_like(means)
     for condition in set(conditions):
         rows = [row for row, one in enumerate(conditions) if one == condition]
-        usual = np.median(means[rows], axis=0)
+        usual = np.median(means[[row for row in rows if row in passed] or rows], axis=0)
         shares[rows] = (means[rows] + 4.0) / (usual + 4.0) - 1.0
     return shares
+
+
+def _drift(found: SessionQuality, recorded: Sequence[int]) -> tuple[NDArray[np.int64], Floats]:
+    known = [n for n in recorded if np.isfinite(_statistics(found, n).baseline).all()]
+    baselines = np.array([_statistics(found, number).baseline for number in known])
+    return np.array(known, int), baselines - baselines[:1]
 
 
 def _statistics(found: SessionQuality, number: int) -> TrialStatistics:
@@ -229,49 +303,52 @@ def _statistics(found: SessionQuality, number: int) -> TrialStatistics:
     return statistics
 
 
-def _draw_taxels(
-    axes: Axes, found: SessionQuality, recorded: Sequence[int], edges: NDArray[np.int_]
-) -> None:
-    axes.set_title("Reading of each taxel beside equal trials", loc="left", size=10)
+def draw_quality(found: SessionQuality, stem: Path) -> Path:
+    """Draw every taxel over all attempts, its drift, and the verdicts; return the PNG."""
+    shown = picture_of(found)
+    figure, (taxels, drift, verdicts) = new_figure(
+        (10, 8.6), 3, 1, sharex=True, gridspec_kw={"height_ratios": [3, 1.6, 1]}
+    )
+    _draw_taxels(taxels, shown)
+    _draw_drift(drift, shown)
+    _draw_verdicts(verdicts, shown)
+    verdicts.set(xlabel="attempt", xlim=(0, max(shown.n_attempts, 1)))
+    bench = "Simulated bench" if found.simulated else "Real bench"
+    origin = f"{bench} · session {found.path.name} · {shown.n_attempts:,} attempts"
+    return save_figure(figure, stem, "Quality of the trials", origin)
+
+
+def _draw_taxels(axes: Axes, shown: QualityPicture) -> None:
+    axes.set_title(TITLES[0], loc="left", size=10)
     axes.set(ylabel="taxel")
     axes.grid(visible=False)
-    if not recorded:
+    if not shown.off_percent.size:
         return
-    shares = _shares(found, recorded)
-    image = np.full((shares.shape[1], len(edges) - 1), np.nan)
-    column = np.searchsorted(edges, recorded, side="right") - 1
-    for number in set(column.tolist()):
-        image[:, number] = np.median(shares[column == number], axis=0)
-    extent = (0, edges[-1], shares.shape[1] + 0.5, 0.5)
     drawn = axes.imshow(
-        100 * image, aspect="auto", extent=extent, cmap="RdBu_r", interpolation="nearest",
-        vmin=-100 * SHOWN_SHARE, vmax=100 * SHOWN_SHARE,
+        shown.off_percent, aspect="auto", cmap="RdBu_r", interpolation="nearest",
+        extent=(0, shown.n_attempts, len(shown.off_percent) + 0.5, 0.5),
+        vmin=-SHOWN_PERCENT, vmax=SHOWN_PERCENT,
     )  # fmt: skip
     axes.figure.colorbar(drawn, ax=axes, label="% off", pad=0.01)
 
 
-def _draw_drift(axes: Axes, found: SessionQuality, recorded: Sequence[int]) -> None:
-    axes.set_title("Lifted reading since the start", loc="left", size=10)
+def _draw_drift(axes: Axes, shown: QualityPicture) -> None:
+    axes.set_title(TITLES[1], loc="left", size=10)
     axes.set(ylabel="counts")
-    if not recorded:
-        return
-    baselines = np.array([_statistics(found, n).baseline for n in recorded])
-    known = np.isfinite(baselines).all(axis=1)
-    if not known.any():
+    if not len(shown.drift_at):
         axes.text(0.5, 0.5, "not known", transform=axes.transAxes, ha="center", color=MUTED)
         return
-    drift = baselines[known] - baselines[known][0]
-    at = np.array(recorded)[known]
+    drift, at = shown.drift_counts, shown.drift_at
     axes.fill_between(at, drift.min(axis=1), drift.max(axis=1), color=SA_COLOUR, alpha=0.25, lw=0)
     axes.plot(at, np.median(drift, axis=1), color=SA_COLOUR, lw=1.0)
 
 
-def _draw_verdicts(axes: Axes, found: SessionQuality) -> None:
+def _draw_verdicts(axes: Axes, shown: QualityPicture) -> None:
     """Draw a row of marks for each verdict; the shape tells it, too."""
-    marks = {GIVEN_UP: ("X", "#c8102e"), REPEAT: ("|", RA_COLOUR), QUARANTINE: ("d", SA_COLOUR)}
-    for row, (verdict, (shape, colour)) in enumerate(marks.items()):
-        at = [n for n, one in enumerate(found.trials) if one.verdict == verdict]
-        axes.plot(at, [row] * len(at), shape, color=colour, ms=7)
-    counts = found.counts()
-    axes.set_yticks(range(len(marks)), [f"{name} ({counts[name]:,})" for name in marks])
-    axes.set(ylim=(-0.7, len(marks) - 0.3))
+    colours = {GIVEN_UP: "#c8102e", REPEAT: RA_COLOUR, QUARANTINE: SA_COLOUR}
+    for row, (verdict, shape) in enumerate(MARKED.items()):
+        at = shown.marks[verdict]
+        axes.plot(at, [row] * len(at), shape, color=colours[verdict], ms=7)
+    names = [f"{verdict} ({len(at):,})" for verdict, at in shown.marks.items()]
+    axes.set_yticks(range(len(names)), names)
+    axes.set(ylim=(-0.7, len(names) - 0.3))

@@ -27,12 +27,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print the verdicts and the path of the page; return 1 where a trial is given up."""
     from rigctl.analysis.session_quality import (
-        GIVEN_UP,
         as_dict,
         judge_session,
         summary_lines,
         write_quality,
     )
+    from rigctl.session.data_quality import GIVEN_UP
 
     line = ProgressLine(sys.stderr)
     found = judge_session(args.session, partial(line.show_stage, "trials"))

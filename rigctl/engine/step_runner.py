@@ -46,7 +46,7 @@ from rigctl.protocol.steps import (
 )
 from rigctl.session.data_quality import DataVerdict, TrialHistory, cell_statistics
 from rigctl.session.header import CUT_BY_CLOCK
-from rigctl.session.session import QUARANTINE_KIND
+from rigctl.session.session_reader import QUARANTINE_KIND
 from rigctl.values import SAMPLE_RATE_HZ, DrumState, LoadcellSample, PlannedTrial, TrialRow, Verdict
 
 CABLE_S = 0.004

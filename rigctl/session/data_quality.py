@@ -23,6 +23,14 @@ from rigctl.protocol.plan import Condition, Quality
 
 Floats = NDArray[np.float64]
 
+PASS, REPEAT, QUARANTINE, GIVEN_UP = "pass", "repeat", "quarantine", "given up"
+VERDICTS = (PASS, QUARANTINE, REPEAT, GIVEN_UP)
+SHOWN_PERCENT = 30.0
+"""Ends of the colour scale, of the usual reading."""
+TITLES = "Reading of each taxel beside equal trials", "Lifted readings since the start"
+MARKED = {GIVEN_UP: "X", REPEAT: "|", QUARANTINE: "d"}
+"""The verdicts that are marked, and the shape of the mark."""
+
 MEMORY = 20
 """Trials of a condition that a trial is compared with, the last ones: a slow drift is followed."""
 LEAST_REFERENCES = 3
@@ -182,35 +190,51 @@ class TrialHistory:
     _trials: dict[Condition, deque[TrialStatistics]] = field(
         default_factory=lambda: defaultdict(lambda: deque(maxlen=MEMORY))
     )
+    _good: deque[tuple[Condition, TrialStatistics]] = field(
+        default_factory=lambda: deque(maxlen=MAX_RESIDUALS)
+    )
     _residuals: deque[Floats] = field(default_factory=lambda: deque(maxlen=MAX_RESIDUALS))
     _first_baseline: Floats | None = None
 
     def judge(self, condition: Condition, trial: TrialStatistics) -> DataVerdict:
         """Judge a trial of a condition; a good one is what later trials are compared with."""
-        references = self._trials[condition]
-        known = len(references) >= LEAST_REFERENCES
-        if known:
-            broken = self._broken(references, trial)
-            repeat = (*broken.values(), *self._cell(references, condition[2], trial))
+        equal = self._trials[condition]
+        known = len(equal) >= LEAST_REFERENCES
+        if others := equal if known else self._pressed_no_harder(condition):
+            broken = self._broken(others, trial, are_equal=known)
+            repeat = (*broken.values(), *self._cell(others, condition[2], trial))
             if repeat:
                 return DataVerdict(repeat, broken=tuple(broken))
         unusual = [*self._saturated(trial), *self._drifted(trial)]
         if known:
-            unusual += self._outliers(references, trial)
+            unusual += self._outliers(equal, trial)
         if not unusual:
-            references.append(trial)
+            equal.append(trial)
+            self._good.append((condition, trial))
         return DataVerdict((), tuple(unusual))
 
+    def _pressed_no_harder(self, condition: Condition) -> list[TrialStatistics]:
+        """Return the last good trials with no more force or depth, none where there are few."""
+        *_, force_g, depth_mm = condition
+        found = [one for (*_, g, mm), one in self._good if g <= force_g and mm <= depth_mm]
+        return found[-MEMORY:] if len(found) >= LEAST_REFERENCES else []
+
     @staticmethod
-    def _broken(references: Sequence[TrialStatistics], trial: TrialStatistics) -> dict[int, str]:
-        """Return what is wrong with each broken taxel, from 0."""
+    def _broken(
+        others: Sequence[TrialStatistics], trial: TrialStatistics, are_equal: bool
+    ) -> dict[int, str]:
+        """Return what is wrong with each broken taxel, from 0.
+
+        Beside trials of other conditions, a taxel is broken where it is unlike each of them.
+        """
         found = {}
-        usual = np.median([one.noise for one in references], axis=0)
+        most, least = (np.median, np.median) if are_equal else (np.max, np.min)
+        usual = most([one.noise for one in others], axis=0)
         loud = trial.noise > np.maximum(MOST_NOISE_COUNTS, NOISE_FACTOR * usual)
         for taxel in np.flatnonzero(loud).tolist():
             noise = trial.noise[taxel]
             found[taxel] = f"taxel {taxel + 1} scatters by {noise:.1f} counts from sample to sample"
-        still = trial.movement < QUIET_SHARE * np.median([r.movement for r in references], axis=0)
+        still = trial.movement < QUIET_SHARE * least([one.movement for one in others], axis=0)
         for taxel in np.flatnonzero(still & (trial.sd < QUIET_COUNTS)).tolist():
             found[taxel] = f"taxel {taxel + 1} stays at {trial.mean[taxel]:.0f} counts"
         return found

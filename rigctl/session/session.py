@@ -36,8 +36,6 @@ from rigctl.session.sensor_passport import gain_source, read_passport
 from rigctl.session.session_reader import NOTE_KIND, SessionReader, read_closing_digest
 from rigctl.values import SAMPLE_RATE_HZ, Gap, TrialMark, TrialRow, Verdict
 
-QUARANTINE_KIND = "quarantine"
-"""Kind of the event of a committed attempt that is unusual on its data."""
 SCALING_KIND = "scaling"
 """Kind of an import's events with the scale of the stored counts, one for each taxel."""
 
@@ -193,22 +191,6 @@ class Session(SessionReader):
             int(row["count"]),
             *(part.read(array.path, start, stop) for array in layout.TAXEL_ARRAYS),
         )
-
-    def quarantined(self) -> dict[int, str]:
-        """Return why committed attempts are in quarantine, by index; not those marked good."""
-        released = {(n.trial_id, n.attempt) for n in self.notes if n.mark is Mark.GOOD}
-        why = {
-            (event.data.get("trial_id"), event.data.get("attempt")): event.text
-            for event in self.events_of(QUARANTINE_KIND)
-        }
-        attempts = zip(
-            self.trials["trial_id"].tolist(), self.trials["attempt"].tolist(), strict=True
-        )
-        return {
-            index: why[one]
-            for index, one in enumerate(attempts)
-            if one in why and one not in released
-        }
 
     def lifted_samples(self, index: int, drum: TrialDrum, n: int) -> NDArray[np.uint16]:
         """Return the last ``n`` readings before the approach, uint16 (up to n, n_taxels).

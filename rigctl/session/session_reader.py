@@ -25,7 +25,7 @@ from rigctl.session.layout import (
     part_name,
     part_number,
 )
-from rigctl.session.notes import bad_attempts, damaged_notes, read_notes
+from rigctl.session.notes import Mark, bad_attempts, damaged_notes, read_notes
 from rigctl.session.part import (
     PartReader,
     StructuredArray,
@@ -170,6 +170,8 @@ def session_end(part: PartReader) -> Mapping[str, object] | None:
     return data
 
 
+QUARANTINE_KIND = "quarantine"
+"""Kind of the event of a committed attempt that is unusual on its data."""
 NOTE_KIND = "note"
 """Kind of the event with a note that was written while samples were recorded."""
 CUT_SHORT = "the file ends before their samples do"
@@ -322,6 +324,22 @@ class SessionReader:
         indices = np.flatnonzero(committed)
         order = np.argsort(self.trials["trial_id"][indices], kind="stable")
         return indices[order].astype(np.int64)
+
+    def quarantined(self) -> dict[int, str]:
+        """Return why committed attempts are in quarantine, by index; not those marked good."""
+        released = {(n.trial_id, n.attempt) for n in self.notes if n.mark is Mark.GOOD}
+        why = {
+            (event.data.get("trial_id"), event.data.get("attempt")): event.text
+            for event in self.events_of(QUARANTINE_KIND)
+        }
+        attempts = zip(
+            self.trials["trial_id"].tolist(), self.trials["attempt"].tolist(), strict=True
+        )
+        return {
+            index: why[one]
+            for index, one in enumerate(attempts)
+            if one in why and one not in released
+        }
 
     @property
     def repeated(self) -> frozenset[int]:

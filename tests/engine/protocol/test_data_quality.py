@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from rigctl.analysis.trial_set import join_sessions
 from rigctl.session.notes import Mark, SessionNote
-from rigctl.session.session import QUARANTINE_KIND, Session, add_note
+from rigctl.session.session import Session, add_note
+from rigctl.session.session_reader import QUARANTINE_KIND
 from rigctl.session.verify import verify
 from tests.engine.engine_harness import EngineHarness, until_ended
 

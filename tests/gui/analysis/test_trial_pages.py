@@ -137,9 +137,9 @@ def test_pages_of_an_archive_that_nobody_can_write_into_are_saved_where_the_user
 def test_every_page_is_saved_in_two_clicks_and_nothing_is_overwritten(shown: Harness) -> None:
     picture = save(shown, "png")
     assert picture.parent.name == "session-figures"
-    assert picture.name == "trial-1-readings-and-spikes-simulated.png"
+    assert picture.name == "trial-1-readings-simulated.png"
     assert not QImage(str(picture)).isNull()
-    assert save(shown, "png").name == "trial-1-readings-and-spikes-simulated-2.png"
+    assert save(shown, "png").name == "trial-1-readings-simulated-2.png"
     heading = shown.window.analysis_tab.trial_view.readings.samples_plot.titleLabel
     assert heading.text.startswith("SIMULATED data · Trial 1: plate B")
     turn_to(shown, "Force and speed")
@@ -152,7 +152,7 @@ def test_every_page_is_saved_in_two_clicks_and_nothing_is_overwritten(shown: Har
     data = shown.window.analysis_tab.trial_view.data
     assert data is not None and data.course is not None
     assert [float(row["force (g)"]) for row in rows] == data.course.force_g.tolist()
-    turn_to(shown, "Readings and spikes")
+    turn_to(shown, "Readings")
     with save(shown, "csv").open() as file:
         rows = list(csv.DictReader(file))
     assert {row["simulated"] for row in rows} == {"yes"}
@@ -168,7 +168,7 @@ def test_a_page_of_recorded_data_says_so(shown: Harness) -> None:
     pages.show_trial(pages.data._replace(simulated=False))
     assert pages.readings.samples_plot.titleLabel.text.startswith("Trial 1: plate B")
     file = save(shown, "svg")
-    assert file.name == "trial-1-readings-and-spikes.svg"
+    assert file.name == "trial-1-readings.svg"
     assert "SIMULATED" not in file.read_text() and "Trial 1: plate B" in file.read_text()
     with save(shown, "csv").open() as file:
         assert {row["simulated"] for row in csv.DictReader(file)} == {"no"}

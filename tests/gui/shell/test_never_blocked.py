@@ -213,7 +213,7 @@ def test_large_pages_are_saved_while_the_window_answers(
     tab._show(tab.trial_view)
     for suffix in ("png", "pdf", "csv"):
         watchdog.run(window.save_menu.actions[suffix].trigger)
-        file = tmp_path / "session-figures" / f"trial-1-readings-and-spikes.{suffix}"
+        file = tmp_path / "session-figures" / f"trial-1-readings.{suffix}"
         watchdog.run_until(file.exists)
     tab.panel.show_unopened("No session is open.")
     tab.trial_view.show_trial(None)
