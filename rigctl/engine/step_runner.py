@@ -407,7 +407,7 @@ class StepRunner:
         if found.quarantine:
             text = f"trial {trial.trial_id} is in quarantine: {'; '.join(found.quarantine)}"
             self._publish(QUARANTINE_KIND, text, trial_id=trial.trial_id, attempt=number)
-        self._count_failure(trial, reasons, found.broken)
+        self._count_failure(trial, reasons or found.quarantine, found.broken)
         # A pause must not interrupt this lift: the stored trial would run again.
         await self._without_pauses(self._motion.lift)
         return not reasons
@@ -415,7 +415,7 @@ class StepRunner:
     def _count_failure(
         self, trial: PlannedTrial, reasons: tuple[str, ...], broken: tuple[int, ...]
     ) -> None:
-        """Pause after several failures in a row, and say what they have in common."""
+        """Pause after several attempts in a row that were not good, with a diagnosis."""
         if not reasons:
             self._failures.clear()
             return

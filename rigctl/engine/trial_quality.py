@@ -157,7 +157,10 @@ def _is_close(value: float, planned: float, limit: float) -> bool:
 
 
 class FailedAttempt(NamedTuple):
-    """An attempt that was rejected; ``broken``: the taxels that its reasons are about, from 0."""
+    """An attempt that was rejected or put into quarantine.
+
+    ``broken``: the taxels that its reasons are about, from 0.
+    """
 
     trial_id: int
     reasons: tuple[str, ...]
@@ -168,7 +171,7 @@ def diagnose(failures: Sequence[FailedAttempt], taxels: TaxelArray) -> str:
     """Return what attempts that failed in a row have in common, and where to look."""
     broken = Counter(taxel for one in failures for taxel in one.broken)
     often = sorted(taxel for taxel, n in broken.items() if n > len(failures) / 2)
-    since = f"{len(failures)} attempts in a row failed since trial {failures[0].trial_id}"
+    since = f"{len(failures)} attempts in a row were not good since trial {failures[0].trial_id}"
     if not often:
         return f"{since}, the last one because {'; '.join(failures[-1].reasons)}"
     places = [divmod(taxels.order[taxel], taxels.inputs) for taxel in often]

@@ -126,7 +126,7 @@ class Quality:
     speed_tolerance_percent: float = number(1.0, "%", 0.01, 100, "mean speed, of the set-point")
     attempts: int = number(3, "", 1, 100, "highest number of attempts at a trial")
     pause_after_failures: int = unhashed(
-        6, "", 0, 1000, "attempts in a row that fail before the run pauses; 0: it never does"
+        6, "", 0, 1000, "attempts in a row that are not good before the run pauses; 0: never"
     )
     max_spike_percent: float = unhashed(
         25.0, "%", 1, 1000, "a load-cell reading off its neighbours, of the set force: repeated"

@@ -9,7 +9,7 @@ such a trial is put into quarantine, where a person decides.
 from __future__ import annotations
 
 from collections import defaultdict, deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from math import pi
 from statistics import NormalDist
@@ -199,45 +199,55 @@ class TrialHistory:
     def judge(self, condition: Condition, trial: TrialStatistics) -> DataVerdict:
         """Judge a trial of a condition; a good one is what later trials are compared with."""
         equal = self._trials[condition]
-        known = len(equal) >= LEAST_REFERENCES
-        if others := equal if known else self._pressed_no_harder(condition):
-            broken = self._broken(others, trial, are_equal=known)
-            repeat = (*broken.values(), *self._cell(others, condition[2], trial))
+        if len(equal) >= LEAST_REFERENCES:
+            still, loud = self._still(equal, np.median, trial), self._loud(equal, trial)
+            repeat = (*still, *loud, *self._cell(equal, condition[2], trial))
             if repeat:
-                return DataVerdict(repeat, broken=tuple(broken))
-        unusual = [*self._saturated(trial), *self._drifted(trial)]
-        if known:
+                return DataVerdict(tuple(repeat), broken=(*still.values(), *loud.values()))
+        else:
+            still = self._still(self._pressed_no_harder(condition, condition[0]), np.min, trial)
+            if still:
+                return DataVerdict(tuple(still), broken=tuple(still.values()))
+        # On another plate a taxel may lose its contact: that is for a person to say.
+        unusual = [*self._still(self._pressed_no_harder(condition), np.min, trial)]
+        unusual += [*self._saturated(trial), *self._drifted(trial)]
+        if len(equal) >= LEAST_REFERENCES:
             unusual += self._outliers(equal, trial)
         if not unusual:
             equal.append(trial)
             self._good.append((condition, trial))
         return DataVerdict((), tuple(unusual))
 
-    def _pressed_no_harder(self, condition: Condition) -> list[TrialStatistics]:
-        """Return the last good trials with no more force or depth, none where there are few."""
+    def _pressed_no_harder(self, condition: Condition, plate: str = "") -> list[TrialStatistics]:
+        """Return the last good trials with no more force or depth, of a plate or of all."""
         *_, force_g, depth_mm = condition
-        found = [one for (*_, g, mm), one in self._good if g <= force_g and mm <= depth_mm]
+        found = [
+            one
+            for (of, _, g, mm), one in self._good
+            if g <= force_g and mm <= depth_mm and of == (plate or of)
+        ]
         return found[-MEMORY:] if len(found) >= LEAST_REFERENCES else []
 
     @staticmethod
-    def _broken(
-        others: Sequence[TrialStatistics], trial: TrialStatistics, are_equal: bool
-    ) -> dict[int, str]:
-        """Return what is wrong with each broken taxel, from 0.
+    def _still(
+        others: Sequence[TrialStatistics], usual: Callable[..., Floats], trial: TrialStatistics
+    ) -> dict[str, int]:
+        """Return a reason for each taxel that stays where it usually moves, with its place."""
+        if not others:
+            return {}
+        moves = QUIET_SHARE * usual([one.movement for one in others], axis=0)
+        still = np.flatnonzero((trial.movement < moves) & (trial.sd < QUIET_COUNTS)).tolist()
+        return {f"taxel {i + 1} stays at {trial.mean[i]:.0f} counts": i for i in still}
 
-        Beside trials of other conditions, a taxel is broken where it is unlike each of them.
-        """
-        found = {}
-        most, least = (np.median, np.median) if are_equal else (np.max, np.min)
-        usual = most([one.noise for one in others], axis=0)
+    @staticmethod
+    def _loud(equal: Sequence[TrialStatistics], trial: TrialStatistics) -> dict[str, int]:
+        """Return a reason for each noisy taxel, with its place."""
+        usual = np.median([one.noise for one in equal], axis=0)
         loud = trial.noise > np.maximum(MOST_NOISE_COUNTS, NOISE_FACTOR * usual)
-        for taxel in np.flatnonzero(loud).tolist():
-            noise = trial.noise[taxel]
-            found[taxel] = f"taxel {taxel + 1} scatters by {noise:.1f} counts from sample to sample"
-        still = trial.movement < QUIET_SHARE * least([one.movement for one in others], axis=0)
-        for taxel in np.flatnonzero(still & (trial.sd < QUIET_COUNTS)).tolist():
-            found[taxel] = f"taxel {taxel + 1} stays at {trial.mean[taxel]:.0f} counts"
-        return found
+        return {
+            f"taxel {i + 1} scatters by {trial.noise[i]:.1f} counts from sample to sample": i
+            for i in np.flatnonzero(loud).tolist()
+        }
 
     def _cell(
         self, references: Sequence[TrialStatistics], force_g: float, trial: TrialStatistics

@@ -110,13 +110,21 @@ def test_first_trials_have_nothing_to_be_compared_with() -> None:
     assert last(DEAD, 2) == DataVerdict(), "a taxel may be dead in every trial: see the page"
 
 
-@pytest.mark.parametrize(("force_g", "is_found"), [(500.0, True), (1000.0, True), (250.0, False)])
-def test_a_new_condition_is_compared_with_presses_no_harder(force_g: float, is_found: bool) -> None:
+@pytest.mark.parametrize(
+    ("plate", "force_g", "kind"),
+    [("A", 500.0, "repeat"), ("A", 1000.0, "repeat"), ("A", 250.0, ""), ("B", 500.0, "quarantine")],
+)
+def test_a_new_condition_is_compared_with_presses_no_harder(
+    plate: str, force_g: float, kind: str
+) -> None:
     rng, history = np.random.default_rng(1), TrialHistory(Quality())
     for _ in range(4):
         history.judge(CONDITION, trial(rng))
-    verdict = history.judge(("B", 40.0, force_g, 0.0), DEAD)
-    assert verdict.broken == ((6,) if is_found else ())
+    verdict = history.judge((plate, 40.0, force_g, 0.0), DEAD)
+    assert (bool(verdict.repeat), bool(verdict.quarantine)) == (
+        kind == "repeat",
+        kind == "quarantine",
+    )
 
 
 def test_a_taxel_that_never_moved_is_no_reason() -> None:

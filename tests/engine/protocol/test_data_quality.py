@@ -30,7 +30,7 @@ def test_a_broken_line_pauses_the_run_with_a_diagnosis(harness: EngineHarness) -
         harness.rig.faults.wire("taxel line open")
         await harness.until(lambda: run.status().state == "paused")
         (reason,) = run.status().reasons
-        assert "6 attempts in a row failed since trial 5: taxel 4 stays at" in reason
+        assert "6 attempts in a row were not good since trial 5: taxel 4 stays at" in reason
         assert reason.endswith("Look at the wires of line 2 and input A0, A1, A2, A3, A4, A5")
         await harness.until(lambda: run.status().trials_rejected == 6)
         harness.rig.faults.wire("taxel line open", on=False)
