@@ -63,7 +63,7 @@ def measure(study: Study) -> Findings:
     Raises WrongUse for a texture or taxel that is not there, and for a single condition.
     """
     trials = study.representations.trials
-    texture = _texture(study, trials)
+    texture = shown_texture(study)
     conditions = _conditions(trials, texture)
     taxel = _taxel(study, conditions[0])
     each = [_trains(study, one, conditions, taxel) for one in study.shown]
@@ -75,8 +75,12 @@ def measure(study: Study) -> Findings:
     return Findings(sentences, rows, [_figure(each, conditions, study, texture, taxel)], NOTE)
 
 
-def _texture(study: Study, trials: TrialSet) -> str:
-    wanted = study.constants.further.texture
+def shown_texture(study: Study) -> str:
+    """Return the texture of an analysis file, else the paper's or the first.
+
+    Raises WrongUse for one that is not there.
+    """
+    wanted, trials = study.constants.further.texture, study.representations.trials
     if wanted and wanted not in trials.textures:
         raise WrongUse(f"there is no texture {wanted}: choose from {', '.join(trials.textures)}")
     usual = PAPER_TEXTURE if PAPER_TEXTURE in trials.textures else trials.textures[0]
