@@ -16,6 +16,8 @@ COLOURS = {
     "green": "#1a8a34",
     "violet": "#7a3fc4",
     "brown": "#8a5a00",
+    "light-blue": "#92aef5",
+    "light-green": "#86cf96",
     "text": "#1b1f24",
     "muted": "#59636e",
     "line": "#e3e7eb",

@@ -163,7 +163,8 @@ def test_the_curves_have_the_papers_values_and_asterisks(folder: Path) -> None:
         "New session: Original", "New session: Speed Scaled",
     ]  # fmt: skip
     peak = PublishedValue(54, 50.45, "the paper's peak: 50.45 % with 54 components")
-    assert panel.series[2].published == [peak] and panel.series[2].dashed
+    assert panel.series[2].published == [peak]
+    assert [one.colour for one in panel.series] == ["light-blue", "blue", "light-green", "green"]
     assert "about 90 %" in panel.series[1].published[0].text
     same = values["tasks"]["same-session"]["curves"]["Speed Scaled"]
     assert panel.series[1].y == [100 * share for share in same["mean"]]
