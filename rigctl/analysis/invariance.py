@@ -42,10 +42,11 @@ class _Condition(NamedTuple):
     speed_mm_s: float
     force_g: float
     rows: tuple[int, ...]
+    unit: str
 
     @property
     def name(self) -> str:
-        return f"{self.speed_mm_s:g} mm/s, {self.force_g:g} g"
+        return f"{self.speed_mm_s:g} mm/s, {self.force_g:g} {self.unit}"
 
 
 class _Trains(NamedTuple):
@@ -101,7 +102,7 @@ def _conditions(trials: TrialSet, texture: str) -> list[_Condition]:
             if (trials.trials[row].speed_mm_s, trials.trials[row].force_g) == (speed, force)
         )
         if rows:
-            found.append(_Condition(speed, force, rows))
+            found.append(_Condition(speed, force, rows, trials.press_unit))
     if len(found) < 2:
         raise WrongUse(f"texture {texture} has a single speed and force: nothing is to compare")
     return found
@@ -192,7 +193,7 @@ def _rows(trains: _Trains, conditions: Sequence[_Condition], study: Study) -> li
 def _levels(conditions: Sequence[_Condition]) -> list[str]:
     speeds = dict.fromkeys(f"{one.speed_mm_s:g}" for one in conditions)
     forces = dict.fromkeys(f"{one.force_g:g}" for one in conditions)
-    return [f"{', '.join(speeds)} mm/s", f"{', '.join(forces)} g"]
+    return [f"{', '.join(speeds)} mm/s", f"{', '.join(forces)} {conditions[0].unit}"]
 
 
 def _sentences(rows: Sequence[Row], study: Study) -> list[str]:

@@ -60,7 +60,7 @@ def measure(study: Study) -> Findings:
     ]
     about = (
         f"Trial {trial.trial_id}: texture {trial.texture}, {trial.speed_mm_s:g} mm/s, "
-        f"{trial.force_g:g} g."
+        f"{trial.force_g:g} {study.representations.trials.press_unit}."
     )
     sentence = (
         f"{about} {classifier.components} components of {shown.scaled.name}, trained on "

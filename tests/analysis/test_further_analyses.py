@@ -324,3 +324,18 @@ def test_every_stage_of_figure_1b_is_of_a_trial_that_the_classifier_has_not_seen
     for words in ("i Readings", "ii Scaled by C", "iii Spikes", "iv Spikes in scaled time",
                   "v SA rate (Hz)", "v RA count (spikes)", "vi Texture", "L (true)"):  # fmt: skip
         assert words in re.sub(r"\s+", " ", picture)
+
+
+def test_a_set_by_depth_is_named_in_millimetres(tmp_path: Path) -> None:
+    session = record(
+        tmp_path / "session", "BL", repeats=3, travel_mm=24.0, speeds=(80,), depths_mm=(0.4, 0.6, 1)
+    )
+    options = AnalysisOptions(
+        (session,), out=tmp_path / "out", iterations=1, k_max=3, task=("textures",),
+        also=("stages", "invariance", "c"),
+    )  # fmt: skip
+    make_report(options, WHEN)
+    found = json.loads((tmp_path / "out" / "results.json").read_text("utf-8"))["further"]
+    assert re.search(r"texture L, 80 mm/s, (0.4|1) mm\.", found["stages"]["sentences"][0])
+    assert "0.4, 1 mm." in found["invariance"]["sentences"][0]
+    assert "C at 0.4 mm" in (tmp_path / "out" / "c-2.svg").read_text("utf-8")
