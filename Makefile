@@ -144,7 +144,7 @@ skin: $(VENV)/.ready
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.skin_statistics $(SKIN_ARGS)
 
 # Results that pages tell, but for those of the finger, which `make realtime` makes.
-NUMBERS ?= ra-rates processors ranges invariance distances mountings spreads spreads-skin
+NUMBERS ?= ra-rates textbook processors ranges invariance distances mountings spreads spreads-skin
 
 docs-numbers: boards
 	$(SAY) "results that pages of docs tell, measured again where build/numbers lacks them: $(NUMBERS)"

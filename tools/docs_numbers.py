@@ -205,6 +205,12 @@ def _measure_spreads(world: Path | None) -> Callable[[Path], Values]:
     return measure
 
 
+def _measure_textbook(folder: Path) -> Values:
+    from tests.encoder.textbook_order import sentences
+
+    return {str(seed): sentences([str(_set(folder, seed))]) for seed in SEEDS}
+
+
 def _measure_processors(folder: Path) -> Values:
     from tests.benchmarks.encoder import processors
 
@@ -225,6 +231,10 @@ def _ra_rates(values: Values) -> str:
         f"`{name}` {values[name]:.1f}" for name in values if name.startswith(("default", "ra-"))
     ]
     return f"{', '.join(rates)} Hz."
+
+
+def _textbook(values: Values) -> str:
+    return "\n".join(f"- Set {seed}: {'; '.join(said)}." for seed, said in values.items())
 
 
 def _processors(values: Values) -> str:
@@ -321,6 +331,9 @@ FINGER_PAGE, ANALYSIS_PAGE = "explanation/moving-finger.md", "reference/analysis
 NUMBERS: Mapping[str, Numbers] = {
     "ra-rates": Numbers(
         "reference/encoding.md", "make docs-numbers", _measure_ra_rates, {"ra-rates": _ra_rates}
+    ),
+    "textbook": Numbers(
+        "reference/encoding.md", "make docs-numbers", _measure_textbook, {"textbook": _textbook}
     ),
     "processors": Numbers(
         "reference/encoding.md", "make docs-numbers", _measure_processors,
