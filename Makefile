@@ -16,11 +16,11 @@ DEBIAN_FIRMWARE := gcc g++ make gcc-avr avr-libc libsimavr-dev libelf-dev \
 DEBIAN_TEST := $(DEBIAN_RUN) $(DEBIAN_FIRMWARE) hdf5-tools mbpoll arduino-core-avr avrdude
 
 .DEFAULT_GOAL := help
-.PHONY: help setup boards demo gui test check pytest firmware kernels bench orders realtime identify invariance skin scale shots soak fuzz scans attack docs lock clean
+.PHONY: help setup boards demo gui test check pytest firmware kernels bench orders realtime identify invariance skin scale shots soak fuzz scans attack docs docs-numbers lock clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
-	@echo 'also: make gui, check, firmware, bench, orders, realtime, identify, invariance, skin, scale, shots, soak, fuzz, scans, attack, docs, lock, clean'
+	@echo 'also: make gui, check, firmware, bench, orders, realtime, identify, invariance, skin, scale, shots, soak, fuzz, scans, attack, docs, docs-numbers, lock, clean'
 
 $(VENV)/.ready: requirements.lock pyproject.toml hatch_build.py
 	$(SAY) "Python environment in $(VENV) (locked versions, hashes checked, wheels only)"
@@ -142,6 +142,13 @@ invariance: $(VENV)/.ready
 skin: $(VENV)/.ready
 	$(SAY) "the tables of docs/explanation/real-and-simulated.md (ten minutes)"
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.skin_statistics $(SKIN_ARGS)
+
+# Results that pages tell, but for those of the finger, which `make realtime` makes.
+NUMBERS ?= ra-rates textbook processors ranges invariance distances mountings spreads spreads-skin
+
+docs-numbers: boards
+	$(SAY) "results that pages of docs tell, measured again where build/numbers lacks them: $(NUMBERS)"
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.docs_numbers $(NUMBERS)
 
 # A scan whose velocity and answer change.
 SHOWN_SCAN ?= 17

@@ -1,6 +1,6 @@
 """Measure which spread of a person's movement decides how well a moving finger knows textures.
 
-``python -m tools.finger_spreads`` prints the table of ``docs/explanation/moving-finger.md``: sets
+``python -m tools.finger_spreads`` prints a table of ``docs/explanation/moving-finger.md``: sets
 of the paper's protocol from slides of the virtual finger, without board and cable. Marks and
 velocities are those of the wrist, which wears the tracker; its noise and delay are not in them.
 """
@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -139,6 +139,15 @@ def accuracies(data_sets: Sequence[FingerDataSet]) -> list[float]:
     return [100.0 * float(of[task].mean(kind)[COMPONENTS - 1]) for task in TASKS for kind in KINDS]
 
 
+def spread_rows(
+    parameters: WorldParameters, seeds: Sequence[int] = JUDGES
+) -> Iterator[tuple[str, list[float]]]:
+    """Yield the accuracies of the virtual person, and those with each spread taken away."""
+    for name, spreads in PERSONS.items():
+        person: Any = replace(OperatorParameters(), **dict.fromkeys(spreads, 0.0))
+        yield name, accuracies([simulate_data_set(parameters, person, seed) for seed in seeds])
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Print a row for the nominal person and one for each spread that is taken away."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -152,10 +161,8 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     print(_row("person", *(f"{task.key}, {kind}" for task in TASKS for kind in KINDS)))
     print(_row(*["---"] * (1 + len(TASKS) * len(KINDS))))
-    for name, spreads in PERSONS.items():
-        person: Any = replace(OperatorParameters(), **dict.fromkeys(spreads, 0.0))
-        sets = [simulate_data_set(world, person, seed) for seed in options.seeds]
-        print(_row(name, *(f"{accuracy:.1f}" for accuracy in accuracies(sets))), flush=True)
+    for name, found in spread_rows(world, options.seeds):
+        print(_row(name, *(f"{accuracy:.1f}" for accuracy in found)), flush=True)
     return 0
 
 

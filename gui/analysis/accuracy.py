@@ -98,6 +98,8 @@ COLOURS = {
     "green": ("#1a8a34", "#5fd07a"),
     "violet": ("#7a3fc4", "#b794f6"),
     "brown": ("#8a5a00", "#d3a04a"),
+    "light-blue": ("#92aef5", "#4a68ad"),
+    "light-green": ("#86cf96", "#3a8a50"),
 }
 SYMBOLS_OF = {
     "ink": ("o", "h"),
@@ -106,6 +108,8 @@ SYMBOLS_OF = {
     "green": ("star", "x"),
     "violet": ("p", "t2"),
     "brown": ("+", "t3"),
+    "light-blue": ("d", "d"),
+    "light-green": ("x", "x"),
 }
 """Symbols of curves that are drawn through, and of dashed ones."""
 

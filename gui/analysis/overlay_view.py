@@ -23,11 +23,21 @@ _DASHES: tuple[tuple[float, ...], ...] = (
 )  # fmt: skip
 LOOKS = tuple(
     CurveLook(*colours, dashes, "")
-    for colours, dashes in zip(COLOURS.values(), _DASHES, strict=True)
+    for colours, dashes in zip(COLOURS.values(), _DASHES, strict=False)
 )
 """Each trial has a colour and dashes of its own."""
 assert len(LOOKS) == MOST_TRIALS
-_NAMES = ("force time (s)", "force (g)", "time (s)", "reading (counts)", "spike time (s)")
+_NAMES = (
+    "force time (s)", "force (g)", "time (s)", "reading (counts)", "spike time (s)",
+    "spike time with C (s)", "scaled spike time with C (s)",
+)  # fmt: skip
+RASTERS = {
+    "Spikes": "spikes_s",
+    "Force<br>scaled": "forced_s",
+    "Speed and<br>force scaled": "scaled_s",
+}
+"""Label of each row of spikes, before and behind the modules, and the times that it shows."""
+HEIGHTS_PX = (80, 80, 60, 100, 105)
 Numbered = list[tuple[int, OverlaidTrial]]
 """Trials, each with the number of its look."""
 EACH_ITS_OWN = "Each trial has its colour, its dashes and its row of spikes."
@@ -36,6 +46,7 @@ EACH_ITS_OWN = "Each trial has its colour, its dashes and its row of spikes."
 class OverlayPlots(PlotGrid):
     """Force, a taxel's reading and its spikes; drag moves and the wheel zooms all in time.
 
+    The last row has scaled time, and moves alone: a moment of each trial is at another place there.
     Only what is in view is drawn, of many points the lowest and highest.
     """
 
@@ -43,12 +54,12 @@ class OverlayPlots(PlotGrid):
         super().__init__()
         self._theme = theme
         self.plots = [
-            time_plot(self.cells, row, name, last=row == 2)
-            for row, name in enumerate(("Force<br>(g)", "Reading", "Spikes"))
+            time_plot(self.cells, row, name, last=row >= 3)
+            for row, name in enumerate(("Force<br>(g)", "Reading", *RASTERS))
         ]
         for plot in self.plots:
             plot.setMouseEnabled(x=True, y=False)
-        for plot in self.plots[1:]:
+        for plot in self.plots[1:-1]:
             plot.setXLink(self.plots[0])
         self._curves: list[tuple[pg.PlotCurveItem, NDArray[np.float64], NDArray[np.float64]]] = []
         self.plots[0].getViewBox().sigXRangeChanged.connect(lambda *_: self._draw())
@@ -58,8 +69,9 @@ class OverlayPlots(PlotGrid):
         """Apply a theme; the trials are drawn by the next :meth:`show_trials`."""
         self._theme = theme
         self.colour(theme, *self.plots)
-        label_axis(self.plots[2], "bottom", "Time since the first sample (s)", theme)
-        self.reserve_plots(*LEAST_PX, LEAST_PX[-1])
+        label_axis(self.plots[3], "bottom", "Time since the first sample (s)", theme)
+        label_axis(self.plots[4], "bottom", "Scaled time, that at 120 mm/s (s)", theme)
+        self.reserve_plots(LEAST_PX[0], *HEIGHTS_PX)
         reserve_right(self.cells)
 
     def show_trials(self, heading: str, taxel: int, trials: Numbered) -> None:
@@ -74,9 +86,11 @@ class OverlayPlots(PlotGrid):
             self._add(self.plots[0], pen, trial.force_s, trial.force_g)
             self._add(self.plots[1], pen, trial.reading_s, trial.reading)
             height = -row - np.array([0.15, 0.85])
-            x, y = np.repeat(trial.spikes_s, 2), np.tile(height, len(trial.spikes_s))
             solid = pg.mkPen(LOOKS[number].colour(self._theme), width=1)
-            self.plots[2].addItem(pg.PlotCurveItem(x, y, connect="pairs", pen=solid))
+            for plot, name in zip(self.plots[2:], RASTERS.values(), strict=True):
+                times_s = getattr(trial, name)
+                x, y = np.repeat(times_s, 2), np.tile(height, len(times_s))
+                plot.addItem(pg.PlotCurveItem(x, y, connect="pairs", pen=solid))
         self._fit(trials)
         self._draw()
 
@@ -95,10 +109,13 @@ class OverlayPlots(PlotGrid):
             known = values[np.isfinite(values)]
             low, high = (known.min(), known.max()) if len(known) else (0.0, 1.0)
             plot.setYRange(low, max(high, low + 1.0), padding=0.05)
-        self.plots[2].setYRange(-max(len(trials), 1), 0, padding=0)
         ticks = [(-row - 0.5, f"{number + 1}") for row, (number, _) in enumerate(trials)]
-        self.plots[2].getAxis("left").setTicks([ticks, []])
+        for plot in self.plots[2:]:
+            plot.setYRange(-max(len(trials), 1), 0, padding=0)
+            plot.getAxis("left").setTicks([ticks, []])
         self.plots[0].setXRange(0, max(ends, default=1.0), padding=0)
+        last_s = [trial.scaled_s.max(initial=0.0) for _, trial in trials]
+        self.plots[4].setXRange(0, max(last_s, default=0.0) or 1.0, padding=0.01)
 
     def _draw(self) -> None:
         left_s, right_s = self.plots[0].getViewBox().viewRange()[0]
@@ -145,7 +162,24 @@ class OverlayView(QWidget):
         """What is shown, in words."""
         assert self.overlay is not None
         origin = f"{data_words(simulated=True)}. " if self.overlay.simulated else ""
-        return f"{origin}{self.overlay.neuron}. {EACH_ITS_OWN} {self.overlay.left_out}".strip()
+        words = (
+            origin + f"{self.overlay.neuron}.",
+            EACH_ITS_OWN,
+            self._scaling(),
+            self.overlay.left_out,
+        )
+        return " ".join(filter(None, words))
+
+    def _scaling(self) -> str:
+        """Return the C of each trial, or why the force is not scaled."""
+        assert self.overlay is not None
+        if self.overlay.is_ra:
+            return "C is of SA alone."
+        known = [
+            f"{number} no C" if trial.c is None else f"{number} {trial.c:.3g}"
+            for number, trial in enumerate(self.overlay.trials, 1)
+        ]
+        return f"C: {', '.join(known)}." if known else ""
 
     def values(self) -> tuple[tuple[str, ...], tuple[NDArray[np.float64], ...]]:
         """Return names and columns of the trials; shorter columns end in empty cells."""
@@ -153,7 +187,7 @@ class OverlayView(QWidget):
         names, columns = [], []
         for trial in self.overlay.trials:
             names += [f"{trial.name}: {name}" for name in _NAMES]
-            columns += [np.asarray(column) for column in trial[1:]]
+            columns += [np.asarray(column) for column in trial[1 : 1 + len(_NAMES)]]
         n = max(map(len, columns), default=0)
         padded = tuple(np.pad(c, (0, n - len(c)), constant_values=np.nan) for c in columns)
         return tuple(names), padded

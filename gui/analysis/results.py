@@ -29,6 +29,7 @@ CELL_NAMES = (
     "task", "representation", "true texture", "predicted texture", "count (trials)",
     "share of the true texture (%)",
 )  # fmt: skip
+PROFILE_NAMES = ("representation", "velocity profile", "right (scans)", "tested (scans)")
 
 
 def figures_csv(figures: Sequence[Figure]) -> str:
@@ -166,6 +167,14 @@ def finger_results(report: FingerReport) -> AnalysisResults:
     figures |= {"Evidence": evidence_figure(values), "Promises": promises_figure(values)}
     figures["Confusion"] = answer_figures(values)[0]
     pages = [plot_page(name, origin, figure) for name, figure in figures.items()]
+    if (profiles := out / "profiles.png").exists():
+        answers = (
+            (one["kind"], name, one["right"][name], tested)
+            for one in values["answers"]
+            for name, tested in one["tested"].items()
+        )
+        csv = rows_csv(PROFILE_NAMES, answers)
+        pages.append(ResultsPage("Profiles", figure=str(profiles), csv=csv))
     if values["latencies"]:
         rows = [(kind, *one.values()) for kind, one in values["latencies"].items()]
         path, csv = out / "latencies.png", rows_csv(LATENCY_NAMES, rows)

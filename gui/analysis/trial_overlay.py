@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -17,6 +18,7 @@ from rigctl.analysis.published import SMOOTH
 from rigctl.values import SAMPLE_RATE_HZ
 
 if TYPE_CHECKING:
+    from rigctl.encoder.normalisation import Normalisation
     from rigctl.session.session import Session
 
 Floats = NDArray[np.float64]
@@ -27,6 +29,8 @@ MOST_TRIALS = 6
 MOST_POINTS = 1 << 17
 """Of a curve; of a longer trial the lowest and highest of groups of points are kept."""
 CHANNELS = ("SA", "RA")
+TRIALS_FOR_C, SAMPLES_FOR_C = 5, 60 * SAMPLE_RATE_HZ
+"""C is searched on so many trials of a condition, and on so much of each."""
 SEVERAL = "several conditions"
 CONDITION = ("texture", "speed_mm_s", "force_g")
 
@@ -34,7 +38,10 @@ CONDITION = ("texture", "speed_mm_s", "force_g")
 class OverlaidTrial(NamedTuple):
     """A trial's courses over the time since its first sample; float64, each pair of equal length.
 
-    ``name``: of its session and its own; ``spikes_s``: of the chosen neuron.
+    ``name``: of its session and its own; ``spikes_s``: of the chosen neuron, as it was encoded;
+    ``forced_s``: behind the force module, with ``c`` on the SA current; ``scaled_s``: behind the
+    speed module too, in the time of the reference speed (equation 2). ``c`` is None where its
+    session has no trial at the reference force: nothing is scaled by force.
     """
 
     name: str
@@ -43,6 +50,9 @@ class OverlaidTrial(NamedTuple):
     reading_s: Floats
     reading: Floats
     spikes_s: Floats
+    forced_s: Floats
+    scaled_s: Floats
+    c: float | None
 
 
 class TrialOverlay(NamedTuple):
@@ -175,6 +185,8 @@ def _names(sessions: OpenSessions, places: Sequence[Place]) -> list[str]:
 def _read(
     sessions: OpenSessions, path: str, row: int, name: str, taxel: int, is_ra: bool
 ) -> OverlaidTrial:
+    from rigctl.encoder.features import REFERENCE_SPEED_MM_S
+
     session = sessions.drum_session(path)
     train = taxel + is_ra * session.sensor_layout.n_taxels
     blocks = [
@@ -186,4 +198,60 @@ def _read(
     course = read_course(session, row)
     known = np.isfinite(course.force_s)
     force = thin_out(course.force_s[known], course.force_g[known], MOST_POINTS)
-    return OverlaidTrial(name, *force, *thin_out(time_s, reading, MOST_POINTS), time_s[has_spike])
+    spikes_s = forced_s = time_s[has_spike]
+    taxel_range = _of_taxel(sessions.taxel_range(path), taxel)
+    c = None if is_ra else _search_c(session, row, taxel, taxel_range)
+    if c is not None:
+        forced_s = _sa_spikes_s(reading, taxel_range, c)
+    speed_mm_s = float(session.trials[row]["speed_mm_s"])
+    scaled_s = forced_s * (speed_mm_s / REFERENCE_SPEED_MM_S if speed_mm_s > 0 else 1.0)
+    drawn = thin_out(time_s, reading, MOST_POINTS)
+    return OverlaidTrial(name, *force, *drawn, spikes_s, forced_s, scaled_s, c)
+
+
+def _of_taxel(ranges: Normalisation, taxel: int) -> Normalisation:
+    return replace(ranges, low=ranges.low[[taxel]], high=ranges.high[[taxel]])
+
+
+def _sa_spikes_s(reading: Floats, taxel_range: Normalisation, c: float) -> Floats:
+    """Return the times of a taxel's SA spikes with C on the current."""
+    from rigctl.encoder.encoder import encode_trials
+
+    samples = reading.astype(np.uint16)[:, None]
+    (spikes,) = encode_trials([samples], taxel_range, sa_scale=np.array([[c]]))
+    return spikes.train(0) / SAMPLE_RATE_HZ
+
+
+def _search_c(session: Session, row: int, taxel: int, taxel_range: Normalisation) -> float | None:
+    """Return the C of a trial's plate, speed and force for one taxel: equation 1."""
+    from rigctl.encoder.force_matrix import REFERENCE_FORCE_G
+    from rigctl.encoder.force_search import mean_sa_rates_hz, search_c
+
+    own_g = float(session.trials[row]["force_g"])
+    if own_g == REFERENCE_FORCE_G:
+        return 1.0
+    own, reference = (
+        _alike_readings(session, row, taxel, force_g) for force_g in (own_g, REFERENCE_FORCE_G)
+    )
+    if not own or not reference:
+        return None
+    target_hz = mean_sa_rates_hz(reference, taxel_range)
+    mean = np.array([taxel_range.apply(np.concatenate(reference)).mean()])
+    return float(search_c(own, mean, target_hz, taxel_range).c[0])
+
+
+def _alike_readings(
+    session: Session, row: int, taxel: int, force_g: float
+) -> list[NDArray[np.uint16]]:
+    """Return readings of some committed trials of a trial's plate and speed, at a force."""
+    trials, chosen = session.trials, session.committed()
+    for name, value in (
+        ("texture", trials[row]["texture"]),
+        ("speed_mm_s", trials[row]["speed_mm_s"]),
+        ("force_g", force_g),
+    ):
+        chosen = chosen[trials[name][chosen] == value]
+    return [
+        np.ascontiguousarray(session.samples(one, 0, SAMPLES_FOR_C)[:, [taxel]])
+        for one in chosen[:TRIALS_FOR_C].tolist()
+    ]

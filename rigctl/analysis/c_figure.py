@@ -75,7 +75,7 @@ def _means(study: Study, rates: Floats) -> tuple[list[float], list[float], list[
 
 
 def _sentences(study: Study, before: Floats, after: Floats) -> list[str]:
-    unit = "mm" if study.representations.trials.by_depth else "g"
+    unit = study.representations.trials.press_unit
     forces, first, _ = _means(study, before)
     _, second, _ = _means(study, after)
     ends = [f"{forces[0]:g} to {forces[-1]:g} {unit}"]
@@ -86,7 +86,7 @@ def _sentences(study: Study, before: Floats, after: Floats) -> list[str]:
 
 
 def _rate_figure(study: Study, before: Floats, after: Floats) -> Figure:
-    unit = "mm" if study.representations.trials.by_depth else "g"
+    unit = study.representations.trials.press_unit
     series = []
     for name, colour, rates in (("without C", "ink", before), ("with C", "red", after)):
         forces, means, deviations = _means(study, rates)
@@ -100,7 +100,8 @@ def _rate_figure(study: Study, before: Floats, after: Floats) -> Figure:
 
 def _images(force: ForceMatrix, study: Study) -> Figure:
     """Return the mean C over textures as images of taxel and speed, one for each force."""
-    names = study.representations.trials.sensor_layout.names
+    trials = study.representations.trials
+    names, unit = trials.sensor_layout.names, trials.press_unit
     speeds = [f"{speed:g}" for speed in force.speeds_mm_s]
     known = np.where(force.status == SearchStatus.ABSENT, np.nan, force.c)
     panels = []
@@ -111,7 +112,7 @@ def _images(force: ForceMatrix, study: Study) -> Figure:
         counts = np.isfinite(cells).sum(axis=0)
         sums = np.nansum(cells, axis=0)
         values = _cells(sums, counts)
-        title = f"C at {force_g:g} (mean over textures)"
+        title = f"C at {force_g:g} {unit} (mean over textures)"
         panels.append(Image(title, names, speeds, values, "speed (mm/s)", "taxel", middle=1.0))
     return Figure("C by taxel and speed", panels, ["1: no scaling."], columns=3)
 

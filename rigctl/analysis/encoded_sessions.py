@@ -269,7 +269,8 @@ def _write_picture(
     folder: Path,
 ) -> None:
     chosen = request.parameters, request.trial, request.taxel
-    course = load_course(prepared.trials, prepared.normalisation, *chosen, c)
+    reference_mm_s = request.settings.windows.reference_speed_mm_s
+    course = load_course(prepared.trials, prepared.normalisation, *chosen, c, reference_mm_s)
     section = Section(0.0, min(SHOWN_S, course.duration_s))
     draw_every_signal(course, section, folder / "taxel")
     write_course(course, folder / "taxel.csv")

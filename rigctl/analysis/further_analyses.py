@@ -29,6 +29,7 @@ class FurtherAnalysis(NamedTuple):
 
 
 ANALYSES = (
+    FurtherAnalysis("stages", "Figure 1B, every stage", "rigctl.analysis.stages"),
     FurtherAnalysis("invariance", "One taxel, every module", "rigctl.analysis.invariance"),
     FurtherAnalysis("c", "C, and rates by force", "rigctl.analysis.c_figure"),
     FurtherAnalysis("loadings", "Loadings of components", "rigctl.analysis.loadings"),

@@ -42,10 +42,11 @@ class _Condition(NamedTuple):
     speed_mm_s: float
     force_g: float
     rows: tuple[int, ...]
+    unit: str
 
     @property
     def name(self) -> str:
-        return f"{self.speed_mm_s:g} mm/s, {self.force_g:g} g"
+        return f"{self.speed_mm_s:g} mm/s, {self.force_g:g} {self.unit}"
 
 
 class _Trains(NamedTuple):
@@ -63,7 +64,7 @@ def measure(study: Study) -> Findings:
     Raises WrongUse for a texture or taxel that is not there, and for a single condition.
     """
     trials = study.representations.trials
-    texture = _texture(study, trials)
+    texture = shown_texture(study)
     conditions = _conditions(trials, texture)
     taxel = _taxel(study, conditions[0])
     each = [_trains(study, one, conditions, taxel) for one in study.shown]
@@ -75,8 +76,12 @@ def measure(study: Study) -> Findings:
     return Findings(sentences, rows, [_figure(each, conditions, study, texture, taxel)], NOTE)
 
 
-def _texture(study: Study, trials: TrialSet) -> str:
-    wanted = study.constants.further.texture
+def shown_texture(study: Study) -> str:
+    """Return the texture of an analysis file, else the paper's or the first.
+
+    Raises WrongUse for one that is not there.
+    """
+    wanted, trials = study.constants.further.texture, study.representations.trials
     if wanted and wanted not in trials.textures:
         raise WrongUse(f"there is no texture {wanted}: choose from {', '.join(trials.textures)}")
     usual = PAPER_TEXTURE if PAPER_TEXTURE in trials.textures else trials.textures[0]
@@ -97,7 +102,7 @@ def _conditions(trials: TrialSet, texture: str) -> list[_Condition]:
             if (trials.trials[row].speed_mm_s, trials.trials[row].force_g) == (speed, force)
         )
         if rows:
-            found.append(_Condition(speed, force, rows))
+            found.append(_Condition(speed, force, rows, trials.press_unit))
     if len(found) < 2:
         raise WrongUse(f"texture {texture} has a single speed and force: nothing is to compare")
     return found
@@ -188,7 +193,7 @@ def _rows(trains: _Trains, conditions: Sequence[_Condition], study: Study) -> li
 def _levels(conditions: Sequence[_Condition]) -> list[str]:
     speeds = dict.fromkeys(f"{one.speed_mm_s:g}" for one in conditions)
     forces = dict.fromkeys(f"{one.force_g:g}" for one in conditions)
-    return [f"{', '.join(speeds)} mm/s", f"{', '.join(forces)} g"]
+    return [f"{', '.join(speeds)} mm/s", f"{', '.join(forces)} {conditions[0].unit}"]
 
 
 def _sentences(rows: Sequence[Row], study: Study) -> list[str]:

@@ -54,6 +54,7 @@ from rigctl.analysis.stimulation import (
 from rigctl.analysis.trial_set import TrialRef, TrialSet, join_sessions, open_trials
 from rigctl.config.text_file import shorten
 from rigctl.encoder.encoder import encode_trials, membrane_mv
+from rigctl.encoder.features import REFERENCE_SPEED_MM_S
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import DEFAULT, EncoderParameters, RaDerivative
 from rigctl.encoder.ra_filter import ra_signals
@@ -78,8 +79,8 @@ _FORMATS = ("%d", "%.3f", "%.6f", "%.6f", "%.6f", "%.4f", "%.4f", "%.4f", "%.4f"
 SA_COLOUR = "#1f4fd1"
 COLOURS = (SA_COLOUR, RA_COLOUR)
 HEIGHTS_OF_2C = (2.2, 1.6, 0.5, 1.6, 0.5)
-HEIGHTS_OF_2D = (1.7, 1.2, 1.2, 1.3, 0.5, 1.2, 1.3, 0.5)
-"""Relative heights of the panels of Figure 2C, and of all signals of Figure 2D."""
+HEIGHTS_OF_2D = (1.7, 1.2, 1.2, 1.3, 0.5, 1.2, 1.3, 0.5, 0.9)
+"""Relative heights of the panels of Figure 2C, and of Figure 2D with the scaled spikes below."""
 SHOWN_TRIAL = ("L", 80.0, 500.0)
 """Texture, speed and force of the paper's Figure 2C."""
 SHOWN_S = 1.0
@@ -137,7 +138,7 @@ class TaxelCourse:
     ``reading``: float64 (n,), 0–1, as encoded. ``low_passed``: the reading behind the RA filter.
     ``derivative``: its change, in ``derivative_unit``. ``current``: float64 (n, 2), SA and RA,
     mV/ms. ``membrane_mv``: float64 (n, 2). ``spikes``: int32 sample indices of SA and of RA.
-    ``c``: the factor on the SA current.
+    ``c``: the factor on the SA current. ``time_scale``: that of equation 2 on the times of spikes.
     """
 
     title: str
@@ -152,6 +153,7 @@ class TaxelCourse:
     membrane_mv: Floats
     spikes: tuple[NDArray[np.int32], NDArray[np.int32]]
     c: float = 1.0
+    time_scale: float = 1.0
 
     @property
     def duration_s(self) -> float:
@@ -166,11 +168,13 @@ def load_course(
     trial_id: int | None = None,
     taxel: int | None = None,
     c: Floats | None = None,
+    reference_mm_s: float = REFERENCE_SPEED_MM_S,
 ) -> TaxelCourse:
     """Return the signals of a trial and taxel, by default of the trial of Figure 2C.
 
     The default taxel has the largest standard deviation. ``c``: factors on the SA current, float64
-    (n_trials, n_taxels). Raises WrongUse for a trial that is not in the set.
+    (n_trials, n_taxels). ``reference_mm_s``: the speed of scaled time. Raises WrongUse for a trial
+    that is not in the set.
     """
     row = chosen_trial(trials, trial_id)
     trial = trials.trials[row]
@@ -182,7 +186,8 @@ def load_course(
     words = _words(trials, trial, index, ranges, parameters, None if c is None else factor)
     simulated = bool(trials.provenance[trial.session]["simulated"])
     texts = (_title(trial, index), words, trials_origin(trials), simulated)
-    return _encode(samples[:, [index]], own, parameters, factor, texts)
+    course = _encode(samples[:, [index]], own, parameters, factor, texts)
+    return replace(course, time_scale=trial.speed_mm_s / reference_mm_s)
 
 
 def write_course(course: TaxelCourse, path: Path) -> None:
@@ -261,9 +266,12 @@ class Section(NamedTuple):
 
 
 class _Trace(NamedTuple):
+    """A line whose points appear at ``at_s``, ascending."""
+
     line: Line2D
     at_s: Floats
-    values: Floats
+    x: Floats
+    y: Floats
 
 
 class TaxelPanels:
@@ -283,6 +291,8 @@ class TaxelPanels:
             self._add_signal(next(rows), label, course.derivative, RA_COLOUR)
         for channel in range(len(CHANNELS)):
             self._add_neuron(rows, channel, every_signal)
+        if every_signal:
+            self._add_scaled(next(rows))
         for panel in axes[:-1]:
             panel.tick_params(labelbottom=False)
         axes[-1].set_xlim(*section)
@@ -292,7 +302,7 @@ class TaxelPanels:
         """Show what there was up to a moment, in seconds since the trial window opened."""
         for trace in self._traces:
             n = int(np.searchsorted(trace.at_s, at_s, side="right"))
-            trace.line.set_data(trace.at_s[:n], trace.values[:n])
+            trace.line.set_data(trace.x[:n], trace.y[:n])
 
     def _add_readings(self, axes: Axes, every_signal: bool) -> None:
         course = self._course
@@ -334,20 +344,38 @@ class TaxelPanels:
         shown = self._shown(len(values))
         at_s = np.arange(len(values))[shown] / SAMPLE_RATE_HZ
         (line,) = axes.plot(at_s, values[shown], color=colour, lw=width, label=name)
-        self._traces.append(_Trace(line, at_s, values[shown]))
+        self._traces.append(_Trace(line, at_s, at_s, values[shown]))
 
     def _add_spikes(self, axes: Axes, channel: int) -> None:
-        """Draw the spikes as one broken line: a tick from 0 to 1 at each."""
-        at_s = self._course.spikes[channel] / SAMPLE_RATE_HZ
-        at_s = at_s[(at_s >= self._section.start_s) & (at_s < self._section.end_s)]
-        x, y = np.repeat(at_s, 3), np.tile([0.0, 1.0, np.nan], len(at_s))
-        (line,) = axes.plot(x, y, color=COLOURS[channel], lw=0.9, solid_capstyle="butt")
-        self._traces.append(_Trace(line, x, y))
+        """Draw the spikes: a tick from 0 to 1 at each."""
+        at_s = self._ticks(axes, channel, (0.0, 1.0))
         axes.set(ylim=(-0.1, 1.1), yticks=[], xlim=tuple(self._section))
         axes.set_ylabel("spikes", rotation=0, ha="right", va="center", size=8, color=MUTED)
         if not len(at_s):
             style: Any = {"ha": "center", "va": "center", "size": 8, "color": MUTED}
             axes.text(0.5, 0.5, f"no {CHANNELS[channel]} spike", transform=axes.transAxes, **style)
+
+    def _add_scaled(self, axes: Axes) -> None:
+        """Draw the spikes of both neurons in scaled time since the section's start, SA on top."""
+        scale = self._course.time_scale
+        for channel in range(len(CHANNELS)):
+            self._ticks(axes, channel, (1.1 - channel * 1.1, 2.1 - channel * 1.1), scale)
+        axes.set(ylim=(-0.1, 2.2), yticks=[0.5, 1.6], yticklabels=CHANNELS[::-1])
+        axes.tick_params(axis="y", length=0, labelsize=8)
+        axes.set_ylabel(f"scaled\n(× {scale:.3g})", size=8, color=MUTED)
+
+    def _ticks(
+        self, axes: Axes, channel: int, y: tuple[float, float], scale: float = 1.0
+    ) -> Floats:
+        """Draw the spikes of the section as one broken line; return their times."""
+        start_s, end_s = self._section
+        at_s = self._course.spikes[channel] / SAMPLE_RATE_HZ
+        at_s = at_s[(at_s >= start_s) & (at_s < end_s)]
+        x = np.repeat(start_s + scale * (at_s - start_s), 3)
+        heights = np.tile([*y, np.nan], len(at_s))
+        (line,) = axes.plot(x, heights, color=COLOURS[channel], lw=0.9, solid_capstyle="butt")
+        self._traces.append(_Trace(line, np.repeat(at_s, 3), x, heights))
+        return np.asarray(at_s)
 
     def _shown(self, n: int) -> slice:
         first = round(self._section.start_s * SAMPLE_RATE_HZ)
@@ -404,7 +432,7 @@ def check_figure_file(out: Path) -> None:
 
 
 def _title_of(course: TaxelCourse) -> str:
-    return f"{course.title}: from the reading to spikes (Fig. 2D)"
+    return f"{course.title}: from the reading to scaled spikes (Fig. 2D)"
 
 
 def _every_signal(course: TaxelCourse, section: Section) -> Figure:
@@ -532,7 +560,8 @@ def encode_taxel(request: EncodeRequest, resources: Resources) -> tuple[str, ...
     prepared = prepare_trials(trials, resources, request.ranges, request.settings)
     c = _searched_factors(request, prepared, resources)
     chosen = request.parameters, request.trial, request.taxel
-    course = load_course(prepared.trials, prepared.normalisation, *chosen, c)
+    reference_mm_s = request.settings.windows.reference_speed_mm_s
+    course = load_course(prepared.trials, prepared.normalisation, *chosen, c, reference_mm_s)
     section = _section_of(request, course)
     if request.figure is not None:
         write_taxel_figure(course, section, request.figure)

@@ -122,6 +122,11 @@ class TrialSet:
     inputs: tuple[tuple[int, ...], ...] = ()
 
     @property
+    def press_unit(self) -> str:
+        """The unit of what the drum pressed with: of a force, or of a depth."""
+        return "mm" if self.by_depth else "g"
+
+    @property
     def textures(self) -> tuple[str, ...]:
         """Names in sorted order."""
         return tuple(sorted({trial.texture for trial in self.trials}))

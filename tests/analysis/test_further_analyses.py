@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from html import escape
 from pathlib import Path
@@ -296,7 +297,7 @@ def test_c_and_the_rates_before_and_after_it_are_drawn(session: Path, tmp_path: 
         assert row["after_hz"] == pytest.approx(reference[row["texture"]], abs=0.3)
         if row["force_g"] == 250:
             assert row["before_hz"] < reference[row["texture"]] - 3
-    assert "C at 250" in (tmp_path / "out" / "c-2.svg").read_text(encoding="utf-8")
+    assert "C at 250 g" in (tmp_path / "out" / "c-2.svg").read_text(encoding="utf-8")
 
 
 def test_loadings_say_what_each_component_explains(session: Path, tmp_path: Path) -> None:
@@ -308,3 +309,33 @@ def test_loadings_say_what_each_component_explains(session: Path, tmp_path: Path
     for row in mine:
         assert row["layer_I_percent"] + row["layer_II_percent"] == pytest.approx(100, abs=0.01)
         assert 0 <= row["sa_percent"] <= 100
+
+
+def test_every_stage_of_figure_1b_is_of_a_trial_that_the_classifier_has_not_seen(
+    session: Path, tmp_path: Path
+) -> None:
+    found = further(session, tmp_path / "out", "stages", task=("textures",))["further"]["stages"]
+    by = {row["texture"]: row["posterior_percent"] for row in found["rows"]}
+    assert list(by) == ["A", "B", "L"] and sum(by.values()) == pytest.approx(100, abs=0.01)
+    (sentence,) = found["sentences"]
+    assert re.search("texture L, .* 250 g", sentence), "where C changes something"
+    assert f"name it {max(by, key=by.__getitem__)}" in sentence
+    picture = (tmp_path / "out" / "stages.svg").read_text(encoding="utf-8")
+    for words in ("i Readings", "ii Scaled by C", "iii Spikes", "iv Spikes in scaled time",
+                  "v SA rate (Hz)", "v RA count (spikes)", "vi Texture", "L (true)"):  # fmt: skip
+        assert words in re.sub(r"\s+", " ", picture)
+
+
+def test_a_set_by_depth_is_named_in_millimetres(tmp_path: Path) -> None:
+    session = record(
+        tmp_path / "session", "BL", repeats=3, travel_mm=24.0, speeds=(80,), depths_mm=(0.4, 0.6, 1)
+    )
+    options = AnalysisOptions(
+        (session,), out=tmp_path / "out", iterations=1, k_max=3, task=("textures",),
+        also=("stages", "invariance", "c"),
+    )  # fmt: skip
+    make_report(options, WHEN)
+    found = json.loads((tmp_path / "out" / "results.json").read_text("utf-8"))["further"]
+    assert re.search(r"texture L, 80 mm/s, (0.4|1) mm\.", found["stages"]["sentences"][0])
+    assert "0.4, 1 mm." in found["invariance"]["sentences"][0]
+    assert "C at 0.4 mm" in (tmp_path / "out" / "c-2.svg").read_text("utf-8")

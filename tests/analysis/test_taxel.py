@@ -128,6 +128,19 @@ def test_the_signals_grow_from_frame_to_frame(course: TaxelCourse) -> None:
     assert any("plays 4 times slower than real time" in text for text in texts)
 
 
+def test_scaled_spikes_grow_with_those_that_they_are_of(course: TaxelCourse) -> None:
+    assert course.time_scale == pytest.approx(120 / 120)
+    movie = taxel_movie(replace(course, time_scale=0.4), SECTION, MOVIE_S)
+    for number in (0, movie.n_frames // 2, movie.n_frames - 1):
+        movie.set_frame(number)
+        for channel, row in enumerate((4, 7)):
+            plain = np.asarray(movie.figure.axes[row].lines[0].get_xdata())
+            scaled = np.asarray(movie.figure.axes[8].lines[channel].get_xdata())
+            start_s = SECTION.start_s
+            np.testing.assert_allclose(scaled, start_s + 0.4 * (plain - start_s))
+    assert any("scaled\n(× 0.4)" in text for text in texts_of(movie))
+
+
 def test_a_real_recording_is_not_called_simulated(course: TaxelCourse) -> None:
     assert "SIMULATED" not in texts_of(taxel_movie(replace(course, simulated=False), SECTION))
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import tests.benchmarks
 from tests.benchmarks.__main__ import OUTPUT, main
+from tests.benchmarks.encoder import processors
 
 FAILS = """
 def measure():
@@ -40,3 +42,12 @@ def test_a_group_that_fails_is_named_and_the_next_is_measured(
     figures = [json.loads(line)["name"] for line in OUTPUT.read_text().splitlines()]
     assert figures == ["first.figure", "last.figure", "last.figure"]
     assert main(["c_works"]) == 0
+
+
+def test_what_differs_between_processors_is_counted() -> None:
+    first = {"readings": np.array([5, 6, 7, 8]), "trains": np.array([1, 2])}
+    other = {"readings": np.array([5, 6, 7, 10]), "trains": np.array([1, 2])}
+    readings, trains = processors.differences("same_readings", first, other, 0.0)
+    assert readings["name"] == "processors.same_readings.readings_differing"
+    assert (readings["value"], readings["largest"], readings["limit"]) == (25.0, 2.0, 0.0)
+    assert trains["value"] == 0.0 and "largest" not in trains

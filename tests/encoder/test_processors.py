@@ -11,14 +11,12 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from pathlib import Path
 
-import llvmlite.binding
 import pytest
-from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
 
 from rigctl.encoder.kernel.simd import VECTOR_WIDTH
 from tests.encoder.other_registers import digest
+from tests.encoder.processors import CACHES, haswell_environment
 
 TESTS = (
     "tests/encoder/test_encoder.py",
@@ -26,28 +24,15 @@ TESTS = (
     "tests/finger/bench/test_virtual.py",
 )
 """Their tests with the mark compare to the bit what was computed in two ways."""
-CACHES = Path(__file__).parents[2] / "build" / "numba"
-HASWELL = (
-    "64bit adx aes avx avx2 bmi bmi2 cmov crc32 cx16 cx8 f16c fma fsgsbase fxsr lzcnt mmx movbe "
-    "pclmul popcnt rdrnd rdseed sahf sse sse2 sse3 sse4.1 sse4.2 ssse3 xsave xsaveopt"
-)
 
 
 @pytest.fixture
 def haswell() -> dict[str, str]:
     """Return the environment of a program as on a processor with AVX2 and without AVX-512."""
-    here = llvmlite.binding.get_host_cpu_features()
-    if not all(here.get(feature) for feature in HASWELL.split()):
+    environment = haswell_environment()
+    if environment is None:
         pytest.skip("not run: this processor has no AVX2")
-    wide = [f for f in __cpu_dispatch__ if f.startswith(("AVX512", "X86_V4"))]
-    return {
-        **os.environ,
-        "NUMBA_CPU_NAME": "haswell",
-        "NUMBA_CPU_FEATURES": ",".join(f"+{feature}" for feature in HASWELL.split()),
-        "NUMBA_CACHE_DIR": str(CACHES / "haswell"),
-        "NPY_DISABLE_CPU_FEATURES": " ".join(f for f in wide if __cpu_features__[f]),
-        "OPENBLAS_CORETYPE": "Haswell",
-    }
+    return environment
 
 
 def encoded(environment: dict[str, str], *which: str) -> list[str]:

@@ -137,8 +137,8 @@ def accuracies(
     return both[0], both[1]
 
 
-def main(paths: Sequence[str]) -> None:
-    """Print how many trains differ and how far accuracies move."""
+def sentences(paths: Sequence[str]) -> list[str]:
+    """Return how many trains differ and how far accuracies move."""
     with TemporaryDirectory() as name:
         found = represent(join_sessions([Path(path) for path in paths]), DEFAULT, Path(name))
         with open_trials(found.trials.files) as reader:
@@ -146,18 +146,20 @@ def main(paths: Sequence[str]) -> None:
         trains = compare(found.trials.trials, samples, found.normalisation)
         ours, theirs = accuracies(found, samples, Path(name))
     n, rates = trains.trains, trains.rates_hz or [0.0]
-    print(
+    forces = ", ".join(f"{force:g}" for force in sorted(trains.forces_g))
+    said = (
         f"{trains.kernel:,} of {n:,} trains differ ({trains.kernel / n:.1%}), {trains.sa} of them "
-        f"SA, at {min(rates):.0f}–{max(rates):.0f} Hz and {sorted(trains.forces_g)} g; the two "
-        f"textbook orders: {trains.orders:,} ({trains.orders / n:.1%})"
+        f"SA, at {min(rates):.0f}–{max(rates):.0f} Hz and {forces} g; the two textbook orders: "
+        f"{trains.orders:,} ({trains.orders / n:.1%})"
     )
     draws, means = [], []
     for one, other in zip(ours, theirs, strict=True):
         for a, b in zip(one.curves, other.curves, strict=True):
             draws.append(float(np.abs(a.accuracy - b.accuracy).max()))
             means.append(float(np.abs(a.mean - b.mean).max()))
-    print(f"a draw moves by up to {100 * max(draws):.1f} points, a mean by {100 * max(means):.1f}")
+    moved = f"a draw moves by up to {100 * max(draws):.1f} points, a mean by {100 * max(means):.1f}"
+    return [said, moved]
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    print("\n".join(sentences(sys.argv[1:])))

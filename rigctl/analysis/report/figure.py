@@ -16,6 +16,8 @@ COLOURS = {
     "green": "#1a8a34",
     "violet": "#7a3fc4",
     "brown": "#8a5a00",
+    "light-blue": "#92aef5",
+    "light-green": "#86cf96",
     "text": "#1b1f24",
     "muted": "#59636e",
     "line": "#e3e7eb",
@@ -133,8 +135,22 @@ class Raster:
 
 
 @dataclass(frozen=True, slots=True)
+class Traces:
+    """Courses of several signals above each other, one a row; ``values``: from 0, one a ms."""
+
+    title: str
+    values: Sequence[Sequence[float]]
+    x_label: str
+    y_label: str
+    x_range: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
 class Image:
-    """Values of named rows and columns as colours; the scale is even about ``middle``."""
+    """Values of named rows and columns as colours.
+
+    The scale is even about ``middle``, or without one from 0 to the highest value.
+    """
 
     title: str
     rows: Sequence[str]
@@ -142,7 +158,7 @@ class Image:
     values: Sequence[Sequence[float | None]]
     x_label: str
     y_label: str
-    middle: float = 0.0
+    middle: float | None = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +197,7 @@ class Figure:
     """Panels with one legend. ``notes``: sentences below them, what bars and marks mean."""
 
     title: str
-    panels: Sequence[Panel | Matrix | Bars | Raster | Image]
+    panels: Sequence[Panel | Matrix | Bars | Raster | Traces | Image]
     notes: Sequence[str] = ()
     columns: int = 3
 
@@ -201,6 +217,6 @@ class Figure:
         return {
             one.name: one
             for plot in self.panels
-            if not isinstance(plot, Matrix | Image)
+            if not isinstance(plot, Matrix | Traces | Image)
             for one in plot.series
         }

@@ -22,6 +22,7 @@ from rigctl.analysis.report.figure import (
     Panel,
     Raster,
     Series,
+    Traces,
 )
 
 Spec = dict[str, Any]
@@ -45,7 +46,10 @@ PNG_PPI = 144
 PANEL_WIDTH, PANEL_HEIGHT = 330, 200
 STAR_ROW = 10
 BAR_HEIGHT = 7
-RASTER_ROW = 16
+RASTER_ROW, MOST_RASTER = 16, 360
+"""Heights of a train, and of all trains."""
+TRACE = 0.95
+"""Of a row: the highest value of traces."""
 IMAGE_SIDE = 240
 MOST_NAMES = 18
 """Names on an axis of an image."""
@@ -110,6 +114,9 @@ def specify(figure: Figure, colours: Colours = THEMED, *, pointer: bool = False)
     settings = config(colours)
     columns = min(figure.columns, len(panels))
     settings["legend"]["columns"] = legend_columns(figure, columns)
+    has_images = any(isinstance(panel, Image) for panel in figure.panels)
+    if has_images:  # Their scales stand beside them, and a legend each above the other panels.
+        settings["legend"]["disable"] = True
     return {
         "$schema": SCHEMA,
         "background": None,
@@ -117,16 +124,14 @@ def specify(figure: Figure, colours: Colours = THEMED, *, pointer: bool = False)
         "columns": columns,
         "concat": panels,
         "spacing": {"row": 16, "column": 20},
-        "resolve": {"scale": {"color": "independent"}}
-        if any(isinstance(panel, Image) for panel in figure.panels)
-        else {},
+        "resolve": {"scale": {"color": "independent"}} if has_images else {},
         "config": settings,
         "usermeta": {"legend_columns": [legend_columns(figure, n + 1) for n in range(columns)]},
     }
 
 
 def _drawn(
-    panel: Panel | Matrix | Bars | Raster | Image,
+    panel: Panel | Matrix | Bars | Raster | Traces | Image,
     number: int,
     legend: Sequence[Series],
     colours: Colours,
@@ -139,6 +144,8 @@ def _drawn(
         return _bars(panel, legend, colours)
     if isinstance(panel, Image):
         return _image(panel)
+    if isinstance(panel, Traces):
+        return _traces(panel, colours)
     if isinstance(panel, Raster):
         return _raster(panel, legend, colours)
     return _lines(panel, number, legend, colours, pointer=pointer)
@@ -170,6 +177,8 @@ def config(colours: Colours) -> Spec:
             **labels,
             "labelFontSize": 11,
             "orient": "top",
+            "symbolType": "stroke",
+            "symbolStrokeWidth": 2,
             "labelLimit": 0,
             "title": None,
             "columnPadding": 20,
@@ -221,7 +230,6 @@ def _hues(legend: Sequence[Series], colours: Colours) -> Spec:
         "field": "name",
         "type": "nominal",
         "scale": {"domain": list(hues), "range": list(hues.values())},
-        "legend": {"symbolType": "stroke", "symbolStrokeWidth": 2},
     }
 
 
@@ -254,28 +262,28 @@ def _rows(panel: Panel) -> Iterator[Spec]:
 
 
 def _image(image: Image) -> Spec:
-    """Return a coloured cell for each value, from blue below the middle to red above it."""
+    """Return a coloured cell for each value: from blue below the middle to red above it."""
     cells: list[Spec] = [
         {"row": row, "column": column, "value": round(value, 5)}
         for row, line in zip(image.rows, image.values, strict=True)
         for column, value in zip(image.columns, line, strict=True)
         if value is not None
     ]
-    reach = max((abs(one["value"] - image.middle) for one in cells), default=1.0) or 1.0
-    ends = [image.middle - reach, image.middle + reach]
+    middle = image.middle or 0.0
+    reach = max((abs(one["value"] - middle) for one in cells), default=1.0) or 1.0
+    hues = {"domain": [middle - reach, middle + reach], "range": "diverging", "reverse": True}
+    if image.middle is None:
+        hues = {"domain": [0.0, reach], "scheme": "viridis"}
     shade = {
         "field": "value",
         "type": "quantitative",
-        "scale": {"domain": ends, "range": "diverging", "reverse": True},
+        "scale": hues,
         "legend": {"orient": "right", "gradientLength": IMAGE_SIDE / 2, "title": None},
     }
 
     def axis(field: str, names: Sequence[str], title: str) -> Spec:
-        every = max(1, len(names) // MOST_NAMES + 1)
-        shown = {"values": list(names[::every]), "labelAngle": 0}
-        scale = {"domain": list(names)}
         kind = {"field": field, "type": "nominal", "sort": None, "title": title}
-        return {**kind, "scale": scale, "axis": shown}
+        return {**kind, "scale": {"domain": list(names)}, "axis": _some_names(names)}
 
     place = {
         "x": axis("column", image.columns, image.x_label),
@@ -289,6 +297,12 @@ def _image(image: Image) -> Spec:
         "mark": {"type": "rect", "aria": False},
         "encoding": {**place, "color": shade},
     }
+
+
+def _some_names(names: Sequence[str]) -> Spec:
+    """Return an axis with as many names as are legible."""
+    every = len(names) // MOST_NAMES + 1
+    return {"values": list(names[::every]), "labelAngle": 0, "labelLimit": 0}
 
 
 def _raster(raster: Raster, legend: Sequence[Series], colours: Colours) -> Spec:
@@ -305,16 +319,39 @@ def _raster(raster: Raster, legend: Sequence[Series], colours: Colours) -> Spec:
         "type": "nominal",
         "title": None,
         "scale": {"domain": list(raster.rows)},
-        "axis": {"labelLimit": 0},
+        "axis": _some_names(raster.rows),
     }
+    row_px = min(RASTER_ROW, MOST_RASTER / len(raster.rows))
     x = _axis("x", raster.x_label, raster.x_range)
     return {
         "title": {"text": raster.title, "anchor": "start", "offset": 6},
         "width": PANEL_WIDTH,
-        "height": RASTER_ROW * len(raster.rows),
+        "height": row_px * len(raster.rows),
         "data": {"values": values},
-        "mark": {"type": "tick", "thickness": 1, "bandSize": RASTER_ROW - 4, "aria": False},
+        "mark": {"type": "tick", "thickness": 1, "bandSize": 0.75 * row_px, "aria": False},
         "encoding": {"x": x, "y": rows, "color": _hues(legend, colours)},
+    }
+
+
+def _traces(traces: Traces, colours: Colours) -> Spec:
+    """Return a line for each row, in the room of its row, as shares of the highest value."""
+    highest = max((max(line, default=0.0) for line in traces.values), default=0.0) or 1.0
+    values = [
+        {"row": row, "x": x, "y": round(row + 0.5 - TRACE * value / highest, 4)}
+        for row, line in enumerate(traces.values, start=1)
+        for x, value in enumerate(line)
+    ]
+    every = range(1, len(traces.values) + 1, len(traces.values) // MOST_NAMES + 1)
+    ends = (len(traces.values) + 0.6, 0.4)
+    rows = _axis("y", traces.y_label, ends, grid=False, values=list(every))
+    x = _axis("x", traces.x_label, traces.x_range)
+    return {
+        "title": {"text": traces.title, "anchor": "start", "offset": 6},
+        "width": PANEL_WIDTH,
+        "height": MOST_RASTER,
+        "data": {"values": values},
+        "mark": {"type": "line", "strokeWidth": 0.8, "color": colours["ink"], "aria": False},
+        "encoding": {"x": x, "y": rows, "detail": {"field": "row"}},
     }
 
 
@@ -329,7 +366,7 @@ def _bars(bars: Bars, legend: Sequence[Series], colours: Colours) -> Spec:
             each = {"x": value, "low": ends[0], "high": ends[1]}
             rows.append(row | {k: round(min(max(v, low), high), 2) for k, v in each.items()})
     x = _axis("x", bars.x_label, bars.x_range)
-    names = [one.name for one in legend]
+    names = [one.name for one in bars.series]
     place = {
         "y": {
             "field": "category",
@@ -341,8 +378,8 @@ def _bars(bars: Bars, legend: Sequence[Series], colours: Colours) -> Spec:
         },
         "yOffset": {"field": "name", "sort": names, "scale": {"domain": names}},
     }
-    hue = {**_hues(legend, colours), "legend": {"symbolType": "square"}}
-    bar = {**place, "x": x, "color": hue}
+    shown = {"symbolType": "square"} if len(bars.series) > 1 else None
+    bar = {**place, "x": x, "color": {**_hues(legend, colours), "legend": shown}}
     dashed = [one.name for one in legend if one.dashed]
     faded = {"condition": {"test": f"indexof({dashed}, datum.name) >= 0", "value": 0.5}, "value": 1}
     error = {**place, "x": {**x, "field": "low"}, "x2": {"field": "high"}}

@@ -28,10 +28,12 @@ Values = Mapping[str, Any]
 
 TASK_COLOURS = {"new-session": "green", "untrained-profiles": "green"}
 """The paper's: green for what is new to the classifier, blue for the rest."""
+LIGHTER = "light-"
+"""Of the paper's curves, those without speed scaling are lighter."""
 KIND_COLOURS = {"Original": "ink", "Speed Scaled": "blue"}
 ORIGINAL = "Original"
 PROFILE_ORDER = tuple(map(str, VelocityProfile))
-PEAKS_NOTE = "Diamonds: the paper's peaks, filled for Speed Scaled, hollow for Original."
+PEAKS_NOTE = "Diamonds: the paper's peaks, in the colour of their curve."
 LATENCY_ROOM = 1.3
 """The axis of a latency ends this far beyond the largest one."""
 ROOM = 1.05
@@ -63,12 +65,11 @@ def _accuracy_series(key: str, task: Values, kind: str, test: Values | None) -> 
     curve, error = task["curves"][kind], task["curves"][kind]["standard_error"]
     return Series(
         f"{task['title']}: {kind}",
-        TASK_COLOURS.get(key, "blue"),
+        f"{LIGHTER if kind == ORIGINAL else ''}{TASK_COLOURS.get(key, 'blue')}",
         range(1, len(curve["mean"]) + 1),
         percent(curve["mean"]),
         None if error is None else percent(error),
         published=[_published(task["paper"]["accuracy"][kind], task["k_max"])],
-        dashed=kind == ORIGINAL,
         **asterisks(test),
     )
 

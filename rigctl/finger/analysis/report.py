@@ -189,6 +189,7 @@ def write_finger_report(
     """
     with atomic_directory(out) as folder:
         values = {**as_dict(analysis, made_utc), "closing_digests": dict(closing_digests)}
+        values["sentences"] = summary_lines(analysis)
         text = json.dumps(values, indent=1, allow_nan=False, ensure_ascii=False)
         (folder / "results.json").write_text(text + "\n", encoding="utf-8")
         assumptions = {one for task in values["tasks"].values() for one in task["assumptions"]}

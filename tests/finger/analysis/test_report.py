@@ -163,7 +163,8 @@ def test_the_curves_have_the_papers_values_and_asterisks(folder: Path) -> None:
         "New session: Original", "New session: Speed Scaled",
     ]  # fmt: skip
     peak = PublishedValue(54, 50.45, "the paper's peak: 50.45 % with 54 components")
-    assert panel.series[2].published == [peak] and panel.series[2].dashed
+    assert panel.series[2].published == [peak]
+    assert [one.colour for one in panel.series] == ["light-blue", "blue", "light-green", "green"]
     assert "about 90 %" in panel.series[1].published[0].text
     same = values["tasks"]["same-session"]["curves"]["Speed Scaled"]
     assert panel.series[1].y == [100 * share for share in same["mean"]]
@@ -196,8 +197,11 @@ def test_equal_latencies_are_visible(tmp_path: Path) -> None:
     assert np.all(pixels == (0x1F, 0x4F, 0xD1), axis=1).sum() > 1000
 
 
-def test_the_summary_has_a_line_for_each_task_and_promise(analysis: FingerAnalysis) -> None:
+def test_the_summary_has_a_line_for_each_task_and_promise(
+    analysis: FingerAnalysis, folder: Path
+) -> None:
     lines = summary_lines(analysis)
+    assert json.loads((folder / "results.json").read_text("utf-8"))["sentences"] == lines
     assert lines[0] == "note: session 2: trial 4 was left out"
     assert sum("components: Original" in line for line in lines) == 5
     assert sum("mean size" in line for line in lines) == 2

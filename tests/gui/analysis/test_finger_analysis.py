@@ -74,6 +74,8 @@ def test_the_experiment_is_analysed_with_its_later_sessions(
     QTest.keyClick(first.plots.graphics, Qt.Key.Key_Right)
     words = first.readout.label.text()
     assert "Same session: Original, components 1:" in words and "the paper: about 65 %" in words
+    profiles = view.results.pages[names.index("Profiles")]
+    assert "Speed Scaled,slow," in profiles.csv and Path(profiles.figure).exists()
     evidence = view.widget(names.index("Evidence"))
     assert isinstance(evidence, AccuracyPage)
     assert evidence.task.findText("By way") > 0

@@ -13,9 +13,11 @@ from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
+from gui.analysis.open_sessions import OpenSessions
 from gui.analysis.results import table
 from gui.analysis.results_view import TextPage
 from gui.analysis.run_box import PAPER
+from gui.analysis.trial_overlay import overlay_trials
 from gui.analysis.trial_pages import trial_ticks
 from gui.shell.docks import PageArea
 from tests.analysis.recordings import record
@@ -270,4 +272,37 @@ def test_selected_trials_are_laid_over_each_other_and_saved(shown: Harness) -> N
     click(view.button)
     wait_until(lambda: view.overlay is None and view.grid is not None)
     assert view.plots.isVisible() and not view.overlaid.isVisible()
+    view.show_grid(None)
+
+
+def test_trains_laid_over_each_other_meet_behind_both_modules(
+    harness: Harness, tmp_path: Path
+) -> None:
+    session = record(
+        tmp_path / "session", "L", travel_mm=48.0, speeds=(40, 80), forces=(250, 500), repeats=2
+    )
+    sessions = OpenSessions()
+    sessions.open(str(session))
+    rows = sessions.drum_session(str(session)).trials
+    by = {(row["speed_mm_s"], row["force_g"]): number for number, row in enumerate(rows)}
+    places = [(str(session), by[40, 250]), (str(session), by[80, 500])]
+    overlay = overlay_trials(sessions, [str(session)], places, taxel=4, is_ra=False)
+    weak, strong = overlay.trials
+    assert weak.c is not None and weak.c > 1.1 and strong.c == 1.0
+    assert len(weak.forced_s) > 1.1 * len(weak.spikes_s)
+    assert np.array_equal(strong.forced_s, strong.spikes_s)
+    np.testing.assert_allclose(weak.scaled_s, weak.forced_s * 40 / 120)
+    edges = np.linspace(0, 48 / 120, 41)
+    before, after = (
+        np.corrcoef(np.histogram(one, edges)[0], np.histogram(other, edges)[0])[0, 1]
+        for one, other in ((weak.spikes_s, strong.spikes_s), (weak.scaled_s, strong.scaled_s))
+    )
+    assert after > 0.6 > before + 0.2
+    receptor = overlay_trials(sessions, [str(session)], places, taxel=4, is_ra=True).trials[0]
+    assert receptor.c is None and np.array_equal(receptor.forced_s, receptor.spikes_s)
+    view = harness.window.analysis_tab.trial_view.compare
+    view.show_overlay(overlay)
+    assert f"C: 1 {weak.c:.3g}, 2 1." in view.note.text()
+    last = view.overlaid.plots.plots[-1]
+    assert last.viewRange()[0][1] == pytest.approx(48 / 120, rel=0.05)
     view.show_grid(None)
