@@ -159,9 +159,10 @@ class TrialStatistics:
     def movement(self) -> Floats:
         """How far each taxel gets from its lifted reading, or within the trial, counts.
 
-        0 where that is less than a taxel without contact does.
+        0 where that is less than a taxel without contact does. An unknown baseline counts as 0.
         """
-        far = np.maximum(np.abs(np.nan_to_num(self.mean - self.baseline)), self.high - self.low)
+        rise = np.abs(self.mean - np.nan_to_num(self.baseline))
+        far = np.maximum(rise, self.high - self.low)
         return np.where(far > MOVES_COUNTS, far, 0.0)
 
     def name_of(self, compared: int) -> str:
