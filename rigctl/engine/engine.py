@@ -51,7 +51,7 @@ class Engine(ServedEngine[Run, RunRequest]):
             self.event_bus,
             self.spawn,
             self.heartbeat_gate.is_open,
-            self._taxel_link_changed,
+            self._link_changed,
             self._fail_run,
             REAL_TIME_BATCH_SAMPLES if real_time else FAST_BATCH_SAMPLES,
         )
@@ -221,8 +221,8 @@ class Engine(ServedEngine[Run, RunRequest]):
         if self.run is not None and not self.run.ended and self.run.disk_monitor.recorder_works:
             self.heartbeat_gate.check_in("recorder")
 
-    def _taxel_link_changed(self, connected: bool) -> None:
-        self._mark_link(LINK, connected)
+    def _link_changed(self) -> None:
+        self._mark_link(LINK, self.boards.connected)
 
     async def _make_safe(self) -> None:
         if self.manual.is_recording:

@@ -27,6 +27,8 @@ IDLE_TIMEOUT_S = 10.0
 """Without client and run the engine ends after this time."""
 EVENT_LETTERS = 500
 """Of the text of a past event, so that all of them fit into one message."""
+LATE_S = 0.2
+"""A loop that is later is told: with a poll's period, a drum waits no longer for its heartbeat."""
 FREQUENT_EVENTS = ("batch", "prediction")
 """Kinds that the moving finger sends every 100 ms; none is kept."""
 
@@ -216,11 +218,19 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
     async def _tick(self) -> None:
         """Serve recorder and clients, and send the status, ten times a second."""
         while True:
+            due_s = self._now_s() + STATUS_PERIOD_S
             await asyncio.sleep(STATUS_PERIOD_S)
+            self._tell_late(self._now_s() - due_s)
             self._serve_boards()
             self._check_disk()
             self._check_idle()
             self._send_status()
+
+    def _tell_late(self, late_s: float) -> None:
+        """Publish that the loop itself stood still, and the boards went on without it."""
+        if late_s > LATE_S:
+            text = f"this computer was asleep or too busy for {late_s:.2g} s"
+            self.event_bus.publish("late", text, late_s=round(late_s, 3))
 
     def _serve_boards(self) -> None:
         """Do what the boards need ten times a second."""

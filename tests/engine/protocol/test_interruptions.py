@@ -196,7 +196,7 @@ def test_a_reset_of_the_taxel_board_costs_one_trial(harness: EngineHarness) -> N
     assert verdicts(harness)[-2:] == [(1, "committed"), (2, "committed")]
 
 
-def test_a_lost_drum_ends_the_run_and_is_reconnected(harness: EngineHarness) -> None:
+def test_a_drum_that_stays_lost_ends_the_run_and_is_reconnected(harness: EngineHarness) -> None:
     async def scenario(harness: EngineHarness) -> None:
         await until_turning(harness)
         faults = harness.rig.faults
