@@ -509,13 +509,19 @@ _Section = TypeVar("_Section", bound="DataclassInstance")
 
 
 def number(
-    default: float | tuple[float, ...], unit: str, low: float, high: float, doc: str = ""
+    default: float | tuple[float, ...],
+    unit: str,
+    low: float,
+    high: float,
+    doc: str = "",
+    repr: bool = True,
 ) -> Any:
     """Declare a number, a whole number or a tuple of either; the annotation says which.
 
-    Numbers in a tuple of floats are different.
+    Numbers in a tuple of floats are different. ``repr``: as that of a dataclass's field.
     """
-    return field(default=default, metadata={"unit": unit, "low": low, "high": high, "doc": doc})
+    metadata = {"unit": unit, "low": low, "high": high, "doc": doc}
+    return field(default=default, repr=repr, metadata=metadata)
 
 
 def text(default: str, doc: str, choices: tuple[str, ...] = ()) -> Any:

@@ -19,7 +19,7 @@ from rigctl.engine.poller import DrumPoller
 from rigctl.engine.rpc.messages import BoardStatus, RecordingStatus
 from rigctl.errors import RigFault
 from rigctl.session.recorder import SessionRecorder
-from rigctl.values import BoardIdentity, Event
+from rigctl.values import SAMPLE_RATE_HZ, BoardIdentity, Event
 
 
 class RateMeter:
@@ -83,6 +83,37 @@ class HeartbeatGate:
     def is_open(self) -> bool:
         """Return whether the heartbeat may be sent."""
         return not self.overdue
+
+
+MAX_LOST_SHARE = 0.01
+"""More samples lost on the way make trials fail; at one damaged byte in 10,000 it is a third."""
+LOST_WINDOW_S = 10.0
+
+
+class LineMonitor:
+    """Judges the line of the taxels by its gaps in the last ten seconds.
+
+    A stall of the computer, too, loses samples, but in a single gap.
+    """
+
+    def __init__(self) -> None:
+        self._gaps = RateMeter(LOST_WINDOW_S)
+        self._received = RateMeter(LOST_WINDOW_S)
+
+    def update(self, now_s: float, received: int, gaps: int) -> None:
+        """Add the counts of now: of samples received, and of gaps between them."""
+        self._received.update(now_s, received)
+        self._gaps.update(now_s, gaps)
+
+    @property
+    def lost_share(self) -> float:
+        """Share of the samples that were lost, at one a gap."""
+        return self._gaps.increase / max(1, self._gaps.increase + self._received.increase)
+
+    def must_pause(self, paused: bool) -> bool:
+        """Return whether too many are lost; a ``paused`` run goes on with half as many."""
+        is_full = self._received.increase > LOST_WINDOW_S / 2 * SAMPLE_RATE_HZ
+        return paused if not is_full else self.lost_share > MAX_LOST_SHARE / (1 + paused)
 
 
 DRUM, TAXELS = "drum", "taxels"

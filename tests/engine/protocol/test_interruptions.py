@@ -221,7 +221,7 @@ def test_a_trial_with_lost_bytes_is_repeated(harness: EngineHarness) -> None:
         await until_turning(harness)
         await harness.wait(1.5)
         assert harness.rig.faults is not None
-        harness.rig.faults.drop_bytes("taxels", "to_host", 0.001)
+        harness.rig.faults.drop_bytes("taxels", "to_host", 0.005)
         await harness.wait(0.5)
         harness.rig.faults.drop_bytes("taxels", "to_host", 0.0)
         await until_ended(harness)
