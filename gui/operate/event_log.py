@@ -123,6 +123,7 @@ ERROR_KINDS = frozenset(
         "check",
         "contact",
         "late",
+        "awake",
     }
 )
 

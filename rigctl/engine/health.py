@@ -253,6 +253,8 @@ ACTIVE_WINDOW_S = 1.0
 RATE_WINDOW_S = 30.0
 RESERVE_S = 120.0
 RESERVE_BYTES = 64 << 20
+SLOW_SAMPLES = 40_000
+"""A bench whose disk is 40 s behind pauses; a simulated one waits for its disk before that."""
 HUNG_SAMPLES = 60_000
 """A recorder whose queue holds a minute of samples counts as hung."""
 
@@ -278,9 +280,14 @@ class DiskMonitor:
         return status.failure is not None or status.queue_samples < HUNG_SAMPLES
 
     def must_pause(self, paused: bool) -> bool:
-        """Return whether the disk is too full to record; a ``paused`` run needs twice the space."""
+        """Return whether the disk is too full or too slow to record.
+
+        A ``paused`` run needs twice the space, and everything written.
+        """
+        status = self._recorder.status
         reserve = (RESERVE_BYTES + RESERVE_S * self._bytes.per_s) * (2 if paused else 1)
-        return self._recorder.status.disk_free_bytes < reserve
+        is_behind = status.queue_samples > (0 if paused else SLOW_SAMPLES)
+        return status.disk_free_bytes < reserve or is_behind
 
     def status(self, recording: bool) -> RecordingStatus:
         """Return the recording's part of the status message."""

@@ -15,6 +15,7 @@ from dataclasses import asdict
 from typing import Any, Generic, TypeVar
 
 from rigctl.engine.event_bus import EventBus
+from rigctl.engine.keep_awake import KeepAwake, not_kept_awake
 from rigctl.engine.rpc.commands import RequestHandler
 from rigctl.engine.rpc.messages import DISK, STATUS_PERIOD_S, engine_message
 from rigctl.engine.rpc.server import KEPT_EVENTS, Server
@@ -46,6 +47,8 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         self.event_bus = EventBus(loop.time)
         self.run: _Run | None = None
         self.is_ready = False
+        self.keep_awake: KeepAwake = not_kept_awake
+        """How a run keeps the computer awake; by default it does not."""
         self.loop = loop
         self._description = description
         self._truth = truth
@@ -143,7 +146,8 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         with self._publish_disk_fault():
             self._truth.begin(run.folder, run.start)
         try:
-            await run.execute()
+            with self.keep_awake(self._tell_awake):
+                await run.execute()
         finally:
             with self._publish_disk_fault():
                 self._truth.save(is_last=True)
@@ -225,6 +229,9 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
             self._check_disk()
             self._check_idle()
             self._send_status()
+
+    def _tell_awake(self, text: str) -> None:
+        self.loop.call_soon_threadsafe(self.event_bus.publish, "awake", text)
 
     def _tell_late(self, late_s: float) -> None:
         """Publish that the loop itself stood still, and the boards went on without it."""

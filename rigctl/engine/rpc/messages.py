@@ -55,7 +55,7 @@ NOISE = "noisy link"
 """Why a run waits."""
 _REASON_WORDS = {
     LINK: "a board is lost",
-    DISK: "too little disk space",
+    DISK: "the disk is too full or too slow",
     FAULT: "a fault of the drum",
     "tracker": "the tracker is lost",
 }
