@@ -18,7 +18,7 @@ and the session is complete.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 from msgspec.structs import asdict
@@ -30,7 +30,7 @@ from rigctl.engine.event_bus import EventBus
 from rigctl.engine.health import END
 from rigctl.engine.progress import RunProgress
 from rigctl.engine.rig_boards import RigBoards
-from rigctl.engine.rpc.messages import CurrentTrial, NextPlate, RunStatus
+from rigctl.engine.rpc.messages import DISK_ERROR, CurrentTrial, NextPlate, RunStatus
 from rigctl.engine.run_control import RunControl
 from rigctl.engine.run_reasons import RunPaused, RunStopped, TrialSkipped
 from rigctl.engine.run_request import OpenedRun
@@ -38,7 +38,7 @@ from rigctl.engine.run_steps import RunSteps
 from rigctl.engine.served_run import ServedRun
 from rigctl.engine.settings import settle_settings
 from rigctl.engine.step_runner import StepRunner, remaining_steps
-from rigctl.errors import BoardFault, LinkLost, RigFault, WrongUse
+from rigctl.errors import BoardFault, DiskFault, LinkLost, RigFault, WrongUse
 from rigctl.protocol.plan import condition_of
 from rigctl.protocol.steps import RunTrial, Step
 from rigctl.session.notes import Mark, SessionNote
@@ -50,6 +50,8 @@ SAFE_TIMEOUT_S = 20.0
 RECOVERIES = 3
 """How often in one step a drum that did not hear the computer is brought back."""
 CLEAR_CYCLES = 3
+DISK_CYCLES = 100
+"""Cycles of the poll loop between two tries of a disk that refused: 5 s."""
 
 
 class Run(ServedRun[RunControl, Recorder]):
@@ -203,8 +205,11 @@ class Run(ServedRun[RunControl, Recorder]):
                 self._event_bus.publish("log", "a fault from before this run is cleared")
                 await self._clear_fault()
             await self._configure()
-            for step in self._steps:
-                await self._run_step(step)
+            while True:
+                for step in self._steps:
+                    await self._run_step(step)
+                if await self._reached_disk():
+                    break
         except RunStopped as stop:
             return "aborted", str(stop)
         except RigFault as fault:
@@ -249,6 +254,9 @@ class Run(ServedRun[RunControl, Recorder]):
 
         Raises BoardFault for a fault that came meanwhile, LinkLost and what ends the run.
         """
+        if self._recorder.may_try_again:
+            await self._wait_for_disk()
+            return True
         self.control.check_end()
         # A board that restarted counts anew, in a new part.
         self._pipeline.set_recorder(None)
@@ -270,6 +278,42 @@ class Run(ServedRun[RunControl, Recorder]):
             self._motion.homed = False
             await self._configure()
         return True
+
+    async def _reached_disk(self) -> bool:
+        """Wait until all is written; return False where trials are to be recorded again.
+
+        Raises DiskFault where the recorder failed for good.
+        """
+        await self._make_safe()
+        try:
+            self._recorder.wait_written()
+        except DiskFault:
+            if not self._recorder.may_try_again:
+                raise
+            await self._wait_for_disk()
+        return not self._steps.trials()
+
+    async def _wait_for_disk(self) -> None:
+        """Pause until the disk takes files again; record again what did not reach it.
+
+        Raises RunStopped.
+        """
+        self._event_bus.publish("disk", self._recorder.failure or "the disk refused")
+        with self._progress.idle():
+            await self._make_safe()
+            self.control.pause(DISK_ERROR)
+            while (on_disk := self._recorder.try_again()) is None:
+                for _ in range(DISK_CYCLES):
+                    await self._poller.wait_cycle()
+                    self.control.check_in()
+                    self.control.check_stop()
+            self.control.resume(DISK_ERROR)
+        for trial_id in self._step_runner.committed_ids - on_disk:
+            trial = self._opened.plan.trials[trial_id - 1]
+            self._step_runner.reopen(trial_id)
+            self._progress.reopen(trial, was_committed=True)
+            with suppress(WrongUse):  # of the plate before: a continued session records it again
+                self._steps.repeat(trial)
 
     async def _repeat_after_pauses(self, step: Step) -> None:
         self.control.skips_trial = False

@@ -282,6 +282,11 @@ class StepRunner:
         """Whether this sitting has begun a part."""
         return self._start_counters is not None
 
+    @property
+    def committed_ids(self) -> frozenset[int]:
+        """Numbers of the trials that count as committed."""
+        return frozenset(self._committed)
+
     def committed_attempt(self, trial_id: int) -> int:
         """Return the number of the attempt at a trial that counts, 0 for none."""
         return self._committed.get(trial_id, 0)

@@ -51,7 +51,7 @@ NO_SETUP = SetupStatus()
 
 
 OPERATOR, PROMPT, LINK, DISK, FAULT = "operator", "prompt", "link", "disk", "fault"
-NOISE = "noisy link"
+NOISE, DISK_ERROR = "noisy link", "disk error"
 """Why a run waits."""
 _REASON_WORDS = {
     LINK: "a board is lost",
