@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rigctl.boards.bench_loop import BenchLoop
 from rigctl.boards.drum import Drum
 from rigctl.boards.drum_codes import Signal
 from rigctl.boards.links import ByteLink
@@ -178,7 +179,7 @@ def _open_simulation(
 
 
 def _bench(path: Path, config: RigConfig) -> Rig:
-    loop = asyncio.SelectorEventLoop()
+    loop = BenchLoop()
     try:
         ports = _find_ports(config, loop)
         drum_link, taxel_link = (create_link(ports[board], board, loop) for board in (DRUM, TAXELS))

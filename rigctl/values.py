@@ -26,6 +26,8 @@ PLATE_WIDTH_MM = 36.0
 DRUM, TAXELS, FINGER = "drum", "taxels", "finger"
 """The boards, as they name themselves."""
 SAMPLE_RATE_HZ = 1000
+HELD_SAMPLES = 3
+"""So many lost samples in a row are encoded as the one before them; after more it starts anew."""
 
 DRAWN_WIRING = (0, 1, 2, 6, 7, 8, 12, 13, 14, 3, 4, 5, 9, 10, 11, 15, 16, 17)
 """The reading of each place of the paper's sensor, soldered as ``arduino/README.md`` draws it.

@@ -13,7 +13,8 @@ bool Machine::handle(Event event) {
 }
 
 void Machine::raise(Fault fault, uint32_t now_ms) {
-    if (fault_ == Fault::None) {
+    // The computer clears Heartbeat by itself, so it hides no other cause.
+    if (fault_ == Fault::None || (fault_ == Fault::Heartbeat && fault != fault_)) {
         fault_ = fault;
         fault_at_ms_ = now_ms;
     }

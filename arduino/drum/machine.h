@@ -14,7 +14,7 @@ class Machine {
     // Follows the event; false where the table refuses it.
     bool handle(Event event);
 
-    // Latches the fault unless an earlier one is latched, and follows the table.
+    // Latches the fault unless an earlier one other than Heartbeat is latched, and follows the table.
     void raise(Fault fault, uint32_t now_ms);
     // Clears the latched fault; the caller has checked that its cause is gone.
     bool clear();

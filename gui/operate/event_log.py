@@ -111,7 +111,20 @@ MAX_LINES = 2000
 ERROR_HOLD_MS = 8000
 RED_MS = 30_000
 ERROR_KINDS = frozenset(
-    {"fault", "refused", "lost", "link", "gap", "disk", "failed", "stop", "check", "contact"}
+    {
+        "fault",
+        "refused",
+        "lost",
+        "link",
+        "gap",
+        "disk",
+        "failed",
+        "stop",
+        "check",
+        "contact",
+        "late",
+        "awake",
+    }
 )
 
 

@@ -95,8 +95,8 @@ class TrialRef(NamedTuple):
 
     @property
     def n_samples(self) -> int:
-        """Samples that were recorded."""
-        return self.sample_range.stop - self.sample_range.start
+        """Samples that were recorded or are held."""
+        return self.sample_range.n_samples
 
 
 @dataclass(frozen=True, slots=True)

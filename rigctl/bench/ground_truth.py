@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import NamedTuple
 
 import numpy as np
@@ -29,12 +30,16 @@ class GroundTruthArrays(NamedTuple):
         return self.first_ms + len(self.sync)
 
 
+KEPT_MS = 3_600_000
+"""Rows that nobody takes are kept for an hour: 32 MB."""
+
+
 class GroundTruth:
-    """Append-only log of true speed, force and sync level."""
+    """Log of true speed, force and sync level; what is older than an hour is dropped."""
 
     def __init__(self) -> None:
         self._first_ms = 0
-        self._chunks: list[_Columns] = []
+        self._chunks: deque[_Columns] = deque()
         self.n_rows = 0
         """Milliseconds logged and not yet taken."""
 
@@ -48,6 +53,8 @@ class GroundTruth:
         columns = speed_mm_s.astype(np.float32), force_g.astype(np.float32), sync.astype(np.uint8)
         self._chunks.append(columns)
         self.n_rows += len(columns[2])
+        while self.n_rows - len(self._chunks[0][2]) >= KEPT_MS:
+            self._drop(len(self._chunks.popleft()[2]))
 
     def arrays(self) -> GroundTruthArrays:
         """Return everything logged and not yet taken."""
@@ -60,7 +67,10 @@ class GroundTruth:
     def take(self) -> GroundTruthArrays:
         """Return and discard everything logged, so that a run of days fits in memory."""
         taken = self.arrays()
-        self._first_ms += len(taken.sync)
         self._chunks.clear()
-        self.n_rows = 0
+        self._drop(len(taken.sync))
         return taken
+
+    def _drop(self, n_rows: int) -> None:
+        self._first_ms += n_rows
+        self.n_rows -= n_rows

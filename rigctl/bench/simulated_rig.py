@@ -36,6 +36,8 @@ Board = Literal["drum", "taxels"]
 Direction = Literal["to_host", "to_board"]
 Rate = Annotated[float, Meta(ge=0, le=1)]
 """A share of bytes."""
+StandStill = Annotated[float, Meta(ge=0, le=3600)]
+"""Seconds."""
 Push = Annotated[float, Meta(ge=-100_000, le=100_000)]
 Places = Annotated[Collection[Annotated[int, Meta(ge=0, lt=N_PLACES)]], Meta(max_length=N_PLACES)]
 Wires = Annotated[Collection[Signal], Meta(max_length=len(Signal))]
@@ -203,7 +205,8 @@ class FaultInjection:
 
     The annotations bound what clients of an engine may send.
     ``board`` is ``"drum"`` or ``"taxels"``. ``on_change`` is called after the bench's disturbances
-    change, ``reset`` with the name of the board whose reset button is pressed.
+    change, ``reset`` with the name of the board whose reset button is pressed, ``stall`` with the
+    seconds for which only the world goes on.
     """
 
     def __init__(
@@ -212,11 +215,13 @@ class FaultInjection:
         disturbances: Disturbances,
         on_change: Callable[[], None],
         reset: Callable[[str], None],
+        stall: Callable[[float], None],
     ) -> None:
         self._links = links
         self._disturbances = disturbances
         self._on_change = on_change
         self._reset = reset
+        self._stall = stall
         self._wirings: tuple[str, ...] = ()
 
     @property
@@ -259,6 +264,10 @@ class FaultInjection:
     def reset(self, board: Board) -> None:
         """Press a board's reset button."""
         self._reset(board)
+
+    def stall_computer(self, stall_s: StandStill) -> None:
+        """Let the computer do nothing for a time, as when it sleeps, while the boards go on."""
+        self._stall(stall_s)
 
     def press_estop(self) -> None:
         """Open the emergency-stop contact."""

@@ -116,7 +116,7 @@ class VirtualRig:
         bench.on_sync = self._taxels.set_sync
         links = {DRUM: self.drum, TAXELS: self.taxels}
         self.faults = FaultInjection(
-            links, bench.disturbances, self._apply_disturbances, self._reset
+            links, bench.disturbances, self._apply_disturbances, self._reset, self._stall_computer
         )
         self.hands = SimulatedHands(bench, self.faults, lambda: self.test_points)
 
@@ -173,6 +173,9 @@ class VirtualRig:
     def _apply_disturbances(self) -> None:
         self.cosimulation.apply_disturbances()
         self._taxels.firmware.io.supply_mv = self._bench.disturbances.circuit.logic_mv
+
+    def _stall_computer(self, seconds: float) -> None:
+        self.advance(self.time_us + round(seconds * 1e6))
 
     def _reset(self, board: str) -> None:
         if board == DRUM:

@@ -108,8 +108,8 @@ IDENTITY = (
 
 POLL = (
     Register(16, "state", "value of State"),
-    Register(17, "fault", "first latched Fault, 0 if none"),
-    Register(18, "fault_at_ms", "board time of the first fault", "ms", kind="u32"),
+    Register(17, "fault", "first latched Fault, 0 if none; HEARTBEAT gives way to any other"),
+    Register(18, "fault_at_ms", "board time of that fault", "ms", kind="u32"),
     Register(20, "fault_bits", "causes present now, bit n is fault n", kind="u32"),
     Register(
         22, "board_time_us", "board clock at the reply, wraps after 71.6 minutes", "µs", kind="u32"

@@ -72,7 +72,8 @@ class StateEvent(IntEnum):
 class Fault(IntEnum):
     """Why the drum stopped itself; register ``fault`` latches the first, ``fault_bits`` lists all.
 
-    Bit *n* of ``fault_bits`` is fault *n*; bit 0 is unused.
+    HEARTBEAT, which a run may clear by itself, gives way to any later fault. Bit *n* of
+    ``fault_bits`` is fault *n*; bit 0 is unused.
     """
 
     NONE = 0

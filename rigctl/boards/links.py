@@ -12,6 +12,8 @@ from contextlib import suppress
 from typing import Generic, ParamSpec, Protocol
 
 import serial
+from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
 
 from rigctl.errors import ConfigError, LinkLost
 
@@ -88,6 +90,17 @@ DTR_PULSE_S = 0.1
 """A capacitor makes a short pulse of the falling line; it charges again in a few milliseconds."""
 
 
+UsbDevice = tuple[int, int, str]
+"""Vendor, product, and serial number; without one, as many clones are, the socket that it is in."""
+
+
+def _usb_device(info: ListPortInfo) -> UsbDevice | None:
+    """Return which device a port is, None for one that is not USB."""
+    if info.vid is None:
+        return None
+    return info.vid, info.pid, info.serial_number or info.location or ""
+
+
 class SerialLink:
     """One serial port, opened exclusively.
 
@@ -96,6 +109,8 @@ class SerialLink:
 
     Opening the port raises DTR, which resets an Uno, a Nano or a Mega. Where the system allows it
     (not on Windows), DTR stays up after a close, so that the next open resets nothing.
+
+    A USB device that comes back under another name is opened under that one, the new ``name``.
     """
 
     def __init__(
@@ -111,6 +126,7 @@ class SerialLink:
         self._baud = baud
         self._loop = loop
         self._batch_s = batch_s
+        self._device: UsbDevice | None = None
         self._port: serial.Serial | None = None
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
@@ -178,6 +194,11 @@ class SerialLink:
                 port.close()
 
     def _open_port(self) -> serial.Serial:
+        names = {info.device: _usb_device(info) for info in list_ports.comports()}
+        present = os.path.realpath(self.name)
+        same = [name for name, device in names.items() if device == self._device]
+        if self._device is not None and same and present not in same:
+            self.name = present = same[0]
         try:
             port = serial.Serial(
                 self.name,
@@ -190,6 +211,7 @@ class SerialLink:
             raise LinkLost(f"{self.name}: {_open_error_text(error)}") from error
         _reduce_latency(port)
         _keep_dtr(port)
+        self._device = self._device or names.get(present)
         return port
 
     def _read(self, port: serial.Serial, stop: threading.Event) -> None:

@@ -16,6 +16,7 @@ from typing import Any
 
 from rigctl.cli.arguments import add_option, path_or_name, whole_number
 from rigctl.cli.world import add_world
+from rigctl.engine.keep_awake import KeepAwake, kept_awake, not_kept_awake
 from rigctl.engine.rpc.commands import RequestHandler
 from rigctl.engine.rpc.engine_files import (
     LIVE,
@@ -40,7 +41,8 @@ from rigctl.protocol.plan import MAX_SEED
 class EngineProcess:
     """Announces an engine to clients and serves them. ``rig``, ``world``: what the user named.
 
-    ``is_bench``: there is one rig of this name, so it has one engine at a time.
+    ``is_bench``: there is one rig of this name, so it has one engine at a time, and its runs keep
+    the computer awake.
     Raises WrongUse for a name that is not safe, or that a running engine has, or for a bench that
     has an engine.
     """
@@ -58,6 +60,7 @@ class EngineProcess:
         self._rig = rig_name(rig)
         self._world = str(world.resolve()) if world is not None else ""
         self._experiment = experiment
+        self._keep_awake: KeepAwake = kept_awake if is_bench else not_kept_awake
         running = running_engines(self._folder)
         if any(engine.name == self._name for engine in running):
             raise WrongUse(f"an engine named {self._name} runs already: choose another name")
@@ -73,6 +76,7 @@ class EngineProcess:
     def serve(self, engine: ServedEngine[Any, Any], handle: RequestHandler, request: Any) -> int:
         """Announce the engine, wait for its first client, serve; return the exit code."""
         faulthandler.enable(2)  # the log then says of what native code the process died
+        engine.keep_awake = self._keep_awake
         token = secrets.token_urlsafe(24)
         with open_listener(self._folder / (self._name + SOCKET)) as listener:
             try:

@@ -34,7 +34,8 @@ TILE_LANES = 2048
 class Encoder:
     """Streaming encoder of one taxel array, with equal spikes for any slicing of the samples.
 
-    Starts at rest. Call :meth:`reset` where a trial starts (the rise of sync) and after a gap.
+    Starts at rest. Call :meth:`reset` where a trial starts (the rise of sync) and after a long
+    gap.
     The first call compiles or loads the kernel; :meth:`warm_up` does that beforehand.
     ``sa_scale``: float64 (n_taxels,), a factor on the SA current of each taxel, or None for 1.
     ``inputs``: the input of each taxel (:func:`rigctl.encoder.reading.input_of_each`), which the

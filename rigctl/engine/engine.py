@@ -12,13 +12,13 @@ from rigctl.boards.drum_codes import Status
 from rigctl.engine.calibration import Calibration
 from rigctl.engine.contact import has_status
 from rigctl.engine.early_end import EarlyEndProcess
-from rigctl.engine.health import HeartbeatGate
+from rigctl.engine.health import TAXELS, HeartbeatGate, LineMonitor
 from rigctl.engine.live_file import LiveWriter
 from rigctl.engine.manual_recorder import ManualRecorder
 from rigctl.engine.pipeline import FAST_BATCH_SAMPLES, REAL_TIME_BATCH_SAMPLES
 from rigctl.engine.rig import Rig
 from rigctl.engine.rig_boards import RigBoards
-from rigctl.engine.rpc.messages import LINK, EngineStatus, RecordingStatus, RunStatus
+from rigctl.engine.rpc.messages import LINK, NOISE, EngineStatus, RecordingStatus, RunStatus
 from rigctl.engine.run_queue import RunQueue
 from rigctl.engine.run_request import RunContext, RunRequest, open_run
 from rigctl.engine.runner import Run
@@ -51,7 +51,7 @@ class Engine(ServedEngine[Run, RunRequest]):
             self.event_bus,
             self.spawn,
             self.heartbeat_gate.is_open,
-            self._taxel_link_changed,
+            self._link_changed,
             self._fail_run,
             REAL_TIME_BATCH_SAMPLES if real_time else FAST_BATCH_SAMPLES,
         )
@@ -64,6 +64,7 @@ class Engine(ServedEngine[Run, RunRequest]):
         """Judges the conditions of the run, where its protocol lets them end early."""
         self._utc_now = utc_now
         self._texture = rig.plate
+        self._line_monitor = LineMonitor()
         self._status_builder = StatusBuilder(rig, self.boards, self.calibration, self.setup)
 
     def start(self, request: RunRequest) -> Run:
@@ -213,6 +214,7 @@ class Engine(ServedEngine[Run, RunRequest]):
         if self.early_end is not None and self.run is not None:
             self.early_end.poll(self.run.status().trials_committed, self.run.end_condition)
         super()._serve_boards()
+        self._check_line()
         self.heartbeat_gate.check_in("pipeline")
 
     def _check_disk(self) -> None:
@@ -221,8 +223,25 @@ class Engine(ServedEngine[Run, RunRequest]):
         if self.run is not None and not self.run.ended and self.run.disk_monitor.recorder_works:
             self.heartbeat_gate.check_in("recorder")
 
-    def _taxel_link_changed(self, connected: bool) -> None:
-        self._mark_link(LINK, connected)
+    def _check_line(self) -> None:
+        """Pause a run while the taxels' line loses too many samples for its trials."""
+        monitor, pipeline = self._line_monitor, self.boards.pipeline
+        monitor.update(self._now_s(), pipeline.sample_count, pipeline.gap_count)
+        if self.run is None or self.run.ended:
+            return
+        was_paused = NOISE in self.run.control.reasons
+        is_noisy = monitor.must_pause(was_paused)
+        if is_noisy and not was_paused:
+            text = (
+                f"{self.rig.taxels.link.name}: {100 * monitor.lost_share:.1f} % of the samples are "
+                "lost on the link: look at the taxel board's cable, its length, and what runs "
+                "beside it (motor wires), try another port without a hub"
+            )
+            self.event_bus.publish("link", text, board=TAXELS)
+        self._mark_link(NOISE, not is_noisy)
+
+    def _link_changed(self) -> None:
+        self._mark_link(LINK, self.boards.connected)
 
     async def _make_safe(self) -> None:
         if self.manual.is_recording:

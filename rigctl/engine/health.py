@@ -19,7 +19,7 @@ from rigctl.engine.poller import DrumPoller
 from rigctl.engine.rpc.messages import BoardStatus, RecordingStatus
 from rigctl.errors import RigFault
 from rigctl.session.recorder import SessionRecorder
-from rigctl.values import BoardIdentity, Event
+from rigctl.values import SAMPLE_RATE_HZ, BoardIdentity, Event
 
 
 class RateMeter:
@@ -83,6 +83,37 @@ class HeartbeatGate:
     def is_open(self) -> bool:
         """Return whether the heartbeat may be sent."""
         return not self.overdue
+
+
+MAX_LOST_SHARE = 0.01
+"""More samples lost on the way make trials fail; at one damaged byte in 10,000 it is a third."""
+LOST_WINDOW_S = 10.0
+
+
+class LineMonitor:
+    """Judges the line of the taxels by its gaps in the last ten seconds.
+
+    A stall of the computer, too, loses samples, but in a single gap.
+    """
+
+    def __init__(self) -> None:
+        self._gaps = RateMeter(LOST_WINDOW_S)
+        self._received = RateMeter(LOST_WINDOW_S)
+
+    def update(self, now_s: float, received: int, gaps: int) -> None:
+        """Add the counts of now: of samples received, and of gaps between them."""
+        self._received.update(now_s, received)
+        self._gaps.update(now_s, gaps)
+
+    @property
+    def lost_share(self) -> float:
+        """Share of the samples that were lost, at one a gap."""
+        return self._gaps.increase / max(1, self._gaps.increase + self._received.increase)
+
+    def must_pause(self, paused: bool) -> bool:
+        """Return whether too many are lost; a ``paused`` run goes on with half as many."""
+        is_full = self._received.increase > LOST_WINDOW_S / 2 * SAMPLE_RATE_HZ
+        return paused if not is_full else self.lost_share > MAX_LOST_SHARE / (1 + paused)
 
 
 DRUM, TAXELS = "drum", "taxels"
@@ -222,6 +253,8 @@ ACTIVE_WINDOW_S = 1.0
 RATE_WINDOW_S = 30.0
 RESERVE_S = 120.0
 RESERVE_BYTES = 64 << 20
+SLOW_SAMPLES = 40_000
+"""A bench whose disk is 40 s behind pauses; a simulated one waits for its disk before that."""
 HUNG_SAMPLES = 60_000
 """A recorder whose queue holds a minute of samples counts as hung."""
 
@@ -247,9 +280,14 @@ class DiskMonitor:
         return status.failure is not None or status.queue_samples < HUNG_SAMPLES
 
     def must_pause(self, paused: bool) -> bool:
-        """Return whether the disk is too full to record; a ``paused`` run needs twice the space."""
+        """Return whether the disk is too full or too slow to record.
+
+        A ``paused`` run needs twice the space, and everything written.
+        """
+        status = self._recorder.status
         reserve = (RESERVE_BYTES + RESERVE_S * self._bytes.per_s) * (2 if paused else 1)
-        return self._recorder.status.disk_free_bytes < reserve
+        is_behind = status.queue_samples > (0 if paused else SLOW_SAMPLES)
+        return status.disk_free_bytes < reserve or is_behind
 
     def status(self, recording: bool) -> RecordingStatus:
         """Return the recording's part of the status message."""

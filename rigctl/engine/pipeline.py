@@ -2,8 +2,9 @@
 
 Blocks arrive every few milliseconds. The pipeline merges them into batches, so that the cost per
 second does not depend on the driver's block size. Each batch is, in this order: recorded, searched
-for the sync line's rise, encoded, shown. The encoder resets at each rise and after each gap,
-exactly as it does offline, so live and offline spikes of a trial are equal.
+for the sync line's rise, encoded, shown. The encoder resets at each rise and after each gap of more
+than three samples; shorter ones it fills with the sample before. Offline it does the same, so live
+and offline spikes of a trial are equal.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from rigctl.encoder.encoder import Encoder
 from rigctl.engine.live_file import LiveWriter
 from rigctl.engine.trial_cutter import TrialCutter
 from rigctl.session.recorder import Recorder
-from rigctl.values import SAMPLE_RATE_HZ, Block
+from rigctl.values import HELD_SAMPLES, SAMPLE_RATE_HZ, Block
 
 REAL_TIME_BATCH_SAMPLES = 10
 """Samples per batch in real time: at most 10 ms of delay, a hundred batches a second."""
@@ -63,6 +64,7 @@ class SamplePipeline:
         self._pending: list[Block] = []
         self._pending_samples = 0
         self._next_counter: int | None = None
+        self._last_sample: NDArray[np.uint16] | None = None
         self._reset_counter = -1
         self._samples_since_clock = 0
         self._smoothed_time = _SmoothedTime()
@@ -141,29 +143,45 @@ class SamplePipeline:
 
     def _encode(self, block: Block, starts: list[int]) -> NDArray[np.uint8]:
         resets = self._reset_rows(block, starts)
-        self._next_counter = int(block.counters[-1]) + 1
-        if not resets:
-            return self.encoder.encode(block.samples)
         bounds = [0, *[row for row in resets if row], len(block)]
         parts = []
         for start, stop in pairwise(bounds):
+            counters, samples = block.counters[start:stop], block.samples[start:stop]
             if start in resets:
                 self.encoder.reset()
-            parts.append(self.encoder.encode(np.ascontiguousarray(block.samples[start:stop])))
-        return np.concatenate(parts)
+                self._next_counter = int(counters[0])
+            assert self._next_counter is not None
+            if counters[-1] - self._next_counter == len(counters) - 1:
+                parts.append(self.encoder.encode(np.ascontiguousarray(samples)))
+            else:
+                parts.append(self._encode_held(counters, samples, self._next_counter))
+            self._next_counter, self._last_sample = int(counters[-1]) + 1, samples[-1]
+        return np.concatenate(parts) if len(parts) > 1 else parts[0]
+
+    def _encode_held(
+        self, counters: NDArray[np.int64], samples: NDArray[np.uint16], next_counter: int
+    ) -> NDArray[np.uint8]:
+        """Encode with lost samples held; their spikes count for the sample after them."""
+        steps = np.diff(counters, prepend=next_counter - 1)
+        before = samples[:1] if self._last_sample is None else self._last_sample[None]
+        repeats = np.concatenate([steps[:1] - 1, steps[1:], [1]])
+        held = np.repeat(np.concatenate([before, samples]), repeats, axis=0)
+        first = np.cumsum(steps) - steps
+        return np.add.reduceat(self.encoder.encode(held), first, axis=0, dtype=np.uint8)
 
     def _reset_rows(self, block: Block, starts: list[int]) -> list[int]:
-        """Return the rows before which the encoder resets: after gaps and at trial starts."""
-        counters = block.counters
+        """Return the rows before which the encoder resets: after long gaps and at trial starts."""
+        counters, next_counter = block.counters, self._next_counter
         if (
             not starts
-            and counters[0] == self._next_counter
+            and counters[0] == next_counter
             and counters[0] != self._reset_counter
             and counters[-1] - counters[0] == len(block) - 1
         ):
             return []
-        rows = set((np.flatnonzero(np.diff(counters) != 1) + 1).tolist())
-        if counters[0] != self._next_counter or counters[0] == self._reset_counter:
+        rows = set((np.flatnonzero(np.diff(counters) > HELD_SAMPLES + 1) + 1).tolist())
+        is_held = next_counter is not None and counters[0] - next_counter <= HELD_SAMPLES
+        if not is_held or counters[0] == self._reset_counter:
             rows.add(0)
         within = [start for start in starts if start <= counters[-1]]
         rows.update(np.searchsorted(counters, within).tolist())

@@ -17,6 +17,7 @@ from rigctl.values import BoardIdentity, DrumState
 
 POLL_PERIOD_S = 0.05
 RECONNECT_PERIOD_S = 0.5
+NOT_POLLED = "the drum is not polled any more: start rigctl again"
 FAULT_STATES = (State.FAULT_LIFT, State.FAULT_OFF)
 
 
@@ -42,6 +43,7 @@ class DrumPoller:
         self.state: DrumState | None = None
         self.identity: BoardIdentity | None = None
         self.link_error = "not connected yet"
+        self._has_ended = False
         self._allows_heartbeat = allows_heartbeat
         self._on_lost = on_lost
         self._on_reconnected = on_reconnected
@@ -59,6 +61,11 @@ class DrumPoller:
         state = self.state
         return state is not None and bool(state.fault or state.state in FAULT_STATES)
 
+    @property
+    def only_missed_beats(self) -> bool:
+        """Whether the drum stopped because it heard no heartbeat, and for nothing else since."""
+        return self.state is not None and self.state.fault == Fault.HEARTBEAT
+
     async def connect(self) -> BoardIdentity:
         """Connect and return the identity. Raises LinkLost or WrongBoard."""
         self.identity = await self.drum.connect()
@@ -71,16 +78,26 @@ class DrumPoller:
         return lambda: self._subscribers.remove(subscriber)
 
     async def run(self) -> None:
-        """Poll until cancelled; the mean period is exact, and missed cycles are skipped."""
+        """Poll until cancelled; the mean period is exact, and missed cycles are skipped.
+
+        Nobody waits for a loop that a failed subscriber has ended.
+        """
         due_s = self.loop.time()
-        while True:
-            await self._run_cycle()
-            period_s = POLL_PERIOD_S if self.connected else RECONNECT_PERIOD_S
-            due_s = max(due_s + period_s, self.loop.time())
-            await asyncio.sleep(due_s - self.loop.time())
+        try:
+            while True:
+                await self._run_cycle()
+                period_s = POLL_PERIOD_S if self.connected else RECONNECT_PERIOD_S
+                due_s = max(due_s + period_s, self.loop.time())
+                await asyncio.sleep(due_s - self.loop.time())
+        except Exception:  # top of a task, which reports it; a run must not wait for ever
+            self._has_ended, self.link_error = True, NOT_POLLED
+            self._wake()
+            raise
 
     async def wait_cycle(self) -> None:
-        """Wait for the end of the next cycle of the poll loop."""
+        """Wait for the end of the next cycle of the poll loop. Raises LinkLost after its last."""
+        if self._has_ended:
+            raise LinkLost(NOT_POLLED)
         waiter: asyncio.Future[None] = self.loop.create_future()
         self._waiters.append(waiter)
         await waiter
@@ -123,6 +140,9 @@ class DrumPoller:
                 await self._poll()
         except LinkLost as loss:
             self._set_lost(str(loss))
+        self._wake()
+
+    def _wake(self) -> None:
         waiters, self._waiters = self._waiters, []
         for waiter in waiters:
             if not waiter.done():

@@ -12,6 +12,7 @@ import numpy as np
 
 from rigctl.boards.drum_codes import reset_cause_text
 from rigctl.boards.drum_states import FAULT_TEXT, STATE_TEXT, Fault, State
+from rigctl.boards.links import ByteLink
 from rigctl.boards.taxel_frames import SelfTest
 from rigctl.encoder.encoder import Encoder
 from rigctl.encoder.force_gain import ForceScaling
@@ -82,8 +83,8 @@ SWITCHED_OFF = (State.BOOT, State.SELFTEST, State.IDLE, State.FAULT_OFF)
 class RigBoards:
     """The drum with its poller and motion; the taxels with their pipeline, encoder and live data.
 
-    ``on_taxel_link(connected)`` is called when the taxel board is lost or back, ``on_failure``
-    when samples cannot be processed any more. ``spawn`` starts a task. ``batch_samples``: see
+    ``on_link()`` is called when a board is lost or back, ``on_failure`` when samples cannot be
+    processed any more. ``spawn`` starts a task. ``batch_samples``: see
     :class:`SamplePipeline`.
     """
 
@@ -94,16 +95,15 @@ class RigBoards:
         event_bus: EventBus,
         spawn: Spawn,
         allows_heartbeat: Callable[[], bool],
-        on_taxel_link: Callable[[bool], None],
+        on_link: Callable[[], None],
         on_failure: Callable[[RigFault], None],
         batch_samples: int,
     ) -> None:
         self.taxels = rig.taxels
         self.taxels_connected = False
         self.identities: dict[str, BoardIdentity] = {}
-        publish_lost = partial(event_bus.publish, "link", board=DRUM)
         self.drum_poller = DrumPoller(
-            rig.drum, rig.loop, allows_heartbeat, publish_lost, self._drum_reconnected
+            rig.drum, rig.loop, allows_heartbeat, self._drum_lost, self._drum_reconnected
         )
         self.motion = DrumMotion(self.drum_poller, rig.config, rig.commissions)
         self.board_health = BoardHealth(self.drum_poller, rig.taxels, self.identities)
@@ -115,7 +115,7 @@ class RigBoards:
         self._live_writer = live_writer
         self._event_bus = event_bus
         self._spawn = spawn
-        self._on_taxel_link = on_taxel_link
+        self._on_link = on_link
         self._on_failure = on_failure
         self._published_state = (-1, 0)
         self._published_contact = (-1, False)
@@ -125,6 +125,11 @@ class RigBoards:
         self._is_calibrated = bool(rig.config.taxels.low) and not _takes_conductance(rig)
         self.has_taxel_range = self._is_calibrated
         """Whether each taxel's range is calibrated or was measured."""
+
+    @property
+    def connected(self) -> bool:
+        """Whether both boards are there."""
+        return self.taxels_connected and self.drum_poller.connected
 
     async def connect(self) -> None:
         """Connect both boards, then start samples and heartbeat. Raises LinkLost or WrongBoard."""
@@ -216,10 +221,15 @@ class RigBoards:
         if self._published_contact[1] and self._published_contact != before:
             self._event_bus.publish("contact", contact_sentence(drum))
 
+    def _drum_lost(self, reason: str) -> None:
+        self._event_bus.publish("link", reason, board=DRUM)
+        self._on_link()
+
     def _drum_reconnected(self, identity: BoardIdentity, rebooted: bool) -> None:
         self.identities[DRUM] = identity
         self.motion.reset()  # another program may have changed any setting meanwhile
         self._publish_return(identity, rebooted)
+        self._on_link()
         self._spawn(self._configure_again())
 
     async def _configure(self) -> None:
@@ -251,7 +261,7 @@ class RigBoards:
         elif self.taxels_connected:
             self.taxels_connected = False
             self._event_bus.publish("link", str(fault), board=TAXELS)
-            self._on_taxel_link(False)
+            self._on_link()
             self._spawn(self._reconnect_taxels())
 
     async def _reconnect_taxels(self) -> None:
@@ -263,13 +273,17 @@ class RigBoards:
                 continue
             self.taxels_connected = True
         self._publish_return(self.identities[TAXELS], self.taxels.rebooted)
-        self._on_taxel_link(True)
+        self._on_link()
 
     def _publish_return(self, board: BoardIdentity, rebooted: bool) -> None:
-        self._publish_board(board, "rebooted and is back" if rebooted else "is back")
+        what = "rebooted and is back" if rebooted else "is back"
+        self._publish_board(board, f"{what} at {self._link_of(board).name}")
+
+    def _link_of(self, board: BoardIdentity) -> ByteLink:
+        return self._rig.drum.link if board.board == DRUM else self._rig.taxels.link
 
     def _publish_board(self, board: BoardIdentity, what: str) -> None:
-        link = self._rig.drum.link if board.board == DRUM else self._rig.taxels.link
+        link = self._link_of(board)
         ours = installed_build(board.board) if link.resets_board else ""
         is_other = ours not in ("", board.build_hash)
         cure = f"; this installation brings build {ours}: rigctl flash {board.board}"

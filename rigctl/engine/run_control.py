@@ -51,7 +51,7 @@ class RunControl(RunReasons):
         super().check_end()
         if self.paused_s(LINK) > LINK_TIMEOUT_S:
             raise LinkLost(
-                f"taxels: no connection for {LINK_TIMEOUT_S:.0f} s: check the cable, "
+                f"a board was lost for {LINK_TIMEOUT_S:.0f} s: check its cable, "
                 "then resume the session"
             )
 
@@ -64,12 +64,14 @@ class RunControl(RunReasons):
 
     async def _wait_paused(self) -> None:
         """Wait for the next poll; a fault is now a reason to pause, as people are at the rig."""
-        await self._poller.wait_cycle()
-        self.check_in()
-        self.check_end()
-        if self._poller.link_error:
-            raise LinkLost(self._poller.link_error)
-        if self._poller.fault_latched:
+        await self.wait_cycle()
+        if self._poller.fault_latched and not self._poller.only_missed_beats:
             self.pause(FAULT)
         else:
             self.resume(FAULT)
+
+    async def wait_cycle(self) -> None:
+        """Wait for the next poll, also of a drum that is lost. Raises as :meth:`check_end`."""
+        await self._poller.wait_cycle()
+        self.check_in()
+        self.check_end()

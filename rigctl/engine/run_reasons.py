@@ -122,12 +122,16 @@ class RunReasons(ABC):
     def check_end(self) -> None:
         """Raise RunStopped or RigFault where there is a reason to end."""
         disk_failure = self._disk_failure()
-        if self.abort_reason is not None:
-            raise RunStopped(self.abort_reason)
+        self.check_stop()
         if self._failure is not None:
             raise self._failure
         if disk_failure is not None:
             raise DiskFault(disk_failure)
+
+    def check_stop(self) -> None:
+        """Raise RunStopped where somebody ended the run."""
+        if self.abort_reason is not None:
+            raise RunStopped(self.abort_reason)
 
     def check_pause(self) -> None:
         """Raise RunPaused where there is a reason to pause."""

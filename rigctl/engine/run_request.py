@@ -21,7 +21,12 @@ from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.protocol.loader import load_protocol
 from rigctl.protocol.plan import Plan
 from rigctl.session import layout
-from rigctl.session.header import CUT_BY_CLOCK, CUT_BY_WIRE, SessionHeader
+from rigctl.session.header import (
+    CUT_BY_CLOCK,
+    CUT_BY_WIRE,
+    SessionHeader,
+    describe_new_versions,
+)
 from rigctl.session.recorder import Recorder, check_same_world, keep_private
 from rigctl.session.sensor_layout import SensorLayout
 from rigctl.session.session import Session, ended_early
@@ -163,6 +168,7 @@ def _resume(folder: Path, context: RunContext, unattended: bool) -> OpenedRun:
     rig = context.rig
     with Session.open(folder) as session:
         header, attempts = session.header, Counter(session.trials["trial_id"].tolist())
+        before = session.parts[-1].header
         done = frozenset(session.trials["trial_id"][session.committed()].tolist())
         missing = tuple(session.describe_missing())
         ended = frozenset(ended_early(session))
@@ -178,6 +184,7 @@ def _resume(folder: Path, context: RunContext, unattended: bool) -> OpenedRun:
     remaining = 1 - (len(done) + len(ended)) / max(1, len(plan.trials))
     check_disk_space(folder, round(remaining * plan.bytes_estimate))
     recorder = open_recorder(folder, plan, context, resume=True)
+    missing += tuple(describe_new_versions(before, recorder.header))
     return OpenedRun(plan, recorder, unattended, True, done, ended, attempts, missing)
 
 

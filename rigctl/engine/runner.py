@@ -10,13 +10,15 @@
      ├─► aborted               stopped by a person or a client
      └─► failed                the rig or the disk failed
 
-However a run ends, the drum is lifted and the session is complete.
+A drum that stopped because it did not hear the computer is brought back a few times in a row; what
+else stopped it ends the run (docs/explanation/safety.md). However a run ends, the drum is lifted
+and the session is complete.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 from msgspec.structs import asdict
@@ -28,7 +30,7 @@ from rigctl.engine.event_bus import EventBus
 from rigctl.engine.health import END
 from rigctl.engine.progress import RunProgress
 from rigctl.engine.rig_boards import RigBoards
-from rigctl.engine.rpc.messages import CurrentTrial, NextPlate, RunStatus
+from rigctl.engine.rpc.messages import DISK_ERROR, CurrentTrial, NextPlate, RunStatus
 from rigctl.engine.run_control import RunControl
 from rigctl.engine.run_reasons import RunPaused, RunStopped, TrialSkipped
 from rigctl.engine.run_request import OpenedRun
@@ -36,7 +38,7 @@ from rigctl.engine.run_steps import RunSteps
 from rigctl.engine.served_run import ServedRun
 from rigctl.engine.settings import settle_settings
 from rigctl.engine.step_runner import StepRunner, remaining_steps
-from rigctl.errors import BoardFault, RigFault, WrongUse
+from rigctl.errors import BoardFault, DiskFault, LinkLost, RigFault, WrongUse
 from rigctl.protocol.plan import condition_of
 from rigctl.protocol.steps import RunTrial, Step
 from rigctl.session.notes import Mark, SessionNote
@@ -45,7 +47,11 @@ from rigctl.session.session import EARLY_END_KIND, ConditionEnd
 from rigctl.values import DrumState, Event, PlannedTrial
 
 SAFE_TIMEOUT_S = 20.0
+RECOVERIES = 3
+"""How often in one step a drum that did not hear the computer is brought back."""
 CLEAR_CYCLES = 3
+DISK_CYCLES = 100
+"""Cycles of the poll loop between two tries of a disk that refused: 5 s."""
 
 
 class Run(ServedRun[RunControl, Recorder]):
@@ -195,11 +201,15 @@ class Run(ServedRun[RunControl, Recorder]):
     async def _run_steps(self) -> tuple[str, str]:
         """Return the outcome and a sentence on it."""
         try:
-            await self._clear_old_fault()
-            await self._motion.configure()
-            await self._motion.write_settings(**settle_settings(self._opened.plan.protocol.settle))
-            for step in self._steps:
-                await self._run_step(step)
+            if self._poller.fault_latched:  # the operator saw the rig
+                self._event_bus.publish("log", "a fault from before this run is cleared")
+                await self._clear_fault()
+            await self._configure()
+            while True:
+                for step in self._steps:
+                    await self._run_step(step)
+                if await self._reached_disk():
+                    break
         except RunStopped as stop:
             return "aborted", str(stop)
         except RigFault as fault:
@@ -217,18 +227,95 @@ class Run(ServedRun[RunControl, Recorder]):
             "every trial is committed" if self._opened.plan.trials else "every step is done",
         )
 
-    async def _clear_old_fault(self) -> None:
-        """Clear a fault from before the run, if its cause is gone: the operator saw the rig."""
-        if not self._poller.fault_latched:
-            return
-        self._event_bus.publish("log", "a fault from before this run is cleared")
+    async def _clear_fault(self) -> None:
+        """Clear the latched fault. Raises CommandRefused while its cause is present."""
         await self._poller.drum.command(Command.CLEAR)
         for _ in range(CLEAR_CYCLES):
-            await self._poller.wait_cycle()
-            self.control.check_in()
+            await self.control.wait_cycle()
+
+    async def _configure(self) -> None:
+        await self._motion.configure()
+        await self._motion.write_settings(**settle_settings(self._opened.plan.protocol.settle))
 
     async def _run_step(self, step: Step) -> None:
-        """Run one step; repeat it after each pause."""
+        """Run one step; repeat it where the drum stopped because it did not hear the computer."""
+        trouble = RigFault("no step was tried")
+        for number in range(RECOVERIES + 1):
+            try:
+                if number and not await self._recover(trouble, number):
+                    break
+                return await self._repeat_after_pauses(step)
+            except RigFault as fault:
+                trouble = fault
+        raise trouble
+
+    async def _recover(self, trouble: RigFault, number: int) -> bool:
+        """Bring the drum back where only silence stopped it; return False where something else did.
+
+        Raises BoardFault for a fault that came meanwhile, LinkLost and what ends the run.
+        """
+        if self._recorder.may_try_again:
+            await self._wait_for_disk()
+            return True
+        self.control.check_end()
+        # A board that restarted counts anew, in a new part.
+        self._pipeline.set_recorder(None)
+        with self._progress.idle():
+            while not self._poller.connected:
+                await self.control.wait_cycle()
+            await self._motion.wait_started()
+            await self._make_safe()
+            missed_beats = self._poller.only_missed_beats
+            if not missed_beats:
+                self._poller.healthy_state()
+                if not isinstance(trouble, LinkLost):
+                    return False
+            what = "the missed heartbeat is cleared" if missed_beats else "the drum is back"
+            text = f"{what}, and the step begins again: {number} of at most {RECOVERIES} times"
+            self._event_bus.publish("recovery", text, number=number, after=str(trouble))
+            if missed_beats:
+                await self._clear_fault()
+            self._motion.homed = False
+            await self._configure()
+        return True
+
+    async def _reached_disk(self) -> bool:
+        """Wait until all is written; return False where trials are to be recorded again.
+
+        Raises DiskFault where the recorder failed for good.
+        """
+        await self._make_safe()
+        try:
+            self._recorder.wait_written()
+        except DiskFault:
+            if not self._recorder.may_try_again:
+                raise
+            await self._wait_for_disk()
+        return not self._steps.trials()
+
+    async def _wait_for_disk(self) -> None:
+        """Pause until the disk takes files again; record again what did not reach it.
+
+        Raises RunStopped.
+        """
+        self._event_bus.publish("disk", self._recorder.failure or "the disk refused")
+        with self._progress.idle():
+            await self._make_safe()
+            self.control.pause(DISK_ERROR)
+            while (on_disk := self._recorder.try_again()) is None:
+                for _ in range(DISK_CYCLES):
+                    await self._poller.wait_cycle()
+                    self.control.check_in()
+                    self.control.check_stop()
+            self.control.resume(DISK_ERROR)
+        for trial_id in self._step_runner.committed_ids - on_disk:
+            trial = self._opened.plan.trials[trial_id - 1]
+            self._step_runner.reopen(trial_id)
+            self._progress.reopen(trial, was_committed=True)
+            with suppress(WrongUse):  # of the plate before: a continued session records it again
+                self._steps.repeat(trial)
+
+    async def _repeat_after_pauses(self, step: Step) -> None:
         self.control.skips_trial = False
         self._in_hand = step.trial if isinstance(step, RunTrial) else None
         while True:
@@ -269,13 +356,15 @@ class Run(ServedRun[RunControl, Recorder]):
             self.control.check_in()
 
     def _record_event(self, event: Event) -> None:
-        if self._pipeline.is_recording:
+        """Record an event, also one of a pause, once there is a part for it."""
+        if self._step_runner.has_recorded:
             self._recorder.add_event(event)
 
     def _record_drum(self, state: DrumState) -> None:
         if self._pipeline.is_recording:
-            settings = self._motion.settings
-            self._recorder.add_drum(state, settings["force_set"], settings["speed_set"])
+            settings = self._motion.settings  # not known yet of a board that is just back
+            set_points = settings.get("force_set", 0.0), settings.get("speed_set", 0.0)
+            self._recorder.add_drum(state, *set_points)
 
 
 def _current_trial(trial: PlannedTrial) -> CurrentTrial:

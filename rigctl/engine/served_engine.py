@@ -15,6 +15,7 @@ from dataclasses import asdict
 from typing import Any, Generic, TypeVar
 
 from rigctl.engine.event_bus import EventBus
+from rigctl.engine.keep_awake import KeepAwake, not_kept_awake
 from rigctl.engine.rpc.commands import RequestHandler
 from rigctl.engine.rpc.messages import DISK, STATUS_PERIOD_S, engine_message
 from rigctl.engine.rpc.server import KEPT_EVENTS, Server
@@ -27,6 +28,8 @@ IDLE_TIMEOUT_S = 10.0
 """Without client and run the engine ends after this time."""
 EVENT_LETTERS = 500
 """Of the text of a past event, so that all of them fit into one message."""
+LATE_S = 0.2
+"""A loop that is later is told: with a poll's period, a drum waits no longer for its heartbeat."""
 FREQUENT_EVENTS = ("batch", "prediction")
 """Kinds that the moving finger sends every 100 ms; none is kept."""
 
@@ -44,6 +47,8 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         self.event_bus = EventBus(loop.time)
         self.run: _Run | None = None
         self.is_ready = False
+        self.keep_awake: KeepAwake = not_kept_awake
+        """How a run keeps the computer awake; by default it does not."""
         self.loop = loop
         self._description = description
         self._truth = truth
@@ -141,7 +146,8 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         with self._publish_disk_fault():
             self._truth.begin(run.folder, run.start)
         try:
-            await run.execute()
+            with self.keep_awake(self._tell_awake):
+                await run.execute()
         finally:
             with self._publish_disk_fault():
                 self._truth.save(is_last=True)
@@ -216,11 +222,22 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
     async def _tick(self) -> None:
         """Serve recorder and clients, and send the status, ten times a second."""
         while True:
+            due_s = self._now_s() + STATUS_PERIOD_S
             await asyncio.sleep(STATUS_PERIOD_S)
+            self._tell_late(self._now_s() - due_s)
             self._serve_boards()
             self._check_disk()
             self._check_idle()
             self._send_status()
+
+    def _tell_awake(self, text: str) -> None:
+        self.loop.call_soon_threadsafe(self.event_bus.publish, "awake", text)
+
+    def _tell_late(self, late_s: float) -> None:
+        """Publish that the loop itself stood still, and the boards went on without it."""
+        if late_s > LATE_S:
+            text = f"this computer was asleep or too busy for {late_s:.2g} s"
+            self.event_bus.publish("late", text, late_s=round(late_s, 3))
 
     def _serve_boards(self) -> None:
         """Do what the boards need ten times a second."""

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from rigctl.boards import drum_registers, taxel_frames
 from rigctl.boards.clock_fit import ClockEstimate, ClockFit
+from rigctl.boards.drum_codes import Status
+from rigctl.engine.contact import has_status
 from rigctl.engine.health import START, Counters
 from rigctl.engine.motion import DrumMotion
 from rigctl.engine.pipeline import SamplePipeline
@@ -299,6 +301,16 @@ class StepRunner:
         for event in self._health.events(when, self._start_counters):
             self._recorder.add_event(event)
 
+    @property
+    def has_recorded(self) -> bool:
+        """Whether this sitting has begun a part."""
+        return self._start_counters is not None
+
+    @property
+    def committed_ids(self) -> frozenset[int]:
+        """Numbers of the trials that count as committed."""
+        return frozenset(self._committed)
+
     def committed_attempt(self, trial_id: int) -> int:
         """Return the number of the attempt at a trial that counts, 0 for none."""
         return self._committed.get(trial_id, 0)
@@ -383,7 +395,8 @@ class StepRunner:
         await self._motion.arm()
         if not self._motion.homed:
             await self._motion.home()
-        if not self._tared:
+        state = self._motion.poller.healthy_state()
+        if not (self._tared and has_status(state, Status.TARED)):  # a reset forgets the zero
             await self._motion.tare()
             self._tared = True
 

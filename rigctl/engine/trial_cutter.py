@@ -30,9 +30,10 @@ class CutTrial:
 
     ``first_counter``: board counter of its first sample. ``received`` of ``n_samples`` arrived;
     ``late`` and ``overrun`` count samples with these flags, ``sync_low`` those outside the window
-    in which the drum signals a constant speed. ``start_lost``: the rise fell into a gap, so
-    the first sample may be another one. ``by_wire``: cut at the sync line, which alone shows
-    ``sync_low``. ``sums``: over the readings of its taxels, None before the first.
+    in which the drum signals a constant speed. ``longest_gap``: most missing samples in a row.
+    ``start_lost``: the rise fell into a gap, so the first sample may be another one, or it is
+    missing. ``by_wire``: cut at the sync line, which alone shows ``sync_low``. ``sums``: over the
+    readings of its taxels, None before the first.
     """
 
     first_counter: int
@@ -42,6 +43,7 @@ class CutTrial:
     overrun: int = 0
     sync_low: int = 0
     newest_counter: int = -1
+    longest_gap: int = 0
     start_lost: bool = False
     by_wire: bool = True
     sums: TrialSums | None = field(default=None, compare=False)
@@ -134,6 +136,7 @@ class TrialCutter:
         start, stop = np.searchsorted(
             block.counters, (trial.first_counter, trial.first_counter + trial.n_samples)
         )
+        self._add_gaps(trial, block.counters[start : stop + 1])
         flags = block.flags[start:stop]
         if stop > start:
             trial.sums = trial.sums or TrialSums(block.samples.shape[1])
@@ -161,6 +164,15 @@ class TrialCutter:
         if trial is not None and trial.by_wire and trial.sums is not None:
             first, end = trial.first_counter, trial.first_counter + trial.n_samples
             trial.sums.add_spikes(spikes[slice(*np.searchsorted(block.counters, (first, end)))])
+
+    def _add_gaps(self, trial: CutTrial, counters: NDArray[np.int64]) -> None:
+        """Add the gaps before each of these samples; the last may be the first after the trial."""
+        if not len(counters):
+            return
+        before = max(trial.newest_counter, trial.first_counter - 1)
+        trial.start_lost |= before < trial.first_counter < int(counters[0])
+        within = np.minimum(counters, trial.first_counter + trial.n_samples)
+        trial.longest_gap = max(trial.longest_gap, int(np.diff(within, prepend=before).max()) - 1)
 
 
 def _count(flags: NDArray[np.uint8], flag: Flag) -> int:

@@ -82,9 +82,11 @@ def judge(
 def _data_reasons(cut: CutTrial, quality: Quality) -> list[str]:
     reasons = []
     if cut.start_lost:
-        reasons.append("the samples around the sync line's rise were lost")
+        reasons.append("samples around the sync line's rise were lost")
     if cut.n_samples - cut.received > quality.max_lost_samples:
         reasons.append(f"{cut.n_samples - cut.received} of {cut.n_samples} samples are missing")
+    if cut.longest_gap > quality.max_gap_samples:
+        reasons.append(f"{cut.longest_gap} samples in a row are missing")
     if cut.overrun:
         reasons.append(f"{cut.overrun} samples were overrun on the taxel board")
     if cut.late > MAX_LATE_SHARE * cut.n_samples:

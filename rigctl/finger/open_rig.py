@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rigctl.boards.bench_loop import BenchLoop
 from rigctl.boards.identity import WHICH_PORT
 from rigctl.boards.links import ByteLink
 from rigctl.boards.port_discovery import create_link, find_boards, identify_board
@@ -108,7 +109,7 @@ def _simulated(
 def _real(path: Path, config: FingerConfig) -> FingerRig:
     frame, named = _plate_frame(path, config), config.finger.passport
     passport = load_passport(path.parent / named, N_TAXELS) if named else None
-    loop = asyncio.SelectorEventLoop()
+    loop = BenchLoop()
     try:
         port = config.finger.port or loop.run_until_complete(find_boards(loop)).get(FINGER, "")
         if not port:

@@ -17,7 +17,7 @@ from rigctl.config.rig_config import RigConfig
 from rigctl.config.toml_reader import number, text
 from rigctl.errors import WrongUse
 from rigctl.protocol.steps import ChangePlate, RunTrial, Step, rig_seconds
-from rigctl.values import SAMPLE_RATE_HZ, PlannedTrial
+from rigctl.values import HELD_SAMPLES, SAMPLE_RATE_HZ, PlannedTrial
 
 QUANTITY_NAMES = {"sa_rate": "mean SA rate", "ra_rate": "mean RA rate"}
 """Mean spike rate of the SA or of the RA neurons over a trial, Hz per neuron."""
@@ -114,12 +114,20 @@ class Settle:
 # A plan's digest is of its repr: sessions from before these limits keep their plan.
 unhashed = partial(number, repr=False)
 
+MAX_LOST_SAMPLES = 40
+"""Twice what a trial of 6 s loses at one damaged byte in 10,000 (decision 50)."""
+
 
 @dataclass(frozen=True, slots=True)
 class Quality:
     """Limits that a trial must keep to be committed, and the number of attempts."""
 
-    max_lost_samples: int = number(0, "", 0, 1000, "a trial that loses more is rejected")
+    max_lost_samples: int = number(
+        MAX_LOST_SAMPLES, "", 0, 1000, "a trial that loses more is rejected"
+    )
+    max_gap_samples: int = unhashed(
+        HELD_SAMPLES, "", 0, 1000, "a trial that loses more in a row is rejected"
+    )
     force_tolerance_percent: float = number(
         5.0, "%", 0.1, 100, "mean force over the window, of the set-point"
     )
@@ -239,8 +247,12 @@ class Plan:
     @cached_property
     def hash(self) -> str:
         """Digest of the steps and the limits for settling and quality, 32 hexadecimal digits."""
+        quality = self.protocol.quality
+        if quality.max_lost_samples == MAX_LOST_SAMPLES:
+            quality = replace(quality, max_lost_samples=0)  # the default of earlier sessions
+        gap = () if quality.max_gap_samples == HELD_SAMPLES else (quality.max_gap_samples,)
         rule = () if self.protocol.early_end is None else (self.protocol.early_end,)
-        parts: list[Any] = [self.protocol.settle, self.protocol.quality, *rule, *self.steps]
+        parts: list[Any] = [self.protocol.settle, quality, *gap, *rule, *self.steps]
         return digest_of(parts)
 
 

@@ -230,3 +230,29 @@ def wirings_match(one: Wiring, other: Wiring) -> bool:
 def describe_mismatch(one: Wiring, other: Wiring) -> str:
     """Return both orders for an error message, in the syntax of ``rig.toml``."""
     return f"[taxels] wiring = {list(one)}, not {list(other)}"
+
+
+def describe_new_versions(before: SessionHeader, now: SessionHeader) -> list[str]:
+    """Return a sentence for the program and each board that a session's last part had otherwise.
+
+    What a session may not be continued with, such as another plan or order of taxels, the recorder
+    refuses.
+    """
+    programs = [f"{h.software_version} ({h.software_commit or 'no commit'})" for h in (before, now)]
+    known = {board.board: board for board in before.boards}
+    changes = [("rigctl", *programs)] if before.software_version else []
+    changes += [
+        (f"the {board.board} board's firmware", _build(known[board.board]), _build(board))
+        for board in now.boards
+        if board.board in known
+    ]
+    return [
+        f"{what} was {old} in the last part and is {new} now: the session goes on, and each part "
+        "says what recorded it"
+        for what, old, new in changes
+        if old != new
+    ]
+
+
+def _build(board: BoardIdentity) -> str:
+    return f"{board.firmware_version} (build {board.build_hash})"

@@ -43,6 +43,8 @@ from rigctl.session.writer import (
     SessionHistory,
     SessionWriter,
     failure_message,
+    may_pass,
+    probe_disk,
 )
 from rigctl.session.writer_lock import WriterLock
 from rigctl.values import DrumState, Event, Gap, TrialRow
@@ -234,7 +236,7 @@ class SessionRecorder:
         queue_limit_samples: int = QUEUE_LIMIT_SAMPLES,
     ) -> None:
         self.folder = folder
-        texts = (protocol_text, rig_text)
+        self._texts = texts = (protocol_text, rig_text)
         self.header = header = replace(header, experiment=self.layout.experiment)
         self._lock = prepare_folder(folder, header, texts, resume)
         self._writer = SessionWriter(folder, self.layout, header, texts, read_history(folder))
@@ -244,9 +246,14 @@ class SessionRecorder:
         self._dropped = 0
         self._overflow: Gap | None = None
         self._failure: str | None = None
+        self.may_try_again = False
+        """Whether it was the disk that refused, which may take files again later."""
         self._closing = False
         self._outcome: SessionOutcome | None = None
         self._wake = threading.Event()
+        self._start_thread()
+
+    def _start_thread(self) -> None:
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
 
@@ -264,6 +271,29 @@ class SessionRecorder:
             f"{self._dropped} samples were lost because the disk of {self.folder} cannot keep up: "
             "record on a faster or less busy disk."
         )
+
+    def try_again(self) -> frozenset[int] | None:
+        """Go on after the disk had refused, with a new part; return the trials committed on it.
+
+        None while it still refuses. What was added since its last flush is lost.
+        """
+        self._thread.join()
+        texture = self._writer.texture
+        try:
+            probe_disk(self.folder)
+            history = read_history(self.folder)
+            self._writer = SessionWriter(
+                self.folder, self.layout, self.header, self._texts, history
+            )
+        except (OSError, SessionError):
+            return None
+        self._actions.clear()
+        self._put_samples = self._taken_samples = self._dropped = 0
+        self._overflow = self._failure = None
+        self.may_try_again = False
+        self._start_thread()
+        self.begin_part("the disk takes files again", texture)
+        return history.committed
 
     def begin_part(
         self, reason: str, texture: str = "", header: SessionHeader | None = None
@@ -377,6 +407,7 @@ class SessionRecorder:
             self._write_batch()
             self._writer.end_session(self._outcome)
         except Exception as error:  # noqa: BLE001 - top of a thread: `failure` reports it
+            self.may_try_again = may_pass(error)
             self._failure = failure_message(error, self.folder)
             self._writer.abandon()
             self._take()

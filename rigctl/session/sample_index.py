@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from rigctl.errors import SessionError
 from rigctl.session.part import PartReader, StructuredArray
+from rigctl.values import HELD_SAMPLES
 
 SAMPLES, COUNTER = "/taxels/samples", "/taxels/counter"
 MIN_ROWS_TO_INDEX = 16
@@ -49,12 +50,22 @@ SampleFiles = Sequence[SampleFile] | Mapping[int, SampleFile]
 
 
 class SampleRange(NamedTuple):
-    """Rows ``start`` … ``stop`` - 1 of a file: one trial, ``complete`` if no sample was lost."""
+    """Rows ``start`` … ``stop`` - 1 of a file: one trial.
+
+    ``complete``: each of its samples was received, or a reader gets the one before it instead, as
+    the live encoder does: ``held`` has how often to repeat which of the rows.
+    """
 
     file: int
     start: int
     stop: int
     complete: bool
+    held: tuple[tuple[int, int], ...] = ()
+
+    @property
+    def n_samples(self) -> int:
+        """Samples that a reader returns."""
+        return self.stop - self.start + sum(count for _, count in self.held)
 
 
 def locate_samples(part: PartReader) -> SampleFile:
@@ -82,7 +93,22 @@ def locate_windows(part: PartReader, rows: StructuredArray, file: int) -> list[S
         stop[i] = start[i] + np.searchsorted(counters, end_counter[i])
     complete = (stop - start == rows["count"]) & (stop > start)
     columns = (start.tolist(), np.maximum(stop, start).tolist(), complete.tolist())
-    return list(map(SampleRange, [file] * len(rows), *columns))
+    found = list(map(SampleRange, [file] * len(rows), *columns))
+    for i in np.flatnonzero(~complete & (stop > start)).tolist():
+        found[i] = _hold(part, found[i], int(rows["first_counter"][i]), int(end_counter[i]))
+    return found
+
+
+def _hold(part: PartReader, window: SampleRange, first: int, end: int) -> SampleRange:
+    """Return the range complete by held samples, where no gap is too long for that."""
+    counters = part.read(COUNTER, window.start, window.stop)
+    lost = np.diff(counters, append=end) - 1
+    if counters[0] != first or lost.max() > HELD_SAMPLES:
+        return window
+    rows = np.flatnonzero(lost)
+    return window._replace(
+        complete=True, held=tuple(zip(rows.tolist(), lost[rows].tolist(), strict=True))
+    )
 
 
 class SampleReader:
@@ -106,7 +132,7 @@ class SampleReader:
         Raises OSError or SessionError for a file that it cannot read.
         """
         n_taxels = self._files[window.file].n_taxels
-        out = np.empty((window.stop - window.start, n_taxels), np.uint16)
+        out = np.empty((window.n_samples, n_taxels), np.uint16)
         self.read_all([window], out, [0])
         return out
 
@@ -119,13 +145,24 @@ class SampleReader:
         """
         pairs = zip(windows, out_rows, strict=True)
         for number, group in groupby(pairs, key=lambda pair: pair[0].file):
-            source, targets = self._source(number), list(group)
+            source, targets = self._source(number), []
+            for window, row in group:
+                if window.held:
+                    out[row : row + window.n_samples] = self._read_held(window)
+                else:
+                    targets.append((window, row))
             if isinstance(source, PartReader):
                 for window, row in targets:
                     end = row + window.stop - window.start
                     out[row:end] = source.read(SAMPLES, window.start, window.stop)
-            else:
+            elif targets:
                 _read_pieces(source, _split_by_chunk(self._files[number], targets), out)
+
+    def _read_held(self, window: SampleRange) -> NDArray[np.uint16]:
+        repeats = np.ones(window.stop - window.start, np.intp)
+        for row, count in window.held:
+            repeats[row] += count
+        return np.repeat(self.read(window._replace(held=())), repeats, axis=0)
 
     def _source(self, number: int) -> BinaryIO | PartReader:
         if number not in self._open:

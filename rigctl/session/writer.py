@@ -346,7 +346,8 @@ class SessionHistory:
 class SessionWriter:
     """Writer of a session's parts. Each flush replaces ``status`` as a whole.
 
-    ``closing_digest`` is the last digest of the session, empty until :meth:`end_session`.
+    ``closing_digest`` is the last digest of the session, empty until :meth:`end_session`;
+    ``texture`` is that of the newest part.
     """
 
     def __init__(
@@ -367,7 +368,7 @@ class SessionWriter:
         columns = [column.name for column in session_layout.trials.columns]
         self._id_column, self._verdict_column = map(columns.index, ("trial_id", "verdict"))
         self._part: PartWriter | None = None
-        self._texture = ""
+        self.texture = ""
         self._last_at_s = header.start_loop_s
         self._closed_samples = self._closed_bytes = 0
         self._sync_due = False
@@ -379,7 +380,7 @@ class SessionWriter:
         self.close_part()
         self._header = header or self._header
         self._number += 1
-        self._texture = texture
+        self.texture = texture
         attributes: Attributes = {
             "layout": layout.LAYOUT,
             "layout_version": layout.LAYOUT_VERSION,
@@ -404,7 +405,7 @@ class SessionWriter:
         part = self._open_part(block.arrived_s)
         expected = part.counters.next_counter
         if len(block) and expected is not None and block.counters[0] < expected:
-            self.begin_part(f"the {self._layout.board} restarted", self._texture)
+            self.begin_part(f"the {self._layout.board} restarted", self.texture)
             part = self._open_part()
         part.add_block(block)
 
@@ -499,6 +500,26 @@ class SessionWriter:
             bytes_on_disk=self._closed_bytes + (part.size_bytes() if part else 0),
             disk_free_bytes=shutil.disk_usage(self._folder).free,
         )
+
+
+PROBE_BYTES = 1 << 20
+
+
+def probe_disk(folder: Path) -> None:
+    """Write, sync and remove a file of a megabyte. Raises OSError while the disk refuses."""
+    path = folder / "probe.tmp"
+    try:
+        with path.open("wb") as file:
+            file.write(bytes(PROBE_BYTES))
+            file.flush()
+            os.fsync(file.fileno())
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def may_pass(error: BaseException) -> bool:
+    """Return whether it is the disk that refused: room, a repair or a remount may end that."""
+    return not isinstance(error, DiskFault) and system_error(error) in _REMEDIES
 
 
 def failure_message(error: BaseException, folder: Path) -> str:

@@ -31,7 +31,7 @@ class ClockOnly:
         self.advances: list[int] = []
         self.at: dict[int, Callable[[], None]] = {}
         links = {DRUM: self.drum, TAXELS: self.taxels}
-        self.faults = FaultInjection(links, Disturbances(), lambda: None, lambda board: None)
+        self.faults = FaultInjection(links, Disturbances(), lambda: None, print, print)
 
     def advance(self, until_us: int) -> None:
         assert until_us > self.time_us

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import os
+import sys
 import termios
+import time
 import tty
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
+from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
 
+from rigctl.boards.bench_loop import BenchLoop
 from rigctl.boards.links import SerialLink, TcpLink
 from rigctl.errors import ConfigError, LinkLost
 
@@ -167,3 +172,69 @@ def test_an_invalid_address_is_refused_with_the_format(address: str) -> None:
     with pytest.raises(ConfigError, match="write an address as tcp://"):
         TcpLink(address, loop)
     loop.close()
+
+
+class Ports:
+    """What the system lists: names of USB devices that may change."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self._listed: list[ListPortInfo] = []
+        monkeypatch.setattr(list_ports, "comports", lambda: list(self._listed))
+
+    def list(self, *devices: tuple[str, str | None, str]) -> None:
+        """List the ports with these names, serial numbers and sockets."""
+        self._listed = []
+        for name, serial_number, location in devices:
+            info = ListPortInfo(name)
+            info.vid, info.pid = 0x2341, 0x0042
+            info.serial_number, info.location = serial_number, location
+            self._listed.append(info)
+
+
+@pytest.mark.parametrize("serial_number", ["75833", None])
+async def test_a_board_that_comes_back_under_another_name_is_found(
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch, serial_number: str | None
+) -> None:
+    ports = Ports(monkeypatch)
+    ports.list((terminal.path, serial_number, "1-1"), ("other", "another", "1-2"))
+    link = SerialLink(terminal.path, 115200, asyncio.get_running_loop())
+    ear = LinkRecorder()
+    link.open(ear.on_bytes, ear.on_lost)
+    link.close()
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    renamed = os.ttyname(slave)
+    # The old name is now that of the other board.
+    ports.list((terminal.path, "another", "1-2"), (renamed, serial_number, "1-1"))
+    link.open(ear.on_bytes, ear.on_lost)
+    os.write(master, b"here")
+    await ear.until(lambda: ear.data == b"here")
+    assert link.name == renamed
+    link.close()
+    os.close(master)
+    os.close(slave)
+
+
+async def test_a_port_whose_device_is_gone_is_asked_for_by_its_name(
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ports = Ports(monkeypatch)
+    ports.list((terminal.path, "75833", "1-1"))
+    link = SerialLink(terminal.path, 115200, asyncio.get_running_loop())
+    ear = LinkRecorder()
+    link.open(ear.on_bytes, ear.on_lost)
+    link.close()
+    ports.list(("other", "another", "1-2"))
+    link.open(ear.on_bytes, ear.on_lost)
+    assert link.name == terminal.path
+    link.close()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the name of the clock is Linux's")
+def test_the_clock_of_a_bench_counts_the_sleep_of_the_computer() -> None:
+    loop = BenchLoop()
+    try:
+        before_s = time.clock_gettime(time.CLOCK_BOOTTIME)
+        assert before_s <= loop.time() <= time.clock_gettime(time.CLOCK_BOOTTIME)
+    finally:
+        loop.close()

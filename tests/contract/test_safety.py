@@ -293,3 +293,17 @@ async def test_a_noisy_taxel_line_costs_frames_and_counts_each(operator: Operato
     counters = operator.counters
     assert lost > 10
     assert int(counters[-1] - counters[0]) + 1 == len(counters) + lost
+
+
+async def test_a_missed_heartbeat_gives_way_to_an_emergency_stop(operator: Operator) -> None:
+    """A run clears a missed heartbeat by itself, so that must not hide what came meanwhile."""
+    await operator.reach(State.HOLD)
+    await operator.until(lambda now: now.state == State.FAULT_OFF, LIFT_LIMIT_S, beat=False)
+    assert operator.fault == Fault.HEARTBEAT
+    operator.faults.press_estop()
+    await asyncio.sleep(0.05)
+    operator.faults.release_estop()
+    await asyncio.sleep(0.05)
+    assert (await operator.poll()).fault == Fault.ESTOP
+    await operator.watch(0.5, beat=False)
+    assert operator.fault == Fault.ESTOP

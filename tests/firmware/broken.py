@@ -114,6 +114,10 @@ BROKEN: dict[str, dict[str, list[Edit]]] = {
                 "gentle() const { return false; }",
             )
         ],
+        # An emergency stop while the computer is away leaves no trace, and the computer clears it.
+        "heartbeat-hides": [
+            ("machine.cpp", " || (fault_ == Fault::Heartbeat && fault != fault_)", "")
+        ],
         # What could not lift is tried again, and presses a little more each time.
         "tries-again": [
             ("controller.cpp", " || needs_restart()) return false;", ") return false;")

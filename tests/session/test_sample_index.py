@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -102,3 +103,31 @@ def test_a_file_truncated_after_indexing_is_an_error(tmp_path: Path) -> None:
         file.truncate(int(files[0].offsets[0]) + 1)
     with SampleReader(files) as reader, pytest.raises(OSError, match="ends before"):
         reader.read(ranges[0])
+
+
+@pytest.mark.parametrize("last", [False, True])
+def test_short_gaps_are_read_as_the_sample_before_them(tmp_path: Path, last: bool) -> None:
+    trial = plan().trials[0]
+    lost = {70, 71, 72, 90} | ({60 + trial.n_samples - 1} if last else set())
+    kept = np.array([row for row in range(60 + trial.n_samples + 100) if row not in lost])
+    with recorder(tmp_path / "session") as rec:
+        rec.begin_part("start", "A")
+        whole = block(1000, 60 + trial.n_samples + 100)
+        rec.add_block(
+            replace(
+                whole,
+                **{name: getattr(whole, name)[kept] for name in ("counters", "samples", "flags")},
+                edges=whole.edges[kept],
+            )
+        )
+        rec.commit_trial(trial_row(trial, 1060))
+    with (
+        Session.open(tmp_path / "session") as session,
+        SampleReader(session.sample_files()) as reader,
+    ):
+        (located,) = session.sample_ranges(session.committed().tolist())
+        rows = np.arange(60, 60 + trial.n_samples)
+        held = whole.samples[kept[np.searchsorted(kept, rows, side="right") - 1]]
+        assert located.complete and located.n_samples == trial.n_samples
+        np.testing.assert_array_equal(reader.read(located), held)
+        assert len(session.window(0).gaps) == 2 + last

@@ -186,7 +186,9 @@ class ChipSimulation:
         self.taxels_board = ChipBoard(taxels_chip, taxels_clock, self.taxels, TAXELS_BAUD, now_us)
         links = {DRUM: self.drum, TAXELS: self.taxels}
         disturbances, on_change = bench.disturbances, self._apply_disturbances
-        self.faults = FaultInjection(links, disturbances, on_change, self._reset)
+        self.faults = FaultInjection(
+            links, disturbances, on_change, self._reset, self._stall_computer
+        )
         self.hands = SimulatedHands(bench, self.faults, lambda: self.test_points)
         self._adc_noise = NoiseRows(bench.seed, NoiseStream.ADC, CHANNELS)
         self._edges: list[tuple[Input, int, float]] = []
@@ -352,6 +354,9 @@ class ChipSimulation:
         self._set_input(Input.ESTOP, int(disturbances.estop_level()), self._done_ms + 1)
         if self._bench.sync_level != sync:
             self._edges.append((Input.SYNC, self._bench.sync_level, self._done_ms * SLICE_US))
+
+    def _stall_computer(self, seconds: float) -> None:
+        self.advance(self.time_us + round(seconds * 1e6))
 
     def _reset(self, board: str, by: ResetBy = ResetBy.PIN) -> None:
         if self._taxels_done_ms < self._done_ms:

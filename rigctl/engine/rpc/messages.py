@@ -51,10 +51,11 @@ NO_SETUP = SetupStatus()
 
 
 OPERATOR, PROMPT, LINK, DISK, FAULT = "operator", "prompt", "link", "disk", "fault"
+NOISE, DISK_ERROR = "noisy link", "disk error"
 """Why a run waits."""
 _REASON_WORDS = {
     LINK: "a board is lost",
-    DISK: "too little disk space",
+    DISK: "the disk is too full or too slow",
     FAULT: "a fault of the drum",
     "tracker": "the tracker is lost",
 }

@@ -1,4 +1,4 @@
-"""A drum board that restarts inside a trial's window: detected, and the trial not committed."""
+"""A drum board that restarts inside a trial's window: detected, and the trial repeated."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ async def reset_inside_the_window(harness: EngineHarness) -> None:
 
 
 @pytest.mark.parametrize("kind", ["virtual", "firmware"])
-def test_a_reset_with_sync_high_is_detected_and_the_trial_not_committed(
+def test_a_reset_with_sync_high_is_detected_and_the_trial_repeated(
     tmp_path: Path, kind: str
 ) -> None:
     with open_harness(tmp_path, rig_kind=kind) as harness:
         harness.run(reset_inside_the_window, harness.request(ONE))
         run = harness.engine.run
         assert run is not None
-        assert (run.outcome, run.complete) == ("failed", False)
+        assert (run.outcome, run.complete) == ("done", True)
         with open_session(harness.session) as session:
-            assert session.trials["verdict"].tolist() == ["aborted"]
+            assert session.trials["verdict"].tolist() == ["aborted", "committed"]
             assert "restarted" in session.trials["reasons"][0]
         assert verify(harness.session).whole
     assert any("drum board rebooted and is back" in text for text in harness.texts("board"))

@@ -11,6 +11,7 @@ from rigctl.boards.drum_codes import Command
 from rigctl.boards.drum_states import State
 from rigctl.engine.run_request import RunRequest
 from rigctl.errors import SessionError
+from rigctl.session import recorder
 from rigctl.session.verify import verify
 from rigctl.session.writer import PartWriter
 from tests.engine.engine_harness import EngineHarness, open_harness, open_session, until_ended
@@ -196,7 +197,7 @@ def test_a_reset_of_the_taxel_board_costs_one_trial(harness: EngineHarness) -> N
     assert verdicts(harness)[-2:] == [(1, "committed"), (2, "committed")]
 
 
-def test_a_lost_drum_ends_the_run_and_is_reconnected(harness: EngineHarness) -> None:
+def test_a_drum_that_stays_lost_ends_the_run_and_is_reconnected(harness: EngineHarness) -> None:
     async def scenario(harness: EngineHarness) -> None:
         await until_turning(harness)
         faults = harness.rig.faults
@@ -221,7 +222,7 @@ def test_a_trial_with_lost_bytes_is_repeated(harness: EngineHarness) -> None:
         await until_turning(harness)
         await harness.wait(1.5)
         assert harness.rig.faults is not None
-        harness.rig.faults.drop_bytes("taxels", "to_host", 0.001)
+        harness.rig.faults.drop_bytes("taxels", "to_host", 0.005)
         await harness.wait(0.5)
         harness.rig.faults.drop_bytes("taxels", "to_host", 0.0)
         await until_ended(harness)
@@ -234,25 +235,81 @@ def test_a_trial_with_lost_bytes_is_repeated(harness: EngineHarness) -> None:
     assert harness.engine.run is not None and harness.engine.run.status().trials_rejected == 1
 
 
-def test_a_full_disk_ends_the_run_and_keeps_committed_trials(
-    harness: EngineHarness, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO, errno.EROFS])
+def test_a_disk_that_refuses_pauses_the_run_until_it_takes_files_again(
+    harness: EngineHarness, monkeypatch: pytest.MonkeyPatch, number: int
 ) -> None:
+    """The second trial is lost with it: its row was on the way to the disk."""
+
+    def refuse(*_: object) -> None:
+        raise OSError(number, "refused")
+
     async def scenario(harness: EngineHarness) -> None:
         await harness.until(lambda: len(harness.texts("trial")) == 1)
         await until_turning(harness)
-        assert harness.engine.run is not None
+        run = harness.engine.run
+        assert run is not None
+        with monkeypatch.context() as patch:
+            patch.setattr(PartWriter, "write", refuse)
+            patch.setattr(recorder, "probe_disk", refuse)
+            await harness.until(lambda: run.status().reasons == ("disk error",))
+            await harness.until(lambda: drum_state(harness) is State.IDLE)
+            await harness.wait(300)
+            assert run.status().state == "paused"
+        await until_ended(harness)
 
-        def full(self: PartWriter) -> None:
-            raise OSError(errno.ENOSPC, "No space left on device")
+    harness.run(scenario, harness.request(PAIR))
+    assert harness.engine.run is not None and harness.engine.run.complete
+    assert "then resume the session" in harness.texts("disk")[0]
+    assert [row for row in verdicts(harness) if row[1] == "committed"] == [
+        (1, "committed"),
+        (2, "committed"),
+    ]
+    assert verify(harness.session).problems == []
 
+
+def test_a_trial_whose_row_did_not_reach_the_disk_is_recorded_again(
+    harness: EngineHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "refused")
+
+    async def scenario(harness: EngineHarness) -> None:
+        await until_turning(harness)
+        await harness.until(lambda: drum_state(harness) is State.HOLD)
+        with monkeypatch.context() as patch:
+            patch.setattr(PartWriter, "sync", refuse)
+            patch.setattr(recorder, "probe_disk", refuse)
+            await harness.until(lambda: "disk error" in harness.engine.status().run.reasons)
+        await until_ended(harness)
+
+    harness.run(scenario, harness.request(PAIR))
+    assert harness.texts("trial")[0] == "trial 1 committed"
+    assert harness.engine.run is not None and harness.engine.run.complete
+    with open_session(harness.session) as session:
+        assert sorted(session.trials["trial_id"][session.committed()]) == [1, 2]
+
+
+def test_a_disk_that_stays_full_keeps_committed_trials(
+    harness: EngineHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    async def scenario(harness: EngineHarness) -> None:
+        await harness.until(lambda: len(harness.texts("trial")) == 1)
+        await until_turning(harness)
+        run = harness.engine.run
+        assert run is not None
         monkeypatch.setattr(PartWriter, "write", full)
+        monkeypatch.setattr(recorder, "probe_disk", full)
+        await harness.until(lambda: run.status().reasons == ("disk error",))
+        run.control.abort("enough")
         await until_ended(harness)
         assert drum_state(harness) is State.IDLE
 
     harness.run(scenario, harness.request(PAIR))
-    run = harness.engine.run
-    assert run is not None and run.outcome == "failed"
-    assert "disk is full" in run.text
+    assert "disk is full" in harness.texts("disk")[0]
     assert verdicts(harness) == [(1, "committed")]
 
 

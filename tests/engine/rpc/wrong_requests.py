@@ -43,7 +43,7 @@ def wrong_requests(commands: Arguments, faults: Arguments) -> Iterator[bytes]:
     """Yield lines: each argument of each command and fault with each value, then envelopes.
 
     Some are right by chance, such as a jog of 0.5 mm; none of those ends what the rig does, so
-    that no fault is switched on and no end switch held.
+    that no fault is switched on, no end switch held, and the computer not stalled.
     """
     for command, names in commands.items():
         for name in (*names, "surplus"):
@@ -52,7 +52,7 @@ def wrong_requests(commands: Arguments, faults: Arguments) -> Iterator[bytes]:
         for value in VALUES if names else ():
             yield request_line(1, command, **dict.fromkeys(names, value))
     for fault, names in faults.items():
-        for name in {*names, "surplus"} - {"on", "upper", "lower"}:
+        for name in {*names, "surplus"} - {"on", "upper", "lower", "stall_s"}:
             for value in VALUES:
                 yield request_line(1, "inject", fault=json.dumps(fault), **{name: value})
     for value in VALUES:

@@ -124,6 +124,22 @@ def test_the_encoder_resets_after_a_gap(live: LiveWriter) -> None:
     assert (pipeline.gap_count, pipeline.lost_samples) == (1, 20)
 
 
+@pytest.mark.parametrize("length", [1, 5, 20, 1200])
+@pytest.mark.parametrize("lost", [[500], [500, 501, 502], [320, 510, 511, 699, 702, 703]])
+def test_up_to_three_lost_samples_are_encoded_as_the_one_before(
+    live: LiveWriter, lost: list[int], length: int
+) -> None:
+    whole = touch()
+    kept = np.setdiff1d(np.arange(N), lost)
+    held = whole.samples[kept[np.searchsorted(kept, np.arange(N), side="right") - 1]]
+    expected = offline(replace(whole, samples=held), [301, 701])
+    arrays = ("counters", "samples", "flags", "edges")
+    missing = replace(whole, **{name: getattr(whole, name)[kept] for name in arrays})
+    _, spikes = run_pipeline(live, missing, length)
+    assert len(spikes) == len(kept)
+    assert np.array_equal(np.cumsum(spikes, axis=0), np.cumsum(expected, axis=0)[kept])
+
+
 def test_sample_times_are_even_though_blocks_arrive_unevenly(live: LiveWriter) -> None:
     pipeline = SamplePipeline(encoder(), live, waits_for_disk=False)
     random = np.random.default_rng(2)

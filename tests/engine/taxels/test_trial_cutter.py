@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import pairwise
 
 import numpy as np
@@ -19,7 +20,7 @@ LENGTH = 200
 
 
 def stream(
-    rises_in: tuple[int, ...] = (RISE_IN,), lost: range = range(0), n: int = N, high: int = 250
+    rises_in: tuple[int, ...] = (RISE_IN,), lost: Iterable[int] = (), n: int = N, high: int = 250
 ) -> Block:
     """Return samples 0…n-1 with sync rising during the given frames, without the ``lost`` ones."""
     counters = np.arange(n)
@@ -28,7 +29,7 @@ def stream(
     for frame in rises_in:
         rises[frame:] += 1
         flags[frame : frame + high] = Flag.SYNC
-    kept = ~np.isin(counters, np.array(lost))
+    kept = ~np.isin(counters, list(lost))
     edges = (rises % 4).astype(np.uint8)
     samples = np.zeros((n, 18), np.uint16)
     return Block(counters[kept], samples[kept], flags[kept], edges[kept], (), 0.0)
@@ -77,6 +78,27 @@ def test_a_lost_frame_within_the_trial_is_counted_and_moves_nothing() -> None:
     trial = cut([stream(lost=range(150, 153))])
     assert trial is not None
     assert (trial.first_counter, trial.received, trial.start_lost) == (101, LENGTH - 3, False)
+    assert trial.longest_gap == 3
+
+
+@given(st.lists(st.integers(0, N), max_size=12))
+def test_any_block_size_has_the_same_longest_gap(positions: list[int]) -> None:
+    trial = cut(split(stream(lost=[130, 150, 151, 170]), positions))
+    assert trial is not None and (trial.longest_gap, trial.start_lost) == (2, False)
+
+
+@pytest.mark.parametrize(("lost", "gap"), [(range(95, 98), 0), ([101], 1)])
+def test_a_trial_lacks_its_first_sample_only_where_that_is_lost(
+    lost: Iterable[int], gap: int
+) -> None:
+    trial = cut([stream(lost=lost)])
+    assert trial is not None
+    assert (trial.longest_gap, trial.start_lost) == (gap, bool(gap))
+
+
+def test_lost_last_samples_are_a_gap() -> None:
+    trial = cut([stream(lost=range(RISE_IN + LENGTH - 1, RISE_IN + LENGTH + 20))])
+    assert trial is not None and trial.longest_gap == 2
 
 
 def test_a_rise_in_a_lost_frame_is_known_but_its_place_is_not() -> None:

@@ -123,33 +123,37 @@ def _verified(rig: RigWindow) -> None:
         assert len(session.committed()) >= 1
 
 
-def test_a_run_without_its_drum_ends_and_says_how_to_go_on(rig: RigWindow, tmp_path: Path) -> None:
+def test_a_run_that_was_stopped_by_hand_ends_and_says_how_to_go_on(
+    rig: RigWindow, tmp_path: Path
+) -> None:
     strip = rig.window.drum.alarms.strip
     _run(rig, tmp_path)
-    _unplug_and_plug_in(rig, "drum")
+    rig.inject("Press the E-stop")
     rig.until(lambda: rig.status.run.state == "failed")
     _verified(rig)
-    rig.until_state(State.FAULT_OFF, State.ARMED, State.IDLE)
-    if rig.status.fault:
-        rig.press("clear_fault")
-        rig.until_state(State.IDLE)
+    rig.inject("Release the E-stop")
+    rig.until(lambda: not rig.status.estop_pressed)
+    rig.press("clear_fault")
+    rig.until_state(State.IDLE)
+    rig.press("arm")  # the stop left it in contact
     rig.until(lambda: strip.title.text() == "RUN FAILED")
-    assert "plug the board in again" in strip.text.text()
+    assert "Emergency stop pressed" in strip.text.text()
     assert "1 of 50 trials) is kept" in strip.text.text()
     assert "Continue a session" in strip.text.text()
     click(strip.dismiss)
 
 
+@pytest.mark.parametrize("board", BOARDS)
 @pytest.mark.parametrize("is_paused", [False, True])
-def test_a_run_without_taxels_waits_for_them(
-    rig: RigWindow, is_paused: bool, tmp_path: Path
+def test_a_run_waits_for_a_board_that_is_lost(
+    rig: RigWindow, is_paused: bool, board: str, tmp_path: Path
 ) -> None:
     panel = rig.window.protocol_panel
     _run(rig, tmp_path)
     if is_paused:
         click(panel.buttons["Pause"])
         rig.until(lambda: rig.status.run.state == "paused")
-    _unplug_and_plug_in(rig, "taxels")
+    _unplug_and_plug_in(rig, board)
     if is_paused:
         rig.window.show_panel("protocol")
         rig.until(panel.buttons["Resume"].isEnabled)

@@ -152,7 +152,10 @@ def test_pause_resume_abort_reach_the_engine(harness: Harness) -> None:
     harness.update(run={"state": "paused", "reasons": ["operator"]})
     assert panel.state.text() == "Paused, drum lifted (operator)"
     harness.update(run={"state": "paused", "reasons": ["link", "disk"]})
-    assert panel.state.text() == "Paused, drum lifted (a board is lost, too little disk space)"
+    assert (
+        panel.state.text()
+        == "Paused, drum lifted (a board is lost, the disk is too full or too slow)"
+    )
     harness.update(run={"state": "prompt", "reasons": ["prompt"]})
     assert panel.state.text() == "Waiting for your answer above"
     harness.update(run={"state": "paused", "reasons": ["operator"]})
