@@ -12,9 +12,9 @@ from rigctl.finger.analysis.classifier import (
     check_finger_model,
     train_finger_model,
 )
-from rigctl.finger.analysis.scans import ScanKind, read_scans, training_info
+from rigctl.finger.analysis.scans import read_scans, training_info
 from rigctl.finger.model_file import FingerModel, load_finger_model, save_finger_model
-from rigctl.finger.values import Stage
+from rigctl.finger.values import ScanKind, Stage
 
 
 def model_name(kind: ScanKind) -> str:

@@ -102,13 +102,14 @@ def gain_source(
         return divided
     if passport is None:
         raise WrongUse(
-            'force_scaling = "calibrated" needs the sensor\'s passport: run rigctl calibrate '
-            "sensor, or name its sensor.json as [taxels] passport"
+            "a calibrated gain needs the sensor's passport: run rigctl calibrate sensor, or name "
+            "its sensor.json as passport in rig.toml ([taxels]) or finger.toml ([finger])"
         )
     if passport.reading is not reading:
         raise WrongUse(
             f"the sensor's passport is of {passport.reading}, the encoder takes {reading}: set "
-            f'[encoder] reading = "{passport.reading}"'
+            f'[encoder] reading = "{passport.reading}" in rig.toml, or make one with rigctl '
+            f"calibrate sensor --reading {reading}"
         )
     return passport.gain
 

@@ -20,17 +20,11 @@ from rigctl.finger.analysis.classifier import (
     sequential_answers,
     train_finger_model,
 )
-from rigctl.finger.analysis.scans import (
-    KINDS,
-    FingerDataSet,
-    FingerEncoding,
-    ScanKind,
-    ScanSet,
-)
+from rigctl.finger.analysis.scans import KINDS, FingerDataSet, FingerEncoding, ScanSet
 from rigctl.finger.analysis.tasks import DrawSettings, deployed_accuracy
 from rigctl.finger.model_file import FingerModel
 from rigctl.finger.published import COMPONENTS, DEPLOYED
-from rigctl.finger.values import VelocityProfile
+from rigctl.finger.values import ScanKind, VelocityProfile
 from rigctl.session.model_file import TrainingInfo
 
 Floats = NDArray[np.float64]

@@ -26,8 +26,9 @@ from rigctl.finger.analysis.figures import (
     promises_figure,
 )
 from rigctl.finger.analysis.results import FingerAnalysis, analyse_finger, as_dict
-from rigctl.finger.analysis.scans import KINDS, ScanKind, read_data_sets
+from rigctl.finger.analysis.scans import KINDS, read_data_sets
 from rigctl.finger.analysis.tasks import DrawSettings, FingerResult
+from rigctl.finger.values import ScanKind
 
 NEAR_POINTS = 10.0
 """A peak at most so many points from the paper's value counts as near it; our choice."""

@@ -33,7 +33,7 @@ from rigctl.finger.analysis.evaluation import (
     profile_differences,
     train_classifier,
 )
-from rigctl.finger.analysis.scans import KINDS, FingerDataSet, ScanKind, common_textures
+from rigctl.finger.analysis.scans import KINDS, FingerDataSet, common_textures
 from rigctl.finger.analysis.tasks import (
     DeployedAnswers,
     DrawSettings,
@@ -42,6 +42,7 @@ from rigctl.finger.analysis.tasks import (
     run_finger_tasks,
 )
 from rigctl.finger.published import DEPLOYED, DEPLOYED_TRIALS
+from rigctl.finger.values import ScanKind
 
 Floats = NDArray[np.float64]
 BEYOND_STAGE = "measuring answers"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, fields, replace
-from enum import StrEnum
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,7 +31,7 @@ from rigctl.finger.scaled_time import (
     time_windows,
 )
 from rigctl.finger.session import FingerSession
-from rigctl.finger.values import MODEL_KIND, Stage
+from rigctl.finger.values import MODEL_KIND, ScanKind, Stage
 from rigctl.session.analysis_file import content_digest
 from rigctl.session.digests import damaged_trials
 from rigctl.session.model_file import TrainingInfo
@@ -48,13 +47,6 @@ LEAST_COMMON = 0.5
 READING_STAGE = "reading sessions"
 CLASSIFIED_STAGES = (Stage.TRAIN, Stage.CALIBRATE, Stage.RUN)
 _DEFAULT_PRESET = "default"
-
-
-class ScanKind(StrEnum):
-    """The representations of a scan, by their names in the paper."""
-
-    ORIGINAL = "Original"
-    SPEED_SCALED = "Speed Scaled"
 
 
 KINDS = (ScanKind.ORIGINAL, ScanKind.SPEED_SCALED)

@@ -28,7 +28,7 @@ from rigctl.analysis.statistics import (
 )
 from rigctl.errors import WrongUse
 from rigctl.finger import published
-from rigctl.finger.analysis.scans import KINDS, FingerDataSet, ScanKind, ScanSet
+from rigctl.finger.analysis.scans import KINDS, FingerDataSet, ScanSet
 from rigctl.finger.analysis.settings import FingerAnalysisSettings
 from rigctl.finger.published import (
     DEPLOYED,
@@ -39,6 +39,7 @@ from rigctl.finger.published import (
     UNTRAINED,
     FingerTask,
 )
+from rigctl.finger.values import ScanKind
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -14,7 +14,6 @@ from rigctl.errors import SessionError, WrongUse
 from rigctl.finger.analysis.scans import (
     FingerDataSet,
     FingerEncoding,
-    ScanKind,
     encode_readings,
     read_data_sets,
     read_scans,
@@ -25,7 +24,7 @@ from rigctl.finger.analysis.settings import FingerAnalysisSettings
 from rigctl.finger.analysis.tasks import DrawSettings, deployed_accuracy, run_finger_tasks
 from rigctl.finger.published import DEPLOYED
 from rigctl.finger.recorder import FingerRecorder
-from rigctl.finger.values import Stage
+from rigctl.finger.values import ScanKind, Stage
 from rigctl.values import Event
 from tests.finger.analysis.made_scans import RANGES, made_recordings
 from tests.finger.analysis.made_sessions import HEADER, PROTOCOL, with_ranges, write_session

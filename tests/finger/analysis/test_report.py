@@ -25,9 +25,9 @@ from rigctl.finger.analysis.report import (
     write_finger_report,
 )
 from rigctl.finger.analysis.results import FingerAnalysis, analyse_finger
-from rigctl.finger.analysis.scans import ScanKind
 from rigctl.finger.analysis.tasks import DrawSettings
 from rigctl.finger.published import NEW_SESSION, SAME_SESSION
+from rigctl.finger.values import ScanKind
 from tests.finger.analysis.made_scans import made_data_set
 
 DIAMOND = 'd="M-4.183,0L0,-4.183L4.183,0L0,4.183Z"'
