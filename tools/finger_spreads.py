@@ -24,17 +24,19 @@ from rigctl.errors import RigctlError
 from rigctl.finger.analysis.scans import (
     KINDS,
     FingerDataSet,
+    FingerEncoding,
+    RecordedScans,
     ScanRecording,
     encode_readings,
-    scan_set,
 )
 from rigctl.finger.analysis.tasks import DrawSettings, run_finger_tasks
+from rigctl.finger.bench.calibration import sensor_passport
 from rigctl.finger.bench.operator import ALONG, FORCE, WRIST_ALONG, draw_habits, draw_slide
 from rigctl.finger.bench.operator_parameters import OperatorParameters
 from rigctl.finger.bench.skin import TOP_LAYER, FingerSkin
-from rigctl.finger.published import DEPLOYED, NEW_SESSION, SAME_SESSION
+from rigctl.finger.published import DEPLOYED, FINGER_TASKS, NEW_SESSION, SAME_SESSION, FingerTask
 from rigctl.finger.scaled_time import BATCH_SAMPLES
-from rigctl.finger.values import MARKS_MM, Stage, VelocityProfile
+from rigctl.finger.values import MARKS_MM, ScanKind, Stage, VelocityProfile
 from tools.identify_bench import JUDGES
 
 PLATES = ("A", "B", "D", "L", "N")
@@ -127,36 +129,60 @@ def simulate_data_set(
         if ranges is None:
             first = [one.readings for one in scans if one.stage == Stage.NORMALISE.value]
             ranges = Normalisation.from_samples(first, "normalisation")
-        scans = [one._replace(spikes=encode_readings(one.readings, ranges)) for one in scans]
-        sets.append(scan_set(f"session {session}", scans, ranges, simulated=True))
+        encoded = (one._replace(spikes=encode_readings(one.readings, ranges)) for one in scans)
+        name, encoding = Path(f"session {session}"), FingerEncoding(ranges)
+        recorded = RecordedScans(
+            name, tuple(encoded), encoding, True, {}, (), passport=sensor_passport(parameters, seed)
+        )
+        sets.append(recorded.scans)
     return FingerDataSet.from_sessions(f"seed {seed}", *sets)
 
 
-def accuracies(data_sets: Sequence[FingerDataSet]) -> list[float]:
-    """Return accuracies in per cent with :data:`COMPONENTS`: of each task, of each kind."""
+def accuracies(data_sets: Sequence[FingerDataSet]) -> dict[tuple[FingerTask, ScanKind], float]:
+    """Return accuracies in per cent with :data:`COMPONENTS`, by task and representation."""
     results, _ = run_finger_tasks(data_sets, DrawSettings(draws=DRAWS))
-    of = {result.task: result for result in results}
-    return [100.0 * float(of[task].mean(kind)[COMPONENTS - 1]) for task in TASKS for kind in KINDS]
+    return {
+        (result.task, kind): 100.0 * float(result.mean(kind)[min(COMPONENTS, result.k_max) - 1])
+        for result in results
+        for kind in result.accuracy
+    }
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Print a row for the nominal person and one for each spread that is taken away."""
+    """Print a row for the nominal person and one for each spread that is taken away.
+
+    With ``--gains``: a row for each representation of the nominal person.
+    """
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--world", type=Path, help="world file of skin and plates")
     parser.add_argument("--seeds", type=int, nargs="+", default=JUDGES, help="(4 5 6)")
+    parser.add_argument("--gains", action="store_true", help="every representation, all tasks")
     options = parser.parse_args(arguments)
     try:
         world = load_world(options.world).parameters if options.world else WorldParameters()
     except RigctlError as error:
         print(f"rigctl: {error}", file=sys.stderr)
         return 2
+    if options.gains:
+        sets = [simulate_data_set(world, OperatorParameters(), seed) for seed in options.seeds]
+        _print_gains(accuracies(sets))
+        return 0
     print(_row("person", *(f"{task.key}, {kind}" for task in TASKS for kind in KINDS)))
     print(_row(*["---"] * (1 + len(TASKS) * len(KINDS))))
     for name, spreads in PERSONS.items():
         person: Any = replace(OperatorParameters(), **dict.fromkeys(spreads, 0.0))
         sets = [simulate_data_set(world, person, seed) for seed in options.seeds]
-        print(_row(name, *(f"{accuracy:.1f}" for accuracy in accuracies(sets))), flush=True)
+        found = accuracies(sets)
+        cells = (f"{found[task, kind]:.1f}" for task in TASKS for kind in KINDS)
+        print(_row(name, *cells), flush=True)
     return 0
+
+
+def _print_gains(found: Mapping[tuple[FingerTask, ScanKind], float]) -> None:
+    print(_row("representation", *(f"{task.figure} {task.title.lower()}" for task in FINGER_TASKS)))
+    print(_row(*["---"] * (1 + len(FINGER_TASKS))))
+    for kind in ScanKind:
+        print(_row(kind, *(f"{found[task, kind]:.1f}" for task in FINGER_TASKS)))
 
 
 def _row(*cells: str) -> str:

@@ -10,7 +10,7 @@ import pytest
 from rigctl.bench.parameters import WorldParameters
 from rigctl.finger.bench.operator_parameters import OperatorParameters
 from rigctl.finger.scaled_time import BATCH_SAMPLES
-from rigctl.finger.values import Stage, VelocityProfile
+from rigctl.finger.values import ScanKind, Stage, VelocityProfile
 from tools import finger_spreads
 from tools.finger_spreads import PERSONS, SlidingFinger, main, simulate_data_set
 
@@ -55,5 +55,8 @@ def test_the_command_prints_a_row_for_each_person(
     assert main(["--seeds", "4", "--world", "tools/skin.toml"]) == 0
     rows = capsys.readouterr().out.splitlines()
     assert [row.split(" | ")[0] for row in rows[2:]] == [f"| {name}" for name in PERSONS]
+    assert main(["--seeds", "4", "--gains"]) == 0
+    rows = capsys.readouterr().out.splitlines()
+    assert [row.split(" | ")[0] for row in rows[2:]] == [f"| {kind}" for kind in ScanKind]
     assert main(["--world", "none.toml"]) == 2
     assert "none.toml" in capsys.readouterr().err
