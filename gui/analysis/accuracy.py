@@ -98,6 +98,7 @@ COLOURS = {
     "green": ("#1a8a34", "#5fd07a"),
     "violet": ("#7a3fc4", "#b794f6"),
     "brown": ("#8a5a00", "#d3a04a"),
+    "teal": ("#007c80", "#4fc7c9"),
 }
 SYMBOLS_OF = {
     "ink": ("o", "h"),
@@ -106,6 +107,7 @@ SYMBOLS_OF = {
     "green": ("star", "x"),
     "violet": ("p", "t2"),
     "brown": ("+", "t3"),
+    "teal": ("arrow_up", "arrow_down"),
 }
 """Symbols of curves that are drawn through, and of dashed ones."""
 

@@ -23,7 +23,7 @@ _DASHES: tuple[tuple[float, ...], ...] = (
 )  # fmt: skip
 LOOKS = tuple(
     CurveLook(*colours, dashes, "")
-    for colours, dashes in zip(COLOURS.values(), _DASHES, strict=True)
+    for colours, dashes in zip(COLOURS.values(), _DASHES, strict=False)
 )
 """Each trial has a colour and dashes of its own."""
 assert len(LOOKS) == MOST_TRIALS

@@ -16,7 +16,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from rigctl.encoder.force_gain import ForceGain, ForceScaling, calibrated, divided
+from rigctl.encoder.force_gain import ForceGain, ForceScaling, at_force, calibrated, divided
 from rigctl.encoder.force_matrix import REFERENCE_FORCE_G
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.reading import HIGHEST, Reading
@@ -77,6 +77,12 @@ class SensorPassport(msgspec.Struct, frozen=True):
     def gain(self, ranges: Normalisation, reference_g: float = REFERENCE_FORCE_G) -> ForceGain:
         """Return the gain of the SA current that brings readings to the reference force."""
         return calibrated(np.array(self.force_g), self.curves, ranges, reference_g)
+
+    def gain_at(
+        self, force_g: float, ranges: Normalisation, reference_g: float = REFERENCE_FORCE_G
+    ) -> ForceGain:
+        """Return the gain from a known force to the reference force."""
+        return at_force(force_g, np.array(self.force_g), self.curves, ranges, reference_g)
 
     def to_values(self) -> dict[str, Any]:
         """Return plain values, for the header of a session."""

@@ -16,6 +16,7 @@ COLOURS = {
     "green": "#1a8a34",
     "violet": "#7a3fc4",
     "brown": "#8a5a00",
+    "teal": "#007c80",
     "text": "#1b1f24",
     "muted": "#59636e",
     "line": "#e3e7eb",
