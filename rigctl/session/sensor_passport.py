@@ -75,7 +75,15 @@ class SensorPassport(msgspec.Struct, frozen=True):
         return np.array([taxel.curve for taxel in self.taxels]).T
 
     def gain(self, ranges: Normalisation, reference_g: float = REFERENCE_FORCE_G) -> ForceGain:
-        """Return the gain of the SA current that brings readings to the reference force."""
+        """Return the gain of the SA current that brings readings to the reference force.
+
+        Raises WrongUse for ranges of another number of taxels.
+        """
+        if ranges.n_taxels != len(self.taxels):
+            raise WrongUse(
+                f"the sensor's passport is of {len(self.taxels)} taxels, these are "
+                f"{ranges.n_taxels}: calibrate this sensor"
+            )
         return calibrated(np.array(self.force_g), self.curves, ranges, reference_g)
 
     def gain_at(

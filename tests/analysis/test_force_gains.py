@@ -181,6 +181,11 @@ def test_a_wrong_passport_is_named(tmp_path: Path) -> None:
             load_passport(file, 9)
 
 
+def test_a_passport_of_another_sensor_gives_no_gain() -> None:
+    with pytest.raises(WrongUse, match="of 18 taxels, these are 9"):
+        sensor_passport().gain(Normalisation.full_scale(9, reading=Reading.CONDUCTANCE))
+
+
 def test_a_session_or_a_model_with_a_damaged_passport_is_refused(
     model: Path, session: Path, tmp_path: Path
 ) -> None:
