@@ -1,5 +1,7 @@
 #include "finger.h"
 
+#include <string.h>
+
 namespace {
 
 const uint32_t STATUS_EVERY = 100;  // samples
@@ -65,13 +67,14 @@ void Finger::handle(const Request &request)
     switch (request.type) {
     case RequestType::Identify: return begin();
     case RequestType::ReadSettings:
-        return send(write_settings({neurons_.ranges(), reference_um_per_s_}));
+        return send(write_settings({neurons_.ranges(), reference_um_per_s_, neurons_.gain}));
     case RequestType::SetRanges: result = set_ranges(request.ranges); break;
     case RequestType::SetReference: result = set_reference(request.reference_um_per_s); break;
     case RequestType::Start: start(request.scan); break;
     case RequestType::Velocity: result = set_velocity(request); break;
     case RequestType::Stop: scan_.stop(); break;
     case RequestType::SetMean: result = set_mean(request); break;
+    case RequestType::SetGain: result = set_gain(request); break;
     }
     send(write_answer(request.type, result, request.scan));
 }
@@ -108,6 +111,17 @@ Result Finger::set_mean(const Request &request)
     if (scan_.sampling()) return Result::Scanning;
     if (request.window >= WINDOWS) return Result::WrongValue;
     classifier_.set_mean(request.window, request.mean);
+    return Result::Ok;
+}
+
+Result Finger::set_gain(const Request &request)
+{
+    if (scan_.sampling()) return Result::Scanning;
+    if (request.part >= GAIN_PARTS || request.shift > MAX_GAIN_SHIFT) return Result::WrongValue;
+    for (uint16_t gain : request.gains)
+        if (gain > MAX_GAIN) return Result::WrongValue;
+    neurons_.gain.shift = request.shift;
+    memcpy(neurons_.gain.gains + PART_GAINS * request.part, request.gains, sizeof request.gains);
     return Result::Ok;
 }
 

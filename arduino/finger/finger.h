@@ -50,6 +50,7 @@ private:
     Result set_reference(uint32_t reference_um_per_s);
     Result set_velocity(const Request &request);
     Result set_mean(const Request &request);
+    Result set_gain(const Request &request);
     void start(uint32_t scan);
 
     HostLine &line_;

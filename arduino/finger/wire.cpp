@@ -96,6 +96,18 @@ void read_ranges(BodyReader &body, Ranges &ranges)
     for (uint16_t &high : ranges.high) high = body.u16();
 }
 
+// CRC-32 of a gain as its parts carry it: the shift, then all gains.
+uint32_t gain_crc(const ForceGain &gain)
+{
+    uint8_t bytes[1 + 2 * (GAIN_STEPS + 1)], size = 0;
+    bytes[size++] = gain.shift;
+    for (uint16_t one : gain.gains) {
+        bytes[size++] = uint8_t(one);
+        bytes[size++] = uint8_t(one >> 8);
+    }
+    return crc32(bytes, size);
+}
+
 // Bytes of a request's body, its type included; 0: there is no such request.
 uint8_t request_size(uint8_t type)
 {
@@ -108,6 +120,7 @@ uint8_t request_size(uint8_t type)
     case RequestType::Stop: return 1 + 4;
     case RequestType::Velocity: return 1 + 12;
     case RequestType::SetMean: return 1 + 1 + 8 * TAXELS;
+    case RequestType::SetGain: return 1 + 2 + 2 * PART_GAINS;
     }
     return 0;
 }
@@ -158,6 +171,7 @@ WireFrame write_settings(const Settings &settings)
     BodyWriter body(TYPE_SETTINGS);
     put_ranges(body, settings.ranges);
     body.put(settings.reference_um_per_s, 4);
+    body.put(gain_crc(settings.gain), 4);
     return body.frame();
 }
 
@@ -230,6 +244,11 @@ bool read_request(const uint8_t *body, uint8_t size, Request &request)
     case RequestType::SetMean:
         request.window = reader.u8();
         for (double &mean : request.mean) mean = reader.f64();
+        break;
+    case RequestType::SetGain:
+        request.part = reader.u8();
+        request.shift = reader.u8();
+        for (uint16_t &gain : request.gains) gain = reader.u16();
         break;
     }
     return true;

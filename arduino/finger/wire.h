@@ -9,10 +9,10 @@
 #include "classifier.h"
 #include "scan.h"
 
-const uint8_t WIRE_VERSION = 1;
+const uint8_t WIRE_VERSION = 2;
 const uint8_t BOARD_FINGER = 3;
 const uint8_t FIRMWARE_MAJOR = 1;
-const uint8_t FIRMWARE_MINOR = 0;
+const uint8_t FIRMWARE_MINOR = 1;
 
 #ifndef BUILD_HASH
 #define BUILD_HASH 0UL  // the Arduino IDE does not compute one
@@ -28,6 +28,7 @@ enum class RequestType : uint8_t {
     Velocity = 0x25,
     Stop = 0x26,
     SetMean = 0x27,
+    SetGain = 0x28,
 };
 
 // Board to host.
@@ -54,6 +55,9 @@ enum class Result : uint8_t {
     NoModel = 4,     // this image has no classifier
 };
 
+// A gain has more numbers than a frame: it comes in parts.
+const uint8_t GAIN_PARTS = 5, PART_GAINS = (GAIN_STEPS + 1) / GAIN_PARTS;
+
 const uint8_t CRC_SIZE = 4;
 const uint8_t MAX_BODY = 80;
 const uint8_t MAX_WIRE = MAX_BODY + CRC_SIZE + 2;
@@ -65,11 +69,14 @@ struct Request {
     uint32_t scan, batch, velocity_um_per_s;  // of Start, Velocity and Stop
     uint8_t window;                      // of SetMean
     double mean[TAXELS];                 // of SetMean, spikes/s
+    uint8_t part, shift;                 // of SetGain
+    uint16_t gains[PART_GAINS];          // of SetGain
 };
 
 struct Settings {
-    Ranges ranges;
+    const Ranges &ranges;
     uint32_t reference_um_per_s;
+    const ForceGain &gain;
 };
 
 struct Status {

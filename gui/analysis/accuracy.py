@@ -100,6 +100,7 @@ COLOURS = {
     "brown": ("#8a5a00", "#d3a04a"),
     "light-blue": ("#92aef5", "#4a68ad"),
     "light-green": ("#86cf96", "#3a8a50"),
+    "teal": ("#007c80", "#4fc7c9"),
 }
 SYMBOLS_OF = {
     "ink": ("o", "h"),
@@ -110,6 +111,7 @@ SYMBOLS_OF = {
     "brown": ("+", "t3"),
     "light-blue": ("d", "d"),
     "light-green": ("x", "x"),
+    "teal": ("arrow_up", "arrow_down"),
 }
 """Symbols of curves that are drawn through, and of dashed ones."""
 

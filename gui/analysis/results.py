@@ -156,6 +156,7 @@ def finger_results(report: FingerReport) -> AnalysisResults:
         accuracy_figures,
         answer_figures,
         evidence_figure,
+        gain_figure,
         promises_figure,
     )
     from rigctl.finger.analysis.report import CAPTIONS
@@ -164,7 +165,11 @@ def finger_results(report: FingerReport) -> AnalysisResults:
     values = _values(out)
     origin = f"{data_words(simulated=values['simulated'])} · {out.name}"
     figures = {one.title.partition(":")[0]: one for one in accuracy_figures(values, CAPTIONS)}
-    figures |= {"Evidence": evidence_figure(values), "Promises": promises_figure(values)}
+    figures |= {
+        "Force scaling": gain_figure(values),
+        "Evidence": evidence_figure(values),
+        "Promises": promises_figure(values),
+    }
     figures["Confusion"] = answer_figures(values)[0]
     pages = [plot_page(name, origin, figure) for name, figure in figures.items()]
     if (profiles := out / "profiles.png").exists():

@@ -44,7 +44,7 @@ from gui.widgets.typed_paths import new_files_folder, typed_path
 from rigctl.config import resources
 from rigctl.errors import RigctlError
 from rigctl.finger.live_file import FingerLiveReader
-from rigctl.finger.model_files import ORIGINAL, SPEED_SCALED, model_path
+from rigctl.finger.model_files import SPEED_SCALED, model_path
 from rigctl.finger.plan import load_finger_protocol
 from rigctl.finger.rig import RUN_FIRST_SLIDE
 from rigctl.finger.status import (
@@ -53,7 +53,7 @@ from rigctl.finger.status import (
     FingerRunStatus,
     parse_finger_status,
 )
-from rigctl.finger.values import Stage
+from rigctl.finger.values import ScanKind, Stage
 
 _ROWS = ("Progress", "Stage", "Scan", "Rejected", "Session")
 _STATES = {
@@ -190,7 +190,7 @@ _STAGE_TEXTS = {
     "2 Calibrate": CALIBRATE,
     "3 Run in real time": RUN,
 }
-_REPRESENTATIONS = {"Speed Scaled": SPEED_SCALED, "Original": ORIGINAL}
+_REPRESENTATIONS = {kind.value: kind.key for kind in ScanKind}
 
 
 class StartRequest(NamedTuple):
@@ -212,7 +212,8 @@ class FingerSetupForm(QGroupBox):
         self.protocol = combo_box({})
         self.model = QLineEdit(placeholderText="Session or model file")
         self.representation = combo_box(_REPRESENTATIONS)
-        self.representation.setToolTip("With or without speed scaling")
+        self.representation.setCurrentIndex(self.representation.findData(SPEED_SCALED))
+        self.representation.setToolTip("What names the scans; the board has its gain for the force")
         self.components = WholeNumberBox(minimum=1, maximum=180, value=DEFAULT_COMPONENTS)
         self.components.setToolTip("Principal components of the models")
         self.out = QLineEdit(str(Path.home() / "rigctl-sessions"))

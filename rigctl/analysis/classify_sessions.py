@@ -38,7 +38,7 @@ from rigctl.analysis.trial_set import (
     open_trials,
 )
 from rigctl.encoder.features import feature_matrices
-from rigctl.encoder.force_gain import ForceGain, ForceScaling
+from rigctl.encoder.force_gain import GAINED, ForceGain
 from rigctl.encoder.force_matrix import REFERENCE_FORCE_G
 from rigctl.encoder.reading import Reading
 from rigctl.errors import SessionError, WrongUse
@@ -297,10 +297,10 @@ def _check_sensor(model: Model, paths: Sequence[Path]) -> None:
 def _gains(
     model: Model, trials: TrialSet, passport: SensorPassport | None
 ) -> tuple[ForceGain, ...]:
-    """Return the gain of each session, none for a model without. Raises WrongUse."""
-    if model.force not in list(ForceScaling):
+    """Return the gain of each trial, none for a model without. Raises WrongUse."""
+    kind = model.force
+    if kind not in GAINED:
         return ()
-    kind = ForceScaling(model.force)
     found = force_gains(trials, model.normalisation, REFERENCE_FORCE_G, passport)
     if kind not in found.by_kind:
         missing = NO_PASSPORT.format(path=trials.paths[0])
@@ -312,8 +312,10 @@ def _map_posteriors(
     model: Model, trials: TrialSet, gains: tuple[ForceGain, ...], resources: Resources
 ) -> _Posteriors:
     """Return the posteriors of all trials, computed in chunks."""
-    chunks = [trials.trials[at : at + CHUNK] for at in range(0, len(trials.trials), CHUNK)]
-    tasks = [_PredictionTask(trials.files, chunk, model, gains) for chunk in chunks]
+    chunks = [slice(at, at + CHUNK) for at in range(0, len(trials.trials), CHUNK)]
+    tasks = [
+        _PredictionTask(trials.files, trials.trials[chunk], model, gains[chunk]) for chunk in chunks
+    ]
     found = resources.map(_posteriors, tasks, STAGE)
     logs, lengths, clipped, hashes = zip(*found, strict=True)
     return _Posteriors(
@@ -337,9 +339,8 @@ def _posteriors(task: _PredictionTask) -> _Posteriors:
     if model.c is not None:
         scale = c_per_trial(task.trials, model.c, blind=model.force == "blind")
     speeds = [trial.speed_mm_s for trial in task.trials]
-    gains = [task.gains[trial.session] for trial in task.trials] if task.gains else ()
     encoder = (model.normalisation, [model.features], model.parameters)
-    (features,) = feature_matrices(samples, speeds, *encoder, sa_scale=scale, gains=gains)
+    (features,) = feature_matrices(samples, speeds, *encoder, sa_scale=scale, gains=task.gains)
     return _Posteriors(log_posteriors(model, features), list(map(len, samples)), clipped, hashes)
 
 

@@ -226,7 +226,7 @@ class GrowingCurve:
             samples = [self.session.readings(row) for row in tile]
             speeds = self.session.trials["speed_mm_s"][tile].tolist()
             layouts = [self._layout]
-            gain = self.session.gain(ranges)
+            gain = self.session.header.gain(ranges)
             gains = [gain] * len(tile) if gain else ()
             (matrix,) = feature_matrices(
                 samples, speeds, ranges, layouts, self._parameters, gains=gains

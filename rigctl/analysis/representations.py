@@ -48,7 +48,7 @@ from rigctl.analysis.spike_counts import (
 from rigctl.analysis.trial_set import TrialSet
 from rigctl.encoder.batch import features_from_counts
 from rigctl.encoder.features import FeatureLayout
-from rigctl.encoder.force_gain import ForceGain, ForceScaling
+from rigctl.encoder.force_gain import GAINED, LOADCELL, ForceGain, ForceScaling
 from rigctl.encoder.force_matrix import ForceMatrix
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import EncoderParameters
@@ -61,7 +61,7 @@ class Representation(NamedTuple):
     """A kind of features.
 
     ``force``: what scales the SA current, "" for nothing, "texture" for C of the true one, "blind"
-    for the mean C, or a :class:`ForceScaling` for a gain.
+    for the mean C, or one of :data:`~rigctl.encoder.force_gain.GAINED` for a gain.
     """
 
     name: str
@@ -84,6 +84,7 @@ KNOWS = {
     "texture": "label, set force, speed",
     "blind": "set force, speed",
     ForceScaling.CALIBRATED: "the sensor's passport",
+    LOADCELL: "load cell, the sensor's passport",
 }
 REPRESENTATIONS = (
     Representation("Original", "original", False, ""),
@@ -98,15 +99,17 @@ REPRESENTATIONS = (
     Representation(
         "Speed Scaled and Calibrated", "speed_calibrated", True, ForceScaling.CALIBRATED
     ),
+    Representation("Calibrated by Load Cell", "loadcell", False, LOADCELL),
+    Representation("Speed Scaled and Calibrated by Load Cell", "speed_loadcell", True, LOADCELL),
 )
 
 
 class GainedEncoding(NamedTuple):
-    """Ranges, encoder and gains (of each session, by kind) of the representations with a gain."""
+    """Ranges, encoder and gains (of each trial, by kind) of the representations with a gain."""
 
     normalisation: Normalisation
     parameters: EncoderParameters
-    gains: dict[ForceScaling, tuple[ForceGain, ...]]
+    gains: dict[str, tuple[ForceGain, ...]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +145,7 @@ class RepresentationSet:
 
     def encoder(self, representation: Representation) -> tuple[Normalisation, EncoderParameters]:
         """Return the taxel ranges and the encoder of a representation."""
-        if self.gained is None or representation.force not in list(ForceScaling):
+        if self.gained is None or representation.force not in GAINED:
             return self.normalisation, self.parameters
         return self.gained.normalisation, self.gained.parameters
 
@@ -270,8 +273,11 @@ def _write_gained(
     reference_g = settings.conditions.reference_force_g
     gains, remarks = force_gains(trials, prepared.normalisation, reference_g, passport)
     conditions = group_by_condition(prepared, parameters, reference_g, search_c=False)
-    for kind, of_sessions in gains.items():
-        gained = [condition._replace(gains=of_sessions) for condition in conditions]
+    for kind, of_trials in gains.items():
+        gained = [
+            condition._replace(gains=tuple(of_trials[row] for row in condition.rows))
+            for condition in conditions
+        ]
         counts = count_conditions(prepared, gained, resources, f"encoding {kind} readings")
         for condition, found in zip(gained, counts, strict=True):
             files.write(kind, condition, found["plain"])

@@ -91,7 +91,7 @@ class ConditionTask(NamedTuple):
 
     All other row numbers count the condition's own trials from 0. ``forces_g``: levels of force
     that need a C, none for counts without C. ``given_c``: the C of each of them, float64
-    (n_taxels,), or empty for a search. ``gains``: of the SA current, for each session; none for 1.
+    (n_taxels,), or empty for a search. ``gains``: of the SA current, for each trial; none for 1.
     """
 
     rows: list[int]
@@ -214,8 +214,8 @@ def _count_with_given_c(condition: ConditionTask, reader: TrialReader) -> Counts
 def _count_with_gains(condition: ConditionTask, block: TrialBlock) -> Counts:
     """Return the counts of both channels; a gain does not change RA, as C does not."""
     counts = _count(condition, TrialViews.from_memory(*block))
-    pairs = zip(condition.trials, block.arrays, strict=True)
-    scaled = [condition.gains[trial.session].apply(samples) for trial, samples in pairs]
+    pairs = zip(condition.gains, block.arrays, strict=True)
+    scaled = [gain.apply(samples) for gain, samples in pairs]
     n_taxels = condition.normalisation.n_taxels
     counts[:, :n_taxels] = count_spikes(
         scaled, condition.bin_edges, condition.normalisation, condition.parameters, sa_only=True
@@ -495,7 +495,7 @@ def _condition_key(condition: ConditionTask, hashes: NDArray[np.uint64]) -> str:
         condition.forces_g,
         condition.reference_g,
         *condition.given_c,
-        [condition.gains[trial.session] for trial in condition.trials] if condition.gains else [],
+        condition.gains,
     )
 
 

@@ -15,7 +15,7 @@ from rigctl.analysis.pca_lda import fit_classifier
 from rigctl.analysis.representations import REPRESENTATIONS, Representation, RepresentationSet
 from rigctl.analysis.trial_set import Design
 from rigctl.config.resources import source_commit
-from rigctl.encoder.force_gain import ForceScaling
+from rigctl.encoder.force_gain import LOADCELL, ForceScaling
 from rigctl.errors import WrongUse
 from rigctl.session.analysis_file import content_digest
 from rigctl.session.model_file import C_USES, Model, TrainingInfo
@@ -61,7 +61,7 @@ def train_model(
     """
     representation = find_representation(request.representation)
     if representation not in encoded.present:
-        is_calibrated = representation.force == ForceScaling.CALIBRATED
+        is_calibrated = representation.force in (ForceScaling.CALIBRATED, LOADCELL)
         why = (
             NO_PASSPORT.format(path=encoded.trials.paths[0])
             if is_calibrated

@@ -41,6 +41,12 @@ class ForceScaling(StrEnum):
     CALIBRATED = "calibrated"
 
 
+LOADCELL = "loadcell"
+"""A scaling by the load cell's mean over a whole trial, which no live encoder has."""
+GAINED = (ForceScaling.DIVIDED, ForceScaling.CALIBRATED, LOADCELL)
+"""What gives a gain without a label."""
+
+
 @dataclass(frozen=True, slots=True)
 class ForceGain:
     """A gain over the sum of all readings above their taxels' ``base``.
@@ -91,12 +97,31 @@ def calibrated(
     ``curves``: float64 (n_forces, n_taxels), mean readings at ``forces_g``, ascending. Beyond the
     calibrated forces the gain of the nearest one holds.
     """
-    sums = np.maximum((curves - ranges.low).clip(min=0.0).sum(axis=1), 1.0)
-    sums = np.maximum.accumulate(sums)
+    sums = _sums(curves, ranges)
     shift = _shift(float(sums[-1]))
     at_knots = np.clip(np.arange(KNOTS + 1) * float(1 << shift), sums[0], sums[-1])
     at_reference = float(np.interp(reference_g, forces_g, sums))
     return ForceGain(shift, _in_units(at_reference / at_knots), _base(ranges))
+
+
+def at_force(
+    force_g: float,
+    forces_g: Floats,
+    curves: Floats,
+    ranges: Normalisation,
+    reference_g: float = REFERENCE_FORCE_G,
+) -> ForceGain:
+    """Return the one gain of a known force, whatever the readings, from the same curve."""
+    sums = _sums(curves, ranges)
+    now, aim = np.interp((force_g, reference_g), forces_g, sums)
+    return ForceGain(0, _in_units(np.full(KNOTS + 1, aim / now)), _base(ranges))
+
+
+def _sums(curves: Floats, ranges: Normalisation) -> Floats:
+    """Return the sum over all taxels at each force, at least 1 and never falling."""
+    sums = np.maximum((curves - ranges.low).clip(min=0.0).sum(axis=1), 1.0)
+    rising: Floats = np.maximum.accumulate(sums)
+    return rising
 
 
 def _base(ranges: Normalisation) -> tuple[int, ...]:

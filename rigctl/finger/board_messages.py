@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
@@ -13,13 +14,18 @@ from numpy.typing import NDArray
 
 from rigctl.boards.drum_registers import MAGIC
 from rigctl.boards.taxel_frames import frame
+from rigctl.encoder.force_gain import KNOTS, UNIT, ForceGain
 from rigctl.errors import WrongUse
 
-WIRE_VERSION = 1
+WIRE_VERSION = 2
 BOARD_FINGER = 3
 N_TAXELS = 9
 BATCH_SAMPLES = 100
 DEFAULT_REFERENCE_UM_PER_S = 100_000
+GAIN_PARTS = 5
+"""Requests that carry one gain."""
+NO_GAIN = ForceGain(0, (UNIT,) * (KNOTS + 1), (0,) * N_TAXELS)
+"""The gain of a board until it is set: 1, which leaves every reading as it is."""
 
 
 class RequestType(IntEnum):
@@ -33,6 +39,7 @@ class RequestType(IntEnum):
     VELOCITY = 0x25
     STOP = 0x26
     SET_MEAN = 0x27
+    SET_GAIN = 0x28
 
 
 class Result(IntEnum):
@@ -98,18 +105,26 @@ class FingerStatus:
     dropped_frames: int
 
 
+def gain_crc(gain: ForceGain) -> int:
+    """Return the CRC-32 of a gain as settings have it: of its shift, then of all its knots."""
+    return zlib.crc32(struct.pack(f"<B{KNOTS + 1}H", gain.shift, *gain.gains))
+
+
 @dataclass(frozen=True, slots=True)
 class FingerSettings:
-    """Lowest and highest reading of each taxel, and the reference speed, as the board uses them."""
+    """Lowest and highest reading of each taxel, the reference speed, and the CRC of the gain, as
+    the board uses them.
+    """
 
     low: tuple[int, ...]
     high: tuple[int, ...]
     reference_um_per_s: int = DEFAULT_REFERENCE_UM_PER_S
+    gain_crc: int = gain_crc(NO_GAIN)
 
     @classmethod
     def from_fields(cls, *fields: int) -> Self:
         """Return the settings from the fields of a frame."""
-        return cls(fields[:N_TAXELS], fields[N_TAXELS:-1], fields[-1])
+        return cls(fields[:N_TAXELS], fields[N_TAXELS:-2], *fields[-2:])
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +204,7 @@ _PREDICTION = struct.Struct("<IBB")
 _LAYOUTS: dict[int, tuple[struct.Struct, Callable[..., Message]]] = {
     0x30: (struct.Struct("<HBBHIBHB"), FingerIdentity),
     0x32: (struct.Struct("<B7I"), FingerStatus),
-    0x33: (struct.Struct("<9H9HI"), FingerSettings.from_fields),
+    0x33: (struct.Struct("<9H9HII"), FingerSettings.from_fields),
     0x34: (
         struct.Struct("<BBI"),
         lambda request, result, scan: Answer(RequestType(request), Result(result), scan),
@@ -262,6 +277,16 @@ def velocity(scan: int, batch: int, velocity_um_per_s: int) -> bytes:
 def set_mean(window: int, mean_hz: Sequence[float]) -> bytes:
     """Return the request that replaces the mean features of a window, one for each taxel."""
     return frame(struct.pack("<BB9d", RequestType.SET_MEAN, window, *mean_hz))
+
+
+def set_gain(gain: ForceGain) -> bytes:
+    """Return the requests that set the gain; its base is the board's lowest readings."""
+    n = len(gain.gains) // GAIN_PARTS
+    return b"".join(
+        frame(struct.pack(f"<BBB{n}H", RequestType.SET_GAIN, part, gain.shift, *knots))
+        for part in range(GAIN_PARTS)
+        for knots in [gain.gains[part * n : (part + 1) * n]]
+    )
 
 
 def stop(scan: int) -> bytes:

@@ -16,7 +16,8 @@ class FingerPort:
 
     port: str = text("", "port of the finger board; empty: search all ports")
     passport: str = text(
-        "", "sensor.json of rigctl calibrate sensor, beside this file; sessions carry it"
+        "",
+        "sensor.json of `calibrate sensor --reading counts`, beside this file; sessions carry it",
     )
 
 

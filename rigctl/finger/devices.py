@@ -8,11 +8,12 @@ from functools import partial
 from typing import Any
 
 from rigctl.boards.links import Consumers
+from rigctl.encoder.force_gain import ForceGain
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.engine.event_bus import EventBus
 from rigctl.engine.health import RateMeter
 from rigctl.errors import BoardRebooted, LinkLost, RigFault
-from rigctl.finger.board_messages import N_TAXELS, FingerStatus, Message
+from rigctl.finger.board_messages import N_TAXELS, NO_GAIN, FingerStatus, Message
 from rigctl.finger.decoder import FingerBlock
 from rigctl.finger.live_file import FingerLiveWriter
 from rigctl.finger.rig import FingerRig
@@ -84,6 +85,7 @@ class FingerDevices:
         self.samples = RateMeter(RATE_WINDOW_S)
         self.normalisation = Normalisation.full_scale(N_TAXELS)
         self.reference_um_per_s = 0
+        self._gain = NO_GAIN
         self._sample_count = 0
         self._rig = rig
         self._live_writer = live_writer
@@ -108,15 +110,18 @@ class FingerDevices:
         self._rig.tracker.open(self._take_position, self._tracker_lost)
         self._set_connected(TRACKER, True)
 
-    async def configure(self, normalisation: Normalisation, reference_um_per_s: int) -> None:
-        """Set ranges and reference speed; the board's answer must be the same.
+    async def configure(
+        self, normalisation: Normalisation, reference_um_per_s: int, gain: ForceGain
+    ) -> None:
+        """Set ranges, reference speed and gain; the board's answer must be the same.
 
         A scan that nobody follows any more ends first: the board would refuse its settings.
         """
         self.normalisation, self.reference_um_per_s = normalisation, reference_um_per_s
+        self._gain = gain
         low, high = (tuple(map(int, ends)) for ends in (normalisation.low, normalisation.high))
         await self._rig.finger.end_scan()
-        await self._rig.finger.configure(low, high, reference_um_per_s)
+        await self._rig.finger.configure(low, high, reference_um_per_s, gain)
         self._live_writer.set_range(normalisation.low, normalisation.high)
 
     def subscribe(
@@ -206,7 +211,7 @@ class FingerDevices:
 
     async def _restore_settings(self) -> None:
         if self.reference_um_per_s:
-            await self.configure(self.normalisation, self.reference_um_per_s)
+            await self.configure(self.normalisation, self.reference_um_per_s, self._gain)
 
     def _tracker_lost(self, reason: str) -> None:
         self._event_bus.publish("link", reason, board=TRACKER)

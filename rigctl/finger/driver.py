@@ -19,10 +19,12 @@ from rigctl.boards.identity import (
     version_text,
 )
 from rigctl.boards.links import ByteLink, Consumers
+from rigctl.encoder.force_gain import ForceGain
 from rigctl.errors import BoardRebooted, CommandRefused, LinkLost, RigFault, WrongBoard, WrongUse
 from rigctl.finger import board_messages
 from rigctl.finger.board_messages import (
     N_TAXELS,
+    NO_GAIN,
     Answer,
     FingerIdentity,
     FingerSettings,
@@ -30,6 +32,7 @@ from rigctl.finger.board_messages import (
     Message,
     RequestType,
     Result,
+    gain_crc,
 )
 from rigctl.finger.decoder import FingerBlock, FingerDecoder
 from rigctl.values import FINGER, BoardIdentity
@@ -140,7 +143,7 @@ class FingerRequests:
 
 
 def require_settings(
-    low: Sequence[int], high: Sequence[int], reference_um_per_s: int
+    low: Sequence[int], high: Sequence[int], reference_um_per_s: int, gain: ForceGain
 ) -> FingerSettings:
     """Return the settings; raises WrongUse for values that the board would refuse or clip."""
     if len(low) != N_TAXELS or len(high) != N_TAXELS:
@@ -156,7 +159,8 @@ def require_settings(
             f"the reference speed {reference_um_per_s} µm/s is outside "
             f"{SLOWEST_REFERENCE_UM_PER_S} to {FASTEST_REFERENCE_UM_PER_S}"
         )
-    return FingerSettings(tuple(map(int, low)), tuple(map(int, high)), int(reference_um_per_s))
+    ends = tuple(map(int, low)), tuple(map(int, high))
+    return FingerSettings(*ends, int(reference_um_per_s), gain_crc(gain))
 
 
 IDENTIFY_INTERVAL_S = 0.1
@@ -270,19 +274,27 @@ class Finger:
         self.link.close()
 
     async def configure(
-        self, low: Sequence[int], high: Sequence[int], reference_um_per_s: int
+        self,
+        low: Sequence[int],
+        high: Sequence[int],
+        reference_um_per_s: int,
+        gain: ForceGain = NO_GAIN,
     ) -> FingerSettings:
-        """Set the range of each taxel and the reference speed, read them back and return them.
+        """Set range of each taxel, reference speed and gain, read them back and return them.
 
-        ``low`` and ``high``: 9 readings each. Raises WrongUse for values that no board takes,
-        CommandRefused during a scan, RigFault where the board uses something else afterwards.
+        ``low`` and ``high``: 9 readings each; ``gain`` counts from ``low``. Raises WrongUse for
+        values that no board takes, CommandRefused during a scan, RigFault where the board uses
+        something else afterwards.
         """
-        wanted = require_settings(low, high, reference_um_per_s)
+        wanted = require_settings(low, high, reference_um_per_s, gain)
         requests = self._requests
         ranges = board_messages.set_ranges(wanted.low, wanted.high)
         await requests.change(ranges, RequestType.SET_RANGES, SETTINGS_ATTEMPTS)
         reference = board_messages.set_reference(reference_um_per_s)
         await requests.change(reference, RequestType.SET_REFERENCE, SETTINGS_ATTEMPTS)
+        # The first of the parts' answers is enough: the settings, which come last, tell of all.
+        parts = board_messages.set_gain(gain)
+        await requests.change(parts, RequestType.SET_GAIN, SETTINGS_ATTEMPTS)
         settings = await requests.read_settings()
         if settings != wanted:
             raise RigFault(

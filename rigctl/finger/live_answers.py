@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.finger.analysis.classifier import FingerAnswer, FingerClassifier
-from rigctl.finger.analysis.scans import ScanKind
 from rigctl.finger.scaled_time import N_WINDOWS, last_windows, time_windows
 from rigctl.finger.scan_in_progress import ScanData, ScanInProgress
-from rigctl.finger.values import PredictionRow
+from rigctl.finger.values import PredictionRow, ScanKind
 
 
 class LiveAnswers:
@@ -39,7 +38,7 @@ class LiveAnswers:
         return self._row(scan, found, at_s)
 
     def _rates_hz(self, data: ScanData, is_final: bool) -> NDArray[np.float64]:
-        if self._kind is ScanKind.ORIGINAL:
+        if not self._kind.is_speed_scaled:
             windows = time_windows(data.all_spikes)
             return last_windows(windows)[: min(len(windows.counts), N_WINDOWS)]
         reports = enumerate(data.windows[:N_WINDOWS])

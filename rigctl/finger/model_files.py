@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from rigctl.errors import WrongUse
+from rigctl.finger.values import ScanKind
 
-SPEED_SCALED, ORIGINAL = REPRESENTATIONS = ("speed-scaled", "original")
+SPEED_SCALED = ScanKind.SPEED_SCALED.key
+REPRESENTATIONS = tuple(kind.key for kind in ScanKind)
 
 
 def model_path(path: Path, representation: str) -> Path:

@@ -70,6 +70,7 @@ def _simulated(
 ) -> FingerRig:
     from rigctl.bench.clock import SimulatedTimeLoop
     from rigctl.bench.world_file import NOMINAL_WORLD
+    from rigctl.finger.bench.calibration import sensor_passport
     from rigctl.finger.bench.operator_parameters import OperatorParameters, TrackerParameters
     from rigctl.finger.bench.qemu import open_qemu_finger
     from rigctl.finger.bench.virtual import (
@@ -103,6 +104,7 @@ def _simulated(
         seed,
         simulation,
         described,
+        sensor_passport(world.parameters, seed),
     )
 
 

@@ -28,7 +28,7 @@ from rigctl.engine.rpc.messages import LINK
 from rigctl.engine.run_reasons import RunPaused, RunStopped
 from rigctl.engine.served_run import ServedRun
 from rigctl.errors import LinkLost, RigctlError, RigFault
-from rigctl.finger.board_messages import N_TAXELS, Message
+from rigctl.finger.board_messages import N_TAXELS, NO_GAIN, Message
 from rigctl.finger.control import FingerControl
 from rigctl.finger.decoder import FingerBlock
 from rigctl.finger.devices import FingerDevices
@@ -178,11 +178,12 @@ class FingerRun(ServedRun[FingerControl, FingerRecorder]):
         return LiveAnswers(classifier)
 
     async def _configure(self, ranges: Normalisation) -> None:
-        """Set the board's ranges; a board that is lost meanwhile is waited for."""
+        """Set the board's ranges and gain; a board that is lost meanwhile is waited for."""
+        gain = self._opened.header.gain(ranges) or NO_GAIN
         while True:
             try:
                 self.control.check()
-                await self._devices.configure(ranges, self._opened.reference_um_per_s)
+                await self._devices.configure(ranges, self._opened.reference_um_per_s, gain)
                 return
             except RunPaused:
                 await self._wait_resumed()

@@ -14,6 +14,7 @@ from msgspec import Meta
 
 from rigctl.config.resources import find_finger_protocol
 from rigctl.config.text_file import refuse_link_outside
+from rigctl.encoder.force_gain import ForceScaling
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import DEFAULT
 from rigctl.engine.rpc.commands import PathText, Seed, Word
@@ -32,11 +33,12 @@ from rigctl.finger.plan import FingerPlan, load_finger_protocol
 from rigctl.finger.recorder import FingerRecorder
 from rigctl.finger.rig import FingerRig
 from rigctl.finger.session import FingerSession
-from rigctl.finger.values import MODEL_KIND, Stage
+from rigctl.finger.values import MODEL_KIND, ScanKind, Stage
 from rigctl.session import layout
 from rigctl.session.header import SessionHeader
 from rigctl.session.recorder import keep_private
 from rigctl.session.sensor_layout import SensorLayout
+from rigctl.session.sensor_passport import SensorPassport, gain_source
 from rigctl.values import BoardIdentity, Verdict
 
 DEFAULT_PROTOCOL = "paper"
@@ -125,7 +127,7 @@ def open_finger_run(
     rig.check_plates(protocol.textures)
     plan = protocol.plan([Stage(name) for name in request.stages], request.seed)
     about = request.about_session(rig)
-    classifier = _classifier(plan, request, about["sensor"])
+    classifier = _classifier(plan, request, about["sensor"], rig.passport)
     folder = chosen_folder(request.out, start_utc, f"finger-{request.stages[-1]}")
     check_disk_space(folder, plan.bytes_estimate)
     header = _header(plan, rig, board, start_utc, classifier, about)
@@ -168,7 +170,7 @@ def _resume(
     plan = protocol.plan([Stage(name) for name in header.stages], header.seed)
     if len(done) == len(plan.trials):
         raise SessionError(f"{folder} is complete: every planned scan is committed")
-    classifier = _classifier(plan, request, about["sensor"])
+    classifier = _classifier(plan, request, about["sensor"], rig.passport)
     if classifier and ranges and not ranges.has_ranges_of(classifier.model.normalisation):
         raise WrongUse(
             f"{folder} was begun with another model than {request.model}: its taxel ranges differ"
@@ -233,7 +235,7 @@ def _named_scans(session: FingerSession) -> tuple[tuple[str, str], ...]:
 
 
 def _classifier(
-    plan: FingerPlan, request: FingerRunRequest, sensor: str
+    plan: FingerPlan, request: FingerRunRequest, sensor: str, passport: SensorPassport | None
 ) -> FingerClassifier | None:
     """Return the classifier that the plan's stages need. Raises WrongUse for an unfit model."""
     stages = {trial.stage for trial in plan.trials}
@@ -255,6 +257,8 @@ def _classifier(
         raise WrongUse(
             f"{path} is not calibrated for this session: run `rigctl realtime calibrate` first"
         )
+    scaling = ScanKind(model.representation).force_scaling
+    gain_source(scaling, passport, model.parameters.reading)
     return FingerClassifier(model, coverage=request.coverage, error_rate=request.error_rate)
 
 
@@ -292,6 +296,9 @@ def _header(
 ) -> SessionHeader:
     ranges = classifier.model.normalisation if classifier is not None else None
     stages = dict.fromkeys(trial.stage.value for trial in plan.trials)
+    scaling = ForceScaling.NONE
+    if classifier is not None and Stage.RUN.value in stages:
+        scaling = ScanKind(classifier.model.representation).force_scaling
     return session_header(
         plan,
         rig=rig.kind,
@@ -301,6 +308,7 @@ def _header(
         boards=(board,),
         **about,
         encoder_preset=DEFAULT.name,
+        encoder_scaling=scaling,
         n_taxels=N_TAXELS,
         sensor_layout=SensorLayout.default(N_TAXELS),
         taxel_low=tuple(ranges.low.tolist()) if ranges else (),

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.encoder.force_gain import ForceScaling
 from rigctl.values import Gap, Verdict
 
 MODEL_KIND = "model"
@@ -52,6 +53,40 @@ class Stage(StrEnum):
     TRAIN = "train"
     CALIBRATE = "calibrate"
     RUN = "run"
+
+
+class ScanKind(StrEnum):
+    """The representations of a scan: the paper's two, and those with a gain for the force."""
+
+    ORIGINAL = "Original"
+    SPEED_SCALED = "Speed Scaled"
+    DIVIDED = "Divided"
+    SPEED_SCALED_DIVIDED = "Speed Scaled and Divided"
+    CALIBRATED = "Calibrated"
+    SPEED_SCALED_CALIBRATED = "Speed Scaled and Calibrated"
+
+    @property
+    def key(self) -> str:
+        """The name in options and names of files."""
+        return self.value.lower().replace(" ", "-")
+
+    @property
+    def is_speed_scaled(self) -> bool:
+        """Whether its windows are of scaled time."""
+        return self.value.startswith(ScanKind.SPEED_SCALED.value)
+
+    @property
+    def force_scaling(self) -> ForceScaling:
+        """What scales its SA current for the force."""
+        return _FORCE_SCALINGS.get(self, ForceScaling.NONE)
+
+
+_FORCE_SCALINGS = {
+    ScanKind.DIVIDED: ForceScaling.DIVIDED,
+    ScanKind.SPEED_SCALED_DIVIDED: ForceScaling.DIVIDED,
+    ScanKind.CALIBRATED: ForceScaling.CALIBRATED,
+    ScanKind.SPEED_SCALED_CALIBRATED: ForceScaling.CALIBRATED,
+}
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.encoder.encoder import Encoder
+from rigctl.encoder.force_gain import ForceGain
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.errors import ProtocolError, WrongUse
 from rigctl.finger.board_messages import BATCH_SAMPLES, SampleFlag, VelocitySource
@@ -82,6 +83,7 @@ class RecordedScan:
     windows: StructuredArray
     normalisation: Normalisation
     reference_um_per_s: int
+    gain: ForceGain | None = None
 
     @property
     def n_scanned(self) -> int:
@@ -164,7 +166,9 @@ def _rows_before_a_loss(scan: RecordedScan) -> int:
 def _check_spikes(scan: RecordedScan, known: int) -> Iterator[str]:
     encoder = Encoder(scan.normalisation)
     n_taxels = scan.normalisation.n_taxels
-    expected = encoder.encode(scan.samples[:known])[:, :n_taxels]
+    readings = np.ascontiguousarray(scan.samples[:known])
+    scaled = readings if scan.gain is None else scan.gain.apply(readings)
+    expected = encoder.encode(scaled)[:, :n_taxels]
     rows, taxels = np.nonzero(expected != scan.spikes[:known])
     if len(rows):
         yield (
@@ -294,6 +298,7 @@ def _recorded_scan(
     counters, samples, spikes, flags = (
         part.read(path, window.start, window.stop) for path in (COUNTER, SAMPLES, SPIKES, FLAGS)
     )
+    ranges = board_ranges(part.header)
     return RecordedScan(
         first_counter=int(trial["first_counter"]),
         count=int(trial["count"]),
@@ -303,8 +308,9 @@ def _recorded_scan(
         flags=flags,
         batches=batches,
         windows=windows,
-        normalisation=board_ranges(part.header),
+        normalisation=ranges,
         reference_um_per_s=part.header.reference_um_per_s,
+        gain=part.header.gain(ranges),
     )
 
 

@@ -20,7 +20,7 @@ from msgspec import Meta
 
 from rigctl.config.rig_config import MAX_TAXELS, PAPER_ARRAY
 from rigctl.config.toml_reader import TomlText
-from rigctl.encoder.force_gain import ForceScaling
+from rigctl.encoder.force_gain import ForceGain, ForceScaling
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import DEFAULT, PRESETS, EncoderParameters
 from rigctl.encoder.reading import FULL_SCALE, Reading
@@ -28,7 +28,7 @@ from rigctl.errors import SessionError
 from rigctl.experiments import DRUM_EXPERIMENT
 from rigctl.session.hdf5_file import Attributes, damage, describe, parse_json
 from rigctl.session.sensor_layout import ATTRIBUTE, PAPER_SENSOR, SensorLayout
-from rigctl.session.sensor_passport import read_passport
+from rigctl.session.sensor_passport import gain_source, read_passport
 from rigctl.values import SAMPLE_RATE_HZ, BoardIdentity
 
 INT32 = 1 << 31
@@ -135,6 +135,13 @@ class SessionHeader:
             return None
         low, high = (np.array(side, np.uint16) for side in (self.taxel_low, self.taxel_high))
         return Normalisation(low, high, "calibration of the session")
+
+    def gain(self, ranges: Normalisation) -> ForceGain | None:
+        """Return the gain of the live encoder's SA current for taxel ranges, None for 1."""
+        passport = read_passport(self.passport) if self.passport else None
+        scaling, reading = ForceScaling(self.encoder_scaling), Reading(self.encoder_reading)
+        gain_of = gain_source(scaling, passport, reading)
+        return None if gain_of is None else gain_of(ranges)
 
     def to_attributes(self) -> Attributes:
         """Return the attributes of a part's root; sequences and mappings become JSON."""

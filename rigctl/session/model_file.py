@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rigctl.config.text_file import shorten
 from rigctl.encoder.features import FeatureLayout
-from rigctl.encoder.force_gain import ForceScaling
+from rigctl.encoder.force_gain import GAINED
 from rigctl.encoder.force_matrix import ForceMatrix
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import EncoderParameters
@@ -118,7 +118,7 @@ class Model(Classifier):
     """The classifier of one representation, with encoder and windows.
 
     ``force``: what scales the SA current: C of the trial's own ``texture`` or ``blind`` to it,
-    which need ``c``, a :class:`~rigctl.encoder.force_gain.ForceScaling`, or empty for nothing.
+    which need ``c``, one of :data:`~rigctl.encoder.force_gain.GAINED`, or empty for nothing.
     """
 
     representation: str
@@ -255,7 +255,7 @@ def _check_shapes(model: Model) -> None:
         "dropped component": len(model.dropped),
     }
     check_arrays(model, _ARRAYS, sizes)
-    if model.force not in ("", *C_USES, *ForceScaling):
+    if model.force not in ("", *C_USES, *GAINED):
         raise WrongUse(f"force is {shorten(model.force)}, which this version does not know")
     if model.force in C_USES and model.c is None:
         raise WrongUse("its representation is scaled to force, but there is no C")

@@ -16,7 +16,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from rigctl.encoder.force_gain import ForceGain, ForceScaling, calibrated, divided
+from rigctl.encoder.force_gain import ForceGain, ForceScaling, at_force, calibrated, divided
 from rigctl.encoder.force_matrix import REFERENCE_FORCE_G
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.reading import HIGHEST, Reading
@@ -75,8 +75,22 @@ class SensorPassport(msgspec.Struct, frozen=True):
         return np.array([taxel.curve for taxel in self.taxels]).T
 
     def gain(self, ranges: Normalisation, reference_g: float = REFERENCE_FORCE_G) -> ForceGain:
-        """Return the gain of the SA current that brings readings to the reference force."""
+        """Return the gain of the SA current that brings readings to the reference force.
+
+        Raises WrongUse for ranges of another number of taxels.
+        """
+        if ranges.n_taxels != len(self.taxels):
+            raise WrongUse(
+                f"the sensor's passport is of {len(self.taxels)} taxels, these are "
+                f"{ranges.n_taxels}: calibrate this sensor"
+            )
         return calibrated(np.array(self.force_g), self.curves, ranges, reference_g)
+
+    def gain_at(
+        self, force_g: float, ranges: Normalisation, reference_g: float = REFERENCE_FORCE_G
+    ) -> ForceGain:
+        """Return the gain from a known force to the reference force."""
+        return at_force(force_g, np.array(self.force_g), self.curves, ranges, reference_g)
 
     def to_values(self) -> dict[str, Any]:
         """Return plain values, for the header of a session."""
@@ -102,13 +116,14 @@ def gain_source(
         return divided
     if passport is None:
         raise WrongUse(
-            'force_scaling = "calibrated" needs the sensor\'s passport: run rigctl calibrate '
-            "sensor, or name its sensor.json as [taxels] passport"
+            "a calibrated gain needs the sensor's passport: run rigctl calibrate sensor, or name "
+            "its sensor.json as passport in rig.toml ([taxels]) or finger.toml ([finger])"
         )
     if passport.reading is not reading:
         raise WrongUse(
             f"the sensor's passport is of {passport.reading}, the encoder takes {reading}: set "
-            f'[encoder] reading = "{passport.reading}"'
+            f'[encoder] reading = "{passport.reading}" in rig.toml, or make one with rigctl '
+            f"calibrate sensor --reading {reading}"
         )
     return passport.gain
 

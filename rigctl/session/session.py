@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 
 from rigctl.boards.drum_states import State
 from rigctl.config.rig_config import RigConfig, parse_config
-from rigctl.encoder.force_gain import ForceGain, ForceScaling
-from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.reading import Reading, conductance, input_of_each
 from rigctl.errors import RigctlError, SessionError
 from rigctl.experiments import EXPERIMENTS
@@ -32,7 +30,6 @@ from rigctl.session.layout import SAMPLES, SessionLayout, parse_trial
 from rigctl.session.notes import Mark, SessionNote, write_note
 from rigctl.session.part import PartReader, StructuredArray, session_layout
 from rigctl.session.sample_index import SampleFile, SampleRange, locate_samples, locate_windows
-from rigctl.session.sensor_passport import gain_source, read_passport
 from rigctl.session.session_reader import NOTE_KIND, SessionReader, read_closing_digest
 from rigctl.values import SAMPLE_RATE_HZ, Gap, TrialMark, TrialRow, Verdict
 
@@ -114,14 +111,6 @@ class Session(SessionReader):
         if self.header.encoder_reading == Reading.COUNTS:
             return samples
         return conductance(samples, self.inputs)
-
-    def gain(self, ranges: Normalisation) -> ForceGain | None:
-        """Return the gain of the live encoder's SA current for taxel ranges, None for 1."""
-        header = self.header
-        passport = read_passport(header.passport) if header.passport else None
-        scaling, reading = ForceScaling(header.encoder_scaling), Reading(header.encoder_reading)
-        gain_of = gain_source(scaling, passport, reading)
-        return None if gain_of is None else gain_of(ranges)
 
     @property
     def scaling(self) -> tuple[tuple[float, float], ...]:

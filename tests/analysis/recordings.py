@@ -81,6 +81,7 @@ def record(
     seat: float = 0.0,
     rig: str = "virtual",
     passport: SensorPassport | None = None,
+    has_loadcell: bool = True,
 ) -> Path:
     """Record every trial of a small plan, pressed to depths if there are any.
 
@@ -114,8 +115,14 @@ def record(
                     _loadcell(state, trial, sequence), trial.force_g, trial.speed_mm_s
                 )
             row = trial_row(trial, first)
+            mean_force_g = row.mean_force_g if has_loadcell else float("nan")
             recorder.commit_trial(
-                replace(row, started_s=(first - IDLE) / 1000, ended_s=counter / 1000)
+                replace(
+                    row,
+                    started_s=(first - IDLE) / 1000,
+                    ended_s=counter / 1000,
+                    mean_force_g=mean_force_g,
+                )
             )
     return folder
 

@@ -19,11 +19,13 @@ from rigctl.analysis.trial_set import join_sessions, open_trials
 from rigctl.cli import main
 from rigctl.encoder.features import feature_matrices
 from rigctl.encoder.force_gain import ForceScaling, divided
+from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import DEFAULT
 from rigctl.encoder.reading import Reading
 from rigctl.errors import ConfigError, SessionError, WrongUse
 from rigctl.session.model_file import load_model, save_model
 from rigctl.session.sensor_passport import load_passport, sensor_change
+from rigctl.session.session import Session
 from tests.analysis.recordings import record, sensor_passport
 
 UTC = "2026-11-21T12:00:00Z"
@@ -57,14 +59,16 @@ def test_features_are_those_of_scaled_conductances(made: RepresentationSet) -> N
         readings = [reader.read(trial) for trial in trials.trials]
     speeds = [trial.speed_mm_s for trial in trials.trials]
     layouts = (made.unscaled, made.scaled)
+    passport, n = sensor_passport(), len(readings)
+    with Session.open(made.trials.paths[0]) as session:
+        measured_g = session.trials["mean_force_g"][[trial.row for trial in trials.trials]]
     gains = {
-        "divided": divided(ranges),
-        "calibrated": sensor_passport().gain(ranges),
+        "divided": [divided(ranges)] * n,
+        "calibrated": [passport.gain(ranges)] * n,
+        "loadcell": [passport.gain_at(force_g, ranges) for force_g in measured_g.tolist()],
     }
-    for key, gain in gains.items():
-        expected = feature_matrices(
-            readings, speeds, ranges, layouts, parameters, gains=[gain] * len(readings)
-        )
+    for key, of_trials in gains.items():
+        expected = feature_matrices(readings, speeds, ranges, layouts, parameters, gains=of_trials)
         for name, features in zip((key, f"speed_{key}"), expected, strict=True):
             np.testing.assert_array_equal(made.features(BY_KEY[name]), features)
     assert BY_KEY["divided"].knows == "nothing" and "passport" in BY_KEY["calibrated"].knows
@@ -86,8 +90,40 @@ def test_each_session_has_the_gain_of_its_own_passport(session: Path, tmp_path: 
     later = record(tmp_path / "later", "ABG", travel_mm=24.0, seed=8, passport=carried)
     made = represent(join_sessions([session, later]), DEFAULT, tmp_path)
     assert made.gained is not None
-    before, now = made.gained.gains[ForceScaling.CALIBRATED]
-    assert before == sensor_passport().gain(made.gained.normalisation) != now
+    ranges, trials = made.gained.normalisation, made.trials.trials
+    of_session = sensor_passport().gain(ranges), carried.gain(ranges)
+    assert of_session[0] != of_session[1]
+    gains = made.gained.gains[ForceScaling.CALIBRATED]
+    assert gains == tuple(of_session[trial.session] for trial in trials)
+
+
+def test_the_load_cell_gives_one_gain_for_a_whole_trial(tmp_path: Path) -> None:
+    high = np.full(18, 4095, np.uint16)
+    ranges = Normalisation(np.zeros(18, np.uint16), high, reading=Reading.CONDUCTANCE)
+    passport = sensor_passport()
+    for force_g, row in ((250.0, 1), (500.0, 2), (1000.0, 3)):
+        plate, aim = np.round(passport.curves[row : row + 1]).astype(np.uint16), passport.curves[2]
+        gain = passport.gain_at(force_g, ranges)
+        np.testing.assert_allclose(gain.apply(plate)[0], aim, rtol=0.01)
+        half = gain.apply(plate // 2)[0]  # a texture that reads half as much stays at half
+        np.testing.assert_allclose(half, aim / 2, rtol=0.01)
+    unmeasured = record(tmp_path / "one", "AB", passport=passport, has_loadcell=False)
+    made = represent(join_sessions([unmeasured]), DEFAULT, tmp_path)
+    assert "calibrated" in made.files and "loadcell" not in made.files
+    assert any("has no force of the load cell" in remark for remark in made.remarks)
+
+
+def test_a_model_by_the_load_cell_classifies_by_the_force_of_each_trial(
+    session: Path, made: RepresentationSet, tmp_path: Path
+) -> None:
+    path = tmp_path / "loadcell.h5"
+    request = ModelRequest(path, "Calibrated by Load Cell", 12)
+    save_model(train_model(made, request, UTC, 7)[0], path)
+    read = load_model(path)
+    found = classify(read, [session])
+    best = log_posteriors(read, made.features(BY_KEY["loadcell"])).argmax(axis=1)
+    assert [one.predicted for one in found.predictions] == [read.classes[i] for i in best]
+    assert BY_KEY["loadcell"].knows == "load cell, the sensor's passport"
 
 
 def test_a_calibrated_model_needs_a_passport(
@@ -143,6 +179,11 @@ def test_a_wrong_passport_is_named(tmp_path: Path) -> None:
         file.write_text(json.dumps(content))
         with pytest.raises(ConfigError, match=words):
             load_passport(file, 9)
+
+
+def test_a_passport_of_another_sensor_gives_no_gain() -> None:
+    with pytest.raises(WrongUse, match="of 18 taxels, these are 9"):
+        sensor_passport().gain(Normalisation.full_scale(9, reading=Reading.CONDUCTANCE))
 
 
 def test_a_session_or_a_model_with_a_damaged_passport_is_refused(

@@ -11,6 +11,7 @@ from tools.docs_numbers import CHECKOUT, DOCS, NUMBERS, bench, main, stored, wri
 CHECKED = {
     "explanation/encoder-kernel.md": "tests/benchmarks/encoder/ablation.py",
     "explanation/force-invariance.md": "tests/bench/test_force_invariance.py",
+    "explanation/moving-finger.md": "tests/finger/bench/test_finger_spreads.py",
     "explanation/real-and-simulated.md": "tests/bench/test_skin_statistics.py",
     "how-to/accept.md": "tests/analysis/test_acceptance.py",
     "reference/encoding.md": "tests/encoder/test_parameters.py",

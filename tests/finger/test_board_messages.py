@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,6 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rigctl.boards.taxel_frames import frame
+from rigctl.encoder.force_gain import HIGHEST_GAIN, divided
+from rigctl.encoder.normalisation import Normalisation
 from rigctl.finger import board_messages
 from rigctl.finger.bench.firmware import FingerFirmware
 from rigctl.finger.board_messages import (
@@ -21,10 +24,12 @@ from rigctl.finger.board_messages import (
     RequestType,
     Result,
     decode_message,
+    gain_crc,
 )
 from rigctl.finger.decoder import FingerBlock, FingerDecoder
 
 LOW, HIGH = tuple(range(9)), tuple(range(900, 909))
+GAIN = divided(Normalisation(np.array(LOW, np.uint16), np.array(HIGH, np.uint16)))
 
 
 @pytest.fixture(scope="module")
@@ -109,13 +114,19 @@ def test_the_board_refuses_impossible_settings_whole() -> None:
     for reference in (0, 999, 10_000_001, 0xFFFFFFFF):
         board.receive(board_messages.set_reference(reference))
     assert _answers(board) == [Result.OK] + [Result.WRONG_VALUE] * 5
+    for gain in (replace(GAIN, shift=17), replace(GAIN, gains=(HIGHEST_GAIN + 1,) * 65)):
+        board.receive(board_messages.set_gain(gain))
+        assert _answers(board) == [Result.WRONG_VALUE] * board_messages.GAIN_PARTS
+    board.receive(board_messages.set_gain(GAIN))
+    assert _answers(board) == [Result.OK] * board_messages.GAIN_PARTS
     board.receive(board_messages.start(1) + board_messages.set_ranges(HIGH, HIGH))
+    board.receive(board_messages.set_gain(board_messages.NO_GAIN))
     board.receive(board_messages.set_reference(5000))
     board.receive(board_messages.velocity(1, 0, 10_000_001))
-    assert _answers(board) == [Result.OK, Result.SCANNING, Result.SCANNING, Result.WRONG_VALUE]
+    assert _answers(board) == [*(Result.OK, *[Result.SCANNING] * 7, Result.WRONG_VALUE)]
     board.receive(board_messages.read_settings())
     _, decoded = FingerDecoder().feed(board.take_sent())
-    assert decoded == [FingerSettings(LOW, HIGH, 100_000)]
+    assert decoded == [FingerSettings(LOW, HIGH, 100_000, gain_crc(GAIN))]
     board.close()
 
 

@@ -12,13 +12,13 @@ from rigctl.analysis.pca_lda import log_posteriors
 from rigctl.cli import main
 from rigctl.finger import board_messages
 from rigctl.finger.analysis.classifier import FingerClassifier, centred_stages
-from rigctl.finger.analysis.scans import ScanKind, read_scans
+from rigctl.finger.analysis.scans import read_scans
 from rigctl.finger.bench.firmware import FingerFirmware
 from rigctl.finger.board_messages import BoardPrediction
 from rigctl.finger.decoder import FingerDecoder
 from rigctl.finger.model_file import FingerModel, load_finger_model
 from rigctl.finger.session import FingerSession
-from rigctl.finger.values import Stage
+from rigctl.finger.values import ScanKind, Stage
 from tests.finger.conftest import Trained
 from tests.firmware.finger.scans import SyntheticScan, through_host_build
 

@@ -94,6 +94,7 @@ async def scan(finger: Finger, velocities: list[int | None], number: int = 7) ->
         await asyncio.sleep(0.1)
         if velocity is not None:
             finger.set_velocity(number, batch, velocity)
+    await asyncio.sleep(0.05)  # a last batch is open whatever the phase of the samples is
     await finger.stop(number)
     await asyncio.sleep(0.05)
 
@@ -162,7 +163,7 @@ async def test_late_early_and_impossible_velocities_are_answered_not_raised(
         (
             3,
             9,
-            r"firmware 1\.2 speaks wire version 9 .* this program version 1 .*rigctl flash finger",
+            r"firmware 1\.2 speaks wire version 9 .* this program version 2 .*rigctl flash finger",
         ),
         (11, 18, "with 18 taxels"),
         (14, 50, "in batches of 50"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import h5py
@@ -9,9 +10,11 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from rigctl.finger.analysis.scans import encode_readings
 from rigctl.finger.layout import FINGER_TRUTH
-from rigctl.finger.model_file import load_finger_model
+from rigctl.finger.model_file import load_finger_model, save_finger_model
 from rigctl.finger.run_request import FingerRunRequest
+from rigctl.finger.values import ScanKind
 from rigctl.session.ground_truth import log_paths, open_truth
 from rigctl.session.summary import summarise_session
 from rigctl.session.verify import verify
@@ -29,6 +32,7 @@ from tests.finger.harness import (
 TRUE_NAMES = ("along_mm", "force_g", "plate", "slide")
 TRACKED_MM = 8.0
 """The tracker's noise and delay at the fastest slide, and the wrist that bends."""
+ONE_RUN = ONE_SCAN.replace("run = 0", "run = 1")
 FEW_SCANS = SMALL.replace('"medium", "fast"', '"medium"')
 
 
@@ -76,6 +80,24 @@ def test_a_run_names_textures_while_the_finger_moves(
     assert all(0 < batch["scaled_s"] <= batch["seconds"] for batch in batches)
     p99_ms = new_session.engine.status().latency_p99_ms
     assert set(p99_ms) == {"features", "prediction"} and p99_ms["features"] <= 5.0
+
+
+@pytest.mark.parametrize("kind", [ScanKind.SPEED_SCALED_DIVIDED, ScanKind.CALIBRATED])
+def test_a_run_has_the_gain_of_its_model(trained: Trained, tmp_path: Path, kind: ScanKind) -> None:
+    model, path = load_finger_model(trained.model), tmp_path / "model.h5"
+    save_finger_model(dataclasses.replace(model, representation=kind.value), path)
+    with open_finger_harness(tmp_path, session=1) as harness:
+        harness.record(harness.request("run", model=path, protocol=ONE_RUN))
+    with open_finger_session(harness.session) as session:
+        assert session.header.encoder_scaling == kind.force_scaling
+        gain = session.header.gain(model.normalisation)
+        scans = [(session.samples(i), session.spikes(i)) for i in session.committed()]
+    assert gain is not None and len(scans) == 2
+    for readings, spikes in scans:
+        scaled = gain.apply(readings)
+        np.testing.assert_array_equal(spikes, encode_readings(scaled, model.normalisation))
+        assert (spikes != encode_readings(readings, model.normalisation)).any()
+    assert_whole(harness.session)
 
 
 def test_features_return_within_five_milliseconds(trained: Trained) -> None:

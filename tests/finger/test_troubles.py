@@ -17,6 +17,7 @@ from rigctl.finger.devices import TrackingLoss
 from rigctl.finger.model_file import FingerModel, load_finger_model, save_finger_model
 from rigctl.finger.models import calibrate_models
 from rigctl.finger.run_request import FingerRunRequest
+from rigctl.finger.values import ScanKind
 from rigctl.session.sensor_passport import SensorPassport, TaxelResponse, read_passport
 from rigctl.session.verify import verify
 from rigctl.values import Position
@@ -162,6 +163,21 @@ def test_a_model_that_is_not_calibrated_is_refused(
     model = trained.training / "model-speed-scaled.h5"
     with pytest.raises(WrongUse, match="is not calibrated for this session"):
         _open(new_session, new_session.request("run", model=model))
+
+
+def test_a_calibrated_model_needs_a_passport(
+    trained: Trained, new_session: FingerHarness, tmp_path: Path
+) -> None:
+    path = tmp_path / "model.h5"
+    model = replace(load_finger_model(trained.model), representation=ScanKind.CALIBRATED.value)
+    save_finger_model(model, path)
+    for passport, message in (
+        (None, "a calibrated gain needs the sensor's passport"),
+        (nine_taxels(1.0), "is of conductance, the encoder takes counts"),
+    ):
+        new_session.rig.passport = passport
+        with pytest.raises(WrongUse, match=message):
+            _open(new_session, new_session.request("run", model=path))
 
 
 @pytest.mark.parametrize(

@@ -235,6 +235,14 @@ BROKEN: dict[str, dict[str, list[Edit]]] = {
         "state-in-float": [
             ("neurons.h", "typedef double NeuronState;", "typedef float NeuronState;")
         ],
+        "gain-not-interpolated": [
+            (
+                "neurons.cpp",
+                "    return gains[knot] + (((int32_t(gains[knot + 1]) - gains[knot]) * into) "
+                ">> shift);\n",
+                "    return gains[knot] + 0 * into;\n",
+            )
+        ],
         "distance-in-float": [
             (
                 "scaled_time.cpp",

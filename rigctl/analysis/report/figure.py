@@ -18,6 +18,7 @@ COLOURS = {
     "brown": "#8a5a00",
     "light-blue": "#92aef5",
     "light-green": "#86cf96",
+    "teal": "#007c80",
     "text": "#1b1f24",
     "muted": "#59636e",
     "line": "#e3e7eb",

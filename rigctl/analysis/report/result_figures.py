@@ -22,9 +22,11 @@ STYLES = {
     "speed_divided": "violet",
     "calibrated": "brown",
     "speed_calibrated": "brown",
+    "loadcell": "teal",
+    "speed_loadcell": "teal",
 }
 """The paper's colours, and others for what the paper does not have."""
-DASHED = ("force_blind", "speed_force_blind", "divided", "calibrated")
+DASHED = ("force_blind", "speed_force_blind", "divided", "calibrated", "loadcell")
 BLIND = "_blind"
 PAPER_NOTE = (
     f"Diamonds: the paper's Table 1 with {published.K_MAX} components, in the colour of its curve."
@@ -33,7 +35,8 @@ BLIND_NOTE = (
     "Force Scaled curves use the C of the true texture, which a dashed, texture-blind one does not."
 )
 GAIN_NOTE = (
-    "Divided and Calibrated know neither texture nor force: their gain is of all taxels' readings."
+    "Divided and Calibrated know neither texture nor force: their gain is of all taxels' readings, "
+    "Calibrated by Load Cell's of the force that was measured."
 )
 CONFUSION_TASKS = (
     "untrained-both",

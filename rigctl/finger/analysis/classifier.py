@@ -20,10 +20,11 @@ from scipy.special import softmax
 
 from rigctl.analysis.pca_lda import fit_classifier, log_posteriors, whiten
 from rigctl.errors import WrongUse
-from rigctl.finger.analysis.scans import FingerEncoding, ScanKind, ScanSet
+from rigctl.finger.analysis.scans import FingerEncoding, ScanSet
 from rigctl.finger.model_file import FingerCalibration, FingerModel
 from rigctl.finger.published import COMPONENTS
 from rigctl.finger.scaled_time import feature_vector
+from rigctl.finger.values import ScanKind
 from rigctl.session.model_file import Classifier, TrainingInfo
 
 Floats = NDArray[np.float64]

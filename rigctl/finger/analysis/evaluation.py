@@ -24,13 +24,13 @@ from rigctl.finger.analysis.scans import (
     KINDS,
     FingerDataSet,
     FingerEncoding,
-    ScanKind,
     ScanSet,
+    common_kinds,
 )
 from rigctl.finger.analysis.tasks import DrawSettings, deployed_accuracy
 from rigctl.finger.model_file import FingerModel
 from rigctl.finger.published import COMPONENTS, DEPLOYED
-from rigctl.finger.values import VelocityProfile
+from rigctl.finger.values import ScanKind, VelocityProfile
 from rigctl.session.model_file import TrainingInfo
 
 Floats = NDArray[np.float64]
@@ -86,7 +86,7 @@ def _share_right(
 ) -> float:
     """Return the share of scans with the right answer at a time; ``n_scaled``: known windows."""
     textures = classifier.model.textures
-    if ScanKind(classifier.model.representation) is ScanKind.ORIGINAL:
+    if not ScanKind(classifier.model.representation).is_speed_scaled:
         windows = np.minimum(times_ms // scans.window_ms, scans.n_time_windows)
         ended = times_ms >= _durations_ms(scans)
     else:
@@ -166,6 +166,12 @@ def _compare(
     n = sum(len(data_set.tested) for data_set in variants[NONE_NAME])
     counts = {
         name: _correct_counts(data_sets, kind, settings) for name, data_sets in variants.items()
+    }
+    # A gain has made representations of its own, with the time of this one or the other.
+    counts |= {
+        str(other.force_scaling).capitalize(): _correct_counts(variants[NONE_NAME], other, settings)
+        for other in common_kinds(variants[NONE_NAME])
+        if other not in KINDS and other.is_speed_scaled == kind.is_speed_scaled
     }
     plain, found = counts[NONE_NAME], []
     rule = settings.analysis.statistics.proportion_asterisks
@@ -442,7 +448,7 @@ def _evidence_at(scans: ScanSet, kind: ScanKind, windows: NDArray[np.int64]) -> 
     """Return the way in mm and the time in s of each scan's first ``windows``, float64 (n,)."""
     ends_ms = np.cumsum(scans.real_ms, axis=1)
     at = np.arange(len(scans))
-    if kind is ScanKind.SPEED_SCALED:
+    if kind.is_speed_scaled:
         times_ms = ends_ms[at, windows - 1]
     else:
         # The classifier of all windows speaks at the end of the scan.

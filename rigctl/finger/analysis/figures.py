@@ -30,7 +30,14 @@ TASK_COLOURS = {"new-session": "green", "untrained-profiles": "green"}
 """The paper's: green for what is new to the classifier, blue for the rest."""
 LIGHTER = "light-"
 """Of the paper's curves, those without speed scaling are lighter."""
-KIND_COLOURS = {"Original": "ink", "Speed Scaled": "blue"}
+KIND_COLOURS = {
+    "Original": "ink",
+    "Speed Scaled": "blue",
+    "Divided": "violet",
+    "Speed Scaled and Divided": "green",
+    "Calibrated": "brown",
+    "Speed Scaled and Calibrated": "red",
+}
 ORIGINAL = "Original"
 PROFILE_ORDER = tuple(map(str, VelocityProfile))
 PEAKS_NOTE = "Diamonds: the paper's peaks, in the colour of their curve."
@@ -56,7 +63,7 @@ def _accuracy_panel(title: str, tasks: Mapping[str, Values], tests: Mapping[str,
     series = [
         _accuracy_series(key, task, kind, tests[key].get(kind))
         for key, task in tasks.items()
-        for kind in task["curves"]
+        for kind in task["paper"]["accuracy"]
     ]
     return accuracy_panel(title, series, next(iter(tasks.values()))["chance"])
 
@@ -99,6 +106,24 @@ def _notes(tasks: Mapping[str, Values], tests: Mapping[str, Values]) -> list[str
     if any(value["components"] is None for value in quoted):
         notes.append("The paper's saturations are at the last component.")
     return notes
+
+
+def gain_figure(results: Values) -> Figure:
+    """Return the accuracy of every representation: a panel for each task."""
+    panels = [
+        accuracy_panel(
+            f"{task['figure']}, {task['title'].lower()}",
+            [
+                Series(kind, KIND_COLOURS[kind], range(1, task["k_max"] + 1), percent(one["mean"]))
+                for kind, one in task["curves"].items()
+            ],
+            task["chance"],
+        )
+        for task in results["tasks"].values()
+    ]
+    knows = "; ".join(f"{kind}: {what}" for kind, what in results["knows"].items())
+    note = f"What the scaling of the force knows beside the readings: {knows}."
+    return Figure("Force scaling without labels", panels, [note], columns=3)
 
 
 def answer_figures(results: Values) -> list[Figure]:

@@ -23,11 +23,13 @@ from rigctl.finger.analysis.figures import (
     answer_figures,
     draw_latencies,
     evidence_figure,
+    gain_figure,
     promises_figure,
 )
 from rigctl.finger.analysis.results import FingerAnalysis, analyse_finger, as_dict
-from rigctl.finger.analysis.scans import KINDS, ScanKind, read_data_sets
+from rigctl.finger.analysis.scans import KINDS, read_data_sets
 from rigctl.finger.analysis.tasks import DrawSettings, FingerResult
+from rigctl.finger.values import ScanKind
 
 NEAR_POINTS = 10.0
 """A peak at most so many points from the paper's value counts as near it; our choice."""
@@ -198,7 +200,13 @@ def write_finger_report(
         evidence, promised = evidence_figure(values), promises_figure(values)
         named = {_stem(figure.title): figure for figure in accuracies}
         confusion, by_profile = answer_figures(values)
-        further = {"evidence": evidence, "promises": promised, "confusion": confusion}
+        gains = gain_figure(values)
+        further = {
+            "gains": gains,
+            "evidence": evidence,
+            "promises": promised,
+            "confusion": confusion,
+        }
         if by_profile.legend:
             further["profiles"] = by_profile
         for stem, figure in {**named, **further}.items():
@@ -212,6 +220,7 @@ def write_finger_report(
             results=values,
             latencies=latencies,
             accuracies=accuracies,
+            gains=gains,
             evidence=evidence,
             promises_figure=promised,
             confusion=confusion,

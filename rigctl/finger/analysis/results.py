@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rigctl import __version__
 from rigctl.analysis.cache import SERIAL_RESOURCES, Resources
+from rigctl.analysis.representations import KNOWS
 from rigctl.analysis.settings import as_plain, differences_from_paper
 from rigctl.analysis.statistics import curve_test_dict, k_ranges, published_share, wilson_interval
 from rigctl.errors import WrongUse
@@ -33,7 +34,12 @@ from rigctl.finger.analysis.evaluation import (
     profile_differences,
     train_classifier,
 )
-from rigctl.finger.analysis.scans import KINDS, FingerDataSet, ScanKind, common_textures
+from rigctl.finger.analysis.scans import (
+    KINDS,
+    FingerDataSet,
+    common_kinds,
+    common_textures,
+)
 from rigctl.finger.analysis.tasks import (
     DeployedAnswers,
     DrawSettings,
@@ -42,6 +48,7 @@ from rigctl.finger.analysis.tasks import (
     run_finger_tasks,
 )
 from rigctl.finger.published import DEPLOYED, DEPLOYED_TRIALS
+from rigctl.finger.values import ScanKind
 
 Floats = NDArray[np.float64]
 BEYOND_STAGE = "measuring answers"
@@ -105,13 +112,14 @@ def analyse_finger(
     components = settings.finger.components
     tested = [one.tested for one in data_sets]
     evidence, coverage, sequential = [], [], []
-    for number, kind in enumerate(KINDS):
-        resources.progress(BEYOND_STAGE, number, len(KINDS))
+    kinds = common_kinds(data_sets)
+    for number, kind in enumerate(kinds):
+        resources.progress(BEYOND_STAGE, number, len(kinds))
         classifiers = [train_classifier(one, kind, components) for one in data_sets]
         evidence.append(evidence_curve(classifiers, tested))
         coverage.append(measure_coverage(classifiers, tested))
         sequential += [measure_sequential(classifiers, tested, asked) for asked in ERROR_RATES]
-    resources.progress(BEYOND_STAGE, len(KINDS), len(KINDS))
+    resources.progress(BEYOND_STAGE, len(kinds), len(kinds))
     return FingerAnalysis(
         tuple(data_sets),
         settings,
@@ -121,8 +129,8 @@ def analyse_finger(
         _novelty(data_sets, components, resources),
         tuple(sequential),
         tuple(compare_force_scalings(data_sets, scaled_currents, settings)),
-        tuple(_profiles(data_sets, kind) for kind in KINDS),
-        tuple(deployed_answers(data_sets, kind, settings) for kind in KINDS),
+        tuple(_profiles(data_sets, kind) for kind in kinds),
+        tuple(deployed_answers(data_sets, kind, settings) for kind in kinds),
         latencies or {},
         (
             *differences_from_paper(settings.analysis),
@@ -136,17 +144,17 @@ def analyse_finger(
 def _novelty(
     data_sets: Sequence[FingerDataSet], components: int, resources: Resources
 ) -> tuple[NoveltyResult, ...]:
-    textures = data_sets[0].textures
+    textures, kinds = data_sets[0].textures, common_kinds(data_sets)
     if len(textures) < MIN_TEXTURES_TO_LEAVE_OUT:
         return ()
     tasks = [
         LeftOutTask(one, kind, name, components)
         for one in data_sets
-        for kind in KINDS
+        for kind in kinds
         for name in textures
     ]
     found = list(resources.map(leave_texture_out, tasks, NOVELTY_STAGE))
-    return tuple(measure_novelty([one for one in found if one.kind is kind]) for kind in KINDS)
+    return tuple(measure_novelty([one for one in found if one.kind is kind]) for kind in kinds)
 
 
 def _profiles(data_sets: Sequence[FingerDataSet], kind: ScanKind) -> ProfileDifferences:
@@ -185,7 +193,7 @@ def task_dict(result: FingerResult) -> dict[str, Any]:
             "claims": result.task.claims,
             "shares": _shares_from_paper(result),
         },
-        "curves": {kind.value: _curve_dict(result, kind) for kind in KINDS},
+        "curves": {kind.value: _curve_dict(result, kind) for kind in result.accuracy},
         "above_originals_peak": k_ranges(np.flatnonzero(scaled > original.max()) + 1),
         "scaled_better_double": k_ranges(np.flatnonzero(better & (stars == "**")) + 1),
         "scaled_better_single": k_ranges(np.flatnonzero(better & (stars == "*")) + 1),
@@ -268,6 +276,10 @@ def as_dict(analysis: FingerAnalysis, made_utc: str) -> dict[str, Any]:
             for one in analysis.novelty
         ],
         "sequential": [{**one._asdict(), "kept": one.kept} for one in analysis.sequential],
+        "knows": {
+            kind.value: KNOWS.get(kind.force_scaling, "nothing")
+            for kind in common_kinds(analysis.data_sets)
+        },
         "force_invariance": [
             _values(one, "scaling", "accuracy", "peak", "peak_components", "p", "h", "verdict")
             for one in analysis.force

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, fields, replace
-from enum import StrEnum
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,8 +16,10 @@ from rigctl.analysis.cache import SERIAL_RESOURCES, Resources
 from rigctl.config.resources import source_commit
 from rigctl.encoder.encoder import Encoder, encode_trials
 from rigctl.encoder.features import WINDOW_MS
+from rigctl.encoder.force_gain import ForceGain, ForceScaling, divided
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.encoder.parameters import DEFAULT, EncoderParameters, preset
+from rigctl.encoder.reading import Reading
 from rigctl.errors import WrongUse
 from rigctl.finger.analysis.settings import FingerAnalysisSettings
 from rigctl.finger.scaled_time import (
@@ -32,32 +34,39 @@ from rigctl.finger.scaled_time import (
     time_windows,
 )
 from rigctl.finger.session import FingerSession
-from rigctl.finger.values import MODEL_KIND, Stage
+from rigctl.finger.values import MODEL_KIND, ScanKind, Stage
 from rigctl.session.analysis_file import content_digest
 from rigctl.session.digests import damaged_trials
+from rigctl.session.header import SessionHeader
 from rigctl.session.model_file import TrainingInfo
+from rigctl.session.sensor_passport import SensorPassport, passport_of
 from rigctl.session.session_reader import read_closing_digest
 from rigctl.values import SAMPLE_RATE_HZ
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Rows = NDArray[np.intp]
+Raster = NDArray[np.uint8]
+"""Spikes of each sample and taxel, uint8 (n, 9)."""
 N_FINGER_TAXELS = 9
 LEAST_COMMON = 0.5
 """Share of the textures that all stages must have; the others are left out."""
+NO_PASSPORT = "name a passport of its sensor in finger.toml, and record the session again"
 READING_STAGE = "reading sessions"
 CLASSIFIED_STAGES = (Stage.TRAIN, Stage.CALIBRATE, Stage.RUN)
 _DEFAULT_PRESET = "default"
 
 
-class ScanKind(StrEnum):
-    """The representations of a scan, by their names in the paper."""
-
-    ORIGINAL = "Original"
-    SPEED_SCALED = "Speed Scaled"
-
-
 KINDS = (ScanKind.ORIGINAL, ScanKind.SPEED_SCALED)
+
+
+class Rates(NamedTuple):
+    """Rates in Hz of scans: in windows of scaled time, float64 (n, 20, 9), and in all whole 100 ms,
+    float64 (n, w, 9).
+    """
+
+    windows: Floats
+    time_rates: Floats
 
 
 class ScanRecording(NamedTuple):
@@ -85,7 +94,7 @@ class ScanSet:
     windows of scaled time, float64 (n, 20, 9), Hz; ``real_ms``: the real time of each, int64
     (n, 20), 0 where the scan was shorter. ``time_rates``: rates in all whole 100 ms, float64
     (n, w, 9), 0 behind the ``n_time_windows`` of a scan. ``reading``: mean normalised reading of
-    each taxel, (n, 9).
+    each taxel, (n, 9). ``gained``: the rates of the same scans with a gain on the SA current.
     """
 
     session: str
@@ -102,9 +111,16 @@ class ScanSet:
     reading: Floats
     reference_um_per_s: int = REFERENCE_UM_PER_S
     window_ms: int = WINDOW_MS
+    gained: Mapping[ForceScaling, Rates] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.trial_id)
+
+    @property
+    def kinds(self) -> tuple[ScanKind, ...]:
+        """The representations that the scans have."""
+        forces = (ForceScaling.NONE, *self.gained)
+        return tuple(kind for kind in ScanKind if kind.force_scaling in forces)
 
     @property
     def textures(self) -> tuple[str, ...]:
@@ -128,21 +144,24 @@ class ScanSet:
 
     def features(self, kind: ScanKind) -> Floats:
         """Return the feature vectors of the whole scans, float64 (n, 180), Hz."""
-        if kind is ScanKind.SPEED_SCALED:
-            return feature_vector(self.windows)
-        return feature_vector(self._time_windows_until(self.n_time_windows))
+        rates = self._rates(kind)
+        if kind.is_speed_scaled:
+            return feature_vector(rates.windows)
+        return feature_vector(self._time_windows_until(rates.time_rates, self.n_time_windows))
 
     def evidence(self, kind: ScanKind, n_windows: Integers | int) -> Floats:
         """Return the windows after ``n_windows`` of each scan, float64 (n, 20, 9), 0 to come.
 
         Original shows the last 20 so far, Speed Scaled the first 20.
         """
+        rates = self._rates(kind)
         seen = np.broadcast_to(np.asarray(n_windows, np.int64), (len(self),))
-        if kind is ScanKind.SPEED_SCALED:
+        if kind.is_speed_scaled:
             return np.where(
-                (np.arange(self.n_windows) < seen[:, None])[..., None], self.windows, 0.0
+                (np.arange(self.n_windows) < seen[:, None])[..., None], rates.windows, 0.0
             )
-        return self._time_windows_until(np.minimum(seen, self.n_time_windows))
+        ends = np.minimum(seen, self.n_time_windows)
+        return self._time_windows_until(rates.time_rates, ends)
 
     def select(self, rows: Rows | NDArray[np.bool_]) -> ScanSet:
         """Return some of the scans, by index or by mask."""
@@ -150,6 +169,9 @@ class ScanSet:
         chosen: dict[str, Any] = {
             name: value[rows] if isinstance(value, np.ndarray) else value
             for name, value in values.items()
+        }
+        chosen["gained"] = {
+            force: Rates(*(part[rows] for part in rates)) for force, rates in self.gained.items()
         }
         return ScanSet(**chosen)
 
@@ -171,15 +193,23 @@ class ScanSet:
         """Return the scans of some velocity profiles."""
         return self.select(np.isin(self.profile, list(profiles)))
 
-    def _time_windows_until(self, ends: Integers) -> Floats:
+    def _rates(self, kind: ScanKind) -> Rates:
+        """Return the rates of a representation. Raises WrongUse where the scans lack it."""
+        if kind not in self.kinds:
+            raise WrongUse(f"{self.session} has no {kind} scans: {NO_PASSPORT}")
+        if kind.force_scaling is ForceScaling.NONE:
+            return Rates(self.windows, self.time_rates)
+        return self.gained[kind.force_scaling]
+
+    def _time_windows_until(self, time_rates: Floats, ends: Integers) -> Floats:
         """Return the last 20 windows of 100 ms before window ``ends``, float64 (n, 20, 9)."""
         n = self.n_windows
         columns = np.maximum(ends - n, 0)[:, None] + np.arange(n)
         inside = columns < ends[:, None]
-        if not self.time_rates.shape[1]:
+        if not time_rates.shape[1]:
             return np.zeros((len(self), n, self.windows.shape[2]))
         reachable = np.where(inside, columns, 0)
-        rates = self.time_rates[np.arange(len(self))[:, None], reachable]
+        rates = time_rates[np.arange(len(self))[:, None], reachable]
         return np.where(inside[..., None], rates, 0.0)
 
 
@@ -193,27 +223,40 @@ def scan_set(
     n_windows: int = N_WINDOWS,
     gaps: Gaps = Gaps.SPLIT,
     window_ms: int = WINDOW_MS,
+    gained: Mapping[ForceScaling, Sequence[Raster]] = MappingProxyType({}),
 ) -> ScanSet:
     """Return the scans of recorded trials. ``normalisation``: of the readings.
 
+    ``gained``: spikes of the same trials with a gain on the SA current, uint8 (n, 9) each.
     Raises :class:`WrongUse` for no trial, or arrays that do not fit together.
     """
     if not recordings:
         raise WrongUse(f"{session} has no complete trials")
     for one in recordings:
         _check(session, one)
-    scaled = [
-        scale_windows(
-            one.spikes,
-            one.velocities_um_per_s,
-            reference_um_per_s,
-            gaps=gaps,
-            window_ms=window_ms,
+
+    def windows_of(trains: Sequence[Raster]) -> tuple[list[ScaledWindows], list[ScaledWindows]]:
+        scaled = [
+            scale_windows(
+                spikes,
+                one.velocities_um_per_s,
+                reference_um_per_s,
+                gaps=gaps,
+                window_ms=window_ms,
+            )
+            for spikes, one in zip(trains, recordings, strict=True)
+        ]
+        return scaled, [time_windows(spikes, window_ms) for spikes in trains]
+
+    def rates_of(scaled: Sequence[ScaledWindows], timed: Sequence[ScaledWindows]) -> Rates:
+        longest = max(len(windows.counts) for windows in timed)
+        return Rates(
+            np.stack([first_windows(windows, n_windows) for windows in scaled]),
+            np.stack([first_windows(windows, longest) for windows in timed]),
         )
-        for one in recordings
-    ]
-    timed = [time_windows(one.spikes, window_ms) for one in recordings]
-    longest = max(len(windows.counts) for windows in timed)
+
+    scaled, timed = windows_of([one.spikes for one in recordings])
+    plain = rates_of(scaled, timed)
     return ScanSet(
         session,
         simulated,
@@ -222,13 +265,14 @@ def scan_set(
         np.array([str(one.stage) for one in recordings]),
         np.array([one.named_by for one in recordings]),
         np.array([one.trial_id for one in recordings], np.int64),
-        np.stack([first_windows(windows, n_windows) for windows in scaled]),
+        plain.windows,
         np.stack([_first_durations(windows, n_windows) for windows in scaled]),
-        np.stack([first_windows(windows, longest) for windows in timed]),
+        plain.time_rates,
         np.array([len(windows.counts) for windows in timed], np.int64),
         np.stack([mean_reading(one.readings, normalisation) for one in recordings]),
         reference_um_per_s,
         window_ms,
+        {force: rates_of(*windows_of(trains)) for force, trains in gained.items()},
     )
 
 
@@ -286,16 +330,29 @@ def scale_to_population(
     population = np.array([population_reading(one, normalisation) for one in recordings])
     scale = reference / np.maximum(population, np.finfo(np.float64).tiny)
     lanes = np.repeat(scale[:, None], normalisation.n_taxels, axis=1)
-    trains = encode_trials(
-        [one.readings for one in recordings], normalisation, parameters, sa_scale=lanes
-    )
-    encoded = []
-    for one, spikes in zip(recordings, trains, strict=True):
-        raster = np.zeros(one.readings.shape, np.uint8)
+    readings = [one.readings for one in recordings]
+    rasters = encode_all(readings, normalisation, parameters, lanes)
+    return [one._replace(spikes=raster) for one, raster in zip(recordings, rasters, strict=True)]
+
+
+def encode_all(
+    readings: Sequence[NDArray[np.uint16]],
+    normalisation: Normalisation,
+    parameters: EncoderParameters = DEFAULT,
+    sa_scale: Floats | None = None,
+) -> list[Raster]:
+    """Return the SA spikes of many scans as :func:`encode_readings` does, side by side.
+
+    ``sa_scale``: float64 (n_scans, 9), a factor on the SA current of each taxel.
+    """
+    rasters = []
+    trains = encode_trials(readings, normalisation, parameters, sa_scale=sa_scale)
+    for one, spikes in zip(readings, trains, strict=True):
+        raster = np.zeros(one.shape, np.uint8)
         for taxel in range(normalisation.n_taxels):
             np.add.at(raster[:, taxel], spikes.train(taxel), 1)
-        encoded.append(one._replace(spikes=raster))
-    return encoded
+        rasters.append(raster)
+    return rasters
 
 
 def population_reading(recording: ScanRecording, normalisation: Normalisation) -> float:
@@ -342,6 +399,12 @@ class FingerDataSet:
         """Names of the textures, sorted."""
         return self.training.textures
 
+    @property
+    def kinds(self) -> tuple[ScanKind, ...]:
+        """The representations that all its scans have."""
+        others = self.calibration.kinds, self.tested.kinds
+        return tuple(kind for kind in self.training.kinds if all(kind in one for one in others))
+
     def of_repeated_textures(self) -> FingerDataSet:
         """Return the scans of the textures with two training trials or more, with a remark.
 
@@ -370,6 +433,11 @@ class FingerDataSet:
         return FingerDataSet(self.name, training, calibration, tested, (*self.remarks, remark))
 
 
+def common_kinds(data_sets: Sequence[FingerDataSet]) -> tuple[ScanKind, ...]:
+    """Return the representations that all data sets have."""
+    return tuple(kind for kind in ScanKind if all(kind in one.kinds for one in data_sets))
+
+
 def common_textures(each: Sequence[Sequence[str]]) -> tuple[str, ...] | None:
     """Return the textures that all stages or sets have, None where those are too few."""
     common = set(each[0]).intersection(*each[1:])
@@ -396,6 +464,7 @@ class RecordedScans:
     n_windows: int = N_WINDOWS
     gaps: Gaps = Gaps.SPLIT
     window_ms: int = WINDOW_MS
+    passport: SensorPassport | None = None
 
     @property
     def stages(self) -> frozenset[str]:
@@ -404,8 +473,22 @@ class RecordedScans:
 
     @property
     def scans(self) -> ScanSet:
-        """The scans as arrays."""
-        return self._scan_set(self.recordings)
+        """The scans as arrays, with every gain that their sensor allows."""
+        gained = {force: self._encoded(gain) for force, gain in self.gains.items()}
+        return self._scan_set(self.recordings, gained)
+
+    @property
+    def gains(self) -> dict[ForceScaling, ForceGain]:
+        """The gains of the SA current for the ranges; a calibrated one needs a passport."""
+        ranges = self.encoding.normalisation
+        gains = {ForceScaling.DIVIDED: divided(ranges)}
+        if self.passport is not None:
+            gains[ForceScaling.CALIBRATED] = self.passport.gain(ranges)
+        return gains
+
+    def _encoded(self, gain: ForceGain) -> list[Raster]:
+        readings = [gain.apply(one.readings) for one in self.recordings]
+        return encode_all(readings, self.encoding.normalisation, self.encoding.parameters)
 
     def encoded_anew(self, encode: Callable[[ScanRecording], NDArray[np.uint8]]) -> RecordedScans:
         """Return the scans with other spikes for their readings."""
@@ -420,7 +503,11 @@ class RecordedScans:
         )
         return self._scan_set(scaled)
 
-    def _scan_set(self, recordings: Sequence[ScanRecording]) -> ScanSet:
+    def _scan_set(
+        self,
+        recordings: Sequence[ScanRecording],
+        gained: Mapping[ForceScaling, Sequence[Raster]] = MappingProxyType({}),
+    ) -> ScanSet:
         return scan_set(
             str(self.path),
             recordings,
@@ -430,6 +517,7 @@ class RecordedScans:
             n_windows=self.n_windows,
             gaps=self.gaps,
             window_ms=self.window_ms,
+            gained=gained,
         )
 
     def with_settings(self, settings: FingerAnalysisSettings) -> RecordedScans:
@@ -483,9 +571,31 @@ def read_scans(path: Path) -> RecordedScans:
         latencies = session.latencies
         kinds = sorted(set(latencies["kind"].tolist()))
         by_kind = {kind: latencies["ms"][latencies["kind"] == kind] for kind in kinds}
-        simulated = session.header.simulated
-    remarks = tuple(f"{path}: {text}" for text in left_out)
-    return RecordedScans(path, recordings, encoding, simulated, by_kind, remarks)
+        header = session.header
+    passport, obstacle = _passport(header)
+    remarks = tuple(f"{path}: {text}" for text in (*left_out, *obstacle))
+    found = RecordedScans(
+        path, recordings, encoding, header.simulated, by_kind, remarks, passport=passport
+    )
+    if header.encoder_scaling == ForceScaling.NONE:
+        return found
+    # The board had the gain of the model that named the scans; every gain is applied to plain ones.
+    return found.encoded_anew(
+        lambda one: encode_readings(one.readings, encoding.normalisation, encoding.parameters)
+    )
+
+
+def _passport(header: SessionHeader) -> tuple[SensorPassport | None, tuple[str, ...]]:
+    """Return the passport that the finger's counts can use, or a remark on one that they cannot."""
+    passport = passport_of({"path": "the session", "passport": header.passport})
+    if passport is None:
+        return None, ()
+    if passport.reading is Reading.COUNTS and len(passport.taxels) == header.n_taxels:
+        return passport, ()
+    return None, (
+        f"Calibrated representations are left out: the passport is of the {passport.reading} of "
+        f"{len(passport.taxels)} taxels, the finger gives the counts of {header.n_taxels}",
+    )
 
 
 def training_info(scans: RecordedScans, made_utc: str) -> TrainingInfo:
@@ -525,6 +635,12 @@ def read_data_sets(
     resources.progress(READING_STAGE, len(paths), len(paths))
     pairs, remarks = _pair(read)
     remarks.append(describe_windows(read))
+    lacking = [str(one.path) for one in read if one.passport is None]
+    if 0 < len(lacking) < len(read):
+        remarks.append(
+            "Calibrated representations are left out where a session carries no passport of its "
+            f"sensor: {', '.join(lacking)}"
+        )
     data_sets, currents = [], []
     for number, (first, new) in enumerate(pairs, start=1):
         name = f"set {number}"

@@ -28,7 +28,7 @@ from rigctl.analysis.statistics import (
 )
 from rigctl.errors import WrongUse
 from rigctl.finger import published
-from rigctl.finger.analysis.scans import KINDS, FingerDataSet, ScanKind, ScanSet
+from rigctl.finger.analysis.scans import KINDS, FingerDataSet, ScanSet, common_kinds
 from rigctl.finger.analysis.settings import FingerAnalysisSettings
 from rigctl.finger.published import (
     DEPLOYED,
@@ -39,6 +39,7 @@ from rigctl.finger.published import (
     UNTRAINED,
     FingerTask,
 )
+from rigctl.finger.values import ScanKind
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -200,10 +201,10 @@ def _join(
     found: DrawnAccuracies,
     settings: DrawSettings,
 ) -> FingerResult:
-    rows = {kind: found[task.key, kind] for kind in KINDS}
+    rows = {kind: found[task.key, kind] for kind in common_kinds(data_sets)}
     # Sets of other sizes may allow other numbers of components: the common ones are compared.
-    k_max = min(len(row) for kind in KINDS for row in rows[kind])
-    accuracy = {kind: np.array([row[:k_max] for row in rows[kind]]) for kind in KINDS}
+    k_max = min(len(row) for each in rows.values() for row in each)
+    accuracy = {kind: np.array([row[:k_max] for row in each]) for kind, each in rows.items()}
     tested = min(len(_tested(task, data_set, settings.finger)) for data_set in data_sets)
     n_train = min(_n_train(task, data_set, settings.finger) for data_set in data_sets)
     chance = 1.0 / len(data_sets[0].textures)
@@ -221,8 +222,11 @@ def has_runs_of_each(data_sets: Sequence[FingerDataSet]) -> bool:
 
 
 def tested_of(data_set: FingerDataSet, kind: ScanKind) -> Rows:
-    """Return the tested scans of one kind's own runs; all where there are not runs of each."""
-    if not has_runs_of_each([data_set]):
+    """Return the tested scans of one kind's own runs; all where there are not runs of each.
+
+    A kind that the paper does not have is tested on all.
+    """
+    if kind not in KINDS or not has_runs_of_each([data_set]):
         return np.arange(len(data_set.tested))
     return np.flatnonzero(data_set.tested.named_by == kind.value)
 
@@ -258,11 +262,11 @@ def _draw_accuracies(task: _DrawTask) -> DrawnAccuracies:
     found: DrawnAccuracies = {}
     for draw in task.draws:
         seed = [task.settings.seed, task.number, draw]
-        for kind in KINDS:
+        for kind in task.data_set.kinds:
             for key, row in draw_accuracies(task.data_set, kind, seed, task.settings):
                 found.setdefault((key, kind), []).append(row)
     if 0 in task.draws:
-        for kind in KINDS:
+        for kind in task.data_set.kinds:
             accuracy = deployed_accuracy(task.data_set, kind, task.settings)
             found[DEPLOYED.key, kind] = [accuracy]
     return found

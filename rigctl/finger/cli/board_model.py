@@ -8,9 +8,6 @@ from pathlib import Path
 from rigctl.cli.arguments import a_path, add_option
 from rigctl.errors import WrongUse
 
-REPRESENTATION = "Speed Scaled"
-"""The board's features are those of scaled time."""
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the part."""
@@ -23,14 +20,15 @@ def run(args: argparse.Namespace) -> int:
     from rigctl.finger.analysis.classifier import board_coefficients, centred_stages
     from rigctl.finger.board_messages import model_header
     from rigctl.finger.model_file import load_finger_model
-    from rigctl.finger.model_files import model_path
+    from rigctl.finger.model_files import SPEED_SCALED, model_path
+    from rigctl.finger.values import ScanKind
 
-    path = model_path(args.model, "speed-scaled")
+    path = model_path(args.model, SPEED_SCALED)
     model = load_finger_model(path)
-    if model.representation != REPRESENTATION:
+    if not ScanKind(model.representation).is_speed_scaled:
         raise WrongUse(
-            f"{path} is a model of {model.representation} features, the board has {REPRESENTATION} "
-            "ones: give model-speed-scaled.h5"
+            f"{path} is a model of {model.representation} features, the board's are of scaled "
+            "time: give model-speed-scaled.h5"
         )
     stage = centred_stages(model)[-1]
     coefficients, intercepts = board_coefficients(model)

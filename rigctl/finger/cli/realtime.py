@@ -45,7 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     run_part.add_argument(
         "--representation",
         choices=REPRESENTATIONS,
-        help="with or without speed scaling (speed-scaled, or that of the model file)",
+        help="what names the scans (speed-scaled, or that of the model file); with a gain for the "
+        "force, the board has it",
     )
     add_option(
         run_part,

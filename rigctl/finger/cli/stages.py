@@ -27,7 +27,7 @@ from rigctl.finger.status import (
     FingerRunStatus,
     parse_finger_status,
 )
-from rigctl.finger.values import PredictionRow
+from rigctl.finger.values import PredictionRow, ScanKind
 
 
 def answer_lines(folder: Path) -> Iterator[str]:
@@ -120,7 +120,7 @@ def classify(args: argparse.Namespace) -> int:
 def _check_representation(model: Path, wanted: str | None) -> None:
     """Say which representation names the scans. Raises WrongUse where another was asked for."""
     name = load_finger_model(model).representation
-    if wanted is not None and name.lower().replace(" ", "-") != wanted:
+    if wanted is not None and ScanKind(name).key != wanted:
         raise WrongUse(
             f"{model} is a model of {name}, not of {wanted}: name the other file, or the folder of "
             "the calibration"

@@ -58,7 +58,7 @@ def test_live_spikes_equal_those_of_the_recorded_counts(tmp_path: Path, scaling:
         window, readings = session.window(row), session.readings(row)
         first = int(np.searchsorted(live.counters, window.first_counter))
         shown = live.spikes[first : first + len(readings)]
-        parameters, gain = session.header.encoder_parameters, session.gain(ranges)
+        parameters, gain = session.header.encoder_parameters, session.header.gain(ranges)
     assert gain is not None
     (spikes,) = encode_trials([readings], ranges, parameters, gains=[gain])
     (plain,) = encode_trials([readings], ranges, parameters)

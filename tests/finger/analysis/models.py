@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from rigctl.finger.analysis.classifier import calibrate_finger_model, train_finger_model
-from rigctl.finger.analysis.scans import FingerDataSet, FingerEncoding, ScanKind
+from rigctl.finger.analysis.scans import FingerDataSet, FingerEncoding
 from rigctl.finger.model_file import FingerModel
+from rigctl.finger.values import ScanKind
 from rigctl.session.model_file import TrainingInfo
 from tests.finger.analysis.made_scans import RANGES
 

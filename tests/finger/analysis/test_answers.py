@@ -10,7 +10,8 @@ import pytest
 
 from rigctl.errors import WrongUse
 from rigctl.finger.analysis.classifier import FingerClassifier
-from rigctl.finger.analysis.scans import KINDS, FingerDataSet, ScanKind, ScanSet
+from rigctl.finger.analysis.scans import KINDS, FingerDataSet, ScanSet
+from rigctl.finger.values import ScanKind
 from tests.finger.analysis.made_scans import made_data_set
 from tests.finger.analysis.models import calibrated_model
 

@@ -25,8 +25,9 @@ from rigctl.finger.analysis.classifier import (
     stage_features,
     train_finger_model,
 )
-from rigctl.finger.analysis.scans import KINDS, FingerDataSet, FingerEncoding, ScanKind
+from rigctl.finger.analysis.scans import KINDS, FingerDataSet, FingerEncoding
 from rigctl.finger.model_file import FingerModel, load_finger_model, save_finger_model
+from rigctl.finger.values import ScanKind
 from rigctl.session.hdf5_file import write_attributes
 from tests.finger.analysis.made_scans import made_data_set
 from tests.finger.analysis.models import ENCODING, INFO, calibrated_model

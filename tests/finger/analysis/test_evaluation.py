@@ -19,7 +19,8 @@ from rigctl.finger.analysis.evaluation import (
     profile_differences,
     train_classifier,
 )
-from rigctl.finger.analysis.scans import KINDS, FingerDataSet, ScanKind, ScanSet
+from rigctl.finger.analysis.scans import KINDS, FingerDataSet, ScanSet
+from rigctl.finger.values import ScanKind
 from tests.finger.analysis.made_scans import made_data_set
 
 

@@ -14,8 +14,9 @@ from PIL import Image
 from rigctl.analysis.cache import Resources
 from rigctl.analysis.report.figure import Panel, PublishedValue
 from rigctl.analysis.statistics import k_ranges
+from rigctl.encoder.force_gain import ForceScaling
 from rigctl.errors import WrongUse
-from rigctl.finger.analysis.figures import accuracy_figures, draw_latencies
+from rigctl.finger.analysis.figures import accuracy_figures, draw_latencies, gain_figure
 from rigctl.finger.analysis.report import (
     CAPTIONS,
     findings,
@@ -25,9 +26,10 @@ from rigctl.finger.analysis.report import (
     write_finger_report,
 )
 from rigctl.finger.analysis.results import FingerAnalysis, analyse_finger
-from rigctl.finger.analysis.scans import ScanKind
+from rigctl.finger.analysis.scans import FingerDataSet, Rates, ScanSet
 from rigctl.finger.analysis.tasks import DrawSettings
 from rigctl.finger.published import NEW_SESSION, SAME_SESSION
+from rigctl.finger.values import ScanKind
 from tests.finger.analysis.made_scans import made_data_set
 
 DIAMOND = 'd="M-4.183,0L0,-4.183L4.183,0L0,4.183Z"'
@@ -72,9 +74,33 @@ def test_a_texture_with_few_training_trials_is_told_and_the_rest_analysed(
 
 
 def test_every_figure_is_there_and_says_that_it_is_simulated(folder: Path) -> None:
-    for name in ("fig4b", "fig4c", "figs5", "evidence", "promises", "latencies"):
+    for name in ("fig4b", "fig4c", "figs5", "gains", "evidence", "promises", "latencies"):
         assert (folder / f"{name}.png").stat().st_size > 10_000
         assert "Simulated finger · 1 data set" in (folder / f"{name}.svg").read_text("utf-8")
+
+
+def test_every_representation_says_what_it_knows_of_the_force(tmp_path: Path) -> None:
+    plain = made_data_set(1, contrast=0.012)
+
+    def with_gain(scans: ScanSet) -> ScanSet:
+        rates = Rates(scans.windows, scans.time_rates)
+        return replace(scans, gained={ForceScaling.DIVIDED: rates})
+
+    parts = (with_gain(one) for one in (plain.training, plain.calibration, plain.tested))
+    found = analyse_finger([FingerDataSet("gained", *parts)], DrawSettings(1))
+    page = write_finger_report(found, tmp_path / "out", "2030-01-01T00:00:00Z").read_text("utf-8")
+    values: dict[str, Any] = json.loads((tmp_path / "out" / "results.json").read_text("utf-8"))
+    assert values["knows"] == dict.fromkeys(
+        ("Original", "Speed Scaled", "Divided", "Speed Scaled and Divided"), "nothing"
+    )
+    for task in values["tasks"].values():
+        assert task["curves"]["Speed Scaled and Divided"] == task["curves"]["Speed Scaled"]
+    divided = [one for one in values["force_invariance"] if one["scaling"] == "Divided"]
+    assert {one["verdict"] for one in divided} == {"no significant difference"}
+    (figure,) = accuracy_figures(values, {"Fig. S5": "Figure S5: one"})
+    assert len(figure.panels[0].series) == 2, "the paper's figure has the paper's two"
+    assert len(gain_figure(values).panels[0].series) == 4
+    assert "what it knows of the force" in page and "<td>Speed Scaled and Divided</td>" in page
 
 
 def test_the_figures_have_the_papers_values_and_both_representations(folder: Path) -> None:
@@ -172,7 +198,7 @@ def test_the_curves_have_the_papers_values_and_asterisks(folder: Path) -> None:
     assert panel.series[1].stars == values["curve_tests"]["same-session"]["Speed Scaled"]["stars"]
     page = (folder / "report.html").read_text("utf-8")
     assert page.index("Figure 4B") < page.index("Ours beside the paper")
-    assert page.count("<figure class=chart") == 5
+    assert page.count("<figure class=chart") == 6
 
 
 def test_a_claim_is_counted_at_the_papers_numbers_of_components(analysis: FingerAnalysis) -> None:

@@ -10,14 +10,13 @@ from rigctl.encoder.normalisation import Normalisation
 from rigctl.errors import WrongUse
 from rigctl.finger.analysis.scans import (
     FingerDataSet,
-    ScanKind,
     ScanRecording,
     encode_readings,
     mean_reading,
     scan_set,
 )
 from rigctl.finger.scaled_time import original_features, scale_windows, speed_scaled_features
-from rigctl.finger.values import Stage
+from rigctl.finger.values import ScanKind, Stage
 from tests.finger.analysis.made_scans import RANGES, made_recordings, made_scans
 
 RECORDINGS = made_recordings({Stage.TRAIN: 1}, 5)

@@ -13,7 +13,7 @@ from rigctl.analysis.pca_lda import ScaledCovariance, SweepEngine
 from rigctl.analysis.settings import AnalysisSettings
 from rigctl.analysis.statistics import two_proportions, welch_each
 from rigctl.errors import WrongUse
-from rigctl.finger.analysis.scans import KINDS, ScanKind
+from rigctl.finger.analysis.scans import KINDS
 from rigctl.finger.analysis.settings import FingerAnalysisSettings
 from rigctl.finger.analysis.tasks import (
     DrawSettings,
@@ -30,6 +30,7 @@ from rigctl.finger.published import (
     TRAINED,
     UNTRAINED,
 )
+from rigctl.finger.values import ScanKind
 from tests.finger.analysis.made_scans import made_data_set
 
 EXACT = DrawSettings(engine=SweepEngine.SKLEARN)

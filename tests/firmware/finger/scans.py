@@ -8,11 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.encoder.encoder import Encoder
+from rigctl.encoder.force_gain import ForceGain, ForceScaling, calibrated, divided
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.finger import board_messages
 from rigctl.finger.bench.firmware import FingerFirmware
 from rigctl.finger.bench.qemu import InstructionCount, Line, Script, run_script
-from rigctl.finger.board_messages import BATCH_SAMPLES, N_TAXELS, SampleFlag, WindowReport
+from rigctl.finger.board_messages import (
+    BATCH_SAMPLES,
+    N_TAXELS,
+    NO_GAIN,
+    SampleFlag,
+    WindowReport,
+)
 from rigctl.finger.decoder import FingerBlock, FingerDecoder
 
 LOW = tuple(range(40, 40 + N_TAXELS))
@@ -25,6 +32,14 @@ PROFILES = {
     "fast-to-slow": (200, 50),
 }
 """Velocities in mm/s at the start and at the end of the scan."""
+RANGES = Normalisation(np.array(LOW, np.uint16), np.array(HIGH, np.uint16))
+FORCES_G = np.geomspace(50.0, 1200.0, 12)
+CURVES = LOW + np.linspace(3.0, 7.0, N_TAXELS) * FORCES_G[:, None] ** 0.7
+GAINS = {
+    ForceScaling.NONE: NO_GAIN,
+    ForceScaling.DIVIDED: divided(RANGES),
+    ForceScaling.CALIBRATED: calibrated(FORCES_G, CURVES, RANGES),
+}
 SETTINGS = board_messages.set_ranges(LOW, HIGH) + board_messages.read_settings()
 
 
@@ -89,19 +104,21 @@ def through_host_build(
     return b"".join(sent)
 
 
-def through_image(scans: list[SyntheticScan]) -> tuple[bytes, InstructionCount]:
+def through_image(
+    scans: list[SyntheticScan], requests: bytes = b""
+) -> tuple[bytes, InstructionCount]:
     """Return the bytes that the Cortex-M7 image sends, and its instructions."""
     script = Script()
-    script.add(Line.HOST, SETTINGS)
+    script.add(Line.HOST, SETTINGS + requests)
     for line, data in (step for scan in scans for step in steps(scan)):
         script.add(line, data)
     return run_script(script)
 
 
-def differing_trains(sent: bytes, scans: list[SyntheticScan]) -> int:
+def differing_trains(sent: bytes, scans: list[SyntheticScan], gain: ForceGain = NO_GAIN) -> int:
     """Return how many spike trains differ from the encoder's, of 9 in each scan."""
     block, _ = FingerDecoder().feed(sent)
-    encoder = Encoder(Normalisation(np.array(LOW, np.uint16), np.array(HIGH, np.uint16)))
+    encoder = Encoder(RANGES, gain_of=lambda _: gain)
     differing = 0
     for rows, scan in zip(_rows(block, scans), scans, strict=True):
         encoder.reset()

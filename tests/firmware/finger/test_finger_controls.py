@@ -7,11 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rigctl.encoder.force_gain import ForceScaling
+from rigctl.finger import board_messages
 from rigctl.finger.bench.firmware import FingerFirmware
 from rigctl.finger.decoder import FingerDecoder
 from tests.firmware.broken import BROKEN
 from tests.firmware.building import host_library
 from tests.firmware.finger.scans import (
+    GAINS,
     differing_trains,
     differing_windows,
     synthetic_scan,
@@ -41,5 +44,15 @@ def test_state_in_single_precision_gives_other_spikes(sent_by: dict[str, bytes])
 def test_distance_in_single_precision_gives_other_windows(sent_by: dict[str, bytes]) -> None:
     assert differing_windows(sent_by[""], SCANS) == 0
     assert differing_windows(sent_by["distance-in-float"], SCANS) > 0
-    spikes = [FingerDecoder().feed(sent_by[name])[0].spikes for name in sent_by]
-    assert np.array_equal(spikes[0], spikes[2])
+    spikes = [FingerDecoder().feed(sent_by[name])[0].spikes for name in ("", "distance-in-float")]
+    assert np.array_equal(*spikes)
+
+
+def test_a_gain_that_is_not_interpolated_gives_other_spikes(tmp_path: Path) -> None:
+    gain = GAINS[ForceScaling.DIVIDED]
+    broken = host_library("finger", "gain-not-interpolated", tmp_path / "finger.so")
+    for path, differs in ((None, False), (broken, True)):
+        board = FingerFirmware(path)
+        sent = through_host_build(SCANS[:5], board, board_messages.set_gain(gain))
+        board.close()
+        assert (differing_trains(sent, SCANS[:5], gain) > 0) is differs

@@ -7,12 +7,15 @@ from collections.abc import Iterator
 
 import pytest
 
+from rigctl.encoder.force_gain import ForceScaling
+from rigctl.finger import board_messages
 from rigctl.finger.bench.firmware import FingerFirmware
 from rigctl.finger.board_messages import ScanEnded
 from rigctl.finger.decoder import FingerDecoder
 from rigctl.finger.neuron_header import HEADER, neuron_header
 from tests.firmware.building import built
 from tests.firmware.finger.scans import (
+    GAINS,
     differing_trains,
     differing_windows,
     synthetic_scan,
@@ -41,6 +44,23 @@ def test_the_cortex_m7_image_sends_the_same_bytes_as_the_host_build(sent: bytes)
 
 def test_no_spike_train_differs_from_the_encoder(sent: bytes) -> None:
     assert differing_trains(sent, SCANS) == 0
+
+
+@pytest.mark.parametrize("scaling", ForceScaling)
+def test_a_gain_gives_the_encoders_spikes_in_every_build(
+    sent: bytes, scaling: ForceScaling
+) -> None:
+    built("firmware/finger.elf")
+    gain, scans = GAINS[scaling], SCANS[:5]
+    requests = board_messages.set_gain(gain) + board_messages.read_settings()
+    board = FingerFirmware()
+    host_build = through_host_build(scans, board, requests)
+    board.close()
+    image, count = through_image(scans, requests)
+    assert image == host_build
+    assert count.longest < 600_000 // 20, "a twentieth of a Teensy's cycles in a millisecond"
+    assert differing_trains(image, scans, gain) == 0
+    assert (differing_trains(image, scans) > 20) == (scaling is not ForceScaling.NONE)
 
 
 def test_windows_hold_the_spikes_of_ten_millimetres_each(sent: bytes) -> None:

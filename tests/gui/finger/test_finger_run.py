@@ -88,7 +88,7 @@ def test_another_session_of_the_person_gets_another_engine(
     setup = finger.tab.setup
     setup.choose_stage("run")
     setup.model.setText(str(_models(tmp_path)))
-    setup.representation.setCurrentIndex(1)
+    setup.representation.setCurrentIndex(setup.representation.findData("original"))
     (tmp_path / "next").mkdir()
     first, second = finger.engine, FakeFinger(tmp_path / "next")
     shared.finger = second
