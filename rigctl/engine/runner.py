@@ -162,7 +162,7 @@ class Run(ServedRun[RunControl, Recorder]):
             self.control.skips_trial = True
         else:
             self._steps.drop([trial])
-            self._progress.finish(trial)
+            self._progress.skip(trial, was_in_hand=False)
 
     def end_condition(self, end: ConditionEnd) -> bool:
         """Leave out the trials of a condition that are to come; none are left is no error.
@@ -244,7 +244,7 @@ class Run(ServedRun[RunControl, Recorder]):
         assert self._in_hand is not None
         self.control.skips_trial = False
         await self._step_runner.make_safe()
-        self._progress.finish(self._in_hand)
+        self._progress.skip(self._in_hand, was_in_hand=True)
 
     async def _pause(self) -> None:
         with self._progress.idle():
