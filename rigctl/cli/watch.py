@@ -100,7 +100,7 @@ def looks(folder: Path, columns: int = 0, marks: str = BLOCKS) -> Iterator[Look]
         yield Look(_if_new(before, doing), NOTHING_YET, is_gone=is_gone and was_gone)
         was_gone = is_gone
     with open_session(folder) as session:
-        watched = _Watched(session, columns, marks)
+        watched = _Watched(session, columns, marks, doing)
         while True:
             try:
                 yield watched.look()
@@ -114,13 +114,13 @@ def looks(folder: Path, columns: int = 0, marks: str = BLOCKS) -> Iterator[Look]
 class _Watched:
     """A session with a part, of which each look finds what is new since the one before."""
 
-    def __init__(self, session: SessionReader, columns: int, marks: str) -> None:
+    def __init__(self, session: SessionReader, columns: int, marks: str, doing: str) -> None:
         self._session = session
         self._columns, self._marks = columns, marks
         self._part, self._row = session.parts[-1].number, max(0, self._n_events - PAST_EVENTS)
         self._earlier = not_good(session)
         self._newest = -1
-        self._doing = ""
+        self._doing = doing
         self._was_gone = False
 
     def look(self) -> Look:
@@ -223,6 +223,15 @@ def doing_words(run: RunStatus) -> str:
     return ""
 
 
+def due_words(run: RunStatus) -> list[str]:
+    """Return when the next plate is due and when the run ends, as far as an engine tells."""
+    words = []
+    if plate := run.next_plate:
+        more = f" and {plate.trials} more" if plate.trials else ""
+        words.append(f"plate {plate.texture} in {clock(plate.left_s)}, after this trial{more}")
+    return [*words, f"end in {clock(run.eta_s)}"] if run.eta_s is not None else words
+
+
 def _if_new(before: str, text: str) -> list[str]:
     return [text] if text not in ("", before) else []
 
@@ -250,11 +259,6 @@ def _line(session: SessionReader, run: RunStatus) -> str:
     parts = [f"{committed} of {planned} trials, {rejected} rejected"]
     if n_quarantined := len(session.quarantined()):
         parts[0] += f", {n_quarantined} in quarantine"
-    if plate := run.next_plate:
-        trials = f"{plate.trials} trial{'' if plate.trials == 1 else 's'}"
-        due = f"in {clock(plate.left_s)}, after {trials}" if plate.trials else "after this trial"
-        parts.append(f"plate {plate.texture} {due}")
-    if run.eta_s is not None:
-        parts.append(f"end in {clock(run.eta_s)}")
+    parts += due_words(run)
     parts += [f"{session.n_samples} samples, {lost} lost", f"newest data {age_s:.1f} s old"]
     return "; ".join(parts)

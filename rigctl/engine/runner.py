@@ -185,7 +185,12 @@ class Run(ServedRun[RunControl, Recorder]):
         texture, trials = self._steps.next_plate, self._steps.trials_on_plate()
         if texture is None:
             return None
-        return NextPlate(texture, len(trials), self._progress.duration_of_s(trials))
+        n_more = len(trials)
+        present = self._in_hand  # in a pause, too: its trial begins again
+        if present and not self._step_runner.committed_attempt(present.trial_id):
+            trials = [present, *trials]
+        left_s = self._progress.duration_of_s(trials)
+        return NextPlate(texture, n_more, left_s)
 
     async def _run_plan(self) -> tuple[str, str]:
         outcome = await self._run_steps()

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from rigctl.cli import main, watch
-from rigctl.cli.watch import LETTERS, NOTHING_YET, Look, looks, raster_lines
+from rigctl.cli.watch import LETTERS, NOTHING_YET, Look, due_words, looks, raster_lines
 from rigctl.engine.rpc.client import FoundEngine
 from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE, EngineFile
 from rigctl.engine.runner import Run
@@ -72,39 +72,44 @@ def test_events_trials_and_the_end_are_seen_as_they_are_recorded(tmp_path: Path)
 def test_what_the_run_does_and_when_the_plate_changes_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found: list[Look] = []
+    news: list[list[str]] = []
+    due: list[list[str]] = []
 
     async def scenario(harness: EngineHarness) -> None:
         run = harness.engine.run
         assert run is not None
         monkeypatch.setattr(watch, "find_engines", lambda: [engine_of(run)])
-        await harness.until(lambda: run.control.prompt is not None)
         view = watched(harness.session)
-        found.append(next(view))
+
+        def look() -> None:
+            news.append(next(view).news)
+            due.append(due_words(watch.run_of(harness.session)))
+
+        await harness.until(lambda: run.control.prompt is not None)
+        look()
         run.control.answer(1, "ok")
         await harness.until(lambda: run.status().trial_id == 1)
-        await harness.wait(1.0)
-        found.append(next(view))
+        look()
         await harness.until(lambda: run.status().trials_committed == 1)
-        found.append(next(view))
+        look()
         run.control.pause()
         await harness.until(lambda: run.status().state == "paused")
-        found.extend(next(view) for _ in range(2))
+        look()
+        await harness.wait(60)
+        look()
         run.control.abort("enough")
         await harness.until(harness.has_ended)
 
     with open_harness(tmp_path) as harness:
         harness.run(scenario, harness.request(TINY, yes=False))
-    asked, first, running, *paused = found
-    assert asked.news == ["waits for an answer: Mount plate A, then confirm."]
-    assert asked.line == NOTHING_YET
-    assert first.news[-1].startswith("trial 1: A, ")
-    assert "; plate L in 0:00:" in first.line and ", after 1 trial; end in " in first.line
-    assert running.news[-1].startswith("trial 2: A, ")
-    assert "; plate L after this trial; end in 0:00:" in running.line
-    assert [look.news.count("paused: operator") for look in paused] == [1, 0]
-    ends = [look.line.split("end in ")[1][:7] for look in paused]
-    assert ends[0] == ends[1]
+    assert news[0] == ["waits for an answer: Mount plate A, then confirm."]
+    assert news[1][-1].startswith("trial 1: A, ") and news[2][-1].startswith("trial 2: A, ")
+    assert news[3][-1] == "paused: operator" and "paused: operator" not in news[4]
+    first, second = (text for text, _ in due[1:3])
+    assert first.startswith("plate L in 0:00:") and first.endswith(", after this trial and 1 more")
+    assert second.startswith("plate L in 0:00:") and second.endswith(", after this trial")
+    assert second < first
+    assert due[3] == due[4] and due[3][-1].startswith("end in 0:00:")
 
 
 def engine_of(run: Run) -> FoundEngine:
