@@ -13,7 +13,15 @@ from gui.widgets.formatting import capitalised
 from gui.widgets.labels import Level, StatusLamp, label
 from gui.widgets.layouts import hbox, push_button
 from rigctl.boards.drum_states import FAULT_TEXT, State
-from rigctl.engine.rpc.messages import DISCONNECTED_TEXT, EngineStatus, RunStatus
+from rigctl.engine.rpc.messages import (
+    DISCONNECTED_TEXT,
+    FAULT,
+    LINK,
+    OPERATOR,
+    EngineStatus,
+    RunStatus,
+    reason_words,
+)
 
 RELEASE_FIRST = "Release the emergency stop first"
 CONTINUE = "Protocol → Continue a session … runs the remaining trials"
@@ -184,6 +192,8 @@ class Announcer(QObject):
         super().__init__()
         self.sounds = True
         """Whether alarms beep."""
+        self.notices = True
+        """Whether the desktop shows them."""
         self._beep = beep
         self._notify = notify if notify is not None else DesktopNotice(self)
         self._repeat = QTimer(self)
@@ -198,7 +208,8 @@ class Announcer(QObject):
     def announce(self, title: str, text: str, *, repeats: bool) -> None:
         """Tell of something new; ``repeats`` goes on until :meth:`silence`."""
         self._sound()
-        self._notify(title, text)
+        if self.notices:
+            self._notify(title, text)
         if repeats:
             self._repeat.start()
 
@@ -234,10 +245,15 @@ class DesktopNotice(QObject):
 
 
 WAITS = "WAITS FOR YOU"
+NOTHING_RECORDED_S = 60.0
+"""A run records while it homes, tares, presses and turns; between two plates it begins at once."""
 
 
 class AlarmCenter(QObject):
-    """Shows the alarms of one engine in a strip, and announces each new one and each question."""
+    """Shows the alarms of one engine in a strip, and announces each new one.
+
+    Announces each question, too, and that a run is done, pauses by itself or records nothing.
+    """
 
     title_changed = Signal(str)
     """Title of the first alarm, empty without one: for the window's title and its heading."""
@@ -253,9 +269,12 @@ class AlarmCenter(QObject):
         self._kept: dict[str, Alarm] = {}
         self._dismissed: set[str] = set()
         self._prompt_id: int | None = None
+        self._recorded_s = 0.0
+        self._news: tuple[str, str] | None = None
 
     def show_status(self, status: EngineStatus) -> None:
-        """Show the alarms of a status, and announce its question if it is a new one."""
+        """Show the alarms of a status, and announce its question and its run's news once."""
+        self._announce_news(status)
         self._last = status
         present = status_alarms(status)
         self._dismissed &= {alarm.key for alarm in present}
@@ -274,7 +293,7 @@ class AlarmCenter(QObject):
 
     def forget(self) -> None:
         """Forget the alarms of the last engine: another one is connected, or the user left it."""
-        self._last, self._prompt_id = EngineStatus(), None
+        self._last, self._prompt_id, self._news = EngineStatus(), None, None
         self._kept.clear()
         self._dismissed.clear()
         self._show([])
@@ -300,6 +319,27 @@ class AlarmCenter(QObject):
         if prompt is not None and prompt.id != self._prompt_id:
             self.announcer.announce("The run waits for you", prompt.text, repeats=False)
         self._prompt_id = prompt.id if prompt is not None else None
+
+    def _announce_news(self, status: EngineStatus) -> None:
+        before, self._news = self._news, self._news_of(status)
+        if self._news not in (None, before):
+            self.announcer.announce(*self._news, repeats=False)
+
+    def _news_of(self, status: EngineStatus) -> tuple[str, str] | None:
+        """Return what somebody should know of a run that is neither alarm nor question."""
+        run = status.run
+        is_new = not self._last.run.is_active
+        if is_new or run.state != "running" or status.recording.active:
+            self._recorded_s = status.at_s
+        waits = reason_words(each for each in run.reasons if each not in (OPERATOR, LINK, FAULT))
+        if run.state == "done" and (not is_new or self._news):
+            return "The run is done", f"{capitalised(run.text)}. {_session(run)}."
+        if run.state == "paused" and waits:
+            return "The run is paused", f"{capitalised(waits)}. {_session(run)}."
+        if status.at_s - self._recorded_s > NOTHING_RECORDED_S:
+            text = f"For a minute {_session(run)} has got no samples: look at the rig."
+            return "Nothing is recorded", text
+        return None
 
     def _silence(self) -> None:
         self.announcer.silence()

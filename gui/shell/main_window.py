@@ -29,7 +29,7 @@ from gui.shell.drum_controller import DrumController
 from gui.shell.help_page import REPORTS, HelpPage
 from gui.shell.menus import (
     SaveMenu,
-    add_alarm_sound,
+    add_alarm_switches,
     add_live_actions,
     add_panel_menus,
     add_rig_menu,
@@ -534,7 +534,7 @@ class MainWindow(SteadyFocusWindow):
         add_panel_menus(menus, *panels)
         add_trial_actions(menus, self.docks, self.analysis_tab.panel.trials)
         menus.add_separator("Rig")
-        add_alarm_sound(menus, self.drum, self.settings)
+        add_alarm_switches(menus, self.drum, self.settings)
         tip = "Mark the trial that is chosen here bad, or good again; in a run else the newest"
         notes = "Rig → Trials and notes"
         menus.add(notes, "Mark the trial", self._mark_trial, shortcut="Ctrl+B", tip=tip)

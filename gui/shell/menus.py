@@ -189,7 +189,7 @@ def finger_controls(finger: FingerTab) -> list[QWidget]:
     return [*runs, prompt.confirm, prompt.abort]
 
 
-SOUND_KEY = "alarm_sound"
+SOUND_KEY, NOTICE_KEY = "alarm_sound", "desktop_notices"
 
 
 def add_rig_menu(
@@ -207,18 +207,20 @@ def add_rig_menu(
     menus.add("Rig", "&Running engines", list_engines, tip=tip)
 
 
-def add_alarm_sound(menus: ActionRegistry, drum: DrumController, settings: UserSettings) -> None:
-    """Add the switch of the sound, which the settings keep."""
-    announcer = drum.alarms.announcer
+def add_alarm_switches(menus: ActionRegistry, drum: DrumController, settings: UserSettings) -> None:
+    """Add the switches of sound and desktop notices, which the settings keep."""
 
-    def switch(sounds: bool) -> None:
-        announcer.sounds = sounds
-        settings.set_value(SOUND_KEY, sounds)
+    def switch(name: str, key: str, is_on: bool) -> None:
+        setattr(drum.alarms.announcer, name, is_on)
+        settings.set_value(key, is_on)
 
-    tip = "Beep until an alarm is over or silenced"
-    action = menus.add("Rig", "Alarm &sound", switch, tip=tip, checkable=True)
-    action.setChecked(settings.value(SOUND_KEY, True))
-    announcer.sounds = action.isChecked()
+    for title, name, key, tip in (
+        ("Alarm &sound", "sounds", SOUND_KEY, "Beep until an alarm is over or silenced"),
+        ("Desktop &notices", "notices", NOTICE_KEY, "Show alarms and news of a run on the desktop"),
+    ):
+        action = menus.add("Rig", title, partial(switch, name, key), tip=tip, checkable=True)
+        action.setChecked(settings.value(key, True))
+        setattr(drum.alarms.announcer, name, action.isChecked())
 
 
 def add_live_actions(menus: ActionRegistry, page: LivePage, settings: UserSettings) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
 import time
 from collections import deque
@@ -84,6 +85,8 @@ class ProgressLine:
         if self._quiet or (now_s - self._shown_s < period_s and not (last and self._redraws)):
             return
         self._shown_s = now_s
+        if self._redraws:  # a line that the terminal breaks in two cannot be drawn again
+            text = text[: shutil.get_terminal_size().columns - 1]
         self._write(text, "" if self._redraws else "\n")
 
     def show_stage(self, stage: str, done: int, total: int) -> None:
@@ -113,8 +116,9 @@ class ProgressLine:
             self._width = 0
 
     def _write(self, text: str, end: str) -> None:
-        start = "\r" if self._redraws else ""
-        self._out.write(f"{start}{text}{' ' * (self._width - len(text))}{end}")
+        if self._redraws:
+            self._out.write("\r")  # by itself, as VisibleOutput lets it pass
+        self._out.write(f"{text}{' ' * (self._width - len(text))}{end}")
         self._out.flush()
         self._width = 0 if end else len(text)
 

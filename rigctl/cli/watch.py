@@ -1,13 +1,16 @@
 """Watch a session that another program records.
 
-Print its events as they are recorded, and a line with its trials, its losses and the age of its
-newest data. It reads the folder alone, on any computer that can, and reaches no rig. Exit code 0:
-the session is closed; 1: the program that recorded it is gone.
+Print its events as they are recorded, what was repeated or put into quarantine before, and a line
+with its trials, its losses and the age of its newest data; on a terminal the spikes of the newest
+trial, too. Where its engine runs on this computer, what the run does or waits for, the next change
+of plates and the end as well; without SESSION, of the newest run here. It only looks, and reaches
+no rig. Exit code 0: the session is closed; 1: the program that recorded it is gone.
 """
 
 from __future__ import annotations
 
 import argparse
+import shutil
 import sys
 import time
 from collections.abc import Iterator
@@ -15,21 +18,32 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
+import msgspec
+import numpy as np
+
 from rigctl.cli.arguments import a_path, add_option
-from rigctl.cli.progress import ProgressLine
+from rigctl.cli.progress import ProgressLine, clock
 from rigctl.config.text_file import is_plain_file
-from rigctl.errors import CheckFailed, SessionError
+from rigctl.encoder.encoder import encode_trials
+from rigctl.encoder.normalisation import Normalisation
+from rigctl.engine.rpc.client import find_engines
+from rigctl.engine.rpc.messages import RunStatus, reason_words
+from rigctl.errors import CheckFailed, SessionError, WrongUse
 from rigctl.session import layout
 from rigctl.session.layout import PROTOCOL_FILE, parse_event
 from rigctl.session.part import existing_parts
-from rigctl.session.session import open_session
+from rigctl.session.session import Session, open_session
 from rigctl.session.session_reader import SessionReader
 from rigctl.session.writer_lock import LOCK_FILE, Writer, lock_owner_pid, writer_of
-from rigctl.values import Verdict
+from rigctl.values import Spikes, Verdict
 
 LOOK_EVERY_S = 0.5
 PAST_EVENTS = 20
 """Of the time before, which are shown first."""
+RASTER_ROWS = 9
+"""Lines of each channel; neighbouring taxels share one."""
+BLOCKS, LETTERS = " ▁▂▃▄▅▆▇█", " .:-=+*#@"
+"""Few spikes to many, for terminals with and without Unicode."""
 NOTHING_YET = "nothing is recorded yet: it begins with the first plate"
 GONE = (
     "the program that recorded {session} is gone: continue it with --resume, or put it in order "
@@ -38,9 +52,9 @@ GONE = (
 
 
 class Look(NamedTuple):
-    """What one look at a session found: the new events, a line about it, and the writer's fate."""
+    """What one look at a session found: what is new, a line about it, and the writer's fate."""
 
-    events: list[str]
+    news: list[str]
     line: str
     has_ended: bool = False
     is_gone: bool = False
@@ -48,52 +62,187 @@ class Look(NamedTuple):
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    add_option(parser, "session", a_path, help_text="a session's folder")
+    words = "a session's folder (default: that of the newest run on this computer)"
+    add_option(parser, "session", a_path, help_text=words, nargs="?")
 
 
 def run(args: argparse.Namespace) -> int:
     """Show what is recorded until the session is closed. Raises CheckFailed without a recorder."""
-    line = ProgressLine(sys.stdout)
+    line, folder = ProgressLine(sys.stdout), args.session or _newest_session()
+    columns = shutil.get_terminal_size().columns - 1 if sys.stdout.isatty() else 0
+    marks = BLOCKS if (sys.stdout.encoding or "").lower().startswith("utf") else LETTERS
     try:
-        for look in looks(args.session):
-            for event in look.events:
-                line.say(event)
+        for look in looks(folder, columns, marks):
+            for text in look.news:
+                line.say(text)
             line.show(look.line, last=look.has_ended)
             if look.has_ended:
                 return 0
             if look.is_gone:
-                raise CheckFailed(GONE.format(session=args.session))
+                raise CheckFailed(GONE.format(session=folder))
             time.sleep(LOOK_EVERY_S)
     finally:
         line.end()
     return 0
 
 
-def looks(folder: Path) -> Iterator[Look]:
+def looks(folder: Path, columns: int = 0, marks: str = BLOCKS) -> Iterator[Look]:
     """Yield what is new in a session's folder each time; at first its latest events.
 
-    Before its first part, and while the folder cannot be read, only the line says so. Raises
+    ``columns``: of the raster of each new trial, 0 for none; ``marks``: those of few spikes to
+    many. Before its first part, and while the folder cannot be read, only the line says so. Raises
     SessionError for a folder that is no session.
     """
-    was_gone = False
+    was_gone, doing = False, ""
     while _is_prepared(folder):
         is_gone = writer_of(folder) is Writer.GONE
-        yield Look([], NOTHING_YET, is_gone=is_gone and was_gone)
+        before, doing = doing, doing_words(run_of(folder))
+        yield Look(_if_new(before, doing), NOTHING_YET, is_gone=is_gone and was_gone)
         was_gone = is_gone
     with open_session(folder) as session:
-        taken = session.parts[-1].number, max(0, _n_events(session) - PAST_EVENTS)
+        watched = _Watched(session, columns, marks, doing)
         while True:
             try:
-                events, taken = _new_events(session, *taken)
-                is_gone = not session.finished and writer_of(folder) is Writer.GONE
-                has_ended = session.finished and lock_owner_pid(folder) is None
-                yield Look(events, _line(session), has_ended, is_gone and was_gone)
-                was_gone = is_gone  # two looks must agree: a new writer takes the lock first
+                yield watched.look()
                 session.refresh()
             except (SessionError, OSError) as error:
                 yield Look([], f"the session cannot be read now: {error}")
                 with suppress(SessionError, OSError):
                     session.refresh()  # what failed would fail again: its file is opened anew
+
+
+class _Watched:
+    """A session with a part, of which each look finds what is new since the one before."""
+
+    def __init__(self, session: SessionReader, columns: int, marks: str, doing: str) -> None:
+        self._session = session
+        self._columns, self._marks = columns, marks
+        self._part, self._row = session.parts[-1].number, max(0, self._n_events - PAST_EVENTS)
+        self._earlier = not_good(session)
+        self._newest = -1
+        self._doing = doing
+        self._was_gone = False
+
+    def look(self) -> Look:
+        """Return what is new. Raises SessionError or OSError while the folder cannot be read."""
+        session, run = self._session, run_of(self._session.path)
+        before, self._doing = self._doing, doing_words(run)
+        news = [*self._new_events(), *self._new_raster(), *_if_new(before, self._doing)]
+        is_gone = not session.finished and writer_of(session.path) is Writer.GONE
+        was_gone, self._was_gone = self._was_gone, is_gone
+        has_ended = session.finished and lock_owner_pid(session.path) is None
+        # Two looks must agree that it is gone: a new writer takes the lock first.
+        return Look(news, _line(session, run), has_ended, is_gone and was_gone)
+
+    @property
+    def _n_events(self) -> int:
+        return self._session.parts[-1].n_rows(layout.EVENTS)
+
+    def _new_events(self) -> list[str]:
+        """Return the texts of new events; at first after what was not good before them."""
+        found: list[str] = []
+        for part in self._session.parts:
+            if part.number >= self._part:
+                rows = part.rows(layout.EVENTS, self._row if part.number == self._part else 0)
+                found += [parse_event(event, part.path).text for event in rows]
+        self._part, self._row = self._session.parts[-1].number, self._n_events
+        earlier, self._earlier = [text for text in self._earlier if text not in found], []
+        return earlier + [text for text in found if text]
+
+    def _new_raster(self) -> list[str]:
+        """Return the spikes of the newest trial, once."""
+        newest = int(self._session.committed().max(initial=-1))
+        if not self._columns or newest == self._newest or not isinstance(self._session, Session):
+            return []
+        self._newest = newest
+        return trial_raster(self._session, newest, self._columns, self._marks)
+
+
+def trial_raster(session: Session, index: int, columns: int, marks: str = BLOCKS) -> list[str]:
+    """Return lines with the spikes of a trial, as the live encoder gives them.
+
+    Without a calibration of the taxels, the trial's own range is theirs.
+    """
+    readings, parameters = session.readings(index), session.header.encoder_parameters
+    own = Normalisation.from_samples([readings], "this trial", parameters.reading)
+    ranges = session.header.calibrated_ranges or own
+    gain = session.gain(ranges)
+    (spikes,) = encode_trials([readings], ranges, parameters, gains=[gain] if gain else ())
+    trial = session.trial_row(index).trial
+    press = f"{trial.depth_mm:g} mm" if trial.depth_mm else f"{trial.force_g:g} g"
+    return [
+        f"trial {trial.trial_id} ({trial.texture}, {trial.speed_mm_s:g} mm/s, {press}), "
+        f"{len(readings)} ms:",
+        *raster_lines(spikes, columns, marks),
+    ]
+
+
+def raster_lines(spikes: Spikes, columns: int, marks: str = BLOCKS) -> list[str]:
+    """Return spikes as lines of text, SA above RA, time from left to right.
+
+    A mark is the count of some taxels in a share of the time, beside the channel's largest.
+    """
+    n = spikes.n_trains // 2
+    n_rows = min(n, RASTER_ROWS)
+    lines = []
+    for channel, name in enumerate(("SA ", "RA ")):
+        counts = np.zeros((n_rows, columns - len(name)), np.int64)
+        for taxel in range(n):
+            at = spikes.train(channel * n + taxel).astype(np.int64)
+            np.add.at(counts[taxel * n_rows // n], at * counts.shape[1] // spikes.n_samples, 1)
+        levels = -(-counts * (len(marks) - 1) // max(1, counts.max()))
+        lines += [name + "".join(marks[level] for level in row) for row in levels]
+    return lines
+
+
+def _newest_session() -> Path:
+    """Return the folder of the newest run on this computer. Raises WrongUse without one."""
+    for found in find_engines():
+        if found.has_run:
+            return Path(str(found.run["session"]))
+    raise WrongUse("no run is active on this computer: name a session's folder")
+
+
+def run_of(folder: Path) -> RunStatus:
+    """Return the run that an engine of this computer records into a folder, an idle one if none."""
+    with suppress(WrongUse):  # there is no folder for engines, so there is none
+        for found in find_engines():
+            if found.has_run and Path(str(found.run["session"])).resolve() == folder.resolve():
+                return msgspec.convert(found.run, RunStatus)
+    return RunStatus()
+
+
+def doing_words(run: RunStatus) -> str:
+    """Return what a run does or waits for, empty where no engine tells."""
+    if run.prompt:
+        return f"waits for an answer: {run.prompt.text}"
+    if run.state == "paused":
+        return f"paused: {reason_words(run.reasons)}"
+    if now := run.current:
+        return f"trial {run.trial_id}: {now.texture}, {now.speed_mm_s:g} mm/s, {now.force_g:g} g"
+    return ""
+
+
+def due_words(run: RunStatus) -> list[str]:
+    """Return when the next plate is due and when the run ends, as far as an engine tells."""
+    words = []
+    if plate := run.next_plate:
+        more = f" and {plate.trials} more" if plate.trials else ""
+        words.append(f"plate {plate.texture} in {clock(plate.left_s)}, after this trial{more}")
+    return [*words, f"end in {clock(run.eta_s)}"] if run.eta_s is not None else words
+
+
+def _if_new(before: str, text: str) -> list[str]:
+    return [text] if text not in ("", before) else []
+
+
+def not_good(session: SessionReader) -> list[str]:
+    """Return what was repeated or given up so far, or put into quarantine, and why."""
+    rows = session.trials
+    rejected = np.flatnonzero(rows["verdict"] == Verdict.REJECTED.value).tolist()
+    texts = {i: f"trial {rows[i]['trial_id']} rejected: {rows[i]['reasons']}" for i in rejected}
+    texts |= session.quarantined()
+    return [texts[index] for index in sorted(texts)[-PAST_EVENTS:]]
 
 
 def _is_prepared(folder: Path) -> bool:
@@ -102,26 +251,14 @@ def _is_prepared(folder: Path) -> bool:
     return prepared and not existing_parts(folder)
 
 
-def _n_events(session: SessionReader) -> int:
-    return session.parts[-1].n_rows(layout.EVENTS)
-
-
-def _new_events(session: SessionReader, part: int, row: int) -> tuple[list[str], tuple[int, int]]:
-    """Return the texts of the events from a row of a part on, and where the next ones begin."""
-    texts: list[str] = []
-    for each in session.parts:
-        if each.number >= part:
-            rows = each.rows(layout.EVENTS, row if each.number == part else 0)
-            texts += [parse_event(event, each.path).text for event in rows]
-    return [text for text in texts if text], (session.parts[-1].number, _n_events(session))
-
-
-def _line(session: SessionReader) -> str:
+def _line(session: SessionReader, run: RunStatus) -> str:
     committed, planned = len(session.committed()), session.header.trials_planned
     rejected = int((session.trials["verdict"] == Verdict.REJECTED.value).sum())
     lost = int(session.gaps["count"].sum())
     age_s = max(0.0, time.time() - session.parts[-1].path.stat().st_mtime)
-    return (
-        f"{committed} of {planned} trials, {rejected} rejected; {session.n_samples} samples, "
-        f"{lost} lost; newest data {age_s:.1f} s old"
-    )
+    parts = [f"{committed} of {planned} trials, {rejected} rejected"]
+    if n_quarantined := len(session.quarantined()):
+        parts[0] += f", {n_quarantined} in quarantine"
+    parts += due_words(run)
+    parts += [f"{session.n_samples} samples, {lost} lost", f"newest data {age_s:.1f} s old"]
+    return "; ".join(parts)

@@ -45,7 +45,7 @@ class RunClock:
 
 
 MIN_PACED_TRIALS = 2
-"""Trials before the pace replaces the plan's: the first one follows homing and tare."""
+"""Trials before the pace replaces the plan's."""
 
 
 class RunProgress:
@@ -73,7 +73,8 @@ class RunProgress:
         self._remaining_windows_s = sum(trial.duration_s for trial in remaining)
         planned_windows_s = sum(trial.duration_s for trial in trials)
         self._overhead_s = max(0.0, planned_s - planned_windows_s) / max(1, self.planned)
-        self._overheads_s: list[float] = []
+        self._finished = 0
+        self._paced_s = 0.0
         self._last_busy_s = 0.0
         self._committed_at_s: float | None = None
 
@@ -84,16 +85,26 @@ class RunProgress:
         self.finish(trial)
 
     def finish(self, trial: PlannedTrial) -> None:
-        """Count a trial that will not be tried again, good or not."""
-        self._remaining -= 1
-        self._remaining_windows_s -= trial.duration_s
+        """Count a trial that will not be tried again, good or not; its time sets the pace."""
+        self._leave_out([trial])
         busy_s = self.clock.busy_s
-        self._overheads_s.append(busy_s - self._last_busy_s - trial.duration_s)
+        if self._finished:  # the first one follows homing and tare
+            self._paced_s += busy_s - self._last_busy_s - trial.duration_s
+        self._finished += 1
         self._last_busy_s = busy_s
+
+    def skip(self, trial: PlannedTrial, *, was_in_hand: bool) -> None:
+        """Count a trial as not to come, whose time says nothing of the pace."""
+        self._leave_out([trial])
+        if was_in_hand:
+            self._last_busy_s = self.clock.busy_s
 
     def end_early(self, trials: Sequence[PlannedTrial]) -> None:
         """Count trials as not needed: their condition has ended."""
         self.ended_early += len(trials)
+        self._leave_out(trials)
+
+    def _leave_out(self, trials: Sequence[PlannedTrial]) -> None:
         self._remaining -= len(trials)
         self._remaining_windows_s -= sum(trial.duration_s for trial in trials)
 
@@ -127,7 +138,6 @@ class RunProgress:
         return sum(trial.duration_s + overhead_s for trial in trials)
 
     def _overhead_each_s(self) -> float:
-        if len(self._overheads_s) < MIN_PACED_TRIALS:
+        if self._finished < MIN_PACED_TRIALS:
             return self._overhead_s
-        paced_s = self._overheads_s[1:]
-        return max(0.0, sum(paced_s) / len(paced_s))
+        return max(0.0, self._paced_s / (self._finished - 1))

@@ -168,7 +168,7 @@ class Run(ServedRun[RunControl, Recorder]):
             self.control.skips_trial = True
         else:
             self._steps.drop([trial])
-            self._progress.finish(trial)
+            self._progress.skip(trial, was_in_hand=False)
 
     def end_condition(self, end: ConditionEnd) -> bool:
         """Leave out the trials of a condition that are to come; none are left is no error.
@@ -191,7 +191,12 @@ class Run(ServedRun[RunControl, Recorder]):
         texture, trials = self._steps.next_plate, self._steps.trials_on_plate()
         if texture is None:
             return None
-        return NextPlate(texture, len(trials), self._progress.duration_of_s(trials))
+        n_more = len(trials)
+        present = self._in_hand  # in a pause, too: its trial begins again
+        if present and not self._step_runner.committed_attempt(present.trial_id):
+            trials = [present, *trials]
+        left_s = self._progress.duration_of_s(trials)
+        return NextPlate(texture, n_more, left_s)
 
     async def _run_plan(self) -> tuple[str, str]:
         outcome = await self._run_steps()
@@ -331,7 +336,7 @@ class Run(ServedRun[RunControl, Recorder]):
         assert self._in_hand is not None
         self.control.skips_trial = False
         await self._step_runner.make_safe()
-        self._progress.finish(self._in_hand)
+        self._progress.skip(self._in_hand, was_in_hand=True)
 
     async def _pause(self) -> None:
         with self._progress.idle():

@@ -29,6 +29,7 @@ class FingerProgress:
         self.confusion = {true: dict.fromkeys(self.textures, 0) for true in self.textures}
         self._remaining = self.planned - self.committed
         self._finished = 0
+        self._finished_s = 0.0
 
     def commit(self) -> None:
         """Count a committed scan."""
@@ -39,6 +40,7 @@ class FingerProgress:
         """Count a scan that will not be tried again, good or not."""
         self._remaining -= 1
         self._finished += 1
+        self._finished_s = self.clock.busy_s
 
     def classify(self, true: str, predicted: str) -> None:
         """Count a scan and the texture that the classifier named."""
@@ -59,5 +61,5 @@ class FingerProgress:
         """Return the estimated remaining time, from the pace so far."""
         each_s = SECONDS_PER_TRIAL
         if self._finished:
-            each_s = self.clock.busy_s / self._finished
+            each_s = self._finished_s / self._finished
         return self._remaining * each_s

@@ -10,12 +10,13 @@ import subprocess
 import sys
 from functools import partial
 from pathlib import Path
+from typing import TextIO, cast
 
 import pytest
 
 from rigctl.cli import OUTPUT_CLOSED, main
 from rigctl.cli.output import VisibleOutput
-from rigctl.cli.progress import PACE_S, Pace
+from rigctl.cli.progress import PACE_S, Pace, ProgressLine
 
 RIGCTL = f"{sys.executable} -m rigctl"
 
@@ -170,3 +171,22 @@ def test_the_pace_is_that_of_the_last_half_minute() -> None:
 def test_nothing_done_is_no_pace() -> None:
     pace = Pace()
     assert [pace.add(1.0, 5.0), pace.add(1.0, 5.0), pace.add(2.0, 5.0)] == [0.0, 0.0, 0.0]
+
+
+class Terminal(io.StringIO):
+    """A terminal of 20 columns."""
+
+    encoding = "utf-8"
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_line_of_progress_is_drawn_over_the_one_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its return to the beginning was shown as text, and a long line could not be drawn over."""
+    monkeypatch.setenv("COLUMNS", "20")
+    terminal = Terminal()
+    line = ProgressLine(cast(TextIO, VisibleOutput(terminal)))
+    line.show("twenty-five letters, more")
+    line.say("said")
+    assert terminal.getvalue() == "\rtwenty-five letters\rsaid" + " " * 15 + "\n"

@@ -8,15 +8,28 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NoReturn
 
+import msgspec
+import numpy as np
 import pytest
 
-from rigctl.cli import main
-from rigctl.cli.watch import NOTHING_YET, Look, looks
+from rigctl.cli import main, watch
+from rigctl.cli.watch import LETTERS, NOTHING_YET, Look, due_words, looks, raster_lines
+from rigctl.engine.rpc.client import FoundEngine
+from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE, EngineFile
+from rigctl.engine.runner import Run
 from rigctl.errors import SessionError
 from rigctl.finger.session import FingerSession
 from rigctl.session.session import Session
+from rigctl.session.session_reader import QUARANTINE_KIND
+from rigctl.values import Event, Spikes, Verdict
 from tests.engine.engine_harness import TINY, EngineHarness, open_harness
 from tests.finger.harness import SMALL, FingerHarness, open_finger_harness
+from tests.session.building import SyntheticRig, plan, recorder
+
+
+@pytest.fixture(autouse=True)
+def no_other_engine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "runtime"))
 
 
 def watched(folder: Path) -> Iterator[Look]:
@@ -51,9 +64,114 @@ def test_events_trials_and_the_end_are_seen_as_they_are_recorded(tmp_path: Path)
     assert lines[-1].startswith("4 of 4 trials, 0 rejected;") and " 0 lost; " in lines[-1]
     counts = [int(line.split(" of 4 trials")[0]) for line in lines if " of 4 trials" in line]
     assert counts == sorted(counts) and counts[0] < 4  # how far depends on when the disk has it
-    seen = [text for look in found for text in look.events]
+    seen = [text for look in found for text in look.news]
     assert seen == texts
     assert found[-1].has_ended and not any(look.has_ended for look in found[:-2])
+
+
+def test_what_the_run_does_and_when_the_plate_changes_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    news: list[list[str]] = []
+    due: list[list[str]] = []
+
+    async def scenario(harness: EngineHarness) -> None:
+        run = harness.engine.run
+        assert run is not None
+        monkeypatch.setattr(watch, "find_engines", lambda: [engine_of(run)])
+        view = watched(harness.session)
+
+        def look() -> None:
+            news.append(next(view).news)
+            due.append(due_words(watch.run_of(harness.session)))
+
+        await harness.until(lambda: run.control.prompt is not None)
+        look()
+        run.control.answer(1, "ok")
+        await harness.until(lambda: run.status().trial_id == 1)
+        look()
+        await harness.until(lambda: run.status().trials_committed == 1)
+        look()
+        run.control.pause()
+        await harness.until(lambda: run.status().state == "paused")
+        look()
+        await harness.wait(60)
+        look()
+        run.control.abort("enough")
+        await harness.until(harness.has_ended)
+
+    with open_harness(tmp_path) as harness:
+        harness.run(scenario, harness.request(TINY, yes=False))
+    assert news[0] == ["waits for an answer: Mount plate A, then confirm."]
+    assert news[1][-1].startswith("trial 1: A, ") and news[2][-1].startswith("trial 2: A, ")
+    assert news[3][-1] == "paused: operator" and "paused: operator" not in news[4]
+    first, second = (text for text, _ in due[1:3])
+    assert first.startswith("plate L in 0:00:") and first.endswith(", after this trial and 1 more")
+    assert second.startswith("plate L in 0:00:") and second.endswith(", after this trial")
+    assert second < first
+    assert due[3] == due[4] and due[3][-1].startswith("end in 0:00:")
+
+
+def engine_of(run: Run) -> FoundEngine:
+    """Return the engine of a run as one that was found on this computer."""
+    at = EngineFile("one", 1, 0, "", "virtual", "")
+    return FoundEngine(at, msgspec.to_builtins(run.status()))
+
+
+def test_without_a_session_the_newest_run_here_is_watched(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["watch"]) == 2
+    assert "no run is active on this computer" in capsys.readouterr().err
+    with open_harness(tmp_path) as harness:
+        harness.record()
+    run = {"state": "running", "session": str(tmp_path / "session")}
+    here = FoundEngine(EngineFile("one", 1, 0, "", "virtual", ""), run)
+    monkeypatch.setattr(watch, "find_engines", lambda: [here])
+    assert main(["watch"]) == 0
+    assert "4 of 4 trials" in capsys.readouterr().out
+
+
+def test_what_was_repeated_or_put_into_quarantine_before_is_told_with_its_reason(
+    tmp_path: Path,
+) -> None:
+    with recorder(tmp_path / "session") as rec:
+        source, (first, second, *_) = SyntheticRig(rec), plan().trials
+        rec.begin_part("start", first.texture)
+        source.trial(first, Verdict.REJECTED)
+        source.trial(first, attempt=2)
+        source.trial(second)
+        about = {"trial_id": second.trial_id, "attempt": 1}
+        rec.add_event(Event(1.0, QUARANTINE_KIND, "trial 2 is in quarantine: taxel 7", about))
+        for number in range(watch.PAST_EVENTS):
+            rec.add_event(Event(2.0, "log", f"line {number}"))
+    look = next(watched(tmp_path / "session"))
+    with Session.open(tmp_path / "session") as session:
+        reasons = session.trial_row(0).reasons
+    assert look.news[:2] == [
+        f"trial 1 rejected: {'; '.join(reasons)}",
+        "trial 2 is in quarantine: taxel 7",
+    ]
+    assert "1 rejected, 1 in quarantine; " in look.line
+
+
+def test_the_newest_trial_is_drawn_as_text_once(tmp_path: Path) -> None:
+    with open_harness(tmp_path) as harness:
+        harness.record()
+    view = iter(looks(tmp_path / "session", 60))
+    *_, title = (text for text in next(view).news if text.startswith("trial 4 ("))
+    assert title.endswith("ms:")
+    assert next(view).news == []
+    with Session.open(tmp_path / "session") as session:
+        _, *lines = watch.trial_raster(session, 3, 60, LETTERS)
+    assert [line[:3] for line in lines] == ["SA "] * 9 + ["RA "] * 9
+    assert {len(line) for line in lines} == {60} and any("@" in line for line in lines)
+
+
+def test_marks_stand_where_the_spikes_are() -> None:
+    first, second = np.array([0, 1, 2, 3, 50], np.int32), np.array([99], np.int32)
+    spikes = Spikes.from_trains([first, second], 100)
+    assert raster_lines(spikes, 13, LETTERS) == ["SA @    :    ", "RA          @"]
 
 
 def test_a_session_of_the_finger_is_watched(tmp_path: Path) -> None:

@@ -107,7 +107,10 @@ class PromptStatus:
 
 @dataclass(frozen=True, slots=True)
 class NextPlate:
-    """The next change of plates: the plate, the trials before it, and their estimated time."""
+    """The next change of plates: the plate, the trials before it but the present one, and the time.
+
+    ``left_s``: the estimate for those trials and all of the present one.
+    """
 
     texture: str = ""
     trials: int = 0

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from rigctl.engine.progress import RunProgress
+from rigctl.finger.plan import parse_finger_protocol
+from rigctl.finger.progress import FingerProgress
+from rigctl.finger.values import Stage
 from rigctl.values import PlannedTrial
 from tests.engine.engine_harness import EngineHarness, until_ended
+from tests.finger.harness import SMALL
 
 WINDOW_S, OVERHEAD_S = 2.0, 4.0
 TRIALS = [PlannedTrial(number, "A", 120.0, 500.0, number, 240.0) for number in range(1, 41)]
@@ -54,6 +58,44 @@ def test_homing_before_the_first_trial_is_not_expected_before_each() -> None:
         clock.now_s += WINDOW_S + OVERHEAD_S
         progress.commit(trial)
         assert progress.eta_s() == (40 - trial.trial_id) * (WINDOW_S + OVERHEAD_S)
+
+
+def test_a_skipped_trial_says_nothing_of_the_pace() -> None:
+    """Ten skipped trials counted as done in no time, and promised an end that was too early."""
+    clock = Clock()
+    progress = make_progress(clock)
+    for trial in TRIALS[:4]:
+        clock.now_s += WINDOW_S + OVERHEAD_S
+        progress.commit(trial)
+    for trial in TRIALS[20:30]:
+        progress.skip(trial, was_in_hand=False)
+    assert progress.eta_s() == 26 * (WINDOW_S + OVERHEAD_S)
+    clock.now_s += WINDOW_S / 2
+    progress.skip(TRIALS[4], was_in_hand=True)
+    clock.now_s += WINDOW_S + OVERHEAD_S
+    progress.commit(TRIALS[5])
+    assert progress.eta_s() == 24 * (WINDOW_S + OVERHEAD_S)
+
+
+def test_the_pace_is_that_of_the_trials_done_with_their_repeats() -> None:
+    clock = Clock()
+    progress = make_progress(clock)
+    for trial in TRIALS[:11]:
+        clock.now_s += WINDOW_S + OVERHEAD_S + (trial.trial_id % 2 == 0) * 4.0
+        progress.commit(trial)
+    assert progress.eta_s() == 29 * (WINDOW_S + OVERHEAD_S + 2.0)
+
+
+def test_the_scans_done_set_the_pace_of_the_finger() -> None:
+    """The time left grew while a person took long over a scan, and fell at its end."""
+    clock = Clock()
+    plan = parse_finger_protocol(SMALL, "small").plan(list(Stage))
+    progress = FingerProgress(plan, frozenset(), clock)
+    for _ in range(2):
+        clock.now_s += 9
+        progress.commit()
+    clock.now_s += 100
+    assert progress.eta_s() == 9 * (len(plan.trials) - 2)
 
 
 def test_only_a_trial_of_this_sitting_has_an_age() -> None:

@@ -215,6 +215,59 @@ def test_the_sound_can_be_switched_off_for_good(harness: Harness) -> None:
     assert announcer.sounds
 
 
+def test_the_desktop_says_that_a_run_is_done_once(harness: Harness, listener: Listener) -> None:
+    over = {**RUN, "state": "done", "text": "every trial is committed", "trials_committed": 32}
+    harness.update(run=over)
+    assert listener.notices == []  # it was over when the window came
+    harness.update(run=RUN)
+    for _ in range(2):
+        harness.update(run=over)
+    said = "The run is done: Every trial is committed. 2026-11-23-paper (32 of 32 trials)."
+    assert listener.notices == [said] and listener.beeps == 1
+
+
+def test_a_pause_that_nobody_asked_for_is_told_once(harness: Harness, listener: Listener) -> None:
+    harness.update(run={**RUN, "state": "paused", "reasons": ["operator"]})
+    assert listener.notices == []
+    for _ in range(2):
+        harness.update(run={**RUN, "state": "paused", "reasons": ["operator", "disk"]})
+    said = "The run is paused: Too little disk space. 2026-11-23-paper (0 of 32 trials)."
+    assert listener.notices == [said]
+
+
+def test_a_run_that_records_nothing_for_a_minute_is_told(
+    harness: Harness, listener: Listener
+) -> None:
+    nothing = {"recording": {"active": False}, "run": RUN}
+    harness.update(at_s=500.0, **nothing)  # joined in the middle
+    harness.update(at_s=559.0, **nothing)
+    harness.update(at_s=560.0, run=RUN, recording={"active": True})
+    harness.update(at_s=619.0, **nothing)
+    assert listener.notices == []
+    for at_s in (621.0, 622.0):
+        harness.update(at_s=at_s, **nothing)
+    said = "Nothing is recorded: For a minute 2026-11-23-paper (0 of 32 trials) has got no samples"
+    assert [notice.partition(":")[0] for notice in listener.notices] == ["Nothing is recorded"]
+    assert listener.notices[0].startswith(said)
+
+
+def test_desktop_notices_can_be_switched_off_for_good(harness: Harness) -> None:
+    window = harness.window
+    (action,) = [a for a in window.menuBar().actions() if a.text() == "&Rig"]
+    menu = action.menu()
+    assert isinstance(menu, QMenu)
+    (notices,) = [a for a in menu.actions() if "notices" in a.text()]
+    assert notices.isChecked()
+    notices.trigger()
+    assert window.settings.value("desktop_notices", True) is False
+    assert not window.drum.alarms.announcer.notices
+    listener = Listener()
+    silent = Announcer(listener.beep, listener.notify)
+    silent.notices = False
+    silent.announce("FAULT", "emergency stop pressed", repeats=False)
+    assert listener.beeps == 1 and listener.notices == []
+
+
 def test_a_command_that_stop_ended_is_no_refusal(harness: Harness) -> None:
     harness.update(state=int(State.HOLD))
     harness.engine.replies = False
