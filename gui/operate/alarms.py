@@ -17,6 +17,7 @@ from rigctl.engine.rpc.messages import (
     DISCONNECTED_TEXT,
     FAULT,
     LINK,
+    NOTHING_RECORDED_S,
     OPERATOR,
     EngineStatus,
     RunStatus,
@@ -245,8 +246,6 @@ class DesktopNotice(QObject):
 
 
 WAITS = "WAITS FOR YOU"
-NOTHING_RECORDED_S = 60.0
-"""A run records while it homes, tares, presses and turns; between two plates it begins at once."""
 
 
 class AlarmCenter(QObject):

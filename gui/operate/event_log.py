@@ -124,6 +124,8 @@ ERROR_KINDS = frozenset(
         "contact",
         "late",
         "awake",
+        "unrecorded",
+        "hook",
     }
 )
 

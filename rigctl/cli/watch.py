@@ -166,7 +166,7 @@ def trial_raster(session: Session, index: int, columns: int, marks: str = BLOCKS
     readings, parameters = session.readings(index), session.header.encoder_parameters
     own = Normalisation.from_samples([readings], "this trial", parameters.reading)
     ranges = session.header.calibrated_ranges or own
-    gain = session.gain(ranges)
+    gain = session.header.gain(ranges)
     (spikes,) = encode_trials([readings], ranges, parameters, gains=[gain] if gain else ())
     trial = session.trial_row(index).trial
     press = f"{trial.depth_mm:g} mm" if trial.depth_mm else f"{trial.force_g:g} g"

@@ -13,7 +13,16 @@ from math import isqrt
 from pathlib import Path
 from typing import Any
 
-from rigctl.config.toml_reader import TomlTable, TomlText, flag, names, number, read_section, text
+from rigctl.config.toml_reader import (
+    TomlTable,
+    TomlText,
+    arguments,
+    flag,
+    names,
+    number,
+    read_section,
+    text,
+)
 from rigctl.errors import ConfigError
 from rigctl.values import DRAWN_WIRING, SCALE_BAND_UG_PER_COUNT
 
@@ -225,6 +234,15 @@ class RecordingConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class RunConfig:
+    """What happens while a run goes on."""
+
+    on_event: tuple[str, ...] = arguments(
+        "program and its arguments that tell somebody; gets kind and text of an event as two more"
+    )
+
+
+@dataclass(frozen=True, slots=True)
 class RigConfig:
     """One rig. Each field is a table of ``rig.toml``."""
 
@@ -240,6 +258,7 @@ class RigConfig:
     taxels: TaxelArray = TaxelArray()
     encoder: EncoderConfig = EncoderConfig()
     recording: RecordingConfig = RecordingConfig()
+    run: RunConfig = RunConfig()
 
     def with_order(self) -> RigConfig:
         """Return this rig with the order of its taxels written out, even if it is the drawing's."""

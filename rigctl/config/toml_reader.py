@@ -298,6 +298,15 @@ class TomlTable:
         self._refuse_duplicates(key, tuple(values))
         return tuple(values)
 
+    def arguments(self, key: str) -> tuple[str, ...]:
+        """Return the arguments of a command, possibly none or with duplicates."""
+        values = self._take(key, [])
+        if not isinstance(values, list) or not all(isinstance(value, str) for value in values):
+            self.fail(key, f'must be a list of texts, such as ["A", "B"], not {_format(values)}')
+        if any("\0" in value or len(value) > MAX_LETTERS for value in values):
+            self.fail(key, f"contains a text with U+0000 or of more than {MAX_LETTERS:,} letters")
+        return tuple(values)
+
     def flag(self, key: str, default: bool) -> bool:
         """Return true or false."""
         value = self._take(key, default)
@@ -419,6 +428,7 @@ class FieldType(Enum):
     CHOICES = auto()
     NUMBERS = auto()
     INTEGERS = auto()
+    ARGUMENTS = auto()
 
     @property
     def is_list(self) -> bool:
@@ -426,7 +436,13 @@ class FieldType(Enum):
         return self in _LISTS
 
 
-_LISTS = (FieldType.NAMES, FieldType.CHOICES, FieldType.NUMBERS, FieldType.INTEGERS)
+_LISTS = (
+    FieldType.NAMES,
+    FieldType.CHOICES,
+    FieldType.NUMBERS,
+    FieldType.INTEGERS,
+    FieldType.ARGUMENTS,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -502,6 +518,7 @@ _READERS: dict[FieldType, Callable[[TomlTable, TomlField], Any]] = {
     FieldType.INTEGERS: lambda table, item: table.integers(
         item.key, item.default, low=int(item.low), high=int(item.high)
     ),
+    FieldType.ARGUMENTS: lambda table, item: table.arguments(item.key),
 }
 
 
@@ -541,6 +558,11 @@ def names(doc: str, most: int, longest_bytes: int) -> Any:
     return field(default=(), metadata={"unit": "", "doc": doc, **limits})
 
 
+def arguments(doc: str) -> Any:
+    """Declare the arguments of a command, none by default."""
+    return field(default=(), metadata={"unit": "", "doc": doc})
+
+
 def flag(default: bool, doc: str) -> Any:
     """Declare true or false."""
     return field(default=default, metadata={"unit": "", "doc": doc})
@@ -576,6 +598,8 @@ def _field_type(item: Any) -> FieldType:
         return FieldType.CHOICE if item.metadata["choices"] else FieldType.TEXT
     if "longest_bytes" in item.metadata:
         return FieldType.NAMES
+    if item.type == "tuple[str, ...]" and "choices" not in item.metadata:
+        return FieldType.ARGUMENTS
     return _TYPES[item.type]
 
 

@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Coroutine, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
+from functools import partial
 from typing import Any, Generic, TypeVar
 
 from rigctl.engine.event_bus import EventBus
@@ -146,7 +147,7 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         with self._publish_disk_fault():
             self._truth.begin(run.folder, run.start)
         try:
-            with self.keep_awake(self._tell_awake):
+            with self.keep_awake(partial(self._tell, "awake")):
                 await run.execute()
         finally:
             with self._publish_disk_fault():
@@ -230,8 +231,9 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
             self._check_idle()
             self._send_status()
 
-    def _tell_awake(self, text: str) -> None:
-        self.loop.call_soon_threadsafe(self.event_bus.publish, "awake", text)
+    def _tell(self, kind: str, text: str) -> None:
+        """Publish an event, from any thread."""
+        self.loop.call_soon_threadsafe(self.event_bus.publish, kind, text)
 
     def _tell_late(self, late_s: float) -> None:
         """Publish that the loop itself stood still, and the boards went on without it."""

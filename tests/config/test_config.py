@@ -45,6 +45,12 @@ def test_written_description_reads_back_equal(
     assert parse_config(config.to_toml()) == config
 
 
+def test_arguments_of_a_command_may_be_equal_and_empty() -> None:
+    config = parse_config('[run]\non_event = ["mail", "-s", "", "-s", "a b"]')
+    assert config.run.on_event == ("mail", "-s", "", "-s", "a b")
+    assert parse_config(config.to_toml()) == config
+
+
 def test_written_file_explains_every_key() -> None:
     text = RigConfig().to_toml()
     for section in fields(RigConfig):
@@ -67,6 +73,9 @@ def test_written_file_explains_every_key() -> None:
         ("[taxels]\ncount = 2\nwiring = [1, 1]", ["line 3", "each of 0 to 1 once"]),
         ("[drum]\nplate_length_mm = 395", ["line 2", "beyond the turn"]),
         ("[limits]\nover_force_g = 1250", ["line 2", "10 % above force_max_g"]),
+        ("[run]\non_event = 'mail anna'", ["line 2: run.on_event", "a list of texts"]),
+        ("[run]\non_event = ['mail', '-s', 3]", ["line 2", "a list of texts"]),
+        ('[run]\non_event = ["a\\u0000"]', ["line 2", "U+0000"]),
         ("[limits]\nforce_min_g = 1300", ["line 2", "above force_max_g"]),
         ("[loadcell]\nscale_ug_per_count = 0", ["line 2: loadcell.scale", "too little"]),
         ("[loadcell]\n\nscale_ug_per_count = 199", ["line 3", "200 to 25000", "calibrate it"]),

@@ -53,6 +53,10 @@ NO_SETUP = SetupStatus()
 OPERATOR, PROMPT, LINK, DISK, FAULT = "operator", "prompt", "link", "disk", "fault"
 NOISE, DISK_ERROR = "noisy link", "disk error"
 """Why a run waits."""
+UNRECORDED = "unrecorded"
+"""Kind of the event that a run which waits for nobody got no samples for this time:"""
+NOTHING_RECORDED_S = 60.0
+"""A run records while it homes, tares, presses and turns; between two plates it begins at once."""
 _REASON_WORDS = {
     LINK: "a board is lost",
     DISK: "the disk is too full or too slow",

@@ -231,7 +231,7 @@ def test_a_pause_that_nobody_asked_for_is_told_once(harness: Harness, listener: 
     assert listener.notices == []
     for _ in range(2):
         harness.update(run={**RUN, "state": "paused", "reasons": ["operator", "disk"]})
-    said = "The run is paused: Too little disk space. 2026-11-23-paper (0 of 32 trials)."
+    said = "The run is paused: The disk is too full or too slow. 2026-11-23-paper (0 of 32 trials)."
     assert listener.notices == [said]
 
 
