@@ -190,7 +190,7 @@ _STAGE_TEXTS = {
     "2 Calibrate": CALIBRATE,
     "3 Run in real time": RUN,
 }
-_REPRESENTATIONS = {kind.value: kind.key for kind in ScanKind}
+_REPRESENTATIONS = {kind.value.replace(" and ", " + "): kind.key for kind in ScanKind}
 
 
 class StartRequest(NamedTuple):

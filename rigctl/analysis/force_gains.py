@@ -56,7 +56,7 @@ def force_gains(
     if len(without):
         trial = trials.trials[without[0]]
         remark = (
-            f"Calibrated by Load Cell is left out: trial {trial.trial_id} of "
+            f"Load Cell is left out: trial {trial.trial_id} of "
             f"{trials.paths[trial.session]} has no force of the load cell"
         )
         return ForceGains(gains, (remark,))

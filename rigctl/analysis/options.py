@@ -40,8 +40,8 @@ REPRESENTATIONS = (
     ("speed_divided", "Speed Scaled and Divided"),
     ("calibrated", "Calibrated"),
     ("speed_calibrated", "Speed Scaled and Calibrated"),
-    ("loadcell", "Calibrated by Load Cell"),
-    ("speed_loadcell", "Speed Scaled and Calibrated by Load Cell"),
+    ("loadcell", "Load Cell"),
+    ("speed_loadcell", "Speed Scaled and Load Cell"),
 )
 
 

@@ -99,8 +99,8 @@ REPRESENTATIONS = (
     Representation(
         "Speed Scaled and Calibrated", "speed_calibrated", True, ForceScaling.CALIBRATED
     ),
-    Representation("Calibrated by Load Cell", "loadcell", False, LOADCELL),
-    Representation("Speed Scaled and Calibrated by Load Cell", "speed_loadcell", True, LOADCELL),
+    Representation("Load Cell", "loadcell", False, LOADCELL),
+    Representation("Speed Scaled and Load Cell", "speed_loadcell", True, LOADCELL),
 )
 
 

@@ -117,7 +117,7 @@ def test_a_model_by_the_load_cell_classifies_by_the_force_of_each_trial(
     session: Path, made: RepresentationSet, tmp_path: Path
 ) -> None:
     path = tmp_path / "loadcell.h5"
-    request = ModelRequest(path, "Calibrated by Load Cell", 12)
+    request = ModelRequest(path, "Load Cell", 12)
     save_model(train_model(made, request, UTC, 7)[0], path)
     read = load_model(path)
     found = classify(read, [session])

@@ -5,11 +5,11 @@ from __future__ import annotations
 import asyncio
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import pytest
+from serial.tools.list_ports_common import ListPortInfo
 
 from rigctl.bench.chips.simavr import Kind
 from rigctl.boards import flash
@@ -88,13 +88,11 @@ def test_the_wrong_board_is_refused_by_its_signature(
         assert there.chip.read_flash(0, 4096) == before
 
 
-@dataclass(frozen=True, order=True)
-class Usb:
-    """A port as pyserial lists it."""
-
-    device: str
-    vid: int | None = 0x2341
-    description: str = ""
+def usb_port(device: str, vid: int | None = 0x2341, description: str = "") -> ListPortInfo:
+    """Return a port as pyserial lists it."""
+    info = ListPortInfo(device)
+    info.vid, info.pid, info.description = vid, 0x0042, description
+    return info
 
 
 def test_the_board_is_found_by_its_name_else_by_the_signature_of_its_chip(
@@ -108,7 +106,7 @@ def test_the_board_is_found_by_its_name_else_by_the_signature_of_its_chip(
 
     with new_board("drum", MEGA) as mega, new_board("taxels", UNO) as uno:
         uno.chip.write_flash(0, WAIT_FOR_EVER.ljust(256, b"\xff"))
-        ports = [Usb(mega.port), Usb(uno.port)]
+        ports = [usb_port(mega.port), usb_port(uno.port)]
         monkeypatch.setattr("serial.tools.list_ports.comports", lambda: ports)
         assert find("drum") == mega.port
         assert find("taxels") == uno.port

@@ -36,7 +36,7 @@ BLIND_NOTE = (
 )
 GAIN_NOTE = (
     "Divided and Calibrated know neither texture nor force: their gain is of all taxels' readings, "
-    "Calibrated by Load Cell's of the force that was measured."
+    "Load Cell's of the force that was measured."
 )
 CONFUSION_TASKS = (
     "untrained-both",

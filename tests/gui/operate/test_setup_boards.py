@@ -21,7 +21,7 @@ from rigctl.config.rig_config import load_config
 from rigctl.errors import LinkLost, RigFault, WrongBoard, WrongUse
 from rigctl.values import BoardIdentity
 from tests.boards.flash_board import FlashBoard
-from tests.boards.test_flash import Usb
+from tests.boards.test_flash import usb_port
 from tests.firmware.bootloaders import MEGA, UNO
 from tests.firmware.building import built
 from tests.gui.steps import Harness, SharedWindow, click, wait_until
@@ -63,7 +63,7 @@ def plug(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     """Return what plugs boards into this computer."""
 
     def plugged(*boards: FlashBoard) -> None:
-        ports = [Usb(board.port, description="Arduino") for board in boards]
+        ports = [usb_port(board.port, description="Arduino") for board in boards]
         monkeypatch.setattr("serial.tools.list_ports.comports", lambda: ports)
 
     return plugged
