@@ -98,8 +98,8 @@ COLOURS = {
     "green": ("#1a8a34", "#5fd07a"),
     "violet": ("#7a3fc4", "#b794f6"),
     "brown": ("#8a5a00", "#d3a04a"),
-    "light-blue": ("#92aef5", "#4a68ad"),
-    "light-green": ("#86cf96", "#3a8a50"),
+    "light-blue": ("#6387e6", "#4a68ad"),
+    "light-green": ("#459e5e", "#3a8a50"),
     "teal": ("#007c80", "#4fc7c9"),
 }
 SYMBOLS_OF = {

@@ -26,6 +26,7 @@ from rigctl.finger import driver as finger_module
 from rigctl.rig import open_rig
 from tests.boards import taxel_encoder
 from tests.boards.memory_link import RegisterBoard
+from tests.boards.test_flash import usb_port
 from tests.boards.test_taxels import StreamingBoard
 from tests.finger.board import FirmwareBoard
 
@@ -192,14 +193,10 @@ def test_boards_without_a_named_port_are_searched(
     async def found() -> dict[str, str]:
         return await find_boards(asyncio.get_running_loop())
 
-    class Info:
-        def __init__(self, device: str) -> None:
-            self.device, self.description = device, "pty"
-
-        def __lt__(self, other: Info) -> bool:
-            return self.device < other.device
-
-    there = [Info(link.path) for link in (terminals.taxels, terminals.finger, terminals.drum)]
+    there = [
+        usb_port(link.path, vid=None, description="pty")
+        for link in (terminals.taxels, terminals.finger, terminals.drum)
+    ]
     monkeypatch.setattr("rigctl.boards.port_discovery.list_ports.comports", lambda: there)
     assert asyncio.run(found()) == {
         "drum": terminals.drum.path,
