@@ -13,7 +13,13 @@ from rigctl.boards.drum_states import State
 from rigctl.engine.runner import RECOVERIES
 from rigctl.session.verify import verify
 from rigctl.values import DrumState
-from tests.engine.engine_harness import EngineHarness, open_harness, open_session, until_ended
+from tests.engine.engine_harness import (
+    EngineHarness,
+    Scenario,
+    open_harness,
+    open_session,
+    until_ended,
+)
 from tests.engine.protocol.test_interruptions import PAIR, drum_state, until_turning, verdicts
 from tests.firmware.building import host_library
 
@@ -201,7 +207,7 @@ async def press_estop_while_asleep(harness: EngineHarness) -> None:
     await press_estop(harness)
 
 
-NEVER = {
+NEVER: dict[Scenario, str] = {
     press_estop: "emergency stop",
     press_too_hard: "force above the limit",
     jam: "index mark and counted steps disagree",
@@ -211,10 +217,12 @@ NEVER = {
 
 
 @pytest.mark.parametrize("cause", NEVER, ids=lambda cause: cause.__name__)
-def test_what_else_stopped_the_drum_is_never_cleared(harness: EngineHarness, cause: object) -> None:
+def test_what_else_stopped_the_drum_is_never_cleared(
+    harness: EngineHarness, cause: Scenario
+) -> None:
     async def scenario(harness: EngineHarness) -> None:
         await until_turning(harness)
-        await cause(harness)  # type: ignore[operator]
+        await cause(harness)
         await until_ended(harness)
         await harness.wait(3)
         assert drum_state(harness) is State.FAULT_OFF
@@ -222,7 +230,7 @@ def test_what_else_stopped_the_drum_is_never_cleared(harness: EngineHarness, cau
     harness.run(scenario, harness.request(PAIR))
     run = harness.engine.run
     assert run is not None and run.outcome == "failed"
-    assert NEVER[cause] in run.text  # type: ignore[index]
+    assert NEVER[cause] in run.text
     assert not harness.texts("recovery")
 
 
