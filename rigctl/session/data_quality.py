@@ -267,6 +267,8 @@ class TrialHistory:
             yield f"taxel {taxel + 1} is at the end of its range in {share:.0%} of the samples"
 
     def _drifted(self, trial: TrialStatistics) -> Iterator[str]:
+        if not np.isfinite(trial.baseline).all():
+            return
         if self._first_baseline is None:
             self._first_baseline = trial.baseline
         drift = trial.baseline - self._first_baseline

@@ -99,6 +99,14 @@ def test_what_is_unusual_is_put_into_quarantine(changed: TrialStatistics, reason
     assert verdict.quarantine == (reason,) and verdict.repeat == ()
 
 
+def test_drift_is_measured_from_the_first_baseline_that_is_known() -> None:
+    unknown = replace(GOOD, baseline=np.full(N, np.nan))
+    drifted = replace(GOOD, baseline=with_taxel(GOOD.baseline, 17, 80.0))
+    *good, verdict = judged([unknown, GOOD, drifted])
+    assert good == [DataVerdict()] * 2
+    assert verdict.quarantine == ("taxel 18 reads +80 counts, lifted, since the start",)
+
+
 def test_an_outlier_is_named_with_its_distance() -> None:
     verdict = last(replace(GOOD, mean=with_taxel(GOOD.mean, 4, 260.0)), LEAST_RESIDUALS + 10)
     (reason,) = verdict.quarantine
