@@ -15,15 +15,7 @@ from numpy.typing import NDArray
 from rigctl.analysis.pca_lda import Split, SweepEngine, predict_splits
 from rigctl.analysis.report.figure import Figure
 from rigctl.analysis.splits import make_splits
-from rigctl.analysis.study import (
-    Case,
-    Findings,
-    Row,
-    Study,
-    accuracy_row,
-    cases,
-    curve_panel,
-)
+from rigctl.analysis.study import Case, Findings, Row, Study, cases, curve_panel, stepped_rows
 from rigctl.analysis.tasks import score_splits
 from rigctl.errors import WrongUse
 
@@ -54,20 +46,7 @@ def measure(study: Study) -> Findings:
     for job, found in zip(jobs, study.resources.map(_score, jobs, STAGE), strict=True):
         for (task, trained, number), share in found.items():
             shares[task, job.case.representation, trained, number].append(share)
-    rows = [
-        accuracy_row(
-            result,
-            one.name,
-            shares[key, one.key, trained, number],
-            classifier=trained,
-            taxels_lost=number,
-        )
-        for result in study.results
-        for key in [result.task.key]
-        for one in study.shown
-        for trained in (OLD, NEW)
-        for number in lost
-    ]
+    rows = stepped_rows(study, shares, (OLD, NEW), lost, "taxels_lost")
     return Findings(_sentences(study, rows), rows, [_figure(study, rows)], NOTE)
 
 

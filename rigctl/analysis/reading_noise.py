@@ -16,15 +16,7 @@ from rigctl.analysis.pca_lda import Split, SweepEngine, predict_splits
 from rigctl.analysis.report.figure import Figure
 from rigctl.analysis.representations import RepresentationSet, represent
 from rigctl.analysis.splits import make_splits
-from rigctl.analysis.study import (
-    Case,
-    Findings,
-    Row,
-    Study,
-    accuracy_row,
-    cases,
-    curve_panel,
-)
+from rigctl.analysis.study import Case, Findings, Row, Study, cases, curve_panel, stepped_rows
 
 STAGE = "encoding with noise"
 CLEAN, NOISY = "trained without the noise", "trained with it"
@@ -56,20 +48,7 @@ def measure(study: Study) -> Findings:
                 for (task, trained), share in found.items():
                     shares[task, job.case.representation, trained, counts].append(share)
     study.resources.progress(STAGE, len(levels), len(levels))
-    rows = [
-        accuracy_row(
-            result,
-            one.name,
-            shares[key, one.key, trained, counts],
-            classifier=trained,
-            noise_counts=counts,
-        )
-        for result in study.results
-        for key in [result.task.key]
-        for one in study.shown
-        for trained in (CLEAN, NOISY)
-        for counts in levels
-    ]
+    rows = stepped_rows(study, shares, (CLEAN, NOISY), levels, "noise_counts")
     return Findings(_sentences(study, rows, levels[-1]), rows, [_figure(study, rows)], NOTE)
 
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from rigctl.analysis.statistics import welch_each
 from rigctl.analysis.tasks import SweepSettings, TaskResult
 from rigctl.analysis.trial_set import Design
 
+Step = TypeVar("Step", int, float)
 DECIMALS = 4
 COLOURS = {"original": "ink", "speed": "blue", "force": "red", "speed_force": "green"}
 """Representations of further analyses with their colours: those of the paper."""
@@ -156,6 +157,32 @@ def accuracy_row(
     mean = percent(float(np.mean(shares)))
     known = {"task": result.task.title, "representation": name}
     return {**known, **columns, "mean_percent": mean, "sd_percent": sd}
+
+
+def stepped_rows(
+    study: Study,
+    shares: Mapping[tuple[str, str, str, Step], Sequence[float]],
+    classifiers: Sequence[str],
+    steps: Sequence[Step],
+    column: str,
+) -> list[Row]:
+    """Return a row for each task, representation, classifier and step of what is made worse.
+
+    ``shares``: by task, representation (keys), classifier and step; ``column``: that of the step.
+    """
+    return [
+        accuracy_row(
+            result,
+            one.name,
+            shares[result.task.key, one.key, classifier, step],
+            classifier=classifier,
+            **{column: step},
+        )
+        for result in study.results
+        for one in study.shown
+        for classifier in classifiers
+        for step in steps
+    ]
 
 
 def compared_row(
