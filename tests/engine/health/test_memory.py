@@ -16,6 +16,7 @@ import pytest
 from rigctl.bench import ground_truth
 from rigctl.engine.rig import Rig
 from rigctl.rig import open_rig
+from rigctl.session import data_quality
 from tests.engine.engine_harness import EngineHarness, until_ended
 
 LONG = """
@@ -28,7 +29,8 @@ repeats = 500
 WARM_UP_S = 120.0
 SPAN_S = 240.0
 MOST_BYTES_PER_HOUR = 6_000_000
-"""0.4 MB in the span: what is on its way varies by as much. A truth that nobody takes is 32 MB."""
+"""0.4 MB in the span. A truth that nobody takes is 32 MB."""
+LOOKS = 6
 
 
 @pytest.fixture
@@ -44,26 +46,36 @@ def held() -> Iterator[Callable[[], int]]:
     tracemalloc.stop()
 
 
+async def least_held(harness: EngineHarness, held: Callable[[], int]) -> int:
+    """Return the fewest bytes held within some seconds: what is on its way varies by 0.2 MB."""
+    counts = []
+    for _ in range(LOOKS):
+        await harness.wait(1.7)
+        harness.events.clear()  # the test's own list
+        counts.append(held())
+    return min(counts)
+
+
 def per_hour(before: int, after: int) -> float:
     """Return the growth over a span as bytes per hour of the rig's time."""
     return (after - before) * 3600 / SPAN_S
 
 
 def test_a_run_holds_no_more_memory_the_longer_it_lasts(
-    harness: EngineHarness, held: Callable[[], int]
+    harness: EngineHarness, held: Callable[[], int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def scenario(harness: EngineHarness) -> None:
         await harness.wait(WARM_UP_S)
-        harness.events.clear()  # the test's own list
-        before = held()
+        before = await least_held(harness, held)
         await harness.wait(SPAN_S)
-        harness.events.clear()
-        growths.append(per_hour(before, held()))
+        growths.append(per_hour(before, await least_held(harness, held)))
         assert harness.engine.run is not None
         harness.engine.run.control.abort("measured")
         await until_ended(harness)
 
     growths: list[float] = []
+    # The history that trials are judged by is bounded: full within the warm-up.
+    monkeypatch.setattr(data_quality, "MAX_RESIDUALS", 35)
     harness.run(scenario, harness.request(LONG))
     assert growths[0] < MOST_BYTES_PER_HOUR
 
