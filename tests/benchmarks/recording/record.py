@@ -46,6 +46,8 @@ def recording_share(folder: Path) -> float:
     with served_boards() as ports:
         rig = folder / "rig.toml"
         rig.write_text(f'[ports]\ndrum = "{ports["drum"]}"\ntaxels = "{ports["taxels"]}"\n')
+        commission = ["setup", "--rig", str(rig), "--commission"]
+        subprocess.run([sys.executable, "-m", "rigctl", *commission], check=True, stdout=sys.stderr)
         protocol = folder / "one-plate.toml"
         protocol.write_text(
             'name = "one-plate"\ntextures = ["A"]\nspeeds_mm_s = [40]\nforces_g = [500]\n'
