@@ -208,7 +208,8 @@ class DrumMotion:
         search_s = APPROACH_EXTRA_S * 80 / self.config.loadcell.rate_hz
         timeout_s = search_s + self.settings["approach_timeout_ms"] / 1000
         command = Command.APPROACH_SETUP if by_setup else Command.APPROACH
-        await self.reach(command, State.HOLD, timeout_s, "reaching the force")
+        action = "settling at the force, within settle.band_percent of the protocol,"
+        await self.reach(command, State.HOLD, timeout_s, action)
 
     async def nudge(self, presses: bool) -> float:
         """Move the actuator of a drum that is off a little; return its travel in µm, + downwards.
