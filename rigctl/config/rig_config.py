@@ -68,6 +68,9 @@ class DrumGeometry:
     acceleration_mm_s2: float = number(600, "mm/s²", 50, 2000, "acceleration of every ramp")
     rapid_mm_s: float = number(200, "mm/s", 5, 300, "speed of moves between trials, lifted")
     backwards: bool = flag(False, "the drum's forward is the motor's backward")
+    level_joint: bool = flag(
+        False, "what the plate leaves of a turn carries the sensor as the plate does"
+    )
 
 
 @dataclass(frozen=True, slots=True)
