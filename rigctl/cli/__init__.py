@@ -23,6 +23,7 @@ MODULES = {
     "run": ".run",
     "synth": ".synth",
     "import": ".import_",
+    "export": ".export",
     "encode": ".encode",
     "analyse": ".analyse",
     "orders": ".orders",
