@@ -26,6 +26,7 @@ MODULES = {
     "export": ".export",
     "encode": ".encode",
     "analyse": ".analyse",
+    "bundle": ".bundle",
     "orders": ".orders",
     "classify": ".classify",
     "stop": ".stop",

@@ -7,6 +7,7 @@ the last step gives it its name, so that a kill leaves nothing that looks like a
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -17,7 +18,7 @@ from typing import NamedTuple, Protocol
 from rigctl.analysis.executors import Progress
 from rigctl.analysis.files import atomic_directory, new_file
 from rigctl.analysis.options import EncoderOptions
-from rigctl.errors import WrongUse
+from rigctl.errors import DiskFault, WrongUse
 from rigctl.exchange.export.content import Content, SpikeTrains
 from rigctl.exchange.export.selection import Selection
 from rigctl.exchange.export.spikes import spikes_of
@@ -37,12 +38,14 @@ class Exporter:
     """A format: what it is for people, and where its ``write`` is, as ``module:function``.
 
     ``suffix``: of its file; a format without one writes a folder. ``needs``: packages that must be
-    there, of the extra ``rigctl[export]``.
+    there, of the extra ``rigctl[export]``. ``size``: bytes that it writes for one of the session at
+    most, as far as was measured.
     """
 
     title: str
     suffix: str
     write: str
+    size: float
     needs: tuple[str, ...] = ()
 
     def load(self) -> Write:
@@ -60,11 +63,11 @@ class Exporter:
 
 HERE = "rigctl.exchange.export"
 EXPORTERS: Mapping[str, Exporter] = {
-    "nwb": Exporter("NWB 2", ".nwb", f"{HERE}.nwb:write_nwb", ("pynwb",)),
-    "matlab": Exporter("MATLAB 7.3", ".mat", f"{HERE}.mat:write_mat"),
-    "parquet": Exporter("Parquet", "", f"{HERE}.tables:write_parquet", ("pyarrow",)),
-    "neo": Exporter("Neo", ".nix", f"{HERE}.neo_blocks:write_nix", ("neo", "nixio")),
-    "csv": Exporter("CSV", "", f"{HERE}.tables:write_csv", ("pyarrow",)),
+    "nwb": Exporter("NWB 2", ".nwb", f"{HERE}.nwb:write_nwb", 2.5, ("pynwb",)),
+    "matlab": Exporter("MATLAB 7.3", ".mat", f"{HERE}.mat:write_mat", 2.5),
+    "parquet": Exporter("Parquet", "", f"{HERE}.tables:write_parquet", 2.5, ("pyarrow",)),
+    "neo": Exporter("Neo", ".nix", f"{HERE}.neo_blocks:write_nix", 6.0, ("neo", "nixio")),
+    "csv": Exporter("CSV", "", f"{HERE}.tables:write_csv", 12.0, ("pyarrow",)),
 }
 """The formats by the name that the command line and the window use."""
 
@@ -122,6 +125,7 @@ def export_session(
     """
     exporter = EXPORTERS[format_name]
     write = exporter.load()
+    _check_room(session, target, exporter)
     new = new_file if exporter.suffix else atomic_directory
     with open_session(session) as reader:
         content = Content(reader, selection, progress)
@@ -130,3 +134,15 @@ def export_session(
             write(content, spikes, place)
     remarks = (*content.remarks, *(spikes.remarks if spikes else ()))
     return Exported(target, tuple(dict.fromkeys(remarks)))
+
+
+def _check_room(session: Path, target: Path, exporter: Exporter) -> None:
+    """Raise DiskFault where an export may not fit: HDF5 does not survive a disk that gets full."""
+    place = next(place for place in target.absolute().parents if place.exists())
+    wanted = exporter.size * sum(path.stat().st_size for path in part_paths(session))
+    free = shutil.disk_usage(place).free
+    if wanted > free:
+        raise DiskFault(
+            f"{place} has {free / 1e6:,.0f} MB free, and {exporter.title} of {session} may need "
+            f"{wanted / 1e6:,.0f} MB: free some space, choose another place, or fewer trials"
+        )

@@ -54,18 +54,22 @@ def _write_value(group: Any, name: str, value: str | int | float) -> None:
 
 
 def _write_series(group: Any, series: Series) -> None:
-    """Append all blocks to a data set for each column, row after row of the last axis."""
-    sets = {column.name: _create(group, column) for column in series.columns}
+    """Append all blocks to a data set for each column, row after row of the last axis.
+
+    A series without rows has none: MATLAB marks an empty column in a way that Octave takes for
+    numbers.
+    """
+    sets: dict[str, Any] = {}
+    n_rows = 0
     for block in series.blocks():
-        for column in series.columns:
+        found = len(block[series.columns[0].name])
+        for column in series.columns if found else ():
+            if column.name not in sets:
+                sets[column.name] = _create(group, column)
             rows, dataset = block[column.name], sets[column.name]
-            width = dataset.shape[0]
-            values = _letters(rows, width) if column.is_text else rows.T
-            _append(dataset, values.reshape(width, len(rows)))
-    n_rows = next(iter(sets.values())).shape[1]
-    if not n_rows:  # MATLAB marks a column without rows in a way that Octave takes for numbers
-        for name in sets:
-            del group[name]
+            values = _letters(rows, dataset.shape[0]) if column.is_text else rows.T
+            _append(dataset, values.reshape(-1, found))
+        n_rows += found
     _write_value(group, "n_rows", n_rows)
 
 
