@@ -117,7 +117,7 @@ def _empty_file(content: Content) -> NWBFile:
         session_id=content.name,
         experiment_description=f"{origin}tactile textures, experiment {about['experiment']}",
         keywords=["tactile", "texture", *(["simulated"] if content.simulated else [])],
-        protocol=str(about["protocol"]),
+        protocol=str(about["protocol"]) or None,
         notes=str(about["notes"]) or None,
         institution="not stated",
         source_script="rigctl export",

@@ -92,9 +92,8 @@ def _times_of(
     if before is not None and _goes_on(*before, part, first):
         first_s = float(before[1].of_counter(first))
     else:
-        first_s = wall_s + float(delay_s[0]) - start_loop_s
-        if before is not None:
-            first_s = max(first_s, _end_s(before[1]))
+        end_s = 0.0 if before is None else _end_s(before[1])
+        first_s = max(wall_s + float(delay_s[0]) - start_loop_s, end_s)
     first_tick = round(first_s * rate_hz)
     return PartTimes(first, last, first_tick, rate_hz, loop_s, delay_s - first_tick / rate_hz)
 
