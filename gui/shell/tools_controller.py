@@ -253,6 +253,12 @@ FORMATS = {
     "Table of the trials (.csv)": TABLE,
 }
 """What a session can be exported to, and its name on the command line."""
+REPRESENTATIONS = {
+    "Readings and spikes": "readings,spikes",
+    "Readings": "readings",
+    "Spikes": "spikes",
+    "Readings, spikes, and counts in windows": "readings,spikes,counts",
+}
 
 
 class ExportPage(FieldsPage):
@@ -275,7 +281,9 @@ class ExportPage(FieldsPage):
         self.format = combo_box(FORMATS)
         self.trials = QLineEdit(placeholderText="All, or such as 1-100,205")
         self.taxels = QLineEdit(placeholderText="All, or such as 1-9")
+        self.representations = combo_box(REPRESENTATIONS)
         self.form.addRow("Format", self.format)
+        self.form.addRow("Contains", self.representations)
         self.form.addRow("Trials", self.trials)
         self.form.addRow("Taxels", self.taxels)
         self.format.currentIndexChanged.connect(lambda _: self._show_choice())
@@ -286,8 +294,8 @@ class ExportPage(FieldsPage):
         self.fields[OUT].clear()
 
     def _show_choice(self) -> None:
-        """Take trials and taxels for the formats that choose among them."""
-        for field in (self.trials, self.taxels):
+        """Take a choice for the formats that have one."""
+        for field in (self.representations, self.trials, self.taxels):
             field.setEnabled(self.format.currentData() != TABLE)
 
     def _is_needed(self, name: str) -> bool:
@@ -300,6 +308,7 @@ class ExportPage(FieldsPage):
         chosen = {"trials": self.trials.text().strip(), "taxels": self.taxels.text().strip()}
         if self.fields[OUT].text().strip():
             chosen["out"] = texts[OUT]
+        chosen["representations"] = self.representations.currentData()
         options = (f"--{name}={value}" for name, value in chosen.items() if value)
         return ("export", f"--to={kind}", *options, "--", session)
 

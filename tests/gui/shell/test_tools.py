@@ -121,9 +121,11 @@ def test_sessions_are_encoded_exported_and_recovered_from_the_menus(
     assert table.read_text().startswith("trial_id,")
     page.format.setCurrentIndex(page.format.findData("csv"))
     page.trials.setText("1")
+    page.representations.setCurrentIndex(page.representations.findData("spikes"))
     tables = tmp_path / "session-csv"
     assert run_page(page, Session=session, Write_into="") == f"export: {tables}"
     assert len((tables / "trials.csv").read_text().splitlines()) == 2
+    assert (tables / "spikes.csv").exists() and not (tables / "samples.csv").exists()
     assert "exists already" in run_page(page, Session=session)
     _choose(disconnected, "&Recover a session")
     assert "has no part to close" in run_page(tools.recover_page, Session=session)
