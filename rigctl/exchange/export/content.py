@@ -318,17 +318,20 @@ class Content:
         total = sum(part.n_rows(table) for part in self.reader.parts)
         done, stage = 0, f"reading {table.path.strip('/')}"
         for part in self.reader.parts:
+            clock = _drum_clock(part) if table is LOADCELL else None
             for start in range(0, part.n_rows(table), TABLE_ROWS):
                 self.progress(stage, done, total)
                 rows = part.rows(table, start, start + TABLE_ROWS)
                 done += len(rows)
-                yield self._table_block(table, part, rows)
+                yield self._table_block(table, part, rows, clock)
         self.progress(stage, 1, 1)
 
-    def _table_block(self, table: TableLayout, part: PartReader, rows: StructuredArray) -> Block:
+    def _table_block(
+        self, table: TableLayout, part: PartReader, rows: StructuredArray, clock: Clock | None
+    ) -> Block:
         loop_s = None
-        if table is LOADCELL:
-            loop_s = _loop_times(part, rows["board_time_us"])
+        if clock is not None:
+            loop_s = _loop_times(rows["board_time_us"], clock)
         elif _has_time(table):
             loop_s = rows["at_s"]
         if not self.selection.is_whole:
@@ -410,14 +413,23 @@ def _has_time(table: TableLayout) -> bool:
     return table is LOADCELL or any(column.name == "at_s" for column in table.columns)
 
 
-def _loop_times(part: PartReader, board_time_us: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the loop times of times of the drum's clock, by the polls of a part; NaN without."""
+Clock = tuple[NDArray[np.int64], NDArray[np.float64]]
+"""Times of the drum's clock, µs, ascending, and by how much the loop's is ahead of it, s."""
+
+
+def _drum_clock(part: PartReader) -> Clock:
+    """Return both clocks at the polls of a part."""
     polls = part.rows(DRUM)
-    polls = polls[np.argsort(polls["board_time_us"], kind="stable")]
-    if not len(polls):
-        return np.full(len(board_time_us), np.nan)
-    ahead_s = polls["at_s"] - polls["board_time_us"] * 1e-6
-    return board_time_us * 1e-6 + np.interp(board_time_us, polls["board_time_us"], ahead_s)
+    order = np.argsort(polls["board_time_us"], kind="stable")
+    board_us = polls["board_time_us"][order]
+    return board_us, polls["at_s"][order] - board_us * 1e-6
+
+
+def _loop_times(board_us: NDArray[np.int64], clock: Clock) -> NDArray[np.float64]:
+    """Return the loop times of times of the drum's clock; NaN where it was never polled."""
+    if not len(clock[0]):
+        return np.full(len(board_us), np.nan)
+    return np.asarray(board_us * 1e-6 + np.interp(board_us, *clock))
 
 
 def _is_between(values: NDArray[Any], first: NDArray[Any], last: NDArray[Any]) -> NDArray[np.bool_]:
