@@ -67,7 +67,7 @@ EXPORTERS: Mapping[str, Exporter] = {
     "matlab": Exporter("MATLAB 7.3", ".mat", f"{HERE}.mat:write_mat", 2.5),
     "parquet": Exporter("Parquet", "", f"{HERE}.tables:write_parquet", 2.5, ("pyarrow",)),
     "neo": Exporter("Neo", ".nix", f"{HERE}.neo_blocks:write_nix", 6.0, ("neo", "nixio")),
-    "csv": Exporter("CSV", "", f"{HERE}.tables:write_csv", 12.0, ("pyarrow",)),
+    "csv": Exporter("CSV", "", f"{HERE}.tables:write_csv", 6.0, ("pyarrow",)),
 }
 """The formats by the name that the command line and the window use."""
 
