@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from uuid import NAMESPACE_URL, uuid5
 
+import h5py
 import numpy as np
 from hdmf.backends.hdf5.h5_utils import H5DataIO
 from hdmf.common import (
@@ -97,7 +98,8 @@ def write_nwb(content: Content, spikes: SpikeTrains | None, target: Path) -> Non
         nwb.units, spike_times = _units(content, spikes, counted, taxels)
         for series in spikes.counts:
             misc.add(_table(series))
-    with NWBHDF5IO(str(target), "w") as io:
+    # HDF5's cache of chunks grows and does not come back; blocks are larger than chunks.
+    with h5py.File(target, "w", rdcc_nbytes=0) as file, NWBHDF5IO(file=file, mode="w") as io:
         io.write(nwb)
         for filling in filter(None, fillings):
             _fill(filling)
@@ -277,7 +279,7 @@ def _units(
         shape=(int(counts.sum()),),
         dtype=np.float64,
         maxshape=(None,),
-        chunks=(1 << 16,),
+        chunks=(1 << 13,),
         **COMPRESSED,
     )
     trains = VectorData(name="spike_times", description="times of the spikes", data=times)
