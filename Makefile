@@ -6,6 +6,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PEERS := .peers
+READERS := .readers
 SAY := @printf '==> %s\n'
 
 # Qt and its fonts: without a font every label is blank.
@@ -16,11 +17,11 @@ DEBIAN_FIRMWARE := gcc g++ make gcc-avr avr-libc libsimavr-dev libelf-dev \
 DEBIAN_TEST := $(DEBIAN_RUN) $(DEBIAN_FIRMWARE) hdf5-tools mbpoll arduino-core-avr avrdude
 
 .DEFAULT_GOAL := help
-.PHONY: help setup boards demo gui test check pytest firmware kernels bench orders realtime identify invariance skin scale shots soak fuzz scans attack docs docs-numbers lock wheels clean
+.PHONY: help setup boards demo gui test check pytest firmware kernels exchange bench orders realtime identify invariance skin scale shots soak fuzz scans attack docs docs-numbers lock wheels clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
-	@echo 'also: make gui, check, firmware, bench, orders, realtime, identify, invariance, skin, scale, shots, soak, fuzz, scans, attack, docs, docs-numbers, lock, wheels, clean'
+	@echo 'also: make gui, check, firmware, exchange, bench, orders, realtime, identify, invariance, skin, scale, shots, soak, fuzz, scans, attack, docs, docs-numbers, lock, wheels, clean'
 
 $(VENV)/.ready: requirements.lock pyproject.toml hatch_build.py
 	$(SAY) "Python environment in $(VENV) (locked versions, hashes checked, wheels only)"
@@ -81,6 +82,18 @@ $(PEERS)/.ready: tests/benchmarks/encoder/peers.txt
 	@test -x $(PEERS)/bin/python || $(PYTHON) -m venv $(PEERS)
 	@$(PEERS)/bin/pip install --quiet --disable-pip-version-check -r tests/benchmarks/encoder/peers.txt
 	@touch $@
+
+$(READERS)/.ready: tests/exchange/readers.txt
+	$(SAY) "other people's readers of NWB, in an environment of their own"
+	@test -x $(READERS)/bin/python || $(PYTHON) -m venv $(READERS)
+	@$(READERS)/bin/pip install --quiet --disable-pip-version-check -r tests/exchange/readers.txt
+	@touch $@
+
+exchange: boards $(READERS)/.ready
+	@sh .ci/debian-packages octave
+	$(SAY) "exports, read by SpikeInterface, pynapple and Octave, and judged by nwbinspector"
+	@RIGCTL_READERS_PYTHON=$(abspath $(READERS)/bin/python) OPENBLAS_NUM_THREADS=1 \
+	  $(BIN)/python -m pytest -q -o python_files="readers_exchange.py" tests/exchange
 
 bench: firmware $(PEERS)/.ready
 	@sh .ci/debian-packages $(DEBIAN_TEST)
@@ -240,4 +253,4 @@ wheels: boards $(WHEELS)/.ready
 	@$(WHEELS)/bin/python -m tools.check_wheels dist
 
 clean:
-	rm -rf build dist $(VENV) $(PEERS) $(WHEELS)
+	rm -rf build dist $(VENV) $(PEERS) $(READERS) $(WHEELS)

@@ -150,7 +150,7 @@ class AnalysisTab(QObject):
         panel, worker, reader = self.panel, self.worker, self.reader
         panel.open_requested.connect(lambda path: reader.submit("open_session", path=path))
         self.sessions.task_requested.connect(lambda task, args: reader.submit(task, **args))
-        self.sessions.export_requested.connect(self._export)
+        self.sessions.table_requested.connect(self._write_table)
         panel.trial_requested.connect(self._load_trial)
         panel.note_requested.connect(self._note)
         panel.run_requested.connect(self._run)
@@ -313,7 +313,7 @@ class AnalysisTab(QObject):
         else:
             self.files.save(*place, view.picture())
 
-    def _export(self, session: str) -> None:
+    def _write_table(self, session: str) -> None:
         """Write all attempts of a session with their notes as a table."""
         from rigctl.session.trial_csv import write_trials
 

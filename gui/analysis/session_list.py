@@ -29,6 +29,7 @@ FILTER_TIP = (
 )
 NONE_CHOSEN = "Choose a session in the list"
 WHOLE = "All planned trials are recorded"
+ONE = "Choose one session; `rigctl export` takes several"
 SEVERAL = "Choose two or more sessions of the drum (Ctrl, Shift)"
 _MB = 1e6
 _Selection = QItemSelectionModel.SelectionFlag
@@ -49,6 +50,7 @@ class SessionList(QWidget):
     add_requested = Signal(str)
     overlay_requested = Signal(tuple)
     """The paths of two or more sessions of the drum."""
+    table_requested = Signal(str)
     export_requested = Signal(str)
     path_requested = Signal(object, object)
     closed = Signal()
@@ -75,6 +77,7 @@ class SessionList(QWidget):
             "Analyse": push_button("Analyse", self._analyse),
             "Add": push_button("Add", self._add),
             "Lay over": push_button("Lay over", self._lay_over),
+            "Table": push_button("Table", self._write_tables),
             "Export": push_button("Export", self._export),
         }
         self.row_menu = {name: QAction(name, self.table) for name in self.buttons}
@@ -185,12 +188,14 @@ class SessionList(QWidget):
             "Analyse": readable,
             "Add": readable,
             "Lay over": readable and len(chosen) > 1 and kinds == {DRUM_EXPERIMENT},
-            "Export": readable,
+            "Table": readable,
+            "Export": readable and one is not None,
         }
         for name, button in self.buttons.items():
             button.setEnabled(possible[name])
             self.row_menu[name].setEnabled(possible[name])
             lacks = {"Continue": WHOLE if one else NONE_CHOSEN, "Lay over": SEVERAL}
+            lacks["Export"] = ONE if len(chosen) > 1 else NONE_CHOSEN
             button.setToolTip(_TIPS[name] if possible[name] else lacks.get(name, NONE_CHOSEN))
 
     def _continue(self) -> None:
@@ -211,9 +216,12 @@ class SessionList(QWidget):
     def _lay_over(self) -> None:
         self.overlay_requested.emit(tuple(line.path for line in self.chosen))
 
-    def _export(self) -> None:
+    def _write_tables(self) -> None:
         for line in self.chosen:
-            self.export_requested.emit(line.path)
+            self.table_requested.emit(line.path)
+
+    def _export(self) -> None:
+        self.export_requested.emit(self.chosen[0].path)
 
     def _choose_folder(self, folder: str) -> None:
         self.folder.setText(folder)
@@ -255,7 +263,8 @@ _TIPS = {
     "Analyse": "Open the chosen sessions in Analysis (Return, or a double click on a row)",
     "Add": "Add the chosen sessions to those that are open in Analysis",
     "Lay over": "Show a trial of one plate, speed and force of each chosen session in one plot",
-    "Export": "Write all attempts with their notes as a table (CSV) beside the session",
+    "Table": "Write all attempts with their notes as a table (CSV) beside the session",
+    "Export": "Write the session for other programs: NWB, MATLAB, Parquet, Neo, CSV",
 }
 
 

@@ -637,6 +637,7 @@ class MainWindow(SteadyFocusWindow):
         sessions.analyse_requested.connect(self._analyse)
         sessions.add_requested.connect(self._add_to_analysis)
         sessions.overlay_requested.connect(self._lay_over)
+        sessions.export_requested.connect(self.tools.show_export)
         sessions.path_requested.connect(self._browse_sessions)
         sessions.closed.connect(self._show_view)
         self.start.sessions_requested.connect(self._list_sessions)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from PySide6.QtCore import QObject, QProcess, Qt, Signal
+from PySide6.QtCore import QObject, QProcess, Qt, QTimer, Signal
 from PySide6.QtWidgets import QHBoxLayout, QLineEdit, QPlainTextEdit, QWidget
 
 from gui.link.engine_link import EngineLink
@@ -18,13 +18,13 @@ from gui.shell.actions import ActionRegistry
 from gui.shell.docks import PageStack
 from gui.widgets.file_browser import PathKind, browse_button
 from gui.widgets.labels import label, set_property
-from gui.widgets.layouts import container, form_layout, hbox, push_button, vbox
+from gui.widgets.layouts import combo_box, container, form_layout, hbox, push_button, vbox
 from gui.widgets.typed_paths import typed_path
 from rigctl.boards.identity import offered_flash
 from rigctl.engine.live_file import LiveReader
 from rigctl.engine.rpc.messages import EngineStatus
 
-_KILL_MS = 1000
+_KILL_MS, _CLEAN_UP_MS = 1000, 5000
 
 
 class CommandPage(QWidget):
@@ -99,12 +99,13 @@ class CommandPage(QWidget):
         process.start(sys.executable, ["-m", "rigctl", *words])
 
     def cancel(self) -> None:
-        """End the command."""
+        """End the command: it removes what is half written, and is killed if that takes long."""
         process, self._process = self._process, None
         if process is not None:
             process.finished.disconnect(self._finish)
             process.finished.connect(process.deleteLater)
-            process.kill()
+            process.terminate()
+            QTimer.singleShot(_CLEAN_UP_MS, process, process.kill)
             self._show_verdict("Cancelled.", "muted")
             self.show_running(False)
 
@@ -112,7 +113,8 @@ class CommandPage(QWidget):
         """End the command before the window closes."""
         process = self._process
         self.cancel()
-        if process is not None:
+        if process is not None and not process.waitForFinished(_KILL_MS):
+            process.kill()
             process.waitForFinished(_KILL_MS)
 
     def _read(self) -> None:
@@ -151,7 +153,8 @@ class CommandPage(QWidget):
 class FieldsPage(CommandPage):
     """A command whose arguments are typed or chosen: one field a line.
 
-    ``fields``: what each is, and what it takes; all are needed. ``words`` returns the command.
+    ``fields``: what each is, and what it takes; all but the ``optional`` are needed. ``words``
+    returns the command.
     """
 
     path_requested = Signal(object, object)
@@ -163,21 +166,26 @@ class FieldsPage(CommandPage):
         run_text: str,
         fields: Mapping[str, tuple[PathKind, str]],
         words: Callable[[Mapping[str, str]], Sequence[str]],
+        optional: Sequence[str] = (),
     ) -> None:
         super().__init__(
             title,
             explanation,
             run_text,
             words=lambda: words(self.texts()),
-            refusal=lambda: self.lack(*fields),
+            refusal=lambda: self.lack(*(name for name in fields if self._is_needed(name))),
         )
+        self._optional = optional
         self.fields: dict[str, QLineEdit] = {}
-        form = form_layout(4)
+        self.form = form = form_layout(4)
         for name, (kind, hint) in fields.items():
             field = self.fields[name] = QLineEdit(placeholderText=hint)
             field.returnPressed.connect(self.run)
             form.addRow(name, hbox(field, browse_button(self.path_requested, kind, field.setText)))
         self.add_input(container(form), 1)
+
+    def _is_needed(self, name: str) -> bool:
+        return name not in self._optional or bool(self.fields[name].text().strip())
 
     def texts(self) -> dict[str, str]:
         """Return the path in each field, from the home folder where it begins with ``~``."""
@@ -223,18 +231,6 @@ def encode_page() -> FieldsPage:
     )
 
 
-def export_page() -> FieldsPage:
-    """Return the page that writes the attempts of a session as a table."""
-    return FieldsPage(
-        "Export a session",
-        "Writes all attempts with their columns, verdicts and notes as a table (CSV), as "
-        "rigctl info --csv does. Analysis saves samples, spikes and figures of a trial.",
-        "Export",
-        {SESSION: (PathKind.SESSION, "Session folder"), OUT: (PathKind.TABLE, "New .csv file")},
-        lambda texts: ("info", f"--csv={texts[OUT]}", "--", texts[SESSION]),
-    )
-
-
 def recover_page() -> FieldsPage:
     """Return the page that closes the parts of a killed writer."""
     return FieldsPage(
@@ -245,6 +241,76 @@ def recover_page() -> FieldsPage:
         {SESSION: (PathKind.SESSION, "Session folder")},
         lambda texts: ("recover", "--", texts[SESSION]),
     )
+
+
+TABLE = "table"
+FORMATS = {
+    "NWB (.nwb): pynwb, SpikeInterface, pynapple, MatNWB": "nwb",
+    "MATLAB 7.3 (.mat): MATLAB, Octave": "matlab",
+    "Parquet (a folder): pandas, Polars, R": "parquet",
+    "Neo (.nix)": "neo",
+    "CSV (a folder)": "csv",
+    "Table of the trials (.csv)": TABLE,
+}
+"""What a session can be exported to, and its name on the command line."""
+REPRESENTATIONS = {
+    "Readings and spikes": "readings,spikes",
+    "Readings": "readings",
+    "Spikes": "spikes",
+    "Readings, spikes, and counts in windows": "readings,spikes,counts",
+}
+
+
+class ExportPage(FieldsPage):
+    """A session, or a part of it, in the format of another program."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "Export a session",
+            "Writes readings, spikes, what the rig did, trials and events on one clock, as rigctl "
+            "export does. The export appears whole or not at all; nothing is replaced. Analysis "
+            "saves samples, spikes and figures of a trial.",
+            "Export",
+            {
+                SESSION: (PathKind.SESSION, "Session folder"),
+                OUT: (PathKind.TABLE, "New file or folder; empty: beside the session"),
+            },
+            self._words_of,
+            optional=(OUT,),
+        )
+        self.format = combo_box(FORMATS)
+        self.trials = QLineEdit(placeholderText="All, or such as 1-100,205")
+        self.taxels = QLineEdit(placeholderText="All, or such as 1-9")
+        self.representations = combo_box(REPRESENTATIONS)
+        self.form.addRow("Format", self.format)
+        self.form.addRow("Contains", self.representations)
+        self.form.addRow("Trials", self.trials)
+        self.form.addRow("Taxels", self.taxels)
+        self.format.currentIndexChanged.connect(lambda _: self._show_choice())
+
+    def show_session(self, path: str) -> None:
+        """Offer the export of a session."""
+        self.fields[SESSION].setText(path)
+        self.fields[OUT].clear()
+
+    def _show_choice(self) -> None:
+        """Take a choice for the formats that have one."""
+        for field in (self.representations, self.trials, self.taxels):
+            field.setEnabled(self.format.currentData() != TABLE)
+
+    def _is_needed(self, name: str) -> bool:
+        return self.format.currentData() == TABLE or super()._is_needed(name)
+
+    def _words_of(self, texts: Mapping[str, str]) -> Sequence[str]:
+        kind, session = self.format.currentData(), texts[SESSION]
+        if kind == TABLE:
+            return ("info", f"--csv={texts[OUT]}", "--", session)
+        chosen = {"trials": self.trials.text().strip(), "taxels": self.taxels.text().strip()}
+        if self.fields[OUT].text().strip():
+            chosen["out"] = texts[OUT]
+        chosen["representations"] = self.representations.currentData()
+        options = (f"--{name}={value}" for name, value in chosen.items() if value)
+        return ("export", f"--to={kind}", *options, "--", session)
 
 
 class ImportPage(FieldsPage):
@@ -342,7 +408,7 @@ class ToolsController(QObject):
         self.flash_strip = FlashStrip()
         self.ports_page, self.import_page = PortsPage(self._ports_refusal), ImportPage()
         self.accept_page, self.encode_page = accept_page(), encode_page()
-        self.export_page, self.recover_page = export_page(), recover_page()
+        self.export_page, self.recover_page = ExportPage(), recover_page()
         self.import_page.session_requested.connect(self.session_requested)
         self.calibrate_page = CalibratePage()
         stack.add_page("calibrate", self.calibrate_page)
@@ -359,6 +425,11 @@ class ToolsController(QObject):
         self.calibrate_page.show_part(part)
         self._stack.show_page("calibrate")
 
+    def show_export(self, session: str) -> None:
+        """Show the page Export with a session."""
+        self.export_page.show_session(session)
+        self._stack.show_page("export")
+
     def show_setup(self) -> None:
         """Show the page Set up."""
         self._stack.show_page("setup")
@@ -374,13 +445,13 @@ class ToolsController(QObject):
         """Add the pages of commands, which run in processes of their own."""
         judge = "Judge a rig by a session of the acceptance protocol"
         made = "Make a session of recordings from elsewhere"
-        table = "Write all attempts of a session with their notes as a table"
+        export = "Write a session for other programs: NWB, MATLAB, Parquet, Neo, CSV"
         spikes = "Write the spikes of a session as plain arrays"
         close = "Close the parts of a session whose writer was killed"
         self._commands: dict[str, CommandPage] = {}
         for menu, name, page, text, tip in (
             ("File", "import", self.import_page, "I&mport recordings", made),
-            ("File", "export", self.export_page, "&Export a session", table),
+            ("File", "export", self.export_page, "&Export a session", export),
             ("Tools", "encode", self.encode_page, "&Encode a session", spikes),
             ("Tools", "recover", self.recover_page, "&Recover a session", close),
             ("Tools", "accept", self.accept_page, "&Accept a rig", judge),

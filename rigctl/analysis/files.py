@@ -18,28 +18,51 @@ def atomic_directory(out: Path) -> Iterator[Path]:
 
     Raises WrongUse where ``out`` exists, DiskFault where it cannot be written.
     """
-    if out.exists():
-        raise WrongUse(f"{out} already exists: name another folder, or remove it")
+    with _partial_folder(out, "folder") as folder:
+        yield folder
+        folder.rename(out)
+
+
+@contextmanager
+def new_file(out: Path) -> Iterator[Path]:
+    """Yield a path with the name of ``out``, of which a file goes there at the end, or nowhere.
+
+    Raises WrongUse where ``out`` exists, DiskFault where it cannot be written.
+    """
+    with _partial_folder(out, "file") as folder:
+        yield folder / out.name
+        _refuse_existing(out, "file")
+        (folder / out.name).rename(out)
+
+
+@contextmanager
+def _partial_folder(out: Path, kind: str) -> Iterator[Path]:
+    """Yield a new folder beside ``out``, and remove what is in it at the end."""
+    _refuse_existing(out, kind)
     folder = out.absolute().with_name(PARTIAL.format(name=out.name))
     try:
         folder.mkdir(parents=True)
     except FileExistsError:
         raise WrongUse(
-            f"{folder} exists: another analysis is writing it, or was killed; then remove it"
+            f"{folder} exists: another process is writing it, or was killed; then remove it"
         ) from None
     except OSError as error:
         raise DiskFault(
-            f"{out} cannot be created ({error.strerror}): name another folder"
+            f"{out} cannot be created ({error.strerror}): name another {kind}"
         ) from error
     try:
         yield folder
-        folder.rename(out)
     except OSError as error:
         raise DiskFault(
-            f"{out.name} cannot be written ({error}): free some space or name another folder"
+            f"{out.name} cannot be written ({error}): free some space or name another {kind}"
         ) from error
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _refuse_existing(out: Path, kind: str) -> None:
+    if out.exists():
+        raise WrongUse(f"{out} already exists: name another {kind}, or remove it")
 
 
 @contextmanager

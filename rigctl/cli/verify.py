@@ -1,6 +1,7 @@
-"""Check that a session is whole, or name what is wrong.
+"""Check that a session or a bundle is whole, or name what is wrong.
 
-Read every part and compare its digests, counts and plan; change nothing. With the closing digest
+Read every part and compare its digests, counts and plan; change nothing. Of a bundle, every file is
+compared with its checksum, too. With the closing digest
 that was kept elsewhere it also finds a session that was replaced as a whole. Exit code 0: whole; 1:
 not whole; 2: not a session.
 """
@@ -34,6 +35,7 @@ def print_missing(folder: Path) -> None:
 
 
 WHOLE, NOT_WHOLE = 0, 1
+METADATA = "ro-crate-metadata.json"
 QUIET_S = 2.0
 """A shorter check shows no progress."""
 
@@ -53,6 +55,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print one line for each finding, then the answer."""
     line = ProgressLine(sys.stderr)
+    if (args.session / METADATA).is_file():
+        return _verify_bundle(args, line)
 
     def show(share: float, what: str) -> None:
         if share and line.elapsed_s > QUIET_S:
@@ -65,6 +69,27 @@ def run(args: argparse.Namespace) -> int:
     else:
         _print(report, args.session)
     return WHOLE if report.whole else NOT_WHOLE
+
+
+def _verify_bundle(args: argparse.Namespace, line: ProgressLine) -> int:
+    """Print what a bundle lacks, then the answer and the digest of its description."""
+    from rigctl.exchange.bundle import bundle_digest, verify_bundle
+
+    problems = verify_bundle(args.session, line.show_stage)
+    line.end()
+    digest = bundle_digest(args.session)
+    if args.digest and args.digest != digest:
+        problems.append(f"{METADATA}: its digest is {digest}, not {args.digest}")
+    if args.json:
+        print(json.dumps({"whole": not problems, "problems": problems, "digest": digest}))
+        return NOT_WHOLE if problems else WHOLE
+    for problem in problems:
+        print(f"problem: {problem}")
+    n = len(problems)
+    verdict = f"not whole, {n} problem{'s' * (n > 1)}" if n else "whole"
+    print(f"{args.session} is a bundle and is {verdict}")
+    print(f"digest: {digest}")
+    return NOT_WHOLE if problems else WHOLE
 
 
 def _print(report: VerifyReport, path: Path) -> None:

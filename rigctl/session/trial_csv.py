@@ -29,16 +29,20 @@ def write_trials(session: Path, out: Path) -> None:
 
 
 def _rows(session: SessionReader) -> list[tuple[object, ...]]:
-    counted = set(session.committed().tolist())
     simulated = "yes" if session.header.simulated else "no"
+    attempts = zip(session.trials.tolist(), judge_attempts(session), strict=True)
+    return [(*row, *judged, simulated) for row, judged in attempts]
+
+
+def judge_attempts(session: SessionReader) -> list[tuple[str, str, str]]:
+    """Return of each attempt whether it counts (yes or no), why not, and the notes on it."""
+    counted = set(session.committed().tolist())
     left_out, repeated, notes = session.left_out, session.repeated, session.trial_notes()
     return [
         (
-            *row,
             "yes" if index in counted else "no",
             "; ".join(filter(None, (left_out.get(index), REPEATED if index in repeated else ""))),
             notes.get(index, ""),
-            simulated,
         )
-        for index, row in enumerate(session.trials.tolist())
+        for index in range(len(session.trials))
     ]

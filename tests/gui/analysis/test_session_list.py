@@ -217,16 +217,26 @@ def test_a_session_that_was_verified_says_when(
     wait_until(lambda: cells(sessions, "Verified")["whole"] == "–")
 
 
-def test_export_writes_every_attempt_with_its_notes(
+def test_table_writes_every_attempt_with_its_notes(
     harness: Harness, sessions: SessionList, data: Path
 ) -> None:
     choose(sessions, "marked")
-    click(sessions.buttons["Export"])
+    click(sessions.buttons["Table"])
     wait_until(lambda: "trials.csv" in harness.window.event_log.toPlainText())
     names, *rows = (data / "marked-figures" / "trials.csv").read_text().splitlines()
     assert names.split(",")[-4:] == ["counts", "why_not", "notes", "simulated"]
     assert len(rows) == 4
     assert [row for row in rows if ",no,marked bad: it slipped,marked bad: it slipped,yes" in row]
+
+
+def test_export_offers_the_formats_for_the_chosen_session(
+    harness: Harness, sessions: SessionList, data: Path
+) -> None:
+    choose(sessions, "whole")
+    click(sessions.buttons["Export"])
+    page = harness.window.tools.export_page
+    assert page.isVisible()
+    assert page.fields["Session"].text() == str(data / "project" / "whole")
 
 
 def test_continue_runs_the_remaining_trials(

@@ -114,9 +114,19 @@ def test_sessions_are_encoded_exported_and_recovered_from_the_menus(
     tools = disconnected.window.tools
     session = record(tmp_path / "session", textures="A")
     _choose(disconnected, "&Export a session")
-    table = tmp_path / "trials.csv"
-    assert run_page(tools.export_page, Session=session, Write_into=table) == str(table)
+    page, table = tools.export_page, tmp_path / "trials.csv"
+    page.format.setCurrentIndex(page.format.findData("table"))
+    assert run_page(page, Session=session, Write_into="") == "Write into: choose it first."
+    assert run_page(page, Session=session, Write_into=table) == str(table)
     assert table.read_text().startswith("trial_id,")
+    page.format.setCurrentIndex(page.format.findData("csv"))
+    page.trials.setText("1")
+    page.representations.setCurrentIndex(page.representations.findData("spikes"))
+    tables = tmp_path / "session-csv"
+    assert run_page(page, Session=session, Write_into="") == f"export: {tables}"
+    assert len((tables / "trials.csv").read_text().splitlines()) == 2
+    assert (tables / "spikes.csv").exists() and not (tables / "samples.csv").exists()
+    assert "exists already" in run_page(page, Session=session)
     _choose(disconnected, "&Recover a session")
     assert "has no part to close" in run_page(tools.recover_page, Session=session)
     _choose(disconnected, "&Encode a session")
