@@ -153,8 +153,8 @@ class ScanAttempt:
 
     def _take_block(self, block: FingerBlock, arrived_s: float) -> None:
         if self.scan is not None:
-            readings = self.scan.add_block(block, arrived_s)
-            self._touched += int(self._devices.contact.touched(readings).sum())
+            rows = self.scan.add_block(block, arrived_s)
+            self._touched += int(self._devices.contact.touched[rows].sum())
 
     def _take_message(self, message: Message, arrived_s: float) -> None:
         scan = self.scan

@@ -97,8 +97,12 @@ class SlideDetector:
         return (last_mm - first_mm) / (last_s - first_s) if last_s > first_s else 0.0
 
 
-CONTACT_COUNTS = 30.0
-"""Mean rise over rest at which the sensor touches; the converter's noise is below 1 count."""
+CONTACT_COUNTS = 20.0
+"""Mean rise over rest at which the sensor touches; the converter's noise is below 1 count, and what
+a skin keeps of a press fades from about 12."""
+CONTACT_HOLD_SAMPLES = 100
+"""A contact lasts for so long: a stiff skin rests on ridges, and a light finger has moments in which
+all of them are between the taxels."""
 KEPT_S = 120
 """Rest is taken from this time: it drifts with the sensor's warmth and wear."""
 REST_PERCENTILE = 5
@@ -108,11 +112,14 @@ REST_PERCENTILE = 5
 class ContactMeter:
     """Compares the mean reading of all taxels with rest, the low levels of the last two minutes.
 
-    The finger is in the air between two slides, so a twentieth of the time is rest.
+    The finger is in the air between two slides, so a twentieth of the time is rest. ``touched``: in
+    which of the samples that were added last the sensor touches, bool (n,).
     """
 
     def __init__(self) -> None:
         self.touches = False
+        self.touched: NDArray[np.bool_] = np.zeros(0, np.bool_)
+        self._since_contact = CONTACT_HOLD_SAMPLES
         self._lowest: deque[float] = deque(maxlen=KEPT_S)
         self._second_lowest, self._second_samples = inf, 0
         self._rest = inf
@@ -128,9 +135,11 @@ class ContactMeter:
             self._lowest.append(self._second_lowest)
             self._second_lowest, self._second_samples = inf, 0
         self._rest = sorted(levels)[REST_PERCENTILE * (len(levels) - 1) // 100]
-        self.touches = bool(self.touched(readings[-1:])[0])
+        self._hold(readings.mean(axis=1) > self._rest + CONTACT_COUNTS)
 
-    def touched(self, readings: NDArray[np.uint16]) -> NDArray[np.bool_]:
-        """Return in which samples the sensor touches, bool (n,)."""
-        above: NDArray[np.bool_] = readings.mean(axis=1) > self._rest + CONTACT_COUNTS
-        return above
+    def _hold(self, above: NDArray[np.bool_]) -> None:
+        number = np.arange(len(above))
+        last = np.maximum.accumulate(np.where(above, number, -1 - self._since_contact))
+        self.touched = number - last < CONTACT_HOLD_SAMPLES
+        self._since_contact = int(number[-1] - last[-1])
+        self.touches = bool(self.touched[-1])

@@ -149,11 +149,25 @@ def test_contact_is_a_rise_over_rest() -> None:
     rest = np.full((50, 9), 100, np.uint16)
     meter.add(rest)
     assert not meter.touches
-    meter.add(rest + np.uint16(40))
+    assert not meter.touched.any()
+    meter.add(rest + np.uint16(25))
     assert meter.touches
-    assert meter.touched(rest).tolist() == [False] * 50
+    assert meter.touched.all()
     meter.add(rest[:0])
+    assert meter.touches
+
+
+def test_a_contact_lasts_between_two_ridges_and_ends_with_a_lift() -> None:
+    meter = ContactMeter()
+    rest = np.full((60, 9), 100, np.uint16)
     meter.add(rest)
+    meter.add(rest + np.uint16(40))
+    meter.add(rest)
+    assert meter.touched.all()
+    meter.add(rest + np.uint16(40))
+    meter.add(rest)
+    meter.add(rest)
+    assert meter.touched.sum() == 39
     assert not meter.touches
 
 
