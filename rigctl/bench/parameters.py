@@ -123,7 +123,7 @@ class WorldParameters:
     )
     bottom_gain: float = _p(0.09, "", 0.03, 0.8, "the same for a bottom taxel", IDENTIFIED)
     conductance_power: float = _p(
-        1.05, "", 0.3, 1.3, "conductance is this power of the pressure", IDENTIFIED
+        1.03, "", 0.3, 1.3, "conductance is this power of the pressure", IDENTIFIED
     )
     saturation_g: float = _p(
         9100.0, "g", 500, 12500, "force whose mean pressure halves the conductance", IDENTIFIED

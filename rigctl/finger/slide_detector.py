@@ -101,8 +101,8 @@ CONTACT_COUNTS = 20.0
 """Mean rise over rest at which the sensor touches; the converter's noise is below 1 count, and what
 a skin keeps of a press fades from about 12."""
 CONTACT_HOLD_SAMPLES = 100
-"""A contact lasts for so long: a stiff skin rests on ridges, and a light finger has moments in which
-all of them are between the taxels."""
+"""A contact lasts for so long: a stiff skin rests on ridges, and a light finger has moments in
+which all of them are between the taxels."""
 KEPT_S = 120
 """Rest is taken from this time: it drifts with the sensor's warmth and wear."""
 REST_PERCENTILE = 5
