@@ -190,7 +190,11 @@ def _measure_finger(folder: Path) -> Values:
         "components": shown,
         "tasks": tasks,
         "evidence": [by_mm[KINDS[1]][mm] for mm in SOME_MM],
-        "profiles": [[one["spread"], one["profile_share"]] for one in found["profiles"]],
+        "profiles": [
+            [one["spread"], one["profile_share"]]
+            for one in found["profiles"]
+            if one["kind"] in KINDS
+        ],
         "latency": found["latencies"]["features"],
         "sentences": [line for line in sentences if not line.startswith("Fig.")],
     }
