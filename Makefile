@@ -106,7 +106,7 @@ scale: boards
 	@$(BIN)/python -m tests.benchmarks.encoder.scale docs/explanation/scale.md
 
 # Independent virtual sets; what is there already is used again.
-# WORLD=FILE gives them another simulated bench, such as tools/skin.toml.
+# WORLD=FILE gives them another simulated bench.
 ORDERS := build/orders$(if $(WORLD),-$(basename $(notdir $(WORLD))))
 SEEDS ?= 1 2 3
 REPEATS ?= 10
@@ -157,7 +157,7 @@ skin: $(VENV)/.ready
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.skin_statistics $(SKIN_ARGS)
 
 # Results that pages tell, but for those of the finger, which `make realtime` makes.
-NUMBERS ?= ra-rates textbook processors ranges invariance distances mountings spreads spreads-skin
+NUMBERS ?= ra-rates textbook processors ranges invariance distances mountings spreads
 
 docs-numbers: boards
 	$(SAY) "results that pages of docs tell, measured again where build/numbers lacks them: $(NUMBERS)"

@@ -20,7 +20,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rigctl.bench.parameters import WorldParameters
-from rigctl.bench.world_file import load_world
 from rigctl.cli import main as rigctl
 from rigctl.encoder.encoder import encode_trial
 from rigctl.encoder.normalisation import Normalisation
@@ -33,9 +32,9 @@ from tools.slides import Slider
 CHECKOUT = Path(__file__).parents[1]
 DOCS, BUILD = CHECKOUT / "docs", CHECKOUT / "build"
 STORE = DOCS / "numbers.json"
-PROTOCOLS, SKIN = CHECKOUT / "protocols", CHECKOUT / "tools" / "skin.toml"
+PROTOCOLS = CHECKOUT / "protocols"
 KINDS = ("Original", "Speed Scaled")
-MOUNTINGS = {"nominal": "0.002 mm (nominal bench)", "tilted": "0.05 mm"}
+MOUNTINGS = {"nominal": "0.015 mm (nominal bench)", "tilted": "0.05 mm"}
 TILT_MM = 0.05
 SOME_MM = (10, 100, 200)
 SEEDS = (1, 2, 3)
@@ -62,7 +61,7 @@ class Numbers(NamedTuple):
 
 
 def bench() -> list[float]:
-    """Return what a trial of the drum and a scan of the finger are like on the nominal benches.
+    """Return what a trial of the drum and a scan of the finger are like on the nominal bench.
 
     Mean reading in counts, SA and RA rate in Hz, of each. Numbers of pages hold as long as these.
     """
@@ -191,18 +190,18 @@ def _measure_finger(folder: Path) -> Values:
         "components": shown,
         "tasks": tasks,
         "evidence": [by_mm[KINDS[1]][mm] for mm in SOME_MM],
-        "profiles": [[one["spread"], one["profile_share"]] for one in found["profiles"]],
+        "profiles": [
+            [one["spread"], one["profile_share"]]
+            for one in found["profiles"]
+            if one["kind"] in KINDS
+        ],
         "latency": found["latencies"]["features"],
         "sentences": [line for line in sentences if not line.startswith("Fig.")],
     }
 
 
-def _measure_spreads(world: Path | None) -> Callable[[Path], Values]:
-    def measure(folder: Path) -> Values:
-        parameters = load_world(world).parameters if world else WorldParameters()
-        return dict(spread_rows(parameters))
-
-    return measure
+def _measure_spreads(folder: Path) -> Values:
+    return dict(spread_rows(WorldParameters()))
 
 
 def _measure_textbook(folder: Path) -> Values:
@@ -356,10 +355,7 @@ NUMBERS: Mapping[str, Numbers] = {
         {"finger": _finger, "finger-beyond": _beyond},
     ),
     "spreads": Numbers(
-        FINGER_PAGE, "make docs-numbers", _measure_spreads(None), {"spreads": _spreads}
-    ),
-    "spreads-skin": Numbers(
-        FINGER_PAGE, "make docs-numbers", _measure_spreads(SKIN), {"spreads-skin": _spreads}
+        FINGER_PAGE, "make docs-numbers", _measure_spreads, {"spreads": _spreads}
     ),
 }  # fmt: skip
 

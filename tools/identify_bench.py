@@ -29,7 +29,7 @@ from rigctl.bench.parameters import (
     parameter_infos,
     validated,
 )
-from rigctl.bench.world_file import load_world
+from rigctl.bench.world_file import NOMINAL_WORLD, load_world
 from rigctl.encoder.force_search import mean_sa_rates_hz
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.errors import RigctlError
@@ -74,9 +74,6 @@ REPEATS, DEPTH_REPEATS = 4, 2
 CHANGED = 0.4
 """Share of the parameters that a random step changes."""
 
-START = Path(__file__).with_name("skin.toml")
-"""World at which a search begins; decision 49 says where its values are from."""
-
 REPEATS_GAIN_POINTS = {
     "textures": 1.9,
     "groups": 2.3,
@@ -86,7 +83,7 @@ REPEATS_GAIN_POINTS = {
     "trained-both": 0.4,
 }
 """Percentage points that are added to a candidate's accuracies, because classifiers learn more from
-more repeats: with START and seed 11, slides of 16 repeats were better than of 4 by so much."""
+more repeats: with nominal values and seed 11, slides of 16 repeats were better than of 4 by it."""
 
 SPREAD = 0.25
 """Relative size of a random change."""
@@ -246,7 +243,7 @@ def _changed(parameters: WorldParameters, change: Floats) -> WorldParameters:
 
 
 def identified_parameters(parameters: WorldParameters) -> list[ParameterInfo]:
-    """Return the parameters that are identified from the Original column."""
+    """Return the parameters that are identified."""
     return [row for row in parameter_infos(parameters) if row.source == IDENTIFIED]
 
 
@@ -280,8 +277,9 @@ def main(arguments: list[str] | None = None) -> int:
     """Search, or with ``--steps 0`` only evaluate a world."""
     options = _parser().parse_args(arguments)
     try:
-        world = load_world(options.world).parameters
-        search = _search(replace(world, **dict(options.set)), options.steps, options.seed)
+        world = NOMINAL_WORLD if options.world is None else load_world(options.world)
+        start = replace(world.parameters, **dict(options.set))
+        search = _search(start, options.steps, options.seed)
     except RigctlError as error:
         print(f"rigctl: {error}", file=sys.stderr)
         return 2
@@ -320,8 +318,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--world",
         type=Path,
-        default=START,
-        help=f"world file at which to begin (tools/{START.name})",
+        help="world file at which to begin (default: the nominal bench)",
     )
     parser.add_argument("--seed", type=int, default=1, help="of the search (1)")
     parser.add_argument(

@@ -27,7 +27,6 @@ from rigctl.analysis.splits import make_splits
 from rigctl.analysis.tasks import SweepSettings, run_tasks, score_splits
 from rigctl.analysis.trial_set import Design, TrialSet, join_sessions, open_trials
 from rigctl.bench.parameters import WorldParameters, validated
-from rigctl.bench.world_file import load_world
 from rigctl.config.rig_config import PAPER_ARRAY
 from rigctl.config.toml_reader import TomlText
 from rigctl.encoder.batch import mean_normalised_reading
@@ -41,7 +40,7 @@ from rigctl.errors import ConfigError, RigctlError
 from rigctl.exchange.column_map import parse_map
 from rigctl.exchange.importer import import_files
 from rigctl.session.session import Session
-from tools.identify_bench import DRAWS, JUDGES, START
+from tools.identify_bench import DRAWS, JUDGES
 from tools.skin_figures import SkinFigures, skin_figures
 from tools.slides import DEPTHS_MM, SlideSession, simulate_slides, slide_features
 
@@ -178,9 +177,8 @@ def session_accuracies(trials: TrialSet, reference: float, folder: Path) -> tupl
 
 
 class Mechanism(NamedTuple):
-    """A property of skin, plate or circuit that is changed alone, from a world.
+    """A property of skin, plate or circuit that is changed alone, from the nominal world.
 
-    ``parameters``: what it changes of ``base``.
     ``height_spread_mm``: as of :class:`tools.slides.Slider`. ``loaded``: whether the taxels of an
     input load each other, and the divider a taxel.
     """
@@ -188,64 +186,50 @@ class Mechanism(NamedTuple):
     name: str
     measured_by: str
     parameters: Mapping[str, Any] = MappingProxyType({})
-    base: WorldParameters = WorldParameters()
     height_spread_mm: float | None = None
     loaded: bool = True
 
 
-SKIN = load_world(START).parameters
-
-
 def _with(name: str, measured_by: str, **parameters: float) -> Mechanism:
-    """Return a mechanism that is added to the nominal world."""
     return Mechanism(name, measured_by, parameters)
-
-
-def _without(name: str, *parameters: str) -> Mechanism:
-    """Return a mechanism that is taken from the identified skin: nominal values instead."""
-    nominal = WorldParameters()
-    values = {one: getattr(nominal, one) for one in parameters}
-    return Mechanism(f"identified skin without {name}", "–", values, SKIN)
 
 
 WEIGHTS = "reading of a taxel under weights"
 TRAVEL = "load cell over travel, smooth plate"
+PLATES_END, UNDER_WEIGHTS = "a dial gauge at the plate's ends", "a dial gauge under weights"
+RULER, RIDGE, FEELER = "a ruler", "a single ridge", "a feeler gauge at its edges"
 MECHANISMS = (
-    _with("the nominal world", "–"),
+    _with("**the nominal world**", "–"),
     Mechanism("no circuit", "the reading `conductance`", loaded=False),
     _with("more load on dividers", "an ohmmeter", top_gain=0.25, bottom_gain=0.35),
     _with("concave taxel curve", WEIGHTS, conductance_power=0.5),
+    _with("convex taxel curve", WEIGHTS, conductance_power=1.3),
     _with("saturating taxels", WEIGHTS, saturation_g=500.0),
-    _with("contact area: nearly linear skin", TRAVEL, pressure_power=1.5),
     _with("contact area: bridged grooves", "a ridge over carbon paper", bridging_mm=1.0),
-    _with("spread in the layers", "a single ridge", top_blur_mm=1.5, bottom_blur_mm=3.6),
-    _with("skin beyond the array", "a ruler", skin_length_mm=33.0),
+    _with("less spread in the lower layer", RIDGE, bottom_blur_mm=1.8),
+    _with("more spread in the upper layer", RIDGE, top_blur_mm=1.5),
+    _with("no skin beyond the array", RULER, skin_length_mm=15.0),
     _with("taxels that stand out", "a dial gauge", taxel_rise_mm=0.2),
-    _with("softer skin, stiffer frame", TRAVEL, stiffness_g_mm=300.0, frame_share=0.3),
-    _with("softer frame", TRAVEL, frame_share=0.8),
+    _with("stiffer frame, softer skin", TRAVEL, frame_share=0.5),
+    _with("the same, skin that stiffens", TRAVEL, frame_share=0.5, pressure_power=2.1),
+    _with("all softer", TRAVEL, stiffness_g_mm=300.0),
     _with("drum's curve", "a dial gauge", edge_drop_mm=0.2),
-    _with("tilt of the sensor", "a feeler gauge at its edges", sensor_tilt_mm=0.1),
-    _with("tilt of plates", "a dial gauge at the plate's ends", plate_tilt_mm=0.03),
-    _with("plates that give in", "a dial gauge under weights", plate_give_mm=0.05),
+    _with("no tilt of the sensor", FEELER, sensor_tilt_mm=0.0),
+    _with("more tilt of the sensor", FEELER, sensor_tilt_mm=0.1),
+    _with("no tilt of plates", PLATES_END, plate_tilt_mm=0.0),
+    _with("more tilt of plates", PLATES_END, plate_tilt_mm=0.03),
+    _with("plates that do not give in", UNDER_WEIGHTS, plate_give_mm=0.0),
+    _with("plates that give in more", UNDER_WEIGHTS, plate_give_mm=0.05),
     Mechanism("depths from a fixed zero", "–", height_spread_mm=0.0),
     Mechanism("the same, plates ± 0.1 mm", "a calliper", height_spread_mm=0.1),
-    _with("finer ridges", "a ruler", base_space_mm=5.0),
-    Mechanism("**the identified skin**", "–", base=SKIN),
-    _without("its concave curve", "conductance_power"),
-    _without("tilt of the sensor", "sensor_tilt_mm"),
-    _without("tilt of plates", "plate_tilt_mm"),
-    _without("plates that give in", "plate_give_mm"),
-    _without("skin beyond the array", "skin_length_mm"),
-    _without("spread in the lower layer", "bottom_blur_mm"),
-    _without("finer ridges", "base_space_mm"),
-    _without("its skin and frame", "pressure_power", "frame_share"),
-    _without("load on dividers", "top_gain", "bottom_gain"),
+    _with("finer ridges", RULER, base_space_mm=5.0),
+    _with("wider ridges", RULER, base_space_mm=8.0),
 )
 
 
 def mechanism_figures(mechanism: Mechanism) -> list[SkinFigures]:
     """Return the figures at set depths and at set forces, of two repeats of the first seed."""
-    parameters = validated(replace(mechanism.base, **mechanism.parameters))
+    parameters = validated(replace(WorldParameters(), **mechanism.parameters))
     found = []
     for depths_mm in (DEPTHS_MM, ()):
         (slides,) = simulate_slides(
@@ -305,27 +289,23 @@ def _depths(depths_mm: Sequence[float]) -> str:
     return f"depths of {depths_mm[0]}–{depths_mm[-1]} mm"
 
 
-WORLDS = {
-    "the simulated bench": WorldParameters(),
-    f"the same with [tools/{START.name}](../../tools/{START.name})": SKIN,
-}
+OURS = "the simulated bench"
 
 
-def our_statistics(name: str, pressed: str, depths_mm: Sequence[float]) -> str:
-    """Return the row of a world in the table of statistics, of the first seed."""
-    world = WORLDS[name]
-    (slides,) = simulate_slides(world, SHOWN_REPEATS, JUDGES[:1], depths_mm)
-    return _row(name, pressed, *skin_figures(slides.samples, slides.design).cells)
+def our_statistics(pressed: str, depths_mm: Sequence[float]) -> str:
+    """Return our row in the table of statistics, of the first seed."""
+    (slides,) = simulate_slides(WorldParameters(), SHOWN_REPEATS, JUDGES[:1], depths_mm)
+    return _row(OURS, pressed, *skin_figures(slides.samples, slides.design).cells)
 
 
 def our_accuracies(
-    name: str, pressed: str, depths_mm: Sequence[float], reference: float, task: Task = LEFT_OUT
+    pressed: str, depths_mm: Sequence[float], reference: float, task: Task = LEFT_OUT
 ) -> str:
-    """Return the row of a world: the mean over the seeds, and the least and the greatest."""
-    sessions = simulate_slides(WORLDS[name], SHOWN_REPEATS, JUDGES, depths_mm)
+    """Return our row of accuracies: the mean over the seeds, and the least and the greatest."""
+    sessions = simulate_slides(WorldParameters(), SHOWN_REPEATS, JUDGES, depths_mm)
     found = np.array([slide_accuracies(slides, reference, task) for slides in sessions])
     ends = zip(found.mean(axis=0), found.min(axis=0), found.max(axis=0), strict=True)
-    return _row(name, pressed, *(f"{mean:.1f} ({low:.0f}–{high:.0f})" for mean, low, high in ends))
+    return _row(OURS, pressed, *(f"{mean:.1f} ({low:.0f}–{high:.0f})" for mean, low, high in ends))
 
 
 def fabric_rows(folder: Path) -> tuple[str, str]:
@@ -355,12 +335,11 @@ def render(page: str, fabrics: Path | None) -> str:
         rows = list(fabric_rows(fabrics))
     by_depth = [(_depths(depths_mm), depths_mm) for depths_mm in (DEPTHS_MM, SHALLOW_MM)]
     statistics, accuracies = "", PAPERS_ACCURACIES
-    for name in WORLDS:
-        for pressed, depths_mm in (*by_depth, (FORCES, ())):
-            statistics += our_statistics(name, pressed, depths_mm)
-            reference = depths_mm[1] if depths_mm else REFERENCE_FORCE_G
-            accuracies += our_accuracies(name, pressed, depths_mm, reference)
-        accuracies += our_accuracies(name, TRAINED, (), REFERENCE_FORCE_G, EXTRAPOLATED)
+    for pressed, depths_mm in (*by_depth, (FORCES, ())):
+        statistics += our_statistics(pressed, depths_mm)
+        reference = depths_mm[1] if depths_mm else REFERENCE_FORCE_G
+        accuracies += our_accuracies(pressed, depths_mm, reference)
+    accuracies += our_accuracies(TRAINED, (), REFERENCE_FORCE_G, EXTRAPOLATED)
     tables = {
         "statistics": STATISTICS_HEAD + PRINTED_STATISTICS + rows[0] + statistics,
         "accuracies": ACCURACY_HEAD + PRINTED_ACCURACIES + rows[1] + accuracies,

@@ -557,9 +557,9 @@ FORCE_TASK = (
     "makes a small step, lifts and switches off; its answer to the step gives the gains."
 )
 RANGE_TASK = (
-    "Mount a plate and keep clear of the drum. It lifts and shows what each taxel reads untouched; "
-    "then it tares, homes, presses with this force, turns over the plate once, lifts and switches "
-    "off. The lowest and highest reading of each taxel become its range."
+    "Mount a plate with ridges and keep clear of the drum. It lifts and shows what each taxel "
+    "reads untouched; then it tares, homes, presses with this force, turns over the plate once, "
+    "lifts and switches off. The lowest and highest reading of each taxel become its range."
 )
 RANGE_COLUMNS = (
     "Taxel",

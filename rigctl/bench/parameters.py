@@ -2,8 +2,8 @@
 
 This table defines every constant of the simulated world; ``docs/reference/world.md`` is rendered
 from it. Values of rig and sensor are as published, those that real recordings show as measured;
-unknowns of plate and skin are identified from the paper's Original column alone (decision 0018);
-the rest is plausible.
+unknowns of plate and skin are identified from the paper's Original column and from real skins
+(decisions 0018 and 0049); the rest is plausible.
 """
 
 from __future__ import annotations
@@ -64,8 +64,10 @@ class WorldParameters:
     stiffness_g_mm: float = _p(
         600.0, "g/mm", 300, 900, "stiffness of skin and frame, smooth plate, 500 g"
     )
-    frame_share: float = _p(0.5, "", 0.3, 0.95, "share of that deflection in the frame", IDENTIFIED)
-    pressure_power: float = _p(2.1, "", 1.5, 2.2, "pressure is this power of the depth", IDENTIFIED)
+    frame_share: float = _p(
+        0.92, "", 0.3, 0.95, "share of that deflection in the frame", IDENTIFIED
+    )
+    pressure_power: float = _p(1.7, "", 1.5, 2.2, "pressure is this power of the depth", IDENTIFIED)
 
     # Load cell
     loadcell_rate_hz: float = _p(80.0, "Hz", 80, 80, "conversions a second by its own clock")
@@ -86,9 +88,9 @@ class WorldParameters:
     taxel_clock_ppm: float = _p(-900.0, "ppm", -5000, 5000, "Uno's clock error, + is fast")
 
     # Textures
-    base_height_mm: float = _p(1.5, "mm", 0.5, 2, "height of the base ridges", IDENTIFIED)
-    base_space_mm: float = _p(8.0, "mm", 4, 8, "spacing of the base ridges", IDENTIFIED)
-    ridge_share: float = _p(0.55, "", 0.3, 0.7, "share of the spacing on a ridge", IDENTIFIED)
+    base_height_mm: float = _p(1.2, "mm", 0.5, 2, "height of the base ridges", IDENTIFIED)
+    base_space_mm: float = _p(6.2, "mm", 4, 8, "spacing of the base ridges", IDENTIFIED)
+    ridge_share: float = _p(0.51, "", 0.3, 0.7, "share of the spacing on a ridge", IDENTIFIED)
     print_roughness_mm: float = _p(0.02, "mm", 0, 0.05, "height noise of the print, rms")
 
     # Skin
@@ -96,10 +98,10 @@ class WorldParameters:
     taxel_size_mm: float = _p(3.0, "mm", 3, 3, "width of a taxel, most sensitive inside", SENSOR)
     sensor_skew_deg: float = _p(3.0, "°", -5, 5, "turn of the sensor against the travel")
     edge_drop_mm: float = _p(
-        0.12, "mm", 0.05, 0.2, "loss of depth at the outer rows from the drum's curve", IDENTIFIED
+        0.1, "mm", 0.05, 0.2, "loss of depth at the outer rows from the drum's curve", IDENTIFIED
     )
     skin_length_mm: float = _p(
-        15.0,
+        25.5,
         "mm",
         15,
         40,
@@ -108,35 +110,35 @@ class WorldParameters:
     )
     taxel_rise_mm: float = _p(0.0, "mm", 0, 0.5, "rise of the taxels above the skin between them")
     bridging_mm: float = _p(
-        0.25, "mm", 0.2, 1.5, "width over which the skin bridges grooves, sigma", IDENTIFIED
+        0.31, "mm", 0.2, 1.5, "width over which the skin bridges grooves, sigma", IDENTIFIED
     )
     top_blur_mm: float = _p(
-        1.1, "mm", 0.3, 1.5, "spread of pressure above the top layer, sigma", IDENTIFIED
+        0.98, "mm", 0.3, 1.5, "spread of pressure above the top layer, sigma", IDENTIFIED
     )
     bottom_blur_mm: float = _p(
-        1.8, "mm", 1, 4, "spread of pressure above the bottom layer, sigma", IDENTIFIED
+        3.3, "mm", 1, 4, "spread of pressure above the bottom layer, sigma", IDENTIFIED
     )
     top_gain: float = _p(
-        0.051, "", 0.03, 1, "conductance of a top taxel at the mean pressure of 250 g", IDENTIFIED
+        0.048, "", 0.03, 1, "conductance of a top taxel at the mean pressure of 250 g", IDENTIFIED
     )
-    bottom_gain: float = _p(0.07, "", 0.03, 0.8, "the same for a bottom taxel", IDENTIFIED)
+    bottom_gain: float = _p(0.09, "", 0.03, 0.8, "the same for a bottom taxel", IDENTIFIED)
     conductance_power: float = _p(
-        1.3, "", 0.3, 1.3, "conductance is this power of the pressure", IDENTIFIED
+        1.03, "", 0.3, 1.3, "conductance is this power of the pressure", IDENTIFIED
     )
     saturation_g: float = _p(
-        2900.0, "g", 500, 12500, "force whose mean pressure halves the conductance", IDENTIFIED
+        9100.0, "g", 500, 12500, "force whose mean pressure halves the conductance", IDENTIFIED
     )
     rest_conductance: float = _p(0.02, "", 0, 0.1, "conductance without load")
-    gain_spread: float = _p(0.14, "", 0, 0.4, "spread of gain over the taxels, rms", IDENTIFIED)
+    gain_spread: float = _p(0.07, "", 0, 0.4, "spread of gain over the taxels, rms", IDENTIFIED)
     session_spread: float = _p(0.04, "", 0, 0.15, "change of each gain from session to session")
     sensor_tilt_mm: float = _p(
-        0.0, "mm", 0, 0.3, "tilt of the sensor a taxel pitch, across the travel", IDENTIFIED
+        0.045, "mm", 0, 0.3, "tilt of the sensor a taxel pitch, across the travel", IDENTIFIED
     )
     plate_tilt_mm: float = _p(
-        0.002, "mm", 0, 0.1, "tilt of a mounted plate a taxel pitch, each way, rms", IDENTIFIED
+        0.015, "mm", 0, 0.1, "tilt of a mounted plate a taxel pitch, each way, rms", IDENTIFIED
     )
     plate_give_mm: float = _p(
-        0.0,
+        0.021,
         "mm",
         0,
         0.1,
@@ -144,13 +146,13 @@ class WorldParameters:
         IDENTIFIED,
     )
     mounting_spread: float = _p(
-        0.017, "", 0, 0.03, "change of each gain from mounting to mounting, rms", IDENTIFIED
+        0.004, "", 0, 0.03, "change of each gain from mounting to mounting, rms", IDENTIFIED
     )
     contact_shift_mm: float = _p(
-        0.087, "mm", 0, 1, "shift of the skin from contact to contact, rms", IDENTIFIED
+        0.4, "mm", 0, 1, "shift of the skin from contact to contact, rms", IDENTIFIED
     )
     contact_spread: float = _p(
-        0.025, "", 0, 0.05, "change of each gain from contact to contact, rms", IDENTIFIED
+        0.03, "", 0, 0.05, "change of each gain from contact to contact, rms", IDENTIFIED
     )
     contact_load_spread: float = _p(
         0.01, "", 0, 0.03, "change of all gains from contact to contact, rms", RECORDINGS
@@ -158,8 +160,10 @@ class WorldParameters:
     contact_texture_spread: float = _p(
         0.04, "", 0, 0.08, "change of the sensed texture from contact to contact, rms", RECORDINGS
     )
-    viscous_lag_ms: float = _p(2.9, "ms", 2, 20, "lag of the skin's pressure", IDENTIFIED)
-    relaxation: float = _p(0.1, "", 0, 0.3, "share of the pressure that settles slowly", IDENTIFIED)
+    viscous_lag_ms: float = _p(2.0, "ms", 2, 20, "lag of the skin's pressure", IDENTIFIED)
+    relaxation: float = _p(
+        0.15, "", 0, 0.3, "share of the pressure that settles slowly", IDENTIFIED
+    )
     relaxation_s: float = _p(1.5, "s", 0.5, 10, "time constant of that share")
     friction_noise: float = _p(0.01, "", 0, 0.05, "jitter of the pressure during sliding, rms")
     divider_kohm: float = _p(

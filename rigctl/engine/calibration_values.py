@@ -75,8 +75,9 @@ class TaxelRange(NamedTuple):
             return ""
         return (
             f"the press moved these taxels by less than {LEAST_RATIO} times what they move "
-            f"untouched: {', '.join(flat)}; see that a plate is mounted and reaches the whole "
-            "sensor, run Taxel test for its wires, press with more force, then measure again"
+            f"untouched: {', '.join(flat)}; see that a plate with ridges is mounted and reaches "
+            "the whole sensor, run Taxel test for its wires, press with more force, then measure "
+            "again"
         )
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rigctl.errors import RigFault
 from rigctl.finger.board_messages import BatchReport, Message, WindowReport
 from rigctl.finger.control import FingerControl
@@ -12,7 +15,7 @@ from rigctl.finger.rig import FingerRig
 from rigctl.finger.scan_in_progress import ScanInProgress
 from rigctl.finger.scan_quality import ScanMeasures, judge_scan, measure_scan
 from rigctl.finger.scan_recording import ScanOutput
-from rigctl.finger.slide_detector import SlideDetector, SlideState
+from rigctl.finger.slide_detector import SlideDetector, SlideState, contact_share
 from rigctl.finger.trackers.plate_frame import PlatePosition
 from rigctl.finger.values import FingerTrial
 from rigctl.values import Position
@@ -45,7 +48,7 @@ class ScanAttempt:
         self._restarts = devices.restarts
         self._detector = SlideDetector()
         self._positions_s: list[float] = []
-        self._touched = 0
+        self._pressed: list[NDArray[np.bool_]] = []
         self._failure = ""
 
     @property
@@ -107,7 +110,7 @@ class ScanAttempt:
         if scan is None:
             return (self._failure or "the finger did not pass the first mark",)
         if scan.data.count:
-            share = self._touched / scan.data.count
+            share = contact_share(np.concatenate(self._pressed))
             self.measures = measure_scan(scan.data, self._positions_s, share)
         broken = self._broken(scan)
         return (broken,) if broken else judge_scan(self.trial, scan.data, self.measures, quality)
@@ -153,8 +156,8 @@ class ScanAttempt:
 
     def _take_block(self, block: FingerBlock, arrived_s: float) -> None:
         if self.scan is not None:
-            readings = self.scan.add_block(block, arrived_s)
-            self._touched += int(self._devices.contact.touched(readings).sum())
+            rows = self.scan.add_block(block, arrived_s)
+            self._pressed.append(self._devices.contact.pressed[rows])
 
     def _take_message(self, message: Message, arrived_s: float) -> None:
         scan = self.scan

@@ -130,16 +130,16 @@ class ScanInProgress:
             self._stop_again_later()
             self._finger.send_stop(self.number)
 
-    def add_block(self, block: FingerBlock, arrived_s: float) -> NDArray[np.uint16]:
+    def add_block(self, block: FingerBlock, arrived_s: float) -> NDArray[np.intp]:
         """Add the scan's samples of a block, and send the velocities that are known by now.
 
-        Returns their readings, uint16 (n, 9).
+        Returns their rows in the block, intp (n,).
         """
         rows = self._rows_of_scan(block)
         if len(rows):
             self._add_rows(block, rows, arrived_s)
             self.send_velocities()
-        return block.readings[rows]
+        return rows
 
     def _rows_of_scan(self, block: FingerBlock) -> NDArray[np.intp]:
         """Return the rows from the scan's first sample on: an earlier scan may precede it."""

@@ -97,8 +97,12 @@ class SlideDetector:
         return (last_mm - first_mm) / (last_s - first_s) if last_s > first_s else 0.0
 
 
-CONTACT_COUNTS = 30.0
-"""Mean rise over rest at which the sensor touches; the converter's noise is below 1 count."""
+CONTACT_COUNTS = 20.0
+"""Mean rise over rest at which the sensor touches; the converter's noise is below 1 count, and what
+a skin keeps of a press fades from about 12."""
+RIDGE_GAP_SAMPLES = 50
+"""Longest time for which a light finger is felt by no taxel, because a stiff skin rests on ridges
+that are all between the taxels."""
 KEPT_S = 120
 """Rest is taken from this time: it drifts with the sensor's warmth and wear."""
 REST_PERCENTILE = 5
@@ -108,11 +112,14 @@ REST_PERCENTILE = 5
 class ContactMeter:
     """Compares the mean reading of all taxels with rest, the low levels of the last two minutes.
 
-    The finger is in the air between two slides, so a twentieth of the time is rest.
+    The finger is in the air between two slides, so a twentieth of the time is rest. ``pressed``: in
+    which of the samples that were added last the taxels are pressed, bool (n,).
     """
 
     def __init__(self) -> None:
         self.touches = False
+        self.pressed: NDArray[np.bool_] = np.zeros(0, np.bool_)
+        self._since_pressed = RIDGE_GAP_SAMPLES + 1
         self._lowest: deque[float] = deque(maxlen=KEPT_S)
         self._second_lowest, self._second_samples = inf, 0
         self._rest = inf
@@ -128,9 +135,17 @@ class ContactMeter:
             self._lowest.append(self._second_lowest)
             self._second_lowest, self._second_samples = inf, 0
         self._rest = sorted(levels)[REST_PERCENTILE * (len(levels) - 1) // 100]
-        self.touches = bool(self.touched(readings[-1:])[0])
+        self.pressed = readings.mean(axis=1) > self._rest + CONTACT_COUNTS
+        last = np.flatnonzero(self.pressed[::-1])
+        self._since_pressed = int(last[0]) if len(last) else self._since_pressed + len(readings)
+        self.touches = self._since_pressed <= RIDGE_GAP_SAMPLES
 
-    def touched(self, readings: NDArray[np.uint16]) -> NDArray[np.bool_]:
-        """Return in which samples the sensor touches, bool (n,)."""
-        above: NDArray[np.bool_] = readings.mean(axis=1) > self._rest + CONTACT_COUNTS
-        return above
+
+def contact_share(pressed: NDArray[np.bool_]) -> float:
+    """Return the share of samples, bool (n,), in which the sensor touches; 0 where there are none.
+
+    A gap counts as contact if it lasts no longer than ridges may hide the finger from the taxels.
+    """
+    ends = np.concatenate([[-1], np.flatnonzero(pressed), [len(pressed)]])
+    gaps = np.diff(ends) - 1
+    return float(1.0 - gaps[gaps > RIDGE_GAP_SAMPLES].sum() / max(len(pressed), 1))

@@ -17,6 +17,8 @@ from gui.widgets.theme import LIGHT
 from rigctl import host_build
 from rigctl.analysis.report.demo import analyse_sessions
 from rigctl.bench.boards import firmware_library
+from rigctl.bench.parameters import WorldParameters
+from rigctl.bench.world_file import SimulatedWorld
 from rigctl.config.rig_config import RigConfig, load_config
 from rigctl.engine.live_file import LiveReader
 from rigctl.errors import ConfigError, WrongBoard
@@ -24,7 +26,7 @@ from rigctl.rig import open_rig
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
 from tests.architecture.imports import CHECKOUT
-from tests.engine.engine_harness import EngineHarness, open_harness
+from tests.engine.engine_harness import EngineHarness, engine_on
 
 PAGE = CHECKOUT / "docs" / "explanation" / "architecture.md"
 BOARD = {
@@ -51,6 +53,11 @@ speeds_mm_s = [100]
 forces_g = [500]
 repeats = 4
 """
+
+LEVEL = SimulatedWorld(
+    WorldParameters(frame_share=0.5, sensor_tilt_mm=0.0, plate_tilt_mm=0.0, plate_give_mm=0.0)
+)
+"""A soft, level sensor: the outer taxels of a wider one touch nothing with the nominal skin."""
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +92,8 @@ def harness(
         "dynamic_library_path",
         lambda board: library if board == "taxels" else usual(board),
     )
-    with open_harness(tmp_path, config=config) as harness:
+    rig = open_rig("virtual", seed=3, paced=False, config=config, world=LEVEL)
+    with engine_on(rig, tmp_path) as harness:
         yield harness
 
 

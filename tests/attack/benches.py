@@ -26,7 +26,7 @@ from tests.firmware.drum.support.overshoot import overshoot_g
 PLATE = "A"
 NEAR = validated(WorldParameters(contact_mm=10.0, actuator_start_mm=0.0))
 """Shortest plausible distance to the contact, for a short approach."""
-STIFF = validated(replace(NEAR, stiffness_g_mm=900.0))
+STIFF = validated(replace(NEAR, stiffness_g_mm=900.0, frame_share=0.5, pressure_power=2.1))
 """The same on the stiffest plausible contact, for attacks on wires."""
 BALANCED = validated(replace(STIFF, loadcell_offset_counts=3000.0))
 """The same with a bridge that reads about 0 under its drum: as it does when it is broken."""

@@ -30,6 +30,7 @@ from rigctl.values import DRAWN_WIRING
 QUIET = WorldParameters(
     run_out_mm=0.0,
     plate_tilt_mm=0.0,
+    plate_give_mm=0.0,
     mounting_spread=0.0,
     contact_spread=0.0,
     contact_load_spread=0.0,
@@ -143,11 +144,13 @@ def test_skin_beside_the_taxels_carries_a_share_that_depends_on_the_plate(
         press(bench, 500.0)
         return float(turn(bench, 80.0, 1000).mean())
 
-    carried = dataclasses.replace(QUIET, **carrier)
+    soft = {"frame_share": 0.5, "pressure_power": 2.1}
+    bare = dataclasses.replace(QUIET, skin_length_mm=15.0, **soft)
+    carried = dataclasses.replace(bare, **carrier)
     rod, _, force = pressed(carried, "A", 600.0).T
     rod, force = rod[force > 100.0], force[force > 100.0]
     assert np.interp(500.0, force, np.gradient(force, rod)) == pytest.approx(600.0, rel=0.03)
-    smooth, deep = (reading(carried, plate) / reading(QUIET, plate) for plate in "AC")
+    smooth, deep = (reading(carried, plate) / reading(bare, plate) for plate in "AC")
     assert deep < 0.98 * smooth
 
 
@@ -166,7 +169,7 @@ def test_a_plate_that_gives_in_tilts_with_the_force() -> None:
 
 def test_under_a_tilted_sensor_one_column_carries_more_and_the_other_less() -> None:
     patterns = []
-    for tilt_mm in (0.0, 0.05):
+    for tilt_mm in (0.0, 0.02):
         bench = Bench(dataclasses.replace(QUIET, sensor_tilt_mm=tilt_mm), 1)
         bench.set_plate("A")
         press(bench, 500.0)
@@ -221,15 +224,16 @@ def test_run_out_has_the_period_of_a_turn() -> None:
     assert force[0] == pytest.approx(force[-1], abs=0.5)
 
 
-@pytest.mark.parametrize(("plate", "space_mm"), [("B", 8.0), ("I", 16.0), ("L", 8.0), ("P", 4.0)])
+@pytest.mark.parametrize(("plate", "space"), [("B", 1.0), ("I", 2.0), ("L", 1.0), ("P", 0.5)])
 @pytest.mark.parametrize("speed_mm_s", [40.0, 120.0])
 def test_a_taxel_oscillates_at_speed_over_spacing(
-    plate: str, space_mm: float, speed_mm_s: float
+    plate: str, space: float, speed_mm_s: float
 ) -> None:
     bench = Bench(dataclasses.replace(QUIET, start_mm=20.0), 0)
     bench.set_plate(plate)
     press(bench, 500.0)
     counts = by_place(turn(bench, speed_mm_s, 1900))[200:, 4]
+    space_mm = space * QUIET.base_space_mm
     assert main_frequency_hz(counts) == pytest.approx(speed_mm_s / space_mm, rel=0.03)
 
 
@@ -300,7 +304,7 @@ def test_the_sensor_is_wired_as_drawn() -> None:
 
 
 def test_the_taxels_of_an_input_load_each_other() -> None:
-    bench = Bench(dataclasses.replace(QUIET, start_mm=20.0), 0)
+    bench = Bench(dataclasses.replace(QUIET, start_mm=20.0, sensor_tilt_mm=0.0), 0)
     press(bench, 500.0)
     counts = turn(bench, 0.0, 100)[-1].astype(float)
     conductances = bench.skin.conductances[bench.skin.time_ms % len(bench.skin.conductances)]
@@ -348,13 +352,14 @@ def test_dead_and_stuck_readings_do_not_change_with_force() -> None:
     counts = turn(bench, 80.0, 500)
     assert np.all(counts[:, 2] == 0)
     assert np.ptp(counts[:, 11]) == 0
-    assert np.ptp(counts[:, 10]) > 5
+    assert np.ptp(counts[:, 7]) > 5
 
 
 def test_sessions_differ_a_little_and_contacts_less() -> None:
+    level = WorldParameters(plate_tilt_mm=0.0, plate_give_mm=0.0)
     means = []
     for seed in (1, 2):
-        bench = Bench(WorldParameters(), seed)
+        bench = Bench(level, seed)
         press(bench, 500.0)
         means.append(turn(bench, 80.0, 500).mean(axis=0))
     change = np.abs(means[0] / means[1] - 1)

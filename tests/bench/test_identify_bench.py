@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import runpy
-import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +11,6 @@ import pytest
 from rigctl.analysis import published
 from rigctl.bench import parameter_tables
 from rigctl.bench.parameters import IDENTIFIED, WorldParameters, parameter_infos
-from rigctl.bench.world_file import load_world
 from tools import identify_bench
 from tools.identify_bench import JUDGES, main
 from tools.skin_figures import RANGES, SkinMeasures, measure_skin, skin_figures
@@ -39,16 +37,13 @@ def test_the_scaled_columns_are_never_read(monkeypatch: pytest.MonkeyPatch) -> N
     assert list(before.values()) == [91.78, 81.83, 37.44, 57.35, 36.81, 99.93]
 
 
-def test_every_identified_parameter_has_a_start_value_and_no_other_is_searched() -> None:
+def test_the_identified_parameters_are_searched_and_no_other() -> None:
     names = [row.name for row in identify_bench.identified_parameters(WorldParameters())]
-    with identify_bench.START.open("rb") as file:
-        assert names == list(tomllib.load(file))
     assert names == [row.name for row in parameter_infos() if row.source == IDENTIFIED]
 
 
-def test_the_identified_skin_has_at_set_depths_the_statistics_of_printed_textures() -> None:
-    world = load_world(identify_bench.START).parameters
-    (slides,) = simulate_slides(world, 1, JUDGES[:1], DEPTHS_MM)
+def test_the_skin_has_at_set_depths_the_statistics_of_printed_textures() -> None:
+    (slides,) = simulate_slides(WorldParameters(), 1, JUDGES[:1], DEPTHS_MM)
     figures = skin_figures(slides.samples, slides.design)
     assert figures.depth_excess < MOST_EXCESS, figures
 
@@ -69,7 +64,7 @@ def test_a_plate_is_pressed_with_the_requested_force() -> None:
 
 
 def test_a_step_replaces_the_best_only_if_better_and_is_reproducible(brief: None) -> None:
-    start = identify_bench.evaluate(load_world(identify_bench.START).parameters)
+    start = identify_bench.evaluate(WorldParameters())
     candidates = []
     for _ in range(2):
         parameter_search = identify_bench.ParameterSearch(start, 5)
@@ -82,7 +77,7 @@ def test_a_step_replaces_the_best_only_if_better_and_is_reproducible(brief: None
 def test_a_parameter_is_identified_by_the_figure_that_it_moves_and_others_are_free(
     brief: None,
 ) -> None:
-    start = identify_bench.evaluate(load_world(identify_bench.START).parameters)
+    start = identify_bench.evaluate(WorldParameters())
     search = identify_bench.ParameterSearch(start, 5)
     for share in (-0.2, -0.1, 0.1, 0.2):
         moved = {**start.original, "groups": start.original["groups"] + 100.0 * share}

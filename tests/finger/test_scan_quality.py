@@ -17,7 +17,7 @@ from rigctl.finger.plan import ScanQuality
 from rigctl.finger.scan_in_progress import ScanData, SentVelocity
 from rigctl.finger.scan_quality import judge_scan, measure_scan
 from rigctl.finger.scan_recording import ScanOutput
-from rigctl.finger.slide_detector import ContactMeter
+from rigctl.finger.slide_detector import ContactMeter, contact_share
 from rigctl.finger.trackers.velocity import BatchVelocity, EstimateSource
 from rigctl.finger.values import FingerTrial, LatencyRow, Stage, VelocityProfile
 
@@ -149,12 +149,28 @@ def test_contact_is_a_rise_over_rest() -> None:
     rest = np.full((50, 9), 100, np.uint16)
     meter.add(rest)
     assert not meter.touches
-    meter.add(rest + np.uint16(40))
+    assert not meter.pressed.any()
+    meter.add(rest + np.uint16(25))
     assert meter.touches
-    assert meter.touched(rest).tolist() == [False] * 50
+    assert meter.pressed.all()
     meter.add(rest[:0])
     meter.add(rest)
+    assert meter.touches, "the ridges of a plate may be between the taxels"
+    meter.add(rest)
     assert not meter.touches
+
+
+@pytest.mark.parametrize(
+    ("gaps", "share"),
+    [((50,), 1.0), ((50, 50), 1.0), ((51,), 0.949), ((200,), 0.8), ((1000,), 0.0)],
+)
+def test_a_contact_lasts_between_two_ridges(gaps: tuple[int, ...], share: float) -> None:
+    pressed = np.ones(1000, np.bool_)
+    begin = 0
+    for gap in gaps:
+        pressed[begin : begin + gap] = False
+        begin += gap + 100
+    assert contact_share(pressed) == pytest.approx(share)
 
 
 class _Recorder:

@@ -117,8 +117,9 @@ def page(rows: list[Row]) -> str:
 
 MAP_HEAD = """\
 Each plant is the nominal one with one parameter at the end of its range. The *hard* plants
-combine them: lag 50 ms, dead band 20 %, run-out and backlash 0.1 mm, and plate D, whose ridges
-are too wide for the sensor to average out. The board has its boot settings. Each plant gets
+combine them: lag 50 ms, dead band 20 %, run-out and backlash 0.1 mm, a frame with half of the
+deflection, ridges 1.5 mm high and 8 mm apart, and plate D, whose ridges are too wide for the
+sensor to average out. The board has its boot settings. Each plant gets
 {trials} trials: one sequence from each of three starting points, {places} mm after the index mark,
 because the height below the sensor at rest on a ridge differs from the mean height once the drum
 turns. A sequence runs the forces from the lowest, and at each force the speeds from the slowest,

@@ -70,6 +70,10 @@ def _reached(drum: DrumChip, cycle: int) -> bool:
     return bool(drum.x.cycle >= cycle)
 
 
+def _next_begun(drum: DrumChip, ready: int) -> bool:
+    return int(drum.x.loadcell_ready) > ready
+
+
 def overforce_lift_us() -> float:
     """Return the longest time from the end of the conversion that decides to full lift.
 
@@ -86,7 +90,7 @@ def overforce_lift_us() -> float:
                 drum.run(1)
             drum.plant.set_disturbances(False, PUSH_G)
             drum.x.loadcell_counts = counts
-            run_until(drum, partial(_reached, drum, first), 2 * MS)
+            run_until(drum, partial(_next_begun, drum, first), 2 * MS)
             decides = int(drum.x.loadcell_ready)
             start = run_until(drum, partial(_reached, drum, decides), 20 * MS)
             assert drum.x.drive > LIFTS

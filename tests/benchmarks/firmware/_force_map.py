@@ -30,7 +30,15 @@ PLACES_MM = (10.0, 12.0, 14.0)
 """Starts of a trial after the index mark: the plate's start, and two other places on a ridge."""
 SCENE = f"{len(GRID)} trials, 40–120 mm/s × 250–1000 g"
 EVERYWHERE = f"{len(GRID) * len(PLACES_MM)} trials, 40–120 mm/s × 250–1000 g × 3 places of a ridge"
-HARD = WorldParameters(actuator_lag_ms=50, dead_band=0.2, run_out_mm=0.1, backlash_mm=0.1)
+HARD = WorldParameters(
+    actuator_lag_ms=50,
+    dead_band=0.2,
+    run_out_mm=0.1,
+    backlash_mm=0.1,
+    frame_share=0.5,
+    base_height_mm=1.5,
+    base_space_mm=8.0,
+)
 PLANTS: dict[str, tuple[WorldParameters, str]] = {
     "stiffness 900 g/mm": (WorldParameters(stiffness_g_mm=900), "A"),
     "stiffness 300 g/mm": (WorldParameters(stiffness_g_mm=300), "A"),

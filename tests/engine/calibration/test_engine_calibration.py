@@ -25,6 +25,8 @@ from rigctl.values import DRAWN_WIRING
 from tests.engine.engine_harness import EngineHarness, open_harness
 
 Handle = Callable[[str, dict[str, Any]], Awaitable[dict[str, Any]]]
+RIDGED = "B"
+"""Under a smooth plate some taxels carry too little for a range."""
 BENCH_FILE = "# Mine.\n[loadcell]\nscale_ug_per_count = 2000  # old\n"
 
 
@@ -370,7 +372,8 @@ def test_the_taxels_ranges_come_from_a_press_over_the_plate(harness: EngineHarne
         boards, states = harness.engine.boards, set()
         boards.drum_poller.subscribe(lambda state: states.add(State(state.state)))
         assert not harness.engine.status().has_taxel_range
-        found = TaxelRange(**await handle("calibrate_range", {"force_g": 300.0}))
+        await handle("plate", {"texture": RIDGED})
+        found = TaxelRange(**await handle("calibrate_range", {"force_g": 400.0}))
         assert {State.HOLD, State.RUN} <= states and state_of(harness) is State.IDLE
         spans = np.subtract(found.high, found.low)
         assert len(spans) == 18 and np.all(spans >= LEAST_RATIO * np.array(found.rest))
@@ -393,7 +396,8 @@ def test_the_ranges_are_saved_in_the_file_that_the_next_connection_begins_with(
     async def scenario(handle: Handle) -> None:
         with pytest.raises(WrongUse, match="measure it first"):
             await handle("save_calibration", {"part": "range"})
-        found = TaxelRange(**await handle("calibrate_range", {"force_g": 300.0}))
+        await handle("plate", {"texture": RIDGED})
+        found = TaxelRange(**await handle("calibrate_range", {"force_g": 400.0}))
         with pytest.raises(WrongUse, match=r"no rig\.toml: the range is not saved"):
             await handle("save_calibration", {"part": "range"})
         harness.rig.path = path
@@ -402,7 +406,7 @@ def test_the_ranges_are_saved_in_the_file_that_the_next_connection_begins_with(
         assert saved["kept_in"] == [str(path)]
         status, taxels = harness.engine.status(), load_config(path).taxels
         assert (taxels.low, taxels.high) == (found.low, found.high)
-        assert taxels.range_from == "2026-01-02, a press with 300 g over the plate"
+        assert taxels.range_from == "2026-01-02, a press with 400 g over the plate"
         assert status.range_from == taxels.range_from
         assert not status.calibration.has_unsaved_range
         assert path.read_text().startswith("# Mine.\n[taxels]\npressure_raises = true\n")

@@ -168,8 +168,8 @@ def test_a_simulated_plate_has_the_relief_of_its_world() -> None:
     assert plate_relief(header, "B", Path("s")) is None
     known = replace(header, simulation=NOMINAL_WORLD.header_fields())
     relief = plate_relief(known, "D", Path("s"))
-    assert relief is not None and relief.words == "circular ridges, 16 mm apart"
-    assert np.allclose(relief.heights_mm[:64], relief.heights_mm[64:128])
+    assert relief is not None and relief.words == "circular ridges, 12.4 mm apart"
+    assert np.allclose(relief.heights_mm[:248], relief.heights_mm[248:496]), "62 mm are five spaces"
     smooth = plate_relief(known, "A", Path("s"))
     assert smooth is not None and smooth.words == "smooth" and not smooth.heights_mm.any()
     old = replace(header, simulation={"world": {"another": 1.0}})

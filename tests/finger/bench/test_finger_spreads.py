@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -87,9 +88,11 @@ def test_persons_are_judged_by_the_original_curve_alone(
 
 
 def test_the_command_prints_a_row_for_each_person(
-    brief: None, capsys: pytest.CaptureFixture[str]
+    brief: None, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    assert main(["--seeds", "4", "--world", "tools/skin.toml"]) == 0
+    world = tmp_path / "world.toml"
+    world.write_text("plate_tilt_mm = 0.02\n", encoding="utf-8")
+    assert main(["--seeds", "4", "--world", str(world)]) == 0
     rows = capsys.readouterr().out.splitlines()
     assert [row.split(" | ")[0] for row in rows[2:]] == [f"| {name}" for name in PERSONS]
     assert main(["--seeds", "4", "--gains"]) == 0

@@ -13,7 +13,7 @@ from tests.firmware.drum.support.plant_drum import PlantDrum
     [
         (WorldParameters(), 500),
         (WorldParameters(stiffness_g_mm=900, pressure_power=1.5, frame_share=0.8), 250),
-        (WorldParameters(stiffness_g_mm=900, pressure_power=2.2), 1000),
+        (WorldParameters(stiffness_g_mm=900, pressure_power=2.2, frame_share=0.5), 1000),
         (
             WorldParameters(stiffness_g_mm=300, frame_share=0.8, dead_band=0.2, actuator_lag_ms=50),
             1000,
@@ -32,7 +32,14 @@ def test_the_force_is_within_its_limits(plant: WorldParameters, force_g: int) ->
 
 def test_ridges_that_pass_in_a_ramp_are_not_learnt_as_run_out() -> None:
     """The loop once learnt from the slow start and end of a trial, which disturbed the next one."""
-    rippled = WorldParameters(base_space_mm=6.0, bottom_blur_mm=1.0, edge_drop_mm=0.2)
+    rippled = WorldParameters(
+        base_height_mm=1.5,
+        base_space_mm=6.0,
+        bottom_blur_mm=1.0,
+        edge_drop_mm=0.2,
+        frame_share=0.5,
+        pressure_power=2.1,
+    )
     with PlantDrum(rippled, "C") as drum:
         drum.prepare()
         first, second = drum.trial(40, 250), drum.trial(60, 250)

@@ -136,7 +136,7 @@ def test_plates_have_names_and_pictures_where_they_are_chosen_and_asked_for(
     harness.update(state=int(State.IDLE), texture="A")
     plate, panel = harness.window.operate_panel.bench.plate, harness.window.prompt_panel
     texts = [plate.itemText(row) for row in range(plate.count())]
-    assert texts[:2] == ["A – smooth", "B – circular ridges, 1.5 mm high, every 8 mm"]
+    assert texts[:2] == ["A – smooth", "B – circular ridges, 1.2 mm high, every 6.2 mm"]
     assert texts[-1] == "felt 2 – waves, 2 mm high, every 5 mm"
     size = plate.iconSize()
     pictures = [plate.itemIcon(row).pixmap(size).toImage() for row in range(plate.count())]

@@ -80,7 +80,7 @@ def test_the_ranges_that_a_press_has_shown_are_a_table_that_marks_narrow_ones(
     titles = [part.table.horizontalHeaderItem(column).text() for column in range(5)]
     assert titles[1:] == [f"{name} (counts)" for name in ("Lowest", "Highest", "Span", "Untouched")]
     assert "T2 (8, untouched 4)" in part.result_label.text()
-    assert "see that a plate is mounted" in part.result_label.text()
+    assert "see that a plate with ridges is mounted" in part.result_label.text()
     harness.update(calibration={"taxel_range": [[40, 41], [240, 149], [4, 4]]})
     words = "In use until the rig disconnects: 2 ranges, the narrowest that of T2 with 108"
     assert part.result_label.text() == f"{words}; {REHEARSED}"

@@ -28,7 +28,7 @@ speeds_mm_s = [120]
 forces_g = [500]
 repeats = 2
 """
-B = "circular ridges, 1.5 mm high, every 8 mm"
+B = "circular ridges, 1.2 mm high, every 6.2 mm"
 STILL = 15
 """Statuses in which the time left of a paused run is compared: one and a half seconds."""
 SPEED, FORCE, LOST = (
