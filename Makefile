@@ -16,11 +16,11 @@ DEBIAN_FIRMWARE := gcc g++ make gcc-avr avr-libc libsimavr-dev libelf-dev \
 DEBIAN_TEST := $(DEBIAN_RUN) $(DEBIAN_FIRMWARE) hdf5-tools mbpoll arduino-core-avr avrdude
 
 .DEFAULT_GOAL := help
-.PHONY: help setup boards demo gui test check pytest firmware kernels bench orders realtime identify invariance skin scale shots soak soak-plan soak-kills faults fuzz scans attack docs docs-numbers lock clean
+.PHONY: help setup boards demo gui test check pytest firmware kernels bench orders realtime identify invariance skin scale shots soak soak-plan soak-kills faults fuzz scans attack docs docs-numbers lock wheels clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
-	@echo 'also: make gui, check, firmware, bench, orders, realtime, identify, invariance, skin, scale, shots, soak, faults, fuzz, scans, attack, docs, docs-numbers, lock, clean'
+	@echo 'also: make gui, check, firmware, bench, orders, realtime, identify, invariance, skin, scale, shots, soak, faults, fuzz, scans, attack, docs, docs-numbers, lock, wheels, clean'
 
 $(VENV)/.ready: requirements.lock pyproject.toml hatch_build.py
 	$(SAY) "Python environment in $(VENV) (locked versions, hashes checked, wheels only)"
@@ -234,5 +234,24 @@ lock:
 	@$(BIN)/uv pip compile pyproject.toml --extra test --universal --python-version 3.11 \
 	  --no-header --quiet --generate-hashes --upgrade -o requirements.lock
 
+# A wheel for each system; Zig compiles the virtual boards for it, avr-gcc the images.
+WHEELS := .wheels
+PLATFORMS ?= manylinux_2_17_x86_64 manylinux_2_17_aarch64 win_amd64 macosx_11_0_x86_64 macosx_11_0_arm64
+
+$(WHEELS)/.ready: tools/wheels.txt
+	@test -x $(WHEELS)/bin/python || $(PYTHON) -m venv $(WHEELS)
+	@$(WHEELS)/bin/pip install --quiet --disable-pip-version-check -r tools/wheels.txt
+	@touch $@
+
+wheels: boards $(WHEELS)/.ready
+	@sh .ci/debian-packages $(DEBIAN_FIRMWARE)
+	$(SAY) "wheels of $(PLATFORMS) in dist/"
+	@rm -rf dist
+	@for platform in $(PLATFORMS); do \
+	  RIGCTL_PLATFORM=$$platform $(WHEELS)/bin/python -m hatchling build -t wheel -d dist || exit $$?; \
+	done
+	@for wheel in dist/*linux*.whl; do $(WHEELS)/bin/auditwheel show $$wheel || exit $$?; done
+	@$(WHEELS)/bin/python -m tools.check_wheels dist
+
 clean:
-	rm -rf build $(VENV) $(PEERS)
+	rm -rf build dist $(VENV) $(PEERS) $(WHEELS)

@@ -13,6 +13,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -105,7 +106,18 @@ def compiled(
 ) -> Path:
     """Compile sources and objects of a board to a file and return its path. Raises BuildFailed."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    partial = target.with_name(f"{target.name}.{os.getpid()}.part")
+    with tempfile.TemporaryDirectory(dir=target.parent) as folder:
+        # A library of macOS keeps the name that it was made with.
+        partial = Path(folder) / target.name
+        _compile(board, files, partial, options, arduino)
+        # A running process may have the old library loaded.
+        partial.replace(target)
+    return target
+
+
+def _compile(
+    board: str, files: Sequence[Path], output: Path, options: Sequence[str], arduino: Path
+) -> None:
     folders = {board, f"host/{board}", *(name.split("/")[0] for name in _SHARED.get(board, ()))}
     command = [
         *compiler(),
@@ -117,14 +129,11 @@ def compiled(
         f'-DSOURCES="{digest(board)}"',
         *(f"-I{arduino / folder}" for folder in sorted(folders)),
         *map(str, files),
-        *("-o", str(partial)),
+        *("-o", str(output)),
     ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise BuildFailed(f"{command[0]} could not compile the {board} board:\n{done.stderr}")
-    # A running process may have the old library loaded.
-    partial.replace(target)
-    return target
 
 
 def build_stale() -> list[Path]:

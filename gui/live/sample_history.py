@@ -149,7 +149,6 @@ class Pyramid:
 
 
 CAPACITY_S = 660
-_MARGIN = 256  # rows that may arrive between reading the head and copying
 
 Recode = Callable[[NDArray[np.int64], NDArray[np.uint16], NDArray[np.uint8]], NDArray[np.uint8]]
 """Spikes uint8 (n, n_rows) of n samples: their positions, readings and bits of the wire."""
@@ -213,18 +212,12 @@ class SampleHistory:
 
     def pull(self, live: LiveReader | FingerLiveReader) -> int:
         """Append what the engine wrote since the last pull; return the number of new samples."""
-        n_new = live.taxel_head - self._head
-        if n_new <= 0:
+        if live.taxel_head <= self._head:
             return 0
-        window = live.taxels(min(n_new + _MARGIN, self.capacity))
-        first = max(0, self._head - window.first)
+        window = live.taxels_since(max(self._head, live.taxel_head - self.capacity))
         self._head = window.first + len(window)
         return self.append(
-            window.time_s[first:],
-            window.counters[first:],
-            window.samples[first:],
-            window.flags[first:],
-            window.spikes[first:],
+            window.time_s, window.counters, window.samples, window.flags, window.spikes
         )
 
     def append(

@@ -231,8 +231,10 @@ class Taxels:
 
     def _reorder(self, block: Block) -> Block:
         """Return the block in the sensor's order and polarity: pressure raises a sample."""
-        samples = np.ascontiguousarray(block.samples[:, self._order])
-        return replace(block, samples=samples if self.array.pressure_raises else ADC_MAX - samples)
+        samples = block.samples.take(self._order, axis=1)
+        if not self.array.pressure_raises:
+            samples = ADC_MAX - samples
+        return replace(block, samples=samples)
 
     def _count(self, decoded: Decoded) -> None:
         counters = self.counters

@@ -142,8 +142,12 @@ class RingBuffer:
 
     def newest(self, n: int) -> tuple[int, dict[str, NDArray[Any]]]:
         """Return the number of the first row, and copies of the newest ``n`` rows or fewer."""
+        return self.since(self.head - n)
+
+    def since(self, number: int) -> tuple[int, dict[str, NDArray[Any]]]:
+        """Return as :meth:`newest` the rows from a number on that are still here."""
         head = self.head
-        first = max(0, head - n, self.reserved - self.rows)
+        first = max(0, number, self.reserved - self.rows)
         copies = {
             name: column.get(first, max(first, head)).copy()
             for name, column in self._columns.items()
@@ -313,7 +317,11 @@ class LiveFileReader:
 
     def taxels(self, n: int) -> TaxelWindow:
         """Return the newest ``n`` samples, or all if there are fewer."""
-        first, rows = self._file.taxels.newest(n)
+        return self.taxels_since(self.taxel_head - n)
+
+    def taxels_since(self, number: int) -> TaxelWindow:
+        """Return the samples from a number of :attr:`taxel_head` on that are still here."""
+        first, rows = self._file.taxels.since(number)
         return TaxelWindow(first, **rows)
 
     @property

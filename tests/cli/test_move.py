@@ -9,6 +9,8 @@ from typing import Any, cast
 
 import pytest
 
+from rigctl import api
+from rigctl.api import ConnectedRig
 from rigctl.boards.drum_states import State
 from rigctl.cli import main, move
 from rigctl.engine.rpc.client import EngineClient
@@ -87,7 +89,8 @@ class Interrupted:
 def test_an_interrupt_stops_the_drum_before_anything_else() -> None:
     client = Interrupted()
     with pytest.raises(KeyboardInterrupt):
-        move._move(cast(EngineClient, client), argparse.Namespace(command="jog", mm=5.0))
+        rig = ConnectedRig(cast(EngineClient, client), started=False)
+        move._move(rig, argparse.Namespace(command="jog", mm=5.0))
     assert client.sent == ["status", "arm", "jog", "stop", "disarm"]
 
 
@@ -97,6 +100,6 @@ def test_which_rig_is_meant_must_be_clear(
     assert main(["home"]) == 2
     assert "no engine is running: name the rig" in capsys.readouterr().err
     both = [EngineFile(name, 7, 0, "", name, "") for name in ("one", "two")]
-    monkeypatch.setattr(move, "running_engines", lambda folder: both)
+    monkeypatch.setattr(api, "running_engines", lambda folder: both)
     assert main(["home"]) == 2
     assert "one (process 7), two (process 7): name one rig" in capsys.readouterr().err

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import zipfile
@@ -37,6 +38,24 @@ for board in (DrumFirmware(), TaxelFirmware()):
     print(board._library._name)
     board.close()
 """
+OPEN_WINDOW = """
+from PySide6.QtCore import QTimer
+import gui.app
+shown = gui.app._shown_window
+def shown_once(theme):
+    window = shown(theme)
+    QTimer.singleShot(0, window.close)
+    return window
+gui.app._shown_window = shown_once
+print(gui.app.__file__, gui.app.main([]))
+"""
+CONTENTS = (
+    "rigctl/py.typed",
+    "rigctl/_data/wiring/wiring-mega.svg",
+    "rigctl/_data/wiring/wiring-uno.svg",
+    "rigctl/_data/wiring/wiring-teensy.svg",
+    "rigctl/_data/protocols/finger/paper.toml",
+)
 
 
 def test_a_checkout_finds_its_own_protocols(
@@ -83,16 +102,39 @@ def test_the_commit_is_read_from_the_checkout(
     assert resources.source_commit() == ""
 
 
-def test_a_wheel_carries_the_protocols_and_the_virtual_boards(tmp_path: Path) -> None:
-    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Build the wheel of this computer and return it."""
+    folder = tmp_path_factory.mktemp("wheel")
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
     with build_lock():  # the wheel's hook runs make
         subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
-    wheel = next(tmp_path.glob("*.whl"))
-    installed = tmp_path / "site"
+    return next(folder.glob("*.whl"))
+
+
+@pytest.fixture(scope="module")
+def installed(wheel: Path) -> Path:
+    """Unpack the wheel outside the checkout and return the folder, for PYTHONPATH."""
     with zipfile.ZipFile(wheel) as file:
-        file.extractall(installed)
-    ask = [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(installed)!r})\n{ASK}"]
-    out = subprocess.run(ask, cwd=tmp_path, check=True, capture_output=True, text=True).stdout
+        file.extractall(wheel.parent / "site")
+    return wheel.parent / "site"
+
+
+def run_installed(installed: Path, place: Path, *words: str) -> str:
+    """Run Python on the installed wheel and return what it prints."""
+    folders = {"RIGCTL_RUNTIME": str(place), "XDG_CONFIG_HOME": str(place)}
+    environment = {**os.environ, **folders, "PYTHONPATH": str(installed)}
+    environment["QT_QPA_PLATFORM"] = "offscreen"
+    command = [sys.executable, *words]
+    return subprocess.run(
+        command, cwd=place, check=True, capture_output=True, text=True, env=environment
+    ).stdout
+
+
+def test_a_wheel_carries_the_protocols_and_the_virtual_boards(
+    installed: Path, wheel: Path, tmp_path: Path
+) -> None:
+    out = run_installed(installed, tmp_path, "-c", ASK)
     where, trials, image, drum, taxels, sketches, *libraries = out.splitlines()
     for board, line in (("drum", drum), ("taxels", taxels)):
         build_hash = host_build.image_hash(board)
@@ -103,4 +145,17 @@ def test_a_wheel_carries_the_protocols_and_the_virtual_boards(tmp_path: Path) ->
     assert "need a source checkout" in image
     assert len(libraries) == 2
     assert all(library.startswith(str(installed)) for library in libraries)
-    assert "none-any" not in wheel.name
+    assert "-py3-none-linux" in wheel.name
+    assert [name for name in CONTENTS if not (installed / name).is_file()] == []
+
+
+def test_a_wheel_runs_outside_the_checkout(installed: Path, tmp_path: Path) -> None:
+    """The demo records, verifies, encodes and classifies; a rehearsed setup checks each part."""
+    demo = run_installed(
+        installed, tmp_path, "-m", "rigctl", "demo", "--no-window", "--out", "demo"
+    )
+    assert "is whole" in demo and "all data come from the simulated bench" in demo
+    setup = run_installed(installed, tmp_path, "-m", "rigctl", "setup", "--rig", "virtual", "--yes")
+    assert "the rig is set up" in setup
+    window = run_installed(installed, tmp_path, "-c", OPEN_WINDOW)
+    assert window == f"{installed}/gui/app.py 0\n"
