@@ -45,7 +45,7 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
     def __init__(
         self, loop: asyncio.AbstractEventLoop, description: str, truth: TruthRecorder
     ) -> None:
-        self.event_bus = EventBus(loop.time)
+        self.event_bus = EventBus(loop.time, self._fail)
         self.run: _Run | None = None
         self.is_ready = False
         self.keep_awake: KeepAwake = not_kept_awake
@@ -216,9 +216,13 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         try:
             await work
         except Exception as error:  # noqa: BLE001 - top of a task: it becomes a visible fault
-            sentence = f"internal error of the engine: {error!r}; report it with the session"
-            self.event_bus.publish("fault", sentence)
-            self.shut_down(sentence)
+            self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        """Publish an internal error, and end the engine safely."""
+        sentence = f"internal error of the engine: {error!r}; report it with the session"
+        self.event_bus.publish("fault", sentence)
+        self.shut_down(sentence)
 
     async def _tick(self) -> None:
         """Serve recorder and clients, and send the status, ten times a second."""

@@ -37,6 +37,8 @@ STATES = (
 """All that a run passes; the drum is switched off in a pause. BOOT and SELFTEST last 0.3 s after a
 reset, and NUDGE is a state of the set-up."""
 AFTER_FAULT = (State.FAULT_LIFT, State.FAULT_OFF)
+UNCLOSED = "was not closed properly"
+"""What a part lacks until the session is resumed, where the recorder failed."""
 STALL_S = 0.4
 LOOKS_S = 150.0
 """By then a run has gone on by itself, or waits for somebody."""
@@ -92,7 +94,8 @@ def try_fault(fault: Fault, state: State, folder: Path) -> Cell:
         with open_session(harness.session) as session:
             attempts = len(session.trials) - len(session.committed())
         end = scene.end if stays else "X"
-        problems = (*watch.unsafe, *verify(harness.session).problems)
+        lacks = [line for line in verify(harness.session).problems if UNCLOSED not in line]
+        problems = (*watch.unsafe, *lacks)
         saw = scene.saw(harness) or "nothing"
     return Cell(saw, attempts, end, problems)
 
@@ -141,7 +144,7 @@ class _Scene:
     def saw(self, harness: EngineHarness) -> str:
         """Return the first sentence that the user read."""
         told = (e.text for e in harness.events[self._first_event :] if e.kind in SEEN)
-        sentence = re.sub(r"^(drum|taxels): ", "", next(told, ""))
+        sentence = re.sub(r"^(drum|taxels): | /\S+", "", next(told, ""))
         return re.split(r"[:;(]", sentence, maxsplit=1)[0].strip()
 
 
