@@ -48,7 +48,7 @@ def test_300_trials_with_faults_and_kills(
         tmp_path,
         protocol(tmp_path, 150, 30),
         mean_trials=12,
-        kill_every=9,
+        kill_every=11,
         kill_until=300,
         start="forkserver",
         most_sittings=150,
