@@ -139,7 +139,7 @@ class Campaign:
             return _Killing()
         if random.random() < START_SHARE:
             return _Killing(after_start_s=random.uniform(0.0, START_S))
-        trials = round(random.uniform(1, 2 * self.kill_every))
+        trials = max(1, round(random.expovariate(1 / self.kill_every)))
         return _Killing(trials, random.uniform(0.0, AFTER_TRIAL_S))
 
     def _check(self, state: State, watched: _Watched) -> None:

@@ -193,7 +193,7 @@ class _Person:
         """Bring a fault about each so many trials, at any moment of the next one."""
         mean = self._plan.mean_trials
         while mean:
-            due = self._committed + self._random.uniform(0.5, 2 * mean - 0.5)
+            due = self._committed + self._random.expovariate(1 / mean)
             while self._committed < due:
                 await asyncio.sleep(TURN_S)
             await asyncio.sleep(self._random.uniform(0.0, WITHIN_S))
