@@ -126,6 +126,7 @@ ERROR_KINDS = frozenset(
         "awake",
         "unrecorded",
         "hook",
+        "copy",
     }
 )
 

@@ -23,8 +23,8 @@ from gui.widgets.layouts import combo_box, group_box, hbox, push_button, vbox
 from rigctl.config.rig_config import RigConfig
 from rigctl.config.toml_reader import FieldType, KeyPath, TomlField
 from rigctl.protocol.fields import (
-    EVERY,
     KIND,
+    OF_PLACE,
     PLACE,
     STEP_KINDS,
     FieldGroup,
@@ -233,7 +233,7 @@ class StepsBox(QGroupBox):
             "Down": push_button("Step down", lambda: self._move(1)),
         }
         self.at, self.kind = KeyRow(PLACE, ()), KeyRow(KIND, ())
-        self.every = KeyRow(EVERY, ())
+        self.of_place = {place: KeyRow(item, ()) for place, item in OF_PLACE.items()}
         self.of_kind = {
             kind: [KeyRow(item, ()) for item in items]
             for kind, items in step_fields(RigConfig()).items()
@@ -251,7 +251,7 @@ class StepsBox(QGroupBox):
 
     def rows(self) -> Iterator[KeyRow]:
         """Yield the rows of the chosen step, also those that its kind does not have."""
-        yield from (self.at, self.every, self.kind)
+        yield from (self.at, *self.of_place.values(), self.kind)
         for rows in self.of_kind.values():
             yield from rows
 
@@ -283,7 +283,9 @@ class StepsBox(QGroupBox):
     def _sentence(self, place: int) -> str:
         """Return when a step runs and what it does, with the values of its keys."""
         at, kind = self._written(place, "at"), self._written(place, "kind")
-        every = f" {typed_of(self._written(place, 'trials'))} trials" if at == "every" else ""
+        own = self.of_place.get(at) if isinstance(at, str) else None
+        amount = "" if own is None else f" {self._words(place, own)}"
+        every = f"{amount} trials" if at == "every" else amount
         rows = self.of_kind.get(kind, ()) if isinstance(kind, str) else ()
         words = ", ".join(filter(None, (self._words(place, row) for row in rows)))
         return f"{typed_of(at)}{every}: {typed_of(kind)} {words}".strip()
@@ -308,7 +310,8 @@ class StepsBox(QGroupBox):
         is_chosen = place >= 0
         for row in (self.at, self.kind):
             row.set_visible(is_chosen)
-        self.every.set_visible(is_chosen and at == "every")
+        for name, row in self.of_place.items():
+            row.set_visible(is_chosen and at == name)
         for name, rows in self.of_kind.items():
             for row in rows:
                 row.set_visible(is_chosen and name == kind)
@@ -322,8 +325,10 @@ class StepsBox(QGroupBox):
         """Change a key; another place or kind leaves out what belongs to the one before."""
         place, key = self.place, path[-1]
         edits: list[tuple[KeyPath, Any]] = [(path, value)]
-        if key == "at" and self._written(place, "trials") is not None and value != "every":
-            edits.append(((NAME, place, "trials"), None))
+        if key == "at":
+            others = [row.item.key for name, row in self.of_place.items() if name != value]
+            edits += [((NAME, place, other), None) for other in others
+                      if self._written(place, other) is not None]  # fmt: skip
         if key == "kind":
             kept = {row.item.key for row in self.of_kind[value]}
             known = {row.item.key for rows in self.of_kind.values() for row in rows}

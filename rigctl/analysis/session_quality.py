@@ -6,7 +6,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -20,7 +20,7 @@ from rigctl.encoder.encoder import encode_trial
 from rigctl.encoder.normalisation import Normalisation
 from rigctl.errors import SessionError
 from rigctl.protocol.loader import parse_protocol
-from rigctl.protocol.plan import Quality, condition_of
+from rigctl.protocol.plan import EACH_CONDITION, Quality, condition_of
 from rigctl.session.data_quality import (
     BASELINE_SAMPLES,
     GIVEN_UP,
@@ -82,8 +82,9 @@ class SessionJudge:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._limits = _limits_of(session)
+        self._limits, self._stays = _limits_of(session)
         self._history = TrialHistory(self._limits)
+        self._baseline: Floats | None = None
         self._judged: list[JudgedTrial] = []
 
     @property
@@ -103,10 +104,30 @@ class SessionJudge:
         session, known = self._session, len(self._judged)
         order = np.argsort(session.trials["started_s"], kind="stable")
         for index in order[known:][:most].tolist():
-            self._judged.append(_judge(session, index, self._history))
+            self._judged.append(self._judge(index))
             progress(len(self._judged), len(order))
         trials = tuple(_with_given_up(self._judged, session.finished))
         return SessionQuality(session.path, session.header.simulated, self._limits, trials)
+
+    def _judge(self, index: int) -> JudgedTrial:
+        session = self._session
+        row = session.trial_row(index)
+        if row.verdict is not Verdict.COMMITTED or index in session.left_out:
+            reasons = row.reasons or (session.left_out.get(index, ""),)
+            return JudgedTrial(row.trial, row.attempt, REPEAT, reasons, None)
+        statistics = self._with_baseline(trial_statistics(session, index))
+        found = self._history.judge(condition_of(row.trial), statistics)
+        verdict = REPEAT if found.repeat else QUARANTINE if found.quarantine else PASS
+        reasons = found.repeat or found.quarantine
+        return JudgedTrial(row.trial, row.attempt, verdict, reasons, statistics)
+
+    def _with_baseline(self, statistics: TrialStatistics) -> TrialStatistics:
+        """Return the statistics with the last lifted baseline, where the drum stayed in contact."""
+        if np.isfinite(statistics.baseline).all():
+            self._baseline = statistics.baseline
+        elif self._stays and self._baseline is not None:
+            return replace(statistics, baseline=self._baseline)
+        return statistics
 
 
 def judge_session(
@@ -122,22 +143,12 @@ def judge_session(
         return SessionJudge(session).judge(progress)
 
 
-def _limits_of(session: Session) -> Quality:
+def _limits_of(session: Session) -> tuple[Quality, bool]:
+    """Return the protocol's limits, and whether the drum stays in contact between repeats."""
     if session.header.rig == IMPORTED:
-        return Quality()
-    return parse_protocol(session.protocol_text, PROTOCOL_FILE, session.config).quality
-
-
-def _judge(session: Session, index: int, history: TrialHistory) -> JudgedTrial:
-    row = session.trial_row(index)
-    if row.verdict is not Verdict.COMMITTED or index in session.left_out:
-        reasons = row.reasons or (session.left_out.get(index, ""),)
-        return JudgedTrial(row.trial, row.attempt, REPEAT, reasons, None)
-    statistics = trial_statistics(session, index)
-    found = history.judge(condition_of(row.trial), statistics)
-    verdict = REPEAT if found.repeat else QUARANTINE if found.quarantine else PASS
-    reasons = found.repeat or found.quarantine
-    return JudgedTrial(row.trial, row.attempt, verdict, reasons, statistics)
+        return Quality(), False
+    protocol = parse_protocol(session.protocol_text, PROTOCOL_FILE, session.config)
+    return protocol.quality, protocol.lift == EACH_CONDITION
 
 
 def _with_given_up(judged: Sequence[JudgedTrial], finished: bool) -> Iterator[JudgedTrial]:

@@ -41,10 +41,14 @@ class SimulatedWorld(NamedTuple):
         return {WORLD: asdict(self.parameters), WORLD_FILE: self.file}
 
     def rig_config(self) -> RigConfig:
-        """Return a rig description that fits the world's drum, plate and load cell."""
+        """Return a rig description that fits the world's drum, plate and load cell.
+
+        The clamp of a simulated bench carries the sensor as its plates do.
+        """
         p, nominal = self.parameters, RigConfig()
         shared = {f.name for f in fields(DrumGeometry)} & {f.name for f in fields(p)}
-        drum = replace(nominal.drum, **{name: getattr(p, name) for name in shared})
+        geometry = {name: getattr(p, name) for name in shared}
+        drum = replace(nominal.drum, **geometry, level_joint=True)
         loadcell = replace(nominal.loadcell, scale_ug_per_count=round(p.loadcell_ug_per_count))
         return replace(nominal, drum=drum, loadcell=loadcell)
 

@@ -39,6 +39,7 @@ MODULES = {
     "info": ".info",
     "watch": ".watch",
     "verify": ".verify",
+    "copy": ".copy",
     "recover": ".recover",
     "note": ".note",
     "accept": ".accept",

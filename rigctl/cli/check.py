@@ -14,14 +14,15 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from rigctl.bench.world_file import NOMINAL_WORLD
 from rigctl.cli.arguments import a_path, add_option, add_seed, path_or_name
 from rigctl.config.resources import find_any_protocol
-from rigctl.config.rig_config import RigConfig, load_config
+from rigctl.config.rig_config import load_config
 from rigctl.config.toml_reader import TomlText
 from rigctl.errors import CheckFailed, ProtocolError
 from rigctl.experiments import protocol_key
 from rigctl.protocol.loader import load_protocol
-from rigctl.protocol.plan import ORDER_WORDS, QUANTITY_NAMES, Plan
+from rigctl.protocol.plan import EACH_TRIAL, ORDER_WORDS, QUANTITY_NAMES, Plan
 from rigctl.protocol.steps import PLATE_CHANGE_S
 
 SIMULATED = ("virtual", "firmware")
@@ -59,7 +60,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check_drum(path: Path, args: argparse.Namespace) -> tuple[dict[str, Any], str]:
-    config = RigConfig() if args.rig in SIMULATED else load_config(Path(args.rig))
+    simulated = args.rig in SIMULATED
+    config = NOMINAL_WORLD.rig_config() if simulated else load_config(Path(args.rig))
     summary = describe(load_protocol(path, config).plan(args.seed))
     return summary, table(summary)
 
@@ -68,7 +70,7 @@ def describe(plan: Plan) -> dict[str, Any]:
     """Return the summary of a plan as plain values."""
     protocol = plan.protocol
     lists = ("textures", "speeds_mm_s", "forces_g", "depths_mm")
-    values = ("repeats", "mounts", "travel_mm", "force_mode", "order")
+    values = ("repeats", "mounts", "travel_mm", "force_mode", "lift", "order")
     return {
         "protocol": protocol.name,
         "description": protocol.description,
@@ -104,6 +106,7 @@ def table(summary: dict[str, Any]) -> str:
         (presses, _numbers(summary[f"{presses}_{unit}"], unit)),
         ("order", f"{order}, {summary['repeats']} of each"),
         ("trials", f"{summary['trials']:,} of {summary['travel_mm']:g} mm"),
+        *_lift_rows(summary),
         *_early_end_rows(summary),
         ("steps", f"{summary['steps']:,}"),
         ("plate changes", _changes(summary)),
@@ -114,6 +117,11 @@ def table(summary: dict[str, Any]) -> str:
         ("plan", summary["hash"]),
     )
     return in_columns(rows)
+
+
+def _lift_rows(summary: dict[str, Any]) -> tuple[tuple[str, str], ...]:
+    """Return the row of a drum that does not lift after each trial."""
+    return () if summary["lift"] == EACH_TRIAL else (("lifts", "after each condition"),)
 
 
 def _early_end_rows(summary: dict[str, Any]) -> tuple[tuple[str, str], ...]:

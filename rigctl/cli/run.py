@@ -46,7 +46,7 @@ from rigctl.session.session_reader import read_closing_digest
 POLL_S = 0.1
 TOLD_EVENTS = (
     *("early_end", "fault", "link", "pause", "resume", "message", "stop", "control"),
-    *("late", "recovery", "awake", "unrecorded", "hook"),
+    *("late", "recovery", "awake", "unrecorded", "hook", "copy"),
 )
 """Events that the user reads while the run goes on."""
 EXIT_CODES = {"aborted": INTERRUPTED, "failed": 3}

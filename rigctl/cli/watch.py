@@ -13,13 +13,14 @@ import argparse
 import shutil
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from rigctl.cli.arguments import a_path, add_option
 from rigctl.cli.progress import ProgressLine, clock
@@ -29,6 +30,7 @@ from rigctl.encoder.normalisation import Normalisation
 from rigctl.engine.rpc.client import find_engines
 from rigctl.engine.rpc.messages import RunStatus, reason_words
 from rigctl.errors import CheckFailed, SessionError, WrongUse
+from rigctl.experiments import EXPERIMENTS
 from rigctl.session import layout
 from rigctl.session.layout import PROTOCOL_FILE, parse_event
 from rigctl.session.part import existing_parts
@@ -152,10 +154,12 @@ class _Watched:
     def _new_raster(self) -> list[str]:
         """Return the spikes of the newest trial, once."""
         newest = int(self._session.committed().max(initial=-1))
-        if not self._columns or newest == self._newest or not isinstance(self._session, Session):
+        if not self._columns or newest == self._newest:
             return []
         self._newest = newest
-        return trial_raster(self._session, newest, self._columns, self._marks)
+        draw = EXPERIMENTS[self._session.layout.experiment].load("raster")
+        lines: list[str] = draw(self._session, newest, self._columns, self._marks)
+        return lines
 
 
 def trial_raster(session: Session, index: int, columns: int, marks: str = BLOCKS) -> list[str]:
@@ -178,21 +182,30 @@ def trial_raster(session: Session, index: int, columns: int, marks: str = BLOCKS
 
 
 def raster_lines(spikes: Spikes, columns: int, marks: str = BLOCKS) -> list[str]:
-    """Return spikes as lines of text, SA above RA, time from left to right.
-
-    A mark is the count of some taxels in a share of the time, beside the channel's largest.
-    """
+    """Return spikes as lines of text, SA above RA, time from left to right."""
     n = spikes.n_trains // 2
-    n_rows = min(n, RASTER_ROWS)
     lines = []
-    for channel, name in enumerate(("SA ", "RA ")):
-        counts = np.zeros((n_rows, columns - len(name)), np.int64)
-        for taxel in range(n):
-            at = spikes.train(channel * n + taxel).astype(np.int64)
-            np.add.at(counts[taxel * n_rows // n], at * counts.shape[1] // spikes.n_samples, 1)
-        levels = -(-counts * (len(marks) - 1) // max(1, counts.max()))
-        lines += [name + "".join(marks[level] for level in row) for row in levels]
+    for name, first in (("SA ", 0), ("RA ", n)):
+        trains = [spikes.train(first + taxel) for taxel in range(n)]
+        lines += channel_lines(name, trains, spikes.n_samples, columns, marks)
     return lines
+
+
+def channel_lines(
+    name: str, trains: Sequence[NDArray[np.int32]], n_samples: int, columns: int, marks: str
+) -> list[str]:
+    """Return the spikes of one channel, lines that begin with its name.
+
+    ``trains``: of each taxel the samples with a spike. A mark is the count of some taxels in a
+    share of the time, beside the channel's largest.
+    """
+    n_rows = min(len(trains), RASTER_ROWS)
+    counts = np.zeros((n_rows, columns - len(name)), np.int64)
+    for taxel, train in enumerate(trains):
+        at = train.astype(np.int64) * counts.shape[1] // n_samples
+        np.add.at(counts[taxel * n_rows // len(trains)], at, 1)
+    levels = -(-counts * (len(marks) - 1) // max(1, counts.max()))
+    return [name + "".join(marks[level] for level in row) for row in levels]
 
 
 def _newest_session() -> Path:

@@ -68,6 +68,9 @@ class DrumGeometry:
     acceleration_mm_s2: float = number(600, "mm/s²", 50, 2000, "acceleration of every ramp")
     rapid_mm_s: float = number(200, "mm/s", 5, 300, "speed of moves between trials, lifted")
     backwards: bool = flag(False, "the drum's forward is the motor's backward")
+    level_joint: bool = flag(
+        False, "what the plate leaves of a turn carries the sensor as the plate does"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,6 +234,9 @@ class RecordingConfig:
     """How sessions are recorded."""
 
     private: bool = flag(False, "only the user who records can read the session")
+    copy_to: str = text(
+        "", "whole path of a folder on a second disk, to which a run copies what is finished"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,12 +296,19 @@ def _config(text: TomlText) -> RigConfig:
             for name, table in tables.items()
         }
     )
+    check_recording(config.recording, tables["recording"])
     _check_geometry(config.drum, tables["drum"])
     _check_limits(config.limits, tables["limits"])
     _check_taxels(config.taxels, tables["taxels"])
     _check_scale(config.loadcell, tables["loadcell"])
     _check_rate(config.loadcell, config.actuator, tables["loadcell"])
     return config
+
+
+def check_recording(recording: RecordingConfig, table: TomlTable) -> None:
+    """Raise the error of the table's text for a second disk that depends on the working folder."""
+    if recording.copy_to and not Path(recording.copy_to).is_absolute():
+        table.fail("copy_to", "must be a whole path, such as /media/second/sessions")
 
 
 def _check_geometry(drum: DrumGeometry, table: TomlTable) -> None:

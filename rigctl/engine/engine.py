@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from functools import partial
@@ -13,7 +12,6 @@ from rigctl.boards.drum_codes import Status
 from rigctl.engine.calibration import Calibration
 from rigctl.engine.contact import has_status
 from rigctl.engine.early_end import EarlyEndProcess
-from rigctl.engine.event_hook import EventHook
 from rigctl.engine.health import TAXELS, HeartbeatGate, LineMonitor
 from rigctl.engine.live_file import LiveWriter
 from rigctl.engine.manual_recorder import ManualRecorder
@@ -23,8 +21,6 @@ from rigctl.engine.rig_boards import RigBoards
 from rigctl.engine.rpc.messages import (
     LINK,
     NOISE,
-    NOTHING_RECORDED_S,
-    UNRECORDED,
     EngineStatus,
     RecordingStatus,
     RunStatus,
@@ -52,7 +48,8 @@ class Engine(ServedEngine[Run, RunRequest]):
     def __init__(
         self, rig: Rig, live_writer: LiveWriter, utc_now: Callable[[], str], real_time: bool = True
     ) -> None:
-        super().__init__(rig.loop, rig.description, TruthRecorder(lambda: rig.truth, DRUM_TRUTH))
+        truth = TruthRecorder(lambda: rig.truth, DRUM_TRUTH)
+        super().__init__(rig.loop, rig.description, truth, rig.config)
         self.rig = rig
         self.heartbeat_gate = HeartbeatGate(rig.loop.time)
         self.boards = RigBoards(
@@ -72,12 +69,9 @@ class Engine(ServedEngine[Run, RunRequest]):
         """Runs that wait: the next one begins where the last one is done."""
         self.early_end: EarlyEndProcess | None = None
         """Judges the conditions of the run, where its protocol lets them end early."""
-        self.event_hook = EventHook(rig.config.run.on_event, partial(self._tell, "hook"))
-        self.event_bus.subscribe(self.event_hook)
         self._utc_now = utc_now
         self._texture = rig.plate
         self._line_monitor = LineMonitor()
-        self._recorded_s = 0.0
         self._status_builder = StatusBuilder(rig, self.boards, self.calibration, self.setup)
 
     def start(self, request: RunRequest) -> Run:
@@ -228,7 +222,6 @@ class Engine(ServedEngine[Run, RunRequest]):
             self.early_end.poll(self.run.status().trials_committed, self.run.end_condition)
         super()._serve_boards()
         self._check_line()
-        self._check_recorded()
         self.heartbeat_gate.check_in("pipeline")
 
     def _check_disk(self) -> None:
@@ -254,16 +247,6 @@ class Engine(ServedEngine[Run, RunRequest]):
             self.event_bus.publish("link", text, board=TAXELS)
         self._mark_link(NOISE, not is_noisy)
 
-    def _check_recorded(self) -> None:
-        """Tell once that a run which waits for nobody has got no samples for long."""
-        run, now_s = self.run, self._now_s()
-        if run is None or run.state != "running" or self._is_recorded(run):
-            self._recorded_s = now_s
-        elif now_s - self._recorded_s > NOTHING_RECORDED_S:
-            text = f"no sample was recorded for {NOTHING_RECORDED_S:.0f} s: look at the rig"
-            self.event_bus.publish(UNRECORDED, text)
-            self._recorded_s = math.inf
-
     def _is_recorded(self, run: Run) -> bool:
         return run.recording_status(self.boards.pipeline.is_recording).active
 
@@ -282,4 +265,4 @@ class Engine(ServedEngine[Run, RunRequest]):
     def _disconnect(self) -> None:
         self.rig.drum.close()
         self.rig.taxels.close()
-        self.event_hook.close()
+        super()._disconnect()

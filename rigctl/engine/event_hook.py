@@ -12,6 +12,7 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 
+from rigctl.engine.copy_process import COPY
 from rigctl.engine.rpc.messages import OPERATOR, UNRECORDED
 from rigctl.values import Event
 
@@ -102,7 +103,7 @@ def hook_kind(event: Event) -> str:
             return "plate" if event.data["texture"] else "question"
         case "fault" if "fault" in event.data:
             return "fault"
-        case kind if kind == UNRECORDED:
+        case kind if kind in (UNRECORDED, COPY):
             return kind
     return ""
 

@@ -12,7 +12,7 @@ from typing import Final, Self
 from rigctl.boards.drum_codes import Command, CommandResult, Status
 from rigctl.boards.drum_states import STATE_TEXT, State
 from rigctl.config.rig_config import RigConfig
-from rigctl.engine.contact import PRESSING_STATES
+from rigctl.engine.contact import PRESSING_STATES, has_status
 from rigctl.engine.poller import DrumPoller
 from rigctl.engine.settings import (
     GUARDED_SETTINGS,
@@ -21,6 +21,7 @@ from rigctl.engine.settings import (
     nearest_steps,
     rig_settings,
     trial_start_steps,
+    way_to_window_mm,
 )
 from rigctl.errors import CommandRefused, RigFault, WrongUse
 from rigctl.values import DrumState, PlannedTrial
@@ -35,6 +36,7 @@ MOVE_TIMEOUT_S = 600.0
 APPROACH_EXTRA_S = 20.0
 """Longest search for the contact at 80 samples a second; a slower load cell needs longer."""
 TRAVEL_EXTRA_S, TRAVEL_FACTOR = 10.0, 1.5
+TRAVEL = "the travel"
 TRIM_STEP_PPM = 10
 
 STARTING_STATES: Final = (State.BOOT, State.SELFTEST)
@@ -208,7 +210,8 @@ class DrumMotion:
         search_s = APPROACH_EXTRA_S * 80 / self.config.loadcell.rate_hz
         timeout_s = search_s + self.settings["approach_timeout_ms"] / 1000
         command = Command.APPROACH_SETUP if by_setup else Command.APPROACH
-        await self.reach(command, State.HOLD, timeout_s, "reaching the force")
+        action = "settling at the force, within settle.band_percent of the protocol,"
+        await self.reach(command, State.HOLD, timeout_s, action)
 
     async def nudge(self, presses: bool) -> float:
         """Move the actuator of a drum that is off a little; return its travel in µm, + downwards.
@@ -221,9 +224,43 @@ class DrumMotion:
 
     async def run(self) -> DrumState:
         """Turn through run-in, window and ramp; return the state in which the drum holds again."""
+        return await self.reach(Command.RUN, State.HOLD, self._travel_timeout_s, TRAVEL)
+
+    async def pass_window(self) -> DrumState:
+        """Turn through run-in and window; return the state in which the window has closed.
+
+        The drum ramps down then, in contact.
+        """
+        rises = self.poller.healthy_state().sync_count
+        await self._send(Command.RUN)
+
+        def has_passed(state: DrumState) -> bool:
+            is_closed = state.sync_count != rises and not has_status(state, Status.SYNC_HIGH)
+            return is_closed or self._holds(state)
+
+        timeout_s = self._travel_timeout_s
+        return await self.poller.wait_until(
+            has_passed, timeout_s, TRAVEL, self._check_of_move(TRAVEL)
+        )
+
+    @property
+    def _travel_timeout_s(self) -> float:
         travel_mm = self.settings["run_in_set"] + self.settings["travel_set"]
-        timeout_s = TRAVEL_EXTRA_S + TRAVEL_FACTOR * travel_mm / self.settings["speed_set"]
-        return await self.reach(Command.RUN, State.HOLD, timeout_s, "the travel")
+        return TRAVEL_EXTRA_S + TRAVEL_FACTOR * travel_mm / self.settings["speed_set"]
+
+    async def wait_holding(self) -> None:
+        """Wait until the drum, in contact, stands again behind a window."""
+        if not self._holds(self.poller.healthy_state()):
+            await self.poller.wait_until(self._holds, TRAVEL_EXTRA_S, "stopping", self.check)
+
+    def _holds(self, state: DrumState) -> bool:
+        return state.state == State.HOLD and self._is_command_finished(state)
+
+    async def begin_run_in_here(self, trial: PlannedTrial) -> None:
+        """Let the run-in begin where the drum holds, and the window open where it always does."""
+        steps, drum = self.poller.healthy_state().steps, self.config.drum
+        way_mm = way_to_window_mm(trial, steps, drum, self._step_mm)
+        await self.write_settings(run_in_set=round(way_mm, 1))
 
     async def begin_lift(self) -> None:
         """Begin to lift off from any state, unless the drum is lifted."""

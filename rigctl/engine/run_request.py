@@ -173,6 +173,7 @@ def _resume(folder: Path, context: RunContext, unattended: bool) -> OpenedRun:
         missing = tuple(session.describe_missing())
         ended = frozenset(ended_early(session))
     check_same_rig(folder, header, rig.kind, rig.world)
+    _check_sensor(folder, header, context)
     refuse_link_outside(folder / layout.PROTOCOL_FILE)
     plan = load_protocol(folder / layout.PROTOCOL_FILE, rig.config).plan(header.seed)
     if len(done) + len(ended) == len(plan.trials):
@@ -196,6 +197,16 @@ def check_same_rig(folder: Path, header: SessionHeader, kind: str, world: dict[s
             "connect the rig that began the session"
         )
     check_same_world(folder, header.simulation, world)
+
+
+def _check_sensor(folder: Path, header: SessionHeader, context: RunContext) -> None:
+    """Raise SessionError where the session and this rig name two sensors."""
+    sensor = context.about.get("sensor") or context.rig.config.about.sensor
+    if header.sensor and sensor and sensor != header.sensor:
+        raise SessionError(
+            f"{folder} was recorded with the sensor {header.sensor!r}, this rig has {sensor!r}: "
+            "resume it with its own (name it as at the start), or start a new session"
+        )
 
 
 def open_recorder(folder: Path, plan: Plan, context: RunContext, resume: bool) -> Recorder:

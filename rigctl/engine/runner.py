@@ -30,7 +30,7 @@ from rigctl.engine.event_bus import EventBus
 from rigctl.engine.health import END
 from rigctl.engine.progress import RunProgress
 from rigctl.engine.rig_boards import RigBoards
-from rigctl.engine.rpc.messages import DISK_ERROR, CurrentTrial, NextPlate, RunStatus
+from rigctl.engine.rpc.messages import CurrentTrial, NextPlate, RunStatus
 from rigctl.engine.run_control import RunControl
 from rigctl.engine.run_reasons import RunPaused, RunStopped, TrialSkipped
 from rigctl.engine.run_request import OpenedRun
@@ -303,22 +303,21 @@ class Run(ServedRun[RunControl, Recorder]):
 
         Raises RunStopped.
         """
-        self._event_bus.publish("disk", self._recorder.failure or "the disk refused")
         with self._progress.idle():
             await self._make_safe()
-            self.control.pause(DISK_ERROR)
-            while (on_disk := self._recorder.try_again()) is None:
-                for _ in range(DISK_CYCLES):
-                    await self._poller.wait_cycle()
-                    self.control.check_in()
-                    self.control.check_stop()
-            self.control.resume(DISK_ERROR)
+            on_disk = await self._until_disk_works(self._wait_to_try_again)
         for trial_id in self._step_runner.committed_ids - on_disk:
             trial = self._opened.plan.trials[trial_id - 1]
             self._step_runner.reopen(trial_id)
             self._progress.reopen(trial, was_committed=True)
             with suppress(WrongUse):  # of the plate before: a continued session records it again
                 self._steps.repeat(trial)
+
+    async def _wait_to_try_again(self) -> None:
+        for _ in range(DISK_CYCLES):
+            await self._poller.wait_cycle()
+            self.control.check_in()
+            self.control.check_stop()
 
     async def _repeat_after_pauses(self, step: Step) -> None:
         self.control.skips_trial = False

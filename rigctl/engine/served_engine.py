@@ -6,6 +6,7 @@ A run continues without a client. Without client and work the engine makes the r
 from __future__ import annotations
 
 import asyncio
+import math
 import socket
 from abc import ABC, abstractmethod
 from collections import deque
@@ -13,12 +14,21 @@ from collections.abc import Coroutine, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
+from rigctl.config.rig_config import RecordingConfig, RunConfig
+from rigctl.engine.copy_process import COPY, CopyProcess
 from rigctl.engine.event_bus import EventBus
+from rigctl.engine.event_hook import EventHook
 from rigctl.engine.keep_awake import KeepAwake, not_kept_awake
 from rigctl.engine.rpc.commands import RequestHandler
-from rigctl.engine.rpc.messages import DISK, STATUS_PERIOD_S, engine_message
+from rigctl.engine.rpc.messages import (
+    DISK,
+    NOTHING_RECORDED_S,
+    STATUS_PERIOD_S,
+    UNRECORDED,
+    engine_message,
+)
 from rigctl.engine.rpc.server import KEPT_EVENTS, Server
 from rigctl.engine.served_run import ServedRun
 from rigctl.errors import DiskFault, RigctlError, RigFault
@@ -35,6 +45,18 @@ FREQUENT_EVENTS = ("batch", "prediction")
 """Kinds that the moving finger sends every 100 ms; none is kept."""
 
 
+class ServedConfig(Protocol):
+    """What every experiment's description of a rig says of its runs."""
+
+    @property
+    def recording(self) -> RecordingConfig:
+        """How sessions are recorded."""
+
+    @property
+    def run(self) -> RunConfig:
+        """What happens while a run goes on."""
+
+
 _Run = TypeVar("_Run", bound=ServedRun[Any, Any])
 _Request = TypeVar("_Request")
 
@@ -43,7 +65,11 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
     """The control program of one rig; :meth:`serve` runs it."""
 
     def __init__(
-        self, loop: asyncio.AbstractEventLoop, description: str, truth: TruthRecorder
+        self,
+        loop: asyncio.AbstractEventLoop,
+        description: str,
+        truth: TruthRecorder,
+        config: ServedConfig,
     ) -> None:
         self.event_bus = EventBus(loop.time, self._fail)
         self.run: _Run | None = None
@@ -51,6 +77,10 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         self.keep_awake: KeepAwake = not_kept_awake
         """How a run keeps the computer awake; by default it does not."""
         self.loop = loop
+        self.event_hook = EventHook(config.run.on_event, partial(self._tell, "hook"))
+        self.event_bus.subscribe(self.event_hook)
+        self._copy_to = config.recording.copy_to
+        self._recorded_s = 0.0
         self._description = description
         self._truth = truth
         self._now_s = loop.time
@@ -127,16 +157,28 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
     async def _make_safe(self) -> None:
         """Switch the rig off at the end of the engine."""
 
-    @abstractmethod
     def _disconnect(self) -> None:
-        """Close the boards."""
+        """Close the boards; an engine closes its own first."""
+        self.event_hook.close()
 
     def _begin(self, run: _Run) -> _Run:
         """Let a run that :meth:`start` has opened run; return it."""
         self.run = run
+        run.copy = self._begin_copy(run)
         self._run_task = self.spawn(self._execute(run))
         self.event_bus.publish("run", f"the run begins: {run.folder}", session=str(run.folder))
         return run
+
+    def _begin_copy(self, run: _Run) -> CopyProcess | None:
+        """Start what copies the run to a second disk, if there is one."""
+        if not self._copy_to:
+            return None
+        try:
+            return CopyProcess(run.folder, self._copy_to, self._tell)
+        except OSError as error:
+            text = f"no process copies this run to {self._copy_to} ({error.strerror})"
+            self.event_bus.publish(COPY, f"{text}: run rigctl copy after it")
+            return None
 
     async def _execute(self, run: _Run) -> None:
         await self._run(run)
@@ -232,6 +274,7 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
             self._tell_late(self._now_s() - due_s)
             self._serve_boards()
             self._check_disk()
+            self._check_recorded()
             self._check_idle()
             self._send_status()
 
@@ -259,6 +302,20 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
             control.pause(DISK)
         else:
             control.resume(DISK)
+
+    def _check_recorded(self) -> None:
+        """Tell once that a run which waits for nobody has got no samples for long."""
+        run, now_s = self.run, self._now_s()
+        if run is None or run.state != "running" or self._is_recorded(run):
+            self._recorded_s = now_s
+        elif now_s - self._recorded_s > NOTHING_RECORDED_S:
+            text = f"no sample was recorded for {NOTHING_RECORDED_S:.0f} s: look at the rig"
+            self.event_bus.publish(UNRECORDED, text)
+            self._recorded_s = math.inf
+
+    @abstractmethod
+    def _is_recorded(self, run: _Run) -> bool:
+        """Return whether samples of a run have reached the disk within the last second."""
 
     def _check_idle(self) -> None:
         now_s = self._now_s()

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Awaitable, Callable, Iterable
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from rigctl.engine.copy_process import CopyProcess
 from rigctl.engine.event_bus import EventBus
 from rigctl.engine.health import DiskMonitor
-from rigctl.engine.rpc.messages import RecordingStatus
+from rigctl.engine.rpc.messages import DISK_ERROR, RecordingStatus
 from rigctl.engine.run_reasons import SESSION_OUTCOMES, RunReasons
 from rigctl.session.recorder import SessionRecorder
 
@@ -31,6 +32,8 @@ class ServedRun(ABC, Generic[_Control, _Recorder]):
     ) -> None:
         self.control = control
         self.disk_monitor = DiskMonitor(recorder)
+        self.copy: CopyProcess | None = None
+        """What copies the session to a second disk, if something does."""
         self.outcome = ""
         self.text = ""
         self._recorder = recorder
@@ -86,6 +89,8 @@ class ServedRun(ABC, Generic[_Control, _Recorder]):
                 self._recorder.begin_part("nothing was recorded")
             self._record_end()
             self._recorder.close(SESSION_OUTCOMES[outcome])
+        if self.copy is not None:
+            await self.copy.finish()
         if self._recorder.failure is not None and outcome == "done":
             outcome, text = "failed", self._recorder.failure
         self.outcome, self.text = outcome, text
@@ -99,6 +104,18 @@ class ServedRun(ABC, Generic[_Control, _Recorder]):
     @abstractmethod
     async def _run_plan(self) -> tuple[str, str]:
         """Run what is left of the plan; return the outcome and a sentence on it."""
+
+    async def _until_disk_works(self, wait: Callable[[], Awaitable[None]]) -> frozenset[int]:
+        """Pause until the disk takes files again; return the trials that are committed on it.
+
+        ``wait``: between two tries; it may raise what ends the run.
+        """
+        self._event_bus.publish("disk", self._recorder.failure or "the disk refused")
+        self.control.pause(DISK_ERROR)
+        while (on_disk := self._recorder.try_again()) is None:
+            await wait()
+        self.control.resume(DISK_ERROR)
+        return on_disk
 
     def _record_end(self) -> None:
         """Record what a session says of the rig at its end."""

@@ -91,6 +91,17 @@ def trial_start_steps(trial: PlannedTrial, drum: DrumGeometry, mm_per_step: floa
     return sign * round(start_mm / mm_per_step)
 
 
+def way_to_window_mm(
+    trial: PlannedTrial, current_steps: int, drum: DrumGeometry, mm_per_step: float
+) -> float:
+    """Return the travel in the trial's direction to the next place where its window opens."""
+    backward = trial.direction == "backward"
+    sign = -1 if backward != drum.backwards else 1
+    start_mm = trial_start_steps(trial, drum, mm_per_step) - current_steps
+    way_mm = sign * start_mm * mm_per_step + drum.run_in_mm
+    return way_mm % drum.circumference_mm
+
+
 def jog_target_steps(
     current_steps: int, travel_mm: float, drum: DrumGeometry, mm_per_step: float
 ) -> int:

@@ -34,7 +34,7 @@ from rigctl.engine.trial_quality import (
     trial_row,
 )
 from rigctl.errors import RigFault
-from rigctl.protocol.plan import Quality, condition_of
+from rigctl.protocol.plan import EACH_TRIAL, Protocol, condition_of
 from rigctl.protocol.steps import (
     ApproachOnly,
     Baseline,
@@ -94,6 +94,8 @@ LATE_SAMPLES_TIMEOUT_S = 1.0
 MAX_CLOCK_ERROR_PPM = 100.0
 MIN_CLOCK_SPAN_S = 5.0
 CLOCK_TIMEOUT_S = 30.0
+LEAST_READINGS = 8
+"""Of the lifted load cell, whose median says how far it has drifted."""
 
 
 class TrialAttempt:
@@ -105,15 +107,17 @@ class TrialAttempt:
         pipeline: SamplePipeline,
         trial: PlannedTrial,
         number: int,
-        quality: Quality,
+        protocol: Protocol,
     ) -> None:
         self.trial = trial
         self.number = number
+        self.drift_g = 0.0
+        """What the lifted load cell read where it was tared for it, else 0."""
         self.start_by_clock: TrialStart | None = None
         self._motion = motion
         self._poller = motion.poller
         self._pipeline = pipeline
-        self._quality = quality
+        self._protocol = protocol
         self._now_s = motion.poller.loop.time
         self._started_s = self._now_s()
         self._loadcell: list[LoadcellSample] = []
@@ -123,22 +127,23 @@ class TrialAttempt:
         self._by_wire = motion.config.signals.sync
         self._rises_before: int | None = None
 
-    async def run(self) -> tuple[str, ...]:
-        """Record the trial, begin the lift, and return the reasons against it, none if it is good.
+    async def run(self, *, in_contact: bool) -> tuple[str, ...]:
+        """Record the trial and return the reasons against it, none if it is good.
 
-        Raises what ``motion.check`` raises, and RigFault.
+        ``in_contact``: from the trial before. Begins the lift, unless the protocol lifts by
+        condition. Raises what ``motion.check`` raises, and RigFault.
         """
         unsubscribe = self._poller.subscribe(self._add_state)
         try:
-            await self._prepare()
-            await self._press_and_turn()
+            await (self._turn_on() if in_contact else self._press())
+            await self._pass_window()
         finally:
             unsubscribe()
             self._pipeline.flush()
             self._cut = self._pipeline.trial_cutter.trial
             self._baseline = self._pipeline.trial_cutter.baseline
             self._pipeline.trial_cutter.cancel()
-        return judge(self.trial, self._cut, self._measured, self._quality)
+        return judge(self.trial, self._cut, self._measured, self._protocol.quality)
 
     def judged_by(self, history: TrialHistory) -> DataVerdict:
         """Return what a history of equal trials finds in the trial's data."""
@@ -155,20 +160,43 @@ class TrialAttempt:
             self.trial, self.number, verdict, reasons, self._cut, self._measured, *times_s
         )
 
-    async def _prepare(self) -> None:
-        await self._motion.write_settings(**trial_settings(self.trial, self._motion.config.drum))
-        await self._motion.move_to_start(self.trial)
+    async def _press(self) -> None:
+        motion = self._motion
+        await motion.write_settings(**trial_settings(self.trial, motion.config.drum))
+        await motion.move_to_start(self.trial)
+        if self._protocol.drift_limit_g < math.inf:
+            await self._tare_drift()
         self._pipeline.flush()
         self._pipeline.trial_cutter.expect(self.trial.n_samples, self._by_wire)
-
-    async def _press_and_turn(self) -> None:
-        motion = self._motion
         await motion.approach()
+
+    async def _tare_drift(self) -> None:
+        """Tare where the readings since the lift, or some more, ask for it."""
+        while len(self._loadcell) < LEAST_READINGS:
+            await self._poller.wait_cycle()
+            self._motion.check()
+        lifted_g = float(np.median([sample.force_g for sample in self._loadcell]))
+        if abs(lifted_g) >= self._protocol.drift_limit_g:
+            self.drift_g = lifted_g
+            await self._motion.tare()
+
+    async def _turn_on(self) -> None:
+        motion = self._motion
+        await motion.wait_holding()
+        await motion.write_settings(**trial_settings(self.trial, motion.config.drum))
+        await motion.begin_run_in_here(self.trial)
+        self._pipeline.flush()
+        cutter = self._pipeline.trial_cutter
+        cutter.expect(self.trial.n_samples, self._by_wire, is_lifted=False)
+
+    async def _pass_window(self) -> None:
+        motion = self._motion
         await self._wait_for_clocks()
         await motion.trim_clock()
         self._rises_before = rises_before = self._poller.healthy_state().sync_count
-        state = await motion.run()
-        await motion.begin_lift()
+        state = await motion.pass_window()
+        if self._protocol.lift == EACH_TRIAL:
+            await motion.begin_lift()
         if state.sync_count == rises_before:
             raise RigFault("the drum ran without raising its sync line: load its firmware again")
         self._measured = measure(
@@ -263,17 +291,24 @@ class StepRunner:
         self._unattended = opened.unattended
         self._attempts = Counter(opened.attempts)
         self._committed = {trial: opened.attempts[trial] for trial in opened.done}
+        self._protocol = opened.plan.protocol
         self._quality = opened.plan.protocol.quality
+        self._pressed: RunTrial | None = None
+        """The trial from which the drum is still in contact."""
         self._history = TrialHistory(self._quality)
         self._failures: list[FailedAttempt] = []
         self._part_reason = "resume" if opened.resumed else "start"
         self._tared = False
+        self._run_in = {"run_in_set": boards.motion.config.drum.run_in_mm}
+        """Of a trial that begins with an approach."""
         self._start_counters: dict[str, Counters] | None = None
         self._clocks_ppm = [float("inf"), float("inf")]
 
     async def run_step(self, step: Step) -> None:
         """Run one step. Raises what ``control`` raises and RigFault, also while in contact."""
         try:
+            if self._protocol.way_between_mm(self._pressed, step) is None:
+                await self._leave_contact()
             match step:
                 case ChangePlate():
                     await self._change_plate(step)
@@ -289,8 +324,10 @@ class StepRunner:
 
     async def make_safe(self) -> None:
         """Lift, switch the drivers off and stop recording, regardless of reasons to pause."""
+        self._pressed = None
         try:
             await self._without_pauses(self._motion.disarm)
+            await self._motion.write_settings(**self._run_in)
         finally:
             self._pipeline.set_recorder(None)
 
@@ -346,7 +383,8 @@ class StepRunner:
     async def _run_trial(self, trial: PlannedTrial) -> None:
         for _ in range(self._quality.attempts):
             self.current = trial
-            await self._prepare()
+            if self._pressed is None:
+                await self._prepare()
             if await self._attempt(trial):
                 self._progress.commit(trial)
                 return
@@ -404,12 +442,16 @@ class StepRunner:
         """Run the trial once, store its row in any case, and return whether it is committed."""
         self._attempts[trial.trial_id] += 1
         number = self._attempts[trial.trial_id]
-        attempt = TrialAttempt(self._motion, self._pipeline, trial, number, self._quality)
+        attempt = TrialAttempt(self._motion, self._pipeline, trial, number, self._protocol)
+        in_contact, self._pressed = self._pressed is not None, RunTrial(trial)
         try:
-            reasons = await attempt.run()
+            reasons = await attempt.run(in_contact=in_contact)
         except (RunPaused, RunStopped, TrialSkipped, RigFault) as interruption:
             self._store(attempt, Verdict.ABORTED, (str(interruption),))
             raise
+        if attempt.drift_g:
+            text = f"the lifted load cell read {attempt.drift_g:+.1f} g: tared"
+            self._publish("tare", text, trial_id=trial.trial_id, force_g=round(attempt.drift_g, 2))
         found = DataVerdict() if reasons else attempt.judged_by(self._history)
         reasons = reasons or found.repeat
         data: dict[str, Any] = {"index_error_steps": await self._motion.index_error_steps()}
@@ -421,9 +463,16 @@ class StepRunner:
             text = f"trial {trial.trial_id} is in quarantine: {'; '.join(found.quarantine)}"
             self._publish(QUARANTINE_KIND, text, trial_id=trial.trial_id, attempt=number)
         self._count_failure(trial, reasons or found.quarantine, found.broken)
-        # A pause must not interrupt this lift: the stored trial would run again.
-        await self._without_pauses(self._motion.lift)
+        if self._protocol.lift == EACH_TRIAL or reasons or found.quarantine:
+            # A pause must not interrupt this lift: the stored trial would run again.
+            await self._without_pauses(self._leave_contact)
         return not reasons
+
+    async def _leave_contact(self) -> None:
+        if self._pressed is not None:
+            self._pressed = None
+            await self._motion.lift()
+            await self._motion.write_settings(**self._run_in)
 
     def _count_failure(
         self, trial: PlannedTrial, reasons: tuple[str, ...], broken: tuple[int, ...]

@@ -64,18 +64,23 @@ class TrialCutter:
         self._next_counter = -1
         self._buffered: list[Block] | None = None
         self._lifted: TrialSums | None = None
+        self._is_lifted = False
 
     @property
     def baseline(self) -> NDArray[np.float64] | None:
-        """Mean readings before the approach of the expected trial, None before they arrived."""
+        """Mean readings before the last approach, None before they arrived."""
         return None if self._lifted is None else self._lifted.mean
 
-    def expect(self, n_samples: int, by_wire: bool = True) -> None:
+    def expect(self, n_samples: int, by_wire: bool = True, *, is_lifted: bool = True) -> None:
         """Cut a trial of this length at the next rise, or without the wire at :meth:`begin`.
 
-        The next readings are taken for the baseline: the drum is lifted.
+        The next readings of a lifted drum are taken for the baseline; in contact that of the last
+        approach holds.
         """
-        self.trial = self._lifted = None
+        self.trial = None
+        self._is_lifted = is_lifted
+        if is_lifted:
+            self._lifted = None
         self._expected_samples = n_samples
         self._buffered = None if by_wire else []
 
@@ -149,7 +154,7 @@ class TrialCutter:
         trial.newest_counter = int(block.counters[-1])
 
     def _add_to_baseline(self, block: Block) -> None:
-        if self._expected_samples is None or self.trial is not None:
+        if not self._is_lifted or self._expected_samples is None or self.trial is not None:
             return
         self._lifted = self._lifted or TrialSums(block.samples.shape[1])
         if self._lifted.n < BASELINE_SAMPLES:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rigctl.config.rig_config import About, RecordingConfig
+from rigctl.config.rig_config import About, RecordingConfig, RunConfig, check_recording
 from rigctl.config.toml_reader import TomlText, read_section, text
 from rigctl.errors import ConfigError
 
@@ -37,6 +37,7 @@ class FingerConfig:
     finger: FingerPort = field(default_factory=FingerPort)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     recording: RecordingConfig = field(default_factory=RecordingConfig)
+    run: RunConfig = field(default_factory=RunConfig)
     text: str = ""
 
 
@@ -44,12 +45,15 @@ def load_finger_config(path: Path) -> FingerConfig:
     """Load a ``finger.toml``. Raises ConfigError with file, line and key."""
     content = TomlText.read(path, ConfigError)
     root = content.root
+    recording = root.table("recording")
     config = FingerConfig(
         about=read_section(root.table("about"), About),
         finger=read_section(root.table("finger"), FingerPort),
         tracker=read_section(root.table("tracker"), TrackerConfig),
-        recording=read_section(root.table("recording"), RecordingConfig),
+        recording=read_section(recording, RecordingConfig),
+        run=read_section(root.table("run"), RunConfig),
         text=content.source,
     )
     root.finish()
+    check_recording(config.recording, recording)
     return config

@@ -26,7 +26,8 @@ class FingerEngine(ServedEngine[FingerRun, FingerRunRequest]):
     def __init__(
         self, rig: FingerRig, live_writer: FingerLiveWriter, utc_now: Callable[[], str]
     ) -> None:
-        super().__init__(rig.loop, rig.description, TruthRecorder(lambda: rig.truth, FINGER_TRUTH))
+        truth = TruthRecorder(lambda: rig.truth, FINGER_TRUTH)
+        super().__init__(rig.loop, rig.description, truth, rig.config)
         self.rig = rig
         self.latencies = LatencyLog()
         self.devices = FingerDevices(
@@ -90,6 +91,9 @@ class FingerEngine(ServedEngine[FingerRun, FingerRunRequest]):
             return BoardStatus()
         return BoardStatus(firmware=identity.firmware_version, boot_count=identity.boot_count)
 
+    def _is_recorded(self, run: FingerRun) -> bool:
+        return run.recording_status(run.is_recording).active
+
     def _link_changed(self, device: str, connected: bool) -> None:
         self._mark_link(_reason(device), connected)
 
@@ -102,6 +106,7 @@ class FingerEngine(ServedEngine[FingerRun, FingerRunRequest]):
     def _disconnect(self) -> None:
         self.rig.finger.close()
         self.rig.tracker.close()
+        super()._disconnect()
 
 
 def _reason(device: str) -> str:

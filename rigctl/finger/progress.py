@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 from rigctl.engine.progress import RunClock
 from rigctl.finger.plan import SECONDS_PER_TRIAL, FingerPlan
@@ -41,6 +41,11 @@ class FingerProgress:
         self._remaining -= 1
         self._finished += 1
         self._finished_s = self.clock.busy_s
+
+    def reopen(self, committed: frozenset[int], given_up: Collection[int]) -> None:
+        """Count again after a disk refused: these scans are on it, and these are given up."""
+        self.committed = len(committed)
+        self._remaining = self.planned - self.committed - len(given_up)
 
     def classify(self, true: str, predicted: str) -> None:
         """Count a scan and the texture that the classifier named."""

@@ -8,13 +8,14 @@
     paused, prompt
      │
      ├─► aborted               stopped by a person or a client
-     └─► failed                board, tracker or disk failed
+     └─► failed                board or tracker failed, or the disk for good
 
 However a run ends, the session is complete.
 """
 
 from __future__ import annotations
 
+import asyncio
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -27,9 +28,9 @@ from rigctl.engine.event_bus import EventBus
 from rigctl.engine.rpc.messages import LINK
 from rigctl.engine.run_reasons import RunPaused, RunStopped
 from rigctl.engine.served_run import ServedRun
-from rigctl.errors import LinkLost, RigctlError, RigFault
+from rigctl.errors import DiskFault, LinkLost, RigctlError, RigFault
 from rigctl.finger.board_messages import N_TAXELS, NO_GAIN, Message
-from rigctl.finger.control import FingerControl
+from rigctl.finger.control import CHECK_PERIOD_S, FingerControl
 from rigctl.finger.decoder import FingerBlock
 from rigctl.finger.devices import FingerDevices
 from rigctl.finger.latency import LatencyLog
@@ -46,6 +47,10 @@ from rigctl.finger.trackers.plate_frame import PlatePosition
 from rigctl.finger.values import MODEL_KIND, FingerTrial, PredictionRow, Stage
 from rigctl.session.sensor_passport import sensor_difference
 from rigctl.values import Event, Position, Verdict
+
+REFUSALS = 3
+"""Of a disk that takes no scan between them; then the run fails."""
+TRY_DISK_EVERY_S = 5.0
 
 
 class FingerRun(ServedRun[FingerControl, FingerRecorder]):
@@ -75,6 +80,7 @@ class FingerRun(ServedRun[FingerControl, FingerRecorder]):
         self._attempt: ScanAttempt | None = None
         self._texture: str | None = None
         self._stage: Stage | None = None
+        self._given_up: set[int] = set()
         self.is_recording = False
 
     def has_scanned(self, scan: int) -> bool:
@@ -132,12 +138,8 @@ class FingerRun(ServedRun[FingerControl, FingerRecorder]):
         )
 
     async def _run_plan(self) -> tuple[str, str]:
-        trials = [t for t in self._opened.plan.trials if t.trial_id not in self._opened.done]
         try:
-            for trial in trials:
-                if trial.stage is not self._stage:
-                    await self._begin_stage(trial.stage)
-                await self._run_trial(trial)
+            await self._run_trials()
         except RunStopped as stop:
             return "aborted", str(stop)
         except RigctlError as error:
@@ -147,6 +149,40 @@ class FingerRun(ServedRun[FingerControl, FingerRecorder]):
         if missing:
             return "done", f"scans that could not be committed: {missing}; see their reasons"
         return "done", "every scan is committed"
+
+    async def _run_trials(self) -> None:
+        """Make the scans until each that is committed is on the disk, or given up.
+
+        Raises DiskFault where the disk refuses again and again, or for good.
+        """
+        done, refusals = self._opened.done, 0
+        while True:
+            try:
+                for trial in self._opened.plan.trials:
+                    if trial.trial_id not in done | self._given_up:
+                        await self._run_trial(trial)
+                return self._recorder.wait_written()
+            except DiskFault:
+                if not self._recorder.may_try_again or refusals == REFUSALS:
+                    raise
+            before, done = done, await self._wait_for_disk()
+            refusals = refusals + 1 if done == before else 0
+
+    async def _wait_for_disk(self) -> frozenset[int]:
+        """Pause until the disk takes files again; return the scans that are committed on it.
+
+        Raises RunStopped.
+        """
+        with self._progress.clock.idle():
+            on_disk = await self._until_disk_works(self._wait_to_try_again)
+        self._progress.reopen(on_disk, self._given_up)
+        return on_disk
+
+    async def _wait_to_try_again(self) -> None:
+        end_s = self._now_s() + TRY_DISK_EVERY_S
+        while self._now_s() < end_s:
+            await asyncio.sleep(CHECK_PERIOD_S)
+            self.control.check_stop()
 
     async def _begin_stage(self, stage: Stage) -> None:
         """Set the ranges that the stage uses, and begin the part that holds them."""
@@ -222,6 +258,8 @@ class FingerRun(ServedRun[FingerControl, FingerRecorder]):
 
     async def _run_trial(self, trial: FingerTrial) -> None:
         """Make one scan; repeat it after a pause, and while its data are not good."""
+        if trial.stage is not self._stage:
+            await self._begin_stage(trial.stage)
         quality = self._opened.plan.protocol.quality
         tries = 0
         while tries < quality.attempts:
@@ -236,6 +274,7 @@ class FingerRun(ServedRun[FingerControl, FingerRecorder]):
             except RunPaused:
                 await self._wait_resumed()
         self._event_bus.publish("log", f"scan {trial.trial_id} is given up, attempts: {tries}")
+        self._given_up.add(trial.trial_id)
         self._progress.finish()
 
     async def _wait_resumed(self) -> None:

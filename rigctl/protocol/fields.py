@@ -15,6 +15,8 @@ from rigctl.config.typed_number import typed_number
 from rigctl.errors import WrongUse
 from rigctl.protocol.plan import (
     DEFAULT_PROMPT,
+    EACH_TRIAL,
+    LIFTS,
     MAX_SEED,
     UP_DOWN,
     EarlyEnd,
@@ -98,7 +100,7 @@ def _number(typed: str) -> Item:
     return value if isfinite(value) else typed.strip()
 
 
-PLACES = ("start", "plate_start", "between_plates", "plate_end", "end", "every")
+PLACES = ("start", "plate_start", "between_plates", "plate_end", "end", "every", "drift")
 DIRECTIONS = ("forward", "backward", "alternate")
 FORCE_MODES = ("hold", "lock", "position")
 ORDERS = ("blocked", "shuffled")
@@ -110,6 +112,8 @@ MAX_PROMPT_LETTERS = 300
 MAX_DESCRIPTION_LETTERS = 10_000
 MAX_SECONDS = 86_400.0
 MAX_TURNS = 100
+MAX_DRIFT_G = 10.0
+"""The board takes no tare that is further from the last one."""
 TEXTURE_BYTES = 16
 """Length of a texture's name in a session's trial row."""
 
@@ -151,6 +155,12 @@ KIND = TomlField("kind", FieldType.CHOICE, "what the step does", choices=tuple(S
 EVERY = TomlField(
     "trials", FieldType.INTEGER, "trials between two such steps", low=1, high=MAX_TRIALS
 )
+DRIFT_LIMIT = TomlField(
+    "limit_g", FieldType.NUMBER, "lifted reading that asks for the tare", unit="g",
+    low=0.5, high=MAX_DRIFT_G,
+)  # fmt: skip
+OF_PLACE = {"every": EVERY, "drift": DRIFT_LIMIT}
+"""The key that a place needs besides those of the kind."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,6 +229,12 @@ TRIAL_GROUP = FieldGroup(
         TomlField(
             "direction", FieldType.CHOICE, "`forward`, `backward`, or `alternate` by repeat",
             "forward", choices=DIRECTIONS,
+        ),
+        TomlField(
+            "lift", FieldType.CHOICE,
+            "`trial`: the drum lifts after each trial; `condition`: it stays in contact between "
+            "the repeats of a plate, speed and force",
+            EACH_TRIAL, choices=LIFTS,
         ),
     ),
 )  # fmt: skip

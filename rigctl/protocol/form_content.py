@@ -10,7 +10,7 @@ from rigctl.config.rig_config import RigConfig
 from rigctl.config.toml_reader import KeyPath, TomlField, TomlTable, TomlText
 from rigctl.errors import ProtocolError
 from rigctl.experiments import EXPERIMENTS, FINGER_EXPERIMENT, protocol_key
-from rigctl.protocol.fields import EVERY, KIND, PLACE, FieldGroup, field_groups, step_fields
+from rigctl.protocol.fields import KIND, OF_PLACE, PLACE, FieldGroup, field_groups, step_fields
 
 NAME = "protocol.toml"
 """What messages call a text that has no file."""
@@ -60,8 +60,8 @@ def read_content(source: str, config: RigConfig, name: str = NAME) -> FormConten
 
 def step_rows(place: Any, kind: Any, config: RigConfig) -> Iterator[TomlField]:
     """Yield the keys of a free step besides its place and its kind."""
-    if place == "every":
-        yield EVERY
+    if isinstance(place, str) and place in OF_PLACE:
+        yield OF_PLACE[place]
     if isinstance(kind, str):
         yield from step_fields(config).get(kind, ())
 

@@ -10,10 +10,10 @@ from rigctl.config.toml_reader import TomlTable, TomlText, read_section
 from rigctl.errors import ProtocolError
 from rigctl.experiments import protocol_key
 from rigctl.protocol.fields import (
-    EVERY,
     FORCE_MODE,
     KIND,
     MAX_TRIALS,
+    OF_PLACE,
     ORDER_GROUP,
     PLACE,
     PLATES_GROUP,
@@ -22,8 +22,26 @@ from rigctl.protocol.fields import (
     step_fields,
     trials_group,
 )
-from rigctl.protocol.plan import EarlyEnd, FreeStep, Protocol, Quality, Settle
-from rigctl.protocol.steps import ApproachOnly, Baseline, Message, Rest, Step, Tare, Turn, ramp_mm
+from rigctl.protocol.plan import (
+    EACH_CONDITION,
+    EarlyEnd,
+    FreeStep,
+    Protocol,
+    Quality,
+    Settle,
+)
+from rigctl.protocol.steps import (
+    ApproachOnly,
+    Baseline,
+    Message,
+    Rest,
+    Step,
+    Tare,
+    Turn,
+    ramp_mm,
+    run_in_range_mm,
+    way_to_repeat_mm,
+)
 
 MAX_STEPS = 200_000
 """Steps of a plan, trials and changes of plates included."""
@@ -80,6 +98,7 @@ def _parse(text: TomlText, stem: str, config: RigConfig) -> Protocol:
     _validate_early_end(protocol, root)
     _validate_steps(protocol, root)
     _validate_travel(protocol, root, trial)
+    _validate_lift(protocol, trial)
     return protocol
 
 
@@ -122,11 +141,16 @@ def _free_steps(root: TomlTable, config: RigConfig) -> tuple[FreeStep, ...]:
 
 def _free_step(table: TomlTable, config: RigConfig) -> FreeStep:
     place = PLACE.read(table)
-    every = EVERY.read(table) if place == "every" else 0
+    of_place = OF_PLACE[place].read(table) if place in OF_PLACE else 0
     kind = KIND.read(table)
+    if place == "drift" and kind != "tare":
+        table.fail("kind", 'is not what a drift asks for: at = "drift" goes with kind = "tare"')
     values = {item.key: item.read(table) for item in step_fields(config)[kind]}
     table.finish()
-    return FreeStep(place, KINDS[kind](**values), every)
+    step = KINDS[kind](**values)
+    if place == "drift":
+        return FreeStep(place, step, limit_g=of_place)
+    return FreeStep(place, step, of_place)
 
 
 def _validate_order(protocol: Protocol, order: TomlTable) -> None:
@@ -178,12 +202,12 @@ def _validate_steps(protocol: Protocol, root: TomlTable) -> None:
     """Raise for a plan of too many steps, counted before it is made."""
     trials = protocol.n_trials
     blocks = trials if protocol.across_plates else len(protocol.textures) * protocol.mounts
-    of_place = {"start": 1, "end": 1}
+    at_place = {"start": 1, "end": 1, "drift": 0}
     steps = (
         trials
         + blocks
         + sum(
-            trials // free.every_trials if free.every_trials else of_place.get(free.at, blocks)
+            trials // free.every_trials if free.every_trials else at_place.get(free.at, blocks)
             for free in protocol.steps
         )
     )
@@ -211,3 +235,31 @@ def _validate_travel(protocol: Protocol, root: TomlTable, trial: TomlTable) -> N
             f"{protocol.travel_mm:g} mm do not fit on the plate of {drum.plate_length_mm:g} mm: "
             f"with run-in and ramps there is room for {room:.0f} mm at {fastest:g} mm/s",
         )
+
+
+def _validate_lift(protocol: Protocol, trial: TomlTable) -> None:
+    """Raise unless repeats follow each other and the drum can turn from one to the next."""
+    if protocol.lift != EACH_CONDITION:
+        return
+    if protocol.force_mode != "hold":
+        trial.fail("lift", 'by condition needs force_mode = "hold": the force loop keeps the force')
+    if protocol.order != "blocked":
+        trial.fail("lift", 'by condition needs order.kind = "blocked": repeats follow each other')
+    is_alternate = protocol.direction == "alternate"
+    if not (protocol.config.drum.level_joint or is_alternate):
+        trial.fail(
+            "lift",
+            "by condition turns the drum over the plate's joint in contact: see that it carries "
+            "the sensor as the plate does and set drum.level_joint in rig.toml, or let direction "
+            'be "alternate", which turns back before it',
+        )
+    for speed in protocol.speeds_mm_s:
+        way_mm = way_to_repeat_mm(protocol.travel_mm, speed, protocol.config, back=is_alternate)
+        least_mm, most_mm = run_in_range_mm(speed, protocol.config)
+        if not least_mm <= way_mm <= most_mm:
+            trial.fail(
+                "lift",
+                f"by condition leaves {way_mm:.0f} mm from a trial at {speed:g} mm/s to the next "
+                f"window, and {least_mm:.0f} to {most_mm:.0f} mm are possible: choose another "
+                "travel_mm, or lift after each trial",
+            )

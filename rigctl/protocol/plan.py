@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import groupby, product
+from math import inf
 from operator import attrgetter
 from random import Random
 from typing import Any, TypeVar
@@ -16,7 +17,14 @@ from rigctl.boards.drum_registers import BY_NAME
 from rigctl.config.rig_config import RigConfig
 from rigctl.config.toml_reader import number, text
 from rigctl.errors import WrongUse
-from rigctl.protocol.steps import ChangePlate, RunTrial, Step, rig_seconds
+from rigctl.protocol.steps import (
+    ChangePlate,
+    RunTrial,
+    Step,
+    rig_seconds,
+    run_in_range_mm,
+    way_to_repeat_mm,
+)
 from rigctl.values import HELD_SAMPLES, SAMPLE_RATE_HZ, PlannedTrial
 
 QUANTITY_NAMES = {"sa_rate": "mean SA rate", "ra_rate": "mean RA rate"}
@@ -48,9 +56,16 @@ def condition_of(trial: PlannedTrial) -> Condition:
     return trial.texture, trial.speed_mm_s, trial.force_g, trial.depth_mm
 
 
+def contact_of(trial: PlannedTrial) -> tuple[Condition, str, int]:
+    """Return what the trials of one contact share: condition, force mode and mounting."""
+    return condition_of(trial), trial.force_mode, trial.mount
+
+
 _Trial = TypeVar("_Trial")
 
 MAX_SEED = 2**63 - 1
+EACH_TRIAL, EACH_CONDITION = LIFTS = ("trial", "condition")
+"""When the drum lifts off."""
 PLATE_BY_PLATE = "plate by plate"
 UP_DOWN = "up-down"
 ORDER_WORDS = {
@@ -152,11 +167,15 @@ class Quality:
 
 @dataclass(frozen=True, slots=True)
 class FreeStep:
-    """A step at a place: start, plate_start, between_plates, plate_end, end, or every n trials."""
+    """A step at a place: start, plate_start, between_plates, plate_end, end, or every n trials.
+
+    At ``drift`` it is a tare, where the lifted load cell reads ``limit_g`` or more.
+    """
 
     at: str
     step: Step
     every_trials: int = 0
+    limit_g: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,6 +187,7 @@ class Protocol:
     repeat by repeat, the forces rising and falling by turns. ``mounts``: how often each plate is
     mounted, with ``repeats`` each time; all plates come before one comes again.
     ``early_end``: when a condition ends before its repeats, None for never.
+    ``lift``: after each ``trial``, or by ``condition``: between repeats the drum stays in contact.
     Forces are in grams; force mode ``position`` has depths in mm instead. ``text`` is the source.
     """
 
@@ -187,6 +207,7 @@ class Protocol:
     travel_mm: float = 240.0
     force_mode: str = "hold"
     direction: str = "forward"
+    lift: str = EACH_TRIAL
     plate_prompt: str = DEFAULT_PROMPT
     settle: Settle = Settle()
     quality: Quality = Quality()
@@ -199,6 +220,28 @@ class Protocol:
         presses = len(self.forces_g or self.depths_mm)
         each = len(self.textures) * len(self.speeds_mm_s) * presses * self.repeats
         return each * self.mounts
+
+    @property
+    def drift_limit_g(self) -> float:
+        """The lifted reading that asks for a tare, infinite where none does."""
+        return min((free.limit_g for free in self.steps if free.limit_g), default=inf)
+
+    def way_between_mm(self, before: Step | None, step: Step) -> float | None:
+        """Return the way to a trial's window in contact, None where the drum lifts before it.
+
+        After a trial that was left out, repeats may have the same direction in an alternate order.
+        """
+        if not (isinstance(before, RunTrial) and isinstance(step, RunTrial)):
+            return None
+        trial = step.trial
+        if self.lift != EACH_CONDITION or contact_of(before.trial) != contact_of(trial):
+            return None
+        back = before.trial.direction != trial.direction
+        if not (back or self.config.drum.level_joint):
+            return None
+        way_mm = way_to_repeat_mm(trial.travel_mm, trial.speed_mm_s, self.config, back=back)
+        least_mm, most_mm = run_in_range_mm(trial.speed_mm_s, self.config)
+        return way_mm if least_mm <= way_mm <= most_mm else None
 
     def plan(self, seed: int | None = None) -> Plan:
         """Return the plan; ``seed`` overrides that of the file. Raises WrongUse for a wrong one."""
@@ -235,8 +278,13 @@ class Plan:
     @property
     def duration_s(self) -> float:
         """Rig time of all steps, by the overheads in :mod:`rigctl.protocol.steps`."""
-        config, settle_s = self.protocol.config, self.protocol.settle.time_s
-        return sum(rig_seconds(step, config, settle_s) for step in self.steps)
+        protocol = self.protocol
+        config, settle_s = protocol.config, protocol.settle.time_s
+        before: tuple[Step | None, ...] = (None, *self.steps)
+        return sum(
+            rig_seconds(step, config, settle_s, protocol.way_between_mm(last, step))
+            for last, step in zip(before, self.steps, strict=False)
+        )
 
     @property
     def bytes_estimate(self) -> int:
@@ -252,7 +300,9 @@ class Plan:
             quality = replace(quality, max_lost_samples=0)  # the default of earlier sessions
         gap = () if quality.max_gap_samples == HELD_SAMPLES else (quality.max_gap_samples,)
         rule = () if self.protocol.early_end is None else (self.protocol.early_end,)
-        parts: list[Any] = [self.protocol.settle, quality, *gap, *rule, *self.steps]
+        lift = () if self.protocol.lift == EACH_TRIAL else (self.protocol.lift,)
+        drift = tuple(free for free in self.protocol.steps if free.limit_g)
+        parts: list[Any] = [self.protocol.settle, quality, *gap, *rule, *lift, *drift, *self.steps]
         return digest_of(parts)
 
 

@@ -8,14 +8,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import sqrt
 
+from rigctl.boards.drum_registers import BY_NAME
 from rigctl.config.rig_config import RigConfig
 from rigctl.values import PlannedTrial
 
-FIND_CONTACT_S = 1.2
+FIND_CONTACT_S = 0.9
 """From the command to contact, across the lift clearance."""
-SETTLE_S = 0.7
+SETTLE_S = 0.35
 """From contact into the force band, where the settling time starts."""
-LIFT_S = 0.6
+LIFT_S = 0.5
+"""From the end of the window; the drum stops meanwhile."""
+POLL_S = 0.04
+"""From the end of a turn in contact to the next one."""
+RUN_SETTLE_S = 0.1
+"""At constant speed within the run-in; the board's own default."""
 TARE_S = 1.0
 COMMAND_S = 0.15
 """Set-points, read-back and acknowledgements of one trial."""
@@ -97,8 +103,33 @@ def turned_mm(trial: PlannedTrial, config: RigConfig) -> float:
     )
 
 
-def rig_seconds(step: Step, config: RigConfig, settle_s: float) -> float:
-    """Return the rig time of ``step``, without people; ``settle_s``: time in the force band."""
+def run_in_range_mm(speed_mm_s: float, config: RigConfig) -> tuple[float, float]:
+    """Return the shortest run-in that the board takes, a ramp and a while, and the longest."""
+    longest = BY_NAME["run_in_set"]
+    return ramp_mm(speed_mm_s, config) + speed_mm_s * RUN_SETTLE_S, longest.high * longest.scale
+
+
+def way_to_repeat_mm(
+    travel_mm: float, speed_mm_s: float, config: RigConfig, *, back: bool
+) -> float:
+    """Return the texture travel from the end of a trial to the window of the next, in contact.
+
+    The windows are those of lifted trials. The drum turns on over the joint, or ``back``.
+    """
+    drum = config.drum
+    end_mm = drum.run_in_mm + travel_mm + drum.sync_margin_mm + ramp_mm(speed_mm_s, config)
+    whole_mm = drum.plate_length_mm if back else end_mm
+    beyond_mm = end_mm if back else drum.circumference_mm
+    return drum.run_in_mm + beyond_mm - whole_mm
+
+
+def rig_seconds(
+    step: Step, config: RigConfig, settle_s: float, way_mm: float | None = None
+) -> float:
+    """Return the rig time of ``step``, without people; ``settle_s``: time in the force band.
+
+    ``way_mm``: to the trial's window, where the drum is still in contact from the one before.
+    """
     match step:
         case ChangePlate() | Message():
             return 0.0
@@ -110,6 +141,9 @@ def rig_seconds(step: Step, config: RigConfig, settle_s: float) -> float:
             return FIND_CONTACT_S + SETTLE_S + settle_s + step.seconds + LIFT_S
         case Turn():
             return _turn_seconds(step, config)
+        case RunTrial() if way_mm is not None:
+            stop_s = step.trial.speed_mm_s / config.drum.acceleration_mm_s2
+            return _window_seconds(step.trial, way_mm, config) + stop_s + POLL_S
         case RunTrial():
             return _trial_seconds(step.trial, config, settle_s)
 
@@ -121,13 +155,18 @@ def _turn_seconds(step: Turn, config: RigConfig) -> float:
 
 
 def _trial_seconds(trial: PlannedTrial, config: RigConfig, settle_s: float) -> float:
-    drum, speed = config.drum, trial.speed_mm_s
-    ramp_s = speed / drum.acceleration_mm_s2
-    constant_mm = drum.run_in_mm - ramp_mm(speed, config) + trial.travel_mm + drum.sync_margin_mm
+    drum = config.drum
     press_s = FIND_CONTACT_S + SETTLE_S + settle_s
-    turn_s = 2 * ramp_s + constant_mm / speed
+    turn_s = _window_seconds(trial, drum.run_in_mm, config)
     left_mm = (drum.circumference_mm - turned_mm(trial, config)) % drum.circumference_mm
     return COMMAND_S + press_s + turn_s + LIFT_S + _move_seconds(left_mm, config)
+
+
+def _window_seconds(trial: PlannedTrial, way_mm: float, config: RigConfig) -> float:
+    """Return the time from standstill until the window closes, ``way_mm`` before it opens."""
+    drum, speed = config.drum, trial.speed_mm_s
+    constant_mm = way_mm - ramp_mm(speed, config) + trial.travel_mm + drum.sync_margin_mm
+    return speed / drum.acceleration_mm_s2 + constant_mm / speed
 
 
 def _move_seconds(distance_mm: float, config: RigConfig) -> float:

@@ -51,7 +51,8 @@ LEAST_SCATTER = 0.02
 """Scatter of equal trials below which no trial is unusual, a share."""
 MAD_TO_SD = 1.4826
 BASELINE_SAMPLES = 100
-"""Lifted readings before the approach that a baseline is the mean of."""
+"""Lifted readings before the approach that a baseline is the mean of, for all trials of a contact.
+"""
 
 
 class TrialSums:
@@ -132,7 +133,7 @@ class TrialStatistics:
     """Statistics of the taxels over a trial, in counts, (n_taxels,) each.
 
     ``noise``: from sample to sample. ``top_share``: of the samples at the end of the range.
-    ``baseline``: lifted, before the approach; NaN where it is not known. ``sa_spikes``: of all
+    ``baseline``: lifted, before the last approach; NaN where it is not known. ``sa_spikes``: of all
     taxels.
     """
 

@@ -131,7 +131,7 @@ Attempt = tuple[int, int]
 def read_notes(folder: Path) -> tuple[SessionNote, ...]:
     """Return the intact notes of a session, oldest first."""
     found = []
-    for path in _note_paths(folder):
+    for path in note_paths(folder):
         with suppress(SessionError):  # damaged_notes names it
             found.append(_read(path))
     return tuple(found)
@@ -140,7 +140,7 @@ def read_notes(folder: Path) -> tuple[SessionNote, ...]:
 def damaged_notes(folder: Path) -> list[str]:
     """Return a sentence for each note that cannot be read."""
     lines = []
-    for path in _note_paths(folder):
+    for path in note_paths(folder):
         try:
             _read(path)
         except SessionError as error:
@@ -159,7 +159,7 @@ def _read(path: Path) -> SessionNote:
     return parse_note(read_bytes(path, MAX_BYTES, SessionError), path)
 
 
-def _note_paths(folder: Path) -> list[Path]:
+def note_paths(folder: Path) -> list[Path]:
     """Return the paths of all notes, oldest first."""
     names = [(path, _NAME.fullmatch(path.name)) for path in folder.glob(PATTERN)]
     dated = [((found[1], int(found[2] or 1)), path) for path, found in names if found]

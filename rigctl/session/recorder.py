@@ -303,7 +303,7 @@ class SessionRecorder:
         """
         self._put_overflow()
         if header is not None:
-            header = replace(header, experiment=self.layout.experiment)
+            self.header = header = replace(header, experiment=self.layout.experiment)
         self._put(partial(self._writer.begin_part, reason, texture, header))
         self._wake.set()
 

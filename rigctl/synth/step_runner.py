@@ -23,11 +23,12 @@ from rigctl.engine.settings import (
     settle_settings,
     trial_settings,
     trial_start_steps,
+    way_to_window_mm,
 )
 from rigctl.engine.trial_cutter import TrialCutter
 from rigctl.engine.trial_quality import MeasuredTrial, judge, measure, trial_row
 from rigctl.errors import BoardFault, DiskFault
-from rigctl.protocol.plan import Protocol, Settle
+from rigctl.protocol.plan import EACH_TRIAL, Protocol, Settle
 from rigctl.protocol.steps import (
     ApproachOnly,
     Baseline,
@@ -160,6 +161,8 @@ class TrialRecording:
 MAX_STEP_US = 700_000
 """Longest time between two reads of the polls; the board's ring of conversions holds 0.8 s."""
 
+LIFTED_S = 0.5
+
 UNPOLLED_STEP_US = 10_000_000
 """Longest simulated step without polling."""
 
@@ -210,8 +213,21 @@ class DrumOperator:
         if target != steps:
             self._run_command(Command.MOVE, State.ARMED)
 
+    def prepare_in_contact(self, trial: PlannedTrial) -> None:
+        """Write a trial's set-points; its run-in begins where the drum holds."""
+        drum, steps = self._config.drum, int(self.rig.read("steps"))
+        way_mm = way_to_window_mm(trial, steps, drum, self.rig.parameters.mm_per_step)
+        self.rig.write_settings(**trial_settings(trial, drum), run_in_set=way_mm)
+
+    def lifted_force_g(self) -> float:
+        """Return the mean reading of the lifted load cell over half a second."""
+        polls: list[DrumState] = []
+        self.wait(LIFTED_S, polls.extend)
+        return float(np.mean([sample.force_g for poll in polls for sample in poll.loadcell]))
+
     def approach(self) -> None:
         """Press until the force has settled."""
+        self.rig.write_settings(run_in_set=self._config.drum.run_in_mm)
         self._run_command(Command.APPROACH, State.HOLD)
 
     def press(self, force_g: float) -> None:
@@ -308,6 +324,8 @@ class DatasetStepRunner:
         self._texture = ""
         self._reason = "start"
         self._tared = False
+        self._protocol = protocol
+        self._pressed: RunTrial | None = None
         self._truth_log = truth_log
         self._truth: list[TruthRows] = []
         self._truth_rows = 0
@@ -325,6 +343,8 @@ class DatasetStepRunner:
 
     def run(self, step: Step) -> None:
         """Run one step of the plan. Raises BoardFault and DiskFault."""
+        if self._protocol.way_between_mm(self._pressed, step) is None:
+            self._lift()
         if isinstance(step, ChangePlate):
             self._change_plate(step.texture)
             return
@@ -346,6 +366,11 @@ class DatasetStepRunner:
                 self._operator.lift()
             case Message():
                 self._event("message", step.text)
+
+    def _lift(self) -> None:
+        if self._pressed is not None:
+            self._operator.lift()
+        self._pressed = None
 
     def _change_plate(self, texture: str) -> None:
         self._rig.set_plate(texture)
@@ -370,12 +395,18 @@ class DatasetStepRunner:
                 return
 
     def _attempt(self, trial: PlannedTrial, number: int) -> bool:
-        self._operator.prepare(trial)
-        self._operator.approach()
+        if self._pressed is not None:
+            self._operator.prepare_in_contact(trial)
+        else:
+            self._operator.prepare(trial)
+            self._tare_drift()
+            self._operator.approach()
+        self._pressed = RunTrial(trial)
         self._cutter.expect(trial.n_samples)
         self._loadcell.clear()
         started_s = self._record_window()
-        self._operator.lift()
+        if self._protocol.lift == EACH_TRIAL:
+            self._lift()
         cut, measured = self._cutter.trial, self._measure(trial)
         reasons = judge(trial, cut, measured, self._quality)
         verdict = Verdict.REJECTED if reasons else Verdict.COMMITTED
@@ -385,7 +416,14 @@ class DatasetStepRunner:
         why = f": {'; '.join(reasons)}" if reasons else ""
         self._event("trial", f"trial {trial.trial_id} {verdict}{why}", trial_id=trial.trial_id)
         self._throttle()
+        if reasons:
+            self._lift()
         return not reasons
+
+    def _tare_drift(self) -> None:
+        limit_g = self._protocol.drift_limit_g
+        if math.isfinite(limit_g) and abs(self._operator.lifted_force_g()) >= limit_g:
+            self._operator.tare()
 
     def _record_window(self) -> float:
         """Run the window; record from before sync rises until after it falls. Return the start."""

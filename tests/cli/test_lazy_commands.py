@@ -12,13 +12,14 @@ from rigctl.cli import HIDDEN, MODULES, create_parser, main
 
 LISTING = """
 import sys
-from rigctl.cli import MODULES, main
+from importlib.util import resolve_name
+from rigctl.cli import MODULES, PACKAGE, main
 try:
     main(sys.argv[1:])
 except SystemExit:
     pass
-names = {module.removeprefix(".") for module in MODULES.values()}
-print("loaded:", *sorted(n for n in names if f"rigctl.cli.{n}" in sys.modules or n in sys.modules))
+loaded = {m.removeprefix(".") for m in MODULES.values() if resolve_name(m, PACKAGE) in sys.modules}
+print("loaded:", *sorted(loaded))
 print("numpy:", "numpy" in sys.modules)
 """
 

@@ -187,8 +187,13 @@ def test_a_session_of_the_finger_is_watched(tmp_path: Path) -> None:
         found.append(next(watched(harness.session)))
         with FingerSession.open(harness.session) as session:
             planned = session.header.trials_planned
+        view = iter(looks(harness.session, 60, LETTERS))
+        title, *lines = next(view).news[-10:]
+        assert next(view).news == []
     assert f"of {planned} trials" in found[0].line and not found[0].has_ended
     assert found[-1].has_ended
+    assert title.startswith(f"scan {planned} (") and title.endswith(" ms:")
+    assert {len(line) for line in lines} == {60} and any("@" in line for line in lines)
 
 
 def test_the_command_ends_with_the_session(

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from rigctl.engine.rpc.commands import RequestHandler
 from rigctl.finger.commands import FingerCommands
+from rigctl.finger.config import FingerConfig
 from rigctl.finger.engine import FingerEngine
 from rigctl.finger.live_file import FingerLiveWriter
 from rigctl.finger.open_rig import open_finger_rig
@@ -102,11 +103,16 @@ async def until_ended(harness: FingerHarness) -> None:
 
 @contextmanager
 def open_finger_harness(
-    folder: Path, seed: int = 3, session: int = 0, kind: str = "virtual"
+    folder: Path,
+    seed: int = 3,
+    session: int = 0,
+    kind: str = "virtual",
+    config: FingerConfig | None = None,
 ) -> Iterator[FingerHarness]:
     """Open an engine on a virtual finger that does not serve yet."""
     folder.mkdir(parents=True, exist_ok=True)
     rig = open_finger_rig(kind, seed=seed, session=session, paced=False)
+    rig.config = config or rig.config
     live = FingerLiveWriter(folder / "live.ring")
     engine = FingerEngine(rig, live, lambda: "2026-01-02T03:04:05+00:00")
     try:

@@ -17,8 +17,9 @@ from rigctl.finger.driver import Finger
 from rigctl.finger.run_request import FingerRunRequest
 from rigctl.finger.scan_in_progress import ScanInProgress
 from rigctl.finger.slide_detector import SlideDetector
+from rigctl.session import recorder
 from rigctl.session.verify import verify
-from rigctl.session.writer import SessionWriter
+from rigctl.session.writer import PartWriter
 from tests.engine.rpc.wrong_requests import Attacker, declared, wrong_requests
 from tests.finger.harness import (
     ONE_SCAN,
@@ -76,26 +77,79 @@ def _into(request: FingerRunRequest, folder: Path) -> FingerRunRequest:
     return FingerRunRequest(request.stages, request.protocol, out=str(folder), yes=request.yes)
 
 
-def test_a_full_disk_ends_the_run_and_keeps_the_committed_scans(
+def test_a_disk_that_refuses_pauses_the_run_until_it_takes_files_again(
     harness: FingerHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(_: SessionWriter) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
+    """A scan whose row was on its way to the disk is made again, with the ranges of its stage."""
 
+    async def refuse_for_a_while(opened: FingerHarness) -> None:
+        run = opened.engine.run
+        assert run is not None
+        await opened.until(lambda: opened.engine.status().run.trials_committed == 8)
+        run._recorder.wait_written()
+        with monkeypatch.context() as patch:
+            patch.setattr(PartWriter, "write", full)
+            patch.setattr(recorder, "probe_disk", full)
+            await opened.until(lambda: "disk error" in opened.engine.status().run.reasons)
+            eta_s = opened.engine.status().run.eta_s
+            began_s = opened.rig.loop.time()
+            await opened.until(lambda: opened.rig.loop.time() > began_s + 20)
+            assert opened.engine.status().run.state == "paused"
+            assert opened.engine.status().run.eta_s == eta_s
+        await until_ended(opened)
+
+    harness.run(refuse_for_a_while, harness.request("normalise", "train"))
+    run = harness.engine.run
+    assert run is not None and run.text == "every scan is committed"
+    assert "the disk is full: make room" in harness.texts("disk")[0]
+    with open_finger_session(harness.session) as session:
+        rows = session.trials[session.committed()]
+        assert rows["trial_id"].tolist() == list(range(1, len(rows) + 1))
+    assert len(read_scans(harness.session).recordings) == 18, "all with the ranges of training"
+    assert not verify(harness.session).problems
+
+
+def test_a_disk_that_stays_full_keeps_the_committed_scans(
+    harness: FingerHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
     async def fill(opened: FingerHarness) -> None:
+        run = opened.engine.run
+        assert run is not None
         await opened.until(lambda: opened.engine.status().run.trials_committed == 2)
         await opened.until_scanning()
-        assert opened.engine.run is not None
-        opened.engine.run._recorder.wait_written()
-        monkeypatch.setattr(SessionWriter, "flush", fail)
+        run._recorder.wait_written()
+        monkeypatch.setattr(PartWriter, "write", full)
+        monkeypatch.setattr(recorder, "probe_disk", full)
+        await opened.until(lambda: opened.engine.status().run.reasons == ("disk error",))
+        run.control.abort("enough")
         await until_ended(opened)
 
     harness.run(fill, harness.request("normalise", "train"))
-    assert harness.engine.run is not None
-    assert harness.engine.run.outcome == "failed"
-    assert "the disk is full: make room" in harness.engine.run.text
+    run = harness.engine.run
+    assert run is not None and run.outcome == "aborted"
     with open_finger_session(harness.session) as session:
         assert len(session.committed()) == 2
+
+
+def test_a_disk_that_refuses_again_at_once_ends_the_run(
+    harness: FingerHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It takes a file of a megabyte, and no part."""
+
+    async def fill(opened: FingerHarness) -> None:
+        await opened.until_scanning()
+        monkeypatch.setattr(PartWriter, "write", full)
+        await until_ended(opened)
+
+    harness.run(fill, harness.request("normalise", "train"))
+    run = harness.engine.run
+    assert run is not None and run.outcome == "failed"
+    assert "the disk is full: make room" in run.text
+    assert len(harness.texts("disk")) == 3
+
+
+def full(*_: object) -> None:
+    raise OSError(errno.ENOSPC, "No space left on device")
 
 
 @pytest.mark.parametrize("fault", [FingerFaults.unplug, FingerFaults.reset])

@@ -85,5 +85,5 @@ def test_too_little_disk_space_fails_the_check(
 ) -> None:
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(check.shutil, "disk_usage", lambda _: usage(2_000_000, 1, 1_000_000))
-    with pytest.raises(CheckFailed, match=r"1 MB free, but the protocol needs 14 MB"):
+    with pytest.raises(CheckFailed, match=r"1 MB free, but the protocol needs 13 MB"):
         run("quick", "--out", str(tmp_path / "new" / "folder"))

@@ -18,7 +18,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -34,6 +34,8 @@ from rigctl.engine.rpc.engine_files import (
     engine_file_path,
     new_engine_name,
     read_engine_file,
+    refuse_folder,
+    remove_files,
     running_engines,
     runtime_folder,
     socket_address,
@@ -52,6 +54,8 @@ from rigctl.experiments import DRUM_EXPERIMENT
 COMPILE_TIMEOUT_S = 600.0
 """An engine's first start after an update compiles, on a busy machine for minutes; an engine that
 ends instead is noticed immediately."""
+LOG_ROOM_BYTES = 1 << 14
+"""Of an engine's log when it starts: a folder without room has none for its last words."""
 START_TIMEOUT_S = 60.0
 WAIT_TIMEOUT_S = 10
 LEAVE_TIMEOUT_S = 5.0
@@ -471,10 +475,13 @@ def _limit_waits(connection: socket.socket) -> None:
 def spawn_engine(
     folder: Path, name: str, rig: str, paced: bool, seed: int, run: Sequence[str], command: str
 ) -> tuple[subprocess.Popen[bytes], IO[bytes]]:
-    """Start an engine in its own process group, so that our Ctrl-C does not reach it."""
+    """Start an engine in its own process group, so that our Ctrl-C does not reach it.
+
+    Raises WrongUse where the folder takes no files.
+    """
     words = [sys.executable, "-m", "rigctl", command, "--rig", rig, "--name", name]
     words += ["--seed", str(seed), *(["--paced"] if paced else []), *run]
-    log = (folder / (name + LOG)).open("w+b")
+    log = _create_log(folder / (name + LOG))
     process = subprocess.Popen(
         words,
         stdin=subprocess.DEVNULL,
@@ -486,10 +493,27 @@ def spawn_engine(
     return process, log
 
 
+def _create_log(path: Path) -> IO[bytes]:
+    """Create an engine's log, which has room for its last words."""
+    try:
+        log = path.open("w+b")
+        log.write(bytes(LOG_ROOM_BYTES))
+        log.seek(0)  # writes what is buffered
+        log.truncate()
+    except OSError as error:
+        with suppress(OSError):
+            path.unlink(missing_ok=True)
+        raise refuse_folder(path.parent, error) from error
+    return log
+
+
 def wait_for_engine_file(
     folder: Path, name: str, process: subprocess.Popen[bytes], log: IO[bytes]
 ) -> EngineFile:
-    """Wait for the engine's file. Raises EngineRefusal with its last line where it ends instead."""
+    """Wait for the engine's file. Raises EngineRefusal with its last line where it ends instead.
+
+    What an engine that was killed meanwhile has left is removed.
+    """
     path = engine_file_path(folder, name)
     for _ in range(round(COMPILE_TIMEOUT_S / _POLL_S)):
         found = read_engine_file(path)
@@ -499,7 +523,12 @@ def wait_for_engine_file(
             code = process.wait(_POLL_S)
         except subprocess.TimeoutExpired:
             continue
-        raise EngineRefusal(_last_line(log), code if code > 0 else 3)
+        remove_files(folder, name)
+        if code < 0:
+            raise EngineRefusal(
+                f"the engine was killed while it started (signal {-code}): start it again", 3
+            )
+        raise EngineRefusal(_last_line(log), code or 3)
     process.terminate()
     process.wait()
     raise RigFault(f"the engine did not start within {COMPILE_TIMEOUT_S:.0f} s: see {log.name}")

@@ -70,6 +70,14 @@ def runtime_folder() -> Path:
     return folder
 
 
+def refuse_folder(folder: Path, error: OSError) -> WrongUse:
+    """Return the error for a folder for running engines that takes no files."""
+    return WrongUse(
+        f"the folder for running engines {folder} takes no files ({error.strerror}): make room "
+        f"there, or set {FOLDER_VARIABLE} to another folder of your own"
+    )
+
+
 def _require_private(folder: Path) -> None:
     """Raise WrongUse unless this is a real folder of this user that nobody else can enter."""
     found = folder.lstat()
@@ -160,15 +168,19 @@ def engine_file_path(folder: Path, name: str) -> Path:
 def write_engine_file(folder: Path, engine: EngineFile) -> Path:
     """Write the file in one step, so that a reader sees all of it or nothing; return its path.
 
-    Removes what engines that were killed long ago have left.
+    Removes what engines that were killed long ago have left. Raises WrongUse where the folder takes
+    no files.
     """
     path, draft = engine_file_path(folder, engine.name), folder / (engine.name + DRAFT)
-    draft.unlink(missing_ok=True)
-    descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    with os.fdopen(descriptor, "w", encoding="utf-8") as file:
-        json.dump(asdict(engine), file)
-    written_s = draft.lstat().st_mtime
-    draft.replace(path)
+    try:
+        draft.unlink(missing_ok=True)
+        descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+            json.dump(asdict(engine), file)
+        written_s = draft.lstat().st_mtime
+        draft.replace(path)
+    except OSError as error:
+        raise refuse_folder(folder, error) from error
     running = {other.name for other in running_engines(folder)}
     remove_abandoned(folder, running | {engine.name}, written_s)
     return path

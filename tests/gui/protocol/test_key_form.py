@@ -226,10 +226,17 @@ def test_steps_are_added_edited_moved_and_removed(editor: ProtocolEditor) -> Non
 def test_another_place_drops_the_count_of_trials(editor: ProtocolEditor) -> None:
     steps = editor.form.steps
     steps.choose(4)
-    assert steps.every.field.isVisible()
+    assert steps.of_place["every"].field.isVisible()
     choose(steps.at, "end")
     assert written(editor, "steps", 4) == {"at": "end", "kind": "rest", "seconds": 2}
-    assert not steps.every.field.isVisible()
+    assert not steps.of_place["every"].field.isVisible()
+    choose(steps.at, "drift")
+    limit = steps.of_place["drift"]
+    assert limit.field.isVisible() and limit.mistake == "is missing"
+    fill(limit.field, "2.5")
+    choose(steps.kind, "tare")
+    assert written(editor, "steps", 4) == {"at": "drift", "kind": "tare", "limit_g": 2.5}
+    assert steps.list.item(4).text() == "5. drift 2.5 g: tare"
 
 
 def choose(row: KeyRow, word: str) -> None:
