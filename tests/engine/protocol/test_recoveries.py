@@ -297,6 +297,7 @@ def test_a_consumer_of_events_that_fails_ends_run_and_engine(harness: EngineHarn
             raise ValueError("a listener failed")
 
         harness.engine.event_bus.subscribe(fail)
+        harness.engine.event_bus.publish("log", "what it fails at")
         await asyncio.sleep(60)
 
     harness.run(scenario, harness.request(PAIR), engine_ends=True)
