@@ -17,11 +17,11 @@ DEBIAN_FIRMWARE := gcc g++ make gcc-avr avr-libc libsimavr-dev libelf-dev \
 DEBIAN_TEST := $(DEBIAN_RUN) $(DEBIAN_FIRMWARE) hdf5-tools mbpoll arduino-core-avr avrdude
 
 .DEFAULT_GOAL := help
-.PHONY: help setup boards demo gui test check pytest firmware kernels exchange bench orders realtime identify invariance skin scale shots soak fuzz scans attack docs docs-numbers lock wheels clean
+.PHONY: help setup boards demo gui test check pytest firmware kernels exchange bench orders realtime identify invariance skin scale shots soak soak-plan soak-kills faults fuzz scans attack docs docs-numbers lock wheels clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
-	@echo 'also: make gui, check, firmware, exchange, bench, orders, realtime, identify, invariance, skin, scale, shots, soak, fuzz, scans, attack, docs, docs-numbers, lock, wheels, clean'
+	@echo 'also: make gui, check, firmware, exchange, bench, orders, realtime, identify, invariance, skin, scale, shots, soak, faults, fuzz, scans, attack, docs, docs-numbers, lock, wheels, clean'
 
 $(VENV)/.ready: requirements.lock pyproject.toml hatch_build.py
 	$(SAY) "Python environment in $(VENV) (locked versions, hashes checked, wheels only)"
@@ -179,11 +179,25 @@ shots: boards
 	      --out "$$folder/finger-scan.$$kind" && mv "$$folder/finger-scan.$$kind" docs/images/ || exit 1; \
 	  done
 
+# Faults and kills in the whole plan beside kills in real time: each has a processor. The same command
+# goes on after an interruption; rm -r build/soak begins anew.
 soak: firmware
+	$(SAY) "24,000 trials with faults and kills, and 300 kills in real time: docs/reference/soak.md"
+	@$(MAKE) --no-print-directory -j 2 soak-plan soak-kills
 	$(SAY) "an hour of world time on virtual boards, ten minutes on the chips"
 	@$(BIN)/python -m pytest -q -o python_files="soak_*.py" tests/soak/soak_hour.py
 	$(SAY) "an hour of streaming into the window and onto the disk: memory, redraw, latency"
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -q -s -o python_files="soak_*.py" tests/soak/soak_live.py
+
+soak-plan: boards
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.endurance docs/reference/soak.md
+
+soak-kills: boards
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.endurance.kills build/soak/kills docs/reference/soak.md
+
+faults: boards
+	$(SAY) "every fault in every state: docs/reference/faults.md (five minutes)"
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.endurance.matrix docs/reference/faults.md
 
 # FUZZ_SEED=… has the same mutations again; FUZZ_FILES (of each kind), FUZZ_REQUESTS, FUZZ_SECONDS.
 FUZZER := build/fuzz/atheris

@@ -20,6 +20,8 @@ settings.register_profile("rigctl", deadline=None, derandomize=True)
 settings.load_profile("rigctl")
 
 BEGUN_FIRST = (
+    "endurance/test_endurance.py",
+    "endurance/test_faults.py",
     "attack/test_attack.py",
     "boards/test_flash.py",
     "gui/link/test_cut_off.py",

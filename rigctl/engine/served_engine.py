@@ -71,7 +71,7 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         truth: TruthRecorder,
         config: ServedConfig,
     ) -> None:
-        self.event_bus = EventBus(loop.time)
+        self.event_bus = EventBus(loop.time, self._fail)
         self.run: _Run | None = None
         self.is_ready = False
         self.keep_awake: KeepAwake = not_kept_awake
@@ -258,9 +258,13 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         try:
             await work
         except Exception as error:  # noqa: BLE001 - top of a task: it becomes a visible fault
-            sentence = f"internal error of the engine: {error!r}; report it with the session"
-            self.event_bus.publish("fault", sentence)
-            self.shut_down(sentence)
+            self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        """Publish an internal error, and end the engine safely."""
+        sentence = f"internal error of the engine: {error!r}; report it with the session"
+        self.event_bus.publish("fault", sentence)
+        self.shut_down(sentence)
 
     async def _tick(self) -> None:
         """Serve recorder and clients, and send the status, ten times a second."""
@@ -340,8 +344,12 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         self._server.broadcast(engine_message(event.kind, event.text, event.data, event.at_s))
 
     def _fail_run(self, fault: RigFault) -> None:
-        if self.run is not None:
-            self.run.control.fail(fault)
+        """End the run as failed, and then the engine: what failed once is not called again."""
+        if self.run is None or self._run_task is None or self.run.ended:
+            self.shut_down(str(fault))
+            return
+        self.run.control.fail(fault)
+        self._run_task.add_done_callback(lambda _: self.shut_down(str(fault)))
 
     async def _close(self) -> None:
         """Wait for a run's safe end, switch the rig off, close boards and connections."""

@@ -47,6 +47,8 @@ CHUNK_CACHE_BYTES = 1 << 20
 would only fill up for the first hour of a recording."""
 
 COPY_BYTES = 1 << 24
+FLUSHES_A_DIGEST = 4
+"""A digest for each flush would fill a quarter of the file."""
 
 
 class SampleBlock(Protocol):
@@ -79,12 +81,16 @@ class CounterMap:
     def add(self, block: SampleBlock) -> None:
         """Add the rows of ``block``; its counters must ascend."""
         counters = block.counters
+        end = int(counters[-1]) + 1
+        if counters[0] == self.next_counter and end - counters[0] == len(block):
+            self.next_row, self.next_counter = self.next_row + len(block), end
+            return
         before = counters[0] - 2 if self.next_counter is None else self.next_counter - 1
         starts = np.flatnonzero(np.diff(counters, prepend=before) != 1)
         self._counters += counters[starts].tolist()
         self._rows += (self.next_row + starts).tolist()
         self.next_row += len(block)
-        self.next_counter = int(counters[-1]) + 1
+        self.next_counter = end
 
     def row_of(self, counter: int) -> int:
         """Return the row of the first sample with at least this counter; -1 if none has."""
@@ -123,6 +129,7 @@ class PartWriter:
         self.samples_written = 0
         self._blocks: list[SampleBlock] = []
         self._rows: dict[str, list[Row]] = {table.path: [] for table in layout.tables}
+        self._uncovered: dict[str, list[NDArray[Any]]] = {}
         _write_new(path, build_empty_part(layout, attributes, n_taxels, texts))
         self._file = h5py.File(
             _temporary_path(path), "r+", libver=LIBVER, rdcc_nbytes=CHUNK_CACHE_BYTES
@@ -176,19 +183,22 @@ class PartWriter:
         """The digest of everything that :meth:`write` wrote."""
         return self._digests.last
 
-    def write(self) -> None:
-        """Append all buffered rows and flush them: samples, then tables, trials, digests."""
+    def write(self, covers: bool = True) -> None:
+        """Append all buffered rows and flush them: samples, then tables, trials, digests.
+
+        Unless it ``covers`` them by digests, a later call does.
+        """
         touched = self._write_samples()
         order = sorted(self._rows, key=lambda path: path == self._layout.trials.path)
         for path in order:
             rows, self._rows[path] = self._rows[path], []
             if rows:
                 touched.append(self._append_rows(path, np.array(rows, self._row_types[path])))
-        if digests := self._digests.take_rows() if self._layout.has_digests else []:
+        if digests := self._cover() if covers else []:
             blocks = np.array(digests, self._row_types[DIGESTS.path])
             touched.append(_append(self._datasets[DIGESTS.path], blocks))
         for dataset in touched:
-            dataset.flush()
+            dataset.id.flush()
         self.samples_written = self.counters.next_row
 
     def sync(self) -> None:
@@ -238,8 +248,15 @@ class PartWriter:
     def _append_rows(self, path: str, rows: NDArray[Any]) -> Any:
         """Append rows of the data set's own type and add their digest; return the data set."""
         if self._layout.has_digests:
-            self._digests.add(path, rows)
+            self._uncovered.setdefault(path, []).append(rows)
         return _append(self._datasets[path], rows)
+
+    def _cover(self) -> list[Row]:
+        """Return the digests of all rows since the last ones."""
+        uncovered, self._uncovered = self._uncovered, {}
+        for path, rows in uncovered.items():
+            self._digests.add(path, np.concatenate(rows) if len(rows) > 1 else rows[0])
+        return self._digests.take_rows() if self._layout.has_digests else []
 
 
 def _temporary_path(path: Path) -> Path:
@@ -261,10 +278,14 @@ def _write_new(path: Path, image: bytes) -> None:
         raise
 
 
-def _append(dataset: Any, rows: Any) -> Any:
-    start = dataset.shape[0]
-    dataset.resize(start + rows.shape[0], axis=0)
-    dataset[start:] = rows
+def _append(dataset: Any, rows: NDArray[Any]) -> Any:
+    """Append rows by HDF5's own calls: with h5py's indexing they would cost three times as much."""
+    identifier = dataset.id
+    start = identifier.shape[0]
+    identifier.set_extent((start + rows.shape[0], *rows.shape[1:]))
+    place = identifier.get_space()
+    place.select_hyperslab((start, *(0,) * (rows.ndim - 1)), rows.shape)
+    identifier.write(h5py.h5s.create_simple(rows.shape), place, np.ascontiguousarray(rows))
     return dataset
 
 
@@ -372,6 +393,7 @@ class SessionWriter:
         self._last_at_s = header.start_loop_s
         self._closed_samples = self._closed_bytes = 0
         self._sync_due = False
+        self._flushes = 0
         self.closing_digest = ""
         self.status = self._read_status()
 
@@ -439,7 +461,8 @@ class SessionWriter:
     def flush(self) -> None:
         """Write all added rows to the file and update ``status``."""
         if self._part is not None:
-            self._part.write()
+            self._flushes += 1
+            self._part.write(self._sync_due or self._flushes % FLUSHES_A_DIGEST == 0)
             if self._sync_due:
                 self._part.sync()
         self._sync_due = False

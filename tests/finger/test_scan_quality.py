@@ -197,7 +197,7 @@ def test_features_of_a_velocity_that_came_too_late_have_no_latency(
 ) -> None:
     """The board did not wait: its report was on the way when the velocity was sent."""
     recorder: Any = _Recorder()
-    output = ScanOutput(recorder, EventBus(lambda: 10.0), LatencyLog(), lambda: 10.0)
+    output = ScanOutput(recorder, EventBus(lambda: 10.0, print), LatencyLog(), lambda: 10.0)
     estimate = BatchVelocity(100.0, 100_000, EstimateSource.MEASURED, 0, 0, 10)
     data = ScanData(sent={0: SentVelocity(0, estimate, sent_s)})
     scan: Any = SimpleNamespace(number=1, data=data)

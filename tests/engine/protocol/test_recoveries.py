@@ -12,7 +12,7 @@ from rigctl.bench import virtual_rig
 from rigctl.boards.drum_states import State
 from rigctl.engine.runner import RECOVERIES
 from rigctl.session.verify import verify
-from rigctl.values import DrumState
+from rigctl.values import Block, DrumState, Event
 from tests.engine.engine_harness import (
     EngineHarness,
     Scenario,
@@ -264,5 +264,43 @@ def test_a_poll_loop_that_fails_ends_run_and_engine(harness: EngineHarness) -> N
 
     harness.run(scenario, harness.request(PAIR), engine_ends=True)
     assert any("a subscriber failed" in text for text in harness.texts("fault"))
+    assert verdicts(harness) == [(1, "aborted")]
+    assert verify(harness.session).whole
+
+
+def test_a_consumer_of_samples_that_fails_ends_run_and_engine(harness: EngineHarness) -> None:
+    """The engine once went on without samples, and each later run blamed the sync wire."""
+
+    async def scenario(harness: EngineHarness) -> None:
+        await until_turning(harness)
+
+        def fail(block: Block) -> None:
+            raise ValueError("an encoder failed")
+
+        harness.engine.boards.pipeline.subscribe(fail)
+        await asyncio.sleep(60)
+
+    harness.run(scenario, harness.request(PAIR), engine_ends=True)
+    run = harness.engine.run
+    assert run is not None and run.outcome == "failed" and "an encoder failed" in run.text
+    assert verdicts(harness) == [(1, "aborted")]
+    assert verify(harness.session).whole
+
+
+def test_a_consumer_of_events_that_fails_ends_run_and_engine(harness: EngineHarness) -> None:
+    """The engine itself once raised, with the drum left to the board."""
+
+    async def scenario(harness: EngineHarness) -> None:
+        await until_turning(harness)
+
+        def fail(event: Event) -> None:
+            raise ValueError("a listener failed")
+
+        harness.engine.event_bus.subscribe(fail)
+        harness.engine.event_bus.publish("log", "what it fails at")
+        await asyncio.sleep(60)
+
+    harness.run(scenario, harness.request(PAIR), engine_ends=True)
+    assert any("a listener failed" in text for text in harness.texts("fault"))
     assert verdicts(harness) == [(1, "aborted")]
     assert verify(harness.session).whole
