@@ -32,7 +32,7 @@ from rigctl.engine.served_engine import ServedEngine
 from rigctl.engine.setup.served_setup import ServedSetup
 from rigctl.engine.status import StatusBuilder
 from rigctl.engine.step_runner import mountings_before
-from rigctl.errors import RigctlError, WrongUse
+from rigctl.errors import RigctlError, RigFault, WrongUse
 from rigctl.session.ground_truth import TruthRecorder
 from rigctl.session.layout import DRUM_TRUTH
 from rigctl.session.notes import SessionNote, check_note
@@ -59,7 +59,7 @@ class Engine(ServedEngine[Run, RunRequest]):
             self.spawn,
             self.heartbeat_gate.is_open,
             self._link_changed,
-            self._fail_run,
+            self._samples_failed,
             REAL_TIME_BATCH_SAMPLES if real_time else FAST_BATCH_SAMPLES,
         )
         self.manual = ManualRecorder(self.boards, self.event_bus)
@@ -249,6 +249,14 @@ class Engine(ServedEngine[Run, RunRequest]):
 
     def _is_recorded(self, run: Run) -> bool:
         return run.recording_status(self.boards.pipeline.is_recording).active
+
+    def _samples_failed(self, fault: RigFault) -> None:
+        """End the run as failed, and then the engine: what failed once is not called again."""
+        if self.run is None or self._run_task is None or self.run.ended:
+            self.shut_down(str(fault))
+            return
+        self._fail_run(fault)
+        self._run_task.add_done_callback(lambda _: self.shut_down(str(fault)))
 
     def _link_changed(self) -> None:
         self._mark_link(LINK, self.boards.connected)

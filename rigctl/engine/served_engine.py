@@ -344,12 +344,8 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         self._server.broadcast(engine_message(event.kind, event.text, event.data, event.at_s))
 
     def _fail_run(self, fault: RigFault) -> None:
-        """End the run as failed, and then the engine: what failed once is not called again."""
-        if self.run is None or self._run_task is None or self.run.ended:
-            self.shut_down(str(fault))
-            return
-        self.run.control.fail(fault)
-        self._run_task.add_done_callback(lambda _: self.shut_down(str(fault)))
+        if self.run is not None:
+            self.run.control.fail(fault)
 
     async def _close(self) -> None:
         """Wait for a run's safe end, switch the rig off, close boards and connections."""

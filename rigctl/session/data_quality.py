@@ -41,6 +41,9 @@ LEAST_RESIDUALS = 30
 MAX_RESIDUALS = 1000
 MOVES_COUNTS = 8
 """The noise of a taxel without contact stays within this many counts."""
+PLAIN_COUNTS = 2 * MOVES_COUNTS
+"""A taxel that usually moves less, as some do under a smooth plate, may in any trial move by less
+than its noise: whether it lives is not seen there."""
 QUIET_SHARE, QUIET_COUNTS = 0.1, 2.0
 """A taxel stays where it moves less than this share of equal trials, with so small a deviation."""
 NOISE_FACTOR = 4.0
@@ -203,6 +206,7 @@ class TrialHistory:
         equal = self._trials[condition]
         if len(equal) >= LEAST_REFERENCES:
             still, loud = self._still(equal, np.median, trial), self._loud(equal, trial)
+            still = {text: taxel for text, taxel in still.items() if not self._held(trial)[taxel]}
             repeat = (*still, *loud, *self._cell(equal, condition[2], trial))
             if repeat:
                 return DataVerdict(tuple(repeat), broken=(*still.values(), *loud.values()))
@@ -237,7 +241,8 @@ class TrialHistory:
         """Return a reason for each taxel that stays where it usually moves, with its place."""
         if not others:
             return {}
-        moves = QUIET_SHARE * usual([one.movement for one in others], axis=0)
+        usually = usual([one.movement for one in others], axis=0)
+        moves = np.where(usually >= PLAIN_COUNTS, QUIET_SHARE * usually, 0.0)
         still = np.flatnonzero((trial.movement < moves) & (trial.sd < QUIET_COUNTS)).tolist()
         return {f"taxel {i + 1} stays at {trial.mean[i]:.0f} counts": i for i in still}
 
@@ -260,6 +265,13 @@ class TrialHistory:
             yield f"the load cell scatters by {noise_g:.1f} g from reading to reading"
         if spike_g > max(self.limits.max_spike_percent / 100 * force_g, 10 * usual_g):
             yield f"one reading of the load cell is {spike_g:.0f} g off its neighbours"
+
+    def _held(self, trial: TrialStatistics) -> NDArray[np.bool_]:
+        """Return which taxels something else presses, a hand or a cable: they live, and drifted."""
+        if self._first_baseline is None:
+            return np.zeros(len(trial.mean), np.bool_)
+        risen = trial.baseline - self._first_baseline > self.limits.max_drift_counts
+        return np.asarray(risen & (trial.top_share == 0.0))
 
     def _saturated(self, trial: TrialStatistics) -> Iterator[str]:
         most = self.limits.max_saturated_percent / 100

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
 from rigctl.analysis.options import EncoderOptions
-from rigctl.exchange.export.formats import Exported, export_session
+from rigctl.exchange.export.formats import EXPORTERS, Exported, export_session
 from rigctl.exchange.export.selection import Representation, Selection
 from tests.session.conftest import drum, finger
 
 __all__ = ["drum", "finger"]
+INSTALLED = [to for to in EXPORTERS if to != "neo" or find_spec("nixio")]
+needs_nix = pytest.mark.skipif(
+    "neo" not in INSTALLED, reason="nixio has no wheel: make exchange installs it and runs this"
+)
 EVERYTHING = Selection(representations=tuple(Representation))
 
 

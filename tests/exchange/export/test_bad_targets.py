@@ -18,7 +18,7 @@ from rigctl.cli import main
 from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.exchange.export.formats import EXPORTERS, choose_targets
 from rigctl.exchange.export.selection import Selection, parse_numbers
-from tests.exchange.export.conftest import export
+from tests.exchange.export.conftest import INSTALLED, export
 from tests.gui.full_disk import full_disk
 from tests.session.test_crash import acknowledged, endless_writer
 
@@ -53,7 +53,7 @@ def test_a_full_disk_leaves_nothing(to: str, drum: Path, tmp_path: Path) -> None
     assert names_in(tmp_path) == [] and fingerprint(drum) == before
 
 
-@pytest.mark.parametrize("to", EXPORTERS)
+@pytest.mark.parametrize("to", INSTALLED)
 def test_what_may_not_fit_is_not_begun(
     to: str, drum: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -113,7 +113,7 @@ def test_a_session_that_grows_is_exported_as_far_as_it_is(tmp_path: Path) -> Non
 def test_blanks_umlauts_and_a_german_locale_change_nothing(drum: Path, tmp_path: Path) -> None:
     session = Path(shutil.copytree(drum, tmp_path / "Prüf stand" / "Sitzung Ä 1"))
     environment = os.environ | {"LC_ALL": "de_DE.UTF-8", "LANG": "de_DE.UTF-8"}
-    for to in EXPORTERS:
+    for to in INSTALLED:
         command = [sys.executable, "-m", "rigctl", "export", str(session), "--to", to]
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr

@@ -16,7 +16,6 @@ import pyarrow.csv
 import pyarrow.parquet
 import pynwb
 import pytest
-from neo.io import NixIO
 
 from rigctl.analysis.cache import SERIAL_RESOURCES
 from rigctl.analysis.encoded_sessions import encode_sessions
@@ -26,7 +25,7 @@ from rigctl.exchange.export.content import Content, joined
 from rigctl.exchange.export.selection import Representation, Selection
 from rigctl.finger.session import FingerSession
 from rigctl.session.session import Session, open_session
-from tests.exchange.export.conftest import export
+from tests.exchange.export.conftest import export, needs_nix
 
 
 @contextmanager
@@ -132,7 +131,10 @@ def test_matlab_holds_structures_of_columns(drum: Path, tmp_path: Path) -> None:
     assert data["gaps"]["n_rows"] == 0 and list(data["gaps"]) == ["n_rows"]
 
 
+@needs_nix
 def test_neo_has_signals_trains_and_epochs(drum: Path, tmp_path: Path) -> None:
+    from neo.io import NixIO
+
     io = NixIO(str(export(drum, "neo", tmp_path / "drum.nix").target), "ro")
     blocks = io.read_all_blocks()
     io.close()
