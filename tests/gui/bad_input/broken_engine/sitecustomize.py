@@ -21,10 +21,10 @@ def _break_engine(fault: Path) -> None:
 
     write = PartWriter.write
 
-    def write_or_fail(self: PartWriter) -> None:
+    def write_or_fail(self: PartWriter, covers: bool = True) -> None:
         if fault.read_text() == "full disk":
             raise OSError(errno.ENOSPC, "No space left on device")
-        write(self)
+        write(self, covers)
 
     mock.patch.object(PartWriter, "write", write_or_fail).start()
     if fault.read_text() == "other firmware":
