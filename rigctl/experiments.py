@@ -41,6 +41,7 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         {
             "layout": "rigctl.session.layout:DRUM_LAYOUT",
             "reader": "rigctl.session.session:Session",
+            "live": "rigctl.engine.live_file:LiveReader",
             "raster": "rigctl.cli.watch:trial_raster",
             "plates": "rigctl.bench.plate_solids:write_drum_plates",
         },
@@ -53,6 +54,7 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         {
             "layout": "rigctl.finger.layout:FINGER_LAYOUT",
             "reader": "rigctl.finger.session:FingerSession",
+            "live": "rigctl.finger.live_file:FingerLiveReader",
             "raster": "rigctl.finger.cli.raster:scan_raster",
             "check_part": "rigctl.finger.verify:check_finger_part",
             "check_plan": "rigctl.finger.verify:check_finger_plan",

@@ -51,15 +51,32 @@ class Pulses(NamedTuple):
     taken: dict[str, int]
 
 
-class _Limits:
-    """The limits of one channel, which remember its last pulses."""
+class PulseTrain:
+    """Makes the pulses of one channel in the order of time; remembers the last ones.
+
+    ``taken``: spikes without a pulse, and pulses made smaller, by the limit that did it.
+    """
 
     def __init__(self, settings: StimulationSettings) -> None:
+        self.taken = Counter[str]()
         self._settings = settings
         self._recent: deque[int] = deque()
         self._charged: deque[tuple[int, float]] = deque()
 
-    def obstacle(self, at_us: int, charge_nc: float) -> str:
+    def amplitude_ua(self, at_us: int, reading: float) -> float:
+        """Return the amplitude for a spike at a reading of 0 to 1; 0 where a limit forbids it."""
+        wanted_ua = self._settings.amplitude_at(reading)
+        allowed_ua = min(wanted_ua, self._settings.largest_ua)
+        charge_nc = allowed_ua * self._settings.phase_us / PC_PER_NC
+        if obstacle := self._obstacle(at_us, charge_nc):
+            self.taken[obstacle] += 1
+            return 0.0
+        self.taken["charge a phase"] += allowed_ua < wanted_ua
+        self._recent.append(at_us)
+        self._charged.append((at_us, charge_nc))
+        return allowed_ua
+
+    def _obstacle(self, at_us: int, charge_nc: float) -> str:
         """Return which limit a pulse at this time would break, "" for none."""
         s = self._settings
         while self._recent and self._recent[0] <= at_us - s.rate_window_ms * US_PER_SAMPLE:
@@ -73,11 +90,6 @@ class _Limits:
         if sum(charge for _, charge in self._charged) + charge_nc > s.max_charge_nc_per_s:
             return "charge a second"
         return ""
-
-    def add(self, at_us: int, charge_nc: float) -> None:
-        """Remember a pulse."""
-        self._recent.append(at_us)
-        self._charged.append((at_us, charge_nc))
 
 
 def channels_of(settings: StimulationSettings, layout: SensorLayout) -> list[Channel]:
@@ -110,22 +122,12 @@ def _pulses(
         of_taxel = reading[:, row % reading.shape[1]]
         for sample in spikes.train(row).tolist():
             strength[sample] = max(strength.get(sample, 0.0), float(of_taxel[sample]))
-    limits, taken = _Limits(settings), Counter[str]()
-    at_us, amplitude_ua = [], []
-    for sample in sorted(strength):
-        wanted_ua = settings.amplitude_at(strength[sample])
-        allowed_ua = min(wanted_ua, settings.largest_ua)
-        charge_nc, at = allowed_ua * settings.phase_us / PC_PER_NC, sample * US_PER_SAMPLE
-        if obstacle := limits.obstacle(at, charge_nc):
-            taken[obstacle] += 1
-            continue
-        taken["charge a phase"] += allowed_ua < wanted_ua
-        limits.add(at, charge_nc)
-        at_us.append(at)
-        amplitude_ua.append(allowed_ua)
-    return Pulses(
-        channel, np.array(at_us, np.int64), np.array(amplitude_ua, np.float64), dict(+taken)
-    )
+    made = PulseTrain(settings)
+    at_us = [sample * US_PER_SAMPLE for sample in sorted(strength)]
+    amplitudes = np.array([made.amplitude_ua(at, strength[at // US_PER_SAMPLE]) for at in at_us])
+    given = amplitudes > 0
+    taken = dict(+made.taken)
+    return Pulses(channel, np.array(at_us, np.int64)[given], amplitudes[given], taken)
 
 
 def describe_limits(pulses: Sequence[Pulses]) -> str:

@@ -40,6 +40,7 @@ MODULES = {
     "plates": ".plates",
     "info": ".info",
     "watch": ".watch",
+    "lsl": ".lsl",
     "verify": ".verify",
     "copy": ".copy",
     "recover": ".recover",
