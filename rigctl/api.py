@@ -40,8 +40,6 @@ from rigctl.experiments import DRUM_EXPERIMENT
 from rigctl.values import SAMPLE_RATE_HZ
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from rigctl.analysis.cache import Resources
     from rigctl.analysis.encoded_sessions import Encoded
     from rigctl.analysis.report.report_folder import ReportResult
@@ -98,12 +96,7 @@ class ConnectedRig:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     @property

@@ -71,6 +71,7 @@ def _sleep(seconds: float) -> Action:
     return begin
 
 
+# mypy refuses what these faults are: a method of the real object that fails from now on.
 _WRITE, _SYNC, _PROBE = PartWriter.write, PartWriter.sync, recorder.probe_disk
 
 

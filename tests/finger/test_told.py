@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -23,10 +24,10 @@ def test_its_end_and_that_nothing_is_recorded_are_told_and_its_parts_are_copied(
     disk.mkdir()
     begin_stage = FingerRun._begin_stage
 
-    async def begin_late(run: FingerRun, *args: object) -> None:
+    async def begin_late(run: FingerRun, *args: Any) -> None:
         end_s = run._now_s() + 2 * NOTHING_RECORDED_S
         await run.control.wait_until(lambda: run._now_s() > end_s)
-        await begin_stage(run, *args)  # type: ignore[arg-type]  # as it was called
+        await begin_stage(run, *args)
 
     monkeypatch.setattr(FingerRun, "_begin_stage", begin_late)
     config = FingerConfig(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,7 +142,7 @@ class _EncodedSpikes:
                 f"spikes of each unit in windows of {layout.window_ms:g} ms"
                 + (f" at {layout.reference_mm_s:g} mm/s" if layout.scaled else ""),
                 (TRIAL, self._count_column(layout)),
-                lambda layout=layout: self._count_blocks(layout),  # type: ignore[misc]
+                partial(self._count_blocks, layout),
             )
             for name, layout in layouts.items()
         )

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -43,8 +44,8 @@ def kill_when_there(monkeypatch: pytest.MonkeyPatch, ending: str) -> threading.T
     started: list[tuple[Path, int]] = []
     spawn = client_module.spawn_engine
 
-    def spawned(folder: Path, name: str, *args: object) -> object:
-        process, log = spawn(folder, name, *args)  # type: ignore[arg-type]  # as it was called
+    def spawned(folder: Path, name: str, *args: Any) -> object:
+        process, log = spawn(folder, name, *args)
         started.append((folder / (name + ending), process.pid))
         return process, log
 
