@@ -31,6 +31,9 @@ CONTENTS = (
     "rigctl/_data/wiring/wiring-mega.svg",
     "rigctl/_data/wiring/wiring-uno.svg",
     "rigctl/_data/wiring/wiring-teensy.svg",
+    "rigctl/_data/site/docs/README.html",
+    "rigctl-0.1.0.data/data/share/applications/rigctl.desktop",
+    "rigctl-0.1.0.data/data/share/icons/hicolor/scalable/apps/rigctl.svg",
     "gui/app.py",
 )
 PROCESSORS = {"x86_64": "x86_64", "aarch64": "aarch64", "amd64": "x86_64", "arm64": "aarch64"}
