@@ -39,6 +39,7 @@ from rigctl.session.layout import (
     TEXTS,
     SessionLayout,
     TableLayout,
+    part_name,
     part_number,
 )
 from rigctl.session.writer_lock import is_being_written
@@ -257,6 +258,8 @@ def _map(path: Path) -> Hdf5File:
 
 def _is_growing(path: Path) -> bool:
     """Return whether a living writer appends to this part, which is then the session's last."""
+    if path.with_name(part_name(part_number(path) + 1)).exists():
+        return False  # as nearly always: a list of all parts, for each part, takes a second
     last = existing_parts(path.parent)[-1:]
     return [path.name] == [part.name for part in last] and is_being_written(path.parent)
 
@@ -478,6 +481,10 @@ class PartReader:
         """Return the attributes of each data set by its path."""
         paths = [a.path for a in self.layout.arrays] + [t.path for t in self.layout.tables]
         return {path: self._file.attributes(path) for path in paths}
+
+    def leave(self) -> None:
+        """Let go of all that is open in the file, before it is closed."""
+        self._file.leave()
 
     def close(self) -> None:
         """Close the file."""
