@@ -215,6 +215,8 @@ class SessionReader:
     def close(self) -> None:
         """Close the files of all parts."""
         for part in self.parts:
+            part.leave()  # h5py looks through all that is open, of all files, for each that closes
+        for part in self.parts:
             part.close()
 
     def __enter__(self) -> Self:
