@@ -124,6 +124,10 @@ class ConnectedRig:
         """Turn the lifted drum, forwards where positive; return the true way of its surface, mm."""
         return float(self._move("jog", mm=mm)["moved_mm"])
 
+    def move_axis(self, height_mm: float) -> float:
+        """Move the further axis with the drum off and lifted; return its height, mm."""
+        return float(self._move("axis", height_mm=height_mm)["height_mm"])
+
     def set(self, **settings: float) -> dict[str, float]:
         """Set speed_mm_s, force_g, travel_mm, acceleration_mm_s2 or run_in_mm.
 

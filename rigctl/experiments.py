@@ -61,6 +61,7 @@ EXPERIMENTS: Mapping[str, Experiment] = {
             "summarise": "rigctl.finger.summary:summarise_finger",
             "field_groups": "rigctl.finger.plan:finger_groups",
             "driver": "rigctl.finger.driver:Finger",
+            "trackers": "rigctl.finger.trackers.open_tracker:TRACKERS",
             "firmware": "rigctl.finger.bench.firmware:FingerFirmware",
             "plates": "rigctl.finger.bench.plates:write_flat_plates",
             "settings": "rigctl.finger.analysis.settings:FingerAnalysisSettings",

@@ -18,10 +18,12 @@ from rigctl.boards.drum import Drum
 from rigctl.boards.drum_codes import Signal
 from rigctl.boards.links import ByteLink
 from rigctl.boards.port_discovery import create_link, find_boards, identify_board
+from rigctl.boards.sensor_driver import OUR_WIRE, SensorDriver, load_sensor
 from rigctl.boards.taxels import Taxels
 from rigctl.config.resources import firmware_image
 from rigctl.config.rig_config import PAPER_ARRAY, RigConfig, TaxelArray, load_config
 from rigctl.config.text_file import is_plain_file, shorten
+from rigctl.engine.axis import open_axis
 from rigctl.engine.rig import Rig
 from rigctl.errors import ConfigError, LinkLost, WrongUse
 from rigctl.session.sensor_passport import SensorPassport, load_passport
@@ -110,10 +112,11 @@ def _simulated_rig(
     world = world or NOMINAL_WORLD
     config = config or world.rig_config()
     _validate_emergency_stop(config)
+    driver = load_sensor(config)
     if kind == FIRMWARE:
         _validate_chips_sensor(config)
-    compile_kernels(config.taxels)
-    simulation = _open_simulation(kind, seed, world, config.taxels)
+    compile_kernels(config.taxels, driver)
+    simulation = _open_simulation(kind, seed, world, config.taxels, driver)
     _wire_signals(simulation, config)
     for name in known:
         simulation.faults.wire(name)
@@ -124,11 +127,13 @@ def _simulated_rig(
         config,
         loop,
         Drum(simulation.drum, loop),
-        Taxels(simulation.taxels, loop, array=config.taxels),
+        Taxels(simulation.taxels, loop, array=config.taxels, driver=driver),
         seed,
         simulation,
         world.header_fields(),
         commissions=not known,
+        axis=open_axis(config.axis, loop, simulated=True),
+        sensor_plugin=None if driver is None else driver.plugin,
     )
 
 
@@ -146,11 +151,15 @@ def _validate_emergency_stop(config: RigConfig) -> None:
 
 def _validate_chips_sensor(config: RigConfig) -> None:
     """Raise ConfigError for another sensor than the one that ``arduino/sim`` wires to its chip."""
-    if (config.taxels.count, config.taxels.inputs) != (PAPER_ARRAY.count, PAPER_ARRAY.inputs):
+    chips = replace(config.taxels, **{n: getattr(PAPER_ARRAY, n) for n in _CHIPS_SENSOR})
+    if config.taxels != chips:
         raise ConfigError(
             f"{config.about.name}: the simulated chips have three lines × six inputs: "
             'set [ports] simulate = "virtual" for another sensor'
         )
+
+
+_CHIPS_SENSOR = "count", "inputs", "driver"
 
 
 def _wire_signals(simulation: SimulatedRig, config: RigConfig) -> None:
@@ -166,12 +175,16 @@ def _wire_signals(simulation: SimulatedRig, config: RigConfig) -> None:
 
 
 def _open_simulation(
-    kind: str, seed: int, world: SimulatedWorld, sensor: TaxelArray
+    kind: str,
+    seed: int,
+    world: SimulatedWorld,
+    sensor: TaxelArray,
+    driver: SensorDriver | None,
 ) -> SimulatedRig:
     if kind == VIRTUAL:
         from rigctl.bench.virtual_rig import open_virtual_rig
 
-        return open_virtual_rig(world.parameters, seed, sensor=sensor)
+        return open_virtual_rig(world.parameters, seed, sensor=sensor, driver=driver)
     images = firmware_image(DRUM), firmware_image(TAXELS)
     from rigctl.bench.chips.rig import open_chip_simulation
 
@@ -179,22 +192,41 @@ def _open_simulation(
 
 
 def _bench(path: Path, config: RigConfig) -> Rig:
+    driver = load_sensor(config)
     loop = BenchLoop()
     try:
         ports = _find_ports(config, loop)
-        drum_link, taxel_link = (create_link(ports[board], board, loop) for board in (DRUM, TAXELS))
+        drum_link = create_link(ports[DRUM], DRUM, loop)
+        baud = None if driver is None else driver.create.baud
+        taxel_link = create_link(ports[TAXELS], TAXELS, loop, baud)
         drum = Drum(drum_link, loop, partial(_diagnose_port, path, TAXELS, loop))
         diagnose_taxel_port = partial(_diagnose_port, path, DRUM, loop)
-        taxels = Taxels(taxel_link, loop, diagnose_taxel_port, config.taxels)
+        taxels = Taxels(taxel_link, loop, diagnose_taxel_port, config.taxels, driver)
+        axis = open_axis(config.axis, loop, simulated=False)
     except BaseException:
         loop.close()
         raise
-    return Rig(BENCH, config.about.name, config, loop, drum, taxels, path=path.resolve())
+    return Rig(
+        BENCH,
+        config.about.name,
+        config,
+        loop,
+        drum,
+        taxels,
+        path=path.resolve(),
+        axis=axis,
+        sensor_plugin=None if driver is None else driver.plugin,
+    )
 
 
 def _find_ports(config: RigConfig, loop: asyncio.AbstractEventLoop) -> dict[str, str]:
     """Return the two ports; probes all ports for the boards whose port is not configured."""
     ports = {DRUM: config.ports.drum, TAXELS: config.ports.taxels}
+    if config.taxels.driver != OUR_WIRE and not config.ports.taxels:
+        raise ConfigError(
+            f"{config.about.name}: a search finds no board of the sensor {config.taxels.driver}: "
+            "name its port, [ports] taxels"
+        )
     if not all(ports.values()):
         found = loop.run_until_complete(find_boards(loop))
         ports = {board: port or found.get(board, "") for board, port in ports.items()}

@@ -191,6 +191,20 @@ class BoardIdentity:
 
 
 @dataclass(frozen=True, slots=True)
+class PluginUse:
+    """What a session keeps of another package's part in it; ``height_mm``: of an axis."""
+
+    kind: str
+    name: str
+    package: str
+    version: str
+    height_mm: float | None = None
+
+    def __str__(self) -> str:
+        return f"{self.kind} {self.name} of {self.package} {self.version}"
+
+
+@dataclass(frozen=True, slots=True)
 class PlannedTrial:
     """One trial of a plan. ``trial_id`` counts from 1 in planned order and never changes.
 

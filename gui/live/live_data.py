@@ -25,10 +25,12 @@ class ValueScale:
     """The unit of readings; ``supply_v``: the voltage of the highest count, None for counts.
 
     ``is_conductance``: readings are steps of the divider's conductance, shown as multiples of it.
+    ``full_scale``: the highest count.
     """
 
     supply_v: float | None = None
     is_conductance: bool = False
+    full_scale: int = FULL_SCALE
 
     @property
     def unit(self) -> str:
@@ -42,7 +44,7 @@ class ValueScale:
         """What a reading is multiplied by."""
         if self.is_conductance:
             return 1 / STEPS
-        return 1.0 if self.supply_v is None else self.supply_v / FULL_SCALE
+        return 1.0 if self.supply_v is None else self.supply_v / self.full_scale
 
     def text(self, counts: float, signed: bool = False, digits: int = 3) -> str:
         """Return a reading, or with its sign a difference, without the unit.

@@ -26,7 +26,7 @@ from gui.widgets.labels import ElidedLabel, label, show_text
 from gui.widgets.layouts import ComboBox, FlowLayout, container, hbox, push_button, vbox
 from gui.widgets.number_box import NumberBox, WholeNumberBox
 from gui.widgets.theme import Theme
-from rigctl.encoder.reading import Reading, input_of_each
+from rigctl.encoder.reading import FULL_SCALE, Reading, input_of_each
 from rigctl.engine.live_file import LiveReader
 from rigctl.engine.rpc.messages import EngineStatus
 from rigctl.errors import WrongUse
@@ -377,7 +377,7 @@ class LivePage(QWidget):
         self._supply_v, self._is_simulated = NOMINAL_SUPPLY_V, False
         self._engine_reading = Reading.COUNTS
         self._wiring: tuple[int, ...] | None = None
-        self._taxel_inputs = 1
+        self._taxel_inputs, self._full_scale = 1, FULL_SCALE
         self._live: LiveReader | None = None
         self._head = 0
         self._since_draw, self._since_texts = QElapsedTimer(), QElapsedTimer()
@@ -456,6 +456,9 @@ class LivePage(QWidget):
         self._supply_v = supply_v or NOMINAL_SUPPLY_V
         if status.rig:
             self._wiring, self._taxel_inputs = status.wiring, status.taxel_inputs
+            if status.full_scale != self._full_scale:
+                self._full_scale = status.full_scale
+                self._set_unit()
             if status.reading is not self._engine_reading:
                 self._engine_reading = status.reading
                 self.bar.unit.setCurrentText(status.reading)
@@ -541,7 +544,8 @@ class LivePage(QWidget):
             self.encoder_strip.apply_reading()
             self.eye_strip.apply()
         supply_v = self._supply_v if unit == VOLTS else None
-        self.plots.set_value_scale(ValueScale(supply_v, reading is Reading.CONDUCTANCE))
+        is_conductance = reading is Reading.CONDUCTANCE
+        self.plots.set_value_scale(ValueScale(supply_v, is_conductance, self._full_scale))
         self.show_texts()
 
     def _mark_encoder(self, text: str) -> None:

@@ -19,7 +19,6 @@ from gui.widgets.layouts import hbox, push_button
 
 Floats = NDArray[np.float64]
 _ROWS_AT_ONCE = 20_000
-COUNTS = "counts (0–1023)"
 
 
 class ShownSamples(NamedTuple):
@@ -48,7 +47,7 @@ def write_table(shown: ShownSamples, path: Path) -> None:
     header = ["sample", "time_s", *shown.drum, *names, *trains]
     scale = shown.scale
     reading = "%d" if scale.factor == 1 else "%.5f"
-    unit = COUNTS if scale.factor == 1 else scale.unit
+    unit = f"counts (0–{scale.full_scale})" if scale.factor == 1 else scale.unit
     formats = ["%d", "%.6f"] + ["%.2f"] * len(shown.drum)
     formats += [reading] * len(names) + ["%d"] * len(trains)
     with path.open("w", encoding="utf-8") as file:

@@ -23,6 +23,7 @@ from gui.widgets.typed_paths import typed_path
 from rigctl.boards.identity import offered_flash
 from rigctl.engine.live_file import LiveReader
 from rigctl.engine.rpc.messages import EngineStatus
+from rigctl.plugins import installed
 
 _KILL_MS, _CLEAN_UP_MS = 1000, 5000
 
@@ -278,7 +279,8 @@ class ExportPage(FieldsPage):
             self._words_of,
             optional=(OUT,),
         )
-        self.format = combo_box(FORMATS)
+        others = {f"{p.name} ({p.package})": p.name for p in installed("exporter")}
+        self.format = combo_box({**FORMATS, **others})
         self.trials = QLineEdit(placeholderText="All, or such as 1-100,205")
         self.taxels = QLineEdit(placeholderText="All, or such as 1-9")
         self.representations = combo_box(REPRESENTATIONS)

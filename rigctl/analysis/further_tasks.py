@@ -6,7 +6,7 @@ each start, so this module loads no classifier.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rigctl.analysis import published
 from rigctl.analysis.published import Task
 from rigctl.errors import WrongUse
+from rigctl.plugins import Lookup, Plugin, installed
 
 if TYPE_CHECKING:
     from rigctl.analysis.trial_set import Design
@@ -102,12 +103,43 @@ TASKS = (
     *(task for family in FURTHER for task in family.tasks),
     *published.MOUNT_TASKS,
 )
-"""Every task, in the order of a report."""
+"""Our tasks, in the order of a report."""
+
+
+def _check(family: Family, plugin: Plugin) -> None:
+    """Raise WrongUse for tasks under another name than the plug-in's, or under one of ours."""
+    known = {task.key for task in TASKS}
+    wrong = [t.key for t in family.tasks if t.key in known or t.family != plugin.name]
+    if family.name != plugin.name or wrong:
+        raise WrongUse(
+            f"{plugin} has a wrong name or family in {', '.join(wrong) or family.name}: install "
+            f"another version of {plugin.package}, or ask its author"
+        )
+
+
+_OURS = {
+    "textures": "Individual textures",
+    "groups": "Texture groups",
+    EXTRAPOLATION: "Extrapolation (Fig. 3C–F)",
+    **{family.name: family.title for family in FURTHER},
+    "leave-mount-out": "Leave one mounting out",
+}
 OFFERED = (
-    ("textures", "Individual textures"),
-    ("groups", "Texture groups"),
-    (EXTRAPOLATION, "Extrapolation (Fig. 3C–F)"),
-    *((family.name, family.title) for family in FURTHER),
-    ("leave-mount-out", "Leave one mounting out"),
+    *_OURS.items(),
+    *((one.name, f"{one.name} ({one.package})") for one in installed("task")),
 )
 """What ``--task`` takes, and how the window's form names it."""
+TASK_FAMILIES: Lookup[Family | None] = Lookup(
+    "task", {**dict.fromkeys(_OURS), **{one.name: one for one in FURTHER}}, Family, _check
+)
+"""Families by name; :mod:`rigctl.analysis.splits` has the splits of the paper's."""
+
+
+def tasks_of(names: Sequence[str]) -> tuple[Task, ...]:
+    """Return our tasks, and behind them those of the plug-ins among ``names``. Raises WrongUse."""
+    others = [
+        family
+        for name in names
+        if TASK_FAMILIES.plugin(name) and (family := TASK_FAMILIES.load(name))
+    ]
+    return (*TASKS, *(task for family in others for task in family.tasks))

@@ -133,7 +133,7 @@ def _spread_sentence(rows: Sequence[Row], what: str, presets: Sequence[str]) -> 
         f"Between the {len(presets)} {what}, an accuracy differs by "
         f"{np.mean(list(widths.values())):.1f} percentage points on average over representations "
         f"and tasks, at most by {widths[widest]:.1f} ({names[widest[0]]}, "
-        f"{titles[widest[1]].lower()}: {low:.1f} to {high:.1f} %)"
+        f"{titles.get(widest[1], widest[1]).lower()}: {low:.1f} to {high:.1f} %)"
     )
 
 

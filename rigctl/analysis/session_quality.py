@@ -168,7 +168,8 @@ def _with_given_up(judged: Sequence[JudgedTrial], finished: bool) -> Iterator[Ju
 def trial_statistics(session: Session, index: int) -> TrialStatistics:
     """Return the statistics of a recorded attempt, as the engine has them when it ends."""
     samples, header = np.ascontiguousarray(session.samples(index)), session.header
-    sums = TrialSums(header.n_taxels, header.highest_reading)
+    unit = 1.0 if header.rig == IMPORTED else None  # what an import's full scale was is not known
+    sums = TrialSums(header.n_taxels, header.highest_reading, unit)
     sums.add(samples)
     full = np.full(header.n_taxels, header.highest_reading, np.uint16)
     spikes = encode_trial(samples, Normalisation(np.zeros_like(full), full, "whole range"))

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.analysis.further_tasks import FURTHER, LEVELS_LEFT_OUT, textures_at_one_level
+from rigctl.analysis.further_tasks import (
+    FURTHER,
+    LEVELS_LEFT_OUT,
+    TASK_FAMILIES,
+    textures_at_one_level,
+)
 from rigctl.analysis.pca_lda import Labels, Rows, Split
 from rigctl.analysis.trial_set import Design
 from rigctl.errors import WrongUse
@@ -17,7 +23,6 @@ MAX_FOLDS = 4
 """A set of more mountings leaves several out at once."""
 Fold = tuple[Rows, Rows]
 """Training rows and test rows."""
-_FURTHER = {family.name: family for family in FURTHER}
 FAMILIES = ("folds", "extrapolation", "leave-speed-out", "leave-force-out", "leave-mount-out")
 """Their places seed the draws, so a further family comes behind these."""
 EXTRAPOLATIONS = {
@@ -111,15 +116,20 @@ def make_splits(design: Design, family: str, seed: int, iteration: int) -> list[
 
     Raises :class:`WrongUse`, with the reason, where the trials do not allow them.
     """
-    seeds = tuple(dict.fromkeys((*FAMILIES, *_FURTHER)))
-    random = np.random.default_rng([seed, iteration, seeds.index(family)])
+    seeds = tuple(dict.fromkeys((*FAMILIES, *(one.name for one in FURTHER))))
+    # The draws of a plug-in's tasks depend on no other plug-in.
+    place = seeds.index(family) if family in seeds else crc32(family.encode())
+    random = np.random.default_rng([seed, iteration, place])
     if family == "folds":
         return _folds(design, random)
     if family == "extrapolation":
         return [_extrapolation(design, random)]
     if family == "leave-mount-out":
         return _leave_mount_out(design, random)
-    return [Split(*split) for split in _FURTHER[family].splits(design, random)]
+    found = TASK_FAMILIES.load(family)
+    assert found is not None  # those of the paper are above
+    with TASK_FAMILIES.blamed(family):
+        return [Split(*split) for split in found.splits(design, random)]
 
 
 def extrapolation_fits(design: Design) -> bool:

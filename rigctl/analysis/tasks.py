@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rigctl.analysis import published
 from rigctl.analysis.cache import SERIAL_RESOURCES, Resources
-from rigctl.analysis.further_tasks import OFFERED, TASKS
+from rigctl.analysis.further_tasks import OFFERED, TASK_FAMILIES, tasks_of
 from rigctl.analysis.pca_lda import Split, SweepEngine, predict_splits
 from rigctl.analysis.representations import Representation, RepresentationSet
 from rigctl.analysis.settings import AsteriskThresholds
@@ -45,6 +45,7 @@ class SweepSettings:
         for task in self.tasks:
             if task not in TASK_NAMES:
                 raise WrongUse(f"no task {task!r}: choose from {', '.join(TASK_NAMES)}")
+            TASK_FAMILIES.load(task)
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,6 +195,8 @@ def _plan_families(
             remarks.append(f"{_join_titles(absent)}: left out, no trial is left to test")
     if not plans:
         raise WrongUse("; ".join(remarks) or "there is no task to run")
+    plugins = map(TASK_FAMILIES.plugin, settings.tasks)
+    remarks += [f"{plugin.name}: split by the {plugin}" for plugin in plugins if plugin]
     remarks += [
         f"{_join_titles(plan.tasks)}: up to {plan.k_max} components instead of {settings.k_max}, "
         f"as {plan.n_train} training trials allow"
@@ -219,7 +222,7 @@ def _tasks_by_family(
     names = settings.tasks or (*_default_names(design, remarks), *mounts)
     extrapolates = extrapolation_fits(design)
     families: dict[str, tuple[published.Task, ...]] = {}
-    for task in TASKS:
+    for task in tasks_of(settings.tasks):
         if (task.family if task.family != "folds" else task.key) not in names:
             continue
         if task.key.endswith(UNTRAINED_SPEED) and not extrapolates:

@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from rigctl.bench.bench import LOG_EVERY_MS, Bench
+from rigctl.bench.boards.driver_board import DriverBoard
 from rigctl.bench.boards.drum_cosimulation import DrumCosimulation
 from rigctl.bench.boards.taxels import FLUSH_US, VirtualTaxels
 from rigctl.bench.circuit import TestPoints
@@ -15,6 +16,7 @@ from rigctl.bench.ground_truth import GroundTruth
 from rigctl.bench.hands import SimulatedHands
 from rigctl.bench.parameters import WorldParameters
 from rigctl.bench.simulated_rig import DRUM, TAXELS, FaultInjection, SimulatedLink
+from rigctl.boards.sensor_driver import SensorDriver
 from rigctl.config.rig_config import PAPER_ARRAY, TaxelArray
 
 SLICE_US = 20_000
@@ -30,22 +32,25 @@ def open_virtual_rig(
     seed: int = 0,
     drum_library: Path | None = None,
     sensor: TaxelArray = PAPER_ARRAY,
+    driver: SensorDriver | None = None,
 ) -> VirtualRig:
     """Return a virtual rig with this sensor at power-up, reproducible for a seed.
 
-    Raises WrongUse for a parameter outside its plausible range, RigFault if a board's library
-    cannot be used, ConfigError if the taxel board's was compiled for another sensor.
+    ``driver``: of the sensor's board, which then sends as that driver encodes. Raises WrongUse for
+    a parameter outside its plausible range, RigFault if a board's library cannot be used,
+    ConfigError if the taxel board's was compiled for another sensor or the driver cannot encode.
     """
-    return VirtualRig(Bench(parameters or WorldParameters(), seed, sensor=sensor), drum_library)
+    bench = Bench(parameters or WorldParameters(), seed, sensor=sensor)
+    return VirtualRig(bench, drum_library, None if driver is None else DriverBoard(driver))
 
 
 @cache
-def compile_kernels(sensor: TaxelArray = PAPER_ARRAY) -> None:
+def compile_kernels(sensor: TaxelArray = PAPER_ARRAY, driver: SensorDriver | None = None) -> None:
     """Compile or load every kernel of a simulated bench.
 
     Compiling takes half a minute after an update; during a run it would stall a paced simulation.
     """
-    rig = open_virtual_rig(sensor=sensor)
+    rig = open_virtual_rig(sensor=sensor, driver=driver)
     rig.advance(WARM_UP_US)
     rig.close()
 
@@ -102,7 +107,9 @@ class DrumCable:
 class VirtualRig:
     """A :class:`~rigctl.bench.simulated_rig.SimulatedRig` whose boards run in this process."""
 
-    def __init__(self, bench: Bench, drum_library: Path | None = None) -> None:
+    def __init__(
+        self, bench: Bench, drum_library: Path | None = None, board: DriverBoard | None = None
+    ) -> None:
         self.time_us = 0
         self._closed = False
         self._bench = bench
@@ -110,7 +117,7 @@ class VirtualRig:
         self.taxels = SimulatedLink(TAXELS, 2 * bench.seed + 1)
         self.cosimulation = DrumCosimulation(bench, drum_library)
         self._drum_cable = DrumCable(self.cosimulation, self.drum)
-        self._taxels = VirtualTaxels(bench)
+        self._taxels = VirtualTaxels(bench, board)
         self.taxels.attach(self._taxels.firmware.receive)
         self.cosimulation.on_index = self._taxels.set_index
         bench.on_sync = self._taxels.set_sync

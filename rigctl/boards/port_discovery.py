@@ -66,15 +66,19 @@ class PortReport:
     counters: Mapping[str, int] = field(default_factory=dict)
 
 
-def create_link(port: str, board: str, loop: asyncio.AbstractEventLoop) -> ByteLink:
+def create_link(
+    port: str, board: str, loop: asyncio.AbstractEventLoop, baud: int | None = None
+) -> ByteLink:
     """Return a closed link with the settings of ``board``.
 
-    ``port`` is a serial port, or ``tcp://HOST:PORT`` of ``rigctl serve``.
+    ``port`` is a serial port, or ``tcp://HOST:PORT`` of ``rigctl serve``. ``baud``: of somebody
+    else's board in its place, which opening the port is not known to reset.
     """
     if port.startswith(SCHEME):
         return TcpLink(port, loop)
     # The USB of a Teensy is its own: opening its port resets nothing.
-    return SerialLink(port, *_SETTINGS[board][:1], loop, _SETTINGS[board][1], board != FINGER)
+    usual, batch_s = _SETTINGS[board]
+    return SerialLink(port, baud or usual, loop, batch_s, board != FINGER and baud is None)
 
 
 async def read_identity(port: str, board: str, loop: asyncio.AbstractEventLoop) -> BoardIdentity:

@@ -22,17 +22,17 @@ from rigctl.boards.taxel_frames import (
     IDENTIFY,
     SELF_TEST,
     SelfTest,
-    TaxelIdentity,
     TaxelStatus,
     encode_request,
     findings,
 )
-from rigctl.config.rig_config import ADC_MAX, PAPER_ARRAY, TaxelArray
-from rigctl.errors import BoardRebooted, LinkLost, RigFault
+from rigctl.config.rig_config import PAPER_ARRAY, TaxelArray
+from rigctl.errors import BoardRebooted, LinkLost, RigFault, WrongBoard, WrongUse
 from rigctl.values import Block, BoardIdentity
 
 if TYPE_CHECKING:
-    from rigctl.boards.taxel_decoder import Decoded
+    from rigctl.boards.sensor_driver import DriverDecoder, SensorDriver
+    from rigctl.boards.taxel_decoder import Decoded, FrameDecoder
 
 IDENTIFY_INTERVAL_S = 0.1
 LINK_TIMEOUT_S = 0.2
@@ -67,7 +67,9 @@ class Taxels:
     ``identity`` is that of the last connect, ``rebooted`` whether the board rebooted between the
     last two, ``status`` and ``self_test`` are the board's last reports. Blocks have the taxels in
     the order and the polarity of the sensor, as ``array`` describes it; the wire has them as
-    wired. Without ``array``, as in a search for boards, the board of any sensor connects.
+    wired. Without ``array``, as in a search for boards, the board of any sensor connects. A
+    ``driver`` decodes the wire of another board, which has no identity, status or self-test: its
+    first sample stands for them.
     """
 
     identity: BoardIdentity
@@ -78,10 +80,8 @@ class Taxels:
         loop: asyncio.AbstractEventLoop,
         diagnose_port: PortDiagnosis | None = None,
         array: TaxelArray | None = None,
+        driver: SensorDriver | None = None,
     ) -> None:
-        # Numba takes long to load: only who decodes waits, not a window that opens.
-        from rigctl.boards.taxel_decoder import FrameDecoder
-
         self.link = link
         self.array = array or PAPER_ARRAY
         self._wanted = array
@@ -91,9 +91,11 @@ class Taxels:
         self.rebooted = False
         self._loop = loop
         self._diagnose_port = diagnose_port
-        self._decoder = FrameDecoder(self.array.count)
+        self._driver = driver
+        self._decoder = _decoder(self.array.count, driver)
+        self._request = encode_request(IDENTIFY) if driver is None else driver.create.request
         self._boot_count: int | None = None
-        self._identified: asyncio.Future[TaxelIdentity] | None = None
+        self._identified: asyncio.Future[BoardIdentity] | None = None
         self._watch = SilenceWatch(loop, LINK_TIMEOUT_S, self._fall_silent)
         self.silence = BootSilence(link, loop, OLD_NANO)
         self._listens = False
@@ -134,8 +136,14 @@ class Taxels:
     async def test(self) -> SelfTest:
         """Run a self-test of lines and sensor and return its outcome; samples keep flowing.
 
-        Nothing should touch the sensor. Raises LinkLost where no outcome comes.
+        Nothing should touch the sensor. Raises LinkLost where no outcome comes, WrongUse for the
+        board of a driver.
         """
+        if self._driver is not None:
+            raise WrongUse(
+                f"the {self._driver.plugin} has no self-test: leave it out, and look at the "
+                "readings of the untouched sensor"
+            )
         outcome: asyncio.Future[SelfTest] = self._loop.create_future()
         before = self.self_test
 
@@ -169,7 +177,7 @@ class Taxels:
         self.silence.open_link(self._receive, self._lose)
         await self.silence.wait()
         try:
-            identity = taxel_identity(self.link.name, await self._read_identity(), self._wanted)
+            identity = await self._read_identity()
         except BaseException as failure:
             self._identified = None
             if self._boot_count is None:
@@ -188,7 +196,7 @@ class Taxels:
         self._identified = None
         self.link.close()
 
-    async def _read_identity(self) -> TaxelIdentity:
+    async def _read_identity(self) -> BoardIdentity:
         """Request the identity until it and a status frame have come; raises if time is up."""
         identified = self._identified
         assert identified is not None
@@ -198,8 +206,8 @@ class Taxels:
                 raise no_answer(
                     self.silence, self.link, "taxel", identified.done() or self._watch.heard_s > 0
                 )
-            if not identified.done():
-                self.link.write(encode_request(IDENTIFY))
+            if not identified.done() and self._request:
+                self.link.write(self._request)
             await asyncio.sleep(IDENTIFY_INTERVAL_S)
             if identified.done():
                 identified.result()
@@ -207,7 +215,11 @@ class Taxels:
 
     def _receive(self, data: bytes, at_s: float) -> None:
         self._watch.heard_s = at_s
-        decoded = self._decoder.feed(data, at_s)
+        try:
+            decoded = self._decoder.feed(data, at_s)
+        except LinkLost as failure:
+            self._lose(str(failure))
+            return
         if decoded.blocks or decoded.statuses:
             self.silence.hear(at_s)
         if not self._listens:
@@ -219,8 +231,8 @@ class Taxels:
             self.self_test = test
             for callback in tuple(self._on_self_test):
                 callback(test)
-        if decoded.identities and self._identified is not None and not self._identified.done():
-            self._identified.set_result(decoded.identities[-1])
+        if self._identified is not None and not self._identified.done():
+            self._identify(self._identified, decoded)
         if decoded.reboots and self.connected:
             name = self.link.name
             self._report(
@@ -229,11 +241,22 @@ class Taxels:
         for block in decoded.blocks:
             self._blocks.publish(self._reorder(block))
 
+    def _identify(self, identified: asyncio.Future[BoardIdentity], decoded: Decoded) -> None:
+        """Tell who waits for it; what stands for that of a driver's board comes with a sample."""
+        if self._driver is not None and decoded.blocks:
+            identified.set_result(self._driver.identity)
+        elif decoded.identities:
+            reported = decoded.identities[-1]
+            try:
+                identified.set_result(taxel_identity(self.link.name, reported, self._wanted))
+            except WrongBoard as refusal:
+                identified.set_exception(refusal)
+
     def _reorder(self, block: Block) -> Block:
         """Return the block in the sensor's order and polarity: pressure raises a sample."""
         samples = block.samples.take(self._order, axis=1)
         if not self.array.pressure_raises:
-            samples = ADC_MAX - samples
+            samples = np.uint16(self.array.full_scale) - samples
         return replace(block, samples=samples)
 
     def _count(self, decoded: Decoded) -> None:
@@ -267,3 +290,15 @@ class Taxels:
     def _fall_silent(self) -> None:
         name = self.link.name
         self._lose(f"{name}: no taxel sample for {LINK_TIMEOUT_S:g} s: check the cable")
+
+
+def _decoder(n_taxels: int, driver: SensorDriver | None) -> FrameDecoder | DriverDecoder:
+    """Return what decodes the stream."""
+    # Numba takes long to load: only who decodes waits, not a window that opens.
+    if driver is None:
+        from rigctl.boards.taxel_decoder import FrameDecoder
+
+        return FrameDecoder(n_taxels)
+    from rigctl.boards.sensor_driver import DriverDecoder
+
+    return DriverDecoder(driver)

@@ -34,6 +34,7 @@ MODULES = {
     "home": ".move",
     "tare": ".move",
     "approach": ".move",
+    "axis": ".move",
     "check": ".check",
     "serve": ".serve",
     "world": ".world",

@@ -1,8 +1,9 @@
 """Check this computer and the boards, and name the cure of each fault.
 
-One line for each of: Python, packages, virtual boards, Qt, fonts, serial ports and who may open
-them, brltty, ModemManager, clock, disk, file locks, shared memory, last crash, unclosed session,
-and the firmware of each board. Asking a board resets it, so a rig that an engine uses is not asked.
+One line for each of: Python, packages, plug-ins of other packages, virtual boards, Qt, fonts,
+serial ports and who may open them, brltty, ModemManager, clock, disk, file locks, shared memory,
+last crash, unclosed session, and the firmware of each board. Asking a board resets it, so a rig
+that an engine uses is not asked.
 --write-udev-rule writes a rule that you install yourself, and checks nothing. Exit code 1:
 something needs doing.
 """
@@ -25,6 +26,7 @@ from collections.abc import Callable, Coroutine, Iterable, Iterator, Mapping, Se
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
+from typing import Any
 
 import platformdirs
 from packaging.requirements import Requirement
@@ -32,19 +34,24 @@ from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 from platformdirs.unix import Unix
 
+from rigctl.analysis.further_tasks import TASK_FAMILIES
 from rigctl.bench.boards.drum_firmware import DrumFirmware
 from rigctl.bench.boards.firmware_library import FirmwareLibrary
 from rigctl.bench.boards.taxels import TaxelFirmware
 from rigctl.boards.port_discovery import PortReport, probe_ports
+from rigctl.boards.sensor_driver import SENSORS
 from rigctl.cli.arguments import a_path, add_option
 from rigctl.cli.ports import SILENT_FIRST
 from rigctl.config.resources import WINDOW_DEBIAN_PACKAGES, checkout, flash_image
 from rigctl.config.rig_config import RigConfig
+from rigctl.engine.axis import ACTUATORS
 from rigctl.engine.health import ACTIVE_WINDOW_S, RESERVE_BYTES
 from rigctl.engine.rpc.engine_files import LOG, EngineFile, running_engines, runtime_folder
 from rigctl.errors import RigctlError, RigFault, WrongUse
+from rigctl.exchange.export.formats import FORMATS
 from rigctl.experiments import EXPERIMENTS, FINGER_EXPERIMENT
 from rigctl.host_build import image_hash
+from rigctl.plugins import Lookup, installed
 from rigctl.protocol.plan import recorded_bytes_per_s
 from rigctl.session.writer_lock import LOCK_FILE, Writer, try_lock, writer_of
 
@@ -257,6 +264,7 @@ def examine_program(root: Path, home: Path, system: str) -> Iterator[Finding]:
         sys.prefix if sys.prefix != sys.base_prefix else "",
     )
     yield check_packages(needed, versions, import_error(versions))
+    yield from check_plugins(lookups())
     yield check_virtual_boards()
     yield check_qt(system, os.environ)
     yield tried("fonts", lambda: check_fonts(root, home, system))
@@ -316,6 +324,27 @@ def check_python(
         return Finding(name, ATTENTION, text, "pip install 'PySide6-Essentials<6.12'")
     place = f"in the virtual environment {environment}" if environment else "of the system"
     return Finding(name, OK, f"{number} {place}")
+
+
+def lookups() -> tuple[Lookup[Any], ...]:
+    """Return all that other packages may bring."""
+    trackers = EXPERIMENTS[FINGER_EXPERIMENT].load("trackers")
+    return SENSORS, ACTUATORS, trackers, FORMATS, TASK_FAMILIES
+
+
+def check_plugins(kinds: Iterable[Lookup[Any]]) -> Iterator[Finding]:
+    """Yield a finding for each plug-in: what it is and from where, or why it cannot be used."""
+    name, found = "plug-in", [(one, plugin) for one in kinds for plugin in installed(one.kind)]
+    if not found:
+        yield Finding(name, OK, "no package brings one")
+    for lookup, plugin in found:
+        try:
+            lookup.load(plugin.name)
+        except WrongUse as error:
+            sentence, _, cure = str(error).rpartition(": ")
+            yield Finding(name, ATTENTION, sentence, cure)
+        else:
+            yield Finding(name, OK, str(plugin))
 
 
 def requirements(source: Path | None) -> tuple[str, list[str]]:

@@ -18,6 +18,7 @@ from rigctl.cli import INTERRUPTED
 from rigctl.cli.arguments import a_path, add_option
 from rigctl.cli.encoder_options import add_declared, options_of
 from rigctl.cli.progress import Interrupts, ProgressLine
+from rigctl.plugins import installed
 
 FORMATS = ("nwb", "matlab", "parquet", "neo", "csv")
 
@@ -32,7 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
     add_option(parser, "sessions", a_path, "SESSION", "session folders", nargs="+")
-    parser.add_argument("--to", choices=FORMATS, required=True, help="the format")
+    others = [one.name for one in installed("exporter")]
+    formats = tuple(dict.fromkeys((*FORMATS, *others)))
+    parser.add_argument("--to", choices=formats, required=True, help="the format")
     add_option(
         parser,
         "--out",

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.cli.arguments import a_path, add_option, path_or_name
+from rigctl.encoder.reading import FULL_SCALE
 from rigctl.engine.live_file import LiveFileReader, TaxelWindow
 from rigctl.engine.rpc.client import EngineClient
 from rigctl.engine.rpc.engine_files import EngineFile, rig_name, running_engines, runtime_folder
@@ -61,7 +62,9 @@ def run(args: argparse.Namespace) -> int:
     live: LiveFileReader = EXPERIMENTS[engine.experiment].load("live")(Path(engine.live))
     try:
         names = _train_names(client, engine, live)
-        streams = LiveStreams(lsl, engine.rig, live.n_taxels, names, settings.stimulation)
+        is_drum = engine.experiment == DRUM_EXPERIMENT
+        scale = parse_status(client.request("status")).full_scale if is_drum else FULL_SCALE
+        streams = LiveStreams(lsl, engine.rig, live.n_taxels, names, settings.stimulation, scale)
         print(f"streams of {engine.rig}: {', '.join(streams.names)}", flush=True)
         streams.send(client, live)
     finally:
@@ -109,17 +112,19 @@ class LiveStreams:
         n_taxels: int,
         trains: Sequence[str],
         settings: StimulationSettings,
+        full_scale: int = FULL_SCALE,
     ) -> None:
         from rigctl.analysis.stimulation import PulseTrain
 
-        self._lsl = lsl
+        self._lsl, self._full_scale = lsl, full_scale
+        self._counts = np.int16 if full_scale <= np.iinfo(np.int16).max else np.int32
         self._pulses = [PulseTrain(settings) for _ in trains]
         self._offset_s, self._sent_s = np.inf, -np.inf
         self.names = [f"rigctl {rig} {what}" for what in ("taxels", "spikes", "pulses", "events")]
         taxels, spikes, pulses, events = self.names
         of_trains = " ".join(trains)
         labels = [f"taxel {n + 1}" for n in range(n_taxels)]
-        self._taxels = self._outlet(taxels, "Tactile", labels, "int16", "counts")
+        self._taxels = self._outlet(taxels, "Tactile", labels, self._counts.__name__, "counts")
         self._spikes = self._outlet(spikes, "Spikes", ["train"], "int16", of_trains)
         labels = ["train", "amplitude in microamperes"]
         self._stimuli = self._outlet(pulses, "Stimulation", labels, "float32", of_trains)
@@ -154,13 +159,13 @@ class LiveStreams:
     def send_block(self, block: TaxelWindow) -> None:
         """Send the samples and spikes of a block, and the pulses that the spikes make."""
         times_s = self._lsl_times_s(block.time_s)
-        self._taxels.push_chunk(block.samples.astype(np.int16), times_s.tolist())
+        self._taxels.push_chunk(block.samples.astype(self._counts), times_s.tolist())
         rows, trains = block.spikes.nonzero()
         if not len(rows):
             return
         self._spikes.push_chunk(trains.astype(np.int16)[:, None], times_s[rows].tolist())
         for row, train in zip(rows.tolist(), trains.tolist(), strict=True):
-            reading = block.samples[row, train % block.samples.shape[1]] / 1023
+            reading = block.samples[row, train % block.samples.shape[1]] / self._full_scale
             at_us = round(block.time_s[row] * 1e6)
             if ua := self._pulses[train].amplitude_ua(at_us, float(reading)):
                 self._stimuli.push_sample([float(train), ua], times_s[row])

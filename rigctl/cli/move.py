@@ -1,10 +1,10 @@
-"""Turn, home, tare or press the drum by hand.
+"""Turn, home, tare or press the drum by hand, or move a further axis.
 
 jog turns the lifted drum, home finds its index mark, tare takes the lifted load cell's reading as
-0 g, approach tares and presses. A running engine makes the move, under its rules on who has
-control; without one, an engine is started for this move. A drum that was off is lifted and switched
-off again afterwards, an armed one stays as the move leaves it; Ctrl-C stops and lifts it. Exit code
-0: done; 2: refused; 3: rig fault.
+0 g, approach tares and presses; axis moves the further axis of rig.toml, with the drum lifted and
+off. A running engine makes the move, under its rules on who has control; without one, an engine is
+started for this move. A drum that was off is lifted and switched off again afterwards, an armed one
+stays as the move leaves it; Ctrl-C stops and lifts it. Exit code 0: done; 2: refused; 3: rig fault.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     if command == "jog":
         words = "way of the surface, forwards where positive"
         add_option(parser, "mm", number(-MAX_JOG_MM, MAX_JOG_MM), "MM", words)
+    elif command == "axis":
+        add_option(parser, "height_mm", number(-1000, 1000), "MM", "height, upwards positive")
     elif command == "approach":
         add_option(parser, "force_g", number(0, MAX_FORCE_G), "G", "force to press with")
 
@@ -74,4 +76,9 @@ def _approach(rig: ConnectedRig, args: argparse.Namespace) -> str:
     return f"the drum has pressed, with {rig.status.force_g:.1f} g"
 
 
-_MOVES = {"jog": _jog, "home": _home, "tare": _tare, "approach": _approach}
+def _axis(rig: ConnectedRig, args: argparse.Namespace) -> str:
+    rig.disarm()  # lifted by now, and the axis moves with the drum off
+    return f"the axis is at {rig.move_axis(args.height_mm):g} mm"
+
+
+_MOVES = {"jog": _jog, "home": _home, "tare": _tare, "approach": _approach, "axis": _axis}

@@ -27,6 +27,7 @@ from rigctl.errors import ConfigError
 from rigctl.values import DRAWN_WIRING, SCALE_BAND_UG_PER_COUNT
 
 ADC_MAX = 1023
+MAX_READING = 65_535
 MAX_TAXELS = 1024
 LAYER_NAME_BYTES = 24
 LAYER_NAMES = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII")
@@ -164,8 +165,12 @@ class TaxelArray:
         (), "", 0, MAX_TAXELS, "reading at each place, layer by layer; empty: as drawn"
     )
     pressure_raises: bool = flag(True, "a pressed taxel reads higher")
-    low: tuple[int, ...] = number((), "counts", 0, ADC_MAX, "lowest reading of each taxel")
-    high: tuple[int, ...] = number((), "counts", 0, ADC_MAX, "highest reading of each taxel")
+    driver: str = text(
+        "rigctl", "rigctl: the wire of arduino/taxels; else the name of a sensor from a package"
+    )
+    full_scale: int = number(ADC_MAX, "counts", 1, MAX_READING, "highest reading of the board")
+    low: tuple[int, ...] = number((), "counts", 0, MAX_READING, "lowest reading of each taxel")
+    high: tuple[int, ...] = number((), "counts", 0, MAX_READING, "highest reading of each taxel")
     range_from: str = text("", "date and source of the range, for people")
     passport: str = text(
         "", "sensor.json of rigctl calibrate sensor, beside this file; sessions carry it"
@@ -210,6 +215,16 @@ def usual_shape(n_taxels: int) -> tuple[int, int, int]:
     side = isqrt(n_taxels)
     rows = side if side * side == n_taxels else 1
     return rows, n_taxels // rows, 1
+
+
+@dataclass(frozen=True, slots=True)
+class AxisConfig:
+    """A further vertical axis on a board of its own, which moves while the drum is off."""
+
+    driver: str = text("", "name of an actuator from a package; empty: there is no axis")
+    port: str = text("", "port of its board")
+    low_mm: float = number(0, "mm", -1000, 1000, "lowest height that it may move to")
+    high_mm: float = number(0, "mm", -1000, 1000, "greatest height that it may move to")
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,6 +277,7 @@ class RigConfig:
     signals: Signals = Signals()
     inverted: Inverted = Inverted()
     taxels: TaxelArray = TaxelArray()
+    axis: AxisConfig = AxisConfig()
     encoder: EncoderConfig = EncoderConfig()
     recording: RecordingConfig = RecordingConfig()
     run: RunConfig = RunConfig()
@@ -300,6 +316,8 @@ def _config(text: TomlText) -> RigConfig:
     _check_geometry(config.drum, tables["drum"])
     _check_limits(config.limits, tables["limits"])
     _check_taxels(config.taxels, tables["taxels"])
+    if config.axis.driver and config.axis.low_mm >= config.axis.high_mm:
+        tables["axis"].fail("low_mm", "must be below high_mm")
     _check_scale(config.loadcell, tables["loadcell"])
     _check_rate(config.loadcell, config.actuator, tables["loadcell"])
     return config
@@ -341,6 +359,10 @@ def _check_taxels(taxels: TaxelArray, table: TomlTable) -> None:
             table.fail(name, f"has {len(values)} entries for {taxels.count} taxels")
     if bool(taxels.low) != bool(taxels.high):
         table.fail("low" if taxels.high else "high", "is missing: give both low and high")
+    if max(taxels.high, default=0) > taxels.full_scale:
+        table.fail("high", f"is above full_scale, {taxels.full_scale}")
+    if taxels.driver == "rigctl" and taxels.full_scale != ADC_MAX:
+        table.fail("full_scale", f"is {ADC_MAX} of the board of arduino/taxels")
     if any(low >= high for low, high in zip(taxels.low, taxels.high, strict=True)):
         table.fail("low", "each taxel's low must be below its high")
     if taxels.wiring and sorted(taxels.wiring) != list(range(taxels.count)):

@@ -115,9 +115,14 @@ class RunningRange:
     """
 
     def __init__(
-        self, n_taxels: int, min_width: int = 0, reading: Reading = Reading.COUNTS
+        self,
+        n_taxels: int,
+        min_width: int = 0,
+        reading: Reading = Reading.COUNTS,
+        highest: int = FULL_SCALE,
     ) -> None:
         self._reading = reading
+        self._highest = highest
         self._min_width = min_width
         self._low = np.full(n_taxels, np.iinfo(np.uint16).max, np.uint16)
         self._high = np.zeros(n_taxels, np.uint16)
@@ -136,7 +141,7 @@ class RunningRange:
     def normalisation(self) -> Normalisation:
         """The range so far; before the first sample the converter's whole range."""
         if bool(np.any(self._low > self._high)):
-            return Normalisation.full_scale(self._low.shape[0], reading=self._reading)
+            return Normalisation.full_scale(self._low.shape[0], self._highest, self._reading)
         least = self._low.astype(np.int64) + self._min_width
         high = np.minimum(np.maximum(self._high, least), np.iinfo(np.uint16).max)
         source = "running range since the start"

@@ -101,6 +101,11 @@ class DrumCommands(EngineCommands[Engine]):
         with self._by_hand() as motion:
             return {"moved_mm": await motion.jog(mm)}
 
+    async def on_axis(self, height_mm: Annotated[float, Meta(ge=-1000, le=1000)]) -> Result:
+        """Move the further axis to a height, with the drum off and lifted; return the height."""
+        with self._by_hand():
+            return {"height_mm": await self._engine.move_axis(height_mm)}
+
     async def on_set(
         self,
         speed_mm_s: Magnitude = None,
@@ -296,6 +301,8 @@ class DrumCommands(EngineCommands[Engine]):
         """
         self._refuse_during_run()
         self._engine.calibration.measurement.require_none()
+        if self._engine.rig.axis is not None and self._engine.rig.axis.is_moving:
+            raise WrongUse("the further axis moves: wait until it stands, or stop it")
         return self._engine.boards.motion.by_hand()
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.boards.drum_codes import Status
+from rigctl.engine.axis import Axis
 from rigctl.engine.calibration import Calibration
 from rigctl.engine.contact import has_status
 from rigctl.engine.early_end import EarlyEndProcess
@@ -160,9 +161,32 @@ class Engine(ServedEngine[Run, RunRequest]):
         if self.run is not None:
             self.run.control.abort(text)
         self.boards.motion.stop_count += 1
+        if self.rig.axis is not None:  # as soon as the drum's stop is on its way
+            self.loop.call_soon(self._stop_axis, self.rig.axis)
         await self.rig.drum.stop()
         self.calibration.measurement.cancel()
         self.event_bus.publish("stop", text)
+
+    def _stop_axis(self, axis: Axis) -> None:
+        try:
+            axis.stop()
+        except RigFault as fault:
+            self.event_bus.publish("fault", str(fault))
+
+    async def move_axis(self, height_mm: float) -> float:
+        """Move the axis and return its height, which is an event of what is recorded.
+
+        Raises WrongUse without an axis, and as :meth:`Axis.move_to`.
+        """
+        axis = self.rig.axis
+        if axis is None:
+            raise WrongUse("this rig has no further axis: describe it in [axis] of rig.toml")
+        self.event_bus.publish("axis", f"the axis moves to {height_mm:g} mm")
+        try:
+            return await axis.move_to(height_mm, self.boards.drum_poller)
+        finally:
+            stands_mm = axis.height_mm
+            self.event_bus.publish("axis", f"the axis is at {stands_mm} mm", height_mm=stands_mm)
 
     def _context(self, about: Mapping[str, str] | None = None) -> RunContext:
         """Return the rig as it is now, for a session that begins."""
@@ -191,6 +215,8 @@ class Engine(ServedEngine[Run, RunRequest]):
 
     async def _connect(self) -> None:
         await self.boards.connect()
+        if self.rig.axis is not None:
+            await self.rig.axis.connect()
 
     async def _execute(self, run: Run) -> None:
         self.heartbeat_gate.check_in("runner")
@@ -273,4 +299,6 @@ class Engine(ServedEngine[Run, RunRequest]):
     def _disconnect(self) -> None:
         self.rig.drum.close()
         self.rig.taxels.close()
+        if self.rig.axis is not None:
+            self.rig.axis.close()
         super()._disconnect()

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.boards.clock_fit import ClockFit
+from rigctl.config.rig_config import ADC_MAX
 from rigctl.encoder.encoder import Encoder
 from rigctl.engine.live_file import LiveWriter
 from rigctl.engine.trial_cutter import TrialCutter
@@ -39,6 +40,7 @@ class SamplePipeline:
 
     ``waits_for_disk``: the loop's clock stops while this process works, so waiting for the disk
     costs nothing and no sample need be dropped. ``batch_samples``: samples per batch.
+    ``full_scale``: the highest reading.
     """
 
     def __init__(
@@ -48,8 +50,9 @@ class SamplePipeline:
         *,
         waits_for_disk: bool,
         batch_samples: int = REAL_TIME_BATCH_SAMPLES,
+        full_scale: int = ADC_MAX,
     ) -> None:
-        self.trial_cutter = TrialCutter()
+        self.trial_cutter = TrialCutter(full_scale)
         self.clock_fit = ClockFit()
         self.encoder = encoder
         self.sample_count = 0

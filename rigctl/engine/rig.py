@@ -11,7 +11,10 @@ from typing import Any
 from rigctl.boards.drum import Drum
 from rigctl.boards.taxels import Taxels
 from rigctl.config.rig_config import RigConfig
+from rigctl.engine.axis import Axis
+from rigctl.plugins import Plugin
 from rigctl.session.sensor_passport import SensorPassport
+from rigctl.values import PluginUse
 
 
 @dataclass(eq=False, slots=True)
@@ -23,7 +26,8 @@ class Rig:
     not import; None at the bench. ``world``: what a session stores about a simulated rig.
     ``path``: the ``rig.toml`` of a bench, which takes its calibrations. ``commissions``: the drum's
     board is commissioned by this program, because its wires are known to be as drawn.
-    ``passport``: of the sensor, None without a calibration.
+    ``passport``: of the sensor, None without a calibration. ``axis``: a further one, None without.
+    ``sensor_plugin``: what decodes the sensor's board, None for our own.
     """
 
     kind: str
@@ -38,6 +42,13 @@ class Rig:
     path: Path | None = None
     commissions: bool = False
     passport: SensorPassport | None = None
+    axis: Axis | None = None
+    sensor_plugin: Plugin | None = None
+
+    @property
+    def plugins(self) -> tuple[PluginUse, ...]:
+        """What a session keeps of the plug-ins of this rig, and of the axis its height now."""
+        return tuple(one.used() for one in (self.sensor_plugin, self.axis) if one is not None)
 
     @property
     def simulated(self) -> bool:
@@ -101,6 +112,8 @@ class Rig:
         """Free ports and boards, then close the loop unless it is running."""
         self.drum.close()
         self.taxels.close()
+        if self.axis is not None:
+            self.axis.close()
         if self.simulated:
             self.simulation.close()
         if not self.loop.is_running():

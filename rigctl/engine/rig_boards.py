@@ -14,6 +14,7 @@ from rigctl.boards.drum_codes import reset_cause_text
 from rigctl.boards.drum_states import FAULT_TEXT, STATE_TEXT, Fault, State
 from rigctl.boards.links import ByteLink
 from rigctl.boards.taxel_frames import SelfTest
+from rigctl.config.rig_config import ADC_MAX, TaxelArray
 from rigctl.encoder.encoder import Encoder
 from rigctl.encoder.force_gain import ForceScaling
 from rigctl.encoder.normalisation import Normalisation, RunningRange
@@ -43,10 +44,11 @@ class FollowedRange:
     """
 
     def __init__(
-        self, n_taxels: int, encoder: Encoder, set_range: Callable[[Normalisation], None]
+        self, taxels: TaxelArray, encoder: Encoder, set_range: Callable[[Normalisation], None]
     ) -> None:
         reading = encoder.parameters.reading
-        self._running = RunningRange(n_taxels, reading.least_range, reading)
+        least = reading.least_range * (taxels.full_scale + 1) // (ADC_MAX + 1)
+        self._running = RunningRange(taxels.count, least, reading, taxels.full_scale)
         self._encoder = encoder
         self._set_range = set_range
         self._clipped = -1
@@ -109,7 +111,11 @@ class RigBoards:
         self.board_health = BoardHealth(self.drum_poller, rig.taxels, self.identities)
         self.encoder = _compiled_encoder(rig)
         self.pipeline = SamplePipeline(
-            self.encoder, live_writer, waits_for_disk=rig.simulated, batch_samples=batch_samples
+            self.encoder,
+            live_writer,
+            waits_for_disk=rig.simulated,
+            batch_samples=batch_samples,
+            full_scale=rig.config.taxels.full_scale,
         )
         self._rig = rig
         self._live_writer = live_writer
@@ -120,7 +126,7 @@ class RigBoards:
         self._published_state = (-1, 0)
         self._published_contact = (-1, False)
         self._published_test = (0, 0)
-        self.followed_range = FollowedRange(rig.config.taxels.count, self.encoder, self.set_range)
+        self.followed_range = FollowedRange(rig.config.taxels, self.encoder, self.set_range)
         self._stop_following_range: Callable[[], None] = lambda: None
         self._is_calibrated = bool(rig.config.taxels.low) and not _takes_conductance(rig)
         self.has_taxel_range = self._is_calibrated
@@ -166,7 +172,8 @@ class RigBoards:
     async def observe_range(self, work: Awaitable[object]) -> Normalisation:
         """Return the range of all readings while the work is done."""
         encoder = self.encoder
-        observed = RunningRange(self._rig.config.taxels.count, reading=encoder.parameters.reading)
+        taxels, reading = self._rig.config.taxels, encoder.parameters.reading
+        observed = RunningRange(taxels.count, reading=reading, highest=taxels.full_scale)
         unsubscribe = self.pipeline.subscribe(
             lambda block: observed.update(encoder.readings(block.samples))
         )
@@ -284,19 +291,27 @@ class RigBoards:
 
     def _publish_board(self, board: BoardIdentity, what: str) -> None:
         link = self._link_of(board)
-        ours = installed_build(board.board) if link.resets_board else ""
+        is_ours = link.resets_board and board.build_hash
+        ours = installed_build(board.board) if is_ours else ""
         is_other = ours not in ("", board.build_hash)
         cure = f"; this installation brings build {ours}: rigctl flash {board.board}"
         self._event_bus.publish(
             "board",
-            f"{_BOARD_NAMES[board.board]} {what}: firmware {board.firmware_version}, "
-            f"build {board.build_hash}, "
-            f"boot {board.boot_count} by {reset_cause_text(board.reset_cause)}"
-            f"{cure if is_other else ''}",
+            f"{_BOARD_NAMES[board.board]} {what}: {_about(board)}{cure if is_other else ''}",
             board=board.board,
             boot_count=board.boot_count,
             **({"flash_at": link.name} if is_other else {}),
         )
+
+
+def _about(board: BoardIdentity) -> str:
+    """Return what the board says of itself; of one that says nothing, what reads it."""
+    if not board.build_hash:
+        return f"read by {board.firmware_version}"
+    return (
+        f"firmware {board.firmware_version}, build {board.build_hash}, "
+        f"boot {board.boot_count} by {reset_cause_text(board.reset_cause)}"
+    )
 
 
 def _takes_conductance(rig: Rig) -> bool:
@@ -316,7 +331,7 @@ def _compiled_encoder(rig: Rig) -> Encoder:
         low, high = np.array(taxels.low, np.uint16), np.array(taxels.high, np.uint16)
         normalisation = Normalisation(low, high)
     else:
-        normalisation = Normalisation.full_scale(taxels.count)
+        normalisation = Normalisation.full_scale(taxels.count, taxels.full_scale)
     scaling = ForceScaling(config.force_scaling)
     gain_of = gain_source(scaling, rig.passport, parameters.reading)
     encoder = Encoder(normalisation, parameters, inputs=inputs, gain_of=gain_of)

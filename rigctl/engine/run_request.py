@@ -234,6 +234,7 @@ def open_recorder(
         cut_by=CUT_BY_WIRE if config.signals.sync else CUT_BY_CLOCK,
         simulation={"seed": rig.seed, **rig.world} if rig.simulated else {},
         passport=rig.passport.to_values() if rig.passport else {},
+        plugins=rig.plugins,
     )
     if config.recording.private:
         keep_private(folder)
@@ -253,6 +254,8 @@ def drum_header(plan: Plan, **fields: Any) -> SessionHeader:
         encoder_reading=config.encoder.reading,
         encoder_scaling=config.encoder.force_scaling,
         n_taxels=config.taxels.count,
+        sample_unit=f"ADC counts, 0–{config.taxels.full_scale}",
+        highest_reading=config.taxels.full_scale,
         wiring=config.taxels.order,
         sensor_layout=SensorLayout.of_rig(config.taxels),
         **fields,

@@ -85,6 +85,8 @@ class StatusBuilder:
             reading=boards.encoder.parameters.reading,
             wiring=self._rig.config.taxels.order,
             taxel_inputs=self._rig.config.taxels.inputs,
+            full_scale=self._rig.config.taxels.full_scale,
+            axis_mm=None if self._rig.axis is None else self._rig.axis.height_mm,
             limits=self._rig.config.limits,
             has_taxel_range=boards.has_taxel_range,
             range_from=self._rig.config.taxels.range_from,

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.boards.taxel_frames import Flag
+from rigctl.config.rig_config import ADC_MAX
 from rigctl.session.data_quality import BASELINE_SAMPLES, TrialSums
 from rigctl.values import Block
 
@@ -57,8 +58,9 @@ class CutTrial:
 class TrialCutter:
     """Follows the samples and cuts the expected trial."""
 
-    def __init__(self) -> None:
+    def __init__(self, full_scale: int = ADC_MAX) -> None:
         self.trial: CutTrial | None = None
+        self._full_scale = full_scale
         self._expected_samples: int | None = None
         self._last_rises: np.uint8 | None = None
         self._next_counter = -1
@@ -144,7 +146,7 @@ class TrialCutter:
         self._add_gaps(trial, block.counters[start : stop + 1])
         flags = block.flags[start:stop]
         if stop > start:
-            trial.sums = trial.sums or TrialSums(block.samples.shape[1])
+            trial.sums = trial.sums or TrialSums(block.samples.shape[1], self._full_scale)
             trial.sums.add(block.samples[start:stop])
         trial.received += len(flags)
         trial.late += _count(flags, Flag.LATE)
@@ -156,7 +158,7 @@ class TrialCutter:
     def _add_to_baseline(self, block: Block) -> None:
         if not self._is_lifted or self._expected_samples is None or self.trial is not None:
             return
-        self._lifted = self._lifted or TrialSums(block.samples.shape[1])
+        self._lifted = self._lifted or TrialSums(block.samples.shape[1], self._full_scale)
         if self._lifted.n < BASELINE_SAMPLES:
             self._lifted.add(block.samples)
 

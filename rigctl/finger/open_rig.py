@@ -19,7 +19,7 @@ from rigctl.finger.board_messages import N_TAXELS
 from rigctl.finger.config import FingerConfig, load_finger_config
 from rigctl.finger.driver import Finger
 from rigctl.finger.rig import FingerRig
-from rigctl.finger.trackers.open_tracker import open_tracker
+from rigctl.finger.trackers.open_tracker import TRACKERS, open_tracker
 from rigctl.finger.trackers.plate_frame import PlateFrame, fit_plate_frame
 from rigctl.finger.trackers.tracker import Tracker
 from rigctl.session.sensor_passport import load_passport
@@ -121,11 +121,20 @@ def _real(path: Path, config: FingerConfig) -> FingerRig:
         diagnose_port = partial(_diagnose_port, path, loop)
         finger = Finger(create_link(port, FINGER, loop), loop, diagnose_port)
         tracker = configured_tracker(path, config, loop)
+        plugin = TRACKERS.plugin(config.tracker.source.partition(":")[0])
     except BaseException:
         loop.close()
         raise
     return FingerRig(
-        BENCH, config.about.name, config, loop, finger, tracker, frame, passport=passport
+        BENCH,
+        config.about.name,
+        config,
+        loop,
+        finger,
+        tracker,
+        frame,
+        passport=passport,
+        plugin=plugin,
     )
 
 

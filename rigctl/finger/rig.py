@@ -12,6 +12,7 @@ from rigctl.finger.driver import Finger
 from rigctl.finger.trackers.plate_frame import PlateFrame
 from rigctl.finger.trackers.tracker import Tracker
 from rigctl.finger.values import FingerTrial
+from rigctl.plugins import Plugin
 from rigctl.session.sensor_passport import SensorPassport
 
 RUN_FIRST_SLIDE = 1 << 16
@@ -25,6 +26,7 @@ class FingerRig:
     ``kind``: virtual, firmware or bench. ``simulation``: the virtual finger behind board and
     tracker, which the engine must not import; None where a person moves the finger. ``world``:
     what a session stores about a simulated rig. ``passport``: of the sensor, None without one.
+    ``plugin``: what the tracker is from, None for one of ours.
     """
 
     kind: str
@@ -38,6 +40,7 @@ class FingerRig:
     simulation: Any = None
     world: dict[str, Any] = field(default_factory=dict)
     passport: SensorPassport | None = None
+    plugin: Plugin | None = None
 
     @property
     def simulated(self) -> bool:

@@ -318,4 +318,5 @@ def _header(
         stages=tuple(stages),
         tracker={"name": rig.tracker.name, "frame": rig.frame.to_toml()},
         passport=rig.passport.to_values() if rig.passport else {},
+        plugins=(rig.plugin.used(),) if rig.plugin else (),
     )

@@ -59,11 +59,16 @@ BASELINE_SAMPLES = 100
 
 
 class TrialSums:
-    """Sums over the samples of a trial, which need no memory of them."""
+    """Sums over the samples of a trial, which need no memory of them.
 
-    def __init__(self, n_taxels: int, top: int = ADC_MAX) -> None:
+    ``top``: the highest reading. ``unit``: the readings of a count of its statistics, by default
+    those of a 1,024th of the range, so that the limits hold for a sensor of any resolution.
+    """
+
+    def __init__(self, n_taxels: int, top: int = ADC_MAX, unit: float | None = None) -> None:
         self.n = 0
         self._top = top
+        self._unit = (top + 1) / (ADC_MAX + 1) if unit is None else unit
         self.sa_spikes = 0
         self._sum, self._squares, self._steps = np.zeros((3, n_taxels))
         self._low = np.full(n_taxels, top, np.int64)
@@ -96,16 +101,16 @@ class TrialSums:
         self, baseline: Floats | None = None, cell: CellStatistics | None = None
     ) -> TrialStatistics:
         """Return the statistics; ``baseline``: the mean of the lifted readings before."""
-        unknown = np.full(len(self._sum), np.nan)
+        unknown, unit = np.full(len(self._sum), np.nan), self._unit
         variance = np.maximum(self._squares / self.n - self.mean**2, 0.0)
         return TrialStatistics(
-            self.mean,
-            np.sqrt(variance),
-            np.sqrt(self._steps / max(self.n - 1, 1) / 2.0),
-            self._low,
-            self._high,
+            self.mean / unit,
+            np.sqrt(variance) / unit,
+            np.sqrt(self._steps / max(self.n - 1, 1) / 2.0) / unit,
+            self._low / unit,
+            self._high / unit,
             self._at_top / self.n,
-            unknown if baseline is None else baseline,
+            unknown if baseline is None else baseline / unit,
             CellStatistics() if cell is None else cell,
             self.sa_spikes,
         )
@@ -143,8 +148,8 @@ class TrialStatistics:
     mean: Floats
     sd: Floats
     noise: Floats
-    low: NDArray[np.int64]
-    high: NDArray[np.int64]
+    low: Floats
+    high: Floats
     top_share: Floats
     baseline: Floats
     cell: CellStatistics

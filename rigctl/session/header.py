@@ -29,7 +29,7 @@ from rigctl.experiments import DRUM_EXPERIMENT
 from rigctl.session.hdf5_file import Attributes, damage, describe, parse_json
 from rigctl.session.sensor_layout import ATTRIBUTE, PAPER_SENSOR, SensorLayout
 from rigctl.session.sensor_passport import gain_source, read_passport
-from rigctl.values import SAMPLE_RATE_HZ, BoardIdentity
+from rigctl.values import SAMPLE_RATE_HZ, BoardIdentity, PluginUse
 
 INT32 = 1 << 31
 JSON_ATTRIBUTES: Mapping[str, type[Any]] = {
@@ -42,6 +42,7 @@ JSON_ATTRIBUTES: Mapping[str, type[Any]] = {
     "simulation": dict,
     "tracker": dict,
     "passport": dict,
+    "plugins": list,
 }
 """Attributes that hold JSON, and what it must be."""
 Count = Annotated[int, Meta(ge=0, le=INT32)]
@@ -76,7 +77,7 @@ class SessionHeader:
     the signal that marks the first sample of a trial, empty if unknown. ``simulation`` holds what
     repeats a simulated bench (seed, slice length, parameters) and is empty for a real one.
     ``passport``: values of :class:`~rigctl.session.sensor_passport.SensorPassport`, empty without
-    one.
+    one. ``plugins``: what other packages did in it.
 
     The moving finger also has ``experiment``, the reference speed of scaled time, the planned
     ``stages`` and the ``tracker`` (name and plate frame); parts of the drum lack these attributes.
@@ -113,6 +114,7 @@ class SessionHeader:
     cut_by: str = ""
     simulation: dict[str, Any] = field(default_factory=dict)
     passport: dict[str, Any] = field(default_factory=dict)
+    plugins: tuple[PluginUse, ...] = ()
     experiment: str = DRUM_EXPERIMENT
     reference_um_per_s: Count = 0
     stages: tuple[str, ...] = ()
@@ -123,6 +125,11 @@ class SessionHeader:
         """Parameters of the live encoder; those of an unknown preset are the default's."""
         known = PRESETS.get(self.encoder_preset, DEFAULT)
         return replace(known, reading=Reading(self.encoder_reading))
+
+    @property
+    def plugin_names(self) -> str:
+        """The plug-ins in words; empty where there is none."""
+        return ", ".join(map(str, self.plugins))
 
     @property
     def calibrated_ranges(self) -> Normalisation | None:
@@ -152,6 +159,8 @@ class SessionHeader:
         }
         if self.sensor_layout is None:
             del values[ATTRIBUTE]
+        if not self.plugins:
+            del values["plugins"]
         return {**values, "simulated": int(self.simulated)}
 
     @classmethod
@@ -248,6 +257,7 @@ def describe_new_versions(before: SessionHeader, now: SessionHeader) -> list[str
     programs = [f"{h.software_version} ({h.software_commit or 'no commit'})" for h in (before, now)]
     known = {board.board: board for board in before.boards}
     changes = [("rigctl", *programs)] if before.software_version else []
+    changes.append(("the plug-in", before.plugin_names or "none", now.plugin_names or "none"))
     changes += [
         (f"the {board.board} board's firmware", _build(known[board.board]), _build(board))
         for board in now.boards

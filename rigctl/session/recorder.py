@@ -217,6 +217,11 @@ def _check_plan(part: PartReader, header: SessionHeader) -> None:
             f"{path.parent} has a reference speed of {recorded.reference_um_per_s} µm/s, not of "
             f"{header.reference_um_per_s}: resume it with its own, or start a new session"
         )
+    if recorded.highest_reading != header.highest_reading:
+        raise SessionError(
+            f"{path.parent} has readings of 0 to {recorded.highest_reading}, this rig of 0 to "
+            f"{header.highest_reading}: resume it with its own [taxels], or start a new session"
+        )
     if not layouts_match(recorded.sensor_layout, header.sensor_layout):
         raise SessionError(
             f"{path.parent} is of a sensor with another layout than this rig has "

@@ -73,7 +73,11 @@ def summarise_header(session: SessionReader) -> dict[str, Any]:
         "simulated": header.simulated,
         **({"world_file": name} if (name := header.simulation.get("world_file")) else {}),
         **({"cut_by": header.cut_by} if header.cut_by else {}),
-        "firmware": {b.board: f"{b.firmware_version} ({b.build_hash})" for b in boards},
+        **({"plugins": header.plugin_names} if header.plugins else {}),
+        "firmware": {
+            b.board: b.firmware_version + (f" ({b.build_hash})" if b.build_hash else "")
+            for b in boards
+        },
         **{name: getattr(header, name) for name in ABOUT},
         "start_utc": header.start_utc,
         "software": " ".join(filter(None, (header.software_version, header.software_commit))),

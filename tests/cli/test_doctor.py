@@ -517,6 +517,7 @@ def test_a_real_computer_is_examined_whole(
     assert list(states) == [
         "Python",
         "packages",
+        "plug-in",
         "virtual boards",
         "Qt",
         "fonts",

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.bench.bench import Bench
+from rigctl.bench.boards.driver_board import DriverBoard
 from rigctl.bench.boards.firmware_library import I32, I64, POINTER, FirmwareLibrary
 from rigctl.bench.skin import SLOT_US
 from rigctl.config.rig_config import TaxelArray
@@ -125,14 +126,13 @@ POWER_ON, EXTERNAL = 1, 2
 class VirtualTaxels:
     """The taxel board from power-up on. Times are simulated microseconds.
 
-    Raises RigFault if the board's library cannot be used, ConfigError if it was compiled for
-    another sensor than the bench has.
+    Without ``board``, the firmware runs: raises RigFault if its library cannot be used, ConfigError
+    if it was compiled for another sensor than the bench has.
     """
 
-    def __init__(self, bench: Bench) -> None:
+    def __init__(self, bench: Bench, board: DriverBoard | None = None) -> None:
         self._bench = bench
-        self.firmware = TaxelFirmware()
-        self.firmware.require(bench.sensor)
+        self.firmware = board or _firmware(bench.sensor)
         self.frame_us = FRAME_US / (1.0 + bench.parameters.taxel_clock_ppm * 1e-6)
         self._frames_since_power_up = 0
         self._boot(0, POWER_ON)
@@ -182,6 +182,7 @@ class VirtualTaxels:
 
         uint16 (n, n_taxels), uint8 (n,), uint8 (n,). Callers read frames in ascending order.
         """
+        assert isinstance(self.firmware, TaxelFirmware)
         self.firmware.close_frames(first - self._closed)
         self._closed = self._frames_since_power_up = first
         self._bench.skin.advance()
@@ -199,3 +200,9 @@ class VirtualTaxels:
 
     def _cycle(self, at_us: int) -> int:
         return math.floor((at_us - self._origin_us) / self.frame_us * CYCLES_PER_FRAME)
+
+
+def _firmware(sensor: TaxelArray) -> TaxelFirmware:
+    firmware = TaxelFirmware()
+    firmware.require(sensor)
+    return firmware

@@ -252,7 +252,8 @@ class EngineStatus:
     ``boards``: by name, those that have connected. ``sensor_layout``: rows, columns and layers of
     the sensor. ``reading``: what the live encoder takes of the samples, and the unit of its ranges;
     ``wiring``: the reading of the taxel wire at each place, empty where it is not known;
-    ``taxel_inputs``: analog inputs of the board, a reading is inputs · line + input.
+    ``taxel_inputs``: analog inputs of the board, a reading is inputs · line + input;
+    ``full_scale``: its highest reading. ``axis_mm``: height of a further axis, None without one.
     ``registers``: those of the drum that its table marks as shown, by name, in their units.
     ``wrong_wirings``: names of those of a simulated rig that are on.
     """
@@ -304,6 +305,8 @@ class EngineStatus:
     reading: Reading = Reading.COUNTS
     wiring: tuple[int, ...] = ()
     taxel_inputs: int = PAPER_ARRAY.inputs
+    full_scale: int = PAPER_ARRAY.full_scale
+    axis_mm: float | None = None
     registers: dict[str, float] = field(default_factory=dict)
     limits: RigLimits = NOMINAL_LIMITS
     recording: RecordingStatus = RecordingStatus()

@@ -157,6 +157,7 @@ class Content:
             "rig": header.rig,
             **{name: getattr(header, name) for name in ABOUT},
             "recorded_by": f"rigctl {header.software_version} {header.software_commit}".strip(),
+            **({"plugins": header.plugin_names} if header.plugins else {}),
             "exported_by": f"rigctl {__version__}",
             "closing_digest": read_closing_digest(reader.path),
             "sample_rate_hz": header.sample_rate_hz,

@@ -22,6 +22,7 @@ from rigctl.errors import DiskFault, WrongUse
 from rigctl.exchange.export.content import Content, SpikeTrains
 from rigctl.exchange.export.selection import Selection
 from rigctl.exchange.export.spikes import spikes_of
+from rigctl.plugins import Lookup
 from rigctl.session.part import part_paths
 from rigctl.session.session import open_session
 
@@ -69,7 +70,9 @@ EXPORTERS: Mapping[str, Exporter] = {
     "neo": Exporter("Neo", ".nix", f"{HERE}.neo_blocks:write_nix", 6.0, ("neo", "nixio")),
     "csv": Exporter("CSV", "", f"{HERE}.tables:write_csv", 6.0, ("pyarrow",)),
 }
-"""The formats by the name that the command line and the window use."""
+"""Our formats by the name that the command line and the window use."""
+FORMATS: Lookup[Exporter] = Lookup("exporter", EXPORTERS, Exporter)
+"""Ours and those of other packages."""
 
 
 class Exported(NamedTuple):
@@ -86,7 +89,7 @@ def choose_targets(sessions: Sequence[Path], format_name: str, out: Path | None)
     stands beside its session. Raises WrongUse where a target exists, has another suffix than its
     format, or is that of two sessions; SessionError for a folder that is no session.
     """
-    suffix = EXPORTERS[format_name].suffix
+    suffix = FORMATS.load(format_name).suffix
     for session in sessions:
         part_paths(session)
     if out is not None and len(sessions) == 1:
@@ -123,7 +126,7 @@ def export_session(
     SessionError for what is no session, DiskFault where the target cannot be written. What
     ``progress`` raises ends the export, too. Nothing of it is left then.
     """
-    exporter = EXPORTERS[format_name]
+    exporter, plugin = FORMATS.load(format_name), FORMATS.plugin(format_name)
     write = exporter.load()
     _check_room(session, target, exporter)
     new = new_file if exporter.suffix else atomic_directory
@@ -131,8 +134,10 @@ def export_session(
         content = Content(reader, selection, progress)
         with new(target) as place:
             spikes = spikes_of(content, options)
-            write(content, spikes, place)
-    remarks = (*content.remarks, *(spikes.remarks if spikes else ()))
+            with FORMATS.blamed(format_name):
+                write(content, spikes, place)
+    by = (f"written by the {plugin}",) if plugin else ()
+    remarks = (*by, *content.remarks, *(spikes.remarks if spikes else ()))
     return Exported(target, tuple(dict.fromkeys(remarks)))
 
 

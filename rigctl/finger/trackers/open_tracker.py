@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
+from typing import Protocol
 from urllib.parse import parse_qsl
 
 from rigctl.boards.links import SCHEME, ByteLink, SerialLink, TcpLink
@@ -20,6 +21,7 @@ from rigctl.finger.trackers.streaming import (
     UdpTracker,
 )
 from rigctl.finger.trackers.tracker import Tracker
+from rigctl.plugins import Lookup, installed
 from rigctl.values import Position
 
 MAX_TRACK_BYTES = 64 * 1024 * 1024
@@ -115,6 +117,19 @@ LONGEST_LATENCY_MS = 90.0
 """A velocity is due within the batch after its own."""
 
 
+class OpenTracker(Protocol):
+    """Makes the tracker, not yet open, that a text behind its name and a colon describes."""
+
+    def __call__(self, text: str, loop: asyncio.AbstractEventLoop) -> Tracker:
+        """Return the tracker. Raises WrongUse for a text that describes none."""
+        ...
+
+
+_OURS = "serial", "udp", "file", "imu", "vive"
+TRACKERS: Lookup[OpenTracker | None] = Lookup("tracker", dict.fromkeys(_OURS), OpenTracker)
+"""What the first word of a tracker's text names; :func:`open_tracker` knows ours itself."""
+
+
 def open_tracker(spec: str, loop: asyncio.AbstractEventLoop) -> Tracker:
     """Return the tracker, not yet open, that ``spec`` names: ``serial:/dev/ttyACM1``.
 
@@ -122,6 +137,10 @@ def open_tracker(spec: str, loop: asyncio.AbstractEventLoop) -> Tracker:
     WrongUse for a text that names none.
     """
     kind, _, rest = spec.partition(":")
+    others = TRACKERS.load(kind) if kind in TRACKERS.names else None
+    if others is not None:
+        with TRACKERS.blamed(kind):
+            return others(rest, loop)
     if kind == "file":
         path = Path(rest)
         return RecordedTrack(read_track(path), loop, f"track {path.name}")
@@ -138,7 +157,8 @@ def open_tracker(spec: str, loop: asyncio.AbstractEventLoop) -> Tracker:
         return ImuTracker(_link(place, baud, loop), loop, latency_s)
     if kind == "udp" and place.isdecimal() and 0 < int(place) < 65536:
         return UdpTracker(int(place), loop, latency_s)
-    raise WrongUse(f"{spec!r} names no tracker: write {SPECS}")
+    names = "".join(f", {plugin.name}:…" for plugin in installed(TRACKERS.kind))
+    raise WrongUse(f"{spec!r} names no tracker: write {SPECS}{names}")
 
 
 class _Options:

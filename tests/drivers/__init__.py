@@ -1,0 +1,1 @@
+"""Drivers from outside: example packages, and what becomes of them."""
