@@ -381,12 +381,13 @@ class StepRunner:
         self._part_reason = self._part_reason or "plate"
 
     async def _run_trial(self, trial: PlannedTrial) -> None:
+        if self.committed_attempt(trial.trial_id):
+            return  # only the lift behind it failed: the drum is back, and the trial counts
         for _ in range(self._quality.attempts):
             self.current = trial
             if self._pressed is None:
                 await self._prepare()
             if await self._attempt(trial):
-                self._progress.commit(trial)
                 return
             self._progress.rejected += 1
         self._control.check()  # a pause for failures in a row: the trial begins again after it
@@ -503,6 +504,7 @@ class StepRunner:
         self._recorder.commit_trial(row)
         if verdict is Verdict.COMMITTED:
             self._committed[row.trial.trial_id] = row.attempt
+            self._progress.commit(row.trial)
         why = f": {'; '.join(reasons)}" if reasons else ""
         self._publish(
             "trial",

@@ -180,10 +180,14 @@ class Hdf5File:
         with hdf5_errors(path, "it"), _tell_unclosed(path):
             self._file = _open_to_read(image or path, swmr=swmr, **options)
 
-    def close(self) -> None:
-        """Close the file."""
+    def leave(self) -> None:
+        """Let go of all that is open in the file, before it is closed."""
         self._datasets.clear()
         self._groups.clear()
+
+    def close(self) -> None:
+        """Close the file."""
+        self.leave()
         with suppress(RuntimeError):  # HDF5 cannot close what is damaged; it was refused before
             self._file.close()
 

@@ -19,7 +19,7 @@ import os
 import struct
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterator, Mapping
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,7 @@ from rigctl.session.layout import (
     TEXTS,
     SessionLayout,
     TableLayout,
+    part_name,
     part_number,
 )
 from rigctl.session.writer_lock import is_being_written
@@ -257,6 +258,8 @@ def _map(path: Path) -> Hdf5File:
 
 def _is_growing(path: Path) -> bool:
     """Return whether a living writer appends to this part, which is then the session's last."""
+    if path.with_name(part_name(part_number(path) + 1)).exists():
+        return False  # as nearly always: a list of all parts, for each part, takes a second
     last = existing_parts(path.parent)[-1:]
     return [path.name] == [part.name for part in last] and is_being_written(path.parent)
 
@@ -360,6 +363,7 @@ class PartReader:
         self.header = SessionHeader.from_attributes(self.attributes, self.path)
         self._file.check(part_schema(self.layout, self.header.n_taxels))
         self._n_rows, self.cut_rows = self._count_rows()
+        self._values: dict[tuple[str, str, int], float] = {}
         self.n_samples = min(self.lengths().values())
         self.finished = self._ends_with(layout.PART_END_KIND)
 
@@ -451,10 +455,23 @@ class PartReader:
         self, table: TableLayout, column: str, first: float, last: float
     ) -> StructuredArray:
         """Return the rows with ``first`` ≤ ``column`` ≤ ``last``, an ascending column."""
-        path, rows = table.path, range(self.n_rows(table))
-        start = bisect_left(rows, first, key=lambda row: self._file.row(path, row)[column])
-        stop = bisect_right(rows, last, key=lambda row: self._file.row(path, row)[column])
-        return self.rows(table, start, stop)
+        chunk = table.chunk_rows
+        begins = range(0, self.n_rows(table), chunk)
+        start = bisect_left(begins, first, key=partial(self._value, table.path, column))
+        stop = bisect_right(begins, last, key=partial(self._value, table.path, column))
+        end = min(stop * chunk, self.n_rows(table))
+        raw = self._file.rows(table.path, max(0, start - 1) * chunk, end)
+        inside = slice(
+            np.searchsorted(raw[column], first), np.searchsorted(raw[column], last, side="right")
+        )
+        return self._decode_rows(table, raw[inside])
+
+    def _value(self, path: str, column: str, row: int) -> float:
+        """Return a value of a table, kept for the next search: written rows do not change."""
+        key = path, column, row
+        if key not in self._values:
+            self._values[key] = float(self._file.row(path, row)[column])
+        return self._values[key]
 
     def text(self, path: str) -> str:
         """Return the protocol or the rig's description."""
@@ -464,6 +481,10 @@ class PartReader:
         """Return the attributes of each data set by its path."""
         paths = [a.path for a in self.layout.arrays] + [t.path for t in self.layout.tables]
         return {path: self._file.attributes(path) for path in paths}
+
+    def leave(self) -> None:
+        """Let go of all that is open in the file, before it is closed."""
+        self._file.leave()
 
     def close(self) -> None:
         """Close the file."""

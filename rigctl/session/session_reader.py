@@ -217,6 +217,8 @@ class SessionReader:
     def close(self) -> None:
         """Close the files of all parts and streams."""
         for part in self.parts:
+            part.leave()  # h5py looks through all that is open, of all files, for each that closes
+        for part in self.parts:
             part.close()
         self._close_streams()
 

@@ -92,10 +92,12 @@ def try_fault(fault: Fault, state: State, folder: Path) -> Cell:
         run = harness.engine.run
         assert run is not None
         with open_session(harness.session) as session:
-            attempts = len(session.trials) - len(session.committed())
+            ids = session.trials["trial_id"][session.committed()].tolist()
+            attempts = len(session.trials) - len(ids)
         end = scene.end if stays else "X"
         lacks = [line for line in verify(harness.session).problems if UNCLOSED not in line]
-        problems = (*watch.unsafe, *lacks)
+        twice = [f"trial {one} is committed twice" for one in set(ids) if ids.count(one) > 1]
+        problems = (*watch.unsafe, *lacks, *twice)
         saw = scene.saw(harness) or "nothing"
     return Cell(saw, attempts, end, problems)
 

@@ -6,6 +6,7 @@ import errno
 import shutil
 import subprocess
 import threading
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -111,6 +112,21 @@ def test_drum_load_cell_and_events_are_kept(tmp_path: Path) -> None:
         assert drum.polls["force_set_g"][0] == 250
         assert np.allclose(drum.polls_s, drum.polls["at_s"] - 0.1)
         assert np.all(np.diff(drum.loadcell["sequence"]) == 1)
+
+
+def test_rows_between_two_times_are_found_in_tables_of_many_chunks(tmp_path: Path) -> None:
+    times_s = np.repeat(np.arange(800) * 0.025, 2)[: layout.DRUM.chunk_rows * 3]
+    with recorder(tmp_path / "s") as rec:
+        rec.begin_part("start", "A")
+        for number, at_s in enumerate(times_s):
+            rec.add_drum(drum_state(at_s, 2 * number), 250.0, 40.0)
+    edges = times_s[layout.DRUM.chunk_rows - 1 :: layout.DRUM.chunk_rows]
+    ends = (-1.0, 0.0, 3.01, *edges, *(edges + 0.025), times_s[-1], 99.0)
+    with Session.open(tmp_path / "s") as session:
+        for first, last in product(ends, ends):
+            found = session.parts[0].rows_between(layout.DRUM, "at_s", first, last)
+            inside = (times_s >= first) & (times_s <= last)
+            assert found["at_s"].tolist() == times_s[inside].tolist()
 
 
 def test_lost_samples_stay_visible_in_a_trial(tmp_path: Path) -> None:

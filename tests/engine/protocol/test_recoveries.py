@@ -50,10 +50,11 @@ def events_of_session(harness: EngineHarness, kind: str) -> list[str]:
 
 
 def check_repeated(harness: EngineHarness) -> None:
-    """Check that the first trial was given up and repeated, and that the session says why."""
+    """Check that each trial was committed once after it was given up, and that it says why."""
     run = harness.engine.run
-    assert run is not None and run.complete
-    assert verdicts(harness)[-2:] == [(1, "committed"), (2, "committed")]
+    assert run is not None and run.complete and run.status().trials_committed == 2
+    committed = [row for row in verdicts(harness) if row[1] == "committed"]
+    assert committed == [(1, "committed"), (2, "committed")]
     assert events_of_session(harness, "recovery")
     assert verify(harness.session).whole
 
@@ -69,6 +70,22 @@ def test_a_computer_that_stalls_costs_one_attempt(harness: EngineHarness, state:
     check_repeated(harness)
     (late,) = events_of_session(harness, "late")
     assert "asleep or too busy for 0." in late
+
+
+def test_a_board_lost_in_the_lift_behind_a_trial_costs_no_second_one(
+    harness: EngineHarness,
+) -> None:
+    async def scenario(harness: EngineHarness) -> None:
+        await harness.until(lambda: "trial 1 committed" in harness.texts("trial"))
+        await harness.until(lambda: drum_state(harness) is State.RETRACT)
+        harness.rig.faults.unplug("drum")
+        await harness.wait(3)
+        harness.rig.faults.replug("drum")
+        await until_ended(harness)
+
+    harness.run(scenario, harness.request(PAIR))
+    check_repeated(harness)
+    assert verdicts(harness) == [(1, "committed"), (2, "committed")]
 
 
 def test_a_short_stall_costs_nothing(harness: EngineHarness) -> None:
