@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.errors import SessionError
-from rigctl.session.hdf5_file import Attributes, DataSetSchema, parse_json, text
+from rigctl.session.hdf5_file import Attributes, DataSetSchema, damage, parse_json, text
 from rigctl.session.layout import (
     DIGESTS,
     SAMPLE_UNIT,
@@ -30,7 +30,7 @@ from rigctl.session.layout import (
     TableLayout,
     clip_text,
 )
-from rigctl.session.part import open_appended, readable_rows
+from rigctl.session.part import PREVIOUS_DIGEST, open_appended, readable_rows
 from rigctl.session.writer_lock import is_being_written
 
 LAYOUT = "rigctl-stream"
@@ -150,9 +150,13 @@ class ExtraStream:
         self.attributes = given = self.file.attributes()
         if (given.get("layout"), given.get("layout_version")) != (LAYOUT, LAYOUT_VERSION):
             raise SessionError(f"{self.path} is an HDF5 file, but not a stream beside a session")
+        if PREVIOUS_DIGEST not in given:
+            raise SessionError(
+                f"{self.path} is damaged: its attribute {PREVIOUS_DIGEST} is missing"
+            )
         self.type_code = str(given.get("type_code"))
         if self.type_code not in (*TYPE_CODES, TEXT_CODE):
-            raise SessionError(f"{self.path} is damaged: it has values of type {self.type_code}")
+            raise damage(self.path, VALUES, f"is of type {self.type_code}")
         self.channels, self.units = (
             tuple(map(str, parse_json(str(given.get(key)), list, self.path, f"its {key}")))
             for key in ("channels", "units")
@@ -162,8 +166,11 @@ class ExtraStream:
         self.name, self.kind, self.host, self.asked = (
             str(given.get(key, "")) for key in ("name", "kind", "host", "asked")
         )
-        self.rate_hz = float(given.get("rate_hz", 0.0))
-        self.start = str(given.get("start_utc", "")), float(given.get("start_loop_s", 0.0))
+        self.rate_hz, start_loop_s = (
+            value if isinstance(value := given.get(key), float) else 0.0
+            for key in ("rate_hz", "start_loop_s")
+        )
+        self.start = str(given.get("start_utc", "")), start_loop_s
         ends = self.file.rows(END.path)
         self.finished = len(ends) == 1
         self.reason = bytes(ends["reason"][0]).decode(errors="replace") if self.finished else ""
@@ -208,7 +215,9 @@ class ExtraStream:
     def last_digest(self) -> str:
         """The last digest of its rows; empty where a killed writer left none."""
         n_rows = self._lengths[DIGESTS.path]
-        return bytes(self.file.row(DIGESTS.path, n_rows - 1)["digest"]).decode() if n_rows else ""
+        if not n_rows:
+            return ""
+        return bytes(self.file.row(DIGESTS.path, n_rows - 1)["digest"]).decode("ascii", "replace")
 
     def stored_lengths(self) -> dict[str, int]:
         """Return the rows of each data set that grows, by its path."""

@@ -151,6 +151,28 @@ def test_a_changed_missing_or_exchanged_stream_is_found(recorded: Path, tmp_path
     assert any("is not the file that was recorded" in p for p in verify(exchanged).problems)
 
 
+@pytest.mark.parametrize("part", ["cut", "text", "attribute"])
+def test_a_damaged_stream_costs_itself_and_is_named(
+    recorded: Path, tmp_path: Path, part: str
+) -> None:
+    for path in recorded.iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    damaged = tmp_path / "stream-0001.h5"
+    if part == "cut":
+        damaged.write_bytes(damaged.read_bytes()[:3000])
+    elif part == "text":
+        damaged.write_text("no HDF5")
+    else:
+        with h5py.File(damaged, "r+") as file:
+            del file.attrs["previous_digest"]
+            file.attrs["rate_hz"] = "fast"
+    with open_session(tmp_path) as session:
+        assert [stream.path.name for stream in session.streams] == ["stream-0002.h5"]
+    assert main(["info", str(tmp_path)]) == 0
+    (problem,) = verify(tmp_path).problems
+    assert problem.startswith(str(damaged))
+
+
 def _is_text(path: Path) -> bool:
     stream = ExtraStream(path)
     stream.close()
