@@ -76,6 +76,7 @@ def test_the_subscriber_of_the_page_gets_spikes_as_they_come(rig: ConnectedRig) 
         assert subscriber.stdout is not None
         rig.mount("B")
         rig.set(force_g=300)
+        rig.arm()
         rig.tare()
         while not select.select([subscriber.stdout], [], [], 0)[0]:  # it may have joined late
             rig.approach()
