@@ -17,11 +17,11 @@ DEBIAN_FIRMWARE := gcc g++ make gcc-avr avr-libc libsimavr-dev libelf-dev \
 DEBIAN_TEST := $(DEBIAN_RUN) $(DEBIAN_FIRMWARE) hdf5-tools mbpoll arduino-core-avr avrdude
 
 .DEFAULT_GOAL := help
-.PHONY: help setup boards demo gui test check pytest firmware kernels exchange bench orders realtime identify invariance skin scale shots soak soak-plan soak-kills faults fuzz scans attack docs docs-numbers lock wheels clean
+.PHONY: help setup boards demo gui test check pytest firmware kernels exchange bench orders realtime identify invariance skin scale shots soak soak-plan soak-kills faults fuzz scans attack docs site docs-numbers lock wheels clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
-	@echo 'also: make gui, check, firmware, exchange, bench, orders, realtime, identify, invariance, skin, scale, shots, soak, faults, fuzz, scans, attack, docs, docs-numbers, lock, wheels, clean'
+	@echo 'also: make gui, check, firmware, exchange, bench, orders, realtime, identify, invariance, skin, scale, shots, soak, faults, fuzz, scans, attack, docs, site, docs-numbers, lock, wheels, clean'
 
 $(VENV)/.ready: requirements.lock pyproject.toml hatch_build.py
 	$(SAY) "Python environment in $(VENV) (locked versions, hashes checked, wheels only)"
@@ -243,6 +243,14 @@ docs: firmware
 	@$(BIN)/python -m tests.architecture.picture
 	@$(BIN)/python arduino/wiring.py
 	@$(BIN)/python arduino/mechanics.py
+	@$(MAKE) --no-print-directory site
+
+# Each page is read anew: a warning of a page that did not change would not come again.
+site: $(VENV)/.ready
+	$(SAY) "the documentation as a site: build/site/docs/README.html"
+	@rm -rf build/site
+	@$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet --fresh-env \
+	  --conf-dir docs --doctree-dir build/site-doctrees . build/site
 
 lock:
 	@$(BIN)/pip install --quiet uv
@@ -258,7 +266,7 @@ $(WHEELS)/.ready: tools/wheels.txt
 	@$(WHEELS)/bin/pip install --quiet --disable-pip-version-check -r tools/wheels.txt
 	@touch $@
 
-wheels: boards $(WHEELS)/.ready
+wheels: boards site $(WHEELS)/.ready
 	@sh .ci/debian-packages $(DEBIAN_FIRMWARE)
 	$(SAY) "wheels of $(PLATFORMS) in dist/"
 	@rm -rf dist

@@ -2,7 +2,8 @@
 
 Without a compiler the installation continues. A virtual rig then fails to open, with a message that
 says how to get a compiler. A wheel also contains the images that `rigctl flash` writes, where there
-is avr-gcc. `RIGCTL_PLATFORM` names another platform to pack a wheel for; Zig compiles for it.
+is avr-gcc, and the documentation, where `make site` has built it. `RIGCTL_PLATFORM` names another
+platform to pack a wheel for; Zig compiles for it.
 """
 
 from __future__ import annotations
@@ -45,6 +46,7 @@ class VirtualBoards(BuildHookInterface[Any]):
             self._compile_here(build, version, build_data)
         if version != "editable":
             self._pack_images(build_data)
+            self._pack_site(build_data)
 
     def _compile_here(self, build: ModuleType, version: str, build_data: dict[str, Any]) -> None:
         try:
@@ -74,6 +76,14 @@ class VirtualBoards(BuildHookInterface[Any]):
         for name in IMAGES:
             image = Path(self.root) / "build" / "firmware" / name
             build_data["force_include"][str(image)] = f"rigctl/_data/firmware/{name}"
+
+    def _pack_site(self, build_data: dict[str, Any]) -> None:
+        """Pack the documentation as `make site` has left it."""
+        site = Path(self.root) / "build" / "site"
+        if site.is_dir():
+            build_data["force_include"][str(site)] = "rigctl/_data/site"
+        else:
+            self.app.display_warning("no build/site: the wheel has no documentation, see make site")
 
 
 def _cross_compiled(build: ModuleType, platform: str) -> list[Path]:

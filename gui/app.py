@@ -168,6 +168,7 @@ def _check_request(args: argparse.Namespace) -> None:
 def _shown_window(theme: str | None) -> MainWindow:
     """Return the window with the user's settings; errors of Python go to its log and a report."""
     import pyqtgraph as pg
+    from PySide6.QtGui import QIcon
 
     from gui.shell.help_page import REPORTS, CrashReporter
     from gui.shell.main_window import MainWindow
@@ -175,7 +176,9 @@ def _shown_window(theme: str | None) -> MainWindow:
     from gui.widgets.theme import ThemeChoice
 
     with told_abort():
-        pg.mkQApp("rigctl")
+        app = pg.mkQApp("rigctl")
+    app.setDesktopFileName("rigctl")
+    app.setWindowIcon(QIcon(str(Path(__file__).with_name("rigctl.svg"))))
     settings = UserSettings.of_user()
     themes = ThemeChoice.__members__
     kept = settings.value("theme", ThemeChoice.SYSTEM.name, themes.__contains__)

@@ -31,6 +31,9 @@ CONTENTS = (
     "rigctl/_data/wiring/wiring-mega.svg",
     "rigctl/_data/wiring/wiring-uno.svg",
     "rigctl/_data/wiring/wiring-teensy.svg",
+    "rigctl/_data/site/docs/README.html",
+    "share/applications/rigctl.desktop",
+    "share/icons/hicolor/scalable/apps/rigctl.svg",
     "gui/app.py",
 )
 PROCESSORS = {"x86_64": "x86_64", "aarch64": "aarch64", "amd64": "x86_64", "arm64": "aarch64"}
@@ -49,7 +52,7 @@ def complaints(wheel: Path) -> Iterator[str]:
     """Yield a sentence for each thing that is wrong with a wheel."""
     processor = PROCESSORS[next(name for name in PROCESSORS if wheel.stem.endswith(name))]
     with zipfile.ZipFile(wheel) as file:
-        names = set(file.namelist())
+        names = {re.sub(r"^rigctl-[^/]+\.data/data/", "", name) for name in file.namelist()}
         yield from (f"{name} is missing" for name in CONTENTS if name not in names)
         found = [name for name in names if name.startswith("rigctl/_data/boards/")]
         if len(found) != len(BOARDS):

@@ -20,6 +20,7 @@ from PySide6.QtWidgets import QTextBrowser, QWidget
 from gui.shell.actions import ActionRegistry, ActionRow
 from gui.widgets.labels import label
 from gui.widgets.layouts import hbox, push_button, vbox
+from rigctl.config.resources import documentation
 
 FIXED_KEYS = (
     ActionRow(
@@ -91,9 +92,6 @@ def _table_row(row: ActionRow) -> str:
     return "<tr>" + "".join(f"<td>{escape(text)}</td>" for text in row) + "</tr>"
 
 
-DOCS = Path(__file__).parents[2] / "docs" / "README.md"
-
-
 class HelpPage(QWidget):
     """Shows one text at a time; *Back* returns to the page before.
 
@@ -131,13 +129,14 @@ class HelpPage(QWidget):
         self._show("Actions and shortcuts", shortcut_table(self._menus.rows()))
 
     def _show_about(self) -> None:
-        self._show("About rigctl", about_text(QUrl.fromLocalFile(str(DOCS)).toString()))
+        self._show("About rigctl", about_text(QUrl.fromLocalFile(str(documentation())).toString()))
 
     def _open_docs(self) -> None:
-        if DOCS.exists():
-            self._open(QUrl.fromLocalFile(str(DOCS)))
+        page = documentation()
+        if page.exists():
+            self._open(QUrl.fromLocalFile(str(page)))
         else:
-            sentence = f"{DOCS} is missing: the documentation comes with the source"
+            sentence = f"{page} is missing: this installation was packed without documentation"
             self.reported.emit("refused", sentence)
 
     def _open_reports(self) -> None:

@@ -1,4 +1,4 @@
-"""The paths of protocols and firmware images, in a checkout or in an installed wheel.
+"""The paths of protocols, firmware images and pages, in a checkout or in an installed wheel.
 
 A wheel carries protocols, sketches and images to flash in ``rigctl/_data``. An editable install has
 no such folder, so the checkout comes first. Images for simulated chips exist in a checkout only.
@@ -123,6 +123,17 @@ def flash_image(board: str) -> tuple[Path, str]:
         "was packed: upload the sketch that `rigctl flash --sketches DIR` writes, with the Arduino "
         "IDE"
     )
+
+
+def documentation() -> Path:
+    """Return the first page of the documentation, which may be missing.
+
+    The built site's; in a checkout without one, the page as it was written.
+    """
+    root = checkout()
+    site = root / "build" / "site" if root else _PACKAGE / "_data" / "site"
+    page = site / "docs" / "README.html"
+    return root / "docs" / "README.md" if root and not page.is_file() else page
 
 
 def sketch_sources() -> Path:

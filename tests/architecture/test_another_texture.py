@@ -65,5 +65,5 @@ def test_a_plate_that_nobody_described_is_refused(world_file: Path) -> None:
 
 
 def test_the_page_shows_the_file() -> None:
-    page = (CHECKOUT / "docs/how-to/rehearse.md").read_text(encoding="utf-8")
-    assert WORLD in page
+    page = (CHECKOUT / "docs/how-to/add-a-texture.md").read_text(encoding="utf-8")
+    assert WORLD in page and PROTOCOL in page

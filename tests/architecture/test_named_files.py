@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from argparse import ArgumentParser, _SubParsersAction
 from collections.abc import Iterator
 from math import ceil
@@ -20,9 +21,20 @@ from tests.architecture.imports import CHECKOUT
 PAPER = "docs/explanation/paper.md"
 STUDY = "docs/how-to/study-design.md"
 PAGES = (PAPER, STUDY, "docs/reference/glossary.md")
+CODE = re.compile(r"```.*?```|`[^`]*`", re.DOTALL)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 PATH = re.compile(r"`((?:rigctl|gui|arduino|tests|protocols|docs)/[\w./-]+)`")
-MATLAB_PAGES = tuple(f"docs/reference/{name}.md" for name in ("session", "encode", "model"))
+READ, SESSION = "docs/how-to/read-a-session.md", "docs/reference/session.md"
+MATLAB_PAGES = (
+    (READ, SESSION),
+    *((f"docs/reference/{name}.md",) * 2 for name in ("session", "encode", "model")),
+)
+"""Pages with lines of MATLAB, and the pages that list what they read."""
+ALL_PAGES = sorted(
+    path.relative_to(CHECKOUT).as_posix()
+    for pattern in ("*.md", "docs/**/*.md", "arduino/*.md")
+    for path in CHECKOUT.glob(pattern)
+)
 OPTION = re.compile(r"(--[a-z][a-z-]+)")
 
 
@@ -44,14 +56,17 @@ def options(parser: ArgumentParser) -> Iterator[str]:
                 yield from options(below)
 
 
-@pytest.mark.parametrize("page", PAGES)
-def test_every_link_leads_to_a_page_and_its_heading(page: str) -> None:
+def test_every_link_leads_to_a_page_and_its_heading() -> None:
+    """As on a forge; the site's own check is in tests/config/test_resources.py."""
     missing = []
-    for link in LINK.findall(text_of(page)):
-        name, _, anchor = link.partition("#")
-        target = (CHECKOUT / page).parent / name if name else CHECKOUT / page
-        if not target.exists() or (anchor and anchor not in anchors(target)):
-            missing.append(link)
+    for page in ALL_PAGES:
+        for link in LINK.findall(CODE.sub("", text_of(page))):
+            name, _, anchor = link.partition("#")
+            target = (CHECKOUT / page).parent / name if name else CHECKOUT / page
+            if "://" not in link and not (
+                target.exists() and (not anchor or anchor in anchors(target))
+            ):
+                missing.append((page, link))
     assert missing == []
 
 
@@ -70,6 +85,18 @@ def test_the_paper_page_names_files_of_both_experiments() -> None:
         "arduino",
     ):
         assert any(name.startswith(room) for name in named), room
+
+
+def test_every_command_of_a_page_is_understood() -> None:
+    """Those in a block for a shell, but for those that leave something open."""
+    parser, blocks = create_parser(), re.compile(r"```sh\n(.*?)```", re.DOTALL)
+    text = "".join(block for page in ALL_PAGES for block in blocks.findall(text_of(page)))
+    lines = [line for line in text.replace("\\\n", "").splitlines() if not {*"…|"} & {*line}]
+    commands = [words for words in (shlex.split(line, comments=True) for line in lines) if words]
+    ours = [words[1:] for words in commands if words[0] == "rigctl"]
+    assert len(ours) > 80
+    for words in ours:
+        parser.parse_args(words)
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -125,12 +152,11 @@ def test_the_numbers_of_trials_in_the_page_are_right() -> None:
         assert f"{100 * low:.0f} to {100 * high:.0f} %" in page
 
 
-@pytest.mark.parametrize("page", MATLAB_PAGES)
-def test_matlab_reads_data_sets_that_the_page_lists(page: str) -> None:
-    text = text_of(page)
-    blocks = re.findall(r"```matlab\n(.*?)```", text, re.DOTALL)
+@pytest.mark.parametrize(("page", "lister"), MATLAB_PAGES)
+def test_matlab_reads_data_sets_that_a_page_lists(page: str, lister: str) -> None:
+    blocks = re.findall(r"```matlab\n(.*?)```", text_of(page), re.DOTALL)
     read = [path for block in blocks for path in re.findall(r'h5read\(\w+, "([^"]+)"', block)]
-    listed = re.sub(r"```matlab\n.*?```", "", text, flags=re.DOTALL)
+    listed = re.sub(r"```matlab\n.*?```", "", text_of(lister), flags=re.DOTALL)
     assert read
     for path in read:
         group, _, name = path.rpartition("/")

@@ -1,8 +1,9 @@
-"""Protocols are found in a checkout and in an installed wheel; images in a checkout only."""
+"""Protocols and pages are found in a checkout and in a wheel; images in a checkout only."""
 
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import zipfile
@@ -37,6 +38,7 @@ print(*(len(list(folder.iterdir())) for folder in write_sketches(Path("sketches"
 for board in (DrumFirmware(), TaxelFirmware()):
     print(board._library._name)
     board.close()
+print(resources.documentation())
 """
 OPEN_WINDOW = """
 from PySide6.QtCore import QTimer
@@ -55,7 +57,19 @@ CONTENTS = (
     "rigctl/_data/wiring/wiring-uno.svg",
     "rigctl/_data/wiring/wiring-teensy.svg",
     "rigctl/_data/protocols/finger/paper.toml",
+    "rigctl/_data/site/docs/README.html",
+    "rigctl/_data/site/searchindex.js",
+    "rigctl-*.data/data/share/applications/rigctl.desktop",
+    "rigctl-*.data/data/share/icons/hicolor/scalable/apps/rigctl.svg",
 )
+DEAD_LINKS = """\
+# Page
+
+## A part
+
+[a part](#a-part), [no part](#no-part), [no page](gone.md), [no file](../gone.py)
+"""
+LOADED = re.compile(r"""<(?:script|link|img)[^>]+(?:src|href)="(?:https?:)?//""")
 
 
 def test_a_checkout_finds_its_own_protocols(
@@ -102,9 +116,62 @@ def test_the_commit_is_read_from_the_checkout(
     assert resources.source_commit() == ""
 
 
+def test_help_opens_the_site_or_the_page_as_written(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(resources, "checkout", lambda: tmp_path)
+    assert resources.documentation() == tmp_path / "docs" / "README.md"
+    page = tmp_path / "build" / "site" / "docs" / "README.html"
+    page.parent.mkdir(parents=True)
+    page.write_text("")
+    assert resources.documentation() == page
+
+
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Build the wheel of this computer and return it."""
+def site() -> Path:
+    """Build the documentation, where a warning is an error, and return the site's folder."""
+    # The Python environment is the one that runs the tests.
+    command = ["make", "--silent", "--assume-old=.venv/.ready", "site"]
+    built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert (built.returncode, built.stderr) == (0, "")
+    return ROOT / "build" / "site"
+
+
+def test_the_site_has_every_page_and_needs_no_network(site: Path) -> None:
+    sources = [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), ROOT / "arduino" / "README.md"]
+    pages = [site / source.relative_to(ROOT).with_suffix(".html") for source in sources]
+    assert [page for page in pages if not page.is_file()] == []
+    assert [page for page in pages if LOADED.search(page.read_text(encoding="utf-8"))] == []
+    index = (site / "searchindex.js").read_text(encoding="utf-8")
+    assert index.startswith("Search.setIndex(") and '"docs/reference/glossary"' in index
+
+
+def test_the_reference_comes_from_the_code(site: Path) -> None:
+    api = (site / "docs" / "reference" / "api.html").read_text(encoding="utf-8")
+    assert 'id="rigctl.ConnectedRig.approach"' in api
+    assert "Press until the set force has settled." in api
+    options = (site / "docs" / "reference" / "options.html").read_text(encoding="utf-8")
+    assert "rigctl export" in options and "--representations" in options
+
+
+def test_a_dead_link_fails_the_site(tmp_path: Path) -> None:
+    (tmp_path / "index.md").write_text(DEAD_LINKS)
+    build = [sys.executable, "-m", "sphinx", "--fail-on-warning", "--keep-going", "--quiet"]
+    build += ["--conf-dir", "docs", "--define", "root_doc=index", str(tmp_path)]
+    built = subprocess.run(
+        [*build, str(tmp_path / "out")], cwd=ROOT, capture_output=True, text=True
+    )
+    assert built.returncode == 1
+    assert re.findall(r"target not found: '(.*?)'", built.stderr) == [
+        "no-part",
+        "gone.md",
+        "../gone.py",
+    ]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory, site: Path) -> Path:
+    """Build the wheel of this computer, with the site, and return it."""
     folder = tmp_path_factory.mktemp("wheel")
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
     with build_lock():  # the wheel's hook runs make
@@ -135,7 +202,7 @@ def test_a_wheel_carries_the_protocols_and_the_virtual_boards(
     installed: Path, wheel: Path, tmp_path: Path
 ) -> None:
     out = run_installed(installed, tmp_path, "-c", ASK)
-    where, trials, image, drum, taxels, sketches, *libraries = out.splitlines()
+    where, trials, image, drum, taxels, sketches, *libraries, pages = out.splitlines()
     for board, line in (("drum", drum), ("taxels", taxels)):
         build_hash = host_build.image_hash(board)
         assert line == f"{installed}/rigctl/_data/firmware/{board}.hex {build_hash} 0"
@@ -145,8 +212,9 @@ def test_a_wheel_carries_the_protocols_and_the_virtual_boards(
     assert "need a source checkout" in image
     assert len(libraries) == 2
     assert all(library.startswith(str(installed)) for library in libraries)
+    assert pages == f"{installed}/rigctl/_data/site/docs/README.html"
     assert "-py3-none-linux" in wheel.name
-    assert [name for name in CONTENTS if not (installed / name).is_file()] == []
+    assert [name for name in CONTENTS if not any(installed.glob(name))] == []
 
 
 def test_a_wheel_runs_outside_the_checkout(installed: Path, tmp_path: Path) -> None:

@@ -9,8 +9,9 @@ from PySide6.QtCore import QUrl
 from PySide6.QtGui import QAction, QDesktopServices
 from PySide6.QtWidgets import QApplication, QMenuBar
 
+from gui.shell import help_page
 from gui.shell.actions import ActionRegistry
-from gui.shell.help_page import DOCS, HelpPage, shortcut_table
+from gui.shell.help_page import HelpPage, shortcut_table
 from tests.gui.steps import SharedWindow
 
 
@@ -19,6 +20,15 @@ def menu_action(bar: QMenuBar, text: str) -> QAction:
     (menu,) = [action.menu() for action in bar.actions() if action.text() == "&Help"]
     (line,) = [line for line in menu.actions() if line.text().replace("&", "") == text]
     return line
+
+
+@pytest.fixture
+def page(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """Return the first page of the documentation, in place of one that a test may rebuild now."""
+    page = tmp_path / "README.html"
+    page.write_text("")
+    monkeypatch.setattr(help_page, "documentation", lambda: page)
+    return page
 
 
 @pytest.fixture
@@ -45,21 +55,26 @@ def test_crash_reports_open_their_folder_or_are_none(
 
 
 def test_help_says_when_nothing_opened(
-    disconnected: SharedWindow, monkeypatch: pytest.MonkeyPatch
+    disconnected: SharedWindow, monkeypatch: pytest.MonkeyPatch, page: Path
 ) -> None:
     monkeypatch.setattr(QDesktopServices, "openUrl", lambda url: False)
     window = disconnected.window
     menu_action(window.menuBar(), "Documentation").trigger()
-    assert f"this desktop has no program to open {DOCS}" in window.event_log.toPlainText()
+    assert f"this desktop has no program to open {page}" in window.event_log.toPlainText()
+    page.unlink()
+    menu_action(window.menuBar(), "Documentation").trigger()
+    assert f"{page} is missing: this installation was packed" in window.event_log.toPlainText()
 
 
-def test_about_leads_to_the_documentation(disconnected: SharedWindow, opened: list[str]) -> None:
+def test_about_leads_to_the_documentation(
+    disconnected: SharedWindow, opened: list[str], page: Path
+) -> None:
     window = disconnected.window
     menu_action(window.menuBar(), "About rigctl").trigger()
-    assert QUrl.fromLocalFile(str(DOCS)).toString() in window.help.text.toHtml()
+    assert QUrl.fromLocalFile(str(page)).toString() in window.help.text.toHtml()
     menu_action(window.menuBar(), "Documentation").trigger()
-    assert opened == [str(DOCS)] and DOCS.is_file()
-    assert f"opened {DOCS}" in window.event_log.toPlainText()
+    assert opened == [str(page)]
+    assert f"opened {page}" in window.event_log.toPlainText()
     window.show_panel("operate")
 
 
