@@ -63,7 +63,8 @@ class RunProgress:
         now_s: Callable[[], float],
         ended: frozenset[int] = frozenset(),
     ) -> None:
-        remaining = [trial for trial in trials if trial.trial_id not in done | ended]
+        gone = done | ended
+        remaining = [trial for trial in trials if trial.trial_id not in gone]
         self.clock = RunClock(now_s)
         self.planned = len(trials)
         self.committed = len(done)

@@ -27,9 +27,10 @@ from rigctl.session.header import (
     SessionHeader,
     describe_new_versions,
 )
-from rigctl.session.recorder import Recorder, check_same_world, keep_private
+from rigctl.session.recorder import Recorder, check_same_world, history_of, keep_private
 from rigctl.session.sensor_layout import SensorLayout
 from rigctl.session.session import Session, ended_early
+from rigctl.session.writer import SessionHistory
 from rigctl.values import ABOUT, BoardIdentity
 
 
@@ -175,6 +176,7 @@ def _resume(folder: Path, context: RunContext, unattended: bool) -> OpenedRun:
         done = frozenset(session.trials["trial_id"][session.committed()].tolist())
         missing = tuple(session.describe_missing())
         ended = frozenset(ended_early(session))
+        known = history_of(session, folder)
     check_same_rig(folder, header, rig.kind, rig.world)
     _check_sensor(folder, header, context)
     refuse_link_outside(folder / layout.PROTOCOL_FILE)
@@ -187,7 +189,7 @@ def _resume(folder: Path, context: RunContext, unattended: bool) -> OpenedRun:
     _check_plan(plan, context)
     remaining = 1 - (len(done) + len(ended)) / max(1, len(plan.trials))
     check_disk_space(folder, round(remaining * plan.bytes_estimate))
-    recorder = open_recorder(folder, plan, context, resume=True)
+    recorder = open_recorder(folder, plan, context, resume=True, known=known)
     missing += tuple(describe_new_versions(before, recorder.header))
     return OpenedRun(plan, recorder, unattended, True, done, ended, attempts, missing)
 
@@ -212,7 +214,13 @@ def _check_sensor(folder: Path, header: SessionHeader, context: RunContext) -> N
         )
 
 
-def open_recorder(folder: Path, plan: Plan, context: RunContext, resume: bool) -> Recorder:
+def open_recorder(
+    folder: Path,
+    plan: Plan,
+    context: RunContext,
+    resume: bool,
+    known: SessionHistory | None = None,
+) -> Recorder:
     """Lock the folder and return the recorder of a session that runs this plan."""
     rig, config = context.rig, context.rig.config
     about = {"operator": config.about.operator, "sensor": config.about.sensor, **context.about}
@@ -232,9 +240,8 @@ def open_recorder(folder: Path, plan: Plan, context: RunContext, resume: bool) -
     )
     if config.recording.private:
         keep_private(folder)
-    return Recorder(
-        folder, header, plan.protocol.text, config.with_order().to_toml(), resume=resume
-    )
+    rig_text = config.with_order().to_toml()
+    return Recorder(folder, header, plan.protocol.text, rig_text, resume=resume, known=known)
 
 
 def drum_header(plan: Plan, **fields: Any) -> SessionHeader:

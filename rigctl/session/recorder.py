@@ -31,7 +31,13 @@ from rigctl.session.digests import FIRST_DIGEST
 from rigctl.session.header import SessionHeader, describe_mismatch, session_wiring, wirings_match
 from rigctl.session.layout import SessionLayout, SessionOutcome, drum_row, trial_row
 from rigctl.session.notes import SessionNote, check_note, write_note
-from rigctl.session.part import PartReader, check_experiment, existing_parts, layout_of
+from rigctl.session.part import (
+    PartReader,
+    check_experiment,
+    existing_parts,
+    layout_of,
+    part_paths,
+)
 from rigctl.session.sensor_layout import describe_difference, layouts_match
 from rigctl.session.session import open_session
 from rigctl.session.session_reader import SessionReader, highest_number
@@ -76,10 +82,11 @@ def read_history(folder: Path) -> SessionHistory:
     if not existing_parts(folder):
         return SessionHistory(highest_number(folder))
     with open_session(folder) as session:
-        return _history(session, folder)
+        return history_of(session, folder)
 
 
-def _history(session: SessionReader, folder: Path) -> SessionHistory:
+def history_of(session: SessionReader, folder: Path) -> SessionHistory:
+    """Return what an open session in a folder holds."""
     digests = (part.last_digest for part in reversed(session.parts))
     last = next((digest for digest in digests if digest), FIRST_DIGEST)
     committed = session.trials["trial_id"][session.committed()].tolist()
@@ -87,11 +94,15 @@ def _history(session: SessionReader, folder: Path) -> SessionHistory:
 
 
 def prepare_folder(
-    folder: Path, header: SessionHeader, texts: tuple[str, str], resume: bool
+    folder: Path,
+    header: SessionHeader,
+    texts: tuple[str, str],
+    resume: bool,
+    known: SessionHistory | None = None,
 ) -> tuple[WriterLock, SessionHistory]:
     """Create the folder, lock it and write the protocol and rig ``texts`` into it.
 
-    Returns the lock and what the folder's parts hold.
+    Returns the lock and what the folder's parts hold; ``known`` is what they held just now.
 
     Raises SessionError if the folder holds a session or other texts (without ``resume``), or holds
     none, one of another plan or one of another order of taxels (with ``resume``), or has a living
@@ -106,7 +117,7 @@ def prepare_folder(
         raise DiskFault(f"cannot make {folder}: {error.strerror}; choose another folder") from error
     lock = WriterLock(folder)
     try:
-        history = _read_checked(folder, header, resume)
+        history = _read_checked(folder, header, resume, known)
         for name, text in zip((layout.PROTOCOL_FILE, layout.RIG_FILE), texts, strict=True):
             _write_once(folder / name, text, resume)
     except BaseException:
@@ -161,8 +172,10 @@ def _write_once(path: Path, text: str, resume: bool) -> None:
         ) from error
 
 
-def _read_checked(folder: Path, header: SessionHeader, resume: bool) -> SessionHistory:
-    """Return what the parts hold. Each is opened once: a week of interruptions leaves hundreds."""
+def _read_checked(
+    folder: Path, header: SessionHeader, resume: bool, known: SessionHistory | None
+) -> SessionHistory:
+    """Return what the parts hold; those of a week of interruptions are hundreds, so not twice."""
     if not resume:
         if highest_number(folder):
             raise SessionError(
@@ -170,9 +183,24 @@ def _read_checked(folder: Path, header: SessionHeader, resume: bool) -> SessionH
                 "folder"
             )
         return SessionHistory()
+    if known is not None and _is_current(folder, header, known):
+        return known
     with open_session(folder) as session:
         _check_plan(session.parts[-1], header)
-        return _history(session, folder)
+        return history_of(session, folder)
+
+
+def _is_current(folder: Path, header: SessionHeader, known: SessionHistory) -> bool:
+    """Check the last part; return whether it can be read and ends as it did."""
+    try:
+        last = PartReader(part_paths(folder)[-1])
+    except SessionError:
+        return False
+    try:
+        _check_plan(last, header)
+        return (last.number, last.last_digest) == (known.last_part, known.last_digest)
+    finally:
+        last.close()
 
 
 def _check_plan(part: PartReader, header: SessionHeader) -> None:
@@ -217,8 +245,9 @@ class SessionRecorder:
     A recorder of an experiment adds its layout and its values.
 
     Creates ``folder`` if necessary; with ``resume`` it must hold a session of the same plan, and
-    new parts follow the old ones. Raises SessionError while another writer holds the folder or if
-    it holds another session, DiskFault if it is not writable.
+    new parts follow the old ones; ``known`` saves reading those that were just read. Raises
+    SessionError while another writer holds the folder or if it holds another session, DiskFault if
+    it is not writable.
     """
 
     layout: ClassVar[SessionLayout]
@@ -231,12 +260,13 @@ class SessionRecorder:
         rig_text: str,
         *,
         resume: bool = False,
+        known: SessionHistory | None = None,
         queue_limit_samples: int = QUEUE_LIMIT_SAMPLES,
     ) -> None:
         self.folder = folder
         self._texts = texts = (protocol_text, rig_text)
         self.header = header = replace(header, experiment=self.layout.experiment)
-        self._lock, history = prepare_folder(folder, header, texts, resume)
+        self._lock, history = prepare_folder(folder, header, texts, resume, known)
         self._writer = SessionWriter(folder, self.layout, header, texts, history)
         self._actions: deque[tuple[Callable[[], object], int]] = deque()
         self._limit_samples = queue_limit_samples
