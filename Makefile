@@ -91,7 +91,7 @@ $(READERS)/.ready: tests/exchange/readers.txt
 
 exchange: boards $(READERS)/.ready
 	@sh .ci/debian-packages octave
-	@$(BIN)/pip install --quiet --disable-pip-version-check nixio==1.5.4 pylsl==1.18.6  # no wheels for all
+	@$(BIN)/pip install --quiet --disable-pip-version-check nixio==1.5.4  # no wheels for all
 	$(SAY) "exports, read by SpikeInterface, pynapple and Octave, and judged by nwbinspector"
 	@RIGCTL_READERS_PYTHON=$(abspath $(READERS)/bin/python) OPENBLAS_NUM_THREADS=1 \
 	  $(BIN)/python -m pytest -q -o python_files="*_exchange.py test_formats.py test_bad_targets.py" \

@@ -21,6 +21,8 @@ ABOUT: Mapping[str, str] = {
     "remarks": "what else a reader should know",
 }
 """What people say of a session at its start, by the attribute that keeps it."""
+OWN_NAME = r"\A\w[\w .,+()-]*\Z"
+"""The name of a field that a lab keeps besides."""
 PLATE_WIDTH_MM = 36.0
 """Of every texture plate, bent or flat."""
 DRUM, TAXELS, FINGER = "drum", "taxels", "finger"

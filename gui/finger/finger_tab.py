@@ -31,7 +31,7 @@ from gui.live.health import FingerHealthStrip
 from gui.operate.connection_bar import ConnectionBar
 from gui.operate.event_log import injected_words
 from gui.operate.operate_panel import PromptPanel
-from gui.protocol.about_fields import about_fields, about_title
+from gui.protocol.about_fields import OwnFields, about_fields, about_title
 from gui.protocol.protocol_panel import RunStateBox
 from gui.widgets.file_browser import FileComboBox, PathKind, browse_button
 from gui.widgets.formatting import duration, time_stamp
@@ -42,7 +42,8 @@ from gui.widgets.plates import world_of
 from gui.widgets.theme import Theme
 from gui.widgets.typed_paths import new_files_folder, typed_path
 from rigctl.config import resources
-from rigctl.errors import RigctlError
+from rigctl.errors import ConfigError, RigctlError
+from rigctl.finger.config import load_finger_config
 from rigctl.finger.live_file import FingerLiveReader
 from rigctl.finger.model_files import SPEED_SCALED, model_path
 from rigctl.finger.plan import load_finger_protocol
@@ -223,7 +224,7 @@ class FingerSetupForm(QGroupBox):
         self.session.setToolTip(
             "Session of the virtual finger: the sensor drifts from one to the next"
         )
-        self.about = about_fields("finger.toml")
+        self.about, self.own = about_fields("finger.toml"), OwnFields()
         self.unasked = QCheckBox("Lay simulated plates unasked")
         self.plan, self.problem = label("", "muted", wraps=True), label("", "bad", wraps=True)
         self._is_simulated = True
@@ -281,15 +282,16 @@ class FingerSetupForm(QGroupBox):
             args["model"] = self.model_file()
         return StartRequest(self.engine(rig), args)
 
-    def said(self) -> dict[str, str]:
+    def said(self) -> dict[str, Any]:
         """Return what is said of the session, by attribute."""
-        return {name: field.text().strip() for name, field in self.about.items()}
+        said = {name: field.text().strip() for name, field in self.about.items()}
+        return {**said, **self.own.said()}
 
     @property
-    def remembered(self) -> dict[str, QLineEdit]:
+    def remembered(self) -> dict[str, QLineEdit | OwnFields]:
         """What the next start of the window asks no more, by the key of the settings."""
         said = {f"finger/{name}": field for name, field in self.about.items()}
-        return {"scans_in": self.out, **said}
+        return {"scans_in": self.out, "finger/own": self.own, **said}
 
     def model_file(self) -> str:
         """Return the chosen model's file. Raises WrongUse where there is none."""
@@ -348,6 +350,7 @@ class FingerSetupForm(QGroupBox):
         form.addRow("Session", self.session)
         for name, field in self.about.items():
             form.addRow(about_title(name), field)
+        form.addRow(self.own)
         column = vbox(spacing=4, margins=(8, 6, 8, 8))
         column.addLayout(form)
         for widget in (self.unasked, self.plan, self.problem):
@@ -477,6 +480,7 @@ class FingerTab(QObject):
         bar.connect_requested.connect(self.connect_rig)
         bar.disconnect_requested.connect(self.link.close)
         bar.rig_changed.connect(lambda: setup.show_rig(simulated=bar.is_simulated))
+        bar.rig_changed.connect(lambda: setup.own.show_asked(_asked_by(bar.rig.currentData())))
         for source in (bar.rig, setup, run_box):
             source.path_requested.connect(self.path_requested)
         for follow in (run_box.forget_refusal, self._show_state):
@@ -570,6 +574,7 @@ class FingerTab(QObject):
         self._take_scan_event(kind, data, message["at_s"])
         if kind == "ready":
             self.prompt_panel.set_world(world_of(data))
+            self.setup.own.show_asked(data.get("asks") or ())
         if text and kind not in _UNTOLD:
             self.reported.emit(kind, text)
         if kind == "run" and (digest := data.get("digest")):
@@ -677,3 +682,13 @@ class FingerTab(QObject):
                 self._on_worker_failed("", str(error))
                 return
         self._start_on(StartRequest(engine, args))
+
+
+def _asked_by(rig: str) -> tuple[str, ...]:
+    """Return the lab's own fields in a rig's file, none for one that the engine will refuse."""
+    if not str(rig).endswith(".toml"):
+        return ()
+    try:
+        return load_finger_config(Path(rig)).about.ask
+    except ConfigError:
+        return ()

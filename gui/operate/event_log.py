@@ -35,6 +35,7 @@ _NAMES = {
     "setup_keep": "set up",
     "setup_commission": "set up",
     "inject": "bench",
+    "lsl": "streaming",
 }
 """Where a button has other words than its command."""
 _DONE = {

@@ -26,7 +26,7 @@ from PySide6.QtWidgets import (
 from gui.analysis.worker import Worker
 from gui.live.health import lasting_words
 from gui.operate.alarms import run_end_words
-from gui.protocol.about_fields import MAX_NOTE_LETTERS, about_fields, about_title
+from gui.protocol.about_fields import MAX_NOTE_LETTERS, OwnFields, about_fields, about_title
 from gui.protocol.run_tasks import DISK_ROW, PLAN_ROWS, PlanSummary, ProtocolText
 from gui.protocol.session_page import SessionPage
 from gui.widgets.file_browser import ElidedComboBox, PathKind, browse_button
@@ -101,7 +101,7 @@ class ProtocolForm(QWidget):
         self.out.setToolTip("Every session gets a new folder in here")
         self.seed = WholeNumberBox(maximum=MAX_SEED)
         self.seed.setToolTip("Seed of the random order of trials; stored with the session")
-        self.about = about_fields("rig.toml")
+        self.about, self.own = about_fields("rig.toml"), OwnFields()
         self.operator, self.sensor = self.about["operator"], self.about["sensor"]
         self.notes = QLineEdit(maxLength=MAX_NOTE_LETTERS)
         self.notes.setToolTip("Becomes the first note of the session")
@@ -147,10 +147,10 @@ class ProtocolForm(QWidget):
             if self._was_requested:
                 self.request_plan(self.seed.value() if self.is_planned else None)
 
-    def people(self) -> dict[str, str]:
+    def people(self) -> dict[str, Any]:
         """Return what is said of the session, and the first note."""
         fields = {**self.about, "notes": self.notes}
-        return {name: field.text().strip() for name, field in fields.items()}
+        return {**{name: field.text().strip() for name, field in fields.items()}, **self.own.said()}
 
     def queued_arguments(self) -> dict[str, Any]:
         """Return the arguments of the engine's command enqueue: the fields, and what is planned."""
@@ -168,10 +168,10 @@ class ProtocolForm(QWidget):
         return {"protocol": path, "out": out, "seed": seed, "yes": False, **self.people()}
 
     @property
-    def remembered(self) -> dict[str, QLineEdit]:
+    def remembered(self) -> dict[str, QLineEdit | OwnFields]:
         """What the next start of the window asks no more, by the key of the settings."""
         said = {f"protocol/{name}": field for name, field in self.about.items()}
-        return {"save_in": self.out, **said}
+        return {"save_in": self.out, "protocol/own": self.own, **said}
 
     @property
     def current_problem(self) -> str:
@@ -290,6 +290,7 @@ class ProtocolForm(QWidget):
         form.addRow("Seed", self.seed)
         for name, field in self.about.items():
             form.addRow(about_title(name), field)
+        form.addRow(self.own)
         form.addRow("First note", self.notes)
         for hidden in (self.description, self.problem, self.modified):
             hidden.hide()

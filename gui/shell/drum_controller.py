@@ -152,6 +152,7 @@ class DrumController(QObject):
             self.live_page.add_event(float(message.get("at_s") or 0.0), kind, text, data)
         if kind == "ready":
             self.protocol_panel.set_rig(str(data.get("rig_toml") or ""))
+            self.protocol_panel.form.own.show_asked(data.get("asks") or ())
             self._set_world(world_of(data))
         if kind == "run" and (digest := data.get("digest")):
             self.reported.emit("digest", str(digest))

@@ -31,6 +31,7 @@ from gui.shell.menus import (
     SaveMenu,
     add_alarm_switches,
     add_live_actions,
+    add_lsl_choices,
     add_panel_menus,
     add_rig_menu,
     add_trial_actions,
@@ -532,6 +533,8 @@ class MainWindow(SteadyFocusWindow):
         panels = (self.operate_panel, self.protocol_panel, self.finger_tab, self.analysis_tab)
         menus.add_separator("Rig")
         add_panel_menus(menus, *panels)
+        add_lsl_choices(menus, "Rig", self.engine_link)
+        add_lsl_choices(menus, "Rig → Finger", self.finger_tab.link)
         add_trial_actions(menus, self.docks, self.analysis_tab.panel.trials)
         menus.add_separator("Rig")
         add_alarm_switches(menus, self.drum, self.settings)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from functools import partial
+from typing import Any
 
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QAction
@@ -13,6 +14,7 @@ from gui.analysis.analysis_tab import AnalysisTab
 from gui.analysis.export import FORMATS, ExportButton
 from gui.analysis.trial_list import TrialList
 from gui.finger.finger_tab import FingerTab
+from gui.link.engine_link import EngineLink
 from gui.live.live_page import LivePage
 from gui.live.navigation import SPANS_S
 from gui.operate.calibrate import CalibratePage
@@ -23,6 +25,7 @@ from gui.shell.actions import ActionRegistry
 from gui.shell.docks import DockArea
 from gui.shell.drum_controller import DrumController
 from gui.shell.user_settings import SPAN_KEY, UserSettings, is_span
+from rigctl.engine.rpc.messages import LslScope
 
 _CHANGES = (
     QEvent.Type.EnabledChange,
@@ -205,6 +208,33 @@ def add_rig_menu(
     menus.add("Rig", "&STOP", stop, tip="Stop and lift the drum, and end every run (Esc)")
     tip = "List the engines that run already, and join one of them"
     menus.add("Rig", "&Running engines", list_engines, tip=tip)
+
+
+LSL_CHOICES = {
+    "O&ff": LslScope.OFF,
+    "To programs of this &computer": LslScope.COMPUTER,
+    "To programs of the &network": LslScope.NETWORK,
+}
+LSL_TIP = "Samples, spikes, stimulation pulses and events, as rigctl lsl streams them"
+
+
+def add_lsl_choices(menus: ActionRegistry, menu: str, link: EngineLink[Any, Any]) -> None:
+    """Add who may see what a rig streams over the Lab Streaming Layer; grey without an engine."""
+
+    def choose(scope: LslScope) -> None:
+        link.request("lsl", scope=scope)
+
+    def enable(is_on: bool) -> None:
+        for action in actions.values():
+            action.setEnabled(is_on)
+
+    actions = menus.add_choices(menu, "Stream over &LSL", LSL_CHOICES, LslScope.OFF, choose)
+    for action in actions.values():
+        action.setToolTip(LSL_TIP)
+    enable(False)
+    link.opened.connect(lambda: enable(True))
+    link.closed.connect(lambda _: enable(False))
+    link.status_changed.connect(lambda status: actions[status.lsl].setChecked(True))
 
 
 def add_alarm_switches(menus: ActionRegistry, drum: DrumController, settings: UserSettings) -> None:

@@ -17,6 +17,7 @@ from PySide6.QtWidgets import QComboBox, QLineEdit, QMenu, QWidget
 from gui.live.live_page import LivePage
 from gui.live.navigation import SPANS_S
 from gui.operate.connection_bar import Toolbar
+from gui.protocol.about_fields import OwnFields
 from gui.shell.actions import ActionRegistry
 from gui.shell.docks import DockArea
 from gui.widgets.number_box import NumberBox
@@ -239,7 +240,7 @@ class WindowMemory(QObject):
         """Restore a number, and remember it from now on."""
         self._keep(key, box.value, box.setValue, lambda n: box.minimum() <= n <= box.maximum())
 
-    def keep_texts(self, fields: Mapping[str, QLineEdit]) -> None:
+    def keep_texts(self, fields: Mapping[str, QLineEdit | OwnFields]) -> None:
         """Restore the texts of fields by their keys, and remember them from now on."""
         for key, field in fields.items():
             self._keep(key, field.text, field.setText, lambda text: len(text) <= MAX_LETTERS)

@@ -58,10 +58,11 @@ MODULES = {
     "gui": "gui.app",
     "engine": ".engine",
     "finger-engine": "rigctl.finger.cli.engine",
+    "lsl-inlet": ".lsl_inlet",
 }
 """The module of each command, in the order of the help. Its docstring is the command's help:
 a summary, and after an empty line a description."""
-HIDDEN = ("engine", "finger-engine")
+HIDDEN = ("engine", "finger-engine", "lsl-inlet")
 """Commands that the help does not list: other commands start them."""
 
 INTERRUPTED = 130

@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Callable
+import re
+import sys
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,10 +20,12 @@ from rigctl.config.text_file import kind_of, shorten
 from rigctl.config.typed_number import number_in_steps, typed_number
 from rigctl.errors import WrongUse
 from rigctl.protocol.plan import MAX_SEED
-from rigctl.values import ABOUT
+from rigctl.values import ABOUT, OWN_NAME
 
 Kind = Callable[[str, str], Any]
 """Takes the name of an option and its text; returns the value or raises WrongUse."""
+OWN_LETTERS = 40
+"""Of the name of a lab's own field."""
 MAX_WORKERS = 1024
 MAX_REPEATS = 100_000
 MAX_NUMBER = 1_000_000_000
@@ -140,16 +145,48 @@ def add_about(parser: argparse._ActionsContainer) -> None:
     """Add the options of what a session says of itself, each stored with it."""
     for name, words in ABOUT.items():
         parser.add_argument(_option(name), default="", type=str.strip, help=words)
+    words = "a field of your own; may be given several times"
+    add_option(parser, "--about", own_field, "NAME=TEXT", words, action="append", default=[])
+
+
+def ask_own_fields(args: argparse.Namespace, names: Iterable[str]) -> None:
+    """Ask at a terminal for the fields of a rig's file that no option gave; its end ends that."""
+    asked = [name for name in names if name not in dict(args.about)]
+    with suppress(EOFError):
+        for name in asked if sys.stdin.isatty() else ():
+            args.about = [*args.about, (name, input(f"{name}: ").strip())]
+
+
+def own_field(shown: str, text: str) -> tuple[str, str]:
+    """Return name and value of a lab's own field. Raises WrongUse where it has no name."""
+    name, separator, value = text.partition("=")
+    if not separator or len(name) > OWN_LETTERS or not re.search(OWN_NAME, name.strip()):
+        raise WrongUse(f"{shown} {text!r} names no field: give it as 'skin temperature=31'")
+    return name.strip(), value.strip()
+
+
+def add_lsl(parser: argparse.ArgumentParser) -> None:
+    """Add the option to stream what a rig does."""
+    parser.add_argument(
+        "--lsl",
+        nargs="?",
+        const="computer",
+        choices=("computer", "network"),
+        help="stream samples, spikes, pulses and events over LSL, as rigctl lsl does",
+    )
 
 
 def about_of(args: argparse.Namespace) -> dict[str, Any]:
     """Return what was said of a session, by attribute; without what was left out."""
-    return {name: text for name in ABOUT if (text := getattr(args, name))}
+    said = {name: text for name in ABOUT if (text := getattr(args, name))}
+    return {**said, **({"own": dict(args.about)} if args.about else {})}
 
 
-def about_options(args: argparse.Namespace) -> dict[str, str]:
-    """Return what was said of a session by the option that says it."""
-    return {_option(name): text for name, text in about_of(args).items()}
+def about_options(args: argparse.Namespace) -> list[str]:
+    """Return what was said of a session as options, a word each."""
+    said = {name: text for name in ABOUT if (text := getattr(args, name))}
+    own = [f"--about={name}={text}" for name, text in args.about]
+    return [*(f"{_option(name)}={text}" for name, text in said.items()), *own]
 
 
 def _option(name: str) -> str:

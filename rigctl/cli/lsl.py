@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.cli.arguments import a_path, add_option, path_or_name
+from rigctl.cli.arguments import a_path, add_option, path_or_name, whole_number
 from rigctl.encoder.reading import FULL_SCALE
 from rigctl.engine.live_file import LiveFileReader, TaxelWindow
 from rigctl.engine.rpc.client import EngineClient
@@ -47,6 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--network", action="store_true", help="let other computers of the network see the streams"
     )
+    add_option(parser, "--process", whole_number(1), help_text=argparse.SUPPRESS)
     words = "analysis file (TOML) with the channels and limits of the pulses"
     add_option(parser, "--settings", a_path, "FILE", words)
 
@@ -55,9 +56,11 @@ def run(args: argparse.Namespace) -> int:
     """Stream until the engine ends. Raises WrongUse without an engine or without pylsl."""
     from rigctl.analysis.settings import AnalysisSettings, load_settings
 
-    lsl = _load_lsl(args.network)
+    lsl = load_lsl()
+    if not args.network:
+        lsl.set_config_content(MACHINE_ONLY)
     settings = AnalysisSettings() if args.settings is None else load_settings(args.settings)
-    engine = _only_engine(args.rig)
+    engine = _only_engine(args.rig, args.process)
     client = EngineClient.join(engine)
     live: LiveFileReader = EXPERIMENTS[engine.experiment].load("live")(Path(engine.live))
     try:
@@ -73,21 +76,20 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _load_lsl(network: bool) -> Any:
-    """Return pylsl, which reads its settings when it is first used."""
+def load_lsl() -> Any:
+    """Return pylsl, which reads its settings when it is first used. Raises WrongUse without it."""
     try:
         import pylsl
     except (ImportError, RuntimeError) as error:  # it raises the latter without its library
         raise WrongUse(f"{MISSING} ({str(error).splitlines()[0]})") from None
-    if not network:
-        pylsl.set_config_content(MACHINE_ONLY)
     return pylsl
 
 
-def _only_engine(rig: str | None) -> EngineFile:
-    """Return the engine that runs, of this rig if it is named. Raises WrongUse."""
+def _only_engine(rig: str | None, process: int | None) -> EngineFile:
+    """Return the engine that runs, of this rig or process if one is named. Raises WrongUse."""
     engines = running_engines(runtime_folder())
     fitting = [engine for engine in engines if rig is None or engine.rig == rig_name(rig)]
+    fitting = [engine for engine in fitting if process in (None, engine.pid)]
     if len(fitting) == 1:
         return fitting[0]
     running = ", ".join(engine.rig for engine in engines) or "none"

@@ -22,13 +22,16 @@ from rigctl.cli.arguments import (
     a_path,
     about_options,
     add_about,
+    add_lsl,
     add_option,
     add_seed,
+    ask_own_fields,
     path_or_name,
 )
 from rigctl.cli.progress import Interrupts, ProgressLine, clock
 from rigctl.cli.verify import print_missing, print_session
 from rigctl.cli.world import add_wirings, add_world
+from rigctl.config.rig_config import load_config
 from rigctl.config.text_file import refuse_link_outside
 from rigctl.engine.rpc.client import COMMAND_LINE, EngineClient, EngineRefusal, client_name
 from rigctl.engine.rpc.messages import (
@@ -46,7 +49,7 @@ from rigctl.session.session_reader import read_closing_digest
 POLL_S = 0.1
 TOLD_EVENTS = (
     *("early_end", "fault", "link", "pause", "resume", "message", "stop", "control"),
-    *("late", "recovery", "awake", "unrecorded", "hook", "copy"),
+    *("late", "recovery", "awake", "unrecorded", "hook", "copy", "lsl", "stream"),
 )
 """Events that the user reads while the run goes on."""
 EXIT_CODES = {"aborted": INTERRUPTED, "failed": 3}
@@ -81,6 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_option(parser, "--resume", a_path, "DIR", "continue a session")
     add_seed(parser, "seed of the trial order and of a simulated rig")
     add_about(parser.add_argument_group("kept in the session, shown by rigctl info"))
+    add_lsl(parser)
     parser.add_argument("--yes", action="store_true", help="change simulated plates without asking")
     parser.add_argument(
         "--paced", action="store_true", help="run simulated time at the speed of real time"
@@ -95,14 +99,23 @@ def run(args: argparse.Namespace) -> int:
     if args.resume is not None:
         print_missing(Path(args.resume))
     rig = _rig(args)
+    if rig.endswith(".toml"):
+        ask_own_fields(args, load_config(Path(rig)).about.ask)
     client = EngineClient.start(
         rig, paced=args.paced, seed=args.seed or 0, run=_engine_arguments(args)
     )
+    send_lsl(client, args)
     ended = watch_run(client, ProgressLine(sys.stderr, quiet=args.json))
     _report(ended, args.json)
     if ended.state == "done":
         return 0 if ended.is_complete else 1
     return EXIT_CODES[ended.state]
+
+
+def send_lsl(client: EngineClient, args: argparse.Namespace) -> None:
+    """Let an engine stream from the start, where :func:`add_lsl` was answered."""
+    if args.lsl:
+        client.send("lsl", scope=args.lsl)
 
 
 def watch_run(client: EngineClient, progress: ProgressLine) -> RunStatus:
@@ -294,11 +307,10 @@ def _engine_arguments(args: argparse.Namespace) -> list[str]:
         "--out": args.out,
         "--resume": args.resume,
         "--order-seed": args.seed,
-        **about_options(args),
     }
     # In one word, or a name that begins with a dash would be an option.
     given = [f"{name}={value}" for name, value in named.items() if value is not None]
-    given += [f"--wire={name}" for name in args.wire]
+    given += [*about_options(args), *(f"--wire={name}" for name in args.wire)]
     return [*given, *(["--yes"] if args.yes else [])]
 
 

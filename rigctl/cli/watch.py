@@ -3,8 +3,9 @@
 Print its events as they are recorded, what was repeated or put into quarantine before, and a line
 with its trials, its losses and the age of its newest data; on a terminal the spikes of the newest
 trial, too. Where its engine runs on this computer, what the run does or waits for, the next change
-of plates and the end as well; without SESSION, of the newest run here. It only looks, and reaches
-no rig. Exit code 0: the session is closed; 1: the program that recorded it is gone.
+of plates and the end as well; without SESSION, of the newest run here. --http shows the same as a
+page in the browser. It only looks, and reaches no rig. Exit code 0: the session is closed; 1: the
+program that recorded it is gone.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import shutil
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,6 +25,7 @@ from numpy.typing import NDArray
 
 from rigctl.cli.arguments import a_path, add_option
 from rigctl.cli.progress import ProgressLine, clock
+from rigctl.cli.watch_page import WatchPage, listen_address
 from rigctl.config.text_file import is_plain_file
 from rigctl.encoder.encoder import encode_trials
 from rigctl.encoder.normalisation import Normalisation
@@ -53,19 +55,45 @@ GONE = (
 )
 
 
+class TrialRaster(NamedTuple):
+    """Spikes of a trial: for each channel its name, and of each taxel the samples with a spike."""
+
+    title: str
+    channels: Sequence[tuple[str, Sequence[NDArray[np.int32]]]]
+    n_samples: int
+
+    def lines(self, columns: int, marks: str = BLOCKS) -> list[str]:
+        """Return the title and the spikes as lines of text, time from left to right."""
+        lines = [self.title]
+        for name, trains in self.channels:
+            lines += channel_lines(name, trains, self.n_samples, columns, marks)
+        return lines
+
+
 class Look(NamedTuple):
-    """What one look at a session found: what is new, a line about it, and the writer's fate."""
+    """What one look at a session found: what is new, a line about it, and the writer's fate.
+
+    ``doing``: what the run does or waits for, empty where no engine tells; ``not_good``: what was
+    repeated, given up or put into quarantine; ``raster``: of the newest trial; ``simulated``: the
+    session is of a simulated bench.
+    """
 
     news: list[str]
     line: str
     has_ended: bool = False
     is_gone: bool = False
+    doing: str = ""
+    not_good: Sequence[str] = ()
+    raster: TrialRaster | None = None
+    simulated: bool = False
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     words = "a session's folder (default: that of the newest run on this computer)"
     add_option(parser, "session", a_path, help_text=words, nargs="?")
+    words = "show it as a page, too, at http://localhost:PORT; with HOST (0.0.0.0: all) to others"
+    add_option(parser, "--http", listen_address, "[HOST:]PORT", words)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -73,8 +101,14 @@ def run(args: argparse.Namespace) -> int:
     line, folder = ProgressLine(sys.stdout), args.session or _newest_session()
     columns = shutil.get_terminal_size().columns - 1 if sys.stdout.isatty() else 0
     marks = BLOCKS if (sys.stdout.encoding or "").lower().startswith("utf") else LETTERS
-    try:
-        for look in looks(folder, columns, marks):
+    with ExitStack() as stack:
+        stack.callback(line.end)
+        page = None if args.http is None else stack.enter_context(WatchPage(args.http, folder))
+        if page is not None:
+            line.say(f"{page.address} shows {folder}, for as long as this runs")
+        for look in looks(folder, columns, marks, with_raster=page is not None):
+            if page is not None:
+                page.show(look)
             for text in look.news:
                 line.say(text)
             line.show(look.line, last=look.has_ended)
@@ -83,26 +117,28 @@ def run(args: argparse.Namespace) -> int:
             if look.is_gone:
                 raise CheckFailed(GONE.format(session=folder))
             time.sleep(LOOK_EVERY_S)
-    finally:
-        line.end()
     return 0
 
 
-def looks(folder: Path, columns: int = 0, marks: str = BLOCKS) -> Iterator[Look]:
+def looks(
+    folder: Path, columns: int = 0, marks: str = BLOCKS, *, with_raster: bool = False
+) -> Iterator[Look]:
     """Yield what is new in a session's folder each time; at first its latest events.
 
-    ``columns``: of the raster of each new trial, 0 for none; ``marks``: those of few spikes to
-    many. Before its first part, and while the folder cannot be read, only the line says so. Raises
-    SessionError for a folder that is no session.
+    ``columns``: of the raster of each new trial as text, 0 for none; ``marks``: those of few spikes
+    to many. ``with_raster``: each look has the spikes themselves. Before its first part, and while
+    the folder cannot be read, only the line says so. Raises SessionError for a folder that is no
+    session.
     """
     was_gone, doing = False, ""
     while _is_prepared(folder):
         is_gone = writer_of(folder) is Writer.GONE
         before, doing = doing, doing_words(run_of(folder))
-        yield Look(_if_new(before, doing), NOTHING_YET, is_gone=is_gone and was_gone)
+        news = _if_new(before, doing)
+        yield Look(news, NOTHING_YET, is_gone=is_gone and was_gone, doing=doing)
         was_gone = is_gone
     with open_session(folder) as session:
-        watched = _Watched(session, columns, marks, doing)
+        watched = _Watched(session, columns, marks, doing, with_raster)
         while True:
             try:
                 yield watched.look()
@@ -116,9 +152,13 @@ def looks(folder: Path, columns: int = 0, marks: str = BLOCKS) -> Iterator[Look]
 class _Watched:
     """A session with a part, of which each look finds what is new since the one before."""
 
-    def __init__(self, session: SessionReader, columns: int, marks: str, doing: str) -> None:
+    def __init__(
+        self, session: SessionReader, columns: int, marks: str, doing: str, with_raster: bool
+    ) -> None:
         self._session = session
         self._columns, self._marks = columns, marks
+        self._draws = with_raster or bool(columns)
+        self._raster: TrialRaster | None = None
         self._part, self._row = session.parts[-1].number, max(0, self._n_events - PAST_EVENTS)
         self._earlier = not_good(session)
         self._newest = -1
@@ -134,7 +174,8 @@ class _Watched:
         was_gone, self._was_gone = self._was_gone, is_gone
         has_ended = session.finished and lock_owner_pid(session.path) is None
         # Two looks must agree that it is gone: a new writer takes the lock first.
-        return Look(news, _line(session, run), has_ended, is_gone and was_gone)
+        found = (self._doing, not_good(session), self._raster, session.header.simulated)
+        return Look(news, _line(session, run), has_ended, is_gone and was_gone, *found)
 
     @property
     def _n_events(self) -> int:
@@ -154,16 +195,17 @@ class _Watched:
     def _new_raster(self) -> list[str]:
         """Return the spikes of the newest trial, once."""
         newest = int(self._session.committed().max(initial=-1))
-        if not self._columns or newest == self._newest:
+        if not self._draws or newest == self._newest:
             return []
         self._newest = newest
-        draw = EXPERIMENTS[self._session.layout.experiment].load("raster")
-        lines: list[str] = draw(self._session, newest, self._columns, self._marks)
-        return lines
+        read = EXPERIMENTS[self._session.layout.experiment].load("raster")
+        raster: TrialRaster = read(self._session, newest)
+        self._raster = raster
+        return raster.lines(self._columns, self._marks) if self._columns else []
 
 
-def trial_raster(session: Session, index: int, columns: int, marks: str = BLOCKS) -> list[str]:
-    """Return lines with the spikes of a trial, as the live encoder gives them.
+def trial_raster(session: Session, index: int) -> TrialRaster:
+    """Return the spikes of a trial, as the live encoder gives them.
 
     Without a calibration of the taxels, the trial's own range is theirs.
     """
@@ -174,21 +216,21 @@ def trial_raster(session: Session, index: int, columns: int, marks: str = BLOCKS
     (spikes,) = encode_trials([readings], ranges, parameters, gains=[gain] if gain else ())
     trial = session.trial_row(index).trial
     press = f"{trial.depth_mm:g} mm" if trial.depth_mm else f"{trial.force_g:g} g"
-    return [
+    title = (
         f"trial {trial.trial_id} ({trial.texture}, {trial.speed_mm_s:g} mm/s, {press}), "
-        f"{len(readings)} ms:",
-        *raster_lines(spikes, columns, marks),
-    ]
+        f"{len(readings)} ms:"
+    )
+    return spike_raster(title, spikes)
 
 
-def raster_lines(spikes: Spikes, columns: int, marks: str = BLOCKS) -> list[str]:
-    """Return spikes as lines of text, SA above RA, time from left to right."""
+def spike_raster(title: str, spikes: Spikes) -> TrialRaster:
+    """Return spikes by channel, SA above RA."""
     n = spikes.n_trains // 2
-    lines = []
-    for name, first in (("SA ", 0), ("RA ", n)):
-        trains = [spikes.train(first + taxel) for taxel in range(n)]
-        lines += channel_lines(name, trains, spikes.n_samples, columns, marks)
-    return lines
+    channels = [
+        (name, [spikes.train(first + taxel) for taxel in range(n)])
+        for name, first in (("SA ", 0), ("RA ", n))
+    ]
+    return TrialRaster(title, channels, spikes.n_samples)
 
 
 def channel_lines(

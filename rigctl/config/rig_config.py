@@ -42,6 +42,9 @@ class About:
     name: str = text("nominal", "name of this rig")
     operator: str = text("", "person who records")
     sensor: str = text("", "name of the sensor")
+    ask: tuple[str, ...] = names(
+        "a lab's own fields, asked at the start of each session and kept in it", 12, 40
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,6 +255,25 @@ class RecordingConfig:
     copy_to: str = text(
         "", "whole path of a folder on a second disk, to which a run copies what is finished"
     )
+    streams: tuple[str, ...] = arguments(
+        "LSL streams of other programs to record beside each session: names, or as type=EEG"
+    )
+
+
+STREAM_KEYS = ("name", "type", "source_id")
+
+
+def stream_predicate(words: str) -> str:
+    """Return LSL's own condition for a stream: ``KEY=VALUE`` of the keys above, or a name.
+
+    Raises ValueError where the words have quotes, or name nothing.
+    """
+    key, _, value = words.partition("=")
+    if key not in STREAM_KEYS or not value:
+        key, value = "name", words
+    if not value.strip() or set(value) & set("'\""):
+        raise ValueError(f"{words} names no stream")
+    return f"{key}='{value}'"
 
 
 @dataclass(frozen=True, slots=True)
@@ -324,9 +346,14 @@ def _config(text: TomlText) -> RigConfig:
 
 
 def check_recording(recording: RecordingConfig, table: TomlTable) -> None:
-    """Raise the error of the table's text for a second disk that depends on the working folder."""
+    """Raise the error of the table's text for a second disk or a stream that cannot be named so."""
     if recording.copy_to and not Path(recording.copy_to).is_absolute():
         table.fail("copy_to", "must be a whole path, such as /media/second/sessions")
+    for words in recording.streams:
+        try:
+            stream_predicate(words)
+        except ValueError:
+            table.fail("streams", f"must name LSL streams without quotes, not {words!r}")
 
 
 def _check_geometry(drum: DrumGeometry, table: TomlTable) -> None:

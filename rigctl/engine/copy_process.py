@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import asyncio
 import subprocess
-import sys
 import threading
-from collections.abc import Callable
 from pathlib import Path
-from typing import IO
+
+from rigctl.engine.told_process import Tell, ToldProcess
 
 COPY = "copy"
 """Kind of the event that the second disk does not have what is finished."""
@@ -20,35 +19,13 @@ END_S = 30.0
 """For so long the end of a run waits for its last copies."""
 
 
-class CopyProcess:
-    """Copies one session. ``tell`` takes the kind of an event and a sentence, from any thread."""
+class CopyProcess(ToldProcess):
+    """Copies one session."""
 
-    def __init__(self, session: Path, to: str, tell: Callable[[str, str], None]) -> None:
-        self._tell = tell
+    def __init__(self, session: Path, to: str, tell: Tell) -> None:
         self._to = to
-        words = [sys.executable, "-m", "rigctl", "copy", "--follow", str(session.absolute()), to]
-        pipe = subprocess.PIPE
-        self._process = subprocess.Popen(
-            words,
-            stdin=subprocess.DEVNULL,
-            stdout=pipe,
-            stderr=pipe,
-            encoding="utf-8",
-            errors="replace",
-            start_new_session=True,
-        )
-        self._threads = [
-            threading.Thread(target=self._read, args=(kind, stream), name="copy", daemon=True)
-            for kind, stream in (("log", self._process.stdout), (COPY, self._process.stderr))
-        ]
-        for thread in self._threads:
-            thread.start()
-
-    def wait(self, limit_s: float | None = None) -> None:
-        """Wait until the process has ended and all is told. Raises subprocess.TimeoutExpired."""
-        self._process.wait(limit_s)
-        for thread in self._threads:
-            thread.join()
+        words = ["copy", "--follow", str(session.absolute()), to]
+        super().__init__(words, ("log", COPY), tell)
 
     async def finish(self) -> None:
         """Wait until all of the closed session is copied; one that takes long goes on alone."""
@@ -67,8 +44,3 @@ class CopyProcess:
         thread.start()
         await ended.wait()
         thread.join()
-
-    def _read(self, kind: str, stream: IO[str]) -> None:
-        with stream:
-            for line in stream:
-                self._tell(kind, line.strip().removeprefix("rigctl: "))

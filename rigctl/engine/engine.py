@@ -63,7 +63,7 @@ class Engine(ServedEngine[Run, RunRequest]):
             self._samples_failed,
             REAL_TIME_BATCH_SAMPLES if real_time else FAST_BATCH_SAMPLES,
         )
-        self.manual = ManualRecorder(self.boards, self.event_bus)
+        self.manual = ManualRecorder(self.boards, self.event_bus, self._begin_streams)
         self.calibration = Calibration(rig, self.boards, self._today)
         self.setup = ServedSetup(rig, self.boards.motion, self.calibration.measurement, self._today)
         self.queue = RunQueue()
@@ -154,7 +154,8 @@ class Engine(ServedEngine[Run, RunRequest]):
             run = self.run.status()
         recording = self.manual.status() or recording
         queue = self.queue.status(run)
-        return self._status_builder.build(self._now_s(), self._texture, recording, run, queue)
+        now_s, lsl = self._now_s(), self.lsl.scope
+        return self._status_builder.build(now_s, self._texture, recording, run, queue, lsl)
 
     async def send_stop(self, text: str) -> None:
         """Stop and lift, ahead of everything else; a run ends."""
@@ -188,7 +189,7 @@ class Engine(ServedEngine[Run, RunRequest]):
             stands_mm = axis.height_mm
             self.event_bus.publish("axis", f"the axis is at {stands_mm} mm", height_mm=stands_mm)
 
-    def _context(self, about: Mapping[str, str] | None = None) -> RunContext:
+    def _context(self, about: Mapping[str, Any] | None = None) -> RunContext:
         """Return the rig as it is now, for a session that begins."""
         boards = tuple(self.boards.identities.values())
         drum = self.boards.drum_poller.state

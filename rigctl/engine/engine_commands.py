@@ -26,7 +26,7 @@ from rigctl.engine.rpc.commands import (
     read_arguments,
     summary_of,
 )
-from rigctl.engine.rpc.messages import as_dict
+from rigctl.engine.rpc.messages import LslScope, as_dict
 from rigctl.engine.run_reasons import RunReasons
 from rigctl.engine.served_engine import ServedEngine
 from rigctl.errors import WrongUse
@@ -96,6 +96,14 @@ class EngineCommands(Generic[_Engine]):
         """Answer a question: ``ok`` continues, ``abort`` ends the run."""
         if not self._control().answer(prompt_id, answer):
             raise WrongUse(f"question {prompt_id} is not the current one")
+
+    async def on_lsl(self, scope: Literal["off", "computer", "network"]) -> Result:
+        """Stream over the Lab Streaming Layer to programs of a circle, or switch that off."""
+        try:
+            self._engine.lsl.switch(LslScope(scope))
+        except OSError as error:
+            raise WrongUse(f"no process can stream ({error.strerror}): close programs") from error
+        return {"scope": scope}
 
     async def on_shutdown(self, by: str) -> None:
         """End the engine; it makes the rig safe first."""

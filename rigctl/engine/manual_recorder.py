@@ -15,6 +15,7 @@ from rigctl.engine.health import END, START, DiskMonitor
 from rigctl.engine.rig_boards import RigBoards
 from rigctl.engine.rpc.messages import RecordingStatus
 from rigctl.engine.run_request import RunContext, check_disk_space, open_recorder
+from rigctl.engine.streams_process import StreamsProcess
 from rigctl.errors import WrongUse
 from rigctl.protocol.loader import parse_protocol
 from rigctl.session.layout import SessionOutcome
@@ -48,6 +49,8 @@ def open_manual_session(folder: Path, note: str, context: RunContext) -> Recorde
     return open_recorder(folder, plan, context, resume=False)
 
 
+BeginStreams = Callable[[Path, tuple[str, float]], StreamsProcess | None]
+"""Starts what records the streams of other programs beside a sitting, from its start."""
 DISK_FULL = "the disk is full: the recording has ended, and all of it is kept; make room"
 
 
@@ -55,7 +58,12 @@ class ManualRecording:
     """One recording: samples, polls and events from its making until :meth:`close`."""
 
     def __init__(
-        self, boards: RigBoards, event_bus: EventBus, recorder: Recorder, texture: str | None
+        self,
+        boards: RigBoards,
+        event_bus: EventBus,
+        recorder: Recorder,
+        texture: str | None,
+        begin_streams: BeginStreams,
     ) -> None:
         self.disk_monitor = DiskMonitor(recorder)
         self._recorder = recorder
@@ -70,6 +78,8 @@ class ManualRecording:
             event_bus.subscribe(recorder.add_event),
         ]
         self._record_health(START)
+        header = recorder.header
+        self.streams = begin_streams(recorder.folder, (header.start_utc, header.start_loop_s))
 
     @property
     def folder(self) -> Path:
@@ -91,6 +101,8 @@ class ManualRecording:
 
     def close(self) -> str:
         """End the recording and close the session; return its digest."""
+        if self.streams is not None:
+            self.streams.let_go()
         for unsubscribe in self._unsubscribe:
             unsubscribe()
         self._pipeline.set_recorder(None)
@@ -112,8 +124,9 @@ class ManualRecording:
 class ManualRecorder:
     """The recording by hand of one engine; there is one at a time."""
 
-    def __init__(self, boards: RigBoards, event_bus: EventBus) -> None:
+    def __init__(self, boards: RigBoards, event_bus: EventBus, begin_streams: BeginStreams) -> None:
         self._boards = boards
+        self._begin_streams = begin_streams
         self._event_bus = event_bus
         self._recording: ManualRecording | None = None
 
@@ -131,7 +144,9 @@ class ManualRecorder:
         if self._recording is not None:
             raise WrongUse(f"{self._recording.folder} is being recorded: end that first")
         recorder = open_manual_session(folder, note, context)
-        self._recording = ManualRecording(self._boards, self._event_bus, recorder, texture)
+        self._recording = ManualRecording(
+            self._boards, self._event_bus, recorder, texture, self._begin_streams
+        )
         self._event_bus.publish("record", f"recording by hand: {folder}", session=str(folder))
         if note:
             self._event_bus.publish("note", note)
@@ -156,6 +171,8 @@ class ManualRecorder:
         if self._recording is None:
             return
         self._recording.disk_monitor.update(now_s)
+        if self._recording.streams is not None:
+            self._recording.streams.tell_time(now_s)
         if reason := self._recording.must_end:
             self._event_bus.publish("disk", reason)
             self.end()

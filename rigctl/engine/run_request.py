@@ -16,7 +16,7 @@ from rigctl.config.resources import find_protocol, source_commit
 from rigctl.config.text_file import refuse_link_outside
 from rigctl.encoder.reading import Reading
 from rigctl.engine.rig import Rig
-from rigctl.engine.rpc.commands import NameText, NoteText, PathText, Seed
+from rigctl.engine.rpc.commands import NameText, NoteText, OwnFields, PathText, Seed
 from rigctl.errors import DiskFault, SessionError, WrongUse
 from rigctl.protocol.loader import load_protocol
 from rigctl.protocol.plan import Plan
@@ -37,7 +37,8 @@ from rigctl.values import ABOUT, BoardIdentity
 class SaidOfSession(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What people say of a session at its start, kept in it.
 
-    ``operator`` and ``sensor`` replace those of the rig's file.
+    ``operator`` and ``sensor`` replace those of the rig's file. ``own``: a lab's own fields, such
+    as those of ``about.ask``, by their names.
     """
 
     operator: NameText = ""
@@ -45,12 +46,14 @@ class SaidOfSession(Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     plate_lot: NameText = ""
     project: NameText = ""
     remarks: NoteText = ""
+    own: OwnFields = {}
 
     @property
-    def about(self) -> dict[str, str]:
+    def about(self) -> dict[str, Any]:
         """What was said, by attribute; without what was left empty."""
         said = {name: getattr(self, name).strip() for name in ABOUT}
-        return {name: text for name, text in said.items() if text}
+        own = {name: text.strip() for name, text in self.own.items() if text.strip()}
+        return {name: value for name, value in {**said, "own": own}.items() if value}
 
 
 class RunRequest(SaidOfSession, frozen=True, forbid_unknown_fields=True):
@@ -83,7 +86,7 @@ class RunContext:
     boards: tuple[BoardIdentity, ...]
     start_utc: str
     is_commissioned: bool
-    about: Mapping[str, str] = field(default_factory=dict)
+    about: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

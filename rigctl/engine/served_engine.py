@@ -14,9 +14,10 @@ from collections.abc import Coroutine, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
+from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
-from rigctl.config.rig_config import RecordingConfig, RunConfig
+from rigctl.config.rig_config import About, RecordingConfig, RunConfig
 from rigctl.engine.copy_process import COPY, CopyProcess
 from rigctl.engine.event_bus import EventBus
 from rigctl.engine.event_hook import EventHook
@@ -27,11 +28,15 @@ from rigctl.engine.rpc.messages import (
     NOTHING_RECORDED_S,
     STATUS_PERIOD_S,
     UNRECORDED,
+    LslScope,
     engine_message,
 )
 from rigctl.engine.rpc.server import KEPT_EVENTS, Server
 from rigctl.engine.served_run import ServedRun
+from rigctl.engine.streams_process import StreamsProcess
+from rigctl.engine.told_process import LslOutlet
 from rigctl.errors import DiskFault, RigctlError, RigFault
+from rigctl.session.extra_stream import STREAM_KIND
 from rigctl.session.ground_truth import TruthRecorder
 from rigctl.values import Event
 
@@ -47,6 +52,10 @@ FREQUENT_EVENTS = ("batch", "prediction")
 
 class ServedConfig(Protocol):
     """What every experiment's description of a rig says of its runs."""
+
+    @property
+    def about(self) -> About:
+        """Names that every session stores."""
 
     @property
     def recording(self) -> RecordingConfig:
@@ -79,9 +88,12 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         self.loop = loop
         self.event_hook = EventHook(config.run.on_event, partial(self._tell, "hook"))
         self.event_bus.subscribe(self.event_hook)
+        self.lsl = LslOutlet(self._tell)
+        """Streams the samples to other programs, where somebody has switched it on."""
         self._copy_to = config.recording.copy_to
+        self._streams_wanted = config.recording.streams
         self._recorded_s = 0.0
-        self._description = description
+        self._description, self._asks = description, config.about.ask
         self._truth = truth
         self._now_s = loop.time
         self._tasks: set[asyncio.Task[None]] = set()
@@ -139,7 +151,7 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
 
     def _describe(self) -> dict[str, Any]:
         """Return what each client learns of the rig when it connects."""
-        return {"rig": self._description}
+        return {"rig": self._description, "asks": self._asks}
 
     @abstractmethod
     def start(self, request: _Request) -> _Run:
@@ -159,12 +171,14 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
 
     def _disconnect(self) -> None:
         """Close the boards; an engine closes its own first."""
+        self.lsl.switch(LslScope.OFF)
         self.event_hook.close()
 
     def _begin(self, run: _Run) -> _Run:
         """Let a run that :meth:`start` has opened run; return it."""
         self.run = run
         run.copy = self._begin_copy(run)
+        run.streams = self._begin_streams(run.folder, run.start)
         self._run_task = self.spawn(self._execute(run))
         self.event_bus.publish("run", f"the run begins: {run.folder}", session=str(run.folder))
         return run
@@ -178,6 +192,17 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
         except OSError as error:
             text = f"no process copies this run to {self._copy_to} ({error.strerror})"
             self.event_bus.publish(COPY, f"{text}: run rigctl copy after it")
+            return None
+
+    def _begin_streams(self, folder: Path, start: tuple[str, float]) -> StreamsProcess | None:
+        """Start what records the streams of other programs beside a sitting, if any are wanted."""
+        if not self._streams_wanted:
+            return None
+        try:
+            return StreamsProcess(folder, self._streams_wanted, start, self._tell)
+        except OSError as error:
+            text = f"no process records the streams of other programs ({error.strerror})"
+            self.event_bus.publish(STREAM_KIND, text)
             return None
 
     async def _execute(self, run: _Run) -> None:
@@ -278,9 +303,9 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
             self._check_idle()
             self._send_status()
 
-    def _tell(self, kind: str, text: str) -> None:
+    def _tell(self, kind: str, text: str, **data: Any) -> None:
         """Publish an event, from any thread."""
-        self.loop.call_soon_threadsafe(self.event_bus.publish, kind, text)
+        self.loop.call_soon_threadsafe(partial(self.event_bus.publish, kind, text, **data))
 
     def _tell_late(self, late_s: float) -> None:
         """Publish that the loop itself stood still, and the boards went on without it."""
@@ -289,7 +314,9 @@ class ServedEngine(ABC, Generic[_Run, _Request]):
             self.event_bus.publish("late", text, late_s=round(late_s, 3))
 
     def _serve_boards(self) -> None:
-        """Do what the boards need ten times a second."""
+        """Do what boards and processes need ten times a second."""
+        if self.run is not None and self.run.streams is not None:
+            self.run.streams.tell_time(self._now_s())
         with self._publish_disk_fault():
             self._truth.save()
 

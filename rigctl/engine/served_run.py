@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Awaitable, Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +14,8 @@ from rigctl.engine.event_bus import EventBus
 from rigctl.engine.health import DiskMonitor
 from rigctl.engine.rpc.messages import DISK_ERROR, RecordingStatus
 from rigctl.engine.run_reasons import SESSION_OUTCOMES, RunReasons
+from rigctl.engine.streams_process import StreamsProcess
+from rigctl.session.extra_stream import STREAM_KIND
 from rigctl.session.recorder import SessionRecorder
 
 _Control = TypeVar("_Control", bound=RunReasons)
@@ -34,6 +36,8 @@ class ServedRun(ABC, Generic[_Control, _Recorder]):
         self.disk_monitor = DiskMonitor(recorder)
         self.copy: CopyProcess | None = None
         """What copies the session to a second disk, if something does."""
+        self.streams: StreamsProcess | None = None
+        """What records the streams of other programs beside the session, if something does."""
         self.outcome = ""
         self.text = ""
         self._recorder = recorder
@@ -87,6 +91,8 @@ class ServedRun(ABC, Generic[_Control, _Recorder]):
         finally:
             if self._recorder.status.part == 0:
                 self._recorder.begin_part("nothing was recorded")
+            if self.streams is not None:
+                self._record_streams(await self.streams.finish())
             self._record_end()
             self._recorder.close(SESSION_OUTCOMES[outcome])
         if self.copy is not None:
@@ -116,6 +122,14 @@ class ServedRun(ABC, Generic[_Control, _Recorder]):
             await wait()
         self.control.resume(DISK_ERROR)
         return on_disk
+
+    def _record_streams(self, closed: Mapping[str, str]) -> None:
+        """Record the last digest of each stream's file, so that the session's covers it."""
+        unsubscribe = self._event_bus.subscribe(self._recorder.add_event)
+        for name, digest in closed.items():
+            text = f"{name} is closed beside the session"
+            self._event_bus.publish(STREAM_KIND, text, file=name, digest=digest)
+        unsubscribe()
 
     def _record_end(self) -> None:
         """Record what a session says of the rig at its end."""

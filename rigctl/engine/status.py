@@ -15,7 +15,13 @@ from rigctl.engine.contact import contact_words, has_status
 from rigctl.engine.health import RateMeter, age_s
 from rigctl.engine.rig import Rig
 from rigctl.engine.rig_boards import RigBoards
-from rigctl.engine.rpc.messages import EngineStatus, QueueStatus, RecordingStatus, RunStatus
+from rigctl.engine.rpc.messages import (
+    EngineStatus,
+    LslScope,
+    QueueStatus,
+    RecordingStatus,
+    RunStatus,
+)
 from rigctl.engine.setup.served_setup import ServedSetup
 from rigctl.session.sensor_layout import SensorLayout
 from rigctl.values import DrumState
@@ -47,6 +53,7 @@ class StatusBuilder:
         recording: RecordingStatus,
         run: RunStatus,
         queue: QueueStatus,
+        lsl: LslScope,
     ) -> EngineStatus:
         """Return the status at loop time ``now_s``."""
         boards = self._boards
@@ -98,6 +105,7 @@ class StatusBuilder:
             recording=recording,
             run=run,
             queue=queue,
+            lsl=lsl,
             **(self._raw_reading() if self._raw_counts else {}),
             **(_drum_fields(drum, now_s) if drum else {}),
         )

@@ -83,6 +83,7 @@ class FingerEngine(ServedEngine[FingerRun, FingerRunRequest]):
             board=self._board_status(),
             recording=recording,
             run=run,
+            lsl=self.lsl.scope,
         )
 
     def _board_status(self) -> BoardStatus:

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from msgspec import Meta
@@ -73,7 +73,7 @@ class FingerRunRequest(SaidOfSession, frozen=True, forbid_unknown_fields=True):
             if stage not in known:
                 raise WrongUse(f"there is no stage {stage}: the stages are {', '.join(known)}")
 
-    def about_session(self, rig: FingerRig) -> dict[str, str]:
+    def about_session(self, rig: FingerRig) -> dict[str, Any]:
         """Return what the session says of itself: what the rig's file says, unless told here."""
         about = rig.config.about
         return {"operator": about.operator, "sensor": about.sensor, **self.about}
@@ -292,7 +292,7 @@ def _header(
     board: BoardIdentity,
     start_utc: str,
     classifier: FingerClassifier | None,
-    about: Mapping[str, str],
+    about: Mapping[str, Any],
 ) -> SessionHeader:
     ranges = classifier.model.normalisation if classifier is not None else None
     stages = dict.fromkeys(trial.stage.value for trial in plan.trials)

@@ -12,7 +12,7 @@ from typing import Any
 
 import msgspec
 
-from rigctl.engine.rpc.messages import BoardStatus, RecordingStatus, SittingStatus
+from rigctl.engine.rpc.messages import BoardStatus, LslScope, RecordingStatus, SittingStatus
 from rigctl.finger.plan import ScanQuality
 
 NOMINAL_QUALITY = ScanQuality()
@@ -59,7 +59,7 @@ class FingerEngineStatus:
     Ages are loop time since the newest data, or the last loss, None before any. Positions are
     plate coordinates. ``late_velocities``: velocities that reached the board after their batch.
     ``latency_p99_ms``: 99th percentile of each kind of :mod:`rigctl.finger.devices` that
-    was measured.
+    was measured. ``lsl``: who can see what is streamed over the Lab Streaming Layer.
     """
 
     at_s: float = 0.0
@@ -87,6 +87,7 @@ class FingerEngineStatus:
     board: BoardStatus = field(default_factory=BoardStatus)
     recording: RecordingStatus = field(default_factory=RecordingStatus)
     run: FingerRunStatus = field(default_factory=FingerRunStatus)
+    lsl: LslScope = LslScope.OFF
 
 
 def parse_finger_status(data: Mapping[str, Any]) -> FingerEngineStatus:

@@ -17,14 +17,15 @@ import json
 from collections.abc import Callable, Collection, Iterator, Mapping
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.session import layout
-from rigctl.session.hdf5_file import hdf5_errors, read_attributes, read_text
+from rigctl.session.hdf5_file import Hdf5File, hdf5_errors, read_attributes, read_text
 from rigctl.session.layout import DIGESTS, TEXTS, Row
 from rigctl.session.part import PREVIOUS_DIGEST, PartReader, StructuredArray
 from rigctl.session.session_reader import SessionReader
@@ -106,6 +107,32 @@ class DigestChain:
         self._new.append((table.encode(), first_row, n_rows, self.last.encode()))
 
 
+class DigestedFile(Protocol):
+    """An open file whose rows are covered by digests: a part, or a stream beside them."""
+
+    @property
+    def path(self) -> Path:
+        """Where it is."""
+
+    @property
+    def attributes(self) -> dict[str, Any]:
+        """Those of its root."""
+
+    @property
+    def file(self) -> Hdf5File:
+        """The file itself."""
+
+    @property
+    def is_growing(self) -> bool:
+        """Whether a living writer may append to it."""
+
+    def stored_lengths(self) -> dict[str, int]:
+        """Return the rows of each data set that grows, by its path."""
+
+    def stored_rows(self, path: str, start: int, stop: int) -> NDArray[Any]:
+        """Return rows [start, stop) of a data set as stored, text as bytes."""
+
+
 class RowRange(NamedTuple):
     """Rows ``first_row`` … ``first_row + n_rows - 1`` of a table."""
 
@@ -136,7 +163,7 @@ class PartDamage:
 
 
 def check_digests(
-    part: PartReader,
+    part: DigestedFile,
     tables: Collection[str] | None = None,
     on_bytes: OnBytes = lambda n: None,
 ) -> PartDamage:
@@ -171,9 +198,9 @@ class _StoredChain:
     SHA-256 takes as long as HDF5: ``hasher`` digests one batch while the next one is read.
     """
 
-    def __init__(self, part: PartReader) -> None:
+    def __init__(self, part: DigestedFile) -> None:
         self._part = part
-        rows = part.stored_rows(DIGESTS.path, 0, part.n_rows(DIGESTS))
+        rows = part.stored_rows(DIGESTS.path, 0, part.stored_lengths()[DIGESTS.path])
         columns = (rows[name].tolist() for name in ("table", "first_row", "n_rows"))
         self.places = [
             RowRange(table.decode("ascii", "replace"), first, count)

@@ -42,6 +42,7 @@ JSON_ATTRIBUTES: Mapping[str, type[Any]] = {
     "simulation": dict,
     "tracker": dict,
     "passport": dict,
+    "own": dict,
     "plugins": list,
 }
 """Attributes that hold JSON, and what it must be."""
@@ -76,6 +77,7 @@ class SessionHeader:
     ``sample_unit`` is the unit of a reading, ``highest_reading`` its upper limit. ``cut_by`` is
     the signal that marks the first sample of a trial, empty if unknown. ``simulation`` holds what
     repeats a simulated bench (seed, slice length, parameters) and is empty for a real one.
+    ``own``: what people said of a lab's own fields, by their names; older parts lack it.
     ``passport``: values of :class:`~rigctl.session.sensor_passport.SensorPassport`, empty without
     one. ``plugins``: what other packages did in it.
 
@@ -98,6 +100,7 @@ class SessionHeader:
     plate_lot: str = ""
     project: str = ""
     remarks: str = ""
+    own: dict[str, str] = field(default_factory=dict)
     software_version: str = ""
     software_commit: str = ""
     encoder_preset: str = ""

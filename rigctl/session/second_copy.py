@@ -17,6 +17,7 @@ from pathlib import Path
 
 from rigctl.errors import DiskFault, SessionError
 from rigctl.session.digests import PartDamage, check_digests
+from rigctl.session.extra_stream import stream_paths
 from rigctl.session.ground_truth import PARTIAL, log_paths
 from rigctl.session.layout import PROTOCOL_FILE, RIG_FILE
 from rigctl.session.notes import note_paths
@@ -37,12 +38,12 @@ def is_written(folder: Path) -> bool:
 
 def finished_files(folder: Path) -> list[Path]:
     """Return the files of a session that nothing writes to any more, texts and notes first."""
-    parts = existing_parts(folder)
+    parts, streams = existing_parts(folder), stream_paths(folder)
     if is_written(folder):
-        parts = parts[:-1]
+        parts, streams = parts[:-1], []
     texts = [path for name in (PROTOCOL_FILE, RIG_FILE) if (path := folder / name).is_file()]
     logs = [path for path in log_paths(folder) if path.suffix != PARTIAL]
-    return [*texts, *note_paths(folder), *parts, *logs]
+    return [*texts, *note_paths(folder), *parts, *streams, *logs]
 
 
 class SessionCopy:

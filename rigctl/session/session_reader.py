@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from rigctl.errors import SessionError
 from rigctl.session import layout
+from rigctl.session.extra_stream import ExtraStream, open_streams
 from rigctl.session.header import SessionHeader
 from rigctl.session.layout import (
     SessionLayout,
@@ -197,6 +198,7 @@ class SessionReader:
         self.path = path
         self.parts: list[PartReader] = []
         self._damaged: dict[int, str] = {}
+        self._streams: tuple[ExtraStream, ...] | None = None
         try:
             self._open_parts(part_paths(path))
             self._load()
@@ -213,11 +215,24 @@ class SessionReader:
         return cls(path)
 
     def close(self) -> None:
-        """Close the files of all parts."""
+        """Close the files of all parts and streams."""
         for part in self.parts:
             part.leave()  # h5py looks through all that is open, of all files, for each that closes
         for part in self.parts:
             part.close()
+        self._close_streams()
+
+    def _close_streams(self) -> None:
+        for stream in self._streams or ():
+            stream.close()
+        self._streams = None
+
+    @property
+    def streams(self) -> tuple[ExtraStream, ...]:
+        """Streams of other programs beside the session, those that can be read, in their order."""
+        if self._streams is None:
+            self._streams = tuple(open_streams(self.path))
+        return self._streams
 
     def __enter__(self) -> Self:
         return self
@@ -226,7 +241,8 @@ class SessionReader:
         self.close()
 
     def refresh(self) -> None:
-        """Update to the last flush: new rows and new parts."""
+        """Update to the last flush: new rows, new parts and streams."""
+        self._close_streams()
         for part in self.parts:
             part.refresh()
         last = self.parts[-1].number

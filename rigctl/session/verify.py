@@ -26,6 +26,7 @@ from rigctl.session.digests import (
     name_attempts,
     touched_attempts,
 )
+from rigctl.session.extra_stream import STREAM_KIND, ExtraStream, stream_paths
 from rigctl.session.ground_truth import PARTIAL, log_number, log_paths, open_truth, summarise_truth
 from rigctl.session.header import session_wiring
 from rigctl.session.layout import PROTOCOL_FILE, RIG_FILE, parse_trial, part_name, part_number
@@ -132,6 +133,7 @@ def verify(
                 _check_drum(session, report, on_progress)
             else:
                 _check_other(session, report, on_progress)
+            _check_streams(session, report)
             _compare_digest(session.parts, digest, report)
     except SessionError as error:
         report.problems.append(str(error))
@@ -450,6 +452,36 @@ def _check_logs(session: SessionReader, report: VerifyReport) -> None:
                     )
         except SessionError as error:
             report.problems.append(str(error))
+
+
+def _check_streams(session: SessionReader, report: VerifyReport) -> None:
+    """Check the streams of other programs beside the session, against its record of them, too."""
+    events = [event.data for event in session.events_of(STREAM_KIND)]
+    recorded = {str(data["file"]): data.get("digest") for data in events if "file" in data}
+    paths = {path.name: path for path in stream_paths(session.path)}
+    report.problems += [f"{name}: is missing" for name in sorted(recorded.keys() - paths)]
+    for name, path in paths.items():
+        try:
+            report.problems += _wrong_stream(path, recorded.get(name), report.notes)
+        except SessionError as error:
+            report.problems.append(str(error))
+
+
+def _wrong_stream(path: Path, digest: object, notes: list[str]) -> list[str]:
+    """Return what is wrong with a stream, of which the session recorded the last digest or None."""
+    stream = ExtraStream(path)
+    try:
+        damage, last = check_digests(stream), stream.last_digest
+    finally:
+        stream.close()
+    notes.append(stream.describe())
+    places = [*damage.altered, *damage.gone, *(damage.uncovered if stream.finished else ())]
+    found = [f"{path.name}: {describe_rows(place)}" for place in places[:MAX_LINES]]
+    if damage.misplaced:
+        found.append(f"{path.name}: rows of /digests were altered, removed or moved")
+    if not found and digest not in (None, last):
+        found.append(f"{path.name}: is not the file that was recorded with this session")
+    return found
 
 
 def _compare_digest(parts: Sequence[PartReader], digest: str, report: VerifyReport) -> None:

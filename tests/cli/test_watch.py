@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from rigctl.cli import main, watch
-from rigctl.cli.watch import LETTERS, NOTHING_YET, Look, due_words, looks, raster_lines
+from rigctl.cli.watch import LETTERS, NOTHING_YET, Look, due_words, looks, spike_raster
 from rigctl.engine.rpc.client import FoundEngine
 from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE, EngineFile
 from rigctl.engine.runner import Run
@@ -163,7 +163,7 @@ def test_the_newest_trial_is_drawn_as_text_once(tmp_path: Path) -> None:
     assert title.endswith("ms:")
     assert next(view).news == []
     with Session.open(tmp_path / "session") as session:
-        _, *lines = watch.trial_raster(session, 3, 60, LETTERS)
+        _, *lines = watch.trial_raster(session, 3).lines(60, LETTERS)
     assert [line[:3] for line in lines] == ["SA "] * 9 + ["RA "] * 9
     assert {len(line) for line in lines} == {60} and any("@" in line for line in lines)
 
@@ -171,7 +171,8 @@ def test_the_newest_trial_is_drawn_as_text_once(tmp_path: Path) -> None:
 def test_marks_stand_where_the_spikes_are() -> None:
     first, second = np.array([0, 1, 2, 3, 50], np.int32), np.array([99], np.int32)
     spikes = Spikes.from_trains([first, second], 100)
-    assert raster_lines(spikes, 13, LETTERS) == ["SA @    :    ", "RA          @"]
+    lines = spike_raster("a trial", spikes).lines(13, LETTERS)
+    assert lines == ["a trial", "SA @    :    ", "RA          @"]
 
 
 def test_a_session_of_the_finger_is_watched(tmp_path: Path) -> None:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+import select
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -63,6 +66,24 @@ def test_blocks_have_every_sample_once(rig: ConnectedRig) -> None:
     assert firsts[1:] == [block.first + len(block) for block in blocks[:-1]]
     assert np.all(np.diff(np.concatenate([block.counters for block in blocks])) == 1)
     assert all(block.spikes.shape == (len(block), 36) for block in blocks)
+
+
+def test_the_subscriber_of_the_page_gets_spikes_as_they_come(rig: ConnectedRig) -> None:
+    (snippet,) = re.findall(r"in ten lines:\n\n```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    assert len(snippet.strip().splitlines()) <= 10
+    command = [sys.executable, "-u", "-c", snippet]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as subscriber:
+        assert subscriber.stdout is not None
+        rig.mount("B")
+        rig.set(force_g=300)
+        rig.arm()
+        rig.tare()
+        while not select.select([subscriber.stdout], [], [], 0)[0]:  # it may have joined late
+            rig.approach()
+            rig.lift()
+        first = subscriber.stdout.readline()
+        subscriber.kill()
+    assert re.fullmatch(r"\d+\.\d{3} s \[[ \d]+\]\n", first)
 
 
 def test_a_refused_move_says_why_and_leaves_the_rig_as_it_was(rig: ConnectedRig) -> None:

@@ -21,6 +21,7 @@ from rigctl.engine.rpc.messages import SHOWN_LETTERS
 from rigctl.errors import WrongUse
 from rigctl.protocol.plan import MAX_SEED
 from rigctl.session.notes import MAX_AUTHOR_LETTERS, MAX_LETTERS
+from rigctl.values import OWN_NAME
 
 Result = dict[str, Any]
 A_CLIENT = "a client"
@@ -33,6 +34,9 @@ PathText = Annotated[str, Meta(max_length=4096, pattern=r"\A[^\x00-\x1f\x7f]+\Z"
 TextureName = Annotated[str, Meta(max_length=16, pattern=r"\A\w[\w .,+()-]*\Z")]
 NameText = Annotated[str, Meta(max_length=MAX_AUTHOR_LETTERS, pattern=r"\A[^\x00-\x1f\x7f]*\Z")]
 """The name of a person or a sensor, or an empty text."""
+OwnName = Annotated[str, Meta(max_length=40, pattern=OWN_NAME)]
+"""The name of a lab's own field."""
+OwnFields = Annotated[dict[OwnName, NameText], Meta(max_length=32)]
 ClientName = Annotated[str, Meta(min_length=1, max_length=80, pattern=r"\A[^\x00-\x1f\x7f]+\Z")]
 """What other clients read of one."""
 NoteText = Annotated[str, Meta(max_length=MAX_LETTERS)]

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
+from enum import StrEnum
 from typing import Annotated, Any
 
 import msgspec
@@ -87,6 +88,14 @@ class RecordingStatus:
     hours_left: float | None = None
     failure: str | None = None
     by_hand: bool = False
+
+
+class LslScope(StrEnum):
+    """Who can see what an engine streams over the Lab Streaming Layer."""
+
+    OFF = "off"
+    COMPUTER = "computer"
+    NETWORK = "network"
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,7 +264,8 @@ class EngineStatus:
     ``taxel_inputs``: analog inputs of the board, a reading is inputs · line + input;
     ``full_scale``: its highest reading. ``axis_mm``: height of a further axis, None without one.
     ``registers``: those of the drum that its table marks as shown, by name, in their units.
-    ``wrong_wirings``: names of those of a simulated rig that are on.
+    ``wrong_wirings``: names of those of a simulated rig that are on. ``lsl``: who can see what is
+    streamed over the Lab Streaming Layer.
     """
 
     at_s: float = 0.0
@@ -312,6 +322,7 @@ class EngineStatus:
     recording: RecordingStatus = RecordingStatus()
     run: RunStatus = RunStatus()
     queue: QueueStatus = QueueStatus()
+    lsl: LslScope = LslScope.OFF
     calibration: CalibrationStatus = NO_CALIBRATION
     setup: SetupStatus = NO_SETUP
 

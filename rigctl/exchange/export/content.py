@@ -6,6 +6,7 @@ its own. Each is read part by part; a format writes block after block and never 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -18,6 +19,8 @@ from rigctl.analysis.executors import Progress
 from rigctl.errors import WrongUse
 from rigctl.exchange.export.selection import Representation, Selection
 from rigctl.exchange.export.timeline import PartTimes, part_times, session_start
+from rigctl.session.extra_stream import ExtraStream
+from rigctl.session.ground_truth import start_of
 from rigctl.session.layout import (
     ARRIVALS,
     DRUM,
@@ -156,6 +159,7 @@ class Content:
             "seed": header.seed,
             "rig": header.rig,
             **{name: getattr(header, name) for name in ABOUT},
+            **{f"own_{_plain_name(name)}": text for name, text in header.own.items()},
             "recorded_by": f"rigctl {header.software_version} {header.software_commit}".strip(),
             **({"plugins": header.plugin_names} if header.plugins else {}),
             "exported_by": f"rigctl {__version__}",
@@ -298,11 +302,59 @@ class Content:
 
     @property
     def tables(self) -> tuple[Series, ...]:
-        """The session's other tables; events and gaps are among them."""
+        """The session's other tables, events and gaps among them, and the streams beside it."""
         layout = self.reader.layout
-        return tuple(
-            self._table(table) for table in layout.tables if table not in (layout.trials, ARRIVALS)
-        )
+        tables = [each for each in layout.tables if each not in (layout.trials, ARRIVALS)]
+        streams = [self._stream(stream) for stream in self.reader.streams]
+        return (*map(self._table, tables), *streams)
+
+    def _stream(self, stream: ExtraStream) -> Series:
+        columns = [
+            number_column(TIME, "f8", "s", "time since the start of the session"),
+            number_column("lsl_s", "f8", "s", "time stamp of the sender"),
+        ]
+        if stream.is_text:
+            columns.append(Column("text", np.dtype("U512"), "", "what was sent"))
+        else:
+            units = ", ".join(dict.fromkeys(filter(None, stream.units)))
+            doc = f"channels of {stream.name}"
+            columns.append(number_column("value", stream.type_code, units, doc, stream.channels))
+        name = f"stream_{stream.number}_{_plain_name(stream.name)}"
+        doc = f"LSL stream {stream.name}, type {stream.kind}, of {stream.host}"
+        return Series(name, doc, tuple(columns), lambda: self._stream_blocks(stream))
+
+    def _stream_blocks(self, stream: ExtraStream) -> Iterator[Block]:
+        stage = f"reading {stream.path.name}"
+        parts = [part for part in self.reader.parts if start_of(part.attributes) == stream.start]
+        for start in range(0, stream.n_rows if parts else 0, TABLE_ROWS):
+            self.progress(stage, start, stream.n_rows)
+            stop = min(start + TABLE_ROWS, stream.n_rows)
+            loop_s = stream.times_s(start, stop)
+            values = stream.values(start, stop)
+            block = {
+                TIME: self._times_beside(parts, loop_s),
+                "lsl_s": stream.lsl_s(start, stop),
+                "text" if stream.is_text else "value": values,
+            }
+            if not self.selection.is_whole:
+                rows = self.reader.trials[self.attempts]
+                own = rows[np.isin(rows["part"], [part.number for part in parts])]
+                kept = _is_between(loop_s, own["started_s"], own["ended_s"])
+                block = {key: column[kept] for key, column in block.items()}
+            yield block
+        self.progress(stage, 1, 1)
+
+    def _times_beside(
+        self, parts: Sequence[PartReader], loop_s: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the times of loop times of a sitting, each by the clock of the part then open."""
+        clocks = [self.times[part.number] for part in parts]
+        begins = np.array([clock.loop_s[0] for clock in clocks])
+        which = np.maximum(np.searchsorted(begins, loop_s, "right") - 1, 0)
+        found = np.empty(len(loop_s))
+        for index in np.unique(which):
+            found[which == index] = clocks[index].of_loop(loop_s[which == index])
+        return found
 
     def _table(self, table: TableLayout) -> Series:
         name = table.path.strip("/")
@@ -408,6 +460,11 @@ def _columns_of(table: TableLayout) -> tuple[Column, ...]:
         Column(c.name, np.dtype(c.type_code.replace("S", "U")), c.unit, c.doc)
         for c in table.columns
     )
+
+
+def _plain_name(name: str) -> str:
+    """Return a name of letters, digits and underscores, as files and MATLAB's structures want."""
+    return re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")[:40] or "stream"
 
 
 def _has_time(table: TableLayout) -> bool:

@@ -42,6 +42,7 @@ from rigctl.exchange.export.content import (
     joined,
 )
 from rigctl.exchange.export.timeline import session_start
+from rigctl.values import ABOUT
 
 COMPRESSED = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
 CHUNK_BYTES = 1 << 20
@@ -120,7 +121,7 @@ def _empty_file(content: Content) -> NWBFile:
         experiment_description=f"{origin}tactile textures, experiment {about['experiment']}",
         keywords=["tactile", "texture", *(["simulated"] if content.simulated else [])],
         protocol=str(about["protocol"]) or None,
-        notes=str(about["notes"]) or None,
+        notes=_said(content) or None,
         institution="not stated",
         source_script="rigctl export",
         source_script_file_name="rigctl/exchange/export/nwb.py",
@@ -135,6 +136,14 @@ def _empty_file(content: Content) -> NWBFile:
     ):
         nwb.add_scratch(text, name=name, description=doc)
     return nwb
+
+
+def _said(content: Content) -> str:
+    """Return what people said of the session at its start and later, a line each."""
+    header = content.reader.header
+    named = {name.replace("_", " "): getattr(header, name) for name in ABOUT} | header.own
+    lines = [f"{name}: {text}" for name, text in named.items() if text]
+    return "\n".join([*lines, *filter(None, [str(content.about["notes"])])])
 
 
 def _add_samples(nwb: NWBFile, content: Content) -> _Filling | None:

@@ -19,6 +19,7 @@ from pathlib import Path
 from rigctl.cli.arguments import (
     a_path,
     add_about,
+    add_lsl,
     add_option,
     add_seed,
     number,
@@ -109,6 +110,7 @@ def _add_recording(parser: argparse.ArgumentParser) -> None:
     add_option(parser, "--resume", a_path, "DIR", "continue a session")
     add_seed(parser, "seed of order and virtual finger")
     add_option(parser, "--session", whole_number(0), "N", "session of the virtual finger")
+    add_lsl(parser)
     parser.add_argument("--yes", action="store_true", help="lay simulated plates without asking")
     parser.add_argument("--paced", action="store_true", help="simulate at the speed of real time")
     add_world(parser)

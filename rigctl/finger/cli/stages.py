@@ -9,13 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from rigctl.cli.arguments import about_options
+from rigctl.cli.arguments import about_options, ask_own_fields
 from rigctl.cli.engine_process import utc_now
 from rigctl.cli.progress import ProgressLine, clock
-from rigctl.cli.run import EXIT_CODES, TOLD_EVENTS, RunWatcher
+from rigctl.cli.run import EXIT_CODES, TOLD_EVENTS, RunWatcher, send_lsl
 from rigctl.cli.verify import print_missing, print_session
 from rigctl.engine.rpc.client import FINGER_ENGINE_COMMAND, EngineClient
 from rigctl.errors import CheckFailed, WrongUse
+from rigctl.finger.config import load_finger_config
 from rigctl.finger.latency import KINDS, LIMITS_MS
 from rigctl.finger.model_file import load_finger_model
 from rigctl.finger.model_files import SPEED_SCALED, model_path
@@ -200,6 +201,8 @@ def _record(
     first_slide: int = 0,
 ) -> FingerRunStatus:
     """Run the stages on an engine of their own and return the run's last status."""
+    if str(args.rig).endswith(".toml"):
+        ask_own_fields(args, load_finger_config(Path(args.rig)).about.ask)
     options = [word for stage in stages for word in ("--stage", stage)]
     seed = args.seed or 0
     if args.resume is not None:
@@ -215,13 +218,14 @@ def _record(
         "--order-seed": args.seed,
         "--error-rate": getattr(args, "error_rate", None),
         "--coverage": getattr(args, "coverage", None),
-        **about_options(args),
     }
     options += [f"{name}={value}" for name, value in named.items() if value is not None]
+    options += about_options(args)
     options += ["--yes"] if args.yes else []
     client = EngineClient.start(
         args.rig, paced=args.paced, seed=seed, run=options, command=FINGER_ENGINE_COMMAND
     )
+    send_lsl(client, args)
     progress = ProgressLine(sys.stderr)
     told: tuple[str, ...] = TOLD_EVENTS
     if args.paced or args.rig not in SIMULATED:

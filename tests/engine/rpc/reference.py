@@ -9,6 +9,7 @@ import msgspec
 from msgspec.inspect import (
     BoolType,
     CollectionType,
+    DictType,
     EnumType,
     FloatType,
     IntType,
@@ -90,6 +91,9 @@ def words(info: Type) -> str:
             return " or ".join(f"`{value}`" for value in info.values)
         case EnumType():
             return f"number of a {info.cls.__name__.lower()}"
+        case DictType():
+            of = f"{words(info.key_type)}, {words(info.value_type)}"
+            return f"object of up to {info.max_length}: {of}"
         case VarTupleType() | CollectionType():
             return f"list of up to {info.max_length}: {words(info.item_type)}"
         case UnionType():
@@ -98,7 +102,7 @@ def words(info: Type) -> str:
 
 
 def _default(value: object) -> str:
-    if value in (None, ()):
+    if value in (None, (), {}):
         return " (optional)"
     return f" (default {str(value).lower()})"
 

@@ -335,6 +335,8 @@ def test_the_next_window_knows_folder_operator_and_sensor(
     for name, text in (("plate_lot", "PLA 3"), ("project", "pilot"), ("remarks", "cold room")):
         panel.form.about[name].setText(text)
     panel.form.notes.setText("new skin")
+    panel.form.own.show_asked(["skin temperature", "cleaned with"])
+    panel.form.own.fields["cleaned with"].setText("ethanol")
     harness.update()
     wait_until(panel.buttons["Start"].isEnabled)
     click(panel.buttons["Start"])
@@ -343,6 +345,8 @@ def test_the_next_window_knows_folder_operator_and_sensor(
     said = [arguments[name] for name in ("plate_lot", "project", "remarks")]
     assert said == ["PLA 3", "pilot", "cold room"]
     assert arguments["notes"] == "new skin" and panel.form.notes.text() == ""
+    assert arguments["own"] == {"cleaned with": "ethanol"}
+    panel.form.own.show_asked([])
     memory.save()
     later = ProtocolPanel()
     settings = UserSettings(tmp_path / "window.ini")
@@ -350,3 +354,5 @@ def test_the_next_window_knows_folder_operator_and_sensor(
     assert later.out.text() == str(tmp_path)
     assert (later.form.operator.text(), later.form.sensor.text()) == ("Jörg", "batch 7")
     assert later.form.about["plate_lot"].text() == "PLA 3"
+    later.form.own.show_asked(["cleaned with"])
+    assert later.form.own.fields["cleaned with"].text() == "ethanol"

@@ -21,6 +21,7 @@ from gui.shell.main_window import MainWindow
 from gui.widgets.labels import Level
 from rigctl.boards.drum_states import State
 from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE, running_engines, runtime_folder
+from rigctl.engine.rpc.messages import LslScope
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
 from tests.gui.running_engine import ridges
@@ -51,6 +52,21 @@ def log_of_a_failure(window: MainWindow) -> Iterator[None]:
 
 def _wait(window: MainWindow, *states: State) -> None:
     wait_until(lambda: window.engine_link.status.state in states, TIMEOUT_MS)
+
+
+def test_the_menu_streams_to_other_programs_and_shows_who_sees_it(window: MainWindow) -> None:
+    pytest.importorskip("pylsl", reason="its wheels have liblsl for x86-64 and ARM Macs only")
+    drum = [a for menu, a in window.menus.actions() if menu == "Rig → Stream over LSL"]
+    finger = [a for menu, a in window.menus.actions() if menu == "Rig → Finger → Stream over LSL"]
+    assert [action.text() for action in drum if action.isChecked()] == ["O&ff"]
+    assert not any(action.isEnabled() for action in finger), "its engine is not connected"
+    off, computer, _ = drum
+    computer.trigger()
+    wait_until(lambda: "rigctl virtual spikes" in window.event_log.toPlainText(), TIMEOUT_MS)
+    assert window.engine_link.status.lsl is LslScope.COMPUTER and computer.isChecked()
+    off.trigger()
+    wait_until(lambda: window.engine_link.status.lsl is LslScope.OFF, TIMEOUT_MS)
+    assert off.isChecked()
 
 
 def _arm(window: MainWindow) -> None:
