@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
+import numba
 import numpy as np
 from numba.core import codegen
 from numba.core.registry import cpu_target
@@ -22,16 +23,18 @@ from numba.core.registry import cpu_target
 
 @contextmanager
 def avx512_inverted() -> Iterator[None]:
-    """Report the host's features with AVX-512 inverted."""
+    """Report the features that numba compiles for with AVX-512 inverted."""
     _ = cpu_target.target_context  # numba reads the true features once, here
-    real: Any = codegen.get_host_cpu_features
-    features = real()
+    config: Any = numba.config
+    host: Any = codegen
+    configured = config.CPU_FEATURES
+    features = host.get_host_cpu_features() if configured is None else configured
     inverted = "-avx512f" if "+avx512f" in features.split(",") else "+avx512f"
-    codegen.get_host_cpu_features = lambda: f"{features.replace('avx512f', 'other')},{inverted}"
+    config.CPU_FEATURES = f"{features.replace('avx512f', 'other')},{inverted}"
     try:
         yield
     finally:
-        codegen.get_host_cpu_features = real
+        config.CPU_FEATURES = configured
 
 
 def digest() -> str:

@@ -52,6 +52,7 @@ SHARED: tuple[tuple[str, dict[str, Any]], ...] = (
         ("answer", {"prompt_id": 1, "answer": "ok"}),
         ("inject", {"fault": "drop_frames", "count": 3}),
     ),
+    ("lsl", {"scope": "off"}),
 )
 DRUM: tuple[tuple[str, dict[str, Any]], ...] = (
     *SHARED,
@@ -60,6 +61,7 @@ DRUM: tuple[tuple[str, dict[str, Any]], ...] = (
     *(("set", {"travel_mm": 20.0, "run_in_mm": 10.0}), ("clear_fault", {}), ("test_taxels", {})),
     *(("calibrate_loadcell", {"mass_g": 0.0}), ("calibrate_loadcell", {"mass_g": 200.0})),
     *(("calibrate_force", {"force_g": 300.0}), ("calibrate_imbalance", {})),
+    ("axis", {"height_mm": 1.0}),
     *(("calibrate_wiring", {}), ("repeat_press", {}), ("cancel_calibration", {})),
     *(("forget_mass", {"mass_g": 200.0}), ("save_calibration", {"part": "loadcell"})),
     ("discard_calibration", {"part": "wiring"}),
