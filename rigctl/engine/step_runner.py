@@ -460,14 +460,25 @@ class StepRunner:
             uncertainty_ms = attempt.start_by_clock.uncertainty_ms
             data |= {"cut_by": CUT_BY_CLOCK, "cut_uncertainty_ms": uncertainty_ms}
         self._store(attempt, Verdict.REJECTED if reasons else Verdict.COMMITTED, reasons, **data)
+        try:
+            await self._after_attempt(trial, reasons, found)
+        finally:
+            if not reasons:
+                self._progress.commit(trial)  # also where the lift behind it fails
+        return not reasons
+
+    async def _after_attempt(
+        self, trial: PlannedTrial, reasons: tuple[str, ...], found: DataVerdict
+    ) -> None:
+        """Tell of a quarantine, count failures in a row, and lift where the protocol does."""
         if found.quarantine:
             text = f"trial {trial.trial_id} is in quarantine: {'; '.join(found.quarantine)}"
-            self._publish(QUARANTINE_KIND, text, trial_id=trial.trial_id, attempt=number)
+            attempt = self._attempts[trial.trial_id]
+            self._publish(QUARANTINE_KIND, text, trial_id=trial.trial_id, attempt=attempt)
         self._count_failure(trial, reasons or found.quarantine, found.broken)
         if self._protocol.lift == EACH_TRIAL or reasons or found.quarantine:
             # A pause must not interrupt this lift: the stored trial would run again.
             await self._without_pauses(self._leave_contact)
-        return not reasons
 
     async def _leave_contact(self) -> None:
         if self._pressed is not None:
@@ -504,7 +515,6 @@ class StepRunner:
         self._recorder.commit_trial(row)
         if verdict is Verdict.COMMITTED:
             self._committed[row.trial.trial_id] = row.attempt
-            self._progress.commit(row.trial)
         why = f": {'; '.join(reasons)}" if reasons else ""
         self._publish(
             "trial",
