@@ -42,7 +42,7 @@ EXPERIMENTS: Mapping[str, Experiment] = {
             "layout": "rigctl.session.layout:DRUM_LAYOUT",
             "reader": "rigctl.session.session:Session",
             "live": "rigctl.engine.live_file:LiveReader",
-            "raster": "rigctl.cli.watch:trial_raster",
+            "raster": "rigctl.cli.session_looks:trial_raster",
             "plates": "rigctl.bench.plate_solids:write_drum_plates",
         },
     ),

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.cli.arguments import a_path, add_option
+from rigctl.cli.arguments import a_path, add_option, number
 from rigctl.cli.lsl import load_lsl
 from rigctl.config.rig_config import stream_predicate
 from rigctl.errors import DiskFault
@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_option(parser, "session", a_path)
     parser.add_argument("--stream", action="append", default=[])
     parser.add_argument("--start-utc", default="")
-    parser.add_argument("--start-loop-s", type=float, default=0.0)
+    add_option(parser, "--start-loop-s", number(0.0, 1e12), default=0.0)
 
 
 def run(args: argparse.Namespace) -> int:

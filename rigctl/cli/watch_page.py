@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from rigctl.errors import WrongUse
 
 if TYPE_CHECKING:
-    from rigctl.cli.watch import Look, TrialRaster
+    from rigctl.cli.session_looks import Look, TrialRaster
 
 LOOPBACK = "127.0.0.1"
 RELOAD_S = 2

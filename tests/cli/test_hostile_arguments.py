@@ -215,7 +215,7 @@ def test_every_argument_of_every_command_has_a_declared_type() -> None:
     """A new option is checked, or it would read pipes and take 10⁴⁰⁰."""
     free = {
         "set", "preset", "dask", "name", "task", "also", "representation", "plate", "port", "stage",
-        "creator", "license",
+        "creator", "license", "stream", "start_utc",
     }  # fmt: skip
     for command in set(MODULES) - {"gui"}:
         for action in _actions(create_parser([command])):

@@ -12,8 +12,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from rigctl.cli import main, watch
-from rigctl.cli.watch import LETTERS, NOTHING_YET, Look, due_words, looks, spike_raster
+from rigctl.cli import main, session_looks, watch
+from rigctl.cli.session_looks import LETTERS, NOTHING_YET, Look, due_words, looks, spike_raster
 from rigctl.engine.rpc.client import FoundEngine
 from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE, EngineFile
 from rigctl.engine.runner import Run
@@ -78,12 +78,12 @@ def test_what_the_run_does_and_when_the_plate_changes_is_told(
     async def scenario(harness: EngineHarness) -> None:
         run = harness.engine.run
         assert run is not None
-        monkeypatch.setattr(watch, "find_engines", lambda: [engine_of(run)])
+        monkeypatch.setattr(session_looks, "find_engines", lambda: [engine_of(run)])
         view = watched(harness.session)
 
         def look() -> None:
             news.append(next(view).news)
-            due.append(due_words(watch.run_of(harness.session)))
+            due.append(due_words(session_looks.run_of(harness.session)))
 
         await harness.until(lambda: run.control.prompt is not None)
         look()
@@ -143,7 +143,7 @@ def test_what_was_repeated_or_put_into_quarantine_before_is_told_with_its_reason
         source.trial(second)
         about = {"trial_id": second.trial_id, "attempt": 1}
         rec.add_event(Event(1.0, QUARANTINE_KIND, "trial 2 is in quarantine: taxel 7", about))
-        for number in range(watch.PAST_EVENTS):
+        for number in range(session_looks.PAST_EVENTS):
             rec.add_event(Event(2.0, "log", f"line {number}"))
     look = next(watched(tmp_path / "session"))
     with Session.open(tmp_path / "session") as session:
@@ -163,7 +163,7 @@ def test_the_newest_trial_is_drawn_as_text_once(tmp_path: Path) -> None:
     assert title.endswith("ms:")
     assert next(view).news == []
     with Session.open(tmp_path / "session") as session:
-        _, *lines = watch.trial_raster(session, 3).lines(60, LETTERS)
+        _, *lines = session_looks.trial_raster(session, 3).lines(60, LETTERS)
     assert [line[:3] for line in lines] == ["SA "] * 9 + ["RA "] * 9
     assert {len(line) for line in lines} == {60} and any("@" in line for line in lines)
 

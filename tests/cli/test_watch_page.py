@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import pytest
 
 from rigctl.cli import main
-from rigctl.cli.watch import NOTHING_YET, Look, TrialRaster, looks
+from rigctl.cli.session_looks import NOTHING_YET, Look, TrialRaster, looks
 from rigctl.cli.watch_page import WatchPage, listen_address, raster_svg
 from rigctl.engine.rpc.engine_files import FOLDER_VARIABLE
 from rigctl.errors import WrongUse

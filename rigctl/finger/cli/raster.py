@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rigctl.cli.watch import TrialRaster
+from rigctl.cli.session_looks import TrialRaster
 from rigctl.finger.session import FingerSession
 
 
