@@ -153,19 +153,20 @@ def _format(world: Mapping[str, Any], name: str) -> str:
 
 
 def _write_once(path: Path, text: str, resume: bool) -> None:
-    """Write a text beside the parts; a resumed session keeps the first one.
+    """Write a text beside the parts, whole or not at all; a resumed session keeps the first one.
 
     Raises SessionError where a new session would keep that of a run without parts.
     """
     try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError as error:
-        if not resume and path.read_text(encoding="utf-8", errors="replace") != text:
+        if not path.exists():
+            draft = path.with_name(f"{path.name}.partial")
+            draft.write_text(text, encoding="utf-8")
+            draft.replace(path)
+        elif not resume and path.read_text(encoding="utf-8", errors="replace") != text:
             raise SessionError(
                 f"{path} is there already and is not that of this run: choose another folder, or "
                 "move the file away"
-            ) from error
+            )
     except OSError as error:
         raise DiskFault(
             f"cannot write {path}: {error.strerror}; make room or choose another disk"

@@ -11,11 +11,12 @@ Spoil = Callable[[h5py.File], None]
 
 
 def set_row(path: str, row: int, **values: object) -> Spoil:
-    """Return what sets columns of one row of a table."""
+    """Return what sets columns of one row of a table; they have other values before."""
 
     def spoil(file: h5py.File) -> None:
         changed = file[path][row]
         for name, value in values.items():
+            assert changed[name] != value, f"{name} of row {row} of {path} is {value} already"
             changed[name] = value
         file[path][row] = changed
 

@@ -162,7 +162,7 @@ def removed_digest(file: h5py.File) -> None:
         (set_row("/digests", 5, digest=b"0" * 64), "not those that were recorded: trial 5"),
         (set_row("/digests", -1, digest=b"a" * 64), "of /events are not those that were recorded"),
         (set_row("/digests", 5, table=b"/other"), "of /digests were altered, removed or moved"),
-        (set_row("/digests", 5, n_rows=2), "of /digests"),
+        (set_row("/digests", 5, n_rows=0), "of /digests"),
         (removed_digest, "of /digests were altered, removed or moved"),
     ],
 )
