@@ -132,7 +132,7 @@ def test_a_stop_and_a_touch_stop_it(
 
 
 def test_a_driver_that_fails_to_stop_does_not_keep_the_drum_from_it(
-    harness: EngineHarness,
+    harness: EngineHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     axis = harness.rig.axis
     assert axis is not None
@@ -143,10 +143,10 @@ def test_a_driver_that_fails_to_stop_does_not_keep_the_drum_from_it(
     async def move(harness: EngineHarness) -> None:
         await lift(harness)
         await harness.handle("arm", {})
-        axis._actuator.stop = fail  # type: ignore[method-assign] # as a package could have it
-        await harness.engine.send_stop("stopped by the test")
-        await harness.wait(1.0)
-        del axis._actuator.stop
+        with monkeypatch.context() as patch:
+            patch.setattr(axis._actuator, "stop", fail)
+            await harness.engine.send_stop("stopped by the test")
+            await harness.wait(1.0)
 
     harness.run(move)
     said = [event.text for event in harness.events if event.kind == "fault"]

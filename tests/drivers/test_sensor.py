@@ -20,14 +20,13 @@ from gui.live.live_page import LivePage
 from gui.widgets.theme import LIGHT
 from rigctl.analysis.report.demo import analyse_sessions
 from rigctl.analysis.session_quality import judge_session
-from rigctl.bench.parameters import WorldParameters
-from rigctl.bench.world_file import SimulatedWorld
 from rigctl.config.rig_config import RigConfig, parse_config
 from rigctl.engine.live_file import LiveReader
 from rigctl.rig import open_rig
 from rigctl.session.session import Session
 from rigctl.session.verify import verify
 from rigctl.values import PluginUse
+from tests.architecture.test_another_sensor import LEVEL, PROTOCOL
 from tests.engine.engine_harness import EngineHarness, engine_on
 from tests.exchange.export.conftest import export
 
@@ -43,17 +42,6 @@ rows = 4
 columns = 4
 full_scale = 65535
 """
-PROTOCOL = """
-name = "sixteen"
-textures = ["A", "L"]
-speeds_mm_s = [100]
-forces_g = [500]
-repeats = 4
-"""
-LEVEL = SimulatedWorld(
-    WorldParameters(frame_share=0.5, sensor_tilt_mm=0.0, plate_tilt_mm=0.0, plate_give_mm=0.0)
-)
-"""A soft, level sensor: the outer taxels of a wider one touch nothing with the nominal skin."""
 
 
 @pytest.fixture
