@@ -369,6 +369,11 @@ def part_name(number: int) -> str:
     return f"part-{number:04d}.h5"
 
 
+def begun_path(part: Path) -> Path:
+    """Return the file that is there while a part is being made; it never held a row."""
+    return part.with_suffix(".new")
+
+
 def part_number(path: Path) -> int:
     """Return the number in a part's file name; 0 for any other file."""
     found = _PART_NAME.fullmatch(path.name)

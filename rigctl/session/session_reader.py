@@ -138,6 +138,8 @@ def _announced(parts: Sequence[PartReader]) -> dict[int, str]:
     last = parts[-1]
     if len(last.rows_where(layout.EVENTS, "kind", layout.SESSION_END_KIND)):
         return {}
+    if layout.begun_path(last.path.with_name(part_name(last.number + 1))).exists():
+        return {}  # its writer was killed, or the disk refused, before there was anything to miss
     return {last.number + 1: f"is missing, {last.path.name} says that another part followed it"}
 
 

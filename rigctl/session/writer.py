@@ -150,8 +150,8 @@ class PartWriter:
         """Switch to SWMR mode: readers may open the file from now on, so it gets its name."""
         self._file.swmr_mode = True
         os.fsync(self._file.id.get_vfd_handle())
-        if _temporary_path(self.path) != self.path:
-            _temporary_path(self.path).rename(self.path)
+        if _RENAMES_OPEN_FILES:
+            layout.begun_path(self.path).rename(self.path)
         sync_folder(self.path.parent)
 
     def add_block(self, block: SampleBlock) -> None:
@@ -259,23 +259,27 @@ class PartWriter:
         return self._digests.take_rows() if self._layout.has_digests else []
 
 
+_RENAMES_OPEN_FILES = os.name == "posix"
+"""Windows does not."""
+
+
 def _temporary_path(path: Path) -> Path:
-    """Return a part's name until readers may open it; Windows cannot rename an open file."""
-    return path.with_suffix(".new") if os.name == "posix" else path
+    """Return a part's name until readers may open it."""
+    return layout.begun_path(path) if _RENAMES_OPEN_FILES else path
 
 
 def _write_new(path: Path, image: bytes) -> None:
     """Write an empty part without HDF5, which crashes if the disk fills meanwhile."""
     if path.exists():
         raise FileExistsError(errno.EEXIST, "a part is never written twice", str(path))
-    temporary = _temporary_path(path)
-    temporary.unlink(missing_ok=True)  # left by a writer that died while it created a part
+    begun = layout.begun_path(path)
     try:
-        with temporary.open("xb") as file:
-            file.write(image)
+        begun.write_bytes(image)
     except OSError:
-        temporary.unlink(missing_ok=True)
+        os.truncate(begun, 0)
         raise
+    if not _RENAMES_OPEN_FILES:
+        begun.rename(path)
 
 
 def _append(dataset: Any, rows: NDArray[Any]) -> Any:
@@ -399,6 +403,8 @@ class SessionWriter:
 
     def begin_part(self, reason: str, texture: str, header: SessionHeader | None = None) -> None:
         """Close the open part and create the next, with another ``header`` if one is given."""
+        path = self._folder / layout.part_name(self._number + 1)
+        layout.begun_path(path).touch()  # before the open part says that another one followed it
         self.close_part()
         self._header = header or self._header
         self._number += 1
@@ -411,7 +417,6 @@ class SessionWriter:
             "texture": texture,
             **self._header.to_attributes(),
         }
-        path = self._folder / layout.part_name(self._number)
         self._part = PartWriter(
             path,
             self._layout,

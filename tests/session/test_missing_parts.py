@@ -18,14 +18,16 @@ from rigctl.analysis.trial_set import join_sessions
 from rigctl.cli import main
 from rigctl.errors import SessionError
 from rigctl.finger.session import FingerSession
+from rigctl.session import writer
 from rigctl.session.hdf5_file import write_attributes
 from rigctl.session.layout import part_name, part_number
+from rigctl.session.part import existing_parts
 from rigctl.session.recorder import Recorder
 from rigctl.session.session import Session, open_session
 from rigctl.session.summary import summarise_session
 from rigctl.session.verify import verify
 from tests.finger import finger_building
-from tests.session.building import PROTOCOL, RIG, SyntheticRig, header, plan
+from tests.session.building import PROTOCOL, RIG, SyntheticRig, header, plan, recorder
 from tests.session.damage import kill_while_recording, record_four_parts, truncate, zero
 
 Damage = Callable[[Path], Any]
@@ -179,6 +181,33 @@ def test_the_last_part_is_missed_without_a_list(session: Path) -> None:
     with Recorder(session, header(), PROTOCOL, RIG, resume=True) as rec:
         rec.begin_part("resume", "A")
     assert rec.status.part == 5
+
+
+@pytest.mark.parametrize("moment", ["_write_new", "build_empty_part", "describe_part"])
+def test_a_part_that_a_kill_kept_from_beginning_is_not_missed(
+    tmp_path: Path, moment: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Killed when the part before it was closed: nothing was recorded into it."""
+    folder, killed = tmp_path / "s", tmp_path / "killed"
+    step = getattr(writer, moment)
+
+    def copied(*args: object) -> object:
+        if (folder / part_name(1)).exists() and not killed.exists():
+            shutil.copytree(folder, killed)
+        return step(*args)
+
+    monkeypatch.setattr(writer, moment, copied)
+    with recorder(folder) as rec:
+        rec.begin_part("start", "A")
+        SyntheticRig(rec).idle(100)
+        rec.begin_part("plate change", "B")
+    with Session.open(killed) as opened:
+        assert not opened.missing_parts
+    with Recorder(killed, header(), PROTOCOL, RIG, resume=True) as rec:
+        rec.begin_part("resume", "B")
+    assert [path.name for path in existing_parts(killed)] == [part_name(1), part_name(2)]
+    assert not verify(killed).problems
+    assert not list(killed.glob("*.new"))
 
 
 def test_trials_beyond_the_end_of_a_killed_part_are_left_out_one_by_one(tmp_path: Path) -> None:
