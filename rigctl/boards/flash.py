@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import re
 import shutil
 import sys
 from collections.abc import Callable, Sequence
@@ -110,10 +111,14 @@ CLOSED_S = 0.1
 SYNC_ATTEMPTS = 6
 """An Uno's bootloader blinks for a third of a second before it listens."""
 
-_IN_SYNC, _OK, _END = b"\x14", b"\x10", b" "
-_GET_SYNC, _READ_SIGNATURE = b"0" + _END, b"u" + _END
+_GET_SYNC, _READ_SIGNATURE = b"0 ", b"u "
+_IN_SYNC, _SIGNATURE = re.compile(b"(\x14\x10)"), re.compile(b"\x14(\x1e..)\x10", re.DOTALL)
+"""STK500, AVR061: in sync, the answer, OK. Atmel's signatures begin with 1e."""
 _MESSAGE_START, _TOKEN = 0x1B, 0x0E
-_SIGN_ON, _SPI_MULTI, _READ_SIGNATURE_BYTE = 0x01, 0x1D, 0x30
+_SIGN_ON, _SPI_MULTI = 0x01, 0x1D
+_SIGNED_ON = re.compile(b"\x1b\x01\x00.\x0e(\x01\x00)", re.DOTALL)
+_SIGNATURE_BYTE = re.compile(b"\x1b\x01\x00.\x0e\x1d\x00...(.)\x00", re.DOTALL)
+"""STK500 version 2, AVR068: start, number, size, token, command, status."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,18 +162,21 @@ class _Line:
         self._changed = asyncio.Event()
         link.open(self._take, lambda reason: self._changed.set())
 
-    async def ask(self, request: bytes, count: int) -> bytes:
-        """Return the first ``count`` bytes of the answer, fewer where they do not come."""
+    async def ask(self, request: bytes, answer: re.Pattern[bytes]) -> bytes | None:
+        """Return what the ``answer`` has in its group; None where it does not come in time.
+
+        It may come behind late answers to earlier requests, as on a busy computer.
+        """
         self._received = b""
         self._link.write(request)
         try:
             async with asyncio.timeout(ANSWER_S):
-                while len(self._received) < count:
+                while not (found := answer.search(self._received)):
                     self._changed.clear()
                     await self._changed.wait()
         except TimeoutError:
-            pass
-        return self._received[:count]
+            return None
+        return found[1]
 
     def _take(self, data: bytes, at_s: float) -> None:
         self._received += data
@@ -177,35 +185,23 @@ class _Line:
 
 async def _ask_v1(line: _Line) -> bytes | None:
     for _ in range(SYNC_ATTEMPTS):
-        if await line.ask(_GET_SYNC, 2) == _IN_SYNC + _OK:
-            answer = await line.ask(_READ_SIGNATURE, 5)
-            if len(answer) == 5 and answer[:1] + answer[-1:] == _IN_SYNC + _OK:
-                return answer[1:4]
+        if await line.ask(_GET_SYNC, _IN_SYNC):
+            return await line.ask(_READ_SIGNATURE, _SIGNATURE)
     return None
 
 
 async def _ask_v2(line: _Line) -> bytes | None:
     for _ in range(SYNC_ATTEMPTS):
-        if _body(await line.ask(_message(_SIGN_ON), 17))[:2] != bytes([_SIGN_ON, 0]):
-            continue
-        signature = b""
-        for index in range(3):
-            request = _message(_SPI_MULTI, 4, 4, 0, _READ_SIGNATURE_BYTE, 0, index, 0)
-            signature += _body(await line.ask(request, 13))[5:6]
-        return signature if len(signature) == 3 else None
+        if await line.ask(_message(_SIGN_ON), _SIGNED_ON):
+            requests = (_message(_SPI_MULTI, 4, 4, 0, 0x30, 0, index, 0) for index in range(3))
+            answers = [await line.ask(request, _SIGNATURE_BYTE) for request in requests]
+            return None if None in answers else b"".join(filter(None, answers))
     return None
 
 
 def _message(*body: int) -> bytes:
     head = bytes([_MESSAGE_START, 1, 0, len(body), _TOKEN, *body])
     return head + bytes([reduce(xor, head)])
-
-
-def _body(message: bytes) -> bytes:
-    """Return the body of a message, empty where it is damaged or not whole."""
-    if len(message) < 7 or message[0] != _MESSAGE_START or reduce(xor, message):
-        return b""
-    return message[5:-1]
 
 
 MCU = "TEENSY40"

@@ -30,7 +30,7 @@ OLD = {"drum": "firmware/drum-hangs.elf", "taxels": "firmware/taxels-never-kick.
 @pytest.fixture(autouse=True)
 def patience(monkeypatch: pytest.MonkeyPatch) -> None:
     """Give a bootloader more time than on a bench: chips run slower on a busy computer."""
-    monkeypatch.setattr("rigctl.boards.flash.ANSWER_S", 0.5)
+    monkeypatch.setattr("rigctl.boards.flash.ANSWER_S", 0.25)
     monkeypatch.setattr("rigctl.boards.flash.CLOSED_S", 0.5)
     monkeypatch.setattr("rigctl.boards.boot_silence.ASK_S", 4.0)
 
