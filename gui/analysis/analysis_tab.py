@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from PySide6.QtCore import QObject, QTimer, Signal
@@ -128,6 +129,7 @@ class AnalysisTab(QObject):
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self.panel, self.worker, self.reader = SessionPanel(), Worker(), Worker()
+        self._pictures = TemporaryDirectory(prefix="rigctl-scans-")
         self.sessions = SessionList()
         self.trial_view, self.figure_view = TrialPages(theme), FigureView()
         self.results_view, self.files = ResultsView(), FileSaver()
@@ -199,6 +201,7 @@ class AnalysisTab(QObject):
         self.files.close()
         self.worker.close()
         self.reader.close()
+        self._pictures.cleanup()
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme to the views."""
@@ -268,7 +271,7 @@ class AnalysisTab(QObject):
     def _read_wanted(self) -> None:
         if self._wanted_trial is not None:
             (path, row), self._wanted_trial = self._wanted_trial, None
-            self.reader.submit("load_trial", path=path, row=row)
+            self.reader.submit("load_trial", path=path, row=row, pictures=self._pictures.name)
         elif self._wanted_section is not None:
             (self._reads_for, place), self._wanted_section = self._wanted_section, None
             self.reader.submit("trial_section", **place)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import shutil
 import sys
-import tempfile
 from collections.abc import Callable
 from datetime import UTC, datetime
 from functools import cache
@@ -113,7 +112,6 @@ class WorkerTasks:
         self.note_trial = sessions.note
         self.session_age, self.leave_out = sessions.age_s, sessions.leave_out
         self.judge_trials = sessions.judge
-        self._pictures = tempfile.TemporaryDirectory(prefix="rigctl-scans-")
         self._follower = run_tasks.SessionFollower()
         self._growing: GrowingCurve | None = None
         self._lines: dict[str, tuple[object, SessionLine]] = {}
@@ -171,9 +169,9 @@ class WorkerTasks:
         """Load what reading a session takes, before it is wanted."""
         import_module("rigctl.session.session")
 
-    def load_trial(self, path: str, row: int) -> TrialData | ScanPicture:
-        """Read an attempt of an open session; a scan of the moving finger becomes a picture."""
-        return self._sessions.trial(path, row, Path(self._pictures.name))
+    def load_trial(self, path: str, row: int, pictures: str) -> TrialData | ScanPicture:
+        """Read an attempt of an open session; a scan becomes a picture in ``pictures``."""
+        return self._sessions.trial(path, row, Path(pictures))
 
     def load_replay(self, path: str, row: int, right: int) -> ReplayTrial:
         """Read an attempt of an open session of the drum, around a sample, for the live views."""
