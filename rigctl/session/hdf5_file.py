@@ -20,7 +20,7 @@ from typing import Any, Self, TypeVar
 
 import h5py
 import numpy as np
-from h5py import h5d, h5g, h5l, h5o, h5t
+from h5py import h5d, h5g, h5l, h5o, h5s, h5t
 from numpy.typing import NDArray
 
 from rigctl.config.text_file import open_file
@@ -244,13 +244,11 @@ class Hdf5File:
     def rows(self, path: str, start: int = 0, stop: int | None = None) -> NDArray[Any]:
         """Return rows [start, stop) as stored."""
         with hdf5_errors(self.path, path):
-            rows: NDArray[Any] = self._datasets[path][start:stop]
-            return rows
+            return _read_rows(self._datasets[path].id, self._types[path], start, stop)
 
     def row(self, path: str, index: int) -> Any:
-        """Return one row as stored; a negative ``index`` counts from the end."""
-        with hdf5_errors(self.path, path):
-            return self._datasets[path][index]
+        """Return one row as stored."""
+        return self.rows(path, index, index + 1)[0]
 
     def array(self, path: str, rank: int, dtype: Any = np.float64) -> NDArray[Any]:
         """Return all values in C order as ``dtype``; an integer one must hold them exactly."""
@@ -368,6 +366,20 @@ class Hdf5File:
             what = f"claims {n_bytes} bytes in a file of {file_bytes}"
             raise damage(self.path, schema.path, what)
         return dtype
+
+
+def _read_rows(
+    stored: h5d.DatasetID, dtype: np.dtype[Any], start: int, stop: int | None
+) -> NDArray[Any]:
+    """Read by HDF5's own calls: h5py translates a table's columns anew for each read."""
+    n_rows, *tail = stored.shape
+    first, end, _ = slice(start, stop).indices(n_rows)
+    rows = np.empty((max(0, end - first), *tail), dtype)
+    if rows.size:
+        place = stored.get_space()
+        place.select_hyperslab((first, *(0 for _ in tail)), rows.shape)
+        stored.read(h5s.create_simple(rows.shape), place, rows, mtype=stored.get_type())
+    return rows
 
 
 def _open_to_read(file: Path | mmap, **options: Any) -> h5py.File:

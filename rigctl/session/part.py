@@ -150,8 +150,9 @@ def closed_superblock(head: bytes, length: int) -> bytes:
 
 PREVIOUS_DIGEST = "previous_digest"
 """Attribute of a part's root: the last digest of the part before it."""
-CACHE_BYTES = 256 << 10
-"""HDF5's chunk cache for each data set: its default of 8 MiB adds up over a session's parts."""
+CACHE: Mapping[str, Any] = {"rdcc_nbytes": 256 << 10, "rdcc_nslots": 61}
+"""HDF5's chunk cache for each data set: its default of 8 MiB adds up over a session's parts, as do
+8,191 places for chunks, of which so few bytes hold no more than these."""
 
 
 def part_paths(folder: Path) -> list[Path]:
@@ -241,10 +242,10 @@ def open_appended(path: Path, is_growing: bool) -> Hdf5File:
     refuse_link_outside(path, SessionError)
     # A closed file opens directly, a growing one in SWMR mode and an unclosed one through a map.
     try:
-        return Hdf5File(path, libver=LIBVER, rdcc_nbytes=CACHE_BYTES)
+        return Hdf5File(path, libver=LIBVER, **CACHE)
     except UnclosedFile:
         if is_growing:
-            return Hdf5File(path, swmr=True, libver=LIBVER, rdcc_nbytes=CACHE_BYTES)
+            return Hdf5File(path, swmr=True, libver=LIBVER, **CACHE)
     return _map(path)
 
 
@@ -253,7 +254,7 @@ def _map(path: Path) -> Hdf5File:
         image = map_as_closed(path)
     except OSError as error:
         raise SessionError(f"{path} is damaged, HDF5 cannot open it: {error}") from error
-    return Hdf5File(path, image=image, rdcc_nbytes=CACHE_BYTES)
+    return Hdf5File(path, image=image, **CACHE)
 
 
 def _is_growing(path: Path) -> bool:
@@ -327,8 +328,11 @@ StructuredArray = NDArray[np.void]
 class PartReader:
     """Rows of one part as of the last :meth:`refresh`.
 
-    ``cut_rows``: how many rows of each data set are beyond the end of a killed part that was also
-    cut short; they do not count.
+    After :meth:`close` its description, its lengths and its attempts are known; whatever else is
+    asked for opens the file again.
+
+    ``is_cut``: its writer was killed. ``cut_rows``: how many rows of each data set are beyond the
+    end of a killed part that was also cut short; they do not count.
 
     Raises SessionError for a damaged file or another layout version.
     """
@@ -349,30 +353,33 @@ class PartReader:
             self._open()
 
     def _open(self) -> None:
-        self._file = open_part(self.path)
+        self._opened: Hdf5File | None = open_part(self.path)
         try:
             self._check()
         except SessionError:
-            self._file.close()
+            self.close()
             raise
 
     def _check(self) -> None:
         """Check the description and every data set before any data is read."""
-        self.attributes = self._file.attributes()
+        self.attributes = self.file.attributes()
+        self.is_cut, self._is_growing = self.file.is_cut, self.file.is_growing
         self.layout = layout_of(self.attributes, self.path)
         self.header = SessionHeader.from_attributes(self.attributes, self.path)
-        self._file.check(part_schema(self.layout, self.header.n_taxels))
+        self.file.check(part_schema(self.layout, self.header.n_taxels))
         self._n_rows, self.cut_rows = self._count_rows()
         self._values: dict[tuple[str, str, int], float] = {}
         self.n_samples = min(self.lengths().values())
         self.finished = self._ends_with(layout.PART_END_KIND)
+        trials = self.layout.trials
+        self._attempts = self.stored_rows(trials.path, 0, self.n_rows(trials))
 
     def _count_rows(self) -> tuple[dict[str, int], dict[str, int]]:
         """Return the rows of each data set that the file holds, and how many it lacks."""
         paths = [array.path for array in self.layout.arrays]
         paths += [table.path for table in self.layout.stored_tables]
-        lengths = {path: self._file.shape(path)[0] for path in paths}
-        if not self._file.is_cut:
+        lengths = {path: self.file.shape(path)[0] for path in paths}
+        if not self.file.is_cut:
             return lengths, {}
         held = {path: self._readable_rows(path) for path in paths}
         return held, {path: lengths[path] - n for path, n in held.items() if n < lengths[path]}
@@ -380,7 +387,7 @@ class PartReader:
     def _readable_rows(self, path: str) -> int:
         """Return the rows of a data set that the file holds; none if it lacks their places."""
         try:
-            return readable_rows(self._file, path)
+            return readable_rows(self.file, path)
         except SessionError:
             return 0
 
@@ -394,7 +401,7 @@ class PartReader:
     def _ends_with(self, kind: str) -> bool:
         """Return whether the last event is of this kind."""
         path, n_rows = layout.EVENTS.path, self.n_rows(layout.EVENTS)
-        return bool(n_rows and self._file.row(path, n_rows - 1)["kind"] == kind.encode())
+        return bool(n_rows and self.file.row(path, n_rows - 1)["kind"] == kind.encode())
 
     @property
     def last_digest(self) -> str:
@@ -405,12 +412,19 @@ class PartReader:
     @property
     def is_growing(self) -> bool:
         """Whether a living writer may append to it."""
-        return self._file.is_growing
+        return self._is_growing
 
     @property
     def file(self) -> Hdf5File:
         """The open file, its data sets checked; rows are as stored."""
-        return self._file
+        if self._opened is None:
+            self._open()
+        assert self._opened is not None
+        return self._opened
+
+    def attempts(self) -> StructuredArray:
+        """Return the rows of /trials; text as Unicode."""
+        return self._decode_rows(self.layout.trials, self._attempts)
 
     def n_rows(self, table: TableLayout) -> int:
         """Return the number of rows of a table."""
@@ -426,29 +440,29 @@ class PartReader:
 
     def stored_rows(self, path: str, start: int, stop: int) -> NDArray[Any]:
         """Return rows [start, stop) of an array or table as stored, text as bytes."""
-        return self._file.rows(path, start, stop)
+        return self.file.rows(path, start, stop)
 
     def rows(self, table: TableLayout, start: int = 0, stop: int | None = None) -> StructuredArray:
         """Return rows of a table; text as Unicode."""
         n_rows = self.n_rows(table)
         stop = n_rows if stop is None else min(stop, n_rows)
-        return self._decode_rows(table, self._file.rows(table.path, start, stop))
+        return self._decode_rows(table, self.file.rows(table.path, start, stop))
 
     def rows_where(self, table: TableLayout, column: str, text: str) -> StructuredArray:
         """Return the rows with ``text`` in a column; only these are decoded."""
-        raw = self._file.rows(table.path, 0, self.n_rows(table))
+        raw = self.file.rows(table.path, 0, self.n_rows(table))
         return self._decode_rows(table, raw[raw[column] == text.encode()])
 
     def read(self, path: str, start: int, stop: int) -> NDArray[Any]:
         """Return rows [start, stop) of a per-sample data set, read in slices while it grows."""
         stop = min(stop, self.n_samples)
         if not self.is_growing:
-            return self._file.rows(path, start, stop)
-        tail = self._file.shape(path)[1:]
-        out = np.empty((max(0, stop - start), *tail), self._file.dtype(path))
+            return self.file.rows(path, start, stop)
+        tail = self.file.shape(path)[1:]
+        out = np.empty((max(0, stop - start), *tail), self.file.dtype(path))
         for first in range(start, stop, LIVE_SLICE_ROWS):
             last = min(stop, first + LIVE_SLICE_ROWS)
-            out[first - start : last - start] = self._file.rows(path, first, last)
+            out[first - start : last - start] = self.file.rows(path, first, last)
         return out
 
     def rows_between(
@@ -460,7 +474,7 @@ class PartReader:
         start = bisect_left(begins, first, key=partial(self._value, table.path, column))
         stop = bisect_right(begins, last, key=partial(self._value, table.path, column))
         end = min(stop * chunk, self.n_rows(table))
-        raw = self._file.rows(table.path, max(0, start - 1) * chunk, end)
+        raw = self.file.rows(table.path, max(0, start - 1) * chunk, end)
         inside = slice(
             np.searchsorted(raw[column], first), np.searchsorted(raw[column], last, side="right")
         )
@@ -470,25 +484,28 @@ class PartReader:
         """Return a value of a table, kept for the next search: written rows do not change."""
         key = path, column, row
         if key not in self._values:
-            self._values[key] = float(self._file.row(path, row)[column])
+            self._values[key] = float(self.file.row(path, row)[column])
         return self._values[key]
 
     def text(self, path: str) -> str:
         """Return the protocol or the rig's description."""
-        return self._file.text(path)
+        return self.file.text(path)
 
     def dataset_attributes(self) -> dict[str, dict[str, Any]]:
         """Return the attributes of each data set by its path."""
         paths = [a.path for a in self.layout.arrays] + [t.path for t in self.layout.tables]
-        return {path: self._file.attributes(path) for path in paths}
+        return {path: self.file.attributes(path) for path in paths}
 
     def leave(self) -> None:
         """Let go of all that is open in the file, before it is closed."""
-        self._file.leave()
+        if self._opened is not None:
+            self._opened.leave()
 
     def close(self) -> None:
         """Close the file."""
-        self._file.close()
+        if self._opened is not None:
+            self._opened.close()
+            self._opened = None
 
     def _decode_rows(self, table: TableLayout, raw: StructuredArray) -> StructuredArray:
         dtype = [(c.name, c.type_code.replace("S", "U")) for c in table.columns]

@@ -58,7 +58,7 @@ def _killed_parts(folder: Path) -> list[Path]:
     parts, _ = open_parts(existing_parts(folder))
     for part in parts:
         part.close()
-    return [part.path for part in parts if part.file.is_cut and not part.cut_rows]
+    return [part.path for part in parts if part.is_cut and not part.cut_rows]
 
 
 def _close(path: Path) -> None:

@@ -23,7 +23,14 @@ from rigctl.encoder.reading import Reading, conductance, input_of_each
 from rigctl.errors import RigctlError, SessionError
 from rigctl.experiments import EXPERIMENTS
 from rigctl.protocol.loader import parse_protocol
-from rigctl.protocol.plan import QUANTITY_NAMES, Condition, EarlyEnd, Plan, condition_of
+from rigctl.protocol.plan import (
+    QUANTITY_NAMES,
+    Condition,
+    EarlyEnd,
+    Plan,
+    Protocol,
+    condition_of,
+)
 from rigctl.session import layout
 from rigctl.session.header import ADC_COUNTS, IMPORTED, session_inputs, session_wiring
 from rigctl.session.layout import SAMPLES, SessionLayout, parse_trial
@@ -326,11 +333,12 @@ def ended_early(session: Session) -> dict[int, str]:
     An end holds while the condition still has the trials that it was judged by, and if it keeps the
     rule of the session's protocol.
     """
-    events = session.events_of(EARLY_END_KIND)
+    rule = _early_end_of(session)
+    events = session.events_of(EARLY_END_KIND) if rule is not None else ()
     plan = plan_of(session) if events else None
-    if plan is None or plan.protocol.early_end is None:
+    if plan is None or rule is None:
         return {}
-    rule, committed = plan.protocol.early_end, _committed(session)
+    committed = _committed(session)
     planned: defaultdict[Condition, list[int]] = defaultdict(list)
     for trial in plan.trials:
         planned[condition_of(trial)].append(trial.trial_id)
@@ -363,10 +371,21 @@ def describe_ends(reasons: dict[int, str]) -> list[str]:
 def plan_of(session: Session) -> Plan | None:
     """Return the plan from a session's protocol and seed, None if that cannot be read."""
     try:
-        protocol = parse_protocol(session.protocol_text, layout.PROTOCOL_FILE, session.config)
-        return protocol.plan(session.header.seed)
+        return _protocol_of(session).plan(session.header.seed)
     except RigctlError:
         return None
+
+
+def _early_end_of(session: Session) -> EarlyEnd | None:
+    """Return the rule of a session's protocol, None without one or if that cannot be read."""
+    try:
+        return _protocol_of(session).early_end
+    except RigctlError:
+        return None
+
+
+def _protocol_of(session: Session) -> Protocol:
+    return parse_protocol(session.protocol_text, layout.PROTOCOL_FILE, session.config)
 
 
 def _committed(session: Session) -> set[int]:

@@ -53,10 +53,15 @@ class MissingPart:
         return f"{self.name} {self.reason}; its trials are left out"
 
 
+MOST_OPEN = 32
+"""HDF5 takes a megabyte for each open part; a session of a week has hundreds."""
+
+
 def open_parts(paths: Sequence[Path]) -> tuple[list[PartReader], dict[int, str]]:
     """Open the parts that can be read; return them and the reason for each other one by number.
 
-    Of parts of several sessions, those of the most frequent plan are read.
+    Only the last ones stay open. Of parts of several sessions, those of the most frequent plan are
+    read.
     """
     parts: list[PartReader] = []
     damaged: dict[int, str] = {}
@@ -65,6 +70,8 @@ def open_parts(paths: Sequence[Path]) -> tuple[list[PartReader], dict[int, str]]
             parts.append(PartReader(path))
         except SessionError as error:
             damaged[part_number(path)] = _reason(path, error)
+        for part in parts[-1 - MOST_OPEN : -MOST_OPEN]:
+            part.close()
     for part, reason in _foreign(parts):
         part.close()
         parts.remove(part)
@@ -245,11 +252,9 @@ class SessionReader:
     def refresh(self) -> None:
         """Update to the last flush: new rows, new parts and streams."""
         self._close_streams()
-        for part in self.parts:
-            part.refresh()
-        last = self.parts[-1].number
-        paths = part_paths(self.path)
-        self._open_parts([path for path in paths if part_number(path) > last])
+        last, paths = self.parts[-1], part_paths(self.path)
+        last.refresh()  # after the list: a part that another follows does not grow
+        self._open_parts([path for path in paths if part_number(path) > last.number])
         self._load()
 
     def describe_missing(self) -> list[str]:
@@ -427,7 +432,7 @@ class SessionReader:
         self.left_out: dict[int, str] = {}
         n_rows = 0
         for part in self.parts:
-            rows, left_out = _trials_of(part, self.layout.trials)
+            rows, left_out = _trials_of(part)
             found.append((part.number, rows))
             self.left_out |= {n_rows + row: reason for row, reason in left_out.items()}
             n_rows += len(rows)
@@ -447,9 +452,9 @@ class SessionReader:
         return _joined([(part.number, part.rows(table)) for part in self.parts])
 
 
-def _trials_of(part: PartReader, table: TableLayout) -> tuple[StructuredArray, dict[int, str]]:
+def _trials_of(part: PartReader) -> tuple[StructuredArray, dict[int, str]]:
     """Return a part's attempts, and why some of them are left out."""
-    stored = part.rows(table)
+    stored = part.attempts()
     rows = stored[np.isin(stored["verdict"], list(Verdict))]  # without rows that a crash left empty
     rows["part"] = part.number
     left_out = dict.fromkeys(_cut_trials(part, rows).tolist(), CUT_SHORT)

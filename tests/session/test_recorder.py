@@ -11,11 +11,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from h5py import h5f
 
 from rigctl.errors import DiskFault, SessionError
 from rigctl.session import layout
 from rigctl.session.recorder import Recorder
 from rigctl.session.session import Session
+from rigctl.session.session_reader import MOST_OPEN
 from rigctl.session.verify import verify
 from rigctl.session.writer import CounterMap, SessionWriter
 from rigctl.session.writer_lock import LOCK_FILE
@@ -86,6 +88,20 @@ def test_a_reader_follows_the_growing_session_into_new_parts(tmp_path: Path) -> 
                 assert len(session.samples(newest)) == trial.n_samples
             assert session.parts[0].finished
             assert not session.finished
+
+
+def test_a_session_of_many_parts_is_read_with_few_of_them_open(tmp_path: Path) -> None:
+    with recorder(tmp_path / "s") as rec:
+        bench, trials = SyntheticRig(rec), plan().trials
+        for number in range(MOST_OPEN + len(trials)):
+            rec.begin_part("the run goes on", "A")
+            for trial in trials[number : number + 1]:
+                bench.trial(trial)
+            rec.wait_written()
+    with Session.open(tmp_path / "s") as session:
+        assert h5f.get_obj_count(types=h5f.OBJ_FILE) <= MOST_OPEN < len(session.parts)
+        assert len(session.committed()) == len(trials)
+        assert all(session.window(index).complete for index in session.committed())
 
 
 def test_drum_load_cell_and_events_are_kept(tmp_path: Path) -> None:
