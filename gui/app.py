@@ -65,6 +65,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="show the newest trials of a session that another program records",
     )
     parser.add_argument(
+        "--plots",
+        type=Path,
+        metavar="FILE",
+        help="Python file of own plots, which the window shows in place of the live views",
+    )
+    parser.add_argument(
         "--theme", choices=("system", "light", "dark"), help="colours; without it the last ones"
     )
 
@@ -141,6 +147,8 @@ def run(args: argparse.Namespace) -> int:
     window.analysis_tab.prepare()
     QTimer.singleShot(SOON_MS, window, window.fit_screen)  # its frame is there by then
     QTimer.singleShot(SOON_MS, window, window.prepare)
+    if args.plots is not None:
+        window.own_plots.choose(str(args.plots.absolute()))
     _begin(window, args)
     code = int(QApplication.exec())
     for link in (link for peer in window.peers for link in peer.links):

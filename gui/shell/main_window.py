@@ -22,6 +22,7 @@ from gui.analysis.analysis_tab import AnalysisTab
 from gui.finger.finger_tab import FingerTab
 from gui.link.attach import AttachController, ControlLock, PastLine
 from gui.link.engine_link import ClientFactory, joined_rig, open_client, open_finger_client
+from gui.live.own_plots import OwnPlots
 from gui.operate.event_log import EventLog, LogPanel, StatusLine
 from gui.shell.actions import ActionRegistry, keys_by_position
 from gui.shell.docks import DockArea, PageStack, SteadyFocusWindow, give_focus, neighbour_of
@@ -325,6 +326,7 @@ class MainWindow(SteadyFocusWindow):
         self.operate_panel = self.drum.operate_panel
         self.protocol_panel = self.drum.protocol_panel
         self.live_page, self.live_plots = self.drum.live_page, self.drum.live_page.plots
+        self.own_plots = OwnPlots(theme)
         self.analysis_tab = AnalysisTab(theme)
         self.finger_tab = FingerTab(theme, finger_factory)
         self.links = (self.engine_link, self.finger_tab.link)
@@ -389,6 +391,7 @@ class MainWindow(SteadyFocusWindow):
         page = self.stack.currentWidget()
         self.drum.poll()
         self.replay.poll()
+        self.own_plots.poll()
         self.finger_tab.poll(is_visible=page is self.finger_tab.view)
 
     def connect_rig(self, rig: str, world: str = "") -> None:
@@ -481,6 +484,7 @@ class MainWindow(SteadyFocusWindow):
         self.hide()  # the window does not stay while an engine or a worker ends slowly
         for part in (self.attach, self.tools, self.start.maker, self.analysis_tab, self.replay):
             part.close()
+        self.own_plots.close_process(wait_ms=1000)
         self.drum.close()
         self.finger_tab.close()
         self.engine_link.wait_closed()
@@ -495,6 +499,7 @@ class MainWindow(SteadyFocusWindow):
                 **self.protocol_panel.form.remembered,
                 **self.finger_tab.setup.remembered,
                 "record_in": self.operate_panel.record_box.folder,
+                "own_plots": self.own_plots.file,
                 "pictures_in": self.live_page.save_strip.folder,
                 "results_in": self.analysis_tab.panel.run_box.place,
             }
@@ -533,6 +538,7 @@ class MainWindow(SteadyFocusWindow):
         analysis = self.analysis_tab
         pages: dict[str, QWidget] = {
             "live": self.live_page,
+            "plots": self.own_plots,
             "protocol": self.protocol_panel.page,
             "finger": self.finger_tab.view,
             "trial": analysis.trial_view,
@@ -590,6 +596,15 @@ class MainWindow(SteadyFocusWindow):
         menus.add("File", "Sess&ions", self._list_sessions, shortcut="Ctrl+L", tip=tip)
         self.replay.add_menu(menus)
         add_live_actions(menus, self.live_page, self.settings)
+        own = self.own_plots
+        tip = "Show curves that a Python file of yours makes of the samples, or the live views"
+        menus.add(
+            "View",
+            "&Own plots",
+            lambda: own.show_page(not own.is_wanted),
+            shortcut="Ctrl+Shift+O",
+            tip=tip,
+        )
         self.save_menu = SaveMenu(menus, self.stack)
         menus.add_separator("File")
         menus.add("File", "&Quit", self._close_all, shortcut="Ctrl+Q", tip="Close the window")
@@ -642,7 +657,10 @@ class MainWindow(SteadyFocusWindow):
         boxes = (self.toolbar.rig, self.toolbar.world)
         panels = (self.operate_panel, self.protocol_panel, self.analysis_tab.panel, self.finger_tab)
         self.replay.view_changed.connect(self._show_view)
-        strips = (self.live_page.save_strip, self.live_page.encoder_strip)
+        self.engine_link.opened.connect(self._follow_live)
+        self.engine_link.closed.connect(lambda _: self.own_plots.follow(""))
+        self.own_plots.changed.connect(self._show_view)
+        strips = (self.own_plots, self.live_page.save_strip, self.live_page.encoder_strip)
         for widget in (*boxes, *panels, *strips, self.replay, self.tools):
             widget.path_requested.connect(self._browse)
         for source in (self.drum, self.finger_tab, self.analysis_tab, self.replay, self.tools):
@@ -674,6 +692,10 @@ class MainWindow(SteadyFocusWindow):
         self.protocol_panel.page_changed.connect(self._show_view)
         self.operate_panel.bring_up.calibrate_requested.connect(self.tools.show_calibration)
         self.operate_panel.bring_up.setup_requested.connect(self.tools.show_setup)
+
+    def _follow_live(self) -> None:
+        engine = self.engine_link.engine
+        self.own_plots.follow(engine.live if engine is not None else "")
 
     def _connect_sessions(self) -> None:
         """Let the list of sessions act in the panels."""
@@ -791,6 +813,7 @@ class MainWindow(SteadyFocusWindow):
 
     def _colour(self, theme: Theme) -> None:
         self.live_plots.set_theme(theme)
+        self.own_plots.set_theme(theme)
         self.replay.set_theme(theme)
         self.analysis_tab.set_theme(theme)
         self.finger_tab.view.set_theme(theme)
@@ -800,7 +823,8 @@ class MainWindow(SteadyFocusWindow):
         views = {"analysis": self.analysis_tab.view, "finger": self.finger_tab.view}
         if self.protocol_panel.shows_page:
             views["protocol"] = self.protocol_panel.page
-        view = views.get(self._panel, self.live_page)
+        live = self.own_plots if self.own_plots.is_wanted else self.live_page
+        view = views.get(self._panel, live)
         self.stack.setCurrentWidget(self.replay.page if self.replay.is_shown else view)
         for pages in (self.toolbar.pages, self.health):
             pages.setCurrentIndex(int(self._panel == "finger"))
